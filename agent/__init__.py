@@ -1,0 +1,1 @@
+"""One drone, on board."""

@@ -1,0 +1,255 @@
+"""Drone and mission files (TOML), checked on load.
+
+A mission file is the same on every drone: it is hashed into the mission id, and drones of differing mission ids refuse to
+start together. A drone file says what is particular to one vehicle.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta, Struct
+from shapely import Polygon
+from shapely.validation import explain_validity
+
+from agent.errors import ConfigError
+from protocol.messages import Identifier
+
+Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
+Coordinate = Annotated[float, Meta(ge=-1e5, le=1e5)]
+Point2 = tuple[Coordinate, Coordinate]
+T = TypeVar("T")
+
+
+class _Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all sections: a key that is not known is an error, not a default."""
+
+
+class AreaConfig(_Section, frozen=True, kw_only=True):
+    """Where to search and where to stay. Mission frame, metres; heights above ground."""
+
+    polygon_m: Annotated[tuple[Point2, ...], Meta(min_length=3, max_length=256)]
+    fence_margin_m: NonNegative = 30.0
+    floor_m: NonNegative = 1.5
+    ceiling_m: Positive = 60.0
+
+
+class SurveyConfig(_Section, frozen=True, kw_only=True):
+    """The search before there is a hypothesis (paper, Sec. V-A)."""
+
+    height_m: Positive = 3.0
+    speed_mps: Positive = 3.0
+    lane_spacing_m: Positive = 10.0
+    yaw_rate_rps: Annotated[float, Meta(ge=-6.3, le=6.3)] = 0.5
+
+
+class EncirclementConfig(_Section, frozen=True, kw_only=True):
+    """The circular flight around the hypothesis (paper, Sec. V-C). ``law``: the paper's, or the smooth one."""
+
+    law: Literal["paper", "smooth"] = "smooth"
+    radius_m: Positive = 12.0
+    speed_mps: Positive = 3.0
+    height_m: Positive = 3.0
+    steps: Annotated[int, Meta(ge=2, le=63)] = 30  # K
+    step_s: Annotated[float, Meta(gt=0.0, le=2.0)] = 0.2  # Delta T
+    bias_rad: Annotated[float, Meta(ge=0.0, le=1.6)] = 0.3  # beta
+    yaw_rate_rps: Annotated[float, Meta(ge=-6.3, le=6.3)] = 0.5
+
+
+class LimitsConfig(_Section, frozen=True, kw_only=True):
+    """What the vehicles can do, and how near they may come to each other."""
+
+    speed_mps: Positive = 8.0
+    acceleration_mps2: Positive = 4.0
+    jerk_mps3: Positive = 20.0
+    climb_mps: Positive = 2.0
+    separation_m: Positive = 3.0
+
+
+class PaperEstimatorConfig(_Section, frozen=True, kw_only=True):
+    """Parameters of the paper's linear Kalman filter (Sec. IV-B)."""
+
+    process_noise_m2ps: Positive = 2.0  # q
+    measurement_variance_m2: Positive = 100.0  # rho
+    cross_axis_factor: Positive = 1e4
+    initial_cones: Annotated[int, Meta(ge=3, le=1000)] = 10  # M
+    initial_baseline_m: NonNegative = 2.0  # between the apexes of the M cones
+    initial_variance_m2: Positive = 100.0
+    projection: Literal["paper", "geometric"] = "paper"
+
+
+class GivenHypothesisConfig(_Section, frozen=True, kw_only=True):
+    """A hypothesis that moves by a schedule: ``[[t_s, x, y], ...]`` from the mission's start, mission frame."""
+
+    schedule: Annotated[tuple[tuple[NonNegative, Coordinate, Coordinate], ...], Meta(min_length=1, max_length=1000)]
+
+
+class FusionConfig(_Section, frozen=True, kw_only=True):
+    """Which estimator, and the time grid that it steps on."""
+
+    estimator: Literal["paper", "given"] = "paper"
+    grid_s: Annotated[float, Meta(ge=0.05, le=10.0)] = 0.5
+    horizon_s: Positive = 60.0  # behind it the log is compacted
+    paper: PaperEstimatorConfig = PaperEstimatorConfig()
+    given: GivenHypothesisConfig | None = None
+
+
+class DetectionConfig(_Section, frozen=True, kw_only=True):
+    """What counts as a cone: energies in keV, cluster sizes in pixels, times in ns."""
+
+    energy_window: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.2  # of the line's energy, each side
+    minimum_pixels: Annotated[int, Meta(ge=2, le=1000)] = 15  # of both clusters together
+    minimum_photon_kev: NonNegative = 174.0
+    maximum_electron_kev: Positive = 477.0
+    cluster_threshold_kev: NonNegative = 5.0
+    cluster_gap_ns: Positive = 100.0
+    coincidence_window_ns: Positive = 100.0
+
+
+class TrackConfig(_Section, frozen=True, kw_only=True):
+    """When tracking ends. ``no_cone_timeout_s``: without a cone for so long, the source counts as lost."""
+
+    no_cone_timeout_s: Positive | None = None
+    duration_s: Positive | None = None
+
+
+class DroneInMission(_Section, frozen=True, kw_only=True):
+    """A member of the swarm and where its local frame lies: its origin and heading in the mission frame."""
+
+    id: Identifier
+    origin_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
+    yaw_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 0.0
+
+
+class MissionConfig(_Section, frozen=True, kw_only=True):
+    """What the swarm is to do. The same file on every drone."""
+
+    name: str
+    swarm: Identifier = "radron"
+    nuclide: str = "Cs-137"
+    drones: Annotated[tuple[DroneInMission, ...], Meta(min_length=1, max_length=64)]
+    area: AreaConfig
+    survey: SurveyConfig = SurveyConfig()
+    encirclement: EncirclementConfig = EncirclementConfig()
+    limits: LimitsConfig = LimitsConfig()
+    detection: DetectionConfig = DetectionConfig()
+    fusion: FusionConfig = FusionConfig()
+    track: TrackConfig = TrackConfig()
+
+    def check(self, where: str) -> None:
+        """Raise ConfigError where the values contradict each other; ``where`` is named in the text."""
+        outline = Polygon(self.area.polygon_m)
+        if not outline.is_valid or outline.area <= 0.0:
+            raise ConfigError(
+                f"{where}: area.polygon_m: {explain_validity(outline)}; give the corners of a simple polygon in order"
+            )
+        ids = [drone.id for drone in self.drones]
+        doubles = sorted({name for name in ids if ids.count(name) > 1})
+        if doubles:
+            raise ConfigError(f"{where}: drones: the id {doubles[0]!r} is given twice; ids must differ")
+        if self.area.floor_m >= self.area.ceiling_m:
+            raise ConfigError(f"{where}: area.floor_m must be below area.ceiling_m")
+        for name, height in (("survey", self.survey.height_m), ("encirclement", self.encirclement.height_m)):
+            if not self.area.floor_m <= height <= self.area.ceiling_m:
+                raise ConfigError(
+                    f"{where}: {name}.height_m = {height:g} is outside area.floor_m .. area.ceiling_m "
+                    f"({self.area.floor_m:g} .. {self.area.ceiling_m:g})"
+                )
+        if self.fusion.estimator == "given" and self.fusion.given is None:
+            raise ConfigError(f"{where}: fusion.estimator = 'given' needs fusion.given.schedule")
+
+    @property
+    def mission_id(self) -> str:
+        """16 hex digits that differ when anything in the mission differs."""
+        content = msgspec.json.encode(self, order="sorted")
+        return hashlib.blake2b(content, digest_size=8).hexdigest()
+
+
+class DroneConfig(_Section, frozen=True, kw_only=True):
+    """What is particular to one vehicle.
+
+    ``camera_rpy_deg``: rotation body <- camera as roll, pitch, yaw about the fixed body axes, degrees; the camera's z is the
+    outward normal of its sensor, x runs along a pixel row, y up the rows. The default looks forward with y up.
+    """
+
+    id: Identifier
+    camera_rpy_deg: tuple[float, float, float] = (90.0, 0.0, 90.0)
+    calibration: str | None = None  # folder with a.txt, b.txt, c.txt, t.txt; none: the simulation's nominal camera
+    vehicle_lag_s: NonNegative = 0.38  # by which the vehicle follows its position setpoints
+
+
+def load_toml(path: Path, kind: type[T]) -> T:
+    """Read a TOML file into a config type.
+
+    Raises:
+        ConfigError: unreadable, not TOML, an unknown key (with the nearest known one), a value out of range.
+    """
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from None
+    return convert(document, kind, str(path))
+
+
+def load_mission(path: Path) -> MissionConfig:
+    """Read and check a mission file."""
+    mission = load_toml(path, MissionConfig)
+    mission.check(str(path))
+    return mission
+
+
+def convert(document: object, kind: type[T], where: str) -> T:
+    """Fit a parsed document to a config type; errors name ``where``, the key and what is allowed."""
+    try:
+        return msgspec.convert(document, kind)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{where}: {_explain(str(error), document, kind)}") from None
+
+
+def _explain(text: str, document: object, kind: type) -> str:
+    message, _, place = text.partition(" - at ")
+    path = place.strip("`").removeprefix("$").lstrip(".")
+    unknown = re.match(r"Object contains unknown field `(.+)`", message)
+    if unknown:
+        key = unknown.group(1)
+        allowed = _keys_at(kind, path)
+        near = difflib.get_close_matches(key, allowed, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        return f"unknown key {_join(path, key)!r}{hint} (allowed: {', '.join(allowed)})"
+    missing = re.match(r"Object missing required field `(.+)`", message)
+    if missing:
+        return f"the key {_join(path, missing.group(1))!r} is missing"
+    return f"{path or 'the file'}: {message[0].lower()}{message[1:]}"
+
+
+def _join(path: str, key: str) -> str:
+    return f"{path}.{key}" if path else key
+
+
+def _keys_at(kind: type, path: str) -> list[str]:
+    """The keys that the section at a path such as ``mission.drones[...]`` of a config type may have."""
+    current: msgspec.inspect.Type = msgspec.inspect.type_info(kind)
+    for name in re.findall(r"[A-Za-z_]\w*", path):
+        if isinstance(current, msgspec.inspect.StructType):
+            field = next((field for field in current.fields if field.encode_name == name), None)
+            if field is None:
+                return []
+            current = _section_of(field.type)
+    return [field.encode_name for field in current.fields] if isinstance(current, msgspec.inspect.StructType) else []
+
+
+def _section_of(kind: msgspec.inspect.Type) -> msgspec.inspect.Type:
+    if isinstance(kind, msgspec.inspect.UnionType):
+        return next((_section_of(part) for part in kind.types if isinstance(_section_of(part), msgspec.inspect.StructType)), kind)
+    if isinstance(kind, msgspec.inspect.VarTupleType | msgspec.inspect.ListType):
+        return _section_of(kind.item_type)
+    return kind

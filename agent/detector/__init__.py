@@ -1,0 +1,1 @@
+"""Pixel hits -> clusters -> coincidences -> cones."""

@@ -1,0 +1,41 @@
+"""What the detector chain hands to the pilot: counts, and cones in the camera's own frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class ConeEvent:
+    """One coincidence read as a Compton cone, both ways round. Camera frame: z is the sensor's outward normal.
+
+    Row 0 of each array takes cluster 1 for the recoil electron, row 1 cluster 2.
+    axis: (2, 3) unit vectors from the absorbed photon to the electron; the source lies at angle theta from it.
+    theta_rad, sigma_rad, probability: (2,); a reading that the kinematics forbid has probability 0.
+    energies_kev, energy_sigmas_kev: (2,) of clusters 1 and 2.
+    """
+
+    stamp_ns: int
+    axis: NDArray[np.float64]
+    theta_rad: NDArray[np.float64]
+    sigma_rad: NDArray[np.float64]
+    probability: NDArray[np.float64]
+    energies_kev: tuple[float, float]
+    energy_sigmas_kev: tuple[float, float]
+    separation_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Detections:
+    """What one stretch [start_ns, end_ns) held; stretches of one detector follow each other gap-free."""
+
+    start_ns: int
+    end_ns: int
+    live_time_s: float
+    hits: int = 0  # clusters above the threshold
+    photopeak: int = 0  # single clusters and coincidences with the line's full energy
+    coincidences: int = 0  # two clusters within the window
+    cones: tuple[ConeEvent, ...] = field(default=())

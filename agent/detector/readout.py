@@ -1,0 +1,46 @@
+"""What a Timepix3 camera hands over: the interface between a detector (real, file or simulated) and the agent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+SENSOR_PIXELS = 256
+PIXEL_PITCH_MM = 0.055
+SENSOR_THICKNESS_MM = 2.0
+TICK_NS = 25.0 / 16.0  # one fine time-of-arrival step; tick = 16 ToA - FToA
+
+
+@dataclass(frozen=True, slots=True)
+class PixelHits:
+    """Pixel hits in the order in which the camera delivered them (data driven: nearly, not strictly, by time).
+
+    tick: (N,) int64, time of arrival in steps of 25/16 ns since the detector's clock was reset.
+    index: (N,) uint16, matrix index = 256 row + column, 0 at the lower left seen from the front.
+    tot: (N,) uint16, time over threshold in 25 ns counts.
+    """
+
+    tick: NDArray[np.int64]
+    index: NDArray[np.uint16]
+    tot: NDArray[np.uint16]
+
+    def __len__(self) -> int:
+        return len(self.tick)
+
+
+@dataclass(frozen=True, slots=True)
+class Readout:
+    """Everything that a detector saw in [start_ns, end_ns), UTC. Readouts of one detector follow each other gap-free.
+
+    ``clock_ns`` is the UTC time of tick 0. ``live_time_s`` excludes dead time. ``lost_hits`` counts what the detector reported
+    as lost (overflow).
+    """
+
+    start_ns: int
+    end_ns: int
+    clock_ns: int
+    live_time_s: float
+    hits: PixelHits
+    lost_hits: int = 0

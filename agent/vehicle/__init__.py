@@ -1,0 +1,1 @@
+"""The vehicle that carries an agent."""

@@ -1,0 +1,69 @@
+"""Between the pilot and whatever flies: PX4 through MAVSDK, or the simulation. Local frame ENU, body FLU."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+Vector3 = tuple[float, float, float]
+
+
+class FlightMode(StrEnum):
+    """The autopilot's mode, as its heartbeat reports it."""
+
+    MANUAL = "manual"
+    HOLD = "hold"
+    TAKEOFF = "takeoff"
+    OFFBOARD = "offboard"
+    RETURN = "return"
+    LAND = "land"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """The newest telemetry. Position by the vehicle's own localisation, with its own sigmas; epoch of that frame."""
+
+    stamp_ns: int
+    epoch: int
+    position_m: Vector3
+    velocity_mps: Vector3
+    quaternion: tuple[float, float, float, float]  # w, x, y, z; local from body
+    height_m: float  # above ground
+    position_sigma_m: float
+    yaw_sigma_rad: float
+    mode: FlightMode
+    armed: bool
+    in_air: bool
+    healthy: bool  # ready to arm, or flying without a failsafe
+    battery: float | None = None  # 0 .. 1
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """What the autopilot is to follow now, local ENU."""
+
+    position_m: Vector3
+    velocity_mps: Vector3
+    acceleration_mps2: Vector3
+    yaw_rad: float  # 0 = east, counter-clockwise
+    yaw_rate_rps: float
+
+
+class Request(StrEnum):
+    """What the pilot wants of the autopilot; the shell brings it about, and may take its time."""
+
+    STAY = "stay"  # on the ground, disarmed
+    TAKEOFF = "takeoff"  # arm and climb to takeoff_height_m
+    OFFBOARD = "offboard"  # follow the setpoint
+    HOLD = "hold"
+    RETURN = "return"
+    LAND = "land"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleCommand:
+    """One step's command. ``setpoint`` is given with OFFBOARD."""
+
+    request: Request
+    setpoint: Setpoint | None = None
+    takeoff_height_m: float = 3.0

@@ -1,0 +1,1 @@
+"""What crosses a link between radron processes, and nothing else."""

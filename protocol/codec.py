@@ -1,0 +1,64 @@
+"""msgpack <-> message. What does not fit the schema, the limits or the key ends in one ``ProtocolError``."""
+
+from __future__ import annotations
+
+import msgpack
+import msgspec
+
+from protocol.errors import ProtocolError
+from protocol.keys import parse_key
+from protocol.messages import AnyMessage, Command, Message
+
+MAX_PAYLOAD_BYTES = 64 * 1024
+_LIMITS = {
+    "max_str_len": 1024,
+    "max_bin_len": 1024,
+    "max_array_len": 1024,
+    "max_map_len": 128,
+    "max_ext_len": 0,
+}
+
+
+def encode(message: Message) -> bytes:
+    """Serialise a message; the result is accepted by :func:`decode`.
+
+    Raises:
+        ProtocolError: the message breaks its own schema (NaN, out of range, too large).
+    """
+    payload: bytes = msgpack.packb(msgspec.to_builtins(message, builtin_types=(bytes,)))
+    decode(payload)
+    return payload
+
+
+def decode(payload: bytes) -> AnyMessage:
+    """Read any message. Unknown fields are ignored, missing required ones refused.
+
+    Every number of the schema has bounds, which NaN and infinity fail too.
+
+    Raises:
+        ProtocolError: whatever is wrong with the bytes.
+    """
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise ProtocolError(f"payload of {len(payload)} bytes is over the limit of {MAX_PAYLOAD_BYTES}")
+    try:
+        document = msgpack.unpackb(payload, **_LIMITS)
+    except (ValueError, TypeError, RecursionError, MemoryError, msgpack.UnpackException) as error:
+        raise ProtocolError(f"not msgpack within the limits: {type(error).__name__}: {str(error)[:120]}") from None
+    try:
+        message: AnyMessage = msgspec.convert(document, AnyMessage)
+    except (msgspec.ValidationError, RecursionError, OverflowError) as error:
+        raise ProtocolError(f"not a message: {str(error)[:200]}") from None
+    return message
+
+
+def decode_from(key: str, payload: bytes) -> AnyMessage:
+    """Read a message that came in under a key, and hold it against what the key says (kind and sender)."""
+    address = parse_key(key)
+    message = decode(payload)
+    kind = type(message).__name__.lower()
+    if kind != address.kind:
+        raise ProtocolError(f"a {kind} under the key of a {address.kind}")
+    sender = message.station if isinstance(message, Command) else message.drone
+    if sender != address.sender:
+        raise ProtocolError(f"a {kind} of {sender!r} under the key of {address.sender!r}")
+    return message

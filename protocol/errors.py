@@ -1,0 +1,5 @@
+"""The one error of this package."""
+
+
+class ProtocolError(ValueError):
+    """A payload or key that this version of the protocol does not accept; the text says what and where."""

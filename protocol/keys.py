@@ -1,0 +1,69 @@
+"""Zenoh key expressions: ``radron/1/{swarm}/{drone}/{kind}`` and ``radron/1/{swarm}/station/{name}/command``."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from protocol.errors import ProtocolError
+from protocol.messages import DRONE_KINDS, IDENTIFIER, Command, DroneMessage, Message
+
+VERSION = 1
+ROOT = f"radron/{VERSION}"
+STATION = "station"  # no drone may have this name
+_IDENTIFIER = re.compile(IDENTIFIER)
+
+
+class Address(NamedTuple):
+    """What a key says of the message under it."""
+
+    swarm: str
+    sender: str  # a drone's id or a station's name
+    kind: str
+
+
+def drone_key(swarm: str, drone: str, kind: str) -> str:
+    """Key of a drone's messages of one kind, of its liveliness token (``alive``) or of its log (``log``)."""
+    if kind not in DRONE_KINDS and kind not in ("alive", "log"):
+        raise ProtocolError(f"unknown message kind {kind!r}; known: {', '.join(DRONE_KINDS)}, alive, log")
+    if drone == STATION:
+        raise ProtocolError(f"a drone cannot be called {STATION!r}: the name is taken for operators")
+    return f"{ROOT}/{_identifier(swarm, 'swarm')}/{_identifier(drone, 'drone')}/{kind}"
+
+
+def command_key(swarm: str, station: str) -> str:
+    """Key of an operator's commands."""
+    return f"{ROOT}/{_identifier(swarm, 'swarm')}/{STATION}/{_identifier(station, 'station')}/command"
+
+
+def key_of(swarm: str, message: Message) -> str:
+    """The key under which this message is published."""
+    if isinstance(message, Command):
+        return command_key(swarm, message.station)
+    if isinstance(message, DroneMessage):
+        return drone_key(swarm, message.drone, type(message).__name__.lower())
+    raise ProtocolError(f"{type(message).__name__} has no key")
+
+
+def parse_key(key: str) -> Address:
+    """Read a message key.
+
+    Raises:
+        ProtocolError: another version, another layout, an unknown kind or a name that is no identifier.
+    """
+    parts = key.split("/")
+    if parts[:2] != ROOT.split("/"):
+        raise ProtocolError(f"key {key[:80]!r} does not start with {ROOT}/")
+    if len(parts) == 6 and parts[3] == STATION and parts[5] == "command":
+        swarm, sender, kind = parts[2], parts[4], "command"
+    elif len(parts) == 5 and parts[3] != STATION and parts[4] in DRONE_KINDS:
+        swarm, sender, kind = parts[2], parts[3], parts[4]
+    else:
+        raise ProtocolError(f"key {key[:80]!r} names no message")
+    return Address(_identifier(swarm, "swarm"), _identifier(sender, "sender"), kind)
+
+
+def _identifier(name: str, what: str) -> str:
+    if not _IDENTIFIER.match(name) or name.endswith("\n"):
+        raise ProtocolError(f"{what} {name[:40]!r} is no identifier: use up to 32 of a-z, 0-9 and '-'")
+    return name

@@ -1,0 +1,265 @@
+"""Typed messages; units are in the names.
+
+World frames are ENU, body frames FLU (REP-103). A position is given in the publisher's own local frame of the
+given ``epoch`` (a new epoch begins where the localisation jumped); only ``Estimate`` and ``Frame`` speak of the mission
+frame. Quaternions are (w, x, y, z), local from body. Times are integer nanoseconds UTC.
+
+Two families:
+
+- **log entries** (``Cone``, ``Exposure``, ``Sighting``, ``Coverage``): raw observations that every agent keeps for the
+  whole mission. They have an identity and are judged by their bytes alone, never by the receiver's clock.
+- **news** (``Pose``, ``Plan``, ``Frame``, ``Estimate``, ``Status``, ``Command``): the newest replaces the older.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, NamedTuple
+
+from msgspec import Meta, Struct
+
+IDENTIFIER = r"^[a-z0-9][a-z0-9-]{0,31}$"
+HEX_16 = r"^[0-9a-f]{16}$"
+
+Identifier = Annotated[str, Meta(pattern=IDENTIFIER)]
+MissionId = Annotated[str, Meta(pattern=HEX_16)]
+BootId = Annotated[str, Meta(pattern=HEX_16)]
+Digest = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}$")]
+StampNs = Annotated[int, Meta(ge=0, le=2**63 - 1)]  # until the year 2262
+DurationNs = Annotated[int, Meta(ge=0, le=60_000_000_000)]
+Epoch = Annotated[int, Meta(ge=0, le=1_000_000)]
+Count = Annotated[int, Meta(ge=0, le=2**40)]
+
+Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
+PositiveMetres = Annotated[float, Meta(ge=0.0, le=1e5)]
+MetresPerSecond = Annotated[float, Meta(ge=-200.0, le=200.0)]
+Unit = Annotated[float, Meta(ge=-1.000001, le=1.000001)]
+Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
+Radians = Annotated[float, Meta(ge=-6.3, le=6.3)]
+SigmaRadians = Annotated[float, Meta(ge=0.0, le=6.3)]
+KiloElectronvolt = Annotated[float, Meta(ge=0.0, le=10_000.0)]
+Seconds = Annotated[float, Meta(ge=0.0, le=3600.0)]
+Variance = Annotated[float, Meta(ge=-1e12, le=1e12)]
+
+Position = tuple[Metres, Metres, Metres]
+Velocity = tuple[MetresPerSecond, MetresPerSecond, MetresPerSecond]
+Direction = tuple[Unit, Unit, Unit]
+Quaternion = tuple[Unit, Unit, Unit, Unit]
+Covariance3 = tuple[Variance, Variance, Variance, Variance, Variance, Variance]  # xx, xy, xz, yy, yz, zz
+
+
+class Stage(StrEnum):
+    """Where a drone is in its mission."""
+
+    PREFLIGHT = "preflight"
+    TAKEOFF = "takeoff"
+    SURVEY = "survey"
+    TRACK = "track"
+    REACQUIRE = "reacquire"
+    HOLD = "hold"
+    RETURN = "return"
+    LANDING = "landing"
+    LANDED = "landed"
+    ABORT = "abort"
+
+
+class Action(StrEnum):
+    """What an operator can command."""
+
+    START = "start"
+    HOLD = "hold"
+    RESUME = "resume"
+    RETURN = "return"
+    LAND = "land"
+    ABORT = "abort"
+
+
+class EntryId(NamedTuple):
+    """Identity of a log entry; also its place in the order in which estimators read the log (within one mission)."""
+
+    mission: str
+    stamp_ns: int
+    drone: str
+    boot: str
+    sequence: int
+
+
+class Message(Struct, frozen=True, kw_only=True, tag_field="kind", tag=str.lower):
+    """Base of everything that crosses a link."""
+
+    stamp_ns: StampNs
+
+
+class DroneMessage(Message, frozen=True, kw_only=True):
+    """A message that a drone publishes under its own key."""
+
+    drone: Identifier
+
+
+class Entry(DroneMessage, frozen=True, kw_only=True):
+    """Base of the log entries. ``boot`` changes at every start of the agent, ``sequence`` counts within one boot."""
+
+    mission: MissionId
+    boot: BootId
+    sequence: Count
+    signature: Annotated[bytes, Meta(max_length=128)] = b""  # reserved for the publisher's signature
+
+    @property
+    def entry_id(self) -> EntryId:
+        return EntryId(self.mission, self.stamp_ns, self.drone, self.boot, self.sequence)
+
+
+class ConeOrder(Struct, frozen=True, array_like=True):
+    """One reading of a coincidence: which of its two clusters was the recoil electron.
+
+    The source lies in a direction u with angle(u, axis) = theta; ``axis`` points from the absorbed photon to the
+    recoil electron, in the publisher's local frame. ``sigma_rad``: 1-sigma width of the cone's surface (ARM).
+    """
+
+    axis: Direction
+    theta_rad: Annotated[float, Meta(ge=0.0, le=3.1416)]
+    sigma_rad: SigmaRadians
+    probability: Probability
+
+
+class Cone(Entry, frozen=True, kw_only=True):
+    """A Compton cone: direction only; its count lives in the exposure (paper, Sec. IV-A)."""
+
+    epoch: Epoch
+    apex_m: Position
+    apex_sigma_m: PositiveMetres
+    yaw_sigma_rad: SigmaRadians
+    orders: tuple[ConeOrder, ConeOrder]  # first: cluster 1 is the electron; second: cluster 2 is
+    energies_kev: tuple[KiloElectronvolt, KiloElectronvolt]  # clusters 1 and 2
+    energy_sigmas_kev: tuple[KiloElectronvolt, KiloElectronvolt]
+    separation_mm: Annotated[float, Meta(ge=0.0, le=100.0)]
+
+
+class PoseSample(Struct, frozen=True, array_like=True):
+    """The camera's carrier at ``stamp_ns + offset_ns`` of the message that holds it."""
+
+    offset_ns: DurationNs
+    position_m: Position
+    quaternion: Quaternion
+
+
+class Counts(Struct, frozen=True, array_like=True):
+    """Events of one detector in an interval: all clusters, full-energy events, two-cluster coincidences."""
+
+    hits: Count
+    photopeak: Count
+    coincidences: Count
+
+
+class Exposure(Entry, frozen=True, kw_only=True):
+    """Counts over [stamp_ns, end_ns); a drone's exposures neither overlap nor leave gaps, zeros included."""
+
+    epoch: Epoch
+    end_ns: StampNs
+    live_time_s: Seconds
+    counts: Counts
+    poses: Annotated[tuple[PoseSample, ...], Meta(min_length=1, max_length=256)]  # 10 Hz or more
+    position_sigma_m: PositiveMetres
+    yaw_sigma_rad: SigmaRadians
+
+
+class Sighting(Entry, frozen=True, kw_only=True):
+    """Another drone seen from this one: direction (local frame) and, where the sensor gives it, range."""
+
+    epoch: Epoch
+    target: Identifier
+    position_m: Position
+    direction: Direction
+    direction_sigma_rad: SigmaRadians
+    range_m: PositiveMetres | None = None
+    range_sigma_m: PositiveMetres | None = None
+
+
+class Coverage(Entry, frozen=True, kw_only=True):
+    """A stretch of the survey that was flown: everything within ``swath_m / 2`` of the path is covered."""
+
+    epoch: Epoch
+    path_m: Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=1, max_length=256)]
+    swath_m: PositiveMetres
+
+
+class Pose(DroneMessage, frozen=True, kw_only=True):
+    """Where a drone is, by its own localisation."""
+
+    epoch: Epoch
+    position_m: Position
+    velocity_mps: Velocity
+    quaternion: Quaternion
+    position_sigma_m: PositiveMetres
+    yaw_sigma_rad: SigmaRadians
+
+
+class Plan(DroneMessage, frozen=True, kw_only=True):
+    """The tracker's prediction: positions at stamp_ns, stamp_ns + step_ns, ..."""
+
+    epoch: Epoch
+    step_ns: DurationNs
+    positions_m: Annotated[tuple[Position, ...], Meta(min_length=1, max_length=64)]
+
+
+class Frame(DroneMessage, frozen=True, kw_only=True):
+    """The drone's derived transform mission <- local: yaw about up, then translation.
+
+    ``covariance``: rows of the 4 x 4 matrix over (x m, y m, z m, yaw rad).
+    """
+
+    epoch: Epoch
+    translation_m: Position
+    yaw_rad: Radians
+    covariance: Annotated[tuple[Variance, ...], Meta(min_length=16, max_length=16)]
+
+
+class Estimate(DroneMessage, frozen=True, kw_only=True):
+    """The hypothesis (mission frame), and the digest of the log that it follows from."""
+
+    mission: MissionId
+    estimator: Identifier
+    digest: Digest
+    position_m: Position
+    covariance_m2: Covariance3
+    velocity_mps: Velocity = (0.0, 0.0, 0.0)
+    activity_bq: Annotated[float, Meta(ge=0.0, le=1e18)] | None = None
+    activity_sigma_bq: Annotated[float, Meta(ge=0.0, le=1e18)] | None = None
+    cones: Count = 0
+
+
+class Status(DroneMessage, frozen=True, kw_only=True):
+    """What a drone is doing, what it counted, and what is wrong with it."""
+
+    mission: MissionId
+    boot: BootId
+    stage: Stage
+    battery: Probability | None = None
+    counters: Annotated[dict[Annotated[str, Meta(max_length=64)], Count], Meta(max_length=64)] = {}
+    problems: Annotated[tuple[Annotated[str, Meta(max_length=256)], ...], Meta(max_length=32)] = ()
+
+
+class Command(Message, frozen=True, kw_only=True):
+    """An operator's command; ``drones`` empty means the whole swarm."""
+
+    station: Identifier
+    mission: MissionId
+    action: Action
+    drones: Annotated[tuple[Identifier, ...], Meta(max_length=64)] = ()
+
+
+AnyMessage = Cone | Exposure | Sighting | Coverage | Pose | Plan | Frame | Estimate | Status | Command
+AnyEntry = Cone | Exposure | Sighting | Coverage
+
+ENTRY_TYPES: tuple[type[Entry], ...] = (Cone, Exposure, Sighting, Coverage)
+DRONE_KINDS: dict[str, type[DroneMessage]] = {
+    "cone": Cone,
+    "exposure": Exposure,
+    "sighting": Sighting,
+    "coverage": Coverage,
+    "pose": Pose,
+    "plan": Plan,
+    "frame": Frame,
+    "estimate": Estimate,
+    "status": Status,
+}

@@ -1,0 +1,1 @@
+"""What reality would give: sources, detectors, vehicles, localisation errors, bad radio."""

@@ -1,0 +1,70 @@
+"""What a simulated flight yields: one flat record for the statistics, and a trace for the figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+
+class RunResult(Struct, frozen=True, kw_only=True):
+    """One flight. Errors are horizontal, over all tracking samples, lost runs included; truth is the simulation's.
+
+    ``wall_s`` and ``realtime_factor`` are the only fields that differ between two runs of one seed.
+    """
+
+    scenario: str
+    seed: int
+    estimator: str
+    drones: int
+    time_to_x0_s: float | None
+    x0_error_m: float | None
+    tracking_time_s: float
+    lost: bool
+    error_median_m: float | None
+    error_mean_m: float | None
+    error_p90_m: float | None
+    nees_mean: float | None
+    cones: int
+    hits: int
+    min_separation_m: float | None  # None with a single drone; in the air only
+    fence_breaches: int
+    sim_s: float
+    wall_s: float
+    realtime_factor: float
+
+
+@dataclass(frozen=True, slots=True)
+class ConeTrace:
+    """A cone that was published, in the mission frame, most probable order first. axis: (2, 3), theta_rad: (2,)."""
+
+    time_s: float
+    drone: int
+    apex_m: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    theta_rad: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """Time series of one flight, sampled at a fixed rate from the takeoff of the first drone on. Mission frame ENU, metres.
+
+    time_s: (T,) since the start command; position_m, velocity_mps: (T, N, 3), true; stage: (T, N) of protocol Stage strings;
+    source_m: (T, 3), true; hypothesis_m: (T, N, 3) of each drone, NaN where it has none; sigma_m: (T,) horizontal RMS of drone 0's
+    posterior, NaN where none; spacing_error_deg: (T, N), the signed deviation of the gap to the next drone (counter-clockwise around
+    the hypothesis) from 360/N, NaN before tracking.
+    """
+
+    time_s: NDArray[np.float64]
+    position_m: NDArray[np.float64]
+    velocity_mps: NDArray[np.float64]
+    stage: NDArray[np.str_]
+    source_m: NDArray[np.float64]
+    hypothesis_m: NDArray[np.float64]
+    sigma_m: NDArray[np.float64]
+    spacing_error_deg: NDArray[np.float64]
+    cones: tuple[ConeTrace, ...]
+    area_m: NDArray[np.float64]  # (P, 2) corners of the searched area
+    drones: tuple[str, ...]
