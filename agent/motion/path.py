@@ -1,0 +1,103 @@
+"""Following a survey path: how far a drone has come, and the reference over the horizon from there at constant speed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+_LEAD_IN_M = 2.0  # nearer to the path than this, the reference lies on the path itself
+
+
+class PathFollower:
+    """A polyline by its arc length. At the end the way leads back along it, and so on: arc lengths have no limit.
+
+    Progress along it is the caller's to keep; nothing here changes after construction. Coordinates are horizontal, metres.
+    Corners are not rounded: that is the tracker's doing.
+    """
+
+    def __init__(self, path: NDArray[np.float64]) -> None:
+        """``path``: (M, 2) with M >= 1; repeated points do no harm."""
+        if path.ndim != 2 or path.shape[1] != 2 or len(path) == 0:
+            raise ValueError(f"a path needs the shape (M, 2) with M >= 1, this one has {path.shape}")
+        steps = np.hypot(*np.diff(path, axis=0).T)
+        moved = np.concatenate([[True], steps > 0.0])
+        self._points = path[moved]
+        self._lengths = np.concatenate([[0.0], np.cumsum(steps[steps > 0.0])])
+        self._x, self._y = np.ascontiguousarray(self._points[:, 0]), np.ascontiguousarray(self._points[:, 1])
+        self._legs: list[tuple[float, float, float, float, float]] = [  # start, unit vector, length
+            (x, y, (x_next - x) / length, (y_next - y) / length, length)
+            for (x, y), (x_next, y_next), length in zip(
+                self._points[:-1].tolist(), self._points[1:].tolist(), np.diff(self._lengths).tolist(), strict=True
+            )
+        ]
+        self._starts: list[float] = self._lengths.tolist()
+
+    @property
+    def length_m(self) -> float:
+        """Length of the path once through."""
+        return self._starts[-1]
+
+    def at(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (K, 2) at the arc lengths s (K,), reflected at both ends of the path."""
+        folded = self.length_m - np.abs(self.length_m - np.mod(s, 2.0 * self.length_m)) if self._legs else np.zeros_like(s)
+        return np.stack([np.interp(folded, self._lengths, self._x), np.interp(folded, self._lengths, self._y)], axis=1)
+
+    def advance(self, s: float, position: Sequence[float], reach_m: float) -> float:
+        """The progress of a drone at ``position`` that had come to ``s``.
+
+        It is the nearest point of the path not behind s and at most ``reach_m`` ahead; this window keeps a drone from skipping
+        to the next lane, which may be nearer than a corner of its own.
+        """
+        best, best_gap = s, math.inf
+        for begin, x, y, dx, dy, length in self._legs_from(s, s + reach_m):
+            along = (position[0] - x) * dx + (position[1] - y) * dy
+            along = min(max(along, s - begin, 0.0), length, s + reach_m - begin)
+            gap = math.hypot(x + along * dx - position[0], y + along * dy - position[1])
+            if gap < best_gap:
+                best, best_gap = begin + along, gap
+        return best
+
+    def reference(
+        self, s: float, position: Sequence[float], speed_mps: float, steps: int, step_s: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where to be now and at the next ``steps`` steps, at constant speed along the path from ``s`` on.
+
+        A drone that is off the path is led back to it first, straight and at the same speed. ``position`` should be the tracker's
+        own, which the vehicle follows with a lag: with the measured one the reference would hold the tracker back.
+
+        Returns:
+            Positions (steps + 1, 2) and velocities (steps + 1, 2), each velocity the step to the next position over its time.
+        """
+        travel = speed_mps * step_s * np.arange(steps + 2, dtype=np.float64)
+        entry = self.at(np.array([s]))[0]
+        here = np.array([position[0], position[1]])
+        gap = math.hypot(entry[0] - here[0], entry[1] - here[1])
+        if gap <= _LEAD_IN_M:
+            points = self.at(s + travel)
+        else:
+            points = self.at(s + np.maximum(travel - gap, 0.0))
+            before = travel < gap
+            points[before] = here + (entry - here) * (travel[before, None] / gap)
+        return points[:-1], np.diff(points, axis=0) / step_s
+
+    def _legs_from(self, low: float, high: float) -> list[tuple[float, float, float, float, float, float]]:
+        """The legs (arc length at the start, start, unit vector, length) that overlap [low, high], in the order of flight."""
+        if not self._legs:
+            return []
+        found = []
+        lap = math.floor(low / self.length_m)
+        while lap * self.length_m <= high:
+            base = lap * self.length_m
+            for number, (x, y, dx, dy, length) in enumerate(self._legs if lap % 2 == 0 else self._legs[::-1]):
+                leg_start = self._starts[number] if lap % 2 == 0 else self.length_m - self._starts[len(self._legs) - number]
+                if base + leg_start + length < low or base + leg_start > high:
+                    continue
+                if lap % 2 == 0:
+                    found.append((base + leg_start, x, y, dx, dy, length))
+                else:
+                    found.append((base + leg_start, x + dx * length, y + dy * length, -dx, -dy, length))
+            lap += 1
+        return found

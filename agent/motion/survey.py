@@ -1,0 +1,166 @@
+"""The search before there is a hypothesis: N fair segments of the area, a space-filling path in each (paper, Sec. V-A).
+
+Everything here is a pure function: drones that put in the same area, the same coverage, the same members and the same starts get
+the same paths, without a leader. So ``starts`` must be common knowledge too, such as the ends of the last ``Coverage`` entries;
+a drone's own newest position is not. All coordinates are horizontal, metres, in one frame (the mission frame).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import TypeAlias
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from shapely import LineString, MultiPolygon, Point, Polygon
+
+from agent.motion.detour import Detours
+from agent.motion.lanes import lanes
+
+Area: TypeAlias = Polygon | MultiPolygon
+Point2: TypeAlias = tuple[float, float]
+Swath: TypeAlias = tuple[NDArray[np.float64], float]  # path (K, 2) that was flown, width that it covers
+
+_SLIVER = 0.15  # of the swath: what is narrower than this is left out, it comes from lag and cut corners
+_EQUAL = 1.02  # two extents that differ by less count as equal, lest rounding turns a cut
+
+
+def survey_paths(
+    area: Polygon,
+    drones: Sequence[str],
+    coverage: Sequence[Swath],
+    lane_spacing_m: float,
+    starts: Mapping[str, Point2] | None = None,
+) -> dict[str, NDArray[np.float64]]:
+    """Who flies where: a path (M, 2) for each drone over what is not covered yet; (0, 2) where nothing is left.
+
+    Args:
+        area: simple polygon to search.
+        drones: ids of those alive, in any order.
+        coverage: what was flown, by anybody, also by those that dropped out.
+        lane_spacing_m: largest distance between lanes.
+        starts: where the drones are, as everybody knows it; those missing are placed by their ids.
+    """
+    segments = divide(uncovered(area, coverage), drones, starts)
+    detours = Detours(area)
+    starts = starts or {}
+    return {drone: _sweep(segment, lane_spacing_m, starts.get(drone), detours) for drone, segment in segments.items()}
+
+
+def divide(area: Area, drones: Sequence[str], starts: Mapping[str, Point2] | None = None) -> dict[str, Area]:
+    """Segments of equal area, one for each drone, each on the side of the area on which the drone is.
+
+    The area is cut in two, as the swarm is halved, and so on; always by the shorter of the two cuts across the sides of the
+    smallest rectangle around it. A segment may be in several pieces where the area is not convex.
+    """
+    return dict(sorted(_divide(area, sorted(set(drones)), starts or {})))
+
+
+def sweep(segment: Area, lane_spacing_m: float, start: Point2 | None = None, within: Area | None = None) -> NDArray[np.float64]:
+    """A path (M, 2) that passes every point of the segment within half the lane spacing, beginning near ``start``.
+
+    Lanes run back and forth along each piece of the segment. The way from one lane to the next stays inside ``within``
+    (default: the segment), around its corners where needed.
+    """
+    return _sweep(segment, lane_spacing_m, start, Detours(segment if within is None else within))
+
+
+def uncovered(area: Area, coverage: Sequence[Swath]) -> Area:
+    """What of the area is farther than half its width from every flown path, slivers left out; may be empty.
+
+    Rounded ends are drawn with chords, so that coverage is never claimed that was not flown.
+    """
+    if not coverage:
+        return area
+    flown = [LineString(path) if len(path) > 1 else Point(path[0]) for path, _ in coverage]
+    widths = np.array([width for _, width in coverage])
+    rest = area.difference(shapely.union_all(shapely.buffer(flown, widths / 2.0, quad_segs=4)))
+    sliver_m = _SLIVER * float(widths.min())
+    opened = rest.buffer(-sliver_m / 2.0, join_style="mitre").buffer(sliver_m / 2.0, join_style="mitre")
+    return _areal(shapely.simplify(opened, 0.02 * sliver_m).intersection(area), least_m2=sliver_m**2)
+
+
+def _divide(area: Area, drones: list[str], starts: Mapping[str, Point2]) -> list[tuple[str, Area]]:
+    if len(drones) < 2 or area.is_empty:
+        return [(drone, area) for drone in drones]
+    first = len(drones) // 2
+    cuts = [(along, *_cut(area, along, first / len(drones))) for along in _axes(area)]
+    lengths = [low.length + high.length for _, low, high in cuts]
+    along, low, high = cuts[0 if lengths[0] <= _EQUAL * lengths[1] else 1]
+    if all(drone in starts for drone in drones):
+        drones = sorted(drones, key=lambda drone: (float(np.dot(starts[drone], along)), drone))
+    return _divide(low, drones[:first], starts) + _divide(high, drones[first:], starts)
+
+
+def _axes(area: Area) -> list[NDArray[np.float64]]:
+    """Unit vectors (2,) along the sides of the smallest rectangle around the area, the one nearer to x first; x or y positive."""
+    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(area))
+    side = corners[1] - corners[0]
+    side = side / np.hypot(side[0], side[1])
+    sides = sorted((side, np.array([-side[1], side[0]])), key=lambda along: -abs(float(along[0])))
+    return [-along if (along[0], along[1]) < (0.0, 0.0) else along for along in sides]
+
+
+def _cut(area: Area, along: NDArray[np.float64], share: float) -> tuple[Area, Area]:
+    """The area on this and on the other side of a line across ``along``, with ``share`` of its size on this side."""
+    corners = shapely.get_coordinates(area)
+    places = corners @ along
+    start, end = float(places.min()), float(places.max())
+    across = np.array([-along[1], along[0]])
+    left, right = float((corners @ across).min()) - 1.0, float((corners @ across).max()) + 1.0
+
+    def side(low: float, high: float) -> Polygon:
+        return Polygon([along * x + across * y for x, y in ((low, left), (high, left), (high, right), (low, right))])
+
+    def excess(place: float) -> float:
+        return float(area.intersection(side(start - 1.0, place)).area / area.area - share)
+
+    place = brentq(excess, start, end, xtol=1e-9, rtol=1e-12)
+    return _areal(area.intersection(side(start - 1.0, place))), _areal(area.intersection(side(place, end + 1.0)))
+
+
+def _areal(shape: shapely.Geometry, least_m2: float = 0.0) -> Area:
+    """The polygons of a shape that are larger than ``least_m2``, without stray lines and points."""
+    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > least_m2]
+    return parts[0] if len(parts) == 1 else MultiPolygon(parts)
+
+
+def _sweep(segment: Area, lane_spacing_m: float, start: Point2 | None, detours: Detours) -> NDArray[np.float64]:
+    found = [lane for piece in shapely.get_parts(segment) for lane in lanes(piece, lane_spacing_m)]
+    if not found:
+        return np.empty((0, 2))
+    path: list[NDArray[np.float64]] = []
+    for number, backward in _order(found, start):
+        lane = found[number][::-1] if backward else found[number]
+        if path:
+            path.append(detours.between(path[-1][-1], lane[0]))
+        path.append(lane)
+        path = [np.concatenate(path)]
+    return path[0]
+
+
+def _order(found: list[NDArray[np.float64]], start: Point2 | None) -> list[tuple[int, bool]]:
+    """In which order to fly the lanes, and which of them backwards: always the nearest next, from the best beginning."""
+    ends = np.array([[lane[0], lane[-1]] for lane in found]).reshape(-1, 2)  # 2n and 2n + 1: the ends of lane n
+    gaps = np.hypot(*(ends[:, None] - ends[None]).transpose(2, 0, 1))
+    approach = np.zeros(len(ends)) if start is None else np.hypot(*(ends - start).T)
+    outer = {0, 1, len(ends) - 2, len(ends) - 1}  # the ends of the first and of the last lane
+    beginnings = sorted(outer | {int(end) for end in np.argsort(approach, kind="stable")[:4]})
+    tours = [_nearest_next(gaps, beginning) for beginning in beginnings]
+    costs = [approach[tour[0]] + sum(gaps[one ^ 1, other] for one, other in pairwise(tour)) for tour in tours]
+    best = tours[int(np.argmin(np.round(costs, 3)))]
+    return [(end // 2, bool(end % 2)) for end in best]
+
+
+def _nearest_next(gaps: NDArray[np.float64], beginning: int) -> list[int]:
+    """The ends at which the lanes are entered, from a beginning on; a lane entered at one end is left at the other (^ 1)."""
+    free = gaps.copy()
+    tour = [beginning]
+    while True:
+        free[:, [tour[-1], tour[-1] ^ 1]] = np.inf
+        if len(tour) == len(gaps) // 2:
+            return tour
+        tour.append(int(np.argmin(free[tour[-1] ^ 1])))
