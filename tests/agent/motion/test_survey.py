@@ -191,7 +191,7 @@ def test_a_sweep_begins_near_its_drone_and_runs_along_the_longer_side() -> None:
     ("name", "count", "length_m"), [("square", 1, 1090.0), ("square", 2, 1080.0), ("L", 1, 670.0), ("U", 1, 900.0)]
 )
 def test_lanes_are_flown_in_turn_without_detours(name: str, count: int, length_m: float) -> None:
-    """Lanes and links, counted by hand; the U: 300 m in its foot, 420 m in its arms, 150 m from lane to lane, 30 m to the other arm."""
+    """Lanes and links, counted by hand; the U: foot 300 m, arms 420 m, from lane to lane 150 m, over to the other arm 30 m."""
     paths = survey_paths(AREAS[name], drones(count), [], 10.0)
     assert sum(float(np.hypot(*np.diff(path, axis=0).T).sum()) for path in paths.values()) == pytest.approx(length_m, rel=0.01)
 
