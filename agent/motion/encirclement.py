@@ -1,0 +1,157 @@
+"""Encirclement: each drone's own arc around the hypothesis, from the poses of all; no leader and no negotiation.
+
+Two laws (``EncirclementConfig.law``):
+
+- ``paper``: Sec. V-C of the paper. The drone starts its arc a fixed bias beta away from its nearest neighbour by central
+  angle. The law knows no rest: at uniform spacing the bias still points away from whichever neighbour happens to be nearer, so
+  the spacing chatters around 2 pi / N by what the tracker does with a step of beta between two replans.
+- ``smooth``: a virtual structure. N slots, 2 pi / N apart, rotate at v/r; drones keep their cyclic order, and the structure's
+  phase is the one that lies nearest (least squares) to the angles of all of them. Every drone computes the same structure
+  from the same poses and flies to its own slot. It follows the movement of the centre by feed-forward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import atan2, cos, hypot, pi, sin, sqrt
+
+import numpy as np
+
+from agent.config import EncirclementConfig, LimitsConfig
+from agent.motion.reference import Array, PeerState, Reference, Vector3
+
+_LOOKAHEAD_S = 0.5  # angles are compared this far ahead: a drone near the centre has no angle, but it has a direction
+_CLOSING_SHARE = 0.5  # of the acceleration limit that closing in may use; the rest is for the turn and for corrections
+_SPEED_SHARE = 0.85  # of the speed limit that closing in and circling may use together
+
+
+def wrapped(angle: float) -> float:
+    """The same angle in [-pi, pi)."""
+    return (angle + pi) % (2.0 * pi) - pi
+
+
+def minimum_radius(drones: int, separation_m: float) -> float:
+    """Smallest circle on which so many evenly spaced drones are ``separation_m`` apart: d / (2 sin(pi / N))."""
+    return 0.0 if drones < 2 else separation_m / (2.0 * sin(pi / drones))
+
+
+class Encirclement:
+    """Reference trajectories on the circle around a centre, counter-clockwise."""
+
+    def __init__(self, config: EncirclementConfig, limits: LimitsConfig, margin_m: float = 1.5) -> None:
+        """``margin_m``: what neighbours on the smallest circle keep beyond ``limits.separation_m``."""
+        self._config = config
+        self._limits = limits
+        self._spacing_m = limits.separation_m + margin_m
+        self._times: Array = np.arange(config.steps + 1) * config.step_s
+
+    def reference(
+        self,
+        me: PeerState,
+        others: Mapping[str, PeerState],
+        my_id: str,
+        center: Vector3,
+        center_velocity: Vector3 = (0.0, 0.0, 0.0),
+        radius_m: float | None = None,
+    ) -> Reference:
+        """The arc to fly now, by the configured law.
+
+        ``me`` is best the tracker's own state, ``others`` the states in the peers' plans (poses serve too); stale peers must
+        not be passed. ``center``: hypothesis; its z is the ground, and the flight is at z + height_m. ``radius_m``: instead of
+        the configured one. The radius is never below what the separation of all drones needs.
+        """
+        radius = max(radius_m or self._config.radius_m, minimum_radius(len(others) + 1, self._spacing_m))
+        if self._config.law == "paper":
+            return self._paper(me, others, center, radius)
+        return self._smooth(me, others, my_id, center, center_velocity, radius)
+
+    def _paper(self, me: PeerState, others: Mapping[str, PeerState], center: Vector3, radius: float) -> Reference:
+        """Sec. V-C: t[k] = (r, phi + beta_i + k (v/r) dT), beta_i = -sgn(theta_i) beta; alone: no bias.
+
+        theta_i: signed angle from this drone to its nearest neighbour by central angle. The paper prints k r v dT; an angle
+        per time of a speed v on the radius r is v/r.
+        """
+        phi = _angle(me, center, 0.0)
+        theta = min(
+            (wrapped(_angle(other, center, 0.0) - phi) for _, other in sorted(others.items())), key=abs, default=0.0
+        )
+        bias = -self._config.bias_rad if theta > 0.0 else self._config.bias_rad if theta < 0.0 else 0.0
+        return self._arc(phi + bias, radius, center, (0.0, 0.0, 0.0))
+
+    def _smooth(
+        self,
+        me: PeerState,
+        others: Mapping[str, PeerState],
+        my_id: str,
+        center: Vector3,
+        center_velocity: Vector3,
+        radius: float,
+    ) -> Reference:
+        phi = _angle(me, center, 0.0)
+        ahead = _angle(me, center, _LOOKAHEAD_S, center_velocity)
+        # The others' angles ahead of mine, in [0, 2 pi): their order from here on around the circle. Of two drones at the same
+        # angle, the smaller id comes first.
+        gaps = [
+            (wrapped(_angle(other, center, _LOOKAHEAD_S, center_velocity) - ahead) % (2.0 * pi), name) for name, other in others.items()
+        ]
+        gaps = sorted((gap + (2.0 * pi if gap == 0.0 and name < my_id else 0.0), name) for gap, name in gaps)
+        # Least-squares phase of the structure relative to me: mean of (angle of rank j) - j 2 pi / N, mine being rank 0 at 0.
+        count = len(gaps) + 1
+        offset = sum(gap - 2.0 * pi * rank / count for rank, (gap, _) in enumerate(gaps, start=1)) / count
+        return self._approach(me, self._arc(phi + offset, radius, center, center_velocity))
+
+    def _arc(self, angle: float, radius: float, center: Vector3, center_velocity: Vector3) -> Reference:
+        """The arc that begins at this angle now; the centre moves on at its velocity."""
+        times, speed = self._times, self._config.speed_mps
+        angles = angle + (speed / radius) * times
+        cosine, sine = np.cos(angles), np.sin(angles)
+        positions, velocities = np.empty((len(times), 3)), np.empty((len(times), 3))
+        positions[:, 0] = center[0] + center_velocity[0] * times + radius * cosine
+        positions[:, 1] = center[1] + center_velocity[1] * times + radius * sine
+        positions[:, 2] = center[2] + self._config.height_m
+        velocities[:, 0] = center_velocity[0] - speed * sine
+        velocities[:, 1] = center_velocity[1] + speed * cosine
+        velocities[:, 2] = 0.0
+        return Reference(positions, velocities, self._config.step_s)
+
+    def _approach(self, me: PeerState, slot: Reference) -> Reference:
+        """Lead from where the drone is to its moving slot: the offset shrinks straight and as fast as the limits allow.
+
+        Closing speed over the remaining offset s: min(v_c, sqrt(2 a_c s)), the way of a vehicle that brakes in time.
+        """
+        dx, dy, dz = (a - b for a, b in zip(me.position, slot.positions[0].tolist(), strict=True))
+        vx, vy, _ = slot.velocities[0].tolist()
+        limits = self._limits
+        offset = hypot(dx, dy)
+        if offset > 1e-6:
+            closing = max(0.5, _SPEED_SHARE * limits.speed_mps - hypot(vx, vy))
+            remaining, speed = _stopping_profile(offset, closing, _CLOSING_SHARE * limits.acceleration_mps2, self._times)
+            slot.positions[:, 0] += dx / offset * remaining
+            slot.positions[:, 1] += dy / offset * remaining
+            slot.velocities[:, 0] -= dx / offset * speed
+            slot.velocities[:, 1] -= dy / offset * speed
+        if abs(dz) > 1e-6:
+            remaining, speed = _stopping_profile(abs(dz), 0.8 * limits.climb_mps, 0.25 * limits.acceleration_mps2, self._times)
+            slot.positions[:, 2] += (1.0 if dz > 0.0 else -1.0) * remaining
+            slot.velocities[:, 2] -= (1.0 if dz > 0.0 else -1.0) * speed
+        return slot
+
+
+def _angle(drone: PeerState, center: Vector3, ahead_s: float, center_velocity: Vector3 = (0.0, 0.0, 0.0)) -> float:
+    """Central angle of a drone ``ahead_s`` from now."""
+    time = drone.age_s + ahead_s
+    return atan2(
+        drone.position[1] + drone.velocity[1] * time - center[1] - center_velocity[1] * ahead_s,
+        drone.position[0] + drone.velocity[0] * time - center[0] - center_velocity[0] * ahead_s,
+    )
+
+
+def _stopping_profile(distance: float, speed: float, deceleration: float, times: Array) -> tuple[Array, Array]:
+    """Remaining distance and speed (K + 1,) of going ``distance`` at ``speed``, braking with ``deceleration`` to stand there."""
+    braking = speed * speed / (2.0 * deceleration)
+    cruise = max(0.0, (distance - braking) / speed)
+    start = sqrt(min(distance, braking))
+    slope = sqrt(0.5 * deceleration)
+    root = np.maximum(0.0, start - slope * np.maximum(0.0, times - cruise))
+    remaining = root * root + speed * np.maximum(0.0, cruise - times)
+    return remaining, np.where(times < cruise, speed, 2.0 * slope * root)

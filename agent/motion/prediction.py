@@ -1,0 +1,57 @@
+"""The tracker's model: a triple integrator per axis with piecewise constant jerk, condensed over the horizon.
+
+State x = (p, v, a), input j, step h:  p' = p + h v + h^2/2 a + h^3/6 j,  v' = v + h a + h^2/2 j,  a' = a + h j.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agent.motion.reference import Array
+
+# Cost of one step: position error 1 /m2, velocity error and jerk as below. They place the closed loop at about 2.5 rad/s.
+VELOCITY_WEIGHT = 0.3  # s2
+JERK_WEIGHT = 0.004  # s6
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """Matrices over a horizon of H steps; the rows are the steps 1 .. H.
+
+    position, velocity, acceleration: (H, H), from the jerks. free: (3 H, 2), from (v0, a0), with p0 = 0.
+    hessian: (H, H) of the tracking cost. optimum: (4 H, 2 + 2 H), from (v0, a0, reference positions - p0, reference velocities)
+    to what minimises it without constraints: jerks, positions - p0, velocities, accelerations.
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    free: Array
+    hessian: Array
+    optimum: Array
+
+
+def predict(horizon: int, step_s: float) -> Prediction:
+    """Condense the model and solve the unconstrained problem once and for all."""
+    h = step_s
+    transition = np.array([[1.0, h, h * h / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
+    response = np.array([h**3 / 6.0, h * h / 2.0, h])
+    forced = np.zeros((3, horizon, horizon))
+    free = np.zeros((3, horizon, 2))
+    power = np.eye(3)
+    for step in range(horizon):
+        for start in range(horizon - step):
+            forced[:, start + step, start] = power @ response
+        power = transition @ power
+        free[:, step] = power[:, 1:]
+    position, velocity, acceleration = forced
+    hessian = position.T @ position + VELOCITY_WEIGHT * velocity.T @ velocity + JERK_WEIGHT * np.eye(horizon)
+    zero = np.zeros((horizon, horizon))
+    wanted_position = np.hstack((-free[0], np.eye(horizon), zero))
+    wanted_velocity = np.hstack((-free[1], zero, np.eye(horizon)))
+    jerk = np.linalg.solve(hessian, position.T @ wanted_position + VELOCITY_WEIGHT * velocity.T @ wanted_velocity)
+    drift = [np.hstack((part, zero, zero)) for part in free]
+    optimum = np.vstack((jerk, drift[0] + position @ jerk, drift[1] + velocity @ jerk, drift[2] + acceleration @ jerk))
+    return Prediction(position, velocity, acceleration, free.reshape(3 * horizon, 2), hessian, np.ascontiguousarray(optimum))
