@@ -1,0 +1,174 @@
+"""From the log to the hypothesis: a fixed time grid, checkpoints, and replay in slices when an entry comes late."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right, insort
+from collections.abc import Iterable
+from typing import Any
+
+from agent.config import MissionConfig
+from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.fusion.estimator import Estimator, GridStep, Hypothesis
+from agent.fusion.log import ObservationLog, Outcome, Summary
+from agent.fusion.observation import Observation, observe
+from agent.fusion.registry import estimator_named
+from protocol.messages import AnyEntry, Entry, EntryId
+
+SLICE_UNITS = 400  # work per call of advance: well under 10 ms with the estimators there are
+_MOST_CHECKPOINTS = 128
+_NEVER = -1  # before every step
+
+
+class Fusion:
+    """Keeps the log of one agent and the hypothesis that follows from it.
+
+    Step k of the grid is [k g, (k+1) g) UTC. The hypothesis is a pure function of the log's content, of the frames known, and of
+    the grid step in which now lies: entries up to the end of that step are in it, later ones (another clock is ahead) wait. The
+    way there (order of arrival, duplicates, delay, how the work was sliced) leaves no trace.
+
+    The estimator's state after every step that has observations is a checkpoint. An entry takes the chain of states back to the
+    last one before its step; the steps from there on are folded again. That holds for the newest step too, so a cone shows
+    in the hypothesis at the next ``advance``. Only while a replay is not finished the hypothesis is an older one.
+
+    Entries of a frame that is not known are in the log and its digest, and join the hypothesis once the frame is known.
+    """
+
+    def __init__(self, mission: MissionConfig, frames: FrameGraph, estimator: Estimator[Any] | None = None) -> None:
+        self.log = ObservationLog(mission.mission_id)
+        self.hypothesis: Hypothesis | None = None
+        self.pending = False  # a replay is under way, the hypothesis is older than the log
+        self.estimator = estimator or estimator_named(mission.fusion.estimator, mission)
+        self._grid_ns = round(mission.fusion.grid_s * 1e9)
+        self._keep_ns = round(mission.fusion.horizon_s * 1e9)
+        self._frames = frames
+        self._revision = frames.revision
+        self._used: dict[tuple[str, int], Transform | None] = {}  # by drone and epoch: the transforms in the timeline
+        self._timeline: dict[int, dict[EntryId, Observation]] = {}  # step -> its observations, never empty
+        self._steps: list[int] = []  # the timeline's keys, ascending
+        self._base: Any = self.estimator.initial(None)  # state before the first step of the timeline
+        self._states: dict[int, Any] = {}  # checkpoints after their steps; ascending: the last one is the chain's end
+        self._start_ns: int | None = None
+        self._now_step = _NEVER
+        self._stale = True
+
+    @property
+    def digest(self) -> str:
+        """Digest of the log, 32 hex digits."""
+        return self.log.digest
+
+    def start(self, stamp_ns: int) -> None:
+        """The mission began: the origin of a ``given`` schedule. Only the first call counts."""
+        if self._start_ns is None and not self.log.horizon_ns:
+            self._start_ns = stamp_ns
+            self._base = self.estimator.initial(stamp_ns)
+            self._rewind(_NEVER)
+
+    def receive(self, entry: Entry, payload: bytes) -> bool:
+        """Take an entry with the bytes that it was decoded from; False if the log has no use for it (``log.counters``)."""
+        outcome = self.log.add(entry, payload)
+        if outcome is not Outcome.ADDED and outcome is not Outcome.REPLACED:
+            return False
+        if isinstance(entry, self.estimator.reads):
+            self._place(entry, replaces=outcome is Outcome.REPLACED)
+        return True
+
+    def advance(self, now_ns: int, budget: int = SLICE_UNITS) -> None:
+        """Fold what is in the log up to the grid step of ``now_ns``.
+
+        ``budget``: at most so many units of work, one per step and per observation; a step is never split and at least one is
+        folded. ``pending`` tells whether anything is left for the next call. Time never runs back: an earlier now
+        is taken as the latest one.
+        """
+        step = now_ns // self._grid_ns
+        if step > self._now_step:
+            self._now_step = step
+            self._stale = True
+        if self._revision != self._frames.revision:
+            self._take_new_frames()
+        if self._stale:
+            self._fold(budget)
+
+    def compact(self, now_ns: int, peers: Iterable[Summary]) -> None:
+        """Drop entries that are older than the configured horizon and that no peer lacks (by their logs' summaries).
+
+        Neither digest nor hypothesis changes. Entries that wait for their frame stay, and so does everything after them.
+        """
+        waiting = {key for key, transform in self._used.items() if transform is None}
+        before_ns = min(self.log.agreed_until_ns(peers), now_ns - self._keep_ns)
+        if waiting:
+            reads = self.estimator.reads
+            stamps = [r.entry.stamp_ns for r in self.log if isinstance(r.entry, reads) and _frame_of(r.entry) in waiting]
+            before_ns = min((before_ns, *stamps))
+        behind = [step for step in self._states if (step + 1) * self._grid_ns <= before_ns]
+        if not behind:
+            return
+        last = behind[-1]  # its state stands for everything up to the end of the step
+        self._base = self._states[last]
+        for step in behind:
+            del self._states[step]
+        kept = bisect_right(self._steps, last)
+        for step in self._steps[:kept]:
+            del self._timeline[step]
+        del self._steps[:kept]
+        self.log.compact((last + 1) * self._grid_ns)
+
+    def _place(self, entry: AnyEntry, replaces: bool = False) -> None:
+        """Put an entry's observation into the timeline (or take it out, if it is none), and rewind to before it."""
+        key = _frame_of(entry)
+        transform = self._frames.mission_from_local(*key)
+        self._used[key] = transform
+        observation = None if transform is None else observe(entry, transform)
+        if observation is None and not replaces:
+            return
+        step = entry.stamp_ns // self._grid_ns
+        slot = self._timeline.get(step)
+        if slot is None:
+            slot = self._timeline[step] = {}
+            insort(self._steps, step)
+        if observation is not None:
+            slot[entry.entry_id] = observation
+        else:
+            slot.pop(entry.entry_id, None)
+        if not slot:
+            del self._timeline[step]
+            del self._steps[bisect_left(self._steps, step)]
+        self._rewind(step)
+
+    def _rewind(self, step: int) -> None:
+        """Drop every state that knows of the step or a later one."""
+        while self._states and next(reversed(self._states)) >= step:
+            self._states.popitem()
+        self._stale = True
+
+    def _fold(self, budget: int) -> None:
+        end, state = next(reversed(self._states.items()), (_NEVER, self._base))
+        for index in self._steps[bisect_right(self._steps, end) : bisect_right(self._steps, self._now_step)]:
+            if budget <= 0:
+                self.pending = True
+                return
+            slot = self._timeline[index]
+            state = self.estimator.step(state, self._grid_step(index), [slot[identity] for identity in sorted(slot)])
+            self._states[index] = state
+            budget -= 1 + len(slot)
+        self.pending = self._stale = False
+        self.hypothesis = self.estimator.hypothesis(state, self._grid_step(self._now_step))
+        if len(self._states) > _MOST_CHECKPOINTS:
+            for index in list(self._states)[0 : _MOST_CHECKPOINTS // 2 : 2]:  # so the older they are the fewer they get
+                del self._states[index]
+
+    def _take_new_frames(self) -> None:
+        """Observe again what was measured in frames that have changed since."""
+        self._revision = self._frames.revision
+        changed = {key for key, used in self._used.items() if self._frames.mission_from_local(*key) is not used}
+        for record in self.log if changed else ():
+            entry = record.entry
+            if isinstance(entry, self.estimator.reads) and _frame_of(entry) in changed:
+                self._place(entry, replaces=True)
+
+    def _grid_step(self, index: int) -> GridStep:
+        return GridStep(index, index * self._grid_ns, (index + 1) * self._grid_ns)
+
+
+def _frame_of(entry: AnyEntry) -> tuple[str, int]:
+    return entry.drone, entry.epoch

@@ -1,0 +1,59 @@
+"""The estimator ``given``: a hypothesis that moves by the schedule of the mission file (the paper's swarm stabilisation)."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+
+import numpy as np
+
+from agent.config import GivenHypothesisConfig
+from agent.errors import ConfigError
+from agent.fusion.estimator import GridStep, Hypothesis
+from agent.fusion.observation import Observation
+from protocol.messages import AnyEntry
+
+_NS = 1_000_000_000
+
+
+class GivenEstimator:
+    """Holds each place of the schedule until the next one's time; jumps take effect at the first grid step that begins
+    at or after that time. Nothing before the schedule's first time, nor before the mission's start.
+
+    Raises:
+        ConfigError: times of the schedule that do not ascend.
+    """
+
+    name = "given"
+    reads: tuple[type[AnyEntry], ...] = ()
+
+    def __init__(self, config: GivenHypothesisConfig) -> None:
+        self._offsets_ns = [round(time_s * _NS) for time_s, _, _ in config.schedule]
+        self._places = [(x, y) for _, x, y in config.schedule]
+        if any(later <= earlier for earlier, later in zip(self._offsets_ns, self._offsets_ns[1:], strict=False)):
+            raise ConfigError("fusion.given.schedule: times must ascend; sort the rows [t_s, x, y] by t_s")
+
+    def initial(self, start_ns: int | None) -> int | None:
+        """The state is the mission's start."""
+        return start_ns
+
+    def step(self, state: int | None, step: GridStep, observations: Sequence[Observation]) -> int | None:
+        """Reads nothing."""
+        return state
+
+    def hypothesis(self, state: int | None, step: GridStep) -> Hypothesis | None:
+        """The schedule's place at the beginning of the step, known exactly."""
+        if state is None:
+            return None
+        row = bisect_right(self._offsets_ns, step.start_ns - state) - 1
+        if row < 0:
+            return None
+        x, y = self._places[row]
+        return Hypothesis(
+            stamp_ns=step.start_ns,
+            position=np.array([x, y, 0.0]),
+            covariance=np.zeros((3, 3)),
+            velocity=np.zeros(3),
+            cones=0,
+            x0_stamp_ns=state + self._offsets_ns[0],
+        )

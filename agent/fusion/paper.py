@@ -1,0 +1,142 @@
+"""The estimator ``paper``: the linear Kalman filter of the paper (Sec. IV-B), track by detection."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agent.config import PaperEstimatorConfig
+from agent.frames.transform import Vector3
+from agent.fusion.estimator import GridStep, Hypothesis
+from agent.fusion.initial import InitialSearch
+from agent.fusion.observation import ConeObservation, Observation
+from agent.fusion.projection import Rule, project
+from protocol.messages import AnyEntry, Cone
+
+_NS = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """The filter after its last cone: x = (x, y, 0) in metres and the horizontal part of its covariance, m2."""
+
+    stamp_ns: int
+    x: float
+    y: float
+    pxx: float
+    pxy: float
+    pyy: float
+    cones: int
+    x0_stamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class PaperState:
+    """The cones gathered for x0, and the track once there is one."""
+
+    gathered: tuple[ConeObservation, ...] = ()
+    seen: int = 0  # cones so far, those that were no use for x0 included
+    track: Track | None = None
+
+
+class PaperEstimator:
+    """F = I, process noise q dt, and each cone a position measurement with covariance R = P R_C P^T.
+
+    The first M cones of pairwise baseline give x0. From then on each cone projects the hypothesis onto itself
+    (``projection.project``), and R trusts that only along the line of projection: rho along it, rho x 1e4 across.
+
+    The source stays on the ground, z = 0, as the predecessor flew it: the state is the paper's (x, y, z), with a z that is known
+    beforehand (prior variance and process noise of z are zero), so the correction moves it horizontally only.
+    """
+
+    reads: tuple[type[AnyEntry], ...] = (Cone,)
+
+    def __init__(self, config: PaperEstimatorConfig, search: InitialSearch, rule: Rule, name: str = "paper") -> None:
+        self.name = name
+        self._config = config
+        self._search = search
+        self._rule: Rule = rule
+
+    def initial(self, start_ns: int | None) -> PaperState:
+        """Nothing gathered; the mission's start does not matter."""
+        return PaperState()
+
+    def step(self, state: PaperState, step: GridStep, observations: Sequence[Observation]) -> PaperState:
+        """Take the step's cones in, one after another."""
+        gathered, seen, track = state.gathered, state.seen, state.track
+        for cone in observations:
+            seen += 1
+            if track is not None:
+                track = self._correct(self._predict(track, cone.stamp_ns), cone)
+            elif self._is_apart(cone, gathered):
+                gathered = (*gathered, cone)
+                if len(gathered) >= self._config.initial_cones:
+                    track = self._begin(gathered, seen)
+                    gathered = ()
+        return PaperState(gathered, seen, track)
+
+    def hypothesis(self, state: PaperState, step: GridStep) -> Hypothesis | None:
+        """The track, predicted to the beginning of ``step`` (or to its last cone, if that is newer)."""
+        if state.track is None:
+            return None
+        track = self._predict(state.track, max(step.start_ns, state.track.stamp_ns))
+        return Hypothesis(
+            stamp_ns=track.stamp_ns,
+            position=np.array([track.x, track.y, 0.0]),
+            covariance=np.array([[track.pxx, track.pxy, 0.0], [track.pxy, track.pyy, 0.0], [0.0, 0.0, 0.0]]),
+            velocity=np.zeros(3),
+            cones=track.cones,
+            x0_stamp_ns=track.x0_stamp_ns,
+        )
+
+    def _is_apart(self, cone: ConeObservation, gathered: Sequence[ConeObservation]) -> bool:
+        baseline = self._config.initial_baseline_m
+        return all(math.dist(cone.apex, other.apex) >= baseline for other in gathered)
+
+    def _begin(self, gathered: Sequence[ConeObservation], seen: int) -> Track:
+        x, y = self._search.solve(gathered)
+        variance = self._config.initial_variance_m2
+        stamp_ns = gathered[-1].stamp_ns
+        return Track(stamp_ns, x, y, variance, 0.0, variance, seen, stamp_ns)
+
+    def _predict(self, track: Track, stamp_ns: int) -> Track:
+        grown = self._config.process_noise_m2ps * (stamp_ns - track.stamp_ns) / _NS
+        return Track(stamp_ns, track.x, track.y, track.pxx + grown, track.pxy, track.pyy + grown, track.cones, track.x0_stamp_ns)
+
+    def _correct(self, track: Track, cone: ConeObservation) -> Track:
+        """LKF correction with H = I and R = P R_C P^T, where P's first column is the normal of the projection.
+
+        R is diagonal in the axes of P, so the measurement is three independent scalars, and three scalar corrections in
+        turn are the same correction without a matrix to invert. ``dx, dy``: how far x has been moved so far.
+        """
+        x, y, pxx, pxy, pyy = track.x, track.y, track.pxx, track.pxy, track.pyy
+        correction = project((x, y, 0.0), cone.apex, cone.axis, cone.theta_rad, self._rule)
+        if correction is not None:
+            ix, iy, iz = correction.innovation
+            dx = dy = 0.0
+            for (hx, hy, hz), variance in self._axes(correction.normal):
+                gx, gy = pxx * hx + pxy * hy, pxy * hx + pyy * hy
+                spread = hx * gx + hy * gy + variance
+                move = (hx * (ix - dx) + hy * (iy - dy) + hz * iz) / spread
+                dx, dy = dx + gx * move, dy + gy * move
+                pxx, pxy, pyy = pxx - gx * gx / spread, pxy - gx * gy / spread, pyy - gy * gy / spread
+            x, y = x + dx, y + dy
+        return Track(track.stamp_ns, x, y, pxx, pxy, pyy, track.cones + 1, track.x0_stamp_ns)
+
+    def _axes(self, normal: Vector3) -> tuple[tuple[Vector3, float], ...]:
+        """The columns of P with the diagonal of R_C."""
+        rho = self._config.measurement_variance_m2
+        first, second = _perpendicular(normal)
+        return (normal, rho), (first, rho * self._config.cross_axis_factor), (second, rho * self._config.cross_axis_factor)
+
+
+def _perpendicular(n: Vector3) -> tuple[Vector3, Vector3]:
+    """Two unit vectors that make an orthonormal basis with n: the second and third column of P."""
+    flat = math.hypot(n[0], n[1])
+    if flat < 1e-6:  # n is vertical: any horizontal pair
+        return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    side = (-n[1] / flat, n[0] / flat, 0.0)
+    return side, (-n[2] * side[1], n[2] * side[0], flat)

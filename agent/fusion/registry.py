@@ -1,0 +1,50 @@
+"""The estimators by name, as the commands and the mission file call them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from shapely import Polygon
+
+from agent.config import MissionConfig
+from agent.errors import ConfigError
+from agent.fusion.estimator import Estimator
+from agent.fusion.given import GivenEstimator
+from agent.fusion.initial import InitialSearch
+from agent.fusion.paper import PaperEstimator
+from agent.fusion.projection import Rule
+
+
+def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
+    """Make the estimator of that name for a mission.
+
+    - ``paper``: the paper's filter, with the projection rule that the mission names (fusion.paper.projection).
+    - ``paper-geometric``: the same with the geometric rule, whatever the mission names.
+    - ``given``: the schedule of fusion.given.
+
+    Raises:
+        ConfigError: no such estimator, or the mission lacks what it needs.
+    """
+    maker = _MAKERS.get(name)
+    if maker is None:
+        raise ConfigError(f"estimator {name!r} is unknown; use one of {', '.join(ESTIMATORS)}")
+    return maker(mission)
+
+
+def _paper(mission: MissionConfig, rule: Rule, name: str) -> PaperEstimator:
+    return PaperEstimator(mission.fusion.paper, InitialSearch(Polygon(mission.area.polygon_m)), rule, name)
+
+
+def _given(mission: MissionConfig) -> GivenEstimator:
+    if mission.fusion.given is None:
+        raise ConfigError("estimator 'given' needs fusion.given.schedule in the mission")
+    return GivenEstimator(mission.fusion.given)
+
+
+_MAKERS: dict[str, Callable[[MissionConfig], Estimator[Any]]] = {
+    "paper": lambda mission: _paper(mission, mission.fusion.paper.projection, "paper"),
+    "paper-geometric": lambda mission: _paper(mission, "geometric", "paper-geometric"),
+    "given": _given,
+}
+ESTIMATORS: tuple[str, ...] = tuple(_MAKERS)

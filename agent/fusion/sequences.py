@@ -1,0 +1,57 @@
+"""A set of sequence numbers, kept as ranges: small while the numbers are nearly gap-free, as those of one boot are."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator
+
+Range = tuple[int, int]  # first and last, both held
+
+
+class SequenceSet:
+    """Grow-only set of whole numbers in ascending, disjoint ranges that do not touch."""
+
+    __slots__ = ("_firsts", "_lasts")
+
+    def __init__(self, ranges: Iterable[Range] = ()) -> None:
+        self._firsts: list[int] = []
+        self._lasts: list[int] = []
+        for first, last in sorted(ranges):
+            if self._lasts and first <= self._lasts[-1] + 1:
+                self._lasts[-1] = max(self._lasts[-1], last)
+            else:
+                self._firsts.append(first)
+                self._lasts.append(last)
+
+    def add(self, number: int) -> None:
+        """Take a number in; one that is held changes nothing."""
+        place = bisect_right(self._firsts, number)  # ranges before this index start at or before the number
+        if place and number <= self._lasts[place - 1]:
+            return
+        touches_left = place > 0 and self._lasts[place - 1] == number - 1
+        touches_right = place < len(self._firsts) and self._firsts[place] == number + 1
+        if touches_left and touches_right:
+            self._lasts[place - 1] = self._lasts.pop(place)
+            self._firsts.pop(place)
+        elif touches_left:
+            self._lasts[place - 1] = number
+        elif touches_right:
+            self._firsts[place] = number
+        else:
+            self._firsts.insert(place, number)
+            self._lasts.insert(place, number)
+
+    def __contains__(self, number: int) -> bool:
+        place = bisect_right(self._firsts, number)
+        return place > 0 and number <= self._lasts[place - 1]
+
+    def __iter__(self) -> Iterator[Range]:
+        return zip(self._firsts, self._lasts, strict=True)
+
+    def covers(self, other: SequenceSet) -> bool:
+        """Whether every number of the other set is in this one."""
+        for first, last in other:
+            place = bisect_right(self._firsts, first)
+            if not place or last > self._lasts[place - 1]:
+                return False
+        return True
