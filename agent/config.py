@@ -19,7 +19,7 @@ from shapely import Polygon
 from shapely.validation import explain_validity
 
 from agent.errors import ConfigError
-from protocol.messages import Identifier
+from protocol.messages import DroneId, Identifier
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
@@ -60,7 +60,6 @@ class EncirclementConfig(_Section, frozen=True, kw_only=True):
     steps: Annotated[int, Meta(ge=2, le=63)] = 30  # K
     step_s: Annotated[float, Meta(gt=0.0, le=2.0)] = 0.2  # Delta T
     bias_rad: Annotated[float, Meta(ge=0.0, le=1.6)] = 0.3  # beta
-    yaw_rate_rps: Annotated[float, Meta(ge=-6.3, le=6.3)] = 0.5
 
 
 class LimitsConfig(_Section, frozen=True, kw_only=True):
@@ -106,24 +105,27 @@ class DetectionConfig(_Section, frozen=True, kw_only=True):
 
     energy_window: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.2  # of the line's energy, each side
     minimum_pixels: Annotated[int, Meta(ge=2, le=1000)] = 15  # of both clusters together
-    minimum_photon_kev: NonNegative = 174.0
-    maximum_electron_kev: Positive = 477.0
+    minimum_photon_kev: NonNegative | None = None  # of a cone; none: what the line's kinematics allow, less 10 keV (Cs-137: 174)
+    maximum_electron_kev: Positive | None = None  # of a cone; none: the line's Compton edge (Cs-137: 477)
     cluster_threshold_kev: NonNegative = 5.0
     cluster_gap_ns: Positive = 100.0
     coincidence_window_ns: Positive = 100.0
 
 
 class TrackConfig(_Section, frozen=True, kw_only=True):
-    """When tracking ends. ``no_cone_timeout_s``: without a cone for so long, the source counts as lost."""
+    """When tracking ends: after ``duration_s`` the swarm returns; after ``no_cone_timeout_s`` without a cone it searches
+    again, outward from where the source was last believed to be, the circle growing by ``widening_mps``.
+    """
 
-    no_cone_timeout_s: Positive | None = None
+    no_cone_timeout_s: Positive | None = 20.0
+    widening_mps: NonNegative = 0.5
     duration_s: Positive | None = None
 
 
 class DroneInMission(_Section, frozen=True, kw_only=True):
     """A member of the swarm and where its local frame lies: its origin and heading in the mission frame."""
 
-    id: Identifier
+    id: DroneId
     origin_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
     yaw_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 0.0
 
@@ -179,7 +181,7 @@ class DroneConfig(_Section, frozen=True, kw_only=True):
     outward normal of its sensor, x runs along a pixel row, y up the rows. The default looks forward with y up.
     """
 
-    id: Identifier
+    id: DroneId
     camera_rpy_deg: tuple[float, float, float] = (90.0, 0.0, 90.0)
     calibration: str | None = None  # folder with a.txt, b.txt, c.txt, t.txt; none: the simulation's nominal camera
     vehicle_lag_s: NonNegative = 0.38  # by which the vehicle follows its position setpoints

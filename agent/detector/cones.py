@@ -1,0 +1,126 @@
+"""A coincidence read as a Compton cone, both ways round: which of the two clusters was the recoil electron is not known.
+
+Kinematics: paper, Eqs. (1)-(3), with the energies fitted to the line. Probabilities and widths start from the formulas of
+the project's estimation reference ("Beyond").
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from agent.detector.detection import ConeEvent
+from agent.detector.response import DOPPLER_KEV, ELECTRON_KEV, attenuation_per_mm, energy_variance
+
+ORDER_FLOOR = 0.08  # of each order's probability: W alone is overconfident, it knows nothing of what else may have happened
+LATERAL_MM = 0.075  # 1 sigma of a cluster's position against the true interaction, across ...
+DEPTH_MM = 0.04  # ... and along the drift
+SIGMA_MAX_RAD = 0.35
+SIGMA_FLOOR_RAD = 0.02
+EDGE_TOLERANCE_KEV2 = 64.0
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A gamma line and what its Compton kinematics allow, keV.
+
+    A reading counts only while its measured electron energy is at most ``maximum_electron_kev`` and its measured photon energy at
+    least ``minimum_photon_kev`` (paper's selection).
+    """
+
+    energy_kev: float
+    maximum_electron_kev: float
+    minimum_photon_kev: float
+
+    @classmethod
+    def of(cls, energy_kev: float, maximum_electron_kev: float | None = None, minimum_photon_kev: float | None = None) -> Line:
+        """The limits default to the Compton edge, and to the energy of a photon scattered straight back less 10 keV."""
+        edge = compton_edge_kev(energy_kev)
+        return cls(
+            energy_kev,
+            edge if maximum_electron_kev is None else maximum_electron_kev,
+            max(energy_kev - edge - 10.0, 1.0) if minimum_photon_kev is None else minimum_photon_kev,
+        )
+
+    def allows(self, electron_kev: float, photon_kev: float) -> bool:
+        """Whether a reading with these measured energies counts."""
+        return electron_kev <= self.maximum_electron_kev and photon_kev >= self.minimum_photon_kev
+
+
+def compton_edge_kev(energy_kev: float) -> float:
+    """Largest recoil energy that a photon can give (scattering by 180 degrees)."""
+    return energy_kev / (1.0 + ELECTRON_KEV / (2.0 * energy_kev))
+
+
+def klein_nishina_recoil(energy_kev: float, electron_kev: float) -> float:
+    """Differential cross section by recoil energy, dsigma/dT, without its constant factor pi r_e^2 / m c^2."""
+    alpha = energy_kev / ELECTRON_KEV
+    s = electron_kev / energy_kev
+    q = s / (1.0 - s)
+    return (2.0 + q * q / (alpha * alpha) + q * (s - 2.0 / alpha)) / (alpha * alpha)
+
+
+def cone_event(
+    stamp_ns: int, energies_kev: tuple[float, float], separation_mm: tuple[float, float, float], line: Line
+) -> ConeEvent:
+    """The cone of a coincidence. ``separation_mm``: cluster 1 minus cluster 2, camera frame.
+
+    The difference between the line and the measured sum is shared by the two energies in proportion to their variances, so that
+    they add up to the line: both then have the variance v = v1 v2 / (v1 + v2). At least one order must be allowed by the line.
+    """
+    measured_1, measured_2 = energies_kev
+    variance_1, variance_2 = energy_variance(measured_1), energy_variance(measured_2)
+    share = variance_1 / (variance_1 + variance_2)
+    fitted_1 = measured_1 + (line.energy_kev - measured_1 - measured_2) * share
+    fitted_1 = min(max(fitted_1, 1.0), line.energy_kev - 1.0)
+    fitted_2 = line.energy_kev - fitted_1
+    variance = variance_2 * share
+    x, y, z = separation_mm
+    length = max(math.sqrt(x * x + y * y + z * z), 1e-3)
+    x, y, z = x / length, y / length, z / length
+
+    theta_1, sigma_1, weight_1 = _reading(line, fitted_1, variance, length, z)
+    theta_2, sigma_2, weight_2 = _reading(line, fitted_2, variance, length, z)
+    if not line.allows(measured_1, measured_2):
+        first = 0.0
+    elif not line.allows(measured_2, measured_1):
+        first = 1.0
+    else:
+        total = weight_1 + weight_2
+        first = ORDER_FLOOR + (1.0 - 2.0 * ORDER_FLOOR) * (weight_1 / total if total > 0.0 else 0.5)
+    sigma = math.sqrt(variance)
+    return ConeEvent(
+        stamp_ns=stamp_ns,
+        axis=np.array(((x, y, z), (-x, -y, -z))),
+        theta_rad=np.array((theta_1, theta_2)),
+        sigma_rad=np.array((sigma_1, sigma_2)),
+        probability=np.array((first, 1.0 - first)),
+        energies_kev=(fitted_1, fitted_2),
+        energy_sigmas_kev=(sigma, sigma),
+        separation_mm=length,
+    )
+
+
+def _reading(line: Line, electron_kev: float, variance: float, length_mm: float, axis_z: float) -> tuple[float, float, float]:
+    """Opening angle, its 1 sigma (ARM) in rad and the weight of one order; the energies add up to the line.
+
+    Weight: Klein-Nishina for the recoil energy, times the chance that the scattered photon is absorbed at this distance; beyond
+    the Compton edge a Gaussian of the resolution.
+    """
+    photon_kev = line.energy_kev - electron_kev
+    cosine = 1.0 + ELECTRON_KEV * (1.0 / line.energy_kev - 1.0 / photon_kev)
+    theta = math.acos(max(cosine, -1.0))
+    slope = ELECTRON_KEV / (photon_kev * photon_kev * max(math.sin(theta), 1e-3))
+    from_energy = (variance + DOPPLER_KEV * DOPPLER_KEV) * slope * slope
+    across = 2.0 * LATERAL_MM * LATERAL_MM * (1.0 - axis_z * axis_z) + 2.0 * DEPTH_MM * DEPTH_MM
+    spread = min(from_energy + across / (length_mm * length_mm), SIGMA_MAX_RAD * SIGMA_MAX_RAD)
+    sigma = math.sqrt(spread + SIGMA_FLOOR_RAD * SIGMA_FLOOR_RAD)
+
+    photo, total = attenuation_per_mm(photon_kev)
+    edge = compton_edge_kev(line.energy_kev)
+    recoil = klein_nishina_recoil(line.energy_kev, min(electron_kev, edge))
+    beyond = max(electron_kev - edge, 0.0)
+    penalty = math.exp(-beyond * beyond / (2.0 * (variance + EDGE_TOLERANCE_KEV2)))
+    return theta, sigma, recoil * photo * math.exp(-total * length_mm) * penalty
