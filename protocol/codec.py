@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NoReturn
+
 import msgpack
 import msgspec
 
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
-from protocol.messages import AnyMessage, Command, Message
+from protocol.messages import KINDS, AnyMessage, Command, Message
 
 MAX_PAYLOAD_BYTES = 64 * 1024
 _LIMITS = {
@@ -23,15 +25,18 @@ def encode(message: Message) -> bytes:
     """Serialise a message; the result is accepted by :func:`decode`.
 
     Raises:
-        ProtocolError: the message breaks its own schema (NaN, out of range, too large).
+        ProtocolError: the message breaks its own schema (NaN, out of range, too large, a NumPy scalar for a float).
     """
-    payload: bytes = msgpack.packb(msgspec.to_builtins(message, builtin_types=(bytes,)))
+    try:
+        payload: bytes = msgpack.packb(msgspec.to_builtins(message, builtin_types=(bytes,)))
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise ProtocolError(f"not serialisable: {str(error)[:120]}") from None
     decode(payload)
     return payload
 
 
 def decode(payload: bytes) -> AnyMessage:
-    """Read any message. Unknown fields are ignored, missing required ones refused.
+    """Read any message. Unknown fields are ignored; missing required ones and fields given twice are refused.
 
     Every number of the schema has bounds, which NaN and infinity fail too.
 
@@ -41,13 +46,20 @@ def decode(payload: bytes) -> AnyMessage:
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise ProtocolError(f"payload of {len(payload)} bytes is over the limit of {MAX_PAYLOAD_BYTES}")
     try:
-        document = msgpack.unpackb(payload, **_LIMITS)
+        document = msgpack.unpackb(payload, object_pairs_hook=_object, ext_hook=_refuse_extension, **_LIMITS)
     except (ValueError, TypeError, RecursionError, MemoryError, msgpack.UnpackException) as error:
         raise ProtocolError(f"not msgpack within the limits: {type(error).__name__}: {str(error)[:120]}") from None
-    try:
-        message: AnyMessage = msgspec.convert(document, AnyMessage)
+    kind = document.get("kind") if isinstance(document, dict) else None
+    message_type = KINDS.get(kind) if isinstance(kind, str) else None
+    if message_type is None:
+        raise ProtocolError("not a message: no map with a known kind")
+    try:  # converting to one type takes a tenth of the time that a union of all would
+        message: AnyMessage = msgspec.convert(document, message_type)
     except (msgspec.ValidationError, RecursionError, OverflowError) as error:
         raise ProtocolError(f"not a message: {str(error)[:200]}") from None
+    flaw = message.flaw()
+    if flaw is not None:
+        raise ProtocolError(f"not a message: {type(message).__name__.lower()}: {flaw}")
     return message
 
 
@@ -62,3 +74,15 @@ def decode_from(key: str, payload: bytes) -> AnyMessage:
     if sender != address.sender:
         raise ProtocolError(f"a {kind} of {sender!r} under the key of {address.sender!r}")
     return message
+
+
+def _object(pairs: list[tuple[object, object]]) -> dict[object, object]:
+    """A map whose keys differ: of a field given twice, two readers could take different ones."""
+    fields = dict(pairs)
+    if len(fields) != len(pairs):
+        raise ValueError("a field is given twice")
+    return fields
+
+
+def _refuse_extension(code: int, data: bytes) -> NoReturn:
+    raise ValueError(f"extension type {code}")

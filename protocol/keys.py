@@ -6,11 +6,10 @@ import re
 from typing import NamedTuple
 
 from protocol.errors import ProtocolError
-from protocol.messages import DRONE_KINDS, IDENTIFIER, Command, DroneMessage, Message
+from protocol.messages import DRONE_KINDS, IDENTIFIER, STATION, Command, DroneMessage, Message
 
 VERSION = 1
 ROOT = f"radron/{VERSION}"
-STATION = "station"  # no drone may have this name
 _IDENTIFIER = re.compile(IDENTIFIER)
 
 
@@ -64,6 +63,6 @@ def parse_key(key: str) -> Address:
 
 
 def _identifier(name: str, what: str) -> str:
-    if not _IDENTIFIER.match(name) or name.endswith("\n"):
+    if not _IDENTIFIER.match(name):
         raise ProtocolError(f"{what} {name[:40]!r} is no identifier: use up to 32 of a-z, 0-9 and '-'")
     return name

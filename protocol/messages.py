@@ -13,18 +13,23 @@ Two families:
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from enum import StrEnum
+from itertools import pairwise
 from typing import Annotated, NamedTuple
 
 from msgspec import Meta, Struct
 
-IDENTIFIER = r"^[a-z0-9][a-z0-9-]{0,31}$"
-HEX_16 = r"^[0-9a-f]{16}$"
+STATION = "station"  # holds the place of a drone's id in the keys of operators; no drone may have it
+IDENTIFIER = r"^[a-z0-9][a-z0-9-]{0,31}\Z"
+HEX_16 = r"^[0-9a-f]{16}\Z"
 
 Identifier = Annotated[str, Meta(pattern=IDENTIFIER)]
+DroneId = Annotated[str, Meta(pattern=rf"^(?!{STATION}\Z)[a-z0-9][a-z0-9-]{{0,31}}\Z")]
 MissionId = Annotated[str, Meta(pattern=HEX_16)]
 BootId = Annotated[str, Meta(pattern=HEX_16)]
-Digest = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}$")]
+Digest = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
 StampNs = Annotated[int, Meta(ge=0, le=2**63 - 1)]  # until the year 2262
 DurationNs = Annotated[int, Meta(ge=0, le=60_000_000_000)]
 Epoch = Annotated[int, Meta(ge=0, le=1_000_000)]
@@ -89,11 +94,15 @@ class Message(Struct, frozen=True, kw_only=True, tag_field="kind", tag=str.lower
 
     stamp_ns: StampNs
 
+    def flaw(self) -> str | None:
+        """What in this message contradicts itself, though each field is in its range; None if nothing."""
+        return None
+
 
 class DroneMessage(Message, frozen=True, kw_only=True):
     """A message that a drone publishes under its own key."""
 
-    drone: Identifier
+    drone: DroneId
 
 
 class Entry(DroneMessage, frozen=True, kw_only=True):
@@ -106,6 +115,7 @@ class Entry(DroneMessage, frozen=True, kw_only=True):
 
     @property
     def entry_id(self) -> EntryId:
+        """What tells this entry from every other."""
         return EntryId(self.mission, self.stamp_ns, self.drone, self.boot, self.sequence)
 
 
@@ -133,6 +143,10 @@ class Cone(Entry, frozen=True, kw_only=True):
     energies_kev: tuple[KiloElectronvolt, KiloElectronvolt]  # clusters 1 and 2
     energy_sigmas_kev: tuple[KiloElectronvolt, KiloElectronvolt]
     separation_mm: Annotated[float, Meta(ge=0.0, le=100.0)]
+
+    def flaw(self) -> str | None:
+        """The axes must be unit vectors."""
+        return None if all(_is_unit(order.axis) for order in self.orders) else "an axis is no unit vector"
 
 
 class PoseSample(Struct, frozen=True, array_like=True):
@@ -162,17 +176,34 @@ class Exposure(Entry, frozen=True, kw_only=True):
     position_sigma_m: PositiveMetres
     yaw_sigma_rad: SigmaRadians
 
+    def flaw(self) -> str | None:
+        """The interval, its live time and its poses must fit together."""
+        duration_ns = self.end_ns - self.stamp_ns
+        if duration_ns <= 0:
+            return "it ends before it begins"
+        if self.live_time_s > duration_ns * 1e-9 * 1.000001:
+            return "its live time is longer than itself"
+        if not all(before.offset_ns < after.offset_ns for before, after in pairwise(self.poses)):
+            return "its poses are not in order of time"
+        if self.poses[-1].offset_ns > duration_ns:
+            return "a pose lies outside of it"
+        return None if all(_is_unit(pose.quaternion) for pose in self.poses) else "a quaternion has no unit norm"
+
 
 class Sighting(Entry, frozen=True, kw_only=True):
     """Another drone seen from this one: direction (local frame) and, where the sensor gives it, range."""
 
     epoch: Epoch
-    target: Identifier
+    target: DroneId
     position_m: Position
     direction: Direction
     direction_sigma_rad: SigmaRadians
     range_m: PositiveMetres | None = None
     range_sigma_m: PositiveMetres | None = None
+
+    def flaw(self) -> str | None:
+        """The direction must be a unit vector."""
+        return None if _is_unit(self.direction) else "its direction is no unit vector"
 
 
 class Coverage(Entry, frozen=True, kw_only=True):
@@ -192,6 +223,10 @@ class Pose(DroneMessage, frozen=True, kw_only=True):
     quaternion: Quaternion
     position_sigma_m: PositiveMetres
     yaw_sigma_rad: SigmaRadians
+
+    def flaw(self) -> str | None:
+        """The quaternion must have unit norm."""
+        return None if _is_unit(self.quaternion) else "its quaternion has no unit norm"
 
 
 class Plan(DroneMessage, frozen=True, kw_only=True):
@@ -213,6 +248,10 @@ class Frame(DroneMessage, frozen=True, kw_only=True):
     yaw_rad: Radians
     covariance: Annotated[tuple[Variance, ...], Meta(min_length=16, max_length=16)]
 
+    def flaw(self) -> str | None:
+        """Variances must not be negative."""
+        return "a variance is negative" if min(self.covariance[::5]) < 0.0 else None
+
 
 class Estimate(DroneMessage, frozen=True, kw_only=True):
     """The hypothesis (mission frame), and the digest of the log that it follows from."""
@@ -226,6 +265,11 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
     activity_bq: Annotated[float, Meta(ge=0.0, le=1e18)] | None = None
     activity_sigma_bq: Annotated[float, Meta(ge=0.0, le=1e18)] | None = None
     cones: Count = 0
+
+    def flaw(self) -> str | None:
+        """Variances must not be negative."""
+        xx, _, _, yy, _, zz = self.covariance_m2
+        return "a variance is negative" if min(xx, yy, zz) < 0.0 else None
 
 
 class Status(DroneMessage, frozen=True, kw_only=True):
@@ -245,14 +289,19 @@ class Command(Message, frozen=True, kw_only=True):
     station: Identifier
     mission: MissionId
     action: Action
-    drones: Annotated[tuple[Identifier, ...], Meta(max_length=64)] = ()
+    drones: Annotated[tuple[DroneId, ...], Meta(max_length=64)] = ()
 
 
-AnyMessage = Cone | Exposure | Sighting | Coverage | Pose | Plan | Frame | Estimate | Status | Command
+def _is_unit(vector: Sequence[float]) -> bool:
+    return abs(math.hypot(*vector) - 1.0) < 1e-3
+
+
 AnyEntry = Cone | Exposure | Sighting | Coverage
+AnyDroneMessage = AnyEntry | Pose | Plan | Frame | Estimate | Status
+AnyMessage = AnyDroneMessage | Command
 
 ENTRY_TYPES: tuple[type[Entry], ...] = (Cone, Exposure, Sighting, Coverage)
-DRONE_KINDS: dict[str, type[DroneMessage]] = {
+DRONE_KINDS: dict[str, type[AnyDroneMessage]] = {
     "cone": Cone,
     "exposure": Exposure,
     "sighting": Sighting,
@@ -263,3 +312,4 @@ DRONE_KINDS: dict[str, type[DroneMessage]] = {
     "estimate": Estimate,
     "status": Status,
 }
+KINDS: dict[str, type[AnyMessage]] = {**DRONE_KINDS, "command": Command}

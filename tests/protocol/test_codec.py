@@ -1,0 +1,296 @@
+"""Valid messages come back as they were; everything else ends in one ProtocolError."""
+
+import contextlib
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import msgpack
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from schema_messages import document, messages
+
+from protocol.codec import MAX_PAYLOAD_BYTES, decode, decode_from, encode
+from protocol.errors import ProtocolError
+from protocol.keys import command_key, drone_key, key_of
+from protocol.messages import KINDS, Command, Cone, ConeOrder, Counts, Estimate, Exposure, Message, Pose, PoseSample, Status
+
+POSE = Pose(
+    stamp_ns=1,
+    drone="uav1",
+    epoch=0,
+    position_m=(1.0, 2.0, 3.0),
+    velocity_mps=(0.0, 0.0, 0.0),
+    quaternion=(1.0, 0.0, 0.0, 0.0),
+    position_sigma_m=0.1,
+    yaw_sigma_rad=0.05,
+)
+HEX = "0123456789abcdef"
+EXPOSURE = Exposure(
+    stamp_ns=1_000_000_000,
+    drone="uav1",
+    mission=HEX,
+    boot=HEX,
+    sequence=7,
+    epoch=0,
+    end_ns=1_500_000_000,
+    live_time_s=0.49,
+    counts=Counts(3, 1, 0),
+    poses=(PoseSample(0, (0.0, 0.0, 3.0), (1.0, 0.0, 0.0, 0.0)), PoseSample(100_000_000, (0.3, 0.0, 3.0), (1.0, 0.0, 0.0, 0.0))),
+    position_sigma_m=0.1,
+    yaw_sigma_rad=0.05,
+)
+
+
+def refused(payload: bytes) -> str:
+    with pytest.raises(ProtocolError) as caught:
+        decode(payload)
+    return str(caught.value)
+
+
+def packed(message: Message, **changes: Any) -> bytes:
+    return msgpack.packb({**document(message), **changes})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_round_trip(kind: str) -> None:
+    @settings(max_examples=25, deadline=None)
+    @given(messages(kind))
+    def every(message: Message) -> None:
+        payload = encode(message)
+        assert decode(payload) == message
+        assert type(decode(payload)) is type(message)
+        assert encode(decode(payload)) == payload
+        assert decode_from(key_of("swarm-1", message), payload) == message
+
+    every()
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    messages(),
+    st.dictionaries(st.from_regex(r"\Ax_[a-z]{1,8}\Z"), st.integers(0, 9) | st.text(max_size=5) | st.none(), max_size=4),
+)
+def test_unknown_fields_are_ignored(message: Message, extra: dict[str, Any]) -> None:
+    assert decode(packed(message, **extra)) == message
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_missing_field_is_refused(kind: str) -> None:
+    @settings(max_examples=5, deadline=None)
+    @given(messages(kind))
+    def every(message: Message) -> None:
+        for field in msgspec.structs.fields(message):
+            if field.required:
+                fields = document(message)
+                del fields[field.name]
+                assert field.name in refused(msgpack.packb(fields))
+        fields = document(message)
+        del fields["kind"]
+        refused(msgpack.packb(fields))
+
+    every()
+
+
+def leaves(value: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The ways to every value in a document, the lists and maps themselves included."""
+    if way:
+        yield way
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from leaves(item, (*way, key))
+    elif isinstance(value, list | tuple):
+        for number, item in enumerate(value):
+            yield from leaves(item, (*way, number))
+
+
+def replaced(value: Any, way: tuple[Any, ...], new: Any) -> Any:
+    if not way:
+        return new
+    if isinstance(value, dict):
+        return {key: replaced(item, way[1:], new) if key == way[0] else item for key, item in value.items()}
+    return [replaced(item, way[1:], new) if number == way[0] else item for number, item in enumerate(value)]
+
+
+NUMBERS_THAT_NEVER_FIT = [math.nan, math.inf, -math.inf, 1e300, -1e300, 2**63, 2**64 - 1, -(2**63)]
+NEVER_A_FIELD = [*NUMBERS_THAT_NEVER_FIT, {"a": {"b": {}}}, [[[[]]]], "A b", b"\xff" * 200, True]
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.data(), messages(), st.sampled_from(NEVER_A_FIELD))
+def test_a_value_that_cannot_be_is_refused_wherever_it_stands(data: st.DataObject, message: Message, value: Any) -> None:
+    fields = document(message)
+    ways = [way for way in leaves(fields) if way[0] != "problems"]
+    way = data.draw(st.sampled_from(ways))
+    refused(msgpack.packb(replaced(fields, way, value)))
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.data(), messages(), st.none() | st.integers() | st.floats() | st.text(max_size=20) | st.lists(st.integers(), max_size=3)
+)
+def test_any_value_anywhere_is_read_or_refused(data: st.DataObject, message: Message, value: Any) -> None:
+    fields = document(message)
+    way = data.draw(st.sampled_from(list(leaves(fields))))
+    try:
+        payload = msgpack.packb(replaced(fields, way, value))
+    except OverflowError:
+        return  # msgpack has no such integer
+    with contextlib.suppress(ProtocolError):
+        assert isinstance(decode(payload), Message)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.data(), messages())
+def test_mutated_bytes_are_read_or_refused(data: st.DataObject, message: Message) -> None:
+    payload = bytearray(encode(message))
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(0, len(payload)))
+        cut = data.draw(st.integers(0, 3))
+        payload[place : place + cut] = data.draw(st.binary(max_size=4))
+    with contextlib.suppress(ProtocolError):
+        assert isinstance(decode(bytes(payload)), Message)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=200))
+def test_random_bytes_are_refused(payload: bytes) -> None:
+    refused(payload)
+
+
+@settings(max_examples=20, deadline=None)
+@given(messages())
+def test_truncated_and_lengthened_payloads_are_refused(message: Message) -> None:
+    payload = encode(message)
+    for end in range(len(payload)):
+        refused(payload[:end])
+    refused(payload + b"\x00")
+
+
+def test_sizes_are_limited() -> None:
+    assert "65537 bytes" in refused(bytes(MAX_PAYLOAD_BYTES + 1))
+    refused(packed(POSE, x="x" * 2000))
+    refused(packed(POSE, x=list(range(2000))))
+    refused(packed(POSE, x={str(number): number for number in range(200)}))
+    refused(b"\xdd\xff\xff\xff\xff" + bytes(100))  # says it is a list of four billion
+    refused(b"\xdb\xff\xff\xff\xff" + bytes(100))  # a text of four gigabytes
+
+
+@pytest.mark.parametrize("nest", [b"\x91", b"\x81\xa1a", b"\x81\xa4kind\x91"])
+def test_deep_nesting_is_refused(nest: bytes) -> None:
+    refused(nest * (MAX_PAYLOAD_BYTES // len(nest)))
+    for depth in (10, 100, 500, 1000, 3000):
+        refused(nest * depth + b"\x01")
+
+
+def test_the_largest_messages_fit() -> None:
+    corner = (-99_999.123456789,) * 3
+    poses = tuple(PoseSample(number * 10**8, corner, (0.5, 0.5, 0.5, 0.5)) for number in range(256))
+    exposure = msgspec.structs.replace(EXPOSURE, poses=poses, end_ns=EXPOSURE.stamp_ns + 256 * 10**8)
+    counters = {f"{number:>064}": 2**40 for number in range(64)}
+    status = Status(
+        stamp_ns=1, drone="d", mission=HEX, boot=HEX, stage="hold", counters=counters, problems=("\U0001f6f8" * 256,) * 32
+    )
+    for message in (exposure, status):
+        assert decode(encode(message)) == message
+
+
+def test_map_keys() -> None:
+    twice = packed(POSE)
+    assert twice[0] == 0x80 + len(document(POSE))
+    twice = bytes([twice[0] + 1]) + twice[1:] + msgpack.packb("epoch") + msgpack.packb(1)
+    assert "twice" in refused(twice)
+    refused(msgpack.packb({**document(POSE), 1: 2}))
+    refused(msgpack.packb({**document(POSE), b"x": 2}))
+    refused(msgpack.packb({**document(POSE), None: 2}, strict_types=False))
+
+
+@pytest.mark.parametrize("extension", [msgpack.ExtType(5, b""), msgpack.ExtType(5, b"abcd"), msgpack.Timestamp(1, 1)])
+def test_extension_types_are_refused_even_in_unknown_fields(extension: Any) -> None:
+    refused(packed(POSE, x=extension))
+    refused(msgpack.packb(extension))
+
+
+@pytest.mark.parametrize("value", [None, 1, 1.5, "pose", [], {}, [1, 2], {"kind": 1}, {"kind": "pilot"}, {"kind": ["pose"]}])
+def test_what_is_no_message_is_refused(value: Any) -> None:
+    refused(msgpack.packb(value))
+
+
+@pytest.mark.parametrize("drone", ["UAV1", "", "-a", "a b", "a\n", "a/b", "a" * 33, "station", "ä"])
+def test_drone_ids_are_checked(drone: str) -> None:
+    refused(packed(POSE, drone=drone))
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"end_ns": EXPOSURE.stamp_ns}, "ends before it begins"),
+        ({"live_time_s": 0.51}, "live time"),
+        ({"poses": EXPOSURE.poses[::-1]}, "order of time"),
+        ({"end_ns": EXPOSURE.stamp_ns + 50_000_000, "live_time_s": 0.01}, "outside"),
+        ({"poses": (PoseSample(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)),)}, "unit norm"),
+    ],
+)
+def test_exposures_that_contradict_themselves_are_refused(changes: dict[str, Any], text: str) -> None:
+    assert decode(encode(EXPOSURE)) == EXPOSURE
+    with pytest.raises(ProtocolError, match=text):
+        encode(msgspec.structs.replace(EXPOSURE, **changes))
+
+
+def test_directions_must_be_unit_vectors_and_variances_positive() -> None:
+    with pytest.raises(ProtocolError, match="unit norm"):
+        encode(msgspec.structs.replace(POSE, quaternion=(0.0, 0.0, 0.0, 0.0)))
+    order = ConeOrder((1.0, 0.0, 0.0), 0.5, 0.1, 1.0)
+    cone = Cone(
+        stamp_ns=1, drone="d", mission=HEX, boot=HEX, sequence=0, epoch=0, apex_m=(0.0, 0.0, 3.0), apex_sigma_m=0.1,
+        yaw_sigma_rad=0.1, orders=(order, order), energies_kev=(300.0, 361.0), energy_sigmas_kev=(6.0, 7.0), separation_mm=1.0,
+    )  # fmt: skip
+    assert decode(encode(cone)) == cone
+    with pytest.raises(ProtocolError, match="unit vector"):
+        encode(msgspec.structs.replace(cone, orders=(order, ConeOrder((0.5, 0.0, 0.0), 0.5, 0.1, 0.0))))
+    estimate = Estimate(
+        stamp_ns=1, drone="d", mission=HEX, estimator="paper", digest=HEX * 2, position_m=(0.0,) * 3,
+        covariance_m2=(1.0, 0.0, 0.0, 1.0, 0.0, -1.0),
+    )  # fmt: skip
+    with pytest.raises(ProtocolError, match="variance"):
+        encode(estimate)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"stamp_ns": 2**70},
+        {"stamp_ns": -1},
+        {"stamp_ns": "now"},
+        {"stamp_ns": np.int64(3)},
+        {"position_sigma_m": math.nan},
+        {"position_sigma_m": np.float64(1.0)},
+        {"position_m": (math.inf, 0.0, 0.0)},
+        {"position_m": (0.0, 0.0)},
+        {"drone": "\ud800"},
+        {"epoch": object()},
+    ],
+)
+def test_what_breaks_the_schema_is_not_sent(changes: dict[str, Any]) -> None:
+    with pytest.raises(ProtocolError):
+        encode(msgspec.structs.replace(POSE, **changes))
+
+
+def test_the_key_must_fit_the_message() -> None:
+    payload = encode(POSE)
+    assert decode_from(drone_key("s", "uav1", "pose"), payload) == POSE
+    for key in (
+        drone_key("s", "uav2", "pose"),
+        drone_key("s", "uav1", "plan"),
+        command_key("s", "uav1"),
+        "radron/1/s/uav1/alive",
+    ):
+        with pytest.raises(ProtocolError):
+            decode_from(key, payload)
+    command = Command(stamp_ns=1, station="tower", mission=HEX, action="start")
+    assert decode_from(command_key("s", "tower"), encode(command)) == command
+    with pytest.raises(ProtocolError):
+        decode_from(command_key("s", "hangar"), encode(command))

@@ -1,0 +1,83 @@
+"""Keys say which swarm, who and what; nothing else is a key."""
+
+import contextlib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from protocol.errors import ProtocolError
+from protocol.keys import Address, command_key, drone_key, key_of, parse_key
+from protocol.messages import DRONE_KINDS, IDENTIFIER, STATION, Message
+
+identifiers = st.from_regex(IDENTIFIER)
+drones = identifiers.filter(lambda name: name != STATION)
+
+
+@given(identifiers, drones, st.sampled_from(sorted(DRONE_KINDS)))
+def test_drone_keys_are_read_back(swarm: str, drone: str, kind: str) -> None:
+    key = drone_key(swarm, drone, kind)
+    assert key == f"radron/1/{swarm}/{drone}/{kind}"
+    assert parse_key(key) == Address(swarm, drone, kind)
+
+
+@given(identifiers, identifiers)
+def test_command_keys_are_read_back(swarm: str, station: str) -> None:
+    assert parse_key(command_key(swarm, station)) == Address(swarm, station, "command")
+
+
+@given(
+    st.text(max_size=60)
+    | st.lists(st.sampled_from(["radron", "1", "2", "s", "d1", "station", "pose", "command", "*", "**", ""])).map("/".join)
+)
+def test_any_text_is_a_key_or_refused(text: str) -> None:
+    with contextlib.suppress(ProtocolError):
+        address = parse_key(text)
+        made = (
+            command_key(address.swarm, address.sender)
+            if address.kind == "command"
+            else drone_key(address.swarm, address.sender, address.kind)
+        )
+        assert made == text
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "",
+        "radron/2/s/d/pose",
+        "radron/1/s/d",
+        "radron/1/s/d/pose/x",
+        "radron/1/s/d/command",
+        "radron/1/s/station/pose",
+        "radron/1/s/station/t/pose",
+        "radron/1/S/d/pose",
+        "radron/1/s/d\n/pose",
+        "radron/1/s/*/pose",
+        "radron/1/s/d/alive",
+    ],
+)
+def test_what_names_no_message_is_refused(key: str) -> None:
+    with pytest.raises(ProtocolError):
+        parse_key(key)
+
+
+def test_liveliness_and_log_have_keys() -> None:
+    assert drone_key("s", "d", "alive") == "radron/1/s/d/alive"
+    assert drone_key("s", "d", "log") == "radron/1/s/d/log"
+
+
+def test_names_that_make_no_key_are_refused() -> None:
+    for swarm, drone, kind in (
+        ("S", "d", "pose"),
+        ("s", "D", "pose"),
+        ("s", "station", "pose"),
+        ("s", "d", "command"),
+        ("", "d", "pose"),
+    ):
+        with pytest.raises(ProtocolError):
+            drone_key(swarm, drone, kind)
+    with pytest.raises(ProtocolError):
+        command_key("s", "the tower")
+    with pytest.raises(ProtocolError, match="no key"):
+        key_of("s", Message(stamp_ns=1))
