@@ -19,11 +19,12 @@ from shapely import Polygon
 from shapely.validation import explain_validity
 
 from agent.errors import ConfigError
-from protocol.messages import DroneId, Identifier
+from protocol.messages import STATION, DroneId, Identifier
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Coordinate = Annotated[float, Meta(ge=-1e5, le=1e5)]
+Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 Point2 = tuple[Coordinate, Coordinate]
 T = TypeVar("T")
 
@@ -127,7 +128,7 @@ class DroneInMission(_Section, frozen=True, kw_only=True):
 
     id: DroneId
     origin_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
-    yaw_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 0.0
+    yaw_deg: Degrees = 0.0
 
 
 class MissionConfig(_Section, frozen=True, kw_only=True):
@@ -182,7 +183,7 @@ class DroneConfig(_Section, frozen=True, kw_only=True):
     """
 
     id: DroneId
-    camera_rpy_deg: tuple[float, float, float] = (90.0, 0.0, 90.0)
+    camera_rpy_deg: tuple[Degrees, Degrees, Degrees] = (90.0, 0.0, 90.0)
     calibration: str | None = None  # folder with a.txt, b.txt, c.txt, t.txt; none: the simulation's nominal camera
     vehicle_lag_s: NonNegative = 0.38  # by which the vehicle follows its position setpoints
 
@@ -214,22 +215,28 @@ def convert(document: object, kind: type[T], where: str) -> T:
     try:
         return msgspec.convert(document, kind)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{where}: {_explain(str(error), document, kind)}") from None
+        raise ConfigError(f"{where}: {_explain(str(error), kind)}") from None
 
 
-def _explain(text: str, document: object, kind: type) -> str:
+def _explain(text: str, kind: type) -> str:
+    """The words of msgspec's error with the key in front and what is allowed behind."""
     message, _, place = text.partition(" - at ")
     path = place.strip("`").removeprefix("$").lstrip(".")
     unknown = re.match(r"Object contains unknown field `(.+)`", message)
     if unknown:
         key = unknown.group(1)
-        allowed = _keys_at(kind, path)
+        allowed = _keys(_type_at(kind, path))
         near = difflib.get_close_matches(key, allowed, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         return f"unknown key {_join(path, key)!r}{hint} (allowed: {', '.join(allowed)})"
     missing = re.match(r"Object missing required field `(.+)`", message)
     if missing:
         return f"the key {_join(path, missing.group(1))!r} is missing"
+    if "matching regex" in message:
+        return f"{path}: expected a name of up to 32 of a-z, 0-9 and '-' (for a drone not {STATION!r})"
+    choice = _type_at(kind, path)
+    if isinstance(choice, msgspec.inspect.LiteralType):
+        return f"{path}: {message[0].lower()}{message[1:]} (allowed: {', '.join(map(repr, choice.values))})"
     return f"{path or 'the file'}: {message[0].lower()}{message[1:]}"
 
 
@@ -237,21 +244,25 @@ def _join(path: str, key: str) -> str:
     return f"{path}.{key}" if path else key
 
 
-def _keys_at(kind: type, path: str) -> list[str]:
-    """The keys that the section at a path such as ``mission.drones[...]`` of a config type may have."""
-    current: msgspec.inspect.Type = msgspec.inspect.type_info(kind)
+def _keys(kind: msgspec.inspect.Type) -> list[str]:
+    return [field.encode_name for field in kind.fields] if isinstance(kind, msgspec.inspect.StructType) else []
+
+
+def _type_at(kind: type, path: str) -> msgspec.inspect.Type:
+    """The type at a path such as ``mission.drones[...].id`` of a config type; of a list that of its items."""
+    current = msgspec.inspect.type_info(kind)
     for name in re.findall(r"[A-Za-z_]\w*", path):
         if isinstance(current, msgspec.inspect.StructType):
             field = next((field for field in current.fields if field.encode_name == name), None)
             if field is None:
-                return []
-            current = _section_of(field.type)
-    return [field.encode_name for field in current.fields] if isinstance(current, msgspec.inspect.StructType) else []
+                return msgspec.inspect.AnyType()
+            current = _item(field.type)
+    return current
 
 
-def _section_of(kind: msgspec.inspect.Type) -> msgspec.inspect.Type:
+def _item(kind: msgspec.inspect.Type) -> msgspec.inspect.Type:
     if isinstance(kind, msgspec.inspect.UnionType):
-        return next((_section_of(part) for part in kind.types if isinstance(_section_of(part), msgspec.inspect.StructType)), kind)
+        return next((_item(part) for part in kind.types if isinstance(_item(part), msgspec.inspect.StructType)), kind)
     if isinstance(kind, msgspec.inspect.VarTupleType | msgspec.inspect.ListType):
-        return _section_of(kind.item_type)
+        return _item(kind.item_type)
     return kind

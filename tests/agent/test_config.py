@@ -1,0 +1,160 @@
+"""Mission and drone files: what is wrong is said in one line, with the file, the key and what is allowed."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from msgspec import inspect
+
+from agent.config import DroneConfig, MissionConfig, convert, load_mission, load_toml
+from agent.errors import ConfigError, RadronError
+
+MISSION = """
+name = "harbour"
+
+[[drones]]
+id = "uav1"
+
+[[drones]]
+id = "uav2"
+origin_m = [5.0, 0.0, 0.0]
+
+[area]
+polygon_m = [[0, 0], [100, 0], [100, 100], [0, 100]]
+
+[encirclement]
+radius_m = 10
+"""
+
+
+@pytest.fixture
+def mission_file(tmp_path: Path) -> Path:
+    path = tmp_path / "mission.toml"
+    path.write_text(MISSION)
+    return path
+
+
+def error_of(path: Path, old: str, new: str) -> str:
+    assert old in MISSION
+    path.write_text(MISSION.replace(old, new))
+    with pytest.raises(ConfigError) as caught:
+        load_mission(path)
+    text = str(caught.value)
+    assert text.startswith(f"{path}: ")
+    assert "\n" not in text
+    return text.removeprefix(f"{path}: ")
+
+
+def test_a_mission_is_read_with_its_defaults(mission_file: Path) -> None:
+    mission = load_mission(mission_file)
+    assert [drone.id for drone in mission.drones] == ["uav1", "uav2"]
+    assert mission.encirclement.radius_m == 10.0
+    assert mission.limits.separation_m == 3.0
+    assert mission.area.polygon_m[2] == (100.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("radius_m", "radius", ["unknown key 'encirclement.radius'", "did you mean 'radius_m'?", "allowed: law, radius_m"]),
+        ("[area]", "[arena]", ["unknown key 'arena'", "did you mean 'area'?"]),
+        ("origin_m", "origin", ["unknown key 'drones[1].origin'", "did you mean 'origin_m'?"]),
+        ('name = "harbour"', "", ["the key 'name' is missing"]),
+        ('id = "uav1"', "", ["the key 'drones[0].id' is missing"]),
+        ("radius_m = 10", "radius_m = -1", ["encirclement.radius_m", "> 0"]),
+        ("radius_m = 10", "radius_m = nan", ["encirclement.radius_m", "> 0"]),
+        ("radius_m = 10", "radius_m = inf", ["encirclement.radius_m", "<= 1000000"]),
+        ("radius_m = 10", 'radius_m = "10"', ["encirclement.radius_m", "got `str`"]),
+        ("radius_m = 10", 'law = "loose"', ["encirclement.law", "'loose'", "allowed: 'paper', 'smooth'"]),
+        ("radius_m = 10", "height_m = 99", ["encirclement.height_m = 99", "1.5 .. 60"]),
+        ('"uav2"', '"uav1"', ["the id 'uav1' is given twice"]),
+        ('"uav2"', '"UAV 2"', ["drones[1].id", "a-z, 0-9 and '-'"]),
+        ('"uav2"', '"station"', ["drones[1].id", "not 'station'"]),
+        (
+            "[[0, 0], [100, 0], [100, 100], [0, 100]]",
+            "[[0, 0], [100, 100], [100, 0], [0, 100]]",
+            ["area.polygon_m", "Self-intersection"],
+        ),
+        ("[[0, 0], [100, 0], [100, 100], [0, 100]]", "[[0, 0], [100, 100]]", ["area.polygon_m", ">= 3"]),
+        ("[[0, 0], [100, 0], [100, 100], [0, 100]]", "[[0, 0], [1, 1], [2, 2]]", ["area.polygon_m", "simple polygon"]),
+        ("[100, 0]", "[100, nan]", ["area.polygon_m[1][1]"]),
+        ("[area]", "[area]\nfloor_m = 70", ["area.floor_m must be below area.ceiling_m"]),
+        ("[encirclement]", '[fusion]\nestimator = "given"\n[encirclement]', ["needs fusion.given.schedule"]),
+        ("name =", "name", ["not TOML", "line 2"]),
+    ],
+)
+def test_what_is_wrong_is_said(mission_file: Path, old: str, new: str, expected: list[str]) -> None:
+    text = error_of(mission_file, old, new)
+    for part in expected:
+        assert part in text
+
+
+def test_no_drones(tmp_path: Path) -> None:
+    path = tmp_path / "mission.toml"
+    path.write_text('name = "m"\ndrones = []\n[area]\npolygon_m = [[0, 0], [1, 0], [0, 1]]')
+    with pytest.raises(ConfigError, match=r"drones: .*length >= 1"):
+        load_mission(path)
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"nowhere\.toml: cannot be read: No such file"):
+        load_mission(tmp_path / "nowhere.toml")
+    with pytest.raises(ConfigError, match="cannot be read: Is a directory"):
+        load_mission(tmp_path)
+    (tmp_path / "binary.toml").write_bytes(b"\x7fELF\xd0\xff")
+    with pytest.raises(ConfigError, match="not TOML"):
+        load_mission(tmp_path / "binary.toml")
+    assert issubclass(ConfigError, RadronError)
+
+
+def test_a_drone_file(tmp_path: Path) -> None:
+    path = tmp_path / "drone.toml"
+    path.write_text('id = "uav1"\ncamera_rpy_deg = [90, 0, 0]')
+    assert load_toml(path, DroneConfig) == DroneConfig(id="uav1", camera_rpy_deg=(90.0, 0.0, 0.0))
+    path.write_text('id = "uav1"\ncamera_rpy_deg = [nan, 0, 0]')
+    with pytest.raises(ConfigError, match=r"camera_rpy_deg\[0\]"):
+        load_toml(path, DroneConfig)
+
+
+def test_the_mission_id_changes_with_anything_in_it(mission_file: Path) -> None:
+    mission = load_mission(mission_file)
+    seen = {mission.mission_id}
+    for section in ("area", "survey", "encirclement", "limits", "detection", "fusion", "track"):
+        part = getattr(mission, section)
+        for field in msgspec.structs.fields(part):
+            value = getattr(part, field.name)
+            if isinstance(value, float):
+                changed = msgspec.structs.replace(part, **{field.name: value + 0.125})
+                seen.add(msgspec.structs.replace(mission, **{section: changed}).mission_id)
+    seen.add(msgspec.structs.replace(mission, drones=mission.drones[::-1]).mission_id)
+    assert len(seen) > 25
+    assert all(len(name) == 16 and set(name) <= set("0123456789abcdef") for name in seen)
+    assert load_mission(mission_file).mission_id == mission.mission_id
+
+
+def numbers(kind: inspect.Type, where: str) -> list[tuple[str, Any]]:
+    match kind:
+        case inspect.StructType(fields=fields):
+            return [found for field in fields for found in numbers(field.type, f"{where}.{field.name}")]
+        case inspect.TupleType(item_types=items) | inspect.UnionType(types=items):
+            return [found for number, item in enumerate(items) for found in numbers(item, f"{where}[{number}]")]
+        case inspect.VarTupleType(item_type=item):
+            return numbers(item, f"{where}[]")
+        case inspect.FloatType() | inspect.IntType():
+            return [(where, kind)]
+    return []
+
+
+@pytest.mark.parametrize("config", [MissionConfig, DroneConfig])
+def test_every_number_has_bounds(config: type) -> None:
+    found = numbers(inspect.type_info(config), config.__name__)
+    assert found
+    for where, kind in found:
+        assert kind.ge is not None or kind.gt is not None, where
+        assert kind.le is not None or kind.lt is not None, where
+
+
+def test_convert_names_the_place() -> None:
+    with pytest.raises(ConfigError, match=r"^here: the file: expected `object`, got `array`$"):
+        convert([], MissionConfig, "here")
