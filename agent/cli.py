@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -14,6 +16,24 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, help="One drone of
 @app.callback()
 def _root() -> None:
     """Keep sub-commands even while there is only one."""
+
+
+@app.command()
+def cones(
+    file: Annotated[Path, typer.Argument(metavar="FILE.t3pa", help="A Timepix3 measurement, as Advacam's software exports it.")],
+    csv: Annotated[Path, typer.Option(metavar="OUT", help="Where to write the cones, one per line.")],
+    nuclide: Annotated[str, typer.Option(help="Whose lines to look for.")] = "Cs-137",
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder with a.txt, b.txt, c.txt, t.txt; else typical constants.")
+    ] = None,
+    toa_bits: Annotated[
+        int | None, typer.Option(min=8, max=56, help="Bits of the file's ToA, if it wraps unnoticed.", show_default="recognised")
+    ] = None,
+) -> None:
+    """Turn the pixel hits of a file into Compton cones, and say what the file holds."""
+    from agent.detector.command import run_cones  # noqa: PLC0415  scipy's import time belongs to this command alone
+
+    run_cones(file, csv, nuclide, calibration, toa_bits)
 
 
 def main() -> None:

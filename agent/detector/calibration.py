@@ -60,11 +60,11 @@ def load_calibration(folder: Path) -> Calibration:
 
 def _load_matrix(path: Path) -> NDArray[np.float64]:
     try:
-        with warnings.catch_warnings():
+        with path.open(encoding="utf-8") as file, warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # an empty file: its shape says it below
-            matrix = np.loadtxt(path, dtype=np.float64, ndmin=2, encoding="utf-8")
+            matrix = np.loadtxt(file, dtype=np.float64, ndmin=2)
     except OSError as error:
-        raise DetectorError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise DetectorError(f"{path}: cannot be read: {error.strerror}") from None
     except (ValueError, UnicodeDecodeError) as error:
         raise DetectorError(f"{path}: not a matrix of numbers: {error}") from None
     if matrix.shape != (SENSOR_PIXELS, SENSOR_PIXELS):

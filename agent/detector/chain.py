@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,10 +38,17 @@ class DetectorChain:
     ``lost_hits`` counts what the detector reported as lost.
     """
 
-    def __init__(self, config: DetectionConfig, nuclide: str, calibration: Calibration) -> None:
-        """Raises ConfigError where the nuclide is not known."""
+    def __init__(
+        self,
+        config: DetectionConfig,
+        nuclide: str,
+        calibration: Calibration,
+        on_events: Callable[[Events], None] | None = None,
+    ) -> None:
+        """``on_events`` is shown all events, e.g. for a spectrum. Raises ConfigError where the nuclide is not known."""
         self._config = config
         self._calibration = calibration
+        self._on_events = on_events
         self._lines = tuple(
             Line.of(energy, config.maximum_electron_kev, config.minimum_photon_kev) for energy in lines_of(nuclide)
         )
@@ -125,6 +133,8 @@ class DetectorChain:
         if not strong.all():
             clusters = clusters.take(strong)
         events = group(clusters, self._window)
+        if self._on_events is not None:
+            self._on_events(events)
         line, full = self._match_lines(events.energy_kev)
         pairs = events.multiplicity == 2
         return _Result(

@@ -41,8 +41,8 @@ class T3paReader:
 
     ToA in the file may be extended, or may wrap. With ``toa_bits`` None a wrap is recognised: a ToA that falls back by more than
     half of a counter's range (14 or 30 bits) which no value before has exceeded. 30 bits wrap every 26.8 s, which any source but
-    the weakest bridges. 14 bits wrap every 0.41 ms: events stay whole, but every pause longer than half of that loses whole turns,
-    so that rates from such a file are too high; export with the extended ToA instead.
+    the weakest bridges. 14 bits wrap every 0.41 ms: events stay whole, but every pause longer than half of that loses whole
+    turns, so that rates from such a file are too high; export with the extended ToA instead.
     """
 
     def __init__(self, path: Path, toa_bits: int | None = None) -> None:

@@ -1,0 +1,67 @@
+"""``radron-agent cones``: progress and summary on the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from agent.config import DetectionConfig
+from agent.detector.analysis import Summary, analyse
+from agent.detector.calibration import Calibration, load_calibration
+from agent.detector.lines import lines_of
+from agent.detector.t3pa import T3paReader
+
+
+def run_cones(file: Path, csv: Path, nuclide: str, calibration: Path | None, toa_bits: int | None) -> None:
+    """Analyse a file, with a progress bar on stderr and the summary on stdout. Raises RadronError."""
+    lines_of(nuclide)
+    constants = Calibration.nominal() if calibration is None else load_calibration(calibration)
+    reader = T3paReader(file, toa_bits)
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    terminal = Console(stderr=True)
+    with Progress(*columns, console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
+        task = progress.add_task(file.name, total=reader.size_bytes)
+        summary = analyse(
+            reader,
+            DetectionConfig(),
+            nuclide,
+            constants,
+            csv,
+            progress=lambda position: progress.update(task, completed=position),
+        )
+    Console().print(summary_table(file.name, nuclide, summary))
+    Console().print(f"{summary.cones} cones in {csv}", highlight=False)
+
+
+def summary_table(name: str, nuclide: str, summary: Summary) -> Table:
+    """What a file holds, for the terminal."""
+    table = Table(title=f"{name}, {nuclide}", show_header=False)
+    live = summary.live_time_s
+
+    def rate(count: int) -> str:
+        return f"{count:,}  ({count / live:.3g} /s)" if live > 0.0 else f"{count:,}"
+
+    table.add_row("pixel hits", f"{summary.rows - summary.lost_rows:,}")
+    if summary.lost_rows:
+        table.add_row("overflow rows", f"{summary.lost_rows:,}")
+    table.add_row("duration, live", f"{summary.duration_s:.6g} s, {live:.6g} s")
+    table.add_row("clusters", rate(summary.hits))
+    table.add_row("full energy", rate(summary.photopeak))
+    table.add_row("coincidences", rate(summary.coincidences))
+    table.add_row("cones", rate(summary.cones))
+    if summary.peak is not None:
+        peak = summary.peak
+        width = 100.0 * peak.fwhm_kev / peak.line_kev
+        table.add_row("peak", f"{peak.centre_kev:.1f} keV for the line of {peak.line_kev:g} keV, FWHM {width:.1f} %")
+    if summary.direction is not None:
+        found = summary.direction
+        table.add_row(
+            "single far source",
+            f"{found.polar_deg:.1f} deg from the normal, azimuth {found.azimuth_deg:.1f} deg, "
+            f"+- {np.rad2deg(found.sigma_rad):.1f} deg ({found.cones:,} cones)",
+        )
+    return table

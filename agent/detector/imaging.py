@@ -1,0 +1,121 @@
+"""Where one far source lies, as seen by a camera that did not move: the likelihood of its cones over the sphere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.detector.detection import ConeEvent
+
+MOST_CONES = 5000  # more cost time and add less than the width of the fine grid
+_GRID = 4000  # directions on the sphere, 3 degrees apart
+_FINE_RAD = np.deg2rad(0.25)
+_FINE_REACH = 24  # steps to each side
+_BLOCK = 50  # cones at a time
+
+
+@dataclass(frozen=True, slots=True)
+class Direction:
+    """The best direction (camera frame, unit vector), the posterior's RMS angle from it, and the number of cones used."""
+
+    unit: NDArray[np.float64]
+    sigma_rad: float
+    cones: int
+
+    @property
+    def polar_deg(self) -> float:
+        """Angle from the sensor's outward normal."""
+        return float(np.rad2deg(np.arccos(np.clip(self.unit[2], -1.0, 1.0))))
+
+    @property
+    def azimuth_deg(self) -> float:
+        """In the sensor's plane, from x (along the rows) towards y."""
+        return float(np.rad2deg(np.arctan2(self.unit[1], self.unit[0])))
+
+
+class DirectionScan:
+    """Collects cones and finds the direction that they agree on.
+
+    The likelihood of a cone in the direction u is 0.88 sum_o 2 pi_o p(delta_o) / max(sin theta_o, 0.15) + 0.12, with delta_o the
+    angle from u to the cone of order o and p a Gaussian core with a tail (estimation reference, "Beyond").
+    """
+
+    def __init__(self) -> None:
+        self._axis: list[NDArray[np.float64]] = []
+        self._numbers: list[NDArray[np.float64]] = []
+
+    def add(self, cones: Iterable[ConeEvent]) -> None:
+        """Take cones until there are MOST_CONES."""
+        for cone in cones:
+            if len(self._axis) == MOST_CONES:
+                return
+            self._axis.append(cone.axis)
+            self._numbers.append(np.stack((cone.theta_rad, cone.sigma_rad, cone.probability)))
+
+    def best(self) -> Direction | None:
+        """The most likely direction; None without a cone."""
+        if not self._axis:
+            return None
+        axis = np.stack(self._axis)
+        theta, sigma, probability = np.stack(self._numbers, axis=1)
+        coarse = _sphere(_GRID)
+        posterior = _posterior(coarse, axis, theta, sigma, probability)
+        peak = coarse[posterior.argmax()]
+        spread = _rms_angle(coarse, posterior, peak)
+        if spread < _FINE_RAD * _FINE_REACH / 2.0:  # the fine grid holds the posterior
+            fine = _patch(peak)
+            posterior = _posterior(fine, axis, theta, sigma, probability)
+            peak = fine[posterior.argmax()]
+            spread = _rms_angle(fine, posterior, peak)
+        return Direction(peak, spread, len(axis))
+
+
+def _posterior(
+    directions: NDArray[np.float64],
+    axis: NDArray[np.float64],
+    theta: NDArray[np.float64],
+    sigma: NDArray[np.float64],
+    probability: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Normalised over the directions (D, 3), from axes (N, 2, 3) and the rest (N, 2)."""
+    total = np.zeros(len(directions))
+    for start in range(0, len(axis), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        delta = np.arccos(np.clip(axis[part] @ directions.T, -1.0, 1.0)) - theta[part, :, None]  # (n, 2, D)
+        pull = -0.5 * (delta / sigma[part, :, None]) ** 2
+        shape = 0.77 / 0.9 * np.exp(pull / 0.9**2) + 0.23 / 2.8 * np.exp(pull / 2.8**2)
+        scale = 2.0 * probability[part] / (np.sqrt(2.0 * np.pi) * sigma[part] * np.maximum(np.sin(theta[part]), 0.15))
+        total += np.log(0.88 * (scale[:, :, None] * shape).sum(axis=1) + 0.12).sum(axis=0)
+    weight = np.exp(total - total.max())
+    normalised: NDArray[np.float64] = weight / weight.sum()
+    return normalised
+
+
+def _rms_angle(directions: NDArray[np.float64], posterior: NDArray[np.float64], centre: NDArray[np.float64]) -> float:
+    angle = np.arccos(np.clip(directions @ centre, -1.0, 1.0))
+    return float(np.sqrt(posterior @ angle**2))
+
+
+def _sphere(count: int) -> NDArray[np.float64]:
+    """Nearly even directions: a Fibonacci spiral, (count, 3)."""
+    i = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * i / count
+    angle = np.pi * (1.0 + np.sqrt(5.0)) * i
+    radius = np.sqrt(1.0 - z * z)
+    return np.column_stack((radius * np.cos(angle), radius * np.sin(angle), z))
+
+
+def _patch(centre: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A fine square grid of directions around one."""
+    helper = np.eye(3)[np.abs(centre).argmin()]
+    u = np.cross(centre, helper)
+    u /= np.linalg.norm(u)
+    v = np.cross(centre, u)
+    steps = np.arange(-_FINE_REACH, _FINE_REACH + 1) * _FINE_RAD
+    a, b = (grid.ravel()[:, None] for grid in np.meshgrid(steps, steps))
+    patch = centre + a * u + b * v
+    directions: NDArray[np.float64] = patch / np.linalg.norm(patch, axis=1, keepdims=True)
+    return directions
