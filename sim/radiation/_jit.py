@@ -1,0 +1,19 @@
+"""Compiled functions: numba's ``njit`` with a type that the checker understands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., object])
+
+
+def jit(function: F) -> F:
+    """Compile for nopython mode and keep the machine code between processes.
+
+    numba notices a change of the file that a function stands in, but not of compiled functions that it calls from other files:
+    after editing one of these, delete the ``*.nb?`` files.
+    """
+    return cast(F, numba.njit(cache=True, error_model="numpy")(function))

@@ -1,0 +1,134 @@
+"""A bank of simulated events for every direction, so that a flight need not transport each photon anew.
+
+The sphere of directions, less the sensor's eight symmetries, is cut into bins of about two degrees. Each holds events of
+each kind (see Events) from directions spread evenly over the bin, and the effective areas with which the kinds occur. Two
+more bins hold isotropic events: the nuclide's scattered photons and the natural background.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP
+from sim.radiation.events import KINDS, Events, simulate
+from sim.radiation.nuclides import Nuclide
+from sim.radiation.surroundings import background_lines, scattered_lines
+from sim.radiation.timepix3 import PIXEL, Response
+
+BIN_DEG = 2.0
+_ROWS = round(180.0 / BIN_DEG)
+_INTERACTIONS = 4000  # per bin
+_QUOTA = (96, 48, 128)  # kept of them: single, scattered, complete
+_ISOTROPIC_INTERACTIONS = 12000
+_ISOTROPIC_QUOTA = (4000, 600, 600)
+_OCTANT = 0.25 * math.pi
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class EventBank:
+    """Pooled events. B bins, of which the last two are SCATTERED_BIN and BACKGROUND_BIN.
+
+    pixels: (P,) of PIXEL. first: (E + 1,) pixel range of each event. line: (E,) gamma line of each.
+    start, count: (B, KINDS) event ranges. area_mm2: (B, KINDS) effective area times photons per decay.
+    """
+
+    pixels: NDArray[np.void]
+    first: NDArray[np.int64]
+    line: NDArray[np.uint8]
+    start: NDArray[np.int64]
+    count: NDArray[np.int64]
+    area_mm2: NDArray[np.float64]
+
+
+def _columns(row: int) -> int:
+    return max(1, math.ceil(45.0 * math.sin(math.radians((row + 0.5) * BIN_DEG)) / BIN_DEG))
+
+
+_ROW_COLUMNS = [_columns(row) for row in range(_ROWS)]
+_ROW_START = [sum(_ROW_COLUMNS[:row]) for row in range(_ROWS)]
+DIRECTION_BINS = sum(_ROW_COLUMNS)
+SCATTERED_BIN, BACKGROUND_BIN = DIRECTION_BINS, DIRECTION_BINS + 1
+
+
+def bin_of(polar: float, azimuth: float) -> tuple[int, int]:
+    """The bin of a direction (radians; azimuth from x) and the symmetry that turns its events to that direction."""
+    x, y = math.cos(azimuth), math.sin(azimuth)
+    symmetry = (FLIP_COLUMN if x < 0.0 else 0) | (FLIP_ROW if y < 0.0 else 0)
+    x, y = abs(x), abs(y)
+    if y > x:
+        symmetry |= SWAP
+        x, y = y, x
+    row = min(_ROWS - 1, int(polar * _ROWS / math.pi))
+    columns = _ROW_COLUMNS[row]
+    return _ROW_START[row] + min(columns - 1, int(math.atan2(y, x) / _OCTANT * columns)), symmetry
+
+
+def near_bin(direction: tuple[float, float, float], u: float, v: float) -> tuple[int, int]:
+    """As bin_of, for a direction that is first shifted at random by up to half a bin, so that on average it comes out true.
+
+    u, v: two uniform random numbers of [0, 1).
+    """
+    x, y, z = direction
+    polar = math.acos(max(-1.0, min(1.0, z)))
+    azimuth = math.atan2(y, x)
+    row = min(_ROWS - 1, int(polar * _ROWS / math.pi))
+    polar += (u - 0.5) * math.pi / _ROWS
+    azimuth += (v - 0.5) * _OCTANT / _ROW_COLUMNS[row]
+    if polar < 0.0:
+        polar, azimuth = -polar, azimuth + math.pi
+    elif polar > math.pi:
+        polar, azimuth = 2.0 * math.pi - polar, azimuth + math.pi
+    return bin_of(polar, azimuth)
+
+
+def build_bank(nuclide: Nuclide, camera: Response, seed: int, progress: Progress | None = None) -> EventBank:
+    """Simulate the whole bank; the same seed gives the same bank. progress(done, of) is called now and then."""
+    parts: list[Events] = []
+    rng = np.random.default_rng(seed)
+    for row in range(_ROWS):
+        polar = (math.cos(row * math.pi / _ROWS), math.cos((row + 1) * math.pi / _ROWS))
+        columns = _ROW_COLUMNS[row]
+        for column in range(columns):
+            azimuth = (column * _OCTANT / columns, (column + 1) * _OCTANT / columns)
+            parts.append(
+                simulate(nuclide.lines, _INTERACTIONS, camera, rng, cosine=(polar[1], polar[0]), azimuth=azimuth, quota=_QUOTA)
+            )
+        if progress is not None:
+            progress(row + 1, _ROWS)
+    for lines in (scattered_lines(nuclide), background_lines()):
+        parts.append(simulate(lines, _ISOTROPIC_INTERACTIONS, camera, rng, quota=_ISOTROPIC_QUOTA))
+    return _pool(parts)
+
+
+def _pool(parts: list[Events]) -> EventBank:
+    """Join bins, each sorted by kind."""
+    pixels: list[NDArray[np.void]] = []
+    lengths: list[NDArray[np.int64]] = []
+    lines: list[NDArray[np.uint8]] = []
+    count = np.zeros((len(parts), KINDS), np.int64)
+    for b, part in enumerate(parts):
+        order = np.argsort(part.kind, kind="stable")
+        count[b] = np.bincount(part.kind, minlength=KINDS)
+        length = np.diff(part.first)
+        owner = np.repeat(np.argsort(order), length)  # new place of each pixel's event
+        pixels.append(part.pixels[np.argsort(owner, kind="stable")])
+        lengths.append(length[order])
+        lines.append(part.line[order])
+    before = np.concatenate(([0], np.cumsum(count.ravel())[:-1])).reshape(count.shape)
+    area = np.array([part.area_mm2 for part in parts])
+    first = np.concatenate(([0], np.cumsum(np.concatenate(lengths))))
+    return EventBank(
+        np.concatenate(pixels).astype(PIXEL, copy=False),
+        first,
+        np.concatenate(lines),
+        before,
+        count,
+        np.where(count > 0, area, 0.0),
+    )

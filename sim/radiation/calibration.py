@@ -1,0 +1,46 @@
+"""The camera's true conversion of energy to time over threshold, and the files that tell the agent of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.detector.readout import SENSOR_PIXELS
+from sim.radiation.truth import CameraTruth
+
+FloatArray = NDArray[np.float64]
+
+# A typical Timepix3 pixel: ToT = a E + b - c / (E - t), ToT in 25 ns counts, E in keV.
+NOMINAL_A, NOMINAL_B, NOMINAL_C, NOMINAL_T = 1.6, 24.0, 60.0, 1.8
+LARGEST_TOT = 1022  # the counter's 10 bits saturate
+
+
+@dataclass(frozen=True, slots=True)
+class PixelCalibration:
+    """Coefficients by matrix index, (65536,) each; ``true_a`` is the slope that the pixels have, ``a`` what the files say."""
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    t: FloatArray
+    true_a: FloatArray
+
+    @classmethod
+    def draw(cls, truth: CameraTruth, rng: np.random.Generator) -> PixelCalibration:
+        """A camera with the truth's spread and error; draws from rng only where these are not zero."""
+        count = SENSOR_PIXELS**2
+
+        def vary(nominal: float, spread: float) -> FloatArray:
+            return np.full(count, nominal) if spread == 0.0 else nominal * (1.0 + spread * rng.standard_normal(count).clip(-4, 4))
+
+        a, b, c, t = (vary(value, truth.calibration_spread) for value in (NOMINAL_A, NOMINAL_B, NOMINAL_C, NOMINAL_T))
+        return cls(a, b, c, t, a * vary(1.0, truth.calibration_error))
+
+    def write(self, folder: Path) -> None:
+        """Write a.txt, b.txt, c.txt and t.txt, 256 lines of 256 numbers, the lowest row first."""
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in ("a", "b", "c", "t"):
+            np.savetxt(folder / f"{name}.txt", getattr(self, name).reshape(SENSOR_PIXELS, SENSOR_PIXELS), fmt="%.6g")

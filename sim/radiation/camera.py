@@ -1,0 +1,155 @@
+# ruff: noqa: PLR0917 - compiled functions take their arguments by position
+"""The simulated camera: sources in view -> a Readout, fast, from the event bank."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.detector.readout import Readout
+from sim.radiation._jit import jit
+from sim.radiation.bank import BACKGROUND_BIN, SCATTERED_BIN, near_bin
+from sim.radiation.calibration import PixelCalibration
+from sim.radiation.electronics import Electronics
+from sim.radiation.events import KINDS
+from sim.radiation.materials import air_attenuation_per_m
+from sim.radiation.nuclides import nuclide as nuclide_of
+from sim.radiation.store import load_bank
+from sim.radiation.truth import CameraTruth
+
+__all__ = ["Camera", "CameraTruth", "SourceView"]
+
+GUARD_TICKS = 128  # an event's hits end within 200 ns; the last of a slice begin so early that all of them are in it
+_NEAREST_M = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class SourceView:
+    """A source as a camera sees it at its true pose. direction: unit vector from camera to source, camera frame."""
+
+    direction: tuple[float, float, float]
+    distance_m: float
+    activity_bq: float
+
+
+class Camera:
+    """A MiniPIX TPX3 that looks at sources of one nuclide, with background, scatter, air and electronics.
+
+    Args:
+        truth: what is true of the camera.
+        nuclide: of all sources.
+        rng: the camera's own random numbers.
+        clock_ns: UTC time of tick 0.
+
+    Raises:
+        ConfigError: the nuclide is not known.
+    """
+
+    def __init__(self, truth: CameraTruth, nuclide: str, rng: np.random.Generator, clock_ns: int) -> None:
+        lines = nuclide_of(nuclide).lines
+        self._truth = truth
+        self._rng = rng
+        self._bank = load_bank(nuclide, truth)
+        self._area_mm2: list[float] = self._bank.area_mm2.sum(axis=1).tolist()
+        total = np.maximum(self._bank.area_mm2.sum(axis=1, keepdims=True), 1e-30)
+        self._kind = np.ascontiguousarray(np.cumsum(self._bank.area_mm2, axis=1) / total)
+        self._attenuation = np.array([air_attenuation_per_m(energy) for energy, _ in lines])
+        self._least_attenuation = float(self._attenuation.min())
+        self._electronics = Electronics(truth, rng, clock_ns)
+
+    @property
+    def calibration(self) -> PixelCalibration:
+        """The camera's own, with ``write(folder)`` for the agent's files."""
+        return self._electronics.calibration
+
+    def expose(self, start_ns: int, end_ns: int, views: Sequence[SourceView]) -> Readout:
+        """All hits of [start_ns, end_ns), UTC, with the sources seen as ``views`` all the while; Poisson in number."""
+        rng, truth = self._rng, self._truth
+        bins: list[int] = []
+        symmetries: list[int] = []
+        rates: list[float] = []
+        distance_m = 0.0
+        scattered = 0.0
+        for view in views:
+            distance_m = max(view.distance_m, _NEAREST_M)
+            place, symmetry = near_bin(view.direction, rng.random(), rng.random())
+            depth = self._least_attenuation * distance_m
+            per_mm2 = view.activity_bq * math.exp(-depth) / (4e6 * math.pi * distance_m * distance_m)
+            rate = per_mm2 * self._area_mm2[place]
+            bins.append(place)
+            symmetries.append(symmetry)
+            rates.append(rate)
+            scattered += rate * (truth.scatter_near + truth.scatter_air * depth)
+        bins += (SCATTERED_BIN, BACKGROUND_BIN)
+        rates += (scattered, truth.background_hits_per_s)
+        total = sum(rates)
+        count = int(rng.poisson(total * (end_ns - start_ns) * 1e-9))
+        if count == 0:
+            return self._electronics.empty(start_ns, end_ns)
+        first_tick, last_tick = self._electronics.ticks(start_ns, end_ns)
+        event, symmetry_of, tick = _pick(
+            rng.random((count, 5)),
+            np.cumsum(rates),
+            np.array(bins),
+            np.array(symmetries, np.int64),
+            np.array([view.distance_m for view in views]),
+            self._attenuation,
+            self._kind,
+            self._bank.start,
+            self._bank.count,
+            self._bank.line,
+            first_tick,
+            max(1, last_tick - GUARD_TICKS - first_tick),
+        )
+        return self._electronics.read_out(start_ns, end_ns, self._bank.pixels, self._bank.first, event, symmetry_of, tick)
+
+
+@jit
+def _pick(
+    u: NDArray[np.float64],
+    cumulative: NDArray[np.float64],
+    bins: NDArray[np.int64],
+    symmetries: NDArray[np.int64],
+    distance_m: NDArray[np.float64],
+    attenuation_per_m: NDArray[np.float64],
+    kind_cumulative: NDArray[np.float64],
+    start: NDArray[np.int64],
+    count: NDArray[np.int64],
+    line: NDArray[np.uint8],
+    first_tick: int,
+    ticks: int,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Draw events: (N,) bank indices, symmetries and ticks from (N, 5) uniform numbers.
+
+    The rates count the air's transmission of the most penetrating line; events of other lines are thinned out to theirs.
+    """
+    event = np.empty(len(u), np.int64)
+    symmetry = np.empty(len(u), np.int64)
+    tick = np.empty(len(u), np.int64)
+    least = attenuation_per_m.min()
+    size = 0
+    for n in range(len(u)):
+        origin = min(np.searchsorted(cumulative, u[n, 0] * cumulative[-1], side="right"), len(bins) - 1)
+        place = bins[origin]
+        kind = 0
+        while kind < KINDS - 1 and u[n, 1] >= kind_cumulative[place, kind]:
+            kind += 1
+        if count[place, kind] == 0:
+            continue
+        chosen = start[place, kind] + int(u[n, 2] * count[place, kind])
+        if origin < len(symmetries):
+            keep = np.exp((least - attenuation_per_m[line[chosen]]) * distance_m[origin])
+            symmetry[size] = symmetries[origin]
+        else:
+            keep = 1.0
+            symmetry[size] = int(8.0 * u[n, 4])
+        if keep < 1.0 and u[n, 4] >= keep:
+            continue
+        event[size] = chosen
+        tick[size] = first_tick + int(u[n, 3] * ticks)
+        size += 1
+    return event[:size], symmetry[:size], tick[:size]

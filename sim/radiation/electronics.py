@@ -1,0 +1,122 @@
+# ruff: noqa: PLR0917 - compiled functions take their arguments by position
+"""The camera's electronics: pixels of events become hits in the order in which the readout delivers them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.detector.readout import SENSOR_PIXELS, TICK_NS, PixelHits, Readout
+from sim.radiation._jit import jit
+from sim.radiation.calibration import LARGEST_TOT, PixelCalibration
+from sim.radiation.truth import CameraTruth
+
+IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+
+# Symmetries of the square sensor, as bits: an event from (x, y, z) serves for another direction after them, in this order.
+SWAP, FLIP_COLUMN, FLIP_ROW = 4, 1, 2
+
+
+class Electronics:
+    """One camera's pixels: true calibration, dead time and the readout's bandwidth."""
+
+    def __init__(self, truth: CameraTruth, rng: np.random.Generator, clock_ns: int) -> None:
+        self._clock_ns = clock_ns
+        self._dead_ticks = round(truth.dead_time_ns / TICK_NS)
+        self._capacity_per_s = truth.max_hits_per_s
+        self._busy = np.full(SENSOR_PIXELS**2, np.iinfo(np.int64).min // 2)
+        self.calibration = PixelCalibration.draw(truth, rng)
+
+    def ticks(self, start_ns: int, end_ns: int) -> tuple[int, int]:
+        """First tick at or after the start, and first at or after the end, both UTC."""
+        return -((self._clock_ns - start_ns) * 16 // 25), -((self._clock_ns - end_ns) * 16 // 25)
+
+    def empty(self, start_ns: int, end_ns: int) -> Readout:
+        """A readout without hits."""
+        return Readout(start_ns, end_ns, self._clock_ns, (end_ns - start_ns) * 1e-9, _NO_HITS)
+
+    def read_out(
+        self,
+        start_ns: int,
+        end_ns: int,
+        pixels: NDArray[np.void],
+        first: IntArray,
+        event: IntArray,
+        symmetry: IntArray,
+        tick: IntArray,
+    ) -> Readout:
+        """Hits of events: (N,) their indices into ``first`` (as of Events), the symmetry applied to each, and its tick.
+
+        Hits beyond the bandwidth are lost, as in a full buffer; the live time ends with the last hit that came through.
+        """
+        cal = self.calibration
+        ticks, index, tot = _deliver(
+            pixels, first, event, symmetry, tick, cal.true_a, cal.b, cal.c, cal.t, self._busy, self._dead_ticks
+        )
+        span_s = (end_ns - start_ns) * 1e-9
+        capacity = int(self._capacity_per_s * span_s)
+        count = len(ticks)
+        if count <= capacity:
+            return Readout(start_ns, end_ns, self._clock_ns, span_s, PixelHits(ticks, index, tot))
+        kept = PixelHits(ticks[:capacity], index[:capacity], tot[:capacity])
+        return Readout(start_ns, end_ns, self._clock_ns, span_s * capacity / count, kept, count - capacity)
+
+
+_NO_HITS = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
+
+
+@jit
+def _deliver(
+    pixels: NDArray[np.void],
+    first: IntArray,
+    event: IntArray,
+    symmetry: IntArray,
+    tick: IntArray,
+    a: FloatArray,
+    b: FloatArray,
+    c: FloatArray,
+    t: FloatArray,
+    busy: IntArray,
+    dead_ticks: int,
+) -> tuple[IntArray, NDArray[np.uint16], NDArray[np.uint16]]:
+    """Ticks, matrix indices and ToT of the events' hits, by the end of their pulses: a pixel is read when its pulse is over."""
+    size = 0
+    for k in range(len(event)):
+        size += first[event[k] + 1] - first[event[k]]
+    ticks = np.empty(size, np.int64)
+    index = np.empty(size, np.uint16)
+    tot = np.empty(size, np.uint16)
+    size = 0
+    for k in range(len(event)):
+        for p in range(first[event[k]], first[event[k] + 1]):
+            column, row = np.int64(pixels[p]["column"]), np.int64(pixels[p]["row"])
+            if symmetry[k] & SWAP:
+                column, row = row, column
+            if symmetry[k] & FLIP_COLUMN:
+                column = SENSOR_PIXELS - 1 - column
+            if symmetry[k] & FLIP_ROW:
+                row = SENSOR_PIXELS - 1 - row
+            i = SENSOR_PIXELS * row + column
+            energy = pixels[p]["energy_kev"]
+            counts = int(a[i] * energy + b[i] - c[i] / max(energy - t[i], 1e-3) + 0.5)
+            if counts < 1:
+                continue
+            ticks[size] = tick[k] + pixels[p]["tick"]
+            index[size] = i
+            tot[size] = min(counts, LARGEST_TOT)
+            size += 1
+    end = np.empty(size, np.int64)
+    order = np.argsort(ticks[:size])
+    alive = 0
+    for k in range(size):  # in time order: a pixel that is still busy sees nothing
+        p = order[k]
+        if ticks[p] < busy[index[p]]:
+            continue
+        over = ticks[p] + 16 * np.int64(tot[p])
+        busy[index[p]] = over + dead_ticks
+        end[alive] = over
+        order[alive] = p
+        alive += 1
+    order = order[:alive][np.argsort(end[:alive])]
+    return ticks[order], index[order], tot[order]

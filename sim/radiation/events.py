@@ -1,0 +1,178 @@
+# ruff: noqa: PLR0917 - compiled functions take their arguments by position
+"""Full simulation of events: photons of a beam through transport and response, kept as pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.radiation._jit import jit
+from sim.radiation.electrons import Electrons, electrons
+from sim.radiation.materials import CdTe, cdte
+from sim.radiation.timepix3 import MAX_PIXELS, PIXEL, Response, Scratch, respond, scratch
+from sim.radiation.transport import HALF_SIZE_MM, MAX_SITES, SITE_COLUMNS, transport
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Kinds of events. What may be seen as two clusters is kept apart, and of that again what left all of the photon's energy, so that
+# a bank can hold many of these rare, telling events.
+SINGLE, SCATTERED, COMPLETE = range(3)
+KINDS = 3
+_APART_MM = 0.11  # two pixels
+_CLUSTER_KEV = 32.0  # more than any K line: a fluorescence photon's neighbour makes no coincidence
+
+
+@dataclass(frozen=True, slots=True)
+class Events:
+    """Events of one beam, interactions of photons that left energy in the sensor.
+
+    pixels: (P,) of PIXEL. first: (E + 1,) event e has pixels[first[e]:first[e + 1]], perhaps none. line: (E,) which gamma line.
+    kind: (E,) SINGLE, SCATTERED or COMPLETE. source: (E, 3) unit vector to the source. sites: (E, 2, 5) of the first two
+    deposits x, y, z in mm, energy and electron energy in keV (zeros where there is one). area_mm2: (KINDS,) effective area
+    times photons per decay for events of the kind, whether kept or not.
+    """
+
+    pixels: NDArray[np.void]
+    first: IntArray
+    line: NDArray[np.uint8]
+    kind: NDArray[np.uint8]
+    source: FloatArray
+    sites: FloatArray
+    area_mm2: FloatArray
+
+
+@jit
+def _kind(sites: FloatArray, count: int, energy_kev: float) -> int:
+    total = 0.0
+    apart = False
+    for k in range(count):
+        total += sites[k, 3]
+        for m in range(k):
+            distance = np.hypot(sites[k, 0] - sites[m, 0], sites[k, 1] - sites[m, 1])
+            if distance > _APART_MM and min(sites[k, 3], sites[m, 3]) > _CLUSTER_KEV:
+                apart = True
+    if not apart:
+        return 0
+    return 2 if total > energy_kev - 1.0 else 1
+
+
+@jit
+def _simulate(
+    lines: FloatArray,
+    window: FloatArray,
+    interactions: int,
+    quota: IntArray,
+    half: FloatArray,
+    cdte: CdTe,
+    electrons: Electrons,
+    camera: Response,
+    rng: np.random.Generator,
+    work: Scratch,
+    pixels: NDArray[np.void],
+    first: IntArray,
+    line_of: NDArray[np.uint8],
+    kind_of: NDArray[np.uint8],
+    source_of: FloatArray,
+    sites_of: FloatArray,
+    share: FloatArray,
+) -> int:
+    """See simulate. Adds to share (KINDS,) the mean of shadow * (event of the kind) per photon; returns the number kept."""
+    sites = np.empty((MAX_SITES, SITE_COLUMNS))
+    stack = np.empty((MAX_SITES + 1, 7))
+    source = np.empty(3)
+    kept = 0
+    end = 0
+    done = 0
+    photons = 0
+    shadows = 0.0
+    found = np.zeros(KINDS)
+    have = np.zeros(KINDS, np.int64)
+    intensity = np.cumsum(lines[:, 1])
+    while done < interactions:
+        # A beam's photons come in proportion to the shadow; within a small window of directions it is nearly the same.
+        cosine = window[0] + (window[1] - window[0]) * rng.random()
+        azimuth = window[2] + (window[3] - window[2]) * rng.random()
+        sine = np.sqrt(max(0.0, 1.0 - cosine * cosine))
+        source[0], source[1], source[2] = sine * np.cos(azimuth), sine * np.sin(azimuth), cosine
+        shadow = 4.0 * (half[1] * half[2] * abs(source[0]) + half[0] * half[2] * abs(source[1]) + half[0] * half[1] * abs(cosine))
+        largest = 4.0 * np.sqrt((half[1] * half[2]) ** 2 + (half[0] * half[2]) ** 2 + (half[0] * half[1]) ** 2)
+        photons += 1
+        shadows += shadow
+        if window[4] > 0.0 and rng.random() * largest > shadow:
+            continue
+        line = min(np.searchsorted(intensity, rng.random() * intensity[-1]), len(lines) - 1)
+        count = transport(lines[line, 0], source, half, cdte, rng, sites, stack)
+        if count == 0:
+            continue
+        done += 1
+        kind = _kind(sites, count, lines[line, 0])
+        found[kind] += 1.0
+        if have[kind] >= quota[kind] or end + MAX_PIXELS > len(pixels):
+            continue
+        have[kind] += 1
+        end = respond(sites, count, half, camera, electrons, rng, work, pixels, end)
+        line_of[kept] = line
+        kind_of[kept] = kind
+        for axis in range(3):
+            source_of[kept, axis] = source[axis]
+        for k in range(2):
+            for column in range(5):
+                sites_of[kept, k, column] = sites[k, column] if k < count else 0.0
+        kept += 1
+        first[kept] = end
+    scale = largest if window[4] > 0.0 else shadows / photons
+    for kind in range(KINDS):
+        share[kind] = found[kind] / photons * scale * intensity[-1]
+    return kept
+
+
+def simulate(
+    lines: Sequence[tuple[float, float]],
+    interactions: int,
+    camera: Response,
+    rng: np.random.Generator,
+    *,
+    direction: tuple[float, float, float] | None = None,
+    cosine: tuple[float, float] = (-1.0, 1.0),
+    azimuth: tuple[float, float] = (0.0, 2.0 * np.pi),
+    quota: tuple[int, int, int] | None = None,
+) -> Events:
+    """Simulate as many interacting photons and keep the first of each kind up to its quota (all of them without one).
+
+    lines: (energy in keV, photons per decay). The beam comes from ``direction`` (unit vector to the source, camera frame)
+    or, without one, evenly from all directions with that range of polar cosine and azimuth.
+    """
+    if direction is not None:
+        polar, turn = direction[2], float(np.arctan2(direction[1], direction[0]))
+        cosine, azimuth = (polar, polar), (turn, turn)
+    wide = cosine[1] - cosine[0] > 0.2 or azimuth[1] - azimuth[0] > 0.2
+    limits = (interactions,) * KINDS if quota is None else quota
+    size = min(interactions, sum(limits))
+    pixels = np.zeros(size * 30 + 2 * MAX_PIXELS, PIXEL)
+    first = np.zeros(size + 1, np.int64)
+    line, kind = np.zeros(size, np.uint8), np.zeros(size, np.uint8)
+    source, sites, area = np.zeros((size, 3)), np.zeros((size, 2, 5)), np.zeros(KINDS)
+    kept = _simulate(
+        np.array(lines, float).reshape(-1, 2),
+        np.array([*cosine, *azimuth, float(wide)]),
+        interactions,
+        np.array(limits),
+        HALF_SIZE_MM,
+        cdte(),
+        electrons(),
+        camera,
+        rng,
+        scratch(),
+        pixels,
+        first,
+        line,
+        kind,
+        source,
+        sites,
+        area,
+    )
+    return Events(pixels[: first[kept]], first[: kept + 1], line[:kept], kind[:kept], source[:kept], sites[:kept], area)

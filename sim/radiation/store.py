@@ -1,0 +1,83 @@
+"""The user's cache of event banks on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+import tempfile
+from dataclasses import fields
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from sim.radiation.bank import EventBank, build_bank
+from sim.radiation.nuclides import Nuclide, nuclide
+from sim.radiation.timepix3 import Response, response
+from sim.radiation.truth import CameraTruth
+
+# A bank holds for the code that made it.
+_MADE_BY = ("bank", "electrons", "events", "materials", "surroundings", "timepix3", "transport")
+
+
+def cache_folder() -> Path:
+    """$XDG_CACHE_HOME/radron, by default ~/.cache/radron."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "radron"
+
+
+def load_bank(name: str, truth: CameraTruth) -> EventBank:
+    """The bank of a nuclide for that camera: from memory, from disk (mapped, not read), or built and stored, with a progress bar.
+
+    Raises:
+        ConfigError: the nuclide is not known.
+    """
+    return _load(nuclide(name), response(truth))
+
+
+@cache
+def _load(source: Nuclide, camera: Response) -> EventBank:
+    digest = bank_key(source, camera)
+    folder = cache_folder() / f"bank-{source.name}-{digest}"
+    if folder.is_dir():
+        return _open(folder)
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(f"Simulating the detector's answer to {source.name} (once)", total=None)
+        bank = build_bank(source, camera, int(digest, 16), lambda done, of: bar.update(task, completed=done, total=of))
+    try:
+        _save(bank, folder)
+    except OSError as error:
+        print(f"radron: the event bank could not be kept in {folder.parent}: {error}", file=sys.stderr)
+        return bank
+    return _open(folder)
+
+
+def bank_key(source: Nuclide, camera: Response) -> str:
+    """16 hex digits that differ when the bank would."""
+    content = hashlib.blake2b(repr((source, camera)).encode(), digest_size=8)
+    for module in _MADE_BY:
+        content.update(Path(__file__).with_name(f"{module}.py").read_bytes())
+    return content.hexdigest()
+
+
+def _save(bank: EventBank, folder: Path) -> None:
+    """Write beside the folder, then rename: another process sees all of it or nothing."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    scratch = Path(tempfile.mkdtemp(prefix=".bank-", dir=folder.parent))
+    try:
+        for item in fields(bank):
+            np.save(scratch / f"{item.name}.npy", getattr(bank, item.name))
+        scratch.rename(folder)
+    except OSError:
+        if not folder.is_dir():  # else another process was first, with the same bank
+            raise
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _open(folder: Path) -> EventBank:
+    return EventBank(**{item.name: np.asarray(np.load(folder / f"{item.name}.npy", mmap_mode="r")) for item in fields(EventBank)})

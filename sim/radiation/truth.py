@@ -1,0 +1,52 @@
+"""What is true of a simulated camera."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+NonNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
+Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+
+
+class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A MiniPIX TPX3 with a 2 mm CdTe sensor as it really is; each field may be perturbed to mismatch what the agent assumes.
+
+    Sensor (a change of these builds another event bank):
+        drift_ns: an electron cloud's drift over the whole thickness. The pixels are on the rear (z = -1 mm).
+        diffusion_mm: standard deviation of a point charge after that drift, sqrt(2 kT/q thickness / field) at 465 V; grows
+        with the
+            root of the drift.
+        gain_noise: relative standard deviation of the charge collected from one interaction.
+        pixel_noise_kev: standard deviation per pixel; with the gain noise sqrt(2.5^2 + (0.02 E)^2) keV for a cluster of ten
+        pixels.
+        threshold_kev: a pixel with less charge is silent.
+        charge_scale: undoes what the silent pixels take from a cluster, as the absolute calibration of a real camera does.
+        toa_jitter_ns: standard deviation per pixel.
+
+    Electronics and surroundings:
+        calibration_spread: relative standard deviation from pixel to pixel of the coefficients, which the calibration files give.
+        calibration_error: relative standard deviation of the true slope from the file's.
+        dead_time_ns: a pixel's, after the end of its pulse. max_hits_per_s: of the readout.
+        background_hits_per_s: hits from the surroundings, without the source.
+        scatter_near, scatter_air: hits by photons scattered in ground, mount and air, as a share of the direct ones:
+            near + air * mu d, with mu the air's attenuation coefficient and d the distance.
+    """
+
+    drift_ns: Positive = 86.0
+    diffusion_mm: NonNegative = 0.021
+    gain_noise: Share = 0.02
+    pixel_noise_kev: NonNegative = 0.8
+    threshold_kev: Positive = 4.0
+    charge_scale: Positive = 1.0
+    toa_jitter_ns: NonNegative = 2.5
+
+    calibration_spread: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.0
+    calibration_error: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.0
+    dead_time_ns: NonNegative = 475.0
+    max_hits_per_s: Positive = 2.35e6
+    background_hits_per_s: NonNegative = 1.5
+    scatter_near: NonNegative = 0.2
+    scatter_air: NonNegative = 0.8
