@@ -82,7 +82,6 @@ class PaperEstimatorConfig(_Section, frozen=True, kw_only=True):
     initial_cones: Annotated[int, Meta(ge=3, le=1000)] = 10  # M
     initial_baseline_m: NonNegative = 2.0  # between the apexes of the M cones
     initial_variance_m2: Positive = 100.0
-    projection: Literal["paper", "geometric"] = "paper"
 
 
 class GivenHypothesisConfig(_Section, frozen=True, kw_only=True):
@@ -94,7 +93,7 @@ class GivenHypothesisConfig(_Section, frozen=True, kw_only=True):
 class FusionConfig(_Section, frozen=True, kw_only=True):
     """Which estimator, and the time grid that it steps on."""
 
-    estimator: Literal["paper", "given"] = "paper"
+    estimator: Literal["paper", "paper-geometric", "given"] = "paper"
     grid_s: Annotated[float, Meta(ge=0.05, le=10.0)] = 0.5
     horizon_s: Positive = 60.0  # behind it the log is compacted
     paper: PaperEstimatorConfig = PaperEstimatorConfig()

@@ -58,6 +58,7 @@ class Request(StrEnum):
     HOLD = "hold"
     RETURN = "return"
     LAND = "land"
+    RELEASE = "release"  # somebody else has taken over: command nothing
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,1 +1,1 @@
-
+"""Multirotor dynamics and PX4's behaviour."""

@@ -1,0 +1,177 @@
+"""From one drone's detections and poses to its log entries: cones and exposures in its local frame."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from agent.config import DroneConfig
+from agent.detector.detection import ConeEvent, Detections
+from agent.vehicle.interface import VehicleState
+from protocol.messages import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample
+
+EXPOSURE_NS = 500_000_000
+SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
+HISTORY_NS = 5_000_000_000
+
+Quaternion = tuple[float, float, float, float]
+
+
+class PoseHistory:
+    """The vehicle's last seconds, to be asked for the pose at an event's time (a later pose would look like a yaw bias)."""
+
+    def __init__(self) -> None:
+        self._stamps: deque[int] = deque()
+        self._states: deque[VehicleState] = deque()
+
+    def add(self, state: VehicleState) -> None:
+        """Append telemetry; older than the newest known is ignored."""
+        if self._stamps and state.stamp_ns <= self._stamps[-1]:
+            return
+        self._stamps.append(state.stamp_ns)
+        self._states.append(state)
+        while self._stamps[0] < state.stamp_ns - HISTORY_NS:
+            self._stamps.popleft()
+            self._states.popleft()
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest pose; 0 where there is none."""
+        return self._stamps[-1] if self._stamps else 0
+
+    def at(self, stamp_ns: int) -> VehicleState | None:
+        """The telemetry nearest before ``stamp_ns`` (the oldest known, where none is)."""
+        if not self._states:
+            return None
+        return self._states[max(0, bisect_right(self._stamps, stamp_ns) - 1)]
+
+    def pose(self, stamp_ns: int) -> tuple[tuple[float, float, float], Quaternion] | None:
+        """Position and attitude at ``stamp_ns``, linear between neighbours of one epoch, held at the ends."""
+        if not self._states:
+            return None
+        place = bisect_right(self._stamps, stamp_ns)
+        before = self._states[max(0, place - 1)]
+        after = self._states[min(place, len(self._states) - 1)]
+        span = after.stamp_ns - before.stamp_ns
+        if span <= 0 or before.epoch != after.epoch:
+            return before.position_m, before.quaternion
+        part = (stamp_ns - before.stamp_ns) / span
+        b, a = before.position_m, after.position_m
+        position = (b[0] + part * (a[0] - b[0]), b[1] + part * (a[1] - b[1]), b[2] + part * (a[2] - b[2]))
+        return position, _blend(before.quaternion, after.quaternion, part)
+
+
+class Observer:
+    """Turns one detector's stretches into log entries with consecutive sequence numbers."""
+
+    def __init__(self, drone: DroneConfig, mission_id: str, boot: str) -> None:
+        self._drone = drone.id
+        self._mission = mission_id
+        self._boot = boot
+        self._sequence = 0
+        self._body_from_camera = Rotation.from_euler("xyz", drone.camera_rpy_deg, degrees=True)
+        self.history = PoseHistory()
+        self._start_ns: int | None = None
+        self._end_ns = 0
+        self._live_s = 0.0
+        self._counts = np.zeros(3, dtype=np.int64)
+
+    def next_sequence(self) -> int:
+        """Number of this boot's next log entry."""
+        self._sequence += 1
+        return self._sequence
+
+    def observe(self, detections: Detections) -> list[Entry]:
+        """Log entries that a stretch of detections gives; counts are held until an exposure is full.
+
+        Stretches without any pose (before the vehicle's first telemetry) are dropped: nobody knows where they were taken.
+        """
+        if self.history.at(detections.start_ns) is None:
+            return []
+        entries: list[Entry] = [self._cone(event) for event in detections.cones]
+        before, after = self.history.at(self._start_ns or 0), self.history.at(detections.start_ns)
+        if self._start_ns is not None and before and after and before.epoch != after.epoch:
+            entries += self._exposure()
+        if self._start_ns is None:
+            self._start_ns = detections.start_ns
+        self._end_ns = detections.end_ns
+        self._live_s += detections.live_time_s
+        self._counts += (detections.hits, detections.photopeak, detections.coincidences)
+        if self._end_ns - self._start_ns >= EXPOSURE_NS:
+            entries += self._exposure()
+        return entries
+
+    def _cone(self, event: ConeEvent) -> Cone:
+        state = self.history.at(event.stamp_ns)
+        pose = self.history.pose(event.stamp_ns)
+        assert state is not None and pose is not None  # observe() saw to it
+        position, (w, x, y, z) = pose
+        axes = (Rotation.from_quat((x, y, z, w)) * self._body_from_camera).apply(event.axis)
+        return Cone(
+            stamp_ns=event.stamp_ns,
+            drone=self._drone,
+            mission=self._mission,
+            boot=self._boot,
+            sequence=self.next_sequence(),
+            epoch=state.epoch,
+            apex_m=position,
+            apex_sigma_m=state.position_sigma_m,
+            yaw_sigma_rad=state.yaw_sigma_rad,
+            orders=(_order(event, axes, 0), _order(event, axes, 1)),
+            energies_kev=event.energies_kev,
+            energy_sigmas_kev=event.energy_sigmas_kev,
+            separation_mm=event.separation_mm,
+        )
+
+    def _exposure(self) -> list[Entry]:
+        start_ns, self._start_ns = self._start_ns, None
+        hits, photopeak, coincidences = self._counts.tolist()
+        self._counts[:] = 0
+        live_s, self._live_s = self._live_s, 0.0
+        assert start_ns is not None
+        state = self.history.at(start_ns)
+        assert state is not None
+        poses = []
+        for offset_ns in range(0, self._end_ns - start_ns, SAMPLE_NS):
+            pose = self.history.pose(start_ns + offset_ns)
+            assert pose is not None
+            poses.append(PoseSample(offset_ns, *pose))
+        return [
+            Exposure(
+                stamp_ns=start_ns,
+                drone=self._drone,
+                mission=self._mission,
+                boot=self._boot,
+                sequence=self.next_sequence(),
+                epoch=state.epoch,
+                end_ns=self._end_ns,
+                live_time_s=live_s,
+                counts=Counts(hits, photopeak, coincidences),
+                poses=tuple(poses),
+                position_sigma_m=state.position_sigma_m,
+                yaw_sigma_rad=state.yaw_sigma_rad,
+            )
+        ]
+
+
+def _order(event: ConeEvent, axes: NDArray[np.float64], row: int) -> ConeOrder:
+    x, y, z = axes[row].tolist()
+    return ConeOrder(
+        axis=(x, y, z),
+        theta_rad=float(event.theta_rad[row]),
+        sigma_rad=float(event.sigma_rad[row]),
+        probability=float(event.probability[row]),
+    )
+
+
+def _blend(before: Quaternion, after: Quaternion, part: float) -> Quaternion:
+    """Normalised linear interpolation: exact enough between poses 50 ms apart."""
+    sign = 1.0 if sum(b * a for b, a in zip(before, after, strict=True)) >= 0.0 else -1.0
+    mixed = [b + part * (sign * a - b) for b, a in zip(before, after, strict=True)]
+    size = sum(value * value for value in mixed) ** 0.5
+    w, x, y, z = (value / size for value in mixed)
+    return w, x, y, z

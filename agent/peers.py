@@ -1,0 +1,56 @@
+"""What one drone knows of the others: their newest pose, plan, estimate and status, by age."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from protocol.messages import Estimate, Plan, Pose, Status
+
+ALIVE_NS = 2_000_000_000  # a drone that has not been heard for so long has dropped out
+FUTURE_NS = 1_000_000_000  # a stamp further ahead than this is a wrong clock, not news
+
+
+@dataclass(slots=True)
+class Peer:
+    """The newest of each kind; None until heard."""
+
+    pose: Pose | None = None
+    plan: Plan | None = None
+    estimate: Estimate | None = None
+    status: Status | None = None
+
+
+class Peers:
+    """The other drones of the mission, by id."""
+
+    def __init__(self, ids: list[str]) -> None:
+        self._peers = {name: Peer() for name in ids}
+
+    def __getitem__(self, drone: str) -> Peer:
+        return self._peers[drone]
+
+    def receive(self, message: Pose | Plan | Estimate | Status, now_ns: int) -> str | None:
+        """Keep news; the newest stamp wins. Returns why it was dropped, or None."""
+        peer = self._peers.get(message.drone)
+        if peer is None:
+            return "unknown_drone"
+        if message.stamp_ns < now_ns - ALIVE_NS:
+            return "stale"
+        if message.stamp_ns > now_ns + FUTURE_NS:
+            return "from_the_future"
+        kind = type(message).__name__.lower()
+        known = getattr(peer, kind)
+        if known is not None and known.stamp_ns >= message.stamp_ns:
+            return "older_than_known"
+        setattr(peer, kind, message)
+        return None
+
+    def alive(self, now_ns: int) -> list[str]:
+        """Ids of those heard of late, sorted."""
+        return sorted(
+            name for name, peer in self._peers.items() if peer.pose is not None and now_ns - peer.pose.stamp_ns < ALIVE_NS
+        )
+
+    def status_of_all(self) -> dict[str, Status]:
+        """The newest status of each drone that has sent one."""
+        return {name: peer.status for name, peer in self._peers.items() if peer.status is not None}

@@ -1,0 +1,291 @@
+"""The brain of one drone, without any I/O: what it hears, sees and measures goes in, messages and a command come out.
+
+The same pilot flies in lockstep, live and in a replay: it reads no clock and draws no random numbers.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from agent.config import DroneConfig, MissionConfig
+from agent.detector.calibration import Calibration, load_calibration
+from agent.detector.chain import DetectorChain
+from agent.detector.readout import Readout
+from agent.errors import ConfigError
+from agent.frames.graph import FrameGraph
+from agent.fusion.engine import Fusion
+from agent.fusion.estimator import Hypothesis
+from agent.fusion.registry import estimator_named
+from agent.mission import SEARCHING, Mission, Situation
+from agent.navigator import Navigator
+from agent.observer import Observer
+from agent.peers import Peers
+from agent.search import CoverageLog, Search
+from agent.vehicle.interface import Request, VehicleCommand, VehicleState
+from protocol.codec import decode_from, encode
+from protocol.errors import ProtocolError
+from protocol.keys import key_of
+from protocol.messages import AnyMessage, Command, Cone, Coverage, Entry, Estimate, Message, Plan, Pose, Stage, Status
+
+POSE_NS = 100_000_000  # 10 Hz
+ESTIMATE_NS = 500_000_000
+STATUS_NS = 1_000_000_000
+COMMAND_AGE_NS = 10_000_000_000  # an older command is not carried out
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What a step yields: payloads to publish under their keys, and what the autopilot is to do."""
+
+    publications: list[tuple[str, bytes]]
+    command: VehicleCommand
+
+
+class Pilot:
+    """One drone's mission, from the start command to the landing."""
+
+    def __init__(
+        self,
+        mission: MissionConfig,
+        drone: DroneConfig,
+        boot: str,
+        listeners: Sequence[str] = (),
+    ) -> None:
+        """Set up a drone.
+
+        Args:
+            mission: the same on every drone.
+            drone: this one.
+            boot: 16 hex digits, new at every start of the agent.
+            listeners: estimators that fuse the same log without any say in the flight.
+
+        Raises:
+            ConfigError: the drone is not one of the mission's.
+            DetectorError: its camera's calibration cannot be read.
+        """
+        ids = [member.id for member in mission.drones]
+        if drone.id not in ids:
+            raise ConfigError(f"drone {drone.id!r} is not in the mission; its drones are {', '.join(ids)}")
+        self._config = mission
+        self._id = drone.id
+        self._boot = boot
+        self._mission_id = mission.mission_id
+        self._mission = Mission(mission.track)
+        frames = FrameGraph.from_launch_layout(mission)
+        self._frames = frames
+        self.fusion = Fusion(mission, frames)
+        self.listeners = {name: Fusion(mission, frames, estimator_named(name, mission)) for name in listeners}
+        calibration = load_calibration(Path(drone.calibration)) if drone.calibration else Calibration.nominal()
+        self._chain = DetectorChain(mission.detection, mission.nuclide, calibration)
+        self._observer = Observer(drone, self._mission_id, boot)
+        self._peers = Peers([name for name in ids if name != drone.id])
+        self._search = Search(mission, drone.id, frames)
+        self._coverage = CoverageLog(mission.survey.lane_spacing_m)
+        self._navigator = Navigator(mission, drone, frames, self._search)
+        self._vehicle: VehicleState | None = None
+        self._last_cone_ns = 0
+        self._twin = False
+        self._outbox: list[tuple[str, bytes]] = []
+        self._due_ns = {"pose": 0, "estimate": 0, "status": 0}
+        self.counters: Counter[str] = Counter()
+
+    @property
+    def stage(self) -> Stage:
+        """What the drone is doing."""
+        return self._mission.stage
+
+    @property
+    def hypothesis(self) -> Hypothesis | None:
+        """Where the source is believed to be; mission frame."""
+        return self.fusion.hypothesis
+
+    def observe_vehicle(self, state: VehicleState) -> None:
+        """Take the newest telemetry."""
+        self._vehicle = state
+        self._observer.history.add(state)
+
+    def observe_detector(self, readout: Readout) -> None:
+        """Take what the camera saw; it becomes log entries of this drone."""
+        self.counters["pixel_hits_lost"] += readout.lost_hits
+        for entry in self._observer.observe(self._chain.process(readout)):
+            self._record(entry)
+
+    def receive(self, key: str, payload: bytes, now_ns: int) -> None:
+        """Take a message from the mesh. Whatever is wrong with it is counted and dropped, never raised."""
+        try:
+            message = decode_from(key, payload)
+        except ProtocolError:
+            self.counters["rejected_malformed"] += 1
+            return
+        reason = self._dispatch(message, payload, now_ns)
+        if reason is not None:
+            self.counters[f"dropped_{reason}"] += 1
+
+    def step(self, now_ns: int) -> Step:
+        """Decide: fold the log, move on in the mission, plan, and report. To be called at 20 Hz or more."""
+        self.fusion.advance(now_ns)
+        for listener in self.listeners.values():
+            listener.advance(now_ns)
+        before = self._mission.stage
+        self._mission.step(self._situation(now_ns))
+        if self._mission.stage is not before:
+            self._due_ns["status"] = now_ns
+        command = self._command(now_ns)
+        self._report(now_ns)
+        publications, self._outbox = self._outbox, []
+        return Step(publications, command)
+
+    def _dispatch(self, message: AnyMessage, payload: bytes, now_ns: int) -> str | None:
+        if isinstance(message, Command):
+            return self._obey(message, now_ns)
+        if isinstance(message, Entry):
+            self._fold(message, payload)
+            return None
+        if message.drone == self._id:
+            self._twin = self._twin or (isinstance(message, Status) and message.boot != self._boot)
+            return "own_id"
+        if isinstance(message, Pose | Plan | Estimate | Status):
+            return self._peers.receive(message, now_ns)
+        return "unused"
+
+    def _obey(self, command: Command, now_ns: int) -> str | None:
+        if command.mission != self._mission_id:
+            return "command_of_another_mission"
+        if command.drones and self._id not in command.drones:
+            return None
+        if abs(now_ns - command.stamp_ns) > COMMAND_AGE_NS:
+            return "command_too_old"
+        refused = self._mission.command(command.action, command.stamp_ns, self._situation(now_ns))
+        if refused is not None:
+            return "command_refused"
+        if self._mission.started_ns == command.stamp_ns:
+            for fusion in (self.fusion, *self.listeners.values()):
+                fusion.start(command.stamp_ns)
+        return None
+
+    def _record(self, entry: Entry) -> None:
+        """Publish an entry of this drone and keep it, by the very bytes that the others get."""
+        payload = encode(entry)
+        self._fold(entry, payload)
+        self._outbox.append((key_of(self._config.swarm, entry), payload))
+
+    def _fold(self, entry: Entry, payload: bytes) -> None:
+        if not self.fusion.receive(entry, payload):
+            return
+        for listener in self.listeners.values():
+            listener.receive(entry, payload)
+        if isinstance(entry, Cone):
+            self._last_cone_ns = max(self._last_cone_ns, entry.stamp_ns)
+        elif isinstance(entry, Coverage):
+            self._search.hear(entry)
+
+    def _situation(self, now_ns: int) -> Situation:
+        return Situation(now_ns, self._vehicle, self.hypothesis is not None, self._last_cone_ns, tuple(self._problems()))
+
+    def _problems(self) -> list[str]:
+        """What stands against a start. A flying drone reports them but flies on."""
+        problems = []
+        if self._vehicle is None:
+            problems.append("no telemetry from the vehicle yet")
+        elif not self._vehicle.healthy:
+            problems.append("the vehicle is not healthy")
+        if self._twin:
+            problems.append(f"another agent is running as {self._id}")
+        problems += [
+            f"{name} has another mission file ({status.mission}, here {self._mission_id})"
+            for name, status in self._peers.status_of_all().items()
+            if status.mission != self._mission_id
+        ]
+        return problems
+
+    def _command(self, now_ns: int) -> VehicleCommand:
+        request = self._mission.request
+        height_m = self._config.survey.height_m
+        vehicle = self._vehicle
+        if request is not Request.OFFBOARD or vehicle is None:
+            self._navigator.rest()
+            return VehicleCommand(request, takeoff_height_m=height_m)
+        stage = self._mission.stage
+        setpoint, plan = self._navigator.step(now_ns, stage, self._mission.since_ns, vehicle, self.hypothesis, self._peers)
+        if plan is not None:
+            self._publish(plan)
+        if stage is Stage.SURVEY:
+            self._report_coverage(now_ns, vehicle)
+        return VehicleCommand(request, setpoint, height_m)
+
+    def _report_coverage(self, now_ns: int, vehicle: VehicleState) -> None:
+        report = self._coverage.add(now_ns, vehicle.position_m[:2])
+        if report is not None:
+            stamp_ns, path_m = report
+            self._record(
+                Coverage(
+                    stamp_ns=stamp_ns,
+                    drone=self._id,
+                    mission=self._mission_id,
+                    boot=self._boot,
+                    sequence=self._observer.next_sequence(),
+                    epoch=vehicle.epoch,
+                    path_m=path_m,
+                    swath_m=self._coverage.swath_m,
+                )
+            )
+
+    def _report(self, now_ns: int) -> None:
+        vehicle, hypothesis = self._vehicle, self.hypothesis
+        if vehicle is not None and self._due("pose", now_ns, POSE_NS):
+            self._publish(
+                Pose(
+                    stamp_ns=vehicle.stamp_ns,
+                    drone=self._id,
+                    epoch=vehicle.epoch,
+                    position_m=vehicle.position_m,
+                    velocity_mps=vehicle.velocity_mps,
+                    quaternion=vehicle.quaternion,
+                    position_sigma_m=vehicle.position_sigma_m,
+                    yaw_sigma_rad=vehicle.yaw_sigma_rad,
+                )
+            )
+        if hypothesis is not None and self._due("estimate", now_ns, ESTIMATE_NS):
+            self._publish(self._estimate(now_ns, hypothesis))
+        if self._due("status", now_ns, STATUS_NS):
+            self._publish(
+                Status(
+                    stamp_ns=now_ns,
+                    drone=self._id,
+                    mission=self._mission_id,
+                    boot=self._boot,
+                    stage=self._mission.stage,
+                    battery=vehicle.battery if vehicle is not None else None,
+                    counters=dict(self.counters),
+                    problems=tuple(self._problems()),
+                )
+            )
+
+    def _estimate(self, now_ns: int, hypothesis: Hypothesis) -> Estimate:
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
+        x, y, z = hypothesis.position.tolist()
+        return Estimate(
+            stamp_ns=now_ns,
+            drone=self._id,
+            mission=self._mission_id,
+            estimator=self._config.fusion.estimator,
+            digest=self.fusion.digest,
+            position_m=(x, y, z),
+            covariance_m2=(xx, xy, xz, yy, yz, zz),
+            cones=hypothesis.cones,
+        )
+
+    def _due(self, what: str, now_ns: int, period_ns: int) -> bool:
+        if now_ns < self._due_ns[what]:
+            return False
+        self._due_ns[what] = max(self._due_ns[what] + period_ns, now_ns - now_ns % period_ns + period_ns)
+        return True
+
+    def _publish(self, message: Message) -> None:
+        self._outbox.append((key_of(self._config.swarm, message), encode(message)))
+
+
+__all__ = ["SEARCHING", "Pilot", "Step"]

@@ -1,0 +1,244 @@
+"""The swarm in one process, faster than real time, reproducible from a seed.
+
+Every drone is a full agent: its own pilot, log, fusion and tracker. What they say to each other passes through the codec and the
+radio; what they know of the world comes as telemetry and pixel hits. The truth stays in here.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.config import DroneConfig, MissionConfig
+from agent.pilot import Pilot
+from agent.vehicle.interface import FlightMode, VehicleState
+from protocol.codec import encode
+from protocol.keys import key_of
+from protocol.messages import Action, Command
+from sim.frame import CameraMount, LocalFrame
+from sim.localization import Localization
+from sim.radiation.camera import Camera
+from sim.radio import Radio
+from sim.recorder import Recorder
+from sim.result import RunResult, Trace
+from sim.scenario import Scenario
+from sim.source import source_path
+from sim.vehicle.autopilot import Autopilot
+from sim.vehicle.multirotor import Multirotors, attitude
+
+TICK_NS = 50_000_000  # agents and autopilots step at 20 Hz
+SUBSTEPS = 2  # vehicle dynamics at 40 Hz
+EXPOSE_TICKS = 2  # cameras hand over their hits at 10 Hz
+EPOCH_NS = 1_767_225_600_000_000_000  # 2026-01-01 UTC: simulated missions begin here
+START_S = 0.5  # the operator's command, after the agents have heard of each other
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """A finished flight. ``listened``: results of the estimators that heard the same cones but did not fly."""
+
+    result: RunResult
+    trace: Trace
+    listened: dict[str, RunResult]
+
+
+class _Streams(NamedTuple):
+    """Independent random streams of one seed, one for each thing that is random."""
+
+    source: np.random.Generator
+    start: np.random.Generator
+    vehicle: np.random.Generator
+    localization: np.random.Generator
+    radio: np.random.Generator
+    cameras: list[np.random.Generator]
+
+
+def fly(
+    scenario: Scenario,
+    seed: int,
+    estimator: str | None = None,
+    listen: Sequence[str] = (),
+    law: str | None = None,
+    progress: Progress | None = None,
+) -> Flight:
+    """Fly one mission.
+
+    Args:
+        scenario: the mission and the truth it meets.
+        seed: all randomness of the run; the same seed gives the same result, bit for bit, but for the wall times.
+        estimator: instead of the mission's own.
+        listen: estimators that fuse the same log on the first drone without any say in the flight.
+        law: flocking law instead of the mission's own.
+        progress: called about every simulated second with the time and what the swarm is doing.
+    """
+    started = time.perf_counter()
+    mission = _mission(scenario.mission, estimator, law)
+    world = _World(scenario, mission, seed, listen)
+    end = False
+    while not end:
+        end = world.tick()
+        if progress is not None and world.ticks % 20 == 0:
+            progress(world.time_s, world.describe())
+    wall_s = time.perf_counter() - started
+    recorder = world.recorder
+    return Flight(recorder.result(seed, wall_s), recorder.trace(), recorder.listened(seed, wall_s))
+
+
+def _mission(mission: MissionConfig, estimator: str | None, law: str | None) -> MissionConfig:
+    if law is not None:
+        mission = msgspec.structs.replace(mission, encirclement=msgspec.structs.replace(mission.encirclement, law=law))
+    if estimator is not None and mission.fusion.estimator != "given":
+        mission = msgspec.structs.replace(mission, fusion=msgspec.structs.replace(mission.fusion, estimator=estimator))
+    return msgspec.convert(msgspec.to_builtins(mission), MissionConfig)  # replace() does not check
+
+
+class _World:
+    """Everything that is, at one instant."""
+
+    def __init__(self, scenario: Scenario, mission: MissionConfig, seed: int, listen: Sequence[str]) -> None:
+        count = len(mission.drones)
+        streams = _streams(seed, count)
+        self.ticks = 0
+        self._mission = mission
+        self._scenario = scenario
+        self._frames = [LocalFrame.of(drone.origin_m, drone.yaw_deg) for drone in mission.drones]
+        self._configs = [DroneConfig(id=drone.id, vehicle_lag_s=0.4) for drone in mission.drones]
+        self._pilots = [
+            Pilot(mission, config, boot=f"{seed & 0xFFFFFFFF:08x}{k:08x}", listeners=listen if k == 0 else ())
+            for k, config in enumerate(self._configs)
+        ]
+        position = _launch_positions(scenario, mission, streams.start)
+        self._multirotors = Multirotors(
+            scenario.vehicle, position, np.zeros(count), TICK_NS / SUBSTEPS * 1e-9, streams.vehicle
+        )
+        self._localization = Localization(scenario.localization, count, TICK_NS * 1e-9, streams.localization)
+        self._autopilots = [
+            Autopilot(frame.local(position[k]), -frame.yaw_rad, TICK_NS * 1e-9) for k, frame in enumerate(self._frames)
+        ]
+        self._radio = Radio(scenario.radio, count, streams.radio)
+        self._views = [CameraMount(config.camera_rpy_deg) for config in self._configs]
+        self._cameras: list[Camera] = []
+        self.recorder = Recorder(scenario, mission, self._pilots)
+        self._source = None
+        if scenario.source is not None:
+            duration_s = scenario.end.search_s + scenario.end.track_s + 600.0
+            self._source = source_path(scenario.source, self.recorder.area, duration_s, streams.source)
+            self._cameras = [Camera(scenario.camera, scenario.source.nuclide, rng, EPOCH_NS) for rng in streams.cameras]
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since the start of the simulation."""
+        return self.ticks * TICK_NS * 1e-9
+
+    def describe(self) -> str:
+        """The stage of the first drone, and what the swarm believes."""
+        return self.recorder.describe()
+
+    def tick(self) -> bool:
+        """Advance by one tick; True when the run has ended."""
+        now_ns = EPOCH_NS + self.ticks * TICK_NS
+        source = self._source(self.time_s) if self._source is not None else None
+        self._sense(now_ns, source)
+        if self.ticks == round(START_S * 1e9 / TICK_NS):
+            self._command_start(now_ns)
+        for drone, pilot in enumerate(self._pilots):
+            for key, payload in self._radio.receive(drone, now_ns):
+                pilot.receive(key, payload, now_ns)
+            step = pilot.step(now_ns)
+            for key, payload in step.publications:
+                self._radio.send(drone, key, payload, now_ns)
+                self.recorder.hear(drone, key, payload, self._frames[drone].matrix, self._frames[drone].origin)
+            self._autopilots[drone].command(step.command)
+        self._move()
+        self.ticks += 1
+        return self.recorder.sample(
+            self.time_s, self._multirotors.position_m, self._multirotors.velocity_mps, source,
+            [autopilot.in_air for autopilot in self._autopilots],
+        )  # fmt: skip
+
+    def _sense(self, now_ns: int, source: tuple[float, float] | None) -> None:
+        expose = bool(self._cameras) and self.ticks % EXPOSE_TICKS == 0 and self.ticks > 0
+        for drone, pilot in enumerate(self._pilots):
+            pilot.observe_vehicle(self._telemetry(drone, now_ns))
+            if expose and source is not None and self._scenario.source is not None:
+                attitude = self._multirotors.quaternion(drone)
+                view = self._views[drone].view(
+                    self._multirotors.position_m[drone], attitude, source, self._scenario.source.activity_bq
+                )
+                start_ns = now_ns - EXPOSE_TICKS * TICK_NS
+                pilot.observe_detector(self._cameras[drone].expose(start_ns, now_ns, (view,)))
+
+    def _telemetry(self, drone: int, now_ns: int) -> VehicleState:
+        frame, autopilot, motion = self._frames[drone], self._autopilots[drone], self._multirotors
+        error = self._localization.position_error_m[drone]
+        position = frame.local(motion.position_m[drone] + error)
+        velocity = frame.turn(motion.velocity_mps[drone] + self._localization.velocity_error_mps[drone])
+        acceleration = frame.turn(motion.acceleration_mps2[drone])
+        yaw = float(motion.yaw_rad[drone] + self._localization.yaw_error_rad[drone]) - frame.yaw_rad
+        truth = self._scenario.localization
+        return VehicleState(
+            stamp_ns=now_ns,
+            epoch=0,
+            position_m=position,
+            velocity_mps=velocity,
+            quaternion=attitude(yaw, *acceleration),
+            height_m=float(motion.position_m[drone, 2]),
+            position_sigma_m=truth.horizontal_m,
+            yaw_sigma_rad=float(np.deg2rad(truth.yaw_deg)),
+            mode=autopilot.mode,
+            armed=autopilot.armed,
+            in_air=autopilot.in_air,
+            healthy=not autopilot.failsafe,
+        )
+
+    def _command_start(self, now_ns: int) -> None:
+        mission = self._mission
+        for pilot in self._pilots:
+            command = Command(stamp_ns=now_ns, station="lockstep", mission=mission.mission_id, action=Action.START)
+            pilot.receive(key_of(mission.swarm, command), encode(command), now_ns)
+
+    def _move(self) -> None:
+        motion, count = self._multirotors, len(self._pilots)
+        position_sp, velocity_sp, yaw_sp = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
+        grounded = np.zeros(count, dtype=np.bool_)
+        for drone, (autopilot, frame) in enumerate(zip(self._autopilots, self._frames, strict=True)):
+            autopilot.step(frame.local(motion.position_m[drone] + self._localization.position_error_m[drone]))
+            target = autopilot.target
+            position_sp[drone] = frame.world(target.position)
+            velocity_sp[drone] = frame.matrix @ target.velocity
+            yaw_sp[drone] = target.yaw + frame.yaw_rad
+            grounded[drone] = autopilot.grounded
+        position_sp -= self._localization.position_error_m  # the autopilot steers its estimate, not its true position
+        yaw_sp -= self._localization.yaw_error_rad
+        for _ in range(SUBSTEPS):
+            motion.step(position_sp, velocity_sp, yaw_sp, grounded)
+        self._localization.step()
+
+
+def _streams(seed: int, drones: int) -> _Streams:
+    children = np.random.SeedSequence(seed).spawn(5 + drones)
+    generators = [np.random.default_rng(child) for child in children]
+    source, start, vehicle, localization, radio, *cameras = generators
+    return _Streams(source, start, vehicle, localization, radio, cameras)
+
+
+def _launch_positions(scenario: Scenario, mission: MissionConfig, rng: np.random.Generator) -> NDArray[np.float64]:
+    """(N, 3): the launch places of the mission, or scattered at least twice the separation apart."""
+    places = np.array([drone.origin_m for drone in mission.drones], dtype=np.float64)
+    scatter = scenario.start.scatter_m
+    if scatter <= 0.0:
+        return places
+    apart = 2.0 * mission.limits.separation_m
+    chosen: list[NDArray[np.float64]] = []
+    while len(chosen) < len(places):
+        place = np.append(rng.uniform(-scatter, scatter, 2) + scenario.start.centre_m, 0.0)
+        if all(np.hypot(*(place - other)[:2]) > apart for other in chosen):
+            chosen.append(place)
+    return np.array(chosen)

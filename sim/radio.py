@@ -1,0 +1,55 @@
+"""The mesh between the drones: delay, jitter and loss."""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+from msgspec import Struct
+
+LOG_KINDS = ("cone", "exposure", "sighting", "coverage")
+
+
+class RadioTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One hop. News that is lost stays lost; log entries are repeated until they arrive, as Zenoh's recovery does."""
+
+    delay_s: float = 0.02
+    jitter_s: float = 0.01
+    loss: float = 0.01
+    recovery_s: float = 0.5
+
+
+class Radio:
+    """Carries payloads from each drone to all others; what is due is handed out in the order of arrival."""
+
+    def __init__(self, truth: RadioTruth, count: int, rng: np.random.Generator) -> None:
+        self._truth = truth
+        self._rng = rng
+        self._sent = 0
+        self._inboxes: list[list[tuple[int, int, str, bytes]]] = [[] for _ in range(count)]
+
+    def send(self, sender: int, key: str, payload: bytes, now_ns: int) -> None:
+        """Hand a payload to the radio."""
+        truth = self._truth
+        repeated = key.rsplit("/", 1)[-1] in LOG_KINDS
+        for receiver, inbox in enumerate(self._inboxes):
+            if receiver == sender:
+                continue
+            delay = truth.delay_s + truth.jitter_s * self._rng.random()
+            lost = self._rng.random() < truth.loss
+            if lost and not repeated:
+                continue
+            while lost:
+                delay += truth.recovery_s
+                lost = self._rng.random() < truth.loss
+            self._sent += 1
+            heapq.heappush(inbox, (now_ns + int(delay * 1e9), self._sent, key, payload))
+
+    def receive(self, receiver: int, now_ns: int) -> list[tuple[str, bytes]]:
+        """Take out what has arrived at a drone by now."""
+        inbox = self._inboxes[receiver]
+        arrived = []
+        while inbox and inbox[0][0] <= now_ns:
+            _, _, key, payload = heapq.heappop(inbox)
+            arrived.append((key, payload))
+        return arrived

@@ -1,0 +1,194 @@
+"""Scenario files: a mission, and the truth that it meets. The agents see the mission only."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from agent.config import MissionConfig, convert
+from agent.errors import ConfigError
+from sim.localization import LocalizationTruth
+from sim.radiation.camera import CameraTruth
+from sim.radiation.nuclides import NUCLIDES
+from sim.radio import RadioTruth
+from sim.vehicle.multirotor import MultirotorTruth
+
+Positive = Annotated[float, Meta(gt=0.0, le=1e18)]
+NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
+_FOLDER = Path(__file__).parent / "scenarios"
+
+
+class _Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    pass
+
+
+class SourceTruth(_Section, frozen=True, kw_only=True):
+    """The radioactive source, on the ground. Where it starts is drawn from the seed unless ``start_m`` is given.
+
+    ``motion``: ``static``; ``circle`` around the area's centre with ``circle_radius_m`` at ``speed_mps``; ``wander``: straight and curved
+    stretches at up to ``speed_mps`` inside the area.
+    """
+
+    activity_bq: Positive
+    nuclide: str = "Cs-137"
+    motion: Literal["static", "circle", "wander"] = "static"
+    speed_mps: NonNegative = 0.0
+    circle_radius_m: NonNegative = 40.0
+    start_m: tuple[float, float] | None = None
+
+
+class EndTruth(_Section, frozen=True, kw_only=True):
+    """When a run ends, and when the source counts as lost.
+
+    ``lost``: ``error``: the error is above 20 m for 10 s (the run goes on); ``no-cone``: the paper's rule, 20 s without a cone (ends the run).
+    """
+
+    search_s: Positive = 900.0
+    track_s: Positive = 180.0
+    lost: Literal["error", "no-cone"] = "error"
+
+
+class StartTruth(_Section, frozen=True, kw_only=True):
+    """Where the vehicles stand at the start: on their launch places, or anywhere in a square around ``centre_m``."""
+
+    scatter_m: NonNegative = 0.0
+    centre_m: tuple[float, float] = (0.0, 0.0)
+
+
+class Scenario(_Section, frozen=True, kw_only=True):
+    """A mission and the truth that it meets."""
+
+    name: str
+    description: str
+    mission: MissionConfig
+    source: SourceTruth | None = None
+    camera: CameraTruth = CameraTruth()
+    vehicle: MultirotorTruth = MultirotorTruth()
+    localization: LocalizationTruth = LocalizationTruth()
+    radio: RadioTruth = RadioTruth()
+    start: StartTruth = StartTruth()
+    end: EndTruth = EndTruth()
+
+    def check(self, where: str) -> None:
+        """Raise ConfigError where the values contradict each other."""
+        self.mission.check(where)
+        for key, nuclide in (("mission.nuclide", self.mission.nuclide), ("source.nuclide", self.source and self.source.nuclide)):
+            if nuclide is not None and nuclide not in NUCLIDES:
+                raise ConfigError(f"{where}: {key}: unknown nuclide {nuclide!r}; known: {', '.join(NUCLIDES)}")
+
+
+def shipped() -> list[str]:
+    """Names of the scenarios that come with the package."""
+    return sorted(path.stem for path in _FOLDER.glob("*.toml") if not path.stem.endswith("-base"))
+
+
+def load_scenario(name_or_path: str) -> Scenario:
+    """Load a shipped scenario by name, or a scenario file.
+
+    Raises:
+        ConfigError: unknown name, unreadable file, a key or value that does not fit.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".toml":
+        if name_or_path not in shipped():
+            raise ConfigError(
+                f"unknown scenario {name_or_path!r}; shipped: {', '.join(shipped())}; or give the path of a .toml file"
+            )
+        path = _FOLDER / f"{name_or_path}.toml"
+    return _parse(_read(path), str(path))
+
+
+def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:
+    """The scenario with some values changed.
+
+    Keys: ``radius_m`` and ``speed_mps`` (of the encirclement; the speed also of the survey), ``drones`` (how many), or any dotted path such
+    as ``mission.fusion.paper.process_noise_m2ps``.
+
+    Raises:
+        ConfigError: a key that is not there, or a value that does not fit.
+    """
+    document = msgspec.to_builtins(scenario)
+    for key, value in values.items():
+        if key == "drones":
+            document["mission"]["drones"] = _line_up(document["mission"]["drones"], _whole(key, value))
+            continue
+        for path in _SHORT.get(key, (key,)):
+            _set(document, path, _number(value))
+    where = f"{scenario.name} with {', '.join(f'{key}={value}' for key, value in values.items())}"
+    return _parse(document, where)
+
+
+_SHORT = {
+    "radius_m": ("mission.encirclement.radius_m",),
+    "speed_mps": ("mission.encirclement.speed_mps", "mission.survey.speed_mps"),
+    "activity_bq": ("source.activity_bq",),
+    "source_speed_mps": ("source.speed_mps",),
+}
+
+
+def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, object]:
+    """A scenario document; ``base = "other"`` fills what a file does not say itself from a file beside it."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from None
+    base = document.pop("base", None)
+    if base is None:
+        return document
+    if not isinstance(base, str) or path in seen:
+        raise ConfigError(f"{path}: base: expected the name of another scenario in the same folder")
+    return _merge(_read(path.with_name(f"{base}.toml"), (*seen, path)), document)
+
+
+def _merge(base: dict[str, object], over: dict[str, object]) -> dict[str, object]:
+    merged = dict(base)
+    for key, value in over.items():
+        old = merged.get(key)
+        merged[key] = _merge(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return merged
+
+
+def _parse(document: dict[str, object], where: str) -> Scenario:
+    scenario = convert(document, Scenario, where)
+    scenario.check(where)
+    return scenario
+
+
+def _set(document: dict[str, object], path: str, value: object) -> None:
+    *parents, last = path.split(".")
+    section: object = document
+    for name in parents:
+        section = section.get(name) if isinstance(section, dict) else None
+    if not isinstance(section, dict) or last not in section:
+        raise ConfigError(f"there is no {path!r} in this scenario; give radius_m, speed_mps, drones or a dotted path")
+    section[last] = value
+
+
+def _number(value: str | float) -> object:
+    if not isinstance(value, str):
+        return value
+    try:
+        return tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return value
+
+
+def _whole(key: str, value: str | float) -> int:
+    number = _number(value)
+    if not isinstance(number, int | float) or number != int(number) or not 0 < number <= 64:
+        raise ConfigError(f"{key}: expected a whole number from 1 to 64, not {value!r}")
+    return int(number)
+
+
+def _line_up(drones: list[dict[str, Any]], count: int) -> list[dict[str, Any]]:
+    """``count`` drones: those given, then more of them beside the last, 5 m apart along x."""
+    x, y, z = drones[-1]["origin_m"]
+    missing = range(1, count - len(drones) + 1)
+    return drones[:count] + [{"id": f"x{k}", "origin_m": (x + 5.0 * k, y, z), "yaw_deg": 0.0} for k in missing]

@@ -1,0 +1,128 @@
+"""What PX4 does around the flight itself: arming, takeoff, modes, landing, and the offboard-loss failsafe.
+
+Positions here are the vehicle's own, estimated, in its local frame (ENU), as PX4 sees them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot
+
+from agent.vehicle.interface import FlightMode, Request, Vector3, VehicleCommand
+
+ARMING_S = 1.0
+TAKEOFF_SPEED_MPS = 1.0
+LANDING_SPEED_MPS = 0.7
+RETURN_SPEED_MPS = 5.0
+RETURN_HEIGHT_M = 10.0
+DISARM_AFTER_S = 2.0
+OFFBOARD_LOSS_S = 1.0
+_ARRIVED_M = 0.3
+
+
+@dataclass(slots=True)
+class Target:
+    """What the vehicle's controllers follow: position and velocity in the local frame, heading."""
+
+    position: Vector3
+    velocity: Vector3
+    yaw: float
+
+
+class Autopilot:
+    """The flight-mode logic of one vehicle, advanced in fixed steps."""
+
+    def __init__(self, home: Vector3, yaw: float, step_s: float) -> None:
+        self.mode = FlightMode.HOLD
+        self.armed = False
+        self.in_air = False
+        self.failsafe = False
+        self.target = Target(home, (0.0, 0.0, 0.0), yaw)
+        self._home = home
+        self._step_s = step_s
+        self._armed_for = 0.0
+        self._landed_for = 0.0
+        self._takeoff_height = 0.0
+        self._setpoint_age = float("inf")
+
+    @property
+    def grounded(self) -> bool:
+        """On the ground with idling or stopped rotors."""
+        return not self.armed or (self.mode is FlightMode.TAKEOFF and self._armed_for < ARMING_S)
+
+    def command(self, command: VehicleCommand) -> None:
+        """Take the pilot's command of this step."""
+        request = command.request
+        if command.setpoint is not None:
+            self._setpoint_age = 0.0
+        if request is Request.TAKEOFF:
+            self._take_off(command.takeoff_height_m)
+        elif request is Request.OFFBOARD and self.in_air and command.setpoint is not None:
+            self.mode, self.failsafe = FlightMode.OFFBOARD, False
+            setpoint = command.setpoint
+            self.target = Target(setpoint.position_m, setpoint.velocity_mps, setpoint.yaw_rad)
+        elif self.armed and request is Request.HOLD and self.in_air and self.mode is not FlightMode.HOLD:
+            self.mode = FlightMode.HOLD
+            self.target = Target(self.target.position, (0.0, 0.0, 0.0), self.target.yaw)
+        elif self.armed and request is Request.RETURN and self.mode not in (FlightMode.RETURN, FlightMode.LAND):
+            self.mode = FlightMode.RETURN
+        elif self.armed and request is Request.LAND and self.mode is not FlightMode.LAND:
+            self.mode = FlightMode.LAND
+
+    def step(self, position: Vector3) -> None:
+        """Advance the mode logic by one step; ``position`` is the vehicle's own estimate."""
+        self._setpoint_age += self._step_s
+        self._armed_for = self._armed_for + self._step_s if self.armed else 0.0
+        if self.mode is FlightMode.OFFBOARD and self._setpoint_age > OFFBOARD_LOSS_S:
+            self.mode, self.failsafe = FlightMode.RETURN, True
+        if self.grounded:
+            return
+        if self.mode is FlightMode.TAKEOFF:
+            self._climb(position)
+        elif self.mode is FlightMode.RETURN:
+            self._return_home()
+        elif self.mode is FlightMode.LAND:
+            self._descend(position)
+
+    def _take_off(self, height: float) -> None:
+        if not self.armed:
+            self.armed, self.mode = True, FlightMode.TAKEOFF
+            self._takeoff_height = height
+            self._landed_for = 0.0
+            self.target = Target(self._home, (0.0, 0.0, 0.0), self.target.yaw)
+
+    def _climb(self, position: Vector3) -> None:
+        x, y, z = self.target.position
+        z = min(self._home[2] + self._takeoff_height, z + TAKEOFF_SPEED_MPS * self._step_s)
+        self._go((x, y, z))
+        if position[2] > self._home[2] + self._takeoff_height - _ARRIVED_M:
+            self.mode, self.in_air = FlightMode.HOLD, True
+            self.target = Target((x, y, z), (0.0, 0.0, 0.0), self.target.yaw)
+
+    def _return_home(self) -> None:
+        x, y, z = self.target.position
+        height = self._home[2] + RETURN_HEIGHT_M
+        if z < height - 1e-6 and hypot(x - self._home[0], y - self._home[1]) > _ARRIVED_M:
+            self._go((x, y, min(height, z + TAKEOFF_SPEED_MPS * self._step_s)))
+            return
+        dx, dy = self._home[0] - x, self._home[1] - y
+        distance = hypot(dx, dy)
+        step = min(distance, RETURN_SPEED_MPS * self._step_s)
+        if distance <= _ARRIVED_M:
+            self.mode = FlightMode.LAND
+            return
+        self._go((x + dx / distance * step, y + dy / distance * step, z))
+
+    def _descend(self, position: Vector3) -> None:
+        x, y, z = self.target.position
+        self._go((x, y, max(self._home[2] - 0.5, z - LANDING_SPEED_MPS * self._step_s)))
+        if position[2] < self._home[2] + _ARRIVED_M:
+            self._landed_for += self._step_s
+            if self._landed_for > DISARM_AFTER_S:
+                self.armed = self.in_air = self.failsafe = False
+                self.mode = FlightMode.HOLD
+
+    def _go(self, position: Vector3) -> None:
+        old = self.target.position
+        velocity = tuple((new - was) / self._step_s for new, was in zip(position, old, strict=True))
+        self.target = Target(position, (velocity[0], velocity[1], velocity[2]), self.target.yaw)

@@ -1,0 +1,128 @@
+"""Horizontal, vertical and heading response of PX4-flown multirotors to setpoints.
+
+A linear model per axis, fitted to what a real PX4 did (shared reference on PX4, "Positions"): on a circle of 12 m at 3 m/s, with
+position + velocity setpoints at 20 Hz, the position lags by 0.35-0.41 s and the radius is 0.7-1.1 m too large; feeding acceleration
+forward changes nothing. The response is two delay poles on the setpoint, a position loop P, a velocity loop P and an attitude
+lag, all of one time step by the matrix exponential; tilt limits the acceleration.
+"""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, sin
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+GRAVITY_MPS2 = 9.80665
+Array = NDArray[np.float64]
+
+
+class MultirotorTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Parameters of the vehicles as they really are; the agent knows only a lag (its ``vehicle_lag_s``)."""
+
+    position_gain_ps: float = 0.95
+    velocity_gain_ps: float = 1.0
+    attitude_lag_s: float = 0.15
+    setpoint_lag_s: float = 0.32  # two poles together
+    maximum_acceleration_mps2: float = 5.0  # tilt limit of 27 degrees
+    maximum_yaw_rate_rps: float = 1.5
+    yaw_lag_s: float = 0.3
+    gust_mps2: float = 0.1  # 1-sigma acceleration by wind, correlated over 2 s
+    gust_correlation_s: float = 2.0
+
+
+class Multirotors:
+    """N vehicles, true motion in the world frame (ENU).
+
+    position_m, velocity_mps, acceleration_mps2: (N, 3) views of the state; yaw_rad: (N,).
+    """
+
+    def __init__(self, truth: MultirotorTruth, position_m: Array, yaw_rad: Array, step_s: float, rng: np.random.Generator) -> None:
+        self._truth = truth
+        self._step_s = step_s
+        self._rng = rng
+        count = len(position_m)
+        # rows: position, velocity, acceleration, two filter stages of the position and of the velocity setpoint
+        self._state = np.zeros((7, count, 3))
+        self._state[[0, 3, 4]] = position_m
+        self._a, self._b = _discretise(truth, step_s)
+        self._gust = np.zeros((count, 3))
+        self._gust_keep = float(np.exp(-step_s / truth.gust_correlation_s))
+        self.yaw_rad = np.array(yaw_rad, dtype=np.float64)
+
+    @property
+    def position_m(self) -> Array:
+        return self._state[0]
+
+    @property
+    def velocity_mps(self) -> Array:
+        return self._state[1]
+
+    @property
+    def acceleration_mps2(self) -> Array:
+        return self._state[2]
+
+    def step(self, position_sp: Array, velocity_sp: Array, yaw_sp: Array, grounded: NDArray[np.bool_]) -> None:
+        """Advance one time step towards setpoints (N, 3), (N, 3), (N,); grounded vehicles stay where they are."""
+        count = position_sp.shape[0]
+        truth = self._truth
+        inputs = np.stack((position_sp, velocity_sp)).reshape(2, -1)
+        resting = self._state[0, grounded]
+        state = self._a @ self._state.reshape(7, -1) + self._b @ inputs
+        self._state = state.reshape(7, count, 3)
+        keep = self._gust_keep
+        self._gust *= keep
+        self._gust += truth.gust_mps2 * (1.0 - keep * keep) ** 0.5 * self._rng.standard_normal((count, 3))
+        self._state[1] += self._gust * self._step_s
+        self._limit_acceleration()
+        if grounded.any():
+            self._state[:, grounded] = 0.0
+            for row in (0, 3, 4):
+                self._state[row, grounded] = resting
+        error = np.remainder(yaw_sp - self.yaw_rad + np.pi, 2.0 * np.pi) - np.pi
+        rate = np.clip(error / truth.yaw_lag_s, -truth.maximum_yaw_rate_rps, truth.maximum_yaw_rate_rps)
+        self.yaw_rad += np.where(grounded, 0.0, rate * self._step_s)
+
+    def _limit_acceleration(self) -> None:
+        acceleration = self._state[2]
+        size = np.sqrt(acceleration[:, 0] ** 2 + acceleration[:, 1] ** 2)
+        limit = self._truth.maximum_acceleration_mps2
+        if (size > limit).any():
+            acceleration[:, :2] *= np.minimum(1.0, limit / np.maximum(size, 1e-9))[:, None]
+
+    def quaternion(self, drone: int) -> tuple[float, float, float, float]:
+        """World-from-body attitude (w, x, y, z): heading, and the tilt that the acceleration needs."""
+        ax, ay, az = self._state[2, drone].tolist()
+        return attitude(float(self.yaw_rad[drone]), ax, ay, az)
+
+
+def attitude(yaw: float, ax: float, ay: float, az: float) -> tuple[float, float, float, float]:
+    """Quaternion of a multirotor with this heading whose thrust gives this acceleration (ENU, m/s2)."""
+    forward = ax * cos(yaw) + ay * sin(yaw)
+    left = -ax * sin(yaw) + ay * cos(yaw)
+    pitch = atan2(forward, GRAVITY_MPS2 + az)  # nose down is positive about the left axis
+    roll = -atan2(left, hypot(forward, GRAVITY_MPS2 + az))
+    cy, sy, cp, sp, cr, sr = (f(0.5 * angle) for angle in (yaw, pitch, roll) for f in (cos, sin))
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def _discretise(truth: MultirotorTruth, step_s: float) -> tuple[Array, Array]:
+    """Exact zero-order-hold discretisation; states as in ``Multirotors``, inputs (position, velocity) setpoint."""
+    tau, lag = truth.attitude_lag_s, truth.setpoint_lag_s / 2.0
+    kp, kv = truth.position_gain_ps, truth.velocity_gain_ps
+    a = np.zeros((9, 9))
+    a[0, 1] = a[1, 2] = 1.0
+    a[2, [0, 1, 2, 4, 6]] = np.array([-kv * kp, -kv, -1.0, kv * kp, kv]) / tau
+    a[3, [3, 7]] = -1.0 / lag, 1.0 / lag
+    a[4, [4, 3]] = -1.0 / lag, 1.0 / lag
+    a[5, [5, 8]] = -1.0 / lag, 1.0 / lag
+    a[6, [6, 5]] = -1.0 / lag, 1.0 / lag
+    discrete = expm(a * step_s)
+    return discrete[:7, :7], discrete[:7, 7:]

@@ -1,0 +1,96 @@
+import pytest
+
+from agent.errors import ConfigError
+from sim.scenario import load_scenario, override, shipped
+
+NAMES = {
+    "paper-static-solo", "paper-static-swarm", "paper-moving-solo", "paper-moving-swarm", "stabilization",
+    "field-179MBq", "field-2GBq", "field-2GBq-moving", "demo",
+}  # fmt: skip
+
+
+def test_all_shipped_scenarios_load():
+    assert set(shipped()) == NAMES
+    for name in shipped():
+        assert load_scenario(name).name == name
+
+
+def test_solo_and_swarm_differ_in_the_number_of_drones():
+    assert len(load_scenario("paper-static-solo").mission.drones) == 1
+    assert len(load_scenario("paper-static-swarm").mission.drones) == 3
+
+
+def test_unknown_name_lists_the_shipped_ones():
+    with pytest.raises(ConfigError, match="unknown scenario 'nope'; shipped: demo, field-179MBq"):
+        load_scenario("nope")
+
+
+def write(tmp_path, text):
+    (tmp_path / "base.toml").write_text("""
+name = "base"
+description = "d"
+[mission]
+name = "m"
+drones = [{ id = "d1" }]
+[mission.area]
+polygon_m = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]]
+[source]
+activity_bq = 1e9
+""")
+    path = tmp_path / "scenario.toml"
+    path.write_text('base = "base"\n' + text)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("[source]\nactivity_bq = -1.0", r"scenario.toml: source.activity_bq: expected `float` > 0"),
+        ('[source]\nnuclide = "Cs-173"', r"source.nuclide: unknown nuclide 'Cs-173'; known: .*Cs-137"),
+        ('[mission]\nnuclide = "xx"', r"mission.nuclide: unknown nuclide 'xx'"),
+        ("[mission.area]\npolygon_m = [[0.0,0.0],[9.0,9.0],[9.0,0.0],[0.0,9.0]]", r"polygon_m: Self-intersection"),
+        ("[mission]\ndrones = []", r"mission.drones: expected `array` of length >= 1"),
+        ('[mission]\ndrones = [{ id = "a" }, { id = "a" }]', r"the id 'a' is given twice"),
+        ("[mission.surwey]\nheight_m = 3.0", r"unknown key 'mission.surwey'; did you mean 'survey'\?"),
+        ("[mission.survey]\nheigth_m = 3.0", r"unknown key 'mission.survey.heigth_m'; did you mean 'height_m'\?"),
+        ("[mission.survey]\nheight_m = 100.0", r"survey.height_m = 100 is outside area.floor_m .. area.ceiling_m"),
+        ('[mission.fusion]\nestimator = "kalman"', r"fusion.estimator"),
+        ("[mission.fusion]\nestimator = 'given'", r"needs fusion.given.schedule"),
+        ("this is no toml", r"not TOML"),
+    ],
+)
+def test_bad_files_end_in_one_line_that_says_what_and_where(tmp_path, text, complaint):
+    with pytest.raises(ConfigError, match=complaint) as caught:
+        load_scenario(write(tmp_path, text))
+    assert "\n" not in str(caught.value)
+
+
+def test_unreadable_file():
+    with pytest.raises(ConfigError, match=r"nowhere.toml: cannot be read: No such file"):
+        load_scenario("nowhere.toml")
+
+
+def test_override():
+    scenario = load_scenario("paper-static-swarm")
+    changed = override(scenario, {"radius_m": "8", "speed_mps": 2.0, "drones": "5", "mission.fusion.paper.initial_cones": 7})
+    assert changed.mission.encirclement.radius_m == 8.0
+    assert changed.mission.survey.speed_mps == changed.mission.encirclement.speed_mps == 2.0
+    assert [drone.id for drone in changed.mission.drones] == ["d1", "d2", "d3", "x1", "x2"]
+    assert changed.mission.fusion.paper.initial_cones == 7
+    assert changed.mission.mission_id != scenario.mission.mission_id
+    assert len(override(scenario, {"drones": 1}).mission.drones) == 1
+
+
+@pytest.mark.parametrize(
+    ("values", "complaint"),
+    [
+        ({"radus_m": 3}, "there is no 'radus_m'"),
+        ({"radius_m": -3}, "mission.encirclement.radius_m: expected"),
+        ({"radius_m": "wide"}, "mission.encirclement.radius_m"),
+        ({"drones": 0}, "drones: expected a whole number from 1 to 64"),
+        ({"mission": 0}, "mission"),
+    ],
+)
+def test_bad_override(values, complaint):
+    with pytest.raises(ConfigError, match=complaint):
+        override(load_scenario("demo"), values)

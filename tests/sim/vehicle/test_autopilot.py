@@ -1,0 +1,78 @@
+from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
+from sim.vehicle.autopilot import Autopilot
+
+STEP_S = 0.05
+SETPOINT = Setpoint((3.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0)
+
+
+def run(autopilot, seconds, command=None):
+    """The vehicle is exactly where its target is."""
+    for _ in range(round(seconds / STEP_S)):
+        if command is not None:
+            autopilot.command(command)
+        autopilot.step(autopilot.target.position)
+
+
+def airborne():
+    autopilot = Autopilot((0.0, 0.0, 0.0), 0.0, STEP_S)
+    run(autopilot, 6.0, VehicleCommand(Request.TAKEOFF, takeoff_height_m=3.0))
+    assert autopilot.in_air
+    return autopilot
+
+
+def test_takeoff_ends_in_hold_at_height():
+    autopilot = airborne()
+    assert autopilot.mode is FlightMode.HOLD
+    assert 2.6 < autopilot.target.position[2] <= 3.0
+
+
+def test_does_not_move_before_armed():
+    autopilot = Autopilot((0.0, 0.0, 0.0), 0.0, STEP_S)
+    run(autopilot, 2.0, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    assert autopilot.grounded
+    assert autopilot.target.position == (0.0, 0.0, 0.0)
+
+
+def test_follows_setpoints_and_returns_when_they_stop():
+    autopilot = airborne()
+    run(autopilot, 1.0, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    assert autopilot.mode is FlightMode.OFFBOARD
+    assert autopilot.target.position == SETPOINT.position_m
+    run(autopilot, 0.9)
+    assert autopilot.mode is FlightMode.OFFBOARD
+    run(autopilot, 0.2)
+    assert autopilot.mode is FlightMode.RETURN
+    assert autopilot.failsafe
+
+
+def test_resumed_stream_takes_it_back_to_offboard():
+    autopilot = airborne()
+    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    run(autopilot, 1.5)
+    run(autopilot, 0.1, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    assert autopilot.mode is FlightMode.OFFBOARD
+    assert not autopilot.failsafe
+
+
+def test_return_lands_at_home_and_disarms():
+    autopilot = airborne()
+    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    run(autopilot, 60.0, VehicleCommand(Request.RETURN))
+    x, y, z = autopilot.target.position
+    assert not autopilot.armed
+    assert (abs(x), abs(y)) < (0.4, 0.4)
+    assert z < 0.3
+
+
+def test_land_here():
+    autopilot = airborne()
+    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    run(autopilot, 20.0, VehicleCommand(Request.LAND))
+    assert not autopilot.armed
+    assert autopilot.target.position[:2] == SETPOINT.position_m[:2]
+
+
+def test_release_commands_nothing():
+    autopilot = airborne()
+    run(autopilot, 1.0, VehicleCommand(Request.RELEASE))
+    assert autopilot.mode is FlightMode.HOLD
