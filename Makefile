@@ -1,0 +1,37 @@
+# Each target makes its own environment in .venv on a machine with Python 3.11 or newer, git and make.
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/.ready
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+export OMP_NUM_THREADS = 1
+
+.PHONY: demo test bench table lint clean
+
+demo: $(READY)  ## one flight of three drones that find a source; results/demo/
+	$(BIN)/radron-sim run demo --seed 1 --out results/demo
+
+test: $(READY)  ## all tests
+	$(BIN)/pytest -n 2
+
+bench: $(READY)  ## all measurements of speed, one after another
+	@set -e; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file; done
+
+table: $(READY)  ## the paper's table beside ours, 50 flights a column; results/table/
+	$(BIN)/radron-sim table --runs 50 --out results/table
+
+lint: $(READY)  ## style, types and who may import whom
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+clean:  ## the environment, the results and all caches
+	rm -rf .venv build dist results *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "radron needs Python 3.11 or newer, this is " + sys.version)'
+	@echo "Setting up .venv (once, about a minute) ..."
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@$(PIP) setuptools
+	@$(PIP) --no-build-isolation --editable '.[sim,dev]'
+	@touch $@
