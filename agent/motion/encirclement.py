@@ -13,7 +13,7 @@ Two laws (``EncirclementConfig.law``):
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import atan2, cos, hypot, pi, sin, sqrt
+from math import atan2, hypot, pi, sin, sqrt
 
 import numpy as np
 
@@ -43,13 +43,14 @@ class Encirclement:
         self._config = config
         self._limits = limits
         self._spacing_m = limits.separation_m + margin_m
-        self._times: Array = np.arange(config.steps + 1) * config.step_s
+        self._times: Array = config.step_s * np.arange(config.steps + 1, dtype=np.float64)
 
     def reference(
         self,
         me: PeerState,
         others: Mapping[str, PeerState],
         my_id: str,
+        *,
         center: Vector3,
         center_velocity: Vector3 = (0.0, 0.0, 0.0),
         radius_m: float | None = None,
@@ -63,7 +64,8 @@ class Encirclement:
         radius = max(radius_m or self._config.radius_m, minimum_radius(len(others) + 1, self._spacing_m))
         if self._config.law == "paper":
             return self._paper(me, others, center, radius)
-        return self._smooth(me, others, my_id, center, center_velocity, radius)
+        offset = self._offset_from_slot(me, others, my_id, center, center_velocity)
+        return self._approach(me, self._arc(_angle(me, center, 0.0) + offset, radius, center, center_velocity))
 
     def _paper(self, me: PeerState, others: Mapping[str, PeerState], center: Vector3, radius: float) -> Reference:
         """Sec. V-C: t[k] = (r, phi + beta_i + k (v/r) dT), beta_i = -sgn(theta_i) beta; alone: no bias.
@@ -72,33 +74,23 @@ class Encirclement:
         per time of a speed v on the radius r is v/r.
         """
         phi = _angle(me, center, 0.0)
-        theta = min(
-            (wrapped(_angle(other, center, 0.0) - phi) for _, other in sorted(others.items())), key=abs, default=0.0
-        )
+        theta = min((wrapped(_angle(other, center, 0.0) - phi) for _, other in sorted(others.items())), key=abs, default=0.0)
         bias = -self._config.bias_rad if theta > 0.0 else self._config.bias_rad if theta < 0.0 else 0.0
         return self._arc(phi + bias, radius, center, (0.0, 0.0, 0.0))
 
-    def _smooth(
-        self,
-        me: PeerState,
-        others: Mapping[str, PeerState],
-        my_id: str,
-        center: Vector3,
-        center_velocity: Vector3,
-        radius: float,
-    ) -> Reference:
-        phi = _angle(me, center, 0.0)
-        ahead = _angle(me, center, _LOOKAHEAD_S, center_velocity)
-        # The others' angles ahead of mine, in [0, 2 pi): their order from here on around the circle. Of two drones at the same
-        # angle, the smaller id comes first.
-        gaps = [
-            (wrapped(_angle(other, center, _LOOKAHEAD_S, center_velocity) - ahead) % (2.0 * pi), name) for name, other in others.items()
-        ]
-        gaps = sorted((gap + (2.0 * pi if gap == 0.0 and name < my_id else 0.0), name) for gap, name in gaps)
-        # Least-squares phase of the structure relative to me: mean of (angle of rank j) - j 2 pi / N, mine being rank 0 at 0.
-        count = len(gaps) + 1
-        offset = sum(gap - 2.0 * pi * rank / count for rank, (gap, _) in enumerate(gaps, start=1)) / count
-        return self._approach(me, self._arc(phi + offset, radius, center, center_velocity))
+    def _offset_from_slot(
+        self, me: PeerState, others: Mapping[str, PeerState], my_id: str, center: Vector3, center_velocity: Vector3
+    ) -> float:
+        """Angle from this drone to its slot. Of two drones at the same angle, the smaller id comes first."""
+        mine = _angle(me, center, _LOOKAHEAD_S, center_velocity)
+        ahead = []  # the others' angles from mine, in [0, 2 pi]: their order from here on around the circle
+        for name, other in others.items():
+            gap = (_angle(other, center, _LOOKAHEAD_S, center_velocity) - mine) % (2.0 * pi)
+            ahead.append((2.0 * pi if gap == 0.0 and name < my_id else gap, name))
+        ahead.sort()
+        # Mean over all drones of (angle - rank 2 pi / N), my own rank and angle being 0: the phase that fits them best.
+        count = len(ahead) + 1
+        return sum(gap - 2.0 * pi * rank / count for rank, (gap, _) in enumerate(ahead, start=1)) / count
 
     def _arc(self, angle: float, radius: float, center: Vector3, center_velocity: Vector3) -> Reference:
         """The arc that begins at this angle now; the centre moves on at its velocity."""

@@ -20,7 +20,8 @@ JERK_WEIGHT = 0.004  # s6
 class Prediction:
     """Matrices over a horizon of H steps; the rows are the steps 1 .. H.
 
-    position, velocity, acceleration: (H, H), from the jerks. free: (3 H, 2), from (v0, a0), with p0 = 0.
+    position, velocity, acceleration: (H, H), from the jerks; forced: (3 H, H), the three together; free: (3 H, 2), from (v0, a0),
+    with p0 = 0.
     hessian: (H, H) of the tracking cost. optimum: (4 H, 2 + 2 H), from (v0, a0, reference positions - p0, reference velocities)
     to what minimises it without constraints: jerks, positions - p0, velocities, accelerations.
     """
@@ -28,6 +29,7 @@ class Prediction:
     position: Array
     velocity: Array
     acceleration: Array
+    forced: Array
     free: Array
     hessian: Array
     optimum: Array
@@ -54,4 +56,12 @@ def predict(horizon: int, step_s: float) -> Prediction:
     jerk = np.linalg.solve(hessian, position.T @ wanted_position + VELOCITY_WEIGHT * velocity.T @ wanted_velocity)
     drift = [np.hstack((part, zero, zero)) for part in free]
     optimum = np.vstack((jerk, drift[0] + position @ jerk, drift[1] + velocity @ jerk, drift[2] + acceleration @ jerk))
-    return Prediction(position, velocity, acceleration, free.reshape(3 * horizon, 2), hessian, np.ascontiguousarray(optimum))
+    return Prediction(
+        position,
+        velocity,
+        acceleration,
+        forced.reshape(3 * horizon, horizon),
+        free.reshape(3 * horizon, 2),
+        hessian,
+        np.ascontiguousarray(optimum),
+    )

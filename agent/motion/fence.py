@@ -1,0 +1,109 @@
+"""The fence: where a drone may fly. A simple polygon, convex or not, with floor and ceiling."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot
+
+import numpy as np
+import shapely
+
+from agent.config import AreaConfig
+from agent.errors import ConfigError
+from agent.motion.reference import Array
+
+_PIECES = 12  # half-planes of a local convex piece at most
+_SIMPLIFY_M = 0.5  # the buffered outline may cut its round corners by this much
+
+
+class Fence:
+    """A polygon in the planning frame, and heights in between.
+
+    The tracker needs convex constraints: ``half_planes`` gives a convex piece of the polygon around a place. For a convex polygon
+    that is all of it.
+    """
+
+    def __init__(self, outline: shapely.Polygon, floor_m: float, ceiling_m: float) -> None:
+        """``outline``: valid, without holes (holes are ignored). Raises ConfigError where nothing would be left."""
+        if not outline.is_valid or outline.area <= 0.0:
+            raise ConfigError("fence: the outline is not a simple polygon; check area.polygon_m")
+        if floor_m >= ceiling_m:
+            raise ConfigError(f"fence: floor_m = {floor_m:g} must be below ceiling_m = {ceiling_m:g}")
+        self.outline = shapely.Polygon(outline.exterior)
+        self.floor_m, self.ceiling_m = floor_m, ceiling_m
+        corners = np.asarray(self.outline.exterior.normalize().coords)[:-1]
+        if not self.outline.exterior.normalize().is_ccw:
+            corners = corners[::-1]
+        self._starts: Array = corners  # (E, 2)
+        self._edges: Array = np.roll(corners, -1, axis=0) - corners
+        lengths = np.hypot(self._edges[:, 0], self._edges[:, 1])
+        self._lengths_squared: Array = lengths**2
+        inward = np.column_stack((-self._edges[:, 1], self._edges[:, 0])) / lengths[:, None]
+        offsets = np.einsum("ij,ij->i", inward, corners)
+        convex = bool((corners @ inward.T >= offsets - 1e-6).all())
+        self._planes: tuple[Array, Array] | None = (inward, offsets) if convex else None
+
+    @classmethod
+    def from_area(
+        cls, area: AreaConfig, points: Sequence[tuple[float, float]] | Array | None = None, ground_m: float = 0.0
+    ) -> Fence:
+        """The area and its margin around. ``points``: its corners in the planning frame (as configured: the mission frame);
+        ``ground_m``: height of the ground in that frame.
+        """
+        polygon = shapely.Polygon(area.polygon_m if points is None else points)
+        outline = polygon.buffer(area.fence_margin_m, quad_segs=4).simplify(_SIMPLIFY_M) if area.fence_margin_m > 0.0 else polygon
+        return cls(outline, area.floor_m + ground_m, area.ceiling_m + ground_m)
+
+    def contains(self, x: float, y: float, z: float) -> bool:
+        """Whether a place is inside."""
+        return self.floor_m <= z <= self.ceiling_m and bool(shapely.contains_xy(self.outline, x, y))
+
+    def half_planes(self, x: float, y: float) -> tuple[Array, Array]:
+        """Convex piece of the polygon around (x, y): normals (M, 2) pointing inward and offsets (M,), inside where n . p >= b.
+
+        Non-convex: the boundary nearest to the place gives a half-plane; what of the boundary lies behind it is done with; and so
+        on. From outside, the piece begins at the nearest place inside.
+        """
+        if self._planes is not None:
+            return self._planes
+        place = np.array([x, y])
+        if not shapely.contains_xy(self.outline, x, y):
+            return self._way_in(place)
+        normals, offsets = [], []
+        starts, ends = self._starts, self._starts + self._edges
+        for _ in range(_PIECES):
+            near = self._nearest(place, starts, ends)
+            gaps = np.hypot(near[:, 0] - x, near[:, 1] - y)
+            first = int(gaps.argmin())
+            normal = (place - near[first]) / max(float(gaps[first]), 1e-9)
+            offset = float(normal @ near[first])
+            normals.append(normal)
+            offsets.append(offset)
+            starts, ends = _in_front(starts, ends, normal, offset)
+            if len(starts) == 0:
+                break
+        return np.array(normals), np.array(offsets)
+
+    def _way_in(self, place: Array) -> tuple[Array, Array]:
+        near = self._nearest(place, self._starts, self._starts + self._edges)
+        nearest = near[int(np.hypot(*(near - place).T).argmin())]
+        inward = (nearest - place) / max(hypot(*(nearest - place)), 1e-9)
+        return inward[None, :], np.array([float(inward @ nearest)])
+
+    @staticmethod
+    def _nearest(place: Array, starts: Array, ends: Array) -> Array:
+        """Nearest points (E, 2) of the edges to a place."""
+        edges = ends - starts
+        along = np.einsum("ij,ij->i", place - starts, edges) / np.maximum(np.einsum("ij,ij->i", edges, edges), 1e-12)
+        points: Array = starts + np.clip(along, 0.0, 1.0)[:, None] * edges
+        return points
+
+
+def _in_front(starts: Array, ends: Array, normal: Array, offset: float) -> tuple[Array, Array]:
+    """What of the edges lies in n . p > b, clipped."""
+    first, last = starts @ normal - offset, ends @ normal - offset
+    keep = np.maximum(first, last) > 1e-6
+    starts, ends, first, last = starts[keep], ends[keep], first[keep], last[keep]
+    share = np.where((first < 0.0) | (last < 0.0), first / np.where(first == last, 1.0, first - last), 0.0)[:, None]
+    crossing = starts + share * (ends - starts)
+    return np.where((first < 0.0)[:, None], crossing, starts), np.where((last < 0.0)[:, None], crossing, ends)

@@ -1,0 +1,163 @@
+"""The constrained part of the tracker's problem: limits and half-planes, solved by OSQP.
+
+Unknowns are the deviations w of the jerks from the unconstrained optimum, so the cost is w' H w / 2 and every bound is a limit
+minus what the optimum already has. Half-planes are soft, one slack per step, at a price above what tracking could ever gain: a
+drone that finds itself inside a forbidden zone is led out of it instead of getting no answer.
+
+The solver must answer alike on every run: no time limit, no adaptive step size, a fixed number of iterations at most.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, pi, sin
+
+import numpy as np
+import osqp
+from numpy.typing import NDArray
+from scipy import sparse
+
+from agent.motion.prediction import Prediction
+from agent.motion.reference import Array
+
+_OCTAGON: Array = np.array([[cos(k * pi / 4.0), sin(k * pi / 4.0)] for k in range(4)])  # both signs of each: eight sides
+OCTAGON_INRADIUS = cos(pi / 8.0)  # of an octagon whose corners lie on the unit circle
+_SLACK_PRICE = 300.0  # per metre and step; tracking gains at most some 10 m x H steps
+_SLACK_CURVATURE = 50.0
+_SETTINGS = {
+    "verbose": False,
+    "eps_abs": 2e-3,
+    "eps_rel": 2e-3,
+    "max_iter": 250,
+    "check_termination": 10,
+    "adaptive_rho": 0,
+    "rho": 0.003,
+    "warm_starting": True,
+    "polishing": False,
+}
+_USABLE = ("solved", "solved inaccurate", "maximum iterations reached")
+
+
+@dataclass(frozen=True, slots=True)
+class HalfPlanes:
+    """Up to R half-planes n . p >= b per step. normals: (R, H, axes); offsets: (R, H); -inf where there is none.
+
+    yielding: (R, H) metres by which this row gives way per metre of the step's slack; more than 1 for what matters less.
+    """
+
+    normals: Array
+    offsets: Array
+    yielding: Array
+
+
+class LimitedProblem:
+    """One or two axes of the tracker's problem with limits on speed, acceleration and jerk, and half-planes on the position.
+
+    Two axes share one octagon, inscribed in the circle of the limit; one axis has an interval.
+    """
+
+    def __init__(self, prediction: Prediction, step_s: float, axes: int, limits: tuple[float, float, float], rows: int) -> None:
+        """``limits``: speed m/s, acceleration m/s2, jerk m/s3. ``rows``: half-planes per step."""
+        self._prediction = prediction
+        self._axes, self._rows = axes, rows
+        self._horizon = horizon = len(prediction.hessian)
+        self._times: Array = step_s * np.arange(horizon, dtype=np.float64)
+        self._directions = _OCTAGON if axes == 2 else np.ones((1, 1))
+        inradius = OCTAGON_INRADIUS if axes == 2 else 1.0
+        self._speed, self._acceleration, self._jerk = limits[0] * inradius, limits[1] * inradius, limits[2]
+        tracking = sparse.block_diag([prediction.hessian] * axes)
+        slack = _SLACK_CURVATURE * sparse.eye(horizon)
+        self._price: Array = np.concatenate((np.zeros(axes * horizon), np.full(horizon, _SLACK_PRICE)))
+        fixed = sparse.vstack(
+            (
+                np.kron(self._directions, prediction.velocity),
+                np.kron(self._directions, prediction.acceleration),
+                sparse.eye(axes * horizon),
+            )
+        )
+        fixed = sparse.hstack((fixed, sparse.csc_matrix((fixed.shape[0], horizon))))
+        positive = sparse.hstack((sparse.csc_matrix((horizon, axes * horizon)), sparse.eye(horizon)))
+        matrix, self._variable = self._layout(fixed, positive)
+        self._lower: Array = np.full(matrix.shape[0], -np.inf)
+        self._upper: Array = np.full(matrix.shape[0], np.inf)
+        self._lower[-horizon:] = 0.0
+        self._solver = osqp.OSQP()
+        self._solver.setup(
+            sparse.triu(sparse.block_diag((tracking, slack)), format="csc"),
+            self._price,
+            matrix,
+            self._lower,
+            self._upper,
+            **_SETTINGS,
+        )
+
+    def _layout(self, fixed: sparse.spmatrix, positive: sparse.spmatrix) -> tuple[sparse.csc_matrix, NDArray[np.int32]]:
+        """Constraint matrix with placeholders for the half-planes, and where their values sit in its data.
+
+        Order of the placeholders: row of the step, axis, lower triangle of (H, H); then row of the step, slack of each step.
+        """
+        horizon, axes, rows = self._horizon, self._axes, self._rows
+        self._steps, starts = np.tril_indices(horizon)
+        self._triangle = self._prediction.position[self._steps, starts]
+        row, column = [], []
+        for plane in range(rows):
+            for axis in range(axes):
+                row.append(plane * horizon + self._steps)
+                column.append(axis * horizon + starts)
+        for plane in range(rows):
+            row.append(plane * horizon + np.arange(horizon))
+            column.append(axes * horizon + np.arange(horizon))
+        rows_index, columns_index = np.concatenate(row), np.concatenate(column)
+        marks = np.arange(1.0, len(rows_index) + 1.0)
+        planes = sparse.coo_matrix((marks, (rows_index, columns_index)), shape=(rows * horizon, (axes + 1) * horizon))
+        marked = sparse.vstack((0.0 * fixed, planes, 0.0 * positive), format="csc")
+        matrix = sparse.vstack((fixed, sparse.coo_matrix(planes.astype(bool).astype(float)), positive), format="csc")
+        matrix.sort_indices()
+        marked.sort_indices()
+        marked.eliminate_zeros()
+        # The k-th placeholder's place: look its (row, column) up in the final matrix.
+        place = {
+            (int(r), int(c)): index
+            for c in range(matrix.shape[1])
+            for index, r in enumerate(matrix.indices[matrix.indptr[c] : matrix.indptr[c + 1]], start=int(matrix.indptr[c]))
+        }
+        shift = fixed.shape[0]
+        where = np.array([place[int(r) + shift, int(c)] for r, c in zip(rows_index, columns_index, strict=True)], dtype=np.int32)
+        return matrix, where
+
+    def solve(self, start: Array, optimum: Array, planes: HalfPlanes | None) -> Array | None:
+        """Jerks (H, axes) within the limits that come nearest in cost to the unconstrained optimum.
+
+        start: (3, axes), position, velocity, acceleration now; optimum: (4, H, axes), jerks, positions, velocities, accelerations.
+        A vehicle that is beyond a limit already has to come back, not to be back at once. None: no usable answer.
+        """
+        jerk, position, velocity, acceleration = optimum
+        horizon, axes = self._horizon, self._axes
+        lower, upper = self._lower, self._upper
+        size = len(self._directions) * horizon
+        pull = float(np.hypot(*start[2])) if axes == 2 else abs(float(start[2, 0]))
+        speed = float(np.hypot(*start[1])) if axes == 2 else abs(float(start[1, 0]))
+        speed += 0.5 * pull * pull / self._jerk  # reached before the acceleration can be taken back
+        braked = np.maximum(self._speed, speed - 0.5 * self._acceleration * self._times)
+        eased = np.maximum(self._acceleration, pull - 0.5 * self._jerk * self._times)
+        along = (velocity @ self._directions.T).T
+        upper[:size], lower[:size] = (braked - along).ravel(), (-braked - along).ravel()
+        along = (acceleration @ self._directions.T).T
+        upper[size : 2 * size], lower[size : 2 * size] = (eased - along).ravel(), (-eased - along).ravel()
+        flat = jerk.T.ravel()
+        tail = 2 * size + axes * horizon
+        upper[2 * size : tail], lower[2 * size : tail] = self._jerk - flat, -self._jerk - flat
+        if planes is None:
+            lower[tail:-horizon] = -np.inf
+            self._solver.update(l=lower, u=upper)
+        else:
+            values = planes.normals.transpose(0, 2, 1)[:, :, self._steps] * self._triangle
+            lower[tail:-horizon] = (planes.offsets - np.einsum("rka,ka->rk", planes.normals, position)).ravel()
+            self._solver.update(
+                l=lower, u=upper, Ax=np.concatenate((values.ravel(), planes.yielding.ravel())), Ax_idx=self._variable
+            )
+        result = self._solver.solve(raise_error=False)
+        if result.info.status not in _USABLE:
+            return None
+        found: Array = jerk + result.x[: axes * horizon].reshape(axes, horizon).T
+        return np.clip(found, -self._jerk, self._jerk)
