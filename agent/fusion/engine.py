@@ -69,8 +69,10 @@ class Fusion:
         outcome = self.log.add(entry, payload)
         if outcome is not Outcome.ADDED and outcome is not Outcome.REPLACED:
             return False
+        if outcome is Outcome.REPLACED:
+            self._displace(entry.entry_id)
         if isinstance(entry, self.estimator.reads):
-            self._place(entry, replaces=outcome is Outcome.REPLACED)
+            self._place(entry)
         return True
 
     def advance(self, now_ns: int, budget: int = SLICE_UNITS) -> None:
@@ -113,23 +115,28 @@ class Fusion:
         del self._steps[:kept]
         self.log.compact((last + 1) * self._grid_ns)
 
-    def _place(self, entry: AnyEntry, replaces: bool = False) -> None:
-        """Put an entry's observation into the timeline (or take it out, if it is none), and rewind to before it."""
+    def _place(self, entry: AnyEntry) -> None:
+        """Put an entry's observation, if it is one, into the timeline."""
         key = _frame_of(entry)
-        transform = self._frames.mission_from_local(*key)
-        self._used[key] = transform
+        if key not in self._used:
+            self._used[key] = self._frames.mission_from_local(*key)
+        transform = self._used[key]
         observation = None if transform is None else observe(entry, transform)
-        if observation is None and not replaces:
+        if observation is None:
             return
         step = entry.stamp_ns // self._grid_ns
-        slot = self._timeline.get(step)
-        if slot is None:
-            slot = self._timeline[step] = {}
+        if step not in self._timeline:
+            self._timeline[step] = {}
             insort(self._steps, step)
-        if observation is not None:
-            slot[entry.entry_id] = observation
-        else:
-            slot.pop(entry.entry_id, None)
+        self._timeline[step][entry.entry_id] = observation
+        self._rewind(step)
+
+    def _displace(self, identity: EntryId) -> None:
+        """Take an entry's observation, if there is one, out of the timeline."""
+        step = identity.stamp_ns // self._grid_ns
+        slot = self._timeline.get(step, {})
+        if slot.pop(identity, None) is None:
+            return
         if not slot:
             del self._timeline[step]
             del self._steps[bisect_left(self._steps, step)]
@@ -160,11 +167,14 @@ class Fusion:
     def _take_new_frames(self) -> None:
         """Observe again what was measured in frames that have changed since."""
         self._revision = self._frames.revision
-        changed = {key for key, used in self._used.items() if self._frames.mission_from_local(*key) is not used}
+        newest = {key: self._frames.mission_from_local(*key) for key in self._used}
+        changed = {key for key, used in self._used.items() if newest[key] is not used}
+        self._used = newest
         for record in self.log if changed else ():
             entry = record.entry
             if isinstance(entry, self.estimator.reads) and _frame_of(entry) in changed:
-                self._place(entry, replaces=True)
+                self._displace(entry.entry_id)
+                self._place(entry)
 
     def _grid_step(self, index: int) -> GridStep:
         return GridStep(index, index * self._grid_ns, (index + 1) * self._grid_ns)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -30,7 +31,7 @@ class GivenEstimator:
     def __init__(self, config: GivenHypothesisConfig) -> None:
         self._offsets_ns = [round(time_s * _NS) for time_s, _, _ in config.schedule]
         self._places = [(x, y) for _, x, y in config.schedule]
-        if any(later <= earlier for earlier, later in zip(self._offsets_ns, self._offsets_ns[1:], strict=False)):
+        if any(later <= earlier for earlier, later in pairwise(self._offsets_ns)):
             raise ConfigError("fusion.given.schedule: times must ascend; sort the rows [t_s, x, y] by t_s")
 
     def initial(self, start_ns: int | None) -> int | None:

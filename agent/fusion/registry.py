@@ -19,8 +19,8 @@ from agent.fusion.projection import Rule
 def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
     """Make the estimator of that name for a mission.
 
-    - ``paper``: the paper's filter, with the projection rule that the mission names (fusion.paper.projection).
-    - ``paper-geometric``: the same with the geometric rule, whatever the mission names.
+    - ``paper``: the paper's filter, with the projection rule as printed.
+    - ``paper-geometric``: the same with the rule that the geometry asks for.
     - ``given``: the schedule of fusion.given.
 
     Raises:
@@ -43,7 +43,7 @@ def _given(mission: MissionConfig) -> GivenEstimator:
 
 
 _MAKERS: dict[str, Callable[[MissionConfig], Estimator[Any]]] = {
-    "paper": lambda mission: _paper(mission, mission.fusion.paper.projection, "paper"),
+    "paper": lambda mission: _paper(mission, "paper", "paper"),
     "paper-geometric": lambda mission: _paper(mission, "geometric", "paper-geometric"),
     "given": _given,
 }

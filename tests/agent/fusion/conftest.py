@@ -1,0 +1,137 @@
+"""Entries and missions for the fusion's tests, with a geometry of their own: nothing of what is tested is used to make them."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from agent.config import AreaConfig, DroneInMission, FusionConfig, GivenHypothesisConfig, MissionConfig, PaperEstimatorConfig
+from protocol.codec import encode
+from protocol.messages import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample
+
+T0_NS = 1_700_000_000_000_000_000
+BOOT = "00000000000000b1"
+
+
+def mission_of(drones=("a", "b", "c"), estimator="paper", schedule=None, grid_s=0.5, horizon_s=60.0, **paper):
+    return MissionConfig(
+        name="test",
+        drones=tuple(drone if isinstance(drone, DroneInMission) else DroneInMission(id=drone) for drone in drones),
+        area=AreaConfig(polygon_m=((0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0))),
+        fusion=FusionConfig(
+            estimator=estimator,
+            grid_s=grid_s,
+            horizon_s=horizon_s,
+            paper=PaperEstimatorConfig(**paper),
+            given=None if schedule is None else GivenHypothesisConfig(schedule=schedule),
+        ),
+    )
+
+
+def cone_entry(mission, time_s, apex, axis, theta, *, drone="a", sequence=0, epoch=0, probability=0.8, boot=BOOT):
+    """A cone whose first order is the one to be believed; the second looks the other way."""
+    axis = tuple(float(value) for value in np.asarray(axis, dtype=float))
+    orders = (
+        ConeOrder(axis, float(theta), 0.1, probability),
+        ConeOrder(tuple(-value for value in axis), float(theta), 0.1, 1.0 - probability),
+    )
+    return Cone(
+        mission=mission.mission_id,
+        stamp_ns=T0_NS + round(time_s * 1e9),
+        drone=drone,
+        boot=boot,
+        sequence=sequence,
+        epoch=epoch,
+        apex_m=tuple(float(value) for value in apex),
+        apex_sigma_m=0.1,
+        yaw_sigma_rad=0.01,
+        orders=orders,
+        energies_kev=(200.0, 460.0),
+        energy_sigmas_kev=(5.0, 9.0),
+        separation_mm=1.5,
+    )
+
+
+def exposure_entry(mission, time_s, position, *, drone="a", sequence=0, duration_s=0.25):
+    """Poses at 10 Hz, as published."""
+    start_ns = T0_NS + round(time_s * 1e9)
+    samples = int(duration_s * 10) + 1
+    pose = tuple(float(value) for value in position)
+    return Exposure(
+        mission=mission.mission_id,
+        stamp_ns=start_ns,
+        drone=drone,
+        boot=BOOT,
+        sequence=sequence,
+        epoch=0,
+        end_ns=start_ns + round(duration_s * 1e9),
+        live_time_s=duration_s,
+        counts=Counts(5, 0, 1),
+        poses=tuple(PoseSample(round(i * 1e8), pose, (1.0, 0.0, 0.0, 0.0)) for i in range(samples)),
+        position_sigma_m=0.1,
+        yaw_sigma_rad=0.01,
+    )
+
+
+def cone_towards(rng, apex, target, arm_rad):
+    """axis and theta of a cone from apex whose surface misses the target by an angle of N(0, arm_rad)."""
+    line = np.asarray(target, dtype=float) - apex
+    line /= np.linalg.norm(line)
+    theta = rng.uniform(0.4, 1.6)
+    helper = rng.normal(size=3)
+    side = np.cross(line, helper)
+    side /= np.linalg.norm(side)
+    axis = math.cos(theta) * line + math.sin(theta) * side
+    return axis, float(np.clip(theta + rng.normal(0.0, arm_rad), 0.01, 3.1))
+
+
+def flight(mission, rng, seconds, source_at, *, rate_hz=2.0, arm_rad=0.08, radius=12.0):
+    """Cones of drones that circle the source at 3 m height and 3 m/s, Poisson in time."""
+    entries: list[Entry] = []
+    drones = [drone.id for drone in mission.drones]
+    sequence = dict.fromkeys(drones, 0)
+    time_s = 0.0
+    while (time_s := time_s + rng.exponential(1.0 / rate_hz)) < seconds:
+        index = int(rng.integers(len(drones)))
+        x, y = source_at(time_s)
+        phase = time_s * 3.0 / radius + 2.0 * math.pi * index / len(drones)
+        apex = np.array([x + radius * math.cos(phase), y + radius * math.sin(phase), 3.0])
+        axis, theta = cone_towards(rng, apex, (x, y, 0.0), arm_rad)
+        name = drones[index]
+        entries.append(cone_entry(mission, time_s, apex, axis, theta, drone=name, sequence=sequence[name]))
+        sequence[name] += 1
+    return entries
+
+
+def same_bits(left, right):
+    """Whether two hypotheses are equal to the last bit."""
+    if left is None or right is None:
+        return left is right
+    return _bits(left) == _bits(right)
+
+
+def _bits(hypothesis):
+    arrays = (hypothesis.position, hypothesis.covariance, hypothesis.velocity)
+    return (*(array.tobytes() for array in arrays), hypothesis.stamp_ns, hypothesis.cones, hypothesis.x0_stamp_ns)
+
+
+def settle(fusion, now_ns, budget=400):
+    """Advance until nothing is left to replay."""
+    fusion.advance(now_ns, budget)
+    while fusion.pending:
+        fusion.advance(now_ns, budget)
+    return fusion.hypothesis
+
+
+def feed(fusion, entries):
+    return [fusion.receive(entry, encode(entry)) for entry in entries]
+
+
+@pytest.fixture(scope="session")
+def kit():
+    """The helpers of this file (test files are imported without packages, so they come as a fixture)."""
+    names = (mission_of, cone_entry, exposure_entry, cone_towards, flight, same_bits, settle, feed)
+    return SimpleNamespace(T0_NS=T0_NS, BOOT=BOOT, **{function.__name__: function for function in names})

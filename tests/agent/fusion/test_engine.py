@@ -1,0 +1,366 @@
+import random
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agent.config import DroneInMission
+from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.fusion.engine import Fusion
+from agent.fusion.paper import PaperEstimator
+from agent.fusion.registry import estimator_named
+from protocol.codec import encode
+from protocol.messages import Cone
+
+SECONDS = 30.0
+END_NS = 40_000_000_000
+
+
+@pytest.fixture(scope="session")
+def mission(kit):
+    return kit.mission_of(initial_cones=6)
+
+
+@pytest.fixture(scope="session")
+def entries(kit, mission):
+    """Cones and exposures of 30 s, some cones at the very same time."""
+    cones = kit.flight(mission, np.random.default_rng(11), SECONDS, lambda time_s: (40.0 + time_s, 60.0))
+    twins = [msgspec.structs.replace(cone, boot="00000000000000b2", separation_mm=2.0) for cone in cones[5:8]]
+    exposures = [kit.exposure_entry(mission, i / 2, (1.0, 2.0, 3.0), sequence=1000 + i) for i in range(20)]
+    return sorted([*cones, *twins, *exposures], key=lambda entry: entry.entry_id)
+
+
+@pytest.fixture(scope="session")
+def in_order(kit, mission, entries):
+    """The reference: every entry in its order, folded in one go."""
+    fusion = fusion_of(mission)
+    assert all(kit.feed(fusion, entries))
+    kit.settle(fusion, kit.T0_NS + END_NS)
+    assert fusion.hypothesis.cones > 40
+    return fusion
+
+
+def fusion_of(mission, estimator="paper"):
+    return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named(estimator, mission))
+
+
+def agrees(kit, fusion, other):
+    return fusion.digest == other.digest and kit.same_bits(fusion.hypothesis, other.hypothesis)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32))
+def test_any_permutation_duplication_delay_and_slicing_ends_in_the_same_bits(kit, mission, entries, in_order, seed):
+    rng = random.Random(seed)
+    calls, budget = rng.randrange(40), rng.randint(1, 60)
+    arrivals = entries + rng.choices(entries, k=rng.randrange(30))
+    rng.shuffle(arrivals)
+    advances = sorted(rng.uniform(0.0, END_NS) for _ in range(calls))
+    cuts = sorted(rng.randrange(len(arrivals) + 1) for _ in range(calls))
+    fusion, taken = fusion_of(mission), 0
+    for cut, now_ns in zip(cuts, advances, strict=True):
+        kit.feed(fusion, arrivals[taken:cut])
+        taken = cut
+        fusion.advance(kit.T0_NS + round(now_ns), budget)
+    kit.feed(fusion, arrivals[taken:])
+    kit.settle(fusion, kit.T0_NS + END_NS, budget)
+    assert agrees(kit, fusion, in_order)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32))
+def test_radio_delays_in_a_running_flight(kit, mission, entries, in_order, seed):
+    """Arrivals 0 to 3 s late in a 20 Hz loop: at its end, and at every moment at which all is there, the reference's bits."""
+    rng = random.Random(seed)
+    arrivals = sorted(((entry.stamp_ns + round(rng.uniform(0.0, 3e9)), entry) for entry in entries), key=lambda a: a[0])
+    fusion = fusion_of(mission)
+    now_ns = kit.T0_NS
+    while now_ns < kit.T0_NS + END_NS:
+        while arrivals and arrivals[0][0] <= now_ns:
+            entry = arrivals.pop(0)[1]
+            fusion.receive(entry, encode(entry))
+        fusion.advance(now_ns)
+        now_ns += 50_000_000
+    kit.settle(fusion, kit.T0_NS + END_NS)
+    assert agrees(kit, fusion, in_order)
+
+
+@pytest.mark.parametrize("now_s", [5.0, 12.3, 29.9])
+def test_the_hypothesis_of_any_moment_is_that_of_its_grid_step(kit, mission, entries, now_s):
+    """A log that knows more already (stamps ahead of now) says the same as one that knows only what is due."""
+    ahead, due = fusion_of(mission), fusion_of(mission)
+    now_ns = kit.T0_NS + round(now_s * 1e9)
+    end_ns = (now_ns // 500_000_000 + 1) * 500_000_000
+    kit.feed(ahead, entries)
+    kit.feed(due, [entry for entry in entries if entry.stamp_ns < end_ns])
+    assert kit.same_bits(kit.settle(ahead, now_ns), kit.settle(due, now_ns))
+    assert ahead.hypothesis is not None
+
+
+def test_a_cone_reaches_the_hypothesis_with_the_next_call(kit, mission, entries):
+    fusion = fusion_of(mission)
+    kit.feed(fusion, entries)
+    now_ns = entries[-1].stamp_ns + 1
+    before = kit.settle(fusion, now_ns)
+    new = kit.cone_entry(mission, (now_ns - kit.T0_NS) / 1e9, (60.0, 40.0, 3.0), (0.0, 1.0, 0.0), 0.4, sequence=900)
+    kit.feed(fusion, [new])
+    fusion.advance(now_ns + 1)
+    assert not fusion.pending
+    assert fusion.hypothesis.cones == before.cones + 1
+    assert not np.array_equal(fusion.hypothesis.position, before.position)
+
+
+def test_a_late_entry_replays_in_slices_while_the_older_hypothesis_serves(kit, mission, entries):
+    fusion, whole = fusion_of(mission), fusion_of(mission)
+    now_ns = kit.T0_NS + END_NS
+    late = next(entry for entry in entries if isinstance(entry, Cone))
+    kit.feed(fusion, [entry for entry in entries if entry is not late])
+    older = kit.settle(fusion, now_ns)
+    kit.feed(fusion, [late])
+    slices = 0
+    while True:
+        fusion.advance(now_ns, budget=10)
+        slices += 1
+        if not fusion.pending:
+            break
+        assert fusion.hypothesis is older
+    assert slices >= 4
+    kit.feed(whole, entries)
+    assert kit.same_bits(fusion.hypothesis, kit.settle(whole, now_ns))
+    assert not kit.same_bits(fusion.hypothesis, older)
+
+
+class Counting(PaperEstimator):
+    """Counts the observations that are folded."""
+
+    folded = 0
+
+    def step(self, state, step, observations):
+        self.folded += len(observations)
+        return super().step(state, step, observations)
+
+
+def test_a_late_entry_costs_what_is_behind_it_and_nothing_new_costs_nothing(kit, mission, entries):
+    plain = estimator_named("paper", mission)
+    counting = Counting(plain._config, plain._search, plain._rule)
+    fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), counting)
+    cones = [entry for entry in entries if entry.boot == kit.BOOT and entry.sequence < 1000]
+    late = cones[-6]
+    kit.feed(fusion, [entry for entry in cones if entry is not late])
+    kit.settle(fusion, kit.T0_NS + END_NS)
+    assert counting.folded == len(cones) - 1
+    counting.folded = 0
+    fusion.advance(kit.T0_NS + END_NS + 5_000_000_000)
+    assert counting.folded == 0
+    kit.feed(fusion, [late])
+    kit.settle(fusion, kit.T0_NS + END_NS)
+    begin_ns = late.stamp_ns // 500_000_000 * 500_000_000
+    assert counting.folded == sum(cone.stamp_ns >= begin_ns for cone in cones)
+
+
+def test_checkpoints_are_thinned_and_old_ones_remain(kit, mission):
+    cones = kit.flight(mission, np.random.default_rng(4), 400.0, lambda _: (50.0, 50.0), rate_hz=1.0)
+    fusion, whole = fusion_of(mission), fusion_of(mission)
+    for cone in cones[:20] + cones[21:]:
+        kit.feed(fusion, [cone])
+        fusion.advance(cone.stamp_ns)
+    assert len(fusion._timeline) > 200
+    assert len(fusion._states) <= 128
+    assert min(fusion._states) < fusion._steps[80]
+    kit.feed(fusion, cones[20:21])
+    kit.feed(whole, cones)
+    end_ns = cones[-1].stamp_ns
+    assert kit.same_bits(kit.settle(fusion, end_ns), kit.settle(whole, end_ns))
+
+
+def test_same_identity_other_bytes_ends_alike(kit, mission, entries):
+    """Also where the other bytes are of another kind, or say nothing."""
+    cones = [entry for entry in entries if entry.boot == kit.BOOT and entry.sequence < 1000]
+    victim = cones[20]
+    dead = msgspec.structs.replace(victim, orders=tuple(msgspec.structs.replace(o, probability=0.0) for o in victim.orders))
+    other = msgspec.structs.replace(cones[25], **{k: getattr(victim, k) for k in ("stamp_ns", "drone", "boot", "sequence")})
+    stamp_s = (victim.stamp_ns - kit.T0_NS) / 1e9
+    kind = kit.exposure_entry(mission, stamp_s, (0.0, 0.0, 3.0), drone=victim.drone, sequence=victim.sequence)
+    kind = msgspec.structs.replace(kind, stamp_ns=victim.stamp_ns)
+    variants = [victim, dead, other, kind]
+    assert len({entry.entry_id for entry in variants}) == 1
+    rest = [entry for entry in cones if entry is not victim]
+    kept = []
+    for seed in range(12):
+        order = variants.copy()
+        random.Random(seed).shuffle(order)
+        fusion = fusion_of(mission)
+        kit.feed(fusion, rest[:30])
+        for entry in order:
+            kit.feed(fusion, [entry])
+            fusion.advance(kit.T0_NS + 20_000_000_000)
+        kit.feed(fusion, rest[30:])
+        kit.settle(fusion, kit.T0_NS + END_NS)
+        kept.append(fusion)
+    assert all(agrees(kit, fusion, kept[0]) for fusion in kept)
+    winner = next(r.entry for r in kept[0].log if r.entry.entry_id == victim.entry_id)
+    alone = fusion_of(mission)
+    kit.feed(alone, [*rest, winner])
+    kit.settle(alone, kit.T0_NS + END_NS)
+    assert agrees(kit, alone, kept[0])
+
+
+def test_drones_with_their_own_frames_agree_with_one_common_frame(kit, entries, mission):
+    """The same flight, written down in frames that are turned and shifted, is the same flight."""
+    layout = {"a": (30.0, (5.0, -3.0, 0.0)), "b": (-120.0, (-20.0, 8.0, 0.0)), "c": (0.0, (0.0, 0.0, 0.0))}
+    drones = tuple(DroneInMission(id=name, yaw_deg=yaw, origin_m=origin) for name, (yaw, origin) in layout.items())
+    turned_mission = kit.mission_of(drones=drones, initial_cones=6)
+    turned = []
+    for entry in entries:
+        if entry.sequence >= 1000:
+            continue
+        yaw_deg, origin = layout[entry.drone]
+        c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
+        back = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # local from mission
+        local = kit.cone_entry(
+            turned_mission,
+            (entry.stamp_ns - kit.T0_NS) / 1e9,
+            back @ (np.array(entry.apex_m) - origin),
+            back @ np.array(entry.orders[0].axis),
+            entry.orders[0].theta_rad,
+            drone=entry.drone,
+            sequence=entry.sequence,
+            boot=entry.boot,
+        )
+        turned.append(msgspec.structs.replace(local, stamp_ns=entry.stamp_ns))
+    fusion, plain = fusion_of(turned_mission), fusion_of(mission)
+    kit.feed(fusion, turned)
+    kit.feed(plain, entries)
+    hypothesis = kit.settle(fusion, kit.T0_NS + END_NS)
+    np.testing.assert_allclose(hypothesis.position, kit.settle(plain, kit.T0_NS + END_NS).position, atol=1e-5)
+
+
+@pytest.mark.parametrize("learnt_at", [0, 10, 40, None])
+def test_entries_of_an_unknown_epoch_join_when_the_frame_is_known(kit, mission, entries, learnt_at):
+    """Drone b's cones after 10 s are of epoch 1, in a frame that is 7 m off."""
+    jump_ns = kit.T0_NS + 10_000_000_000
+    moved = [
+        msgspec.structs.replace(e, epoch=1, apex_m=(e.apex_m[0] - 7.0, *e.apex_m[1:]))
+        if e.drone == "b" and e.stamp_ns > jump_ns and e.sequence < 1000
+        else e
+        for e in entries
+    ]
+    assert sum(entry.epoch for entry in moved) > 5
+    frames = FrameGraph.from_launch_layout(mission)
+    fusion = Fusion(mission, frames)
+    for index, entry in enumerate(moved):
+        if index == learnt_at:
+            frames.place("b", 1, Transform(0.0, (7.0, 0.0, 0.0)))
+        kit.feed(fusion, [entry])
+        fusion.advance(entry.stamp_ns)
+    without = kit.settle(fusion, kit.T0_NS + END_NS)
+    if learnt_at is None:
+        digest = fusion.digest
+        frames.place("b", 1, Transform(1.0, (0.0, 0.0, 0.0)))  # wrong at first: the newest replaces it
+        kit.settle(fusion, kit.T0_NS + END_NS)
+        frames.place("b", 1, Transform(0.0, (7.0, 0.0, 0.0)))
+        kit.settle(fusion, kit.T0_NS + END_NS)
+        assert fusion.digest == digest
+        assert fusion.hypothesis.cones > without.cones
+    reference = fusion_of(mission)
+    kit.feed(reference, entries)
+    np.testing.assert_allclose(fusion.hypothesis.position, kit.settle(reference, kit.T0_NS + END_NS).position, atol=1e-6)
+    assert fusion.hypothesis.cones == reference.hypothesis.cones
+
+
+def test_a_frame_that_changes_between_two_entries_moves_the_earlier_one_too(kit, mission):
+    """No advance in between: the earlier entry must not keep the older transform."""
+    cones = kit.flight(mission, np.random.default_rng(8), 20.0, lambda _: (50.0, 50.0))
+    frames, final = FrameGraph.from_launch_layout(mission), FrameGraph.from_launch_layout(mission)
+    fusion = Fusion(mission, frames)
+    kit.feed(fusion, cones[:10])
+    for graph in (frames, final):
+        graph.place("a", 0, Transform(0.1, (1.0, 0.0, 0.0)))
+    kit.feed(fusion, cones[10:])
+    other = Fusion(mission, final)
+    kit.feed(other, cones)
+    assert kit.same_bits(kit.settle(fusion, kit.T0_NS + END_NS), kit.settle(other, kit.T0_NS + END_NS))
+
+
+def test_compaction_changes_neither_digest_nor_hypothesis(kit):
+    mission = kit.mission_of(initial_cones=6, horizon_s=20.0)
+    cones = kit.flight(mission, np.random.default_rng(9), 60.0, lambda _: (50.0, 50.0))
+    fusion, full = fusion_of(mission), fusion_of(mission)
+    half, now_ns = cones[:80], cones[79].stamp_ns
+    for each in (fusion, full):
+        kit.feed(each, half)
+        kit.settle(each, now_ns)
+    fusion.compact(now_ns, [full.log.summary()])
+    assert 0 < len(fusion.log) < len(full.log)
+    assert fusion.log.horizon_ns <= now_ns - 20_000_000_000
+    assert all(record.entry.stamp_ns >= fusion.log.horizon_ns for record in fusion.log)
+    late = next(cone for cone in half if cone.stamp_ns >= fusion.log.horizon_ns)
+    late = msgspec.structs.replace(late, boot="00000000000000b2")  # the oldest that can still come in
+    for each in (fusion, full):
+        kit.feed(each, [late, *cones[80:]])
+        kit.settle(each, kit.T0_NS + 60_000_000_000)
+    assert agrees(kit, fusion, full)
+    assert not fusion.receive(half[0], encode(half[0]))
+    assert fusion.log.counters["duplicate"] == 1
+
+
+def test_nothing_is_compacted_that_a_peer_lacks(kit):
+    mission = kit.mission_of(initial_cones=6, horizon_s=20.0)
+    cones = kit.flight(mission, np.random.default_rng(9), 60.0, lambda _: (50.0, 50.0))
+    fusion, peer = fusion_of(mission), fusion_of(mission)
+    kit.feed(fusion, cones)
+    kit.feed(peer, cones[:5] + cones[6:])
+    now_ns = kit.T0_NS + 60_000_000_000
+    kit.settle(fusion, now_ns)
+    fusion.compact(now_ns, [peer.log.summary()])
+    assert cones[5].entry_id in fusion.log
+    assert [record.entry for record in fusion.log.missing_from(peer.log.summary())] == [cones[5]]
+
+
+def test_entries_that_wait_for_their_frame_are_not_compacted(kit):
+    mission = kit.mission_of(initial_cones=6, horizon_s=20.0)
+    cones = kit.flight(mission, np.random.default_rng(9), 60.0, lambda _: (50.0, 50.0))
+    cones[30] = msgspec.structs.replace(cones[30], epoch=3)
+    frames = FrameGraph.from_launch_layout(mission)
+    fusion, full = Fusion(mission, frames), Fusion(mission, frames)
+    now_ns = kit.T0_NS + 60_000_000_000
+    for each in (fusion, full):
+        kit.feed(each, cones)
+        kit.settle(each, now_ns)
+    fusion.compact(now_ns, [])
+    assert 0 < fusion.log.horizon_ns <= cones[30].stamp_ns
+    frames.place(cones[30].drone, 3, Transform())
+    for each in (fusion, full):
+        kit.settle(each, now_ns)
+    assert agrees(kit, fusion, full)
+    assert fusion.hypothesis.cones == len(cones)
+
+
+def test_another_mission_changes_nothing(kit, mission, entries, in_order):
+    fusion = fusion_of(mission)
+    kit.feed(fusion, entries)
+    foreign = [msgspec.structs.replace(entry, mission="f" * 16) for entry in entries]
+    assert not any(kit.feed(fusion, foreign))
+    kit.settle(fusion, kit.T0_NS + END_NS)
+    assert agrees(kit, fusion, in_order)
+    assert fusion.log.counters["foreign"] == len(entries)
+
+
+def test_an_entry_of_ages_ago_is_no_long_replay(kit, mission, entries):
+    """A publisher with a broken clock must not make everybody step through decades."""
+    fusion = fusion_of(mission)
+    kit.feed(fusion, [msgspec.structs.replace(entries[0], stamp_ns=1), *entries])
+    fusion.advance(kit.T0_NS + END_NS, budget=1000)
+    assert not fusion.pending
+    assert fusion.hypothesis is not None
+
+
+def test_time_does_not_run_back(kit, mission, entries, in_order):
+    fusion = fusion_of(mission)
+    kit.feed(fusion, entries)
+    kit.settle(fusion, kit.T0_NS + END_NS)
+    fusion.advance(kit.T0_NS)
+    assert agrees(kit, fusion, in_order)

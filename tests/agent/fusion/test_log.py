@@ -1,0 +1,137 @@
+import hashlib
+import random
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.fusion.log import ObservationLog, Outcome
+from protocol.codec import encode
+
+UP = (0.0, 0.0, 1.0)
+
+
+@pytest.fixture(scope="session")
+def mission(kit):
+    return kit.mission_of()
+
+
+@pytest.fixture(scope="session")
+def entries(kit, mission):
+    return [
+        kit.cone_entry(mission, index * 0.7, (index, 0.0, 3.0), UP, 1.0, drone="abc"[index % 3], sequence=index // 3)
+        for index in range(12)
+    ]
+
+
+def log_of(mission, entries):
+    log = ObservationLog(mission.mission_id)
+    for entry in entries:
+        log.add(entry, encode(entry))
+    return log
+
+
+def test_digest_is_the_sum_of_the_hashes_of_the_bytes(mission, entries):
+    log = log_of(mission, entries)
+    total = sum(int.from_bytes(hashlib.blake2b(encode(e), digest_size=16).digest(), "big") for e in entries)
+    assert log.digest == f"{total % 2**128:032x}"
+    assert ObservationLog(mission.mission_id).digest == "0" * 32
+
+
+def test_payloads_are_kept_verbatim_in_order(mission, entries):
+    log = log_of(mission, reversed(entries))
+    assert [record.payload for record in log] == [encode(entry) for entry in entries]
+
+
+def test_bytes_count_and_not_their_meaning(mission, entries):
+    """A map with an unknown field decodes to the same entry, and is another observation to the digest."""
+    log, other = ObservationLog(mission.mission_id), ObservationLog(mission.mission_id)
+    payload = encode(entries[0])
+    log.add(entries[0], payload)
+    other.add(entries[0], payload + b"\x00")
+    assert log.digest != other.digest
+
+
+@given(seed=st.integers(0, 2**32))
+def test_order_and_duplicates_leave_no_trace(mission, entries, seed):
+    shuffled = entries + random.Random(seed).choices(entries, k=5)
+    random.Random(seed + 1).shuffle(shuffled)
+    log, plain = log_of(mission, shuffled), log_of(mission, entries)
+    assert log.digest == plain.digest
+    assert log.summary() == plain.summary()
+    assert log.counters["duplicate"] == 5
+    assert [record.payload for record in log] == [record.payload for record in plain]
+
+
+def test_same_identity_other_bytes_resolves_alike_everywhere(mission, entries):
+    variants = [msgspec.structs.replace(entries[0], separation_mm=float(length)) for length in range(1, 6)]
+    digests = set()
+    for seed in range(20):
+        order = variants.copy()
+        random.Random(seed).shuffle(order)
+        log = log_of(mission, order)
+        assert len(log) == 1
+        assert log.counters["conflict"] + log.counters["replaced"] == 4
+        digests.add((log.digest, next(iter(log)).payload))
+    assert len(digests) == 1
+    digest, kept = digests.pop()
+    assert digest == hashlib.blake2b(kept, digest_size=16).hexdigest()
+
+
+def test_another_mission_is_refused(mission, entries):
+    log = ObservationLog(mission.mission_id)
+    foreign = msgspec.structs.replace(entries[0], mission="f" * 16)
+    assert log.add(foreign, encode(foreign)) is Outcome.FOREIGN
+    assert (len(log), log.digest, log.summary(), log.counters["foreign"]) == (0, "0" * 32, {}, 1)
+
+
+def test_a_peer_is_told_what_it_lacks(mission, entries):
+    full = log_of(mission, entries)
+    partial = log_of(mission, entries[:5] + entries[8:])
+    missing = full.missing_from(partial.summary())
+    assert [record.entry for record in missing] == entries[5:8]
+    assert partial.missing_from(full.summary()) == []
+    for record in missing:
+        partial.add(record.entry, record.payload)
+    assert partial.digest == full.digest
+
+
+def test_another_boot_is_another_publisher(mission, entries, kit):
+    reborn = kit.cone_entry(mission, 0.0, (0.0, 0.0, 3.0), UP, 1.0, drone="a", sequence=0, boot="00000000000000b2")
+    log = log_of(mission, [*entries, reborn])
+    assert len(log) == 13
+    assert log.summary()["a", "00000000000000b2"] == ((0, 0),)
+    assert log.missing_from(log_of(mission, entries).summary())[0].entry == reborn
+
+
+def test_agreement_ends_at_the_first_entry_that_somebody_lacks(mission, entries):
+    log = log_of(mission, entries)
+    everything = log.summary()
+    assert log.agreed_until_ns([everything]) == entries[-1].stamp_ns + 1
+    assert log.agreed_until_ns([]) == entries[-1].stamp_ns + 1
+    behind = log_of(mission, entries[:4] + entries[5:]).summary()
+    assert log.agreed_until_ns([everything, behind]) == entries[4].stamp_ns
+
+
+def test_no_agreement_while_a_peer_has_more(mission, entries):
+    log = log_of(mission, entries[:-1])
+    assert log.agreed_until_ns([log_of(mission, entries).summary()]) == log.horizon_ns == 0
+
+
+def test_compaction_keeps_digest_and_summary(mission, entries):
+    log = log_of(mission, entries)
+    digest, summary = log.digest, log.summary()
+    log.compact(entries[6].stamp_ns)
+    assert (log.digest, log.summary(), len(log)) == (digest, summary, 6)
+    assert log.add(entries[0], encode(entries[0])) is Outcome.DUPLICATE
+    log.compact(entries[3].stamp_ns)  # never backwards
+    assert log.horizon_ns == entries[6].stamp_ns
+
+
+def test_unknown_entries_behind_the_horizon_are_refused_and_counted(mission, entries):
+    log = log_of(mission, entries[1:])
+    digest = log.digest
+    log.compact(entries[6].stamp_ns)
+    assert log.add(entries[0], encode(entries[0])) is Outcome.LATE
+    assert (log.digest, log.counters["late"]) == (digest, 1)

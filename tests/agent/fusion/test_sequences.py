@@ -1,0 +1,50 @@
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.fusion.sequences import SequenceSet
+
+numbers = st.lists(st.integers(0, 40), max_size=40)
+
+
+def set_of(several):
+    held = SequenceSet()
+    for number in several:
+        held.add(number)
+    return held
+
+
+def spread(held):
+    return {number for first, last in held for number in range(first, last + 1)}
+
+
+@given(numbers)
+def test_it_is_a_set(several):
+    held = set_of(several)
+    assert spread(held) == set(several)
+    assert all((number in held) == (number in several) for number in range(42))
+
+
+@given(numbers)
+def test_ranges_are_ascending_and_do_not_touch(several):
+    ranges = list(set_of(several))
+    assert all(first <= last for first, last in ranges)
+    assert all(right[0] > left[1] + 1 for left, right in pairwise(ranges))
+
+
+@given(numbers)
+def test_made_again_from_its_ranges(several):
+    held = set_of(several)
+    assert list(SequenceSet(reversed(list(held)))) == list(held)
+
+
+@given(numbers, numbers)
+def test_covers(left, right):
+    assert set_of(left).covers(set_of(right)) == (set(left) >= set(right))
+
+
+@pytest.mark.parametrize("ranges", [[(1, 3), (2, 8)], [(1, 3), (4, 8)], [(1, 8), (2, 3)]])
+def test_overlapping_ranges_merge(ranges):
+    assert list(SequenceSet(ranges)) == [(1, 8)]
