@@ -1,0 +1,152 @@
+"""Statistics of many flights. Pure: lists of results in, numbers out.
+
+What the paper leaves open is decided here, once:
+
+- **Time to x0**: a run that never declared x0 took longer than any that did. It counts so in the median, which is None where more
+  than half of the runs never did; the maximum is over the runs that did, and ``found`` says how many they are.
+- **Tracking time**: over all runs; a run that never began to track has 0 s.
+- **Estimation error**: every run gives the median (mean) of its horizontal error over all its tracking samples; ours is the
+  median (mean) of these over the runs. Lost runs are in; runs that never tracked have no error to give.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+from scipy.stats import binom
+
+from sim.result import RunResult
+
+Array = NDArray[np.float64]
+
+
+class Summary(Struct, frozen=True, kw_only=True):
+    """A group of runs. Times in s, errors in m; None where no run gives the number."""
+
+    runs: int
+    found: int  # declared x0
+    lost: int
+    time_to_x0_median_s: float | None
+    time_to_x0_low_s: float | None  # 95 % interval of the median; high is None where it is beyond the runs that declared x0
+    time_to_x0_high_s: float | None
+    time_to_x0_max_s: float | None
+    x0_error_median_m: float | None
+    tracking_time_mean_s: float | None
+    tracking_time_max_s: float | None
+    error_median_m: float | None
+    error_low_m: float | None
+    error_high_m: float | None
+    error_mean_m: float | None
+    error_p90_m: float | None  # median over the runs of their 90th percentiles
+    nees_median: float | None
+    min_separation_m: float | None
+    fence_breaches: int
+    realtime_factor_median: float | None
+
+
+def summarise(results: Sequence[RunResult]) -> Summary:
+    """Sum up a group of runs; see the module for what the numbers mean."""
+    times = [math.inf if result.time_to_x0_s is None else result.time_to_x0_s for result in results]
+    tracking = [result.tracking_time_s for result in results]
+    errors = _known(result.error_median_m for result in results)
+    time_low, time_high = median_interval(times)
+    error_low, error_high = median_interval(errors)
+    return Summary(
+        runs=len(results),
+        found=sum(math.isfinite(time) for time in times),
+        lost=sum(result.lost for result in results),
+        time_to_x0_median_s=median(times),
+        time_to_x0_low_s=time_low,
+        time_to_x0_high_s=time_high,
+        time_to_x0_max_s=max((time for time in times if math.isfinite(time)), default=None),
+        x0_error_median_m=median(_known(result.x0_error_m for result in results)),
+        tracking_time_mean_s=mean(tracking),
+        tracking_time_max_s=max(tracking, default=None),
+        error_median_m=median(errors),
+        error_low_m=error_low,
+        error_high_m=error_high,
+        error_mean_m=mean(_known(result.error_mean_m for result in results)),
+        error_p90_m=median(_known(result.error_p90_m for result in results)),
+        nees_median=median(_known(result.nees_mean for result in results)),
+        min_separation_m=min(_known(result.min_separation_m for result in results), default=None),
+        fence_breaches=sum(result.fence_breaches for result in results),
+        realtime_factor_median=median([result.realtime_factor for result in results]),
+    )
+
+
+def median(values: Sequence[float]) -> float | None:
+    """The median; infinite values count as longer than any other. None of nothing, or where the median itself is infinite."""
+    ordered = sorted(values)
+    if not ordered:
+        return None
+    middle = len(ordered) // 2
+    value = ordered[middle] if len(ordered) % 2 else (ordered[middle - 1] + ordered[middle]) / 2.0
+    return _finite(value)
+
+
+def mean(values: Sequence[float]) -> float | None:
+    """The mean, exactly rounded, so that it does not hang on the order; None of nothing."""
+    return math.fsum(values) / len(values) if values else None
+
+
+def median_interval(values: Sequence[float], level: float = 0.95) -> tuple[float | None, float | None]:
+    """Confidence interval of the median from order statistics (binomial; no assumption about the distribution).
+
+    The k-th smallest and k-th largest value enclose the median with probability 1 - 2 P(Binomial(n, 1/2) < k); k is the
+    largest for which that is at least ``level``. An end is None where it is infinite, both where there are too few values.
+    """
+    ordered = sorted(values)
+    count = len(ordered)
+    k = int(binom.ppf((1.0 - level) / 2.0, count, 0.5)) if count else 0
+    if k < 1:
+        return None, None
+    return _finite(ordered[k - 1]), _finite(ordered[count - k])
+
+
+def ecdf(values: Iterable[float | None]) -> tuple[Array, Array]:
+    """Empirical distribution: sorted values (M,) and the share of *all* runs at or below each, (M,); None never gets there."""
+    everything = list(values)
+    known = np.sort(np.array(_known(everything), dtype=np.float64))
+    return known, np.arange(1, known.size + 1) / max(len(everything), 1)
+
+
+def hypothesis_steps(time_s: Array, hypothesis_m: Array, at_least_m: float) -> Array:
+    """Times at which a hypothesis jumped horizontally by ``at_least_m`` or more between two samples.
+
+    time_s: (T,); hypothesis_m: (T, 3), NaN where there is none. Returns (J,) seconds.
+    """
+    jump = np.linalg.norm(np.diff(hypothesis_m[:, :2], axis=0), axis=1)
+    return np.asarray(time_s[1:][jump >= at_least_m], dtype=np.float64)
+
+
+def settling_times(time_s: Array, error: Array, steps_s: Array, within: float) -> Array:
+    """How long after each step all members are back for good: until no |error| is above ``within`` before the next step.
+
+    time_s: (T,) s; error: (T, N), NaN counts as not settled; steps_s: (J,) s. Returns (J,) s, infinite where the end of
+    the stretch is not settled, NaN where no sample follows the step.
+    """
+    outside = ~np.all(np.abs(error) <= within, axis=1)
+    ends = np.append(steps_s[1:], np.inf)
+    settled = np.full(len(steps_s), np.nan)
+    for index, (start, end) in enumerate(zip(steps_s, ends, strict=True)):
+        inside = np.flatnonzero((time_s >= start) & (time_s < end))
+        if inside.size == 0:
+            continue
+        late = inside[outside[inside]]
+        if late.size == 0:
+            settled[index] = 0.0
+        else:
+            settled[index] = np.inf if late[-1] == inside[-1] else time_s[late[-1] + 1] - start
+    return settled
+
+
+def _known(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None]
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
