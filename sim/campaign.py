@@ -1,0 +1,171 @@
+"""Many flights: every case with every seed, resumable, with the same result whatever flies them.
+
+A campaign's folder: ``campaign.json`` (what it flies), ``runs.jsonl`` (one flat object per run: the fields of ``RunResult`` and
+the parameters of the sweep), ``failures.jsonl`` (what went wrong, if anything did).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from agent.errors import ConfigError
+from sim.result import RunResult
+from sim.runfile import RunFile, json_line, make_folder, write_text
+from sim.sweep import Case, Value
+from sim.workers import Executor, Fly, Job, Outcome, fly_job
+
+Watch = Callable[[int, int, Outcome | None], None]  # runs done, runs in all, the newest
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """``runs`` flights of each case, with the seeds ``seed_base``, ``seed_base + 1``, ..., the same for every case.
+
+    The cases' points all have the same parameters. ``estimator`` and ``law``: None for the scenario's own.
+    """
+
+    cases: tuple[Case, ...]
+    runs: int
+    estimator: str | None = None
+    law: str | None = None
+    seed_base: int = 0
+
+    def __post_init__(self) -> None:
+        if self.runs < 1:
+            raise ConfigError(f"--runs {self.runs}: give 1 or more")
+        if self.seed_base < 0:
+            raise ConfigError(f"--seed-base {self.seed_base}: give 0 or more")
+        if not self.cases:
+            raise ConfigError("no scenario to fly; name at least one")
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """What the sweep varies."""
+        return tuple(name for name, _ in self.cases[0].point)
+
+    def in_order(self) -> list[Case]:
+        """The cases by name, the points of each in the order of the sweep."""
+        return sorted(self.cases, key=lambda case: case.name)
+
+    def jobs(self) -> list[Job]:
+        """All flights; seed by seed, so that the time so far says something about the time to come."""
+        seeds = range(self.seed_base, self.seed_base + self.runs)
+        return [Job(case, seed, self.estimator, self.law) for seed in seeds for case in self.in_order()]
+
+    def manifest(self) -> dict[str, Any]:
+        """What must be the same for a campaign to go on in a folder that it began in."""
+        content = hashlib.blake2b(digest_size=8)
+        for case in self.in_order():
+            content.update(msgspec.json.encode(case.scenario, order="sorted"))
+        return {
+            "radron": version("radron"),
+            "cases": [case.label for case in self.in_order()],
+            "content": content.hexdigest(),
+            "estimator": self.estimator,
+            "law": self.law,
+            "runs": self.runs,
+            "seed_base": self.seed_base,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """A campaign's runs in order (by scenario, sweep point, seed), and the flights that failed, in the same order."""
+
+    campaign: Campaign
+    lines: tuple[Mapping[str, Any], ...]
+    failures: tuple[Outcome, ...]
+
+    def of(self, case: Case) -> list[RunResult]:
+        """The results of one case, by seed."""
+        return [result_of(line) for line in self.lines if _case_key(line, self.campaign.parameters) == case.key]
+
+
+def fly_campaign(
+    campaign: Campaign, folder: Path, execute: Executor, fly: Fly = fly_job, watch: Watch = lambda done, total, outcome: None
+) -> Flown:
+    """Fly what the folder lacks of a campaign, and put its runs in order.
+
+    Every run is on the disk as soon as it is flown; killed at any moment, the same call goes on where it stopped. Failed flights
+    are tried again. Once all is flown, ``runs.jsonl`` hangs only on the campaign, but for the wall times in it.
+
+    Raises:
+        ConfigError: the folder cannot be written, holds another campaign, or its files are damaged.
+    """
+    make_folder(folder)
+    _claim(folder / "campaign.json", campaign.manifest())
+    runs = RunFile(folder / "runs.jsonl")
+    flown = {(*_case_key(line, campaign.parameters), line["seed"]) for line in runs.lines}
+    jobs = campaign.jobs()
+    waiting = [job for job in jobs if (*job.case.key, job.seed) not in flown]
+    done = len(jobs) - len(waiting)
+    watch(done, len(jobs), None)
+    failures: list[Outcome] = []
+    for outcome in execute(waiting, fly) if waiting else ():
+        if outcome.result is None:
+            failures.append(outcome)
+            _record(folder / "failures.jsonl", failures)
+        else:
+            runs.append(_line(outcome.job, outcome.result))
+        done += 1
+        watch(done, len(jobs), outcome)
+    place = {case.key: index for index, case in enumerate(campaign.in_order())}
+    runs.sort(lambda line: (place[_case_key(line, campaign.parameters)], line["seed"]))
+    failures.sort(key=lambda outcome: (place[outcome.job.case.key], outcome.job.seed))
+    _record(folder / "failures.jsonl", failures)
+    return Flown(campaign, tuple(runs.lines), tuple(failures))
+
+
+def result_of(line: Mapping[str, Any]) -> RunResult:
+    """The result in a line of ``runs.jsonl``; the sweep's parameters in it are passed over."""
+    return msgspec.convert(line, RunResult)
+
+
+def _line(job: Job, result: RunResult) -> dict[str, Any]:
+    return msgspec.structs.asdict(result) | {"scenario": job.case.name, "seed": job.seed} | dict(job.case.point)
+
+
+def _case_key(line: Mapping[str, Any], parameters: Sequence[str]) -> tuple[str, tuple[Value, ...]]:
+    return line["scenario"], tuple(line[name] for name in parameters)
+
+
+def _claim(path: Path, manifest: dict[str, Any]) -> None:
+    """Make the folder this campaign's, or see that it is."""
+    if not path.exists():
+        if (path.parent / "runs.jsonl").exists():
+            raise ConfigError(f"{path.parent}: has runs.jsonl but no campaign.json to say what they are; choose another --out")
+        write_text(path, msgspec.json.format(msgspec.json.encode(manifest), indent=2).decode() + "\n")
+        return
+    try:
+        found = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+    except msgspec.DecodeError as error:
+        raise ConfigError(f"{path}: cannot be read: {error}; choose another --out") from None
+    differing = [key for key in manifest if found.get(key) != manifest[key]]
+    if differing:
+        what = ", ".join(f"{key}: {_short(found.get(key))} there, {_short(manifest[key])} here" for key in differing)
+        raise ConfigError(f"{path.parent}: holds another campaign ({what}); choose another --out, or remove that folder")
+
+
+def _short(value: object) -> str:
+    text = msgspec.json.encode(value).decode()
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _record(path: Path, failures: Sequence[Outcome]) -> None:
+    if not failures:
+        path.unlink(missing_ok=True)
+        return
+    lines = (
+        {"scenario": outcome.job.case.name, "seed": outcome.job.seed}
+        | dict(outcome.job.case.point)
+        | {"error": outcome.error, "traceback": outcome.trace}
+        for outcome in failures
+    )
+    write_text(path, "".join(map(json_line, lines)))

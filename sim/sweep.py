@@ -1,0 +1,104 @@
+"""Which scenarios a campaign flies: the named ones, each at every point of the sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+from agent.errors import ConfigError
+
+if TYPE_CHECKING:
+    from sim.scenario import Scenario
+
+Value = float | str
+Sweep = Mapping[str, tuple[Value, ...]]  # parameter -> its values, in the order given
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A scenario at one point of the sweep; ``point`` has the parameters in the order of the sweep."""
+
+    name: str
+    scenario: Scenario
+    point: tuple[tuple[str, Value], ...] = ()
+
+    @property
+    def key(self) -> tuple[str, tuple[Value, ...]]:
+        """Tells the cases of a campaign apart: the name, and the values of the sweep."""
+        return self.name, tuple(value for _, value in self.point)
+
+    @property
+    def label(self) -> str:
+        """Such as ``paper-static-swarm radius_m=8``."""
+        return " ".join([self.name, *(f"{key}={_text(value)}" for key, value in self.point)])
+
+
+def parse_sweep(texts: Sequence[str]) -> dict[str, tuple[Value, ...]]:
+    """Read ``--sweep radius_m=8,10,12`` options.
+
+    Raises:
+        ConfigError: no ``=``, no values, or a parameter or value given twice.
+    """
+    sweep: dict[str, tuple[Value, ...]] = {}
+    for text in texts:
+        key, values = _split(text, "--sweep", "radius_m=8,10,12")
+        points = tuple(_value(value.strip()) for value in values.split(","))
+        if "" in points or len(set(points)) < len(points):
+            raise ConfigError(f"--sweep {text}: give values that differ, separated by commas, such as radius_m=8,10,12")
+        if key in sweep:
+            raise ConfigError(f"--sweep {text}: {key} is given twice; list all its values in one --sweep")
+        sweep[key] = points
+    return sweep
+
+
+def parse_settings(texts: Sequence[str]) -> dict[str, Value]:
+    """Read ``--set speed_mps=4`` options.
+
+    Raises:
+        ConfigError: no ``=``, or no value.
+    """
+    return {key: _value(value) for key, value in (_split(text, "--set", "speed_mps=4") for text in texts)}
+
+
+def cases(names: Sequence[str], sweep: Sweep, settings: Mapping[str, Value] | None = None) -> tuple[Case, ...]:
+    """Load the scenarios (by name or path) and vary them over the whole grid of the sweep, all checked.
+
+    Raises:
+        ConfigError: an unknown scenario, key or value; two scenarios of one name.
+    """
+    from sim.scenario import load_scenario, override  # noqa: PLC0415  (the physics behind it takes a second to load)
+
+    found: list[Case] = []
+    for name in names:
+        scenario = load_scenario(name)
+        if any(case.name == scenario.name for case in found):
+            raise ConfigError(f"two of the scenarios are called {scenario.name!r}; give each once, under a name of its own")
+        for values in product(*sweep.values()):
+            point = dict(zip(sweep, values, strict=True))
+            changes = {**(settings or {}), **point}
+            varied = override(scenario, changes) if changes else scenario
+            found.append(Case(scenario.name, varied, tuple(point.items())))
+    return tuple(found)
+
+
+def _split(text: str, option: str, example: str) -> tuple[str, str]:
+    key, equals, value = text.partition("=")
+    if not (key.strip() and equals and value.strip()):
+        raise ConfigError(f"{option} {text}: expected a parameter and its value, such as {example}")
+    return key.strip(), value.strip()
+
+
+def _value(text: str) -> Value:
+    """A number where it is one (an int stays an int: ``drones=3``), else the text as it is."""
+    for number in (int, float):
+        try:
+            return number(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _text(value: Value) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
