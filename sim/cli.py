@@ -7,13 +7,14 @@ import sys
 import typer
 
 from agent.errors import RadronError
+from sim.commands import campaign, run, table
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="The simulated world: radiation, detectors, vehicles, radio.")
 
 
-@app.callback()
-def _root() -> None:
-    """Keep sub-commands even while there is only one."""
+app.command()(run)
+app.command()(campaign)
+app.command()(table)
 
 
 def main() -> None:

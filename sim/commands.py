@@ -1,0 +1,167 @@
+"""The commands that fly: ``run``, ``campaign``, ``table``."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from agent.errors import ConfigError
+from sim.runfile import make_folder, write_text
+from sim.sweep import Case, Value, cases, parse_settings, parse_sweep
+from sim.workers import Executor, Outcome, cores, in_processes, on_dask
+
+Estimator = Annotated[str | None, typer.Option(help="paper, paper-geometric, ...; else the scenario's own.")]
+Law = Annotated[str | None, typer.Option(help="Flocking law, paper or smooth; else the scenario's own.")]
+Settings = Annotated[list[str] | None, typer.Option("--set", help="Change a value: radius_m=10, mission.survey.height_m=4.")]
+Workers = Annotated[int | None, typer.Option(help="Processes; else one for each core.")]
+Dask = Annotated[str | None, typer.Option(help="Address of a running Dask cluster to fly on, such as tcp://host:8786.")]
+
+
+def run(
+    *,
+    scenario: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a file.")] = "demo",
+    seed: Annotated[int, typer.Option(help="All randomness of the flight.")] = 1,
+    estimator: Estimator = None,
+    listen: Annotated[list[str] | None, typer.Option(help="One more estimator on the same flight and cones; repeatable.")] = None,
+    law: Law = None,
+    settings: Settings = None,
+    json: Annotated[
+        str | None, typer.Option(metavar="OUT", help="Write the result as one flat object; '-': to the output.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write result.json, map.png, error.png, spacing.png.")] = None,
+) -> None:
+    """Fly one mission, and say where the source is, how sure the swarm is, and how far that is from the truth."""
+    from sim.console import err, flight_progress  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from sim.console import out as stdout  # noqa: PLC0415
+
+    if seed < 0:
+        raise ConfigError(f"--seed {seed}: give 0 or more")
+    case = _checked([scenario], {}, settings, [*([estimator] if estimator else []), *(listen or [])], law)[0]
+    if json not in (None, "-") and not Path(json).parent.is_dir():
+        raise ConfigError(f"--json {json}: the folder {Path(json).parent} is not there; make it first")
+    if out is not None:
+        make_folder(out)
+
+    from sim.lockstep import fly  # noqa: PLC0415
+    from sim.report import result_json, sentence, write_flight  # noqa: PLC0415
+
+    with flight_progress(case.name) as progress:
+        flight = fly(case.scenario, seed, estimator=estimator, listen=listen or (), law=law, progress=progress)
+    (err if json == "-" else stdout).print(sentence(flight.result, flight.trace), markup=False, soft_wrap=True)
+    if json is not None:
+        text = "".join(map(result_json, (flight.result, *flight.listened.values())))
+        if json == "-":
+            typer.echo(text, nl=False)
+        else:
+            write_text(Path(json), text)
+    if out is not None:
+        written = write_flight(out, flight)
+        err.print(f"written to {out}: {', '.join(path.name for path in written)}", markup=False, soft_wrap=True)
+
+
+def campaign(
+    *,
+    scenario: Annotated[list[str], typer.Argument(help="Names of shipped scenarios, or files.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where runs, summary and figures go; to go on, the same again.")],
+    runs: Annotated[int, typer.Option(help="Flights of each scenario at each point of the sweep.")] = 50,
+    estimator: Estimator = None,
+    law: Law = None,
+    seed_base: Annotated[int, typer.Option(help="The first seed.")] = 0,
+    sweep: Annotated[list[str] | None, typer.Option(help="Values of a parameter: radius_m=8,10,12; repeated: a grid.")] = None,
+    settings: Settings = None,
+    workers: Workers = None,
+    dask: Dask = None,
+) -> None:
+    """Fly scenarios many times, on all cores or on a Dask cluster. Killed, the same command goes on where it stopped."""
+    from sim.campaign import Campaign, fly_campaign  # noqa: PLC0415
+    from sim.console import campaign_progress, err  # noqa: PLC0415
+    from sim.report import write_campaign  # noqa: PLC0415
+
+    execute = _executor(workers, dask)
+    chosen = _checked(scenario, parse_sweep(sweep or []), settings, [estimator] if estimator else [], law)
+    plan = Campaign(chosen, runs, estimator, law, seed_base)
+    with campaign_progress("campaign") as watch:
+        flown = fly_campaign(plan, out, execute, watch=watch)
+    written = write_campaign(out, flown)
+    typer.echo((out / "summary.md").read_text(encoding="utf-8") if written else "no run came through", nl=not written)
+    err.print(f"written to {out}: {', '.join(['runs.jsonl', *(path.name for path in written)])}", markup=False, soft_wrap=True)
+    _exit_on(flown.failures, out)
+
+
+def table(
+    *,
+    runs: Annotated[int, typer.Option(help="Flights of each scenario.")] = 50,
+    estimators: Annotated[str, typer.Option(help="Separated by commas; a column for each.")] = "paper",
+    field: Annotated[bool, typer.Option("--field", help="The table of the field experiments too.")] = False,
+    workers: Workers = None,
+    dask: Dask = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Keep the runs; write text, CSV and Markdown.")] = None,
+) -> None:
+    """The paper's table beside ours: four scenarios, solo and swarm, static and moving source."""
+    from sim.console import campaign_progress, err  # noqa: PLC0415
+    from sim.console import out as stdout  # noqa: PLC0415
+    from sim.table import FIELD, NOTE, SIMULATIONS, as_rich, fly_study  # noqa: PLC0415
+
+    execute = _executor(workers, dask)
+    names = [name.strip() for name in estimators.split(",") if name.strip()]
+    if not names or len(set(names)) < len(names):
+        raise ConfigError(f"--estimators {estimators}: name each once, separated by commas, such as paper,paper-geometric")
+    studies = [SIMULATIONS, FIELD] if field else [SIMULATIONS]
+    chosen = [_checked(list(study.heads), {}, None, names, None) for study in studies]
+    failures: list[Outcome] = []
+    with tempfile.TemporaryDirectory() if out is None else nullcontext(str(out)) as folder:
+        for study, scenarios in zip(studies, chosen, strict=True):
+            with campaign_progress(study.name) as watch:
+                finished, flown = fly_study(study, scenarios, names, runs, Path(folder), execute=execute, watch=watch)
+            stdout.print(as_rich(finished), soft_wrap=False)
+            failures += [outcome for campaign_ in flown for outcome in campaign_.failures]
+    stdout.print(NOTE)
+    if out is not None:
+        err.print(f"written to {escape(str(out))}", soft_wrap=True)
+    _exit_on(failures, out)
+
+
+def _executor(workers: int | None, dask: str | None) -> Executor:
+    if dask is None:
+        return in_processes(cores() if workers is None else workers)
+    if workers is not None:
+        raise ConfigError("--workers and --dask: give one of them; a Dask cluster has its own workers")
+    return on_dask(dask)
+
+
+def _checked(
+    names: Sequence[str],
+    sweep: dict[str, tuple[Value, ...]],
+    settings: list[str] | None,
+    estimators: Sequence[str],
+    law: str | None,
+) -> tuple[Case, ...]:
+    """The cases to fly; unknown scenarios, keys, values, estimators and laws end here, before anything is written."""
+    from sim.scenario import override  # noqa: PLC0415
+
+    chosen = cases(names, sweep, parse_settings(settings or []))
+    for case in chosen:
+        for estimator in estimators:
+            override(case.scenario, {"mission.fusion.estimator": estimator})
+        if law is not None:
+            override(case.scenario, {"mission.encirclement.law": law})
+    return chosen
+
+
+def _exit_on(failures: Sequence[Outcome], out: Path | None) -> None:
+    """Runs that failed end the command with code 1, and are named such that they can be repeated."""
+    if not failures:
+        return
+    from sim.console import err  # noqa: PLC0415
+
+    where = f"; tracebacks in {out}/.../failures.jsonl" if out is not None else ""
+    named = ", ".join(outcome.job.label for outcome in failures[:10])
+    more = f" and {len(failures) - 10} more" if len(failures) > 10 else ""
+    err.print(f"{len(failures)} flights failed: {named}{more}{where}", markup=False, style="red", soft_wrap=True)
+    raise typer.Exit(1)

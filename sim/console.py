@@ -1,0 +1,84 @@
+"""What the commands show while they work; on the error stream, so that the output stays clean."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from sim.campaign import Watch
+from sim.workers import Outcome
+
+out = Console(highlight=False, soft_wrap=True)
+err = Console(stderr=True, highlight=False)
+_PLAIN_EVERY_S = 10.0  # between two lines where there is no terminal to redraw
+
+
+@contextmanager
+def flight_progress(name: str) -> Iterator[Callable[[float, str], None]]:
+    """Shows one flight: what the swarm is doing, its time, and how much faster than real time that is."""
+    began = time.monotonic()
+    with Progress(SpinnerColumn(), TextColumn("{task.description}"), console=err, transient=True) as progress:
+        task = progress.add_task(f"{name}: making ready")
+        plain = _Now(_PLAIN_EVERY_S)
+
+        def show(sim_s: float, what: str) -> None:
+            elapsed_s = max(time.monotonic() - began, 1e-3)
+            text = f"{name}: {what} | {sim_s:.0f} s flown, {sim_s / elapsed_s:.0f} x real time"
+            progress.update(task, description=text)
+            if not err.is_terminal and plain():
+                err.print(text, soft_wrap=True)
+
+        yield show
+
+
+@contextmanager
+def campaign_progress(name: str) -> Iterator[Watch]:
+    """Shows a campaign: how many runs are flown, the time gone and the time to come, and which failed."""
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs,"),
+        TimeElapsedColumn(), TextColumn("gone,"), TimeRemainingColumn(), TextColumn("to come"),
+    )  # fmt: skip
+    with Progress(*columns, console=err, speed_estimate_period=600.0) as progress:
+        task = progress.add_task(name, total=None)
+        plain = _Now(_PLAIN_EVERY_S)
+
+        def show(done: int, total: int, outcome: Outcome | None) -> None:
+            if outcome is None:
+                progress.reset(task, total=total, completed=done)
+                if done:
+                    err.print(f"{name}: {done} of {total} runs are there already; going on", soft_wrap=True)
+            else:
+                progress.update(task, completed=done)
+                if outcome.result is None:
+                    err.print(f"{outcome.job.label} failed: {outcome.error}", markup=False, soft_wrap=True)
+            if not err.is_terminal and plain():
+                err.print(f"{name}: {done} of {total} runs", soft_wrap=True)
+
+        yield show
+
+
+class _Now:
+    """True when called some time after it last was."""
+
+    def __init__(self, every_s: float) -> None:
+        self._every_s = every_s
+        self._last_s = time.monotonic()
+
+    def __call__(self) -> bool:
+        now_s = time.monotonic()
+        if now_s - self._last_s < self._every_s:
+            return False
+        self._last_s = now_s
+        return True

@@ -1,0 +1,1 @@
+"""Pictures of flights and campaigns. Each function makes a Matplotlib figure and shows nothing; ``style.save`` writes it."""

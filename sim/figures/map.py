@@ -1,0 +1,117 @@
+"""The flight from above: area, tracks, cones, estimate and truth."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon
+from numpy.typing import NDArray
+
+from sim.figures.cones import ground_curve
+from sim.figures.style import CONE, ESTIMATE, TRUTH, dress, drone_colour, new_figure, swarm_stage, wrapped
+from sim.result import Trace
+
+CONES_SHOWN = 20  # more hide the map
+_TRACKING = ("track", "reacquire")
+
+
+def map_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
+    """The flight from above, at the end of the tracking: tracks, the newest cones, the estimate with its uncertainty.
+
+    The rings are circles: the trace keeps the RMS radius. ``title``: the parts of the title.
+    """
+    figure = new_figure(8.0, 8.0)
+    axes = figure.add_subplot()
+    end = last_tracking(trace)
+    left, right, bottom, top = _window(trace)
+    _draw_cones(axes, trace, end, reach_m=float(np.hypot(right - left, top - bottom)))
+    axes.add_patch(Polygon(trace.area_m, closed=True, fill=False, edgecolor="#444444", linewidth=1.2, linestyle=(0, (6, 3))))
+    tracking = np.isin(swarm_stage(trace.stage), _TRACKING)
+    for drone, name in enumerate(trace.drones):
+        track = trace.position_m[:, drone]
+        colour = drone_colour(drone)
+        axes.plot(track[:, 0], track[:, 1], color=colour, linewidth=1.0, alpha=0.35)
+        circling = np.where(tracking[:, None], track[:, :2], np.nan)
+        axes.plot(circling[:, 0], circling[:, 1], color=colour, linewidth=1.3, alpha=0.8)
+        axes.plot(*track[0, :2], marker="^", color=colour, markersize=8, markeredgecolor="white", linestyle="")
+        axes.plot(*track[end, :2], marker="o", color=colour, markersize=8, markeredgecolor="white", label=name, linestyle="")
+    _draw_truth(axes, trace, end)
+    _draw_estimate(axes, trace, end)
+    axes.set_aspect("equal")
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
+    dress(axes, wrapped(title, 84), "east of the mission's origin (m)", "north of the mission's origin (m)")
+    _legend(axes, trace)
+    return figure
+
+
+def last_tracking(trace: Trace) -> int:
+    """The last sample at which the first drone tracked with a hypothesis, else the last with one, else the very last."""
+    has = np.isfinite(trace.hypothesis_m[:, 0, 0])
+    tracking = has & np.isin(swarm_stage(trace.stage), _TRACKING)
+    for choice in (tracking, has):
+        if choice.any():
+            return int(np.flatnonzero(choice)[-1])
+    return len(trace.time_s) - 1
+
+
+def _window(trace: Trace) -> tuple[float, float, float, float]:
+    """What the map shows: the area and all that was flown, and some air around; a square."""
+    points: NDArray[np.float64] = np.vstack([trace.area_m, trace.position_m[:, :, :2].reshape(-1, 2)])
+    low, high = points.min(axis=0), points.max(axis=0)
+    centre, half = (low + high) / 2.0, float(np.max(high - low)) / 2.0 * 1.06
+    return centre[0] - half, centre[0] + half, centre[1] - half, centre[1] + half
+
+
+def _draw_cones(axes: Axes, trace: Trace, end: int, reach_m: float) -> None:
+    """The newest cones, each in its more probable order."""
+    seen = [cone for cone in trace.cones if cone.time_s <= trace.time_s[end]]
+    for cone in seen[-CONES_SHOWN:]:
+        curve = ground_curve(cone.apex_m, cone.axis[0], float(cone.theta_rad[0]), reach_m)
+        axes.plot(curve[:, 0], curve[:, 1], color=CONE, linewidth=0.7, alpha=0.45)
+
+
+def _draw_truth(axes: Axes, trace: Trace, end: int) -> None:
+    path = trace.source_m[: end + 1]
+    if not np.isfinite(path[end]).all():
+        return
+    if np.ptp(path[:, :2], axis=0).max() > 1.0:
+        axes.plot(path[:, 0], path[:, 1], color=TRUTH, linewidth=1.2, linestyle=(0, (1, 1.5)))
+    axes.plot(*path[end, :2], marker="*", color=TRUTH, markersize=15, markeredgecolor="white", zorder=6)
+
+
+def _draw_estimate(axes: Axes, trace: Trace, end: int) -> None:
+    estimate = trace.hypothesis_m[: end + 1, 0]
+    if not np.isfinite(estimate[end]).all():
+        return
+    axes.plot(estimate[:, 0], estimate[:, 1], color=ESTIMATE, linewidth=1.0, alpha=0.7, zorder=4)
+    centre = (float(estimate[end, 0]), float(estimate[end, 1]))
+    for factor, alpha in ((2.0, 0.12), (1.0, 0.22)):
+        radius = factor * float(trace.sigma_m[end])
+        axes.add_patch(Circle(centre, radius, facecolor=ESTIMATE, alpha=alpha, edgecolor="none", zorder=3))
+        axes.add_patch(Circle(centre, radius, fill=False, edgecolor=ESTIMATE, linewidth=0.9, zorder=5))
+    axes.plot(*centre, marker="X", color=ESTIMATE, markersize=11, markeredgecolor="white", zorder=7)
+
+
+def _legend(axes: Axes, trace: Trace) -> None:
+    entries = [
+        Line2D(
+            [],
+            [],
+            color=drone_colour(k),
+            marker="o",
+            markeredgecolor="white",
+            label=f"{name} (start: triangle)" if k == 0 else name,
+        )
+        for k, name in enumerate(trace.drones)
+    ]
+    if np.isfinite(trace.hypothesis_m[:, 0, 0]).any():
+        entries.append(Line2D([], [], color=ESTIMATE, marker="X", markeredgecolor="white", label="estimate, 1 and 2 sigma"))
+    if np.isfinite(trace.source_m).any():
+        entries.append(Line2D([], [], color=TRUTH, marker="*", markersize=11, linestyle=(0, (1, 1.5)), label="true source"))
+    if trace.cones:
+        entries.append(Line2D([], [], color=CONE, linewidth=0.8, label=f"newest {CONES_SHOWN} cones on the ground"))
+    entries.append(Line2D([], [], color="#444444", linestyle=(0, (6, 3)), label="searched area"))
+    axes.legend(handles=entries, loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4, fontsize=8, frameon=False)

@@ -1,0 +1,69 @@
+"""How the swarm keeps its circle: speed and spacing (the paper's figure of the swarm stabilisation)."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sim.figures.style import dress, drone_colour, new_figure, plural, seconds, stage_bands, swarm_stage, wrapped
+from sim.result import Trace
+from sim.statistics import hypothesis_steps, settling_times
+
+STEP_M = 5.0  # a jump of the hypothesis that the swarm has to re-organise for
+WITHIN_DEG = 5.0
+
+
+def spacing_figure(trace: Trace, name: str) -> Figure:
+    """Upper: speed of each drone; lower: how far each gap is from uniform; vertical lines where the hypothesis jumped."""
+    steps = hypothesis_steps(trace.time_s, trace.hypothesis_m[:, 0], STEP_M)
+    several = len(trace.drones) > 1
+    figure = new_figure(9.0, 5.5 if several else 3.5)
+    panels = figure.subplots(2 if several else 1, 1, sharex=True, squeeze=False)[:, 0]
+    _draw_speed(panels[0], trace)
+    if several:
+        _draw_spacing(panels[1], trace)
+    for panel in panels:
+        stage_bands(panel, trace.time_s, swarm_stage(trace.stage), named=panel is panels[0])
+        for step in steps:
+            panel.axvline(step, color="#333333", linewidth=0.9, linestyle=(0, (4, 3)))
+        panel.set_xlim(float(trace.time_s[0]), float(trace.time_s[-1]))
+    dress(panels[0], wrapped((name, *_findings(trace, steps))), "", "ground speed (m/s)")
+    if several:
+        dress(panels[1], "", "", "spacing error (deg)")
+    panels[-1].set_xlabel("time since the start command (s)")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 8), fontsize=8, frameon=False)
+    return figure
+
+
+def _draw_speed(axes: Axes, trace: Trace) -> None:
+    speed = np.linalg.norm(trace.velocity_mps[:, :, :2], axis=2)
+    for drone, name in enumerate(trace.drones):
+        axes.plot(trace.time_s, speed[:, drone], color=drone_colour(drone), linewidth=1.0, label=name)
+    axes.set_ylim(bottom=0.0)
+
+
+def _draw_spacing(axes: Axes, trace: Trace) -> None:
+    error = np.abs(trace.spacing_error_deg)
+    for drone in range(len(trace.drones)):
+        axes.plot(trace.time_s, error[:, drone], color=drone_colour(drone), linewidth=1.0)
+    axes.axhspan(0.0, WITHIN_DEG, color="#009E73", alpha=0.12, linewidth=0)
+    axes.axhline(WITHIN_DEG, color="#009E73", linewidth=0.8)
+    axes.set_ylim(bottom=0.0)
+
+
+def _findings(trace: Trace, steps: np.ndarray[tuple[int], np.dtype[np.float64]]) -> list[str]:
+    """What the figure shows, in words."""
+    error = trace.spacing_error_deg
+    if error.shape[1] < 2 or not np.isfinite(error).any():
+        return ["speed of each drone"]
+    if len(steps) == 0:
+        typical = float(np.nanmedian(np.nanmax(np.abs(error[np.isfinite(error).all(axis=1)]), axis=1)))
+        return [f"the widest gap error is {typical:.1f} deg in the median"]
+    settled = settling_times(trace.time_s, error, steps, WITHIN_DEG)
+    settled = settled[~np.isnan(settled)]
+    return [
+        f"after {plural(len(settled), 'step')} of the hypothesis every gap is within {WITHIN_DEG:g} deg of uniform (band) again "
+        f"in {seconds(float(np.median(settled)))} (median), {seconds(float(np.max(settled)))} (worst)"
+    ]

@@ -1,0 +1,107 @@
+"""How all figures look: colours that colour-blind readers can tell apart (Okabe and Ito), and titles that say the result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from sim.runfile import replacing
+
+DRONES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#8C6D31", "#5D3A9B")
+ESTIMATE = "#D55E00"
+TRUTH = "#000000"
+CONE = "#7A7A7A"
+GRID = "#D9D9D9"
+STAGES = {  # only backgrounds; the label in the band says which stage it is
+    "takeoff": "#F0F0F0",
+    "survey": "#E3EEF7",
+    "track": "#FFFFFF",
+    "reacquire": "#FCE8DC",
+    "hold": "#F3E9F1",
+    "return": "#F0F0F0",
+    "landing": "#E6E6E6",
+    "landed": "#E6E6E6",
+    "abort": "#F8D7D0",
+}
+
+
+def drone_colour(index: int) -> str:
+    """Colours repeat after seven drones."""
+    return DRONES[index % len(DRONES)]
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """An empty figure that needs no display and no global state."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def dress(axes: Axes, title: str = "", x_label: str = "", y_label: str = "") -> None:
+    """Labels, light grid, no box."""
+    if title:
+        axes.set_title(title, loc="left", fontsize=11)
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    axes.grid(color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def stage_bands(axes: Axes, time_s: NDArray[np.float64], stage: NDArray[np.str_], named: bool = True) -> None:
+    """Shade the stages of the mission behind a time axis, and name them at its top. stage: (T,) strings."""
+    changes = np.flatnonzero(stage[1:] != stage[:-1]) + 1
+    starts = [0, *changes.tolist()]
+    ends = [*changes.tolist(), len(stage) - 1]
+    span = max(float(time_s[-1] - time_s[0]), 1e-9)
+    for start, end in zip(starts, ends, strict=True):
+        name, left, right = str(stage[start]), float(time_s[start]), float(time_s[end])
+        axes.axvspan(left, right, color=STAGES.get(name, "#F0F0F0"), zorder=0, linewidth=0)
+        if named and (right - left) / span > 0.012 * len(name):  # where the name has room
+            middle, frame = (left + right) / 2.0, axes.get_xaxis_transform()
+            axes.text(middle, 0.985, name, transform=frame, ha="center", va="top", fontsize=8, color="#555555")
+
+
+def swarm_stage(stage: NDArray[np.str_]) -> NDArray[np.str_]:
+    """(T,): the first drone's stage speaks for the swarm. stage: (T, N)."""
+    return stage[:, 0]
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a PNG as a whole or not at all."""
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=150)
+
+
+def seconds(value: float | None) -> str:
+    """A duration for a title."""
+    return "never" if value is None or not np.isfinite(value) else f"{value:.0f} s" if value >= 100.0 else f"{value:.1f} s"
+
+
+def metres(value: float | None) -> str:
+    """A distance for a title."""
+    return "unknown" if value is None or not np.isfinite(value) else f"{value:.2f} m" if value < 10.0 else f"{value:.0f} m"
+
+
+def plural(count: int, noun: str) -> str:
+    """``1 drone``, ``3 drones``."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def wrapped(parts: Sequence[str], width: int = 90) -> str:
+    """Join the parts of a title by semicolons, on as many lines as they need."""
+    lines = [""]
+    for part in parts:
+        joined = f"{lines[-1]}; {part}" if lines[-1] else part
+        if len(joined) > width and lines[-1]:
+            lines[-1] += ";"
+            lines.append(part)
+        else:
+            lines[-1] = joined
+    return "\n".join(lines)

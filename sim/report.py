@@ -1,0 +1,167 @@
+"""What is handed over after a flight or a campaign: a sentence, tables, figures."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+import numpy as np
+
+from sim.campaign import Flown
+from sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
+from sim.figures.error import error_figure
+from sim.figures.map import last_tracking, map_figure
+from sim.figures.spacing import spacing_figure
+from sim.figures.style import metres, save, seconds
+from sim.result import RunResult, Trace
+from sim.runfile import json_line, write_text
+from sim.statistics import Summary, summarise
+
+if TYPE_CHECKING:
+    from sim.lockstep import Flight
+
+
+def sentence(result: RunResult, trace: Trace) -> str:
+    """Where the source is, how sure the swarm is, and how far that is from the truth; at the end of the tracking."""
+    end = last_tracking(trace)
+    estimate, source = trace.hypothesis_m[end, 0], trace.source_m[end]
+    if not np.isfinite(estimate).all():
+        return (
+            f"The swarm did not find the source: {result.cones} cones in {result.sim_s:.0f} s of flight "
+            "were not enough for a first estimate."
+        )
+    where = f"({estimate[0]:.1f}, {estimate[1]:.1f}) m east and north of the mission's origin"
+    if not np.isfinite(source).all():
+        return f"The hypothesis was given, at the end at {where}; there is no source in this scenario."
+    error = float(np.hypot(*(estimate - source)[:2]))
+    lost = ", so it lost the source" if result.lost else ""
+    return (
+        f"The source is at {where}, says the swarm, sure to {_length(float(trace.sigma_m[end]))} (1-sigma radius); "
+        f"that is {_length(error)} from the truth{lost}."
+    )
+
+
+def result_json(result: RunResult) -> str:
+    """The flat object, on one line."""
+    return json_line(msgspec.structs.asdict(result))
+
+
+def write_flight(folder: Path, flight: Flight) -> list[Path]:
+    """Write ``result.json`` (``result-{estimator}.json`` for those that listened), ``map.png``, ``error.png``, ``spacing.png``.
+
+    A scenario without a source has no error to draw. Returns what was written, in a folder that exists.
+    """
+    result, trace = flight.result, flight.trace
+    results = {"result.json": result, **{f"result-{name}.json": heard for name, heard in flight.listened.items()}}
+    for name, record in results.items():
+        write_text(folder / name, result_json(record))
+    title = f"{result.scenario}, seed {result.seed}"
+    figures = {
+        "map.png": map_figure(trace, (f"{title}, estimator {result.estimator}", _outcome(result, trace))),
+        "spacing.png": spacing_figure(trace, title),
+    }
+    if np.isfinite(trace.source_m).any():
+        figures["error.png"] = error_figure(trace, (title, *_course(result)))
+    for name, figure in figures.items():
+        save(figure, folder / name)
+    return [folder / name for name in (*results, *figures)]
+
+
+def write_campaign(folder: Path, flown: Flown) -> list[Path]:
+    """Write ``summary.csv``, ``summary.md``, ``boxes.png``, ``ecdf.png`` and, of a sweep, ``tuning.png``; returns which."""
+    groups = [(case, flown.of(case)) for case in flown.campaign.in_order()]
+    groups = [(case, runs) for case, runs in groups if runs]
+    if not groups:
+        return []
+    rows = [({"scenario": case.name, **dict(case.point)}, summarise(runs)) for case, runs in groups]
+    write_text(folder / "summary.csv", summary_csv(rows))
+    write_text(folder / "summary.md", summary_markdown(rows))
+    estimator = flown.campaign.estimator or "the scenario's own"
+    title = f"estimator {estimator}, seeds from {flown.campaign.seed_base}"
+    figures = {"boxes.png": boxes_figure(groups, title), "ecdf.png": ecdf_figure(groups, title)}
+    if flown.campaign.parameters:
+        figures["tuning.png"] = tuning_figure(groups, title)
+    for name, figure in figures.items():
+        save(figure, folder / name)
+    return [folder / name for name in ("summary.csv", "summary.md", *figures)]
+
+
+Row = tuple[Mapping[str, object], Summary]
+
+
+def summary_csv(rows: Sequence[Row]) -> str:
+    """A line per case: what it is, then all of its ``Summary``; empty where there is no number."""
+    stream = io.StringIO()
+    table = csv.writer(stream, lineterminator="\n")
+    table.writerow([*rows[0][0], *Summary.__struct_fields__])
+    for case, summary in rows:
+        table.writerow([*case.values(), *("" if value is None else value for value in msgspec.structs.astuple(summary))])
+    return stream.getvalue()
+
+
+def summary_markdown(rows: Sequence[Row]) -> str:
+    """The same for people: a rounded selection, and how it is meant."""
+    head = [
+        *rows[0][0], "runs", "found", "lost", "time to x0, median (95 %)", "max", "tracking time, mean", "error, median (95 %)",
+        "error, mean", "NEES", "least separation", "fence breaches",
+    ]  # fmt: skip
+    lines = [" | ".join(head), " | ".join("---" for _ in head)]
+    for case, s in rows:
+        cells = [
+            *(str(value) for value in case.values()), str(s.runs), str(s.found), str(s.lost),
+            _with_interval((s.time_to_x0_median_s, s.time_to_x0_low_s, s.time_to_x0_high_s), "s", 1),
+            _unit(s.time_to_x0_max_s, "s", 1), _unit(s.tracking_time_mean_s, "s", 1),
+            _with_interval((s.error_median_m, s.error_low_m, s.error_high_m), "m", 2),
+            _unit(s.error_mean_m, "m", 2), _unit(s.nees_median, "", 2), _unit(s.min_separation_m, "m", 2), str(s.fence_breaches),
+        ]  # fmt: skip
+        lines.append(" | ".join(cells))
+    return "\n".join(f"| {line} |" for line in lines) + NOTE
+
+
+NOTE = """
+
+Errors are horizontal. Of each run: the median (mean) over all its tracking samples; here: the median (mean) of these over the
+runs that tracked, lost ones included. A run that never declared x0 counts as slower than any other in the median time to x0
+and as 0 s of tracking. NEES: median over the runs of their means; 2 is ideal. In brackets: 95 % interval of the median.
+"""
+
+
+def _outcome(result: RunResult, trace: Trace) -> str:
+    end = last_tracking(trace)
+    estimate, source = trace.hypothesis_m[end, 0], trace.source_m[end]
+    if not np.isfinite(estimate).all():
+        return f"source not found in {result.sim_s:.0f} s"
+    if not np.isfinite(source).all():
+        return "hypothesis given, no source"
+    error = float(np.hypot(*(estimate - source)[:2]))
+    return f"{metres(error)} off at {seconds(float(trace.time_s[end]))}, sure to {metres(float(trace.sigma_m[end]))}"
+
+
+def _course(result: RunResult) -> list[str]:
+    if result.time_to_x0_s is None:
+        return ["source not found"]
+    lost = ", then lost" if result.lost else ""
+    return [
+        f"x0 after {seconds(result.time_to_x0_s)}, {metres(result.x0_error_m)} off",
+        f"tracked for {seconds(result.tracking_time_s)}{lost}, {metres(result.error_median_m)} off in the median",
+    ]
+
+
+def _length(value_m: float) -> str:
+    return f"{value_m:.1f} m" if value_m < 100.0 else f"{value_m:.0f} m"
+
+
+def _unit(value: float | None, unit: str, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f} {unit}".rstrip()
+
+
+def _with_interval(values: tuple[float | None, float | None, float | None], unit: str, digits: int) -> str:
+    value, *ends = values
+    if value is None or ends == [None, None]:
+        return _unit(value, unit, digits)
+    low, high = ("?" if end is None else f"{end:.{digits}f}" for end in ends)
+    return f"{_unit(value, unit, digits)} ({low} - {high})"

@@ -1,0 +1,197 @@
+"""The paper's tables beside ours.
+
+The `paper` estimators fly the paper's own flocking law; any other flies what its scenario says. What "median" means where the
+paper leaves it open is defined in ``sim.statistics``: the estimation error is the median over the runs of each run's median.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from sim.campaign import Campaign, Flown, Watch, fly_campaign
+from sim.report import write_campaign
+from sim.runfile import write_text
+from sim.statistics import Summary, summarise
+from sim.sweep import Case
+from sim.workers import Executor, Fly, fly_job
+
+PUBLISHED = "published"
+
+
+class _Row(NamedTuple):
+    """A line of a table: what it is called, where our number is, how many digits it has."""
+
+    label: str
+    of: Callable[[Summary], float | int | None]
+    digits: int = 2
+
+
+TIME_MEDIAN = _Row("time to x0, median (s)", lambda s: s.time_to_x0_median_s)
+TIME_MAX = _Row("time to x0, max (s)", lambda s: s.time_to_x0_max_s)
+TRACKED_MEAN = _Row("tracking time, average (s)", lambda s: s.tracking_time_mean_s)
+TRACKED_MAX = _Row("tracking time, max (s)", lambda s: s.tracking_time_max_s)
+ERROR_MEDIAN = _Row("estimation error, median (m)", lambda s: s.error_median_m)
+ERROR_MEAN = _Row("estimation error, average (m)", lambda s: s.error_mean_m)
+BELOW = (  # ours alone
+    _Row("runs", lambda s: s.runs, 0),
+    _Row("runs that found x0", lambda s: s.found, 0),
+    _Row("runs lost", lambda s: s.lost, 0),
+    _Row("x0's error, median (m)", lambda s: s.x0_error_median_m),
+    _Row("NEES, median (ideal: 2)", lambda s: s.nees_median),
+    _Row("least separation (m)", lambda s: s.min_separation_m),
+    _Row("fence breaches", lambda s: s.fence_breaches, 0),
+    _Row("times real time, median", lambda s: s.realtime_factor_median, 0),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """A table of the paper: its scenarios, their column heads, and the published numbers of each, row by row."""
+
+    name: str
+    title: str
+    rows: tuple[_Row, ...]
+    heads: Mapping[str, str]
+    published: Mapping[str, tuple[float, ...]]
+
+
+SIMULATIONS = Study(
+    "table",
+    "Localization and tracking simulation results (paper, Sec. VI-B)",
+    (TIME_MEDIAN, TIME_MAX, TRACKED_MEAN, TRACKED_MAX, ERROR_MEDIAN),
+    {
+        "paper-static-solo": "static solo",
+        "paper-static-swarm": "static swarm",
+        "paper-moving-solo": "moving solo",
+        "paper-moving-swarm": "moving swarm",
+    },
+    {
+        "paper-static-solo": (329.63, 584.67, 167.01, 180.0, 2.59),
+        "paper-static-swarm": (59.16, 124.68, 180.0, 180.0, 2.26),
+        "paper-moving-solo": (203.66, 359.30, 44.50, 122.43, 20.34),
+        "paper-moving-swarm": (52.90, 149.70, 133.30, 180.0, 6.70),
+    },
+)
+FIELD = Study(
+    "field",
+    "Real-world deployment, three drones (paper, Sec. VII)",
+    (TIME_MEDIAN, TIME_MAX, ERROR_MEDIAN, ERROR_MEAN),
+    {"field-179MBq": "179 MBq", "field-2GBq": "2 GBq", "field-2GBq-moving": "2 GBq moving"},
+    {
+        "field-179MBq": (105.46, 115.88, 2.65, 5.04),
+        "field-2GBq": (29.55, 34.80, 3.49, 4.89),
+        "field-2GBq-moving": (45.88, 139.98, 3.50, 6.24),
+    },
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A finished table. ``columns``: (scenario's head, whose numbers); cells are None where there is no number."""
+
+    title: str
+    columns: tuple[tuple[str, str], ...]
+    rows: tuple[tuple[str, tuple[str | None, ...]], ...]
+    above: int  # rows that the paper has too
+
+
+def law_of(estimator: str) -> str | None:
+    """The paper's estimators fly the paper's law; others what the scenario says."""
+    return "paper" if estimator.startswith("paper") else None
+
+
+def fly_study(
+    study: Study,
+    cases: Sequence[Case],
+    estimators: Sequence[str],
+    runs: int,
+    folder: Path,
+    *,
+    execute: Executor,
+    watch: Watch,
+    fly: Fly = fly_job,
+) -> tuple[Table, tuple[Flown, ...]]:
+    """Fly a study's scenarios with each estimator (a resumable campaign each, in a folder of its own), and set up the table.
+
+    Writes ``{study}.txt``, ``{study}.csv`` and ``{study}.md`` into the folder. Raises what ``fly_campaign`` does.
+    """
+    flown: list[Flown] = []
+    for estimator in estimators:
+        campaign = Campaign(tuple(cases), runs, estimator, law_of(estimator))
+        place = folder / f"{study.name}-{estimator}"
+        flown.append(fly_campaign(campaign, place, execute, fly, watch))
+        write_campaign(place, flown[-1])
+    table = make_table(study, dict(zip(estimators, flown, strict=True)))
+    for suffix, text in (("txt", as_text(table)), ("csv", as_csv(table)), ("md", as_markdown(table))):
+        write_text(folder / f"{study.name}.{suffix}", text)
+    return table, tuple(flown)
+
+
+def make_table(study: Study, flown: Mapping[str, Flown]) -> Table:
+    """The published numbers and ours, by estimator, side by side."""
+    columns: list[tuple[str, str]] = []
+    cells: list[list[str | None]] = []
+    for scenario, head in study.heads.items():
+        columns.append((head, PUBLISHED))
+        numbers = study.published[scenario]
+        cells.append([_text(number, row.digits) for number, row in zip(numbers, study.rows, strict=True)] + [None] * len(BELOW))
+        for estimator, campaign in flown.items():
+            case = next(case for case in campaign.campaign.cases if case.name == scenario)
+            summary = summarise(campaign.of(case))
+            columns.append((head, f"ours: {estimator}"))
+            cells.append([_text(row.of(summary), row.digits) for row in (*study.rows, *BELOW)])
+    labels = [row.label for row in (*study.rows, *BELOW)]
+    rows = tuple((label, tuple(column[index] for column in cells)) for index, label in enumerate(labels))
+    return Table(study.title, tuple(columns), rows, len(study.rows))
+
+
+def as_rich(table: Table) -> RichTable:
+    """For the terminal."""
+    rich = RichTable(title=table.title, title_justify="left", title_style="bold", header_style="")
+    rich.add_column("")
+    for head, whose in table.columns:
+        rich.add_column(f"{head}\n{whose}", justify="right", style="dim" if whose == PUBLISHED else "")
+    for index, (label, cells) in enumerate(table.rows):
+        rich.add_row(label, *("" if cell is None else cell for cell in cells), end_section=index == table.above - 1)
+    return rich
+
+
+def as_text(table: Table) -> str:
+    """As on a terminal wide enough, without colours."""
+    stream = io.StringIO()
+    Console(file=stream, width=40 + 18 * len(table.columns), no_color=True, legacy_windows=False).print(as_rich(table))
+    return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
+
+
+def as_csv(table: Table) -> str:
+    """One line per row; empty where there is no number."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(["", *(f"{head}, {whose}" for head, whose in table.columns)])
+    writer.writerows([label, *("" if cell is None else cell for cell in cells)] for label, cells in table.rows)
+    return stream.getvalue()
+
+
+def as_markdown(table: Table) -> str:
+    """A table for a README."""
+    lines = [["", *(f"{head}, {whose}" for head, whose in table.columns)], ["---", *("---:" for _ in table.columns)]]
+    lines += [[label, *(cell or "" for cell in cells)] for label, cells in table.rows]
+    return f"**{table.title}**\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines) + f"\n{NOTE}\n"
+
+
+NOTE = (
+    "Estimation error: horizontal; the median (average) over the runs of each run's median (mean) over all its tracking samples, "
+    "lost runs included. A run that never found x0 counts as slower than any other in the median, and as 0 s of tracking."
+)
+
+
+def _text(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
