@@ -1,25 +1,27 @@
 # Each target makes its own environment in .venv on a machine with Python 3.11 or newer, git and make.
 PYTHON ?= python3
 BIN := .venv/bin
-READY := .venv/.ready
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+SIM := .venv/.sim
+DEV := .venv/.dev
+# Not compiled ahead: most of what comes with the libraries is never imported.
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 export OMP_NUM_THREADS = 1
 
 .PHONY: demo test bench table lint clean
 
-demo: $(READY)  ## one flight of three drones that find a source; results/demo/
+demo: $(SIM)  ## one flight of three drones that find a source; results/demo/
 	$(BIN)/radron-sim run demo --seed 1 --out results/demo
 
-test: $(READY)  ## all tests
+test: $(DEV)  ## all tests
 	$(BIN)/pytest -n 2
 
-bench: $(READY)  ## all measurements of speed, one after another
+bench: $(SIM)  ## all measurements of speed, one after another
 	@set -e; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file; done
 
-table: $(READY)  ## the paper's table beside ours, 50 flights a column; results/table/
+table: $(SIM)  ## the paper's table beside ours, 50 flights a column; results/table/
 	$(BIN)/radron-sim table --runs 50 --out results/table
 
-lint: $(READY)  ## style, types and who may import whom
+lint: $(DEV)  ## style, types and who may import whom
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -28,10 +30,15 @@ lint: $(READY)  ## style, types and who may import whom
 clean:  ## the environment, the results and all caches
 	rm -rf .venv build dist results *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache
 
-$(READY): pyproject.toml constraints.txt
+$(SIM): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "radron needs Python 3.11 or newer, this is " + sys.version)'
 	@echo "Setting up .venv (once, about a minute) ..."
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	@$(PIP) setuptools
+	@$(PIP) --no-build-isolation --editable '.[sim]'
+	@touch $@
+
+$(DEV): $(SIM)
+	@echo "Adding the tools for tests and checks ..."
 	@$(PIP) --no-build-isolation --editable '.[sim,dev]'
 	@touch $@

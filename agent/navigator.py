@@ -18,10 +18,11 @@ from agent.motion.tracker import Tracker
 from agent.peers import Peers
 from agent.search import Search
 from agent.vehicle.interface import Setpoint, Vector3, VehicleState
-from protocol.messages import Plan, Stage
+from protocol.messages import Plan, Pose, Stage
 
 REPLAN_NS = 200_000_000  # 5 Hz
 HORIZON_STEP_S = 0.2
+PLAN_AGE_NS = 1_000_000_000  # an older plan of a peer is not believed any more
 HORIZON = 20
 TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
@@ -78,8 +79,8 @@ class Navigator:
     def _begin(self, vehicle: VehicleState, mission_from_local: Transform) -> None:
         corners = np.array([(x, y, 0.0) for x, y in self._config.area.polygon_m])
         corners = mission_from_local.inverse().apply(corners)[:, :2]
-        fence = Fence.from_area(self._config.area, corners, ground_m=vehicle.position_m[2] - vehicle.height_m)
-        self._tracker = Tracker(self._config.limits, fence, HORIZON_STEP_S, HORIZON, self._lag_s, self._id)
+        fence = Fence.from_area(self._config.area, corners, ground_m=_ground(vehicle))
+        self._tracker = Tracker(self._config.limits, fence, HORIZON_STEP_S, HORIZON, self._lag_s, drone_id=self._id)
         self._virtual = PeerState(vehicle.position_m, vehicle.velocity_mps)
         self._tracker.reset(vehicle.position_m, vehicle.velocity_mps)
         self._epoch, self._due_ns, self._planned = vehicle.epoch, 0, False
@@ -108,12 +109,14 @@ class Navigator:
             self._virtual = self._tracker.state(now_ns)
         self._planned = True
         links = self._links(now_ns, peers, mission_from_local)
+        plans = {name: _plan_of(name, peers, link, now_ns) for name, link in links.items()}
+        partners = [name for name in links if _takes_part(name, peers)]
         if stage is Stage.SURVEY or centre is None:
-            reference = self._survey(vehicle, peers, list(links), mission_from_local)
+            reference = self._survey(vehicle, partners, mission_from_local)
         else:
-            reference = self._circle(now_ns, stage, since_ns, vehicle, centre, peers, links)
-        plans = [_plan_of(name, peers, link, now_ns) for name, link in links.items()]
-        made = self._tracker.plan(now_ns, PeerState(vehicle.position_m, vehicle.velocity_mps), reference, plans)
+            others = {name: plans[name].state(now_ns) for name in partners}
+            reference = self._circle(now_ns, stage, since_ns, vehicle, centre, others)
+        made = self._tracker.plan(now_ns, PeerState(vehicle.position_m, vehicle.velocity_mps), reference, [*plans.values()])
         return Plan(
             stamp_ns=made.stamp_ns,
             drone=self._id,
@@ -135,19 +138,14 @@ class Navigator:
                 links[name] = local_from_mission @ theirs
         return links
 
-    def _survey(
-        self, vehicle: VehicleState, peers: Peers, others: list[str], mission_from_local: Transform
-    ) -> Reference:
-        config = self._config
-        active = sorted([self._id, *(name for name in others if _takes_part(name, peers))])
+    def _survey(self, vehicle: VehicleState, partners: list[str], mission_from_local: Transform) -> Reference:
         x, y, _ = mission_from_local.apply_point(self._virtual.position)
-        steps = HORIZON
-        positions, velocities = self._search.reference(active, (x, y), steps, HORIZON_STEP_S)
+        positions, velocities = self._search.reference(sorted([self._id, *partners]), (x, y), HORIZON, HORIZON_STEP_S)
         local_from_mission = mission_from_local.inverse()
-        placed = np.column_stack((positions, np.zeros(steps + 1)))
-        moving = np.column_stack((velocities, np.zeros(steps + 1)))
-        placed, moving = local_from_mission.apply(placed), local_from_mission.rotate(moving)
-        placed[:, 2] = vehicle.position_m[2] - vehicle.height_m + config.survey.height_m
+        level = np.zeros(HORIZON + 1)
+        placed = local_from_mission.apply(np.column_stack((positions, level)))
+        moving = local_from_mission.rotate(np.column_stack((velocities, level)))
+        placed[:, 2] = _ground(vehicle) + self._config.survey.height_m
         return Reference(placed, moving, HORIZON_STEP_S)
 
     def _circle(
@@ -157,16 +155,15 @@ class Navigator:
         since_ns: int,
         vehicle: VehicleState,
         centre: tuple[Vector3, Vector3],
-        peers: Peers,
-        links: dict[str, Transform],
+        others: dict[str, PeerState],
     ) -> Reference:
         radius_m = self._config.encirclement.radius_m
         if stage is Stage.REACQUIRE:
             radius_m += self._config.track.widening_mps * (now_ns - since_ns) * 1e-9
-        others = {name: _state_of(name, peers, link, now_ns) for name, link in links.items() if _takes_part(name, peers)}
         (x, y, _), velocity = centre
-        ground = vehicle.position_m[2] - vehicle.height_m
-        return self._encirclement.reference(self._virtual, others, self._id, (x, y, ground), velocity, radius_m)
+        return self._encirclement.reference(
+            self._virtual, others, self._id, center=(x, y, _ground(vehicle)), center_velocity=velocity, radius_m=radius_m
+        )
 
     def _heading(
         self, now_ns: int, stage: Stage, since_ns: int, vehicle: VehicleState, centre: tuple[Vector3, Vector3] | None
@@ -180,28 +177,28 @@ class Navigator:
         return atan2(cy - y, cx - x), 0.0
 
 
+def _ground(vehicle: VehicleState) -> float:
+    """Local z of the ground below the vehicle, by what its rangefinder says now."""
+    return vehicle.position_m[2] - vehicle.height_m
+
+
 def _takes_part(name: str, peers: Peers) -> bool:
     status = peers[name].status
     return status is not None and status.stage in TAKING_PART
 
 
-def _state_of(name: str, peers: Peers, link: Transform, now_ns: int) -> PeerState:
-    """A peer's last pose in the own local frame, and how old it is."""
-    pose = peers[name].pose
-    assert pose is not None
-    return PeerState(
-        link.apply_point(pose.position_m), link.rotate_direction(pose.velocity_mps), (now_ns - pose.stamp_ns) * 1e-9
-    )
+def _state_of(pose: Pose, link: Transform, now_ns: int) -> PeerState:
+    """A peer's pose in the own local frame, and how old it is."""
+    age_s = (now_ns - pose.stamp_ns) * 1e-9
+    return PeerState(link.apply_point(pose.position_m), link.rotate_direction(pose.velocity_mps), age_s)
 
 
 def _plan_of(name: str, peers: Peers, link: Transform, now_ns: int) -> PeerPlan:
-    """A peer's plan in the own local frame; without one, its pose carried on by its velocity."""
+    """A peer's plan in the own local frame; without a fresh one, its pose carried on by its velocity."""
     pose, plan = peers[name].pose, peers[name].plan
     assert pose is not None
-    measured, sigma_m = _state_of(name, peers, link, now_ns), pose.position_sigma_m
-    if plan is not None and plan.epoch == pose.epoch:
-        ahead = link.apply(np.array(plan.positions_m))
-        return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, measured)
-    steps = np.arange(HORIZON + 1.0)[:, None] * HORIZON_STEP_S
-    ahead = np.array(measured.position) + steps * np.array(measured.velocity)
-    return PeerPlan(name, pose.stamp_ns, HORIZON_STEP_S, ahead, sigma_m, measured)
+    measured = _state_of(pose, link, now_ns)
+    if plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
+        return PeerPlan.from_pose(name, now_ns, measured, pose.position_sigma_m)
+    ahead = link.apply(np.array(plan.positions_m))
+    return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, pose.position_sigma_m, measured)

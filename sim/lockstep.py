@@ -115,9 +115,7 @@ class _World:
             for k, config in enumerate(self._configs)
         ]
         position = _launch_positions(scenario, mission, streams.start)
-        self._multirotors = Multirotors(
-            scenario.vehicle, position, np.zeros(count), TICK_NS / SUBSTEPS * 1e-9, streams.vehicle
-        )
+        self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS / SUBSTEPS * 1e-9, streams.vehicle)
         self._localization = Localization(scenario.localization, count, TICK_NS * 1e-9, streams.localization)
         self._autopilots = [
             Autopilot(frame.local(position[k]), -frame.yaw_rad, TICK_NS * 1e-9) for k, frame in enumerate(self._frames)

@@ -22,8 +22,8 @@ from agent.detector.lines import lines_of
 from agent.detector.t3pa import T3paReader, readouts
 from agent.errors import DetectorError
 
-# Times in ns since the detector's clock was reset; camera frame (x along the rows, y up, z the outward normal). The axis is that of
-# reading 1 (cluster 1 is the electron), from the absorbed photon to the electron; reading 2 has its opposite.
+# Times in ns since the detector's clock was reset; camera frame (x along the rows, y up, z the outward normal). The axis is that
+# of reading 1 (cluster 1 is the electron), from the absorbed photon to the electron; reading 2 has its opposite.
 CSV_COLUMNS = (
     "stamp_ns",
     "axis_x",
@@ -146,7 +146,10 @@ def find_peak(spectrum: NDArray[np.int64], lines_kev: Iterable[float]) -> Peak |
 
 
 def _write_csv(path: Path, stretches: Iterable[tuple[ConeEvent, ...]]) -> int:
-    """The number of cones written. Write beside the target and put it into place at the end, so that a failure leaves no half of a file."""
+    """Returns the number of cones.
+
+    Written beside the target and put into place at the end, so that a failure leaves no half of a file.
+    """
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     except OSError as error:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from agent.detector.clustering import Clusters, sum_by
 
 # K fluorescence of Cd (23.0-26.1 keV) and Te (27.2-31.0 keV), widened by the resolution and by charge lost below the threshold.
-# Its attenuation length in CdTe is 0.07-0.12 mm, so that one in a hundred travels further than five of them.
+# Its attenuation length in CdTe is 0.07-0.12 mm, so that hardly any travels further than ten of them.
 SATELLITE_KEV = (14.0, 38.0)
-SATELLITE_REACH_MM = 0.6
+SATELLITE_REACH_MM = 1.2
 SATELLITE_PIXELS = 8
 
 
@@ -50,9 +50,9 @@ def merge_satellites(clusters: Clusters, window_ticks: float) -> Clusters:
 
     A photoelectric absorption in CdTe mostly emits a K photon of 23-31 keV, which is absorbed about 0.1 mm away and often makes a
     small cluster of its own. Taken for a recoil electron it would yield a wrong cone, as a third cluster it would spoil a right
-    one. A cluster is a satellite when its energy is in that band, it is small, and a cluster of no less energy lies within 0.6 mm
+    one. A cluster is a satellite when its energy is in that band, it is small, and a cluster of no less energy lies within 1.2 mm
     and the coincidence window; energy, hits and earliest time then go to that parent, whose position stays. A true recoil
-    electron of this kind is lost with them: at so short a separation its cone would be about 10 degrees wide and more.
+    electron of this kind is lost with them: they are rare, since Compton scattering by so small an angle is.
     """
     later, earlier = _pairs(clusters.tick, window_ticks)
     if len(later) == 0:

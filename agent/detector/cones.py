@@ -12,14 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from agent.detector.detection import ConeEvent
-from agent.detector.response import DOPPLER_KEV, ELECTRON_KEV, attenuation_per_mm, energy_variance
+from agent.detector.response import DOPPLER_MOMENTUM, ELECTRON_KEV, POSITION_MM, attenuation_per_mm, energy_variance
 
-ORDER_FLOOR = 0.08  # of each order's probability: W alone is overconfident, it knows nothing of what else may have happened
-LATERAL_MM = 0.075  # 1 sigma of a cluster's position against the true interaction, across ...
-DEPTH_MM = 0.04  # ... and along the drift
+ORDER_FLOOR = 0.02  # of each order's probability: W alone is overconfident, it knows nothing of what else may have happened
 SIGMA_MAX_RAD = 0.35
 SIGMA_FLOOR_RAD = 0.02
-EDGE_TOLERANCE_KEV2 = 64.0
+TAIL, TAIL_WIDTH = 0.15, 5.0  # of the Doppler broadening, from the inner shells: share, and width in 1 sigma of the core
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +60,15 @@ def klein_nishina_recoil(energy_kev: float, electron_kev: float) -> float:
     return (2.0 + q * q / (alpha * alpha) + q * (s - 2.0 / alpha)) / (alpha * alpha)
 
 
+def doppler_kev(energy_kev: float, photon_kev: float, cosine: float) -> float:
+    """1 sigma of the scattered photon's energy at a given angle, from the bound electron's momentum p:
+
+    p |k - k'| E' / (m c E).
+    """
+    transfer = math.sqrt(energy_kev * energy_kev + photon_kev * photon_kev - 2.0 * energy_kev * photon_kev * cosine)
+    return DOPPLER_MOMENTUM * transfer * photon_kev / energy_kev
+
+
 def cone_event(
     stamp_ns: int, energies_kev: tuple[float, float], separation_mm: tuple[float, float, float], line: Line
 ) -> ConeEvent:
@@ -81,15 +88,13 @@ def cone_event(
     length = max(math.sqrt(x * x + y * y + z * z), 1e-3)
     x, y, z = x / length, y / length, z / length
 
-    theta_1, sigma_1, weight_1 = _reading(line, fitted_1, variance, length, z)
-    theta_2, sigma_2, weight_2 = _reading(line, fitted_2, variance, length, z)
-    if not line.allows(measured_1, measured_2):
-        first = 0.0
-    elif not line.allows(measured_2, measured_1):
-        first = 1.0
+    theta_1, sigma_1, weight_1 = _reading(line, fitted_1, variance, length)
+    theta_2, sigma_2, weight_2 = _reading(line, fitted_2, variance, length)
+    total = weight_1 + weight_2
+    if weight_1 == 0.0 or weight_2 == 0.0:
+        first = weight_1 / total if total > 0.0 else 0.5
     else:
-        total = weight_1 + weight_2
-        first = ORDER_FLOOR + (1.0 - 2.0 * ORDER_FLOOR) * (weight_1 / total if total > 0.0 else 0.5)
+        first = ORDER_FLOOR + (1.0 - 2.0 * ORDER_FLOOR) * weight_1 / total
     sigma = math.sqrt(variance)
     return ConeEvent(
         stamp_ns=stamp_ns,
@@ -103,7 +108,7 @@ def cone_event(
     )
 
 
-def _reading(line: Line, electron_kev: float, variance: float, length_mm: float, axis_z: float) -> tuple[float, float, float]:
+def _reading(line: Line, electron_kev: float, variance: float, length_mm: float) -> tuple[float, float, float]:
     """Opening angle, its 1 sigma (ARM) in rad and the weight of one order; the energies add up to the line.
 
     Weight: Klein-Nishina for the recoil energy, times the chance that the scattered photon is absorbed at this distance; beyond
@@ -113,14 +118,14 @@ def _reading(line: Line, electron_kev: float, variance: float, length_mm: float,
     cosine = 1.0 + ELECTRON_KEV * (1.0 / line.energy_kev - 1.0 / photon_kev)
     theta = math.acos(max(cosine, -1.0))
     slope = ELECTRON_KEV / (photon_kev * photon_kev * max(math.sin(theta), 1e-3))
-    from_energy = (variance + DOPPLER_KEV * DOPPLER_KEV) * slope * slope
-    across = 2.0 * LATERAL_MM * LATERAL_MM * (1.0 - axis_z * axis_z) + 2.0 * DEPTH_MM * DEPTH_MM
-    spread = min(from_energy + across / (length_mm * length_mm), SIGMA_MAX_RAD * SIGMA_MAX_RAD)
+    blur = variance + doppler_kev(line.energy_kev, photon_kev, max(cosine, -1.0)) ** 2
+    tilt = POSITION_MM / length_mm
+    spread = min(blur * slope * slope + 2.0 * tilt * tilt, SIGMA_MAX_RAD * SIGMA_MAX_RAD)
     sigma = math.sqrt(spread + SIGMA_FLOOR_RAD * SIGMA_FLOOR_RAD)
 
     photo, total = attenuation_per_mm(photon_kev)
     edge = compton_edge_kev(line.energy_kev)
     recoil = klein_nishina_recoil(line.energy_kev, min(electron_kev, edge))
-    beyond = max(electron_kev - edge, 0.0)
-    penalty = math.exp(-beyond * beyond / (2.0 * (variance + EDGE_TOLERANCE_KEV2)))
-    return theta, sigma, recoil * photo * math.exp(-total * length_mm) * penalty
+    beyond = (electron_kev - edge) / math.sqrt(2.0 * blur)
+    reached = (1.0 - TAIL) * math.erfc(beyond) + TAIL * math.erfc(beyond / TAIL_WIDTH)
+    return theta, sigma, recoil * photo * math.exp(-total * length_mm) * 0.5 * reached

@@ -17,7 +17,8 @@ DRIFT_NS = 86.0  # over the full thickness
 MM_PER_TICK = SENSOR_THICKNESS_MM / DRIFT_NS * TICK_NS  # depth for one step of the fine time of arrival
 NOISE_KEV = 2.5  # of a cluster's energy, constant part ...
 RELATIVE_NOISE = 0.02  # ... and the part that grows with the energy
-DOPPLER_KEV = 6.0  # 1 sigma of the recoil energy, from the momentum of the bound electron
+DOPPLER_MOMENTUM = 4.2 / 137.036  # of the bound electrons along the photon's change of momentum, in m c; 68 % are within it
+POSITION_MM = 0.064  # 1 sigma of a cluster's centre of charge against the point of interaction, in each direction
 
 # CdTe, cm2/g: photoelectric (Kissel) and total attenuation, from xraylib 4.3; the two K edges (Cd 26.711, Te 31.814 keV)
 # have a row on each side. Beyond 800 keV xraylib gives no total: the Compton part was scaled by Klein-Nishina.

@@ -1,7 +1,7 @@
 """The constrained part of the tracker's problem: limits and half-planes, solved by OSQP.
 
 Unknowns are the deviations w of the jerks from the unconstrained optimum, so the cost is w' H w / 2 and every bound is a limit
-minus what the optimum already has. Half-planes are soft, one slack per step, at a price above what tracking could ever gain: a
+minus what the optimum already has. Half-planes are soft, one slack per step, at a price beside which tracking counts little: a
 drone that finds itself inside a forbidden zone is led out of it instead of getting no answer.
 
 The solver must answer alike on every run: no time limit, no adaptive step size, a fixed number of iterations at most.
@@ -22,8 +22,7 @@ from agent.motion.reference import Array
 
 _OCTAGON: Array = np.array([[cos(k * pi / 4.0), sin(k * pi / 4.0)] for k in range(4)])  # both signs of each: eight sides
 OCTAGON_INRADIUS = cos(pi / 8.0)  # of an octagon whose corners lie on the unit circle
-_SLACK_PRICE = 300.0  # per metre and step; tracking gains at most some 10 m x H steps
-_SLACK_CURVATURE = 50.0
+_SLACK_WEIGHT = 1000.0  # cost of a step's slack, 1/m2; a position error costs 1/m2
 _SETTINGS = {
     "verbose": False,
     "eps_abs": 2e-3,
@@ -66,8 +65,7 @@ class LimitedProblem:
         inradius = OCTAGON_INRADIUS if axes == 2 else 1.0
         self._speed, self._acceleration, self._jerk = limits[0] * inradius, limits[1] * inradius, limits[2]
         tracking = sparse.block_diag([prediction.hessian] * axes)
-        slack = _SLACK_CURVATURE * sparse.eye(horizon)
-        self._price: Array = np.concatenate((np.zeros(axes * horizon), np.full(horizon, _SLACK_PRICE)))
+        slack = _SLACK_WEIGHT * sparse.eye(horizon)
         fixed = sparse.vstack(
             (
                 np.kron(self._directions, prediction.velocity),
@@ -76,22 +74,20 @@ class LimitedProblem:
             )
         )
         fixed = sparse.hstack((fixed, sparse.csc_matrix((fixed.shape[0], horizon))))
-        positive = sparse.hstack((sparse.csc_matrix((horizon, axes * horizon)), sparse.eye(horizon)))
-        matrix, self._variable = self._layout(fixed, positive)
+        matrix, self._variable = self._layout(fixed)
         self._lower: Array = np.full(matrix.shape[0], -np.inf)
         self._upper: Array = np.full(matrix.shape[0], np.inf)
-        self._lower[-horizon:] = 0.0
         self._solver = osqp.OSQP()
         self._solver.setup(
             sparse.triu(sparse.block_diag((tracking, slack)), format="csc"),
-            self._price,
+            np.zeros(matrix.shape[1]),
             matrix,
             self._lower,
             self._upper,
             **_SETTINGS,
         )
 
-    def _layout(self, fixed: sparse.spmatrix, positive: sparse.spmatrix) -> tuple[sparse.csc_matrix, NDArray[np.int32]]:
+    def _layout(self, fixed: sparse.spmatrix) -> tuple[sparse.csc_matrix, NDArray[np.int32]]:
         """Constraint matrix with placeholders for the half-planes, and where their values sit in its data.
 
         Order of the placeholders: row of the step, axis, lower triangle of (H, H); then row of the step, slack of each step.
@@ -108,13 +104,11 @@ class LimitedProblem:
             row.append(plane * horizon + np.arange(horizon))
             column.append(axes * horizon + np.arange(horizon))
         rows_index, columns_index = np.concatenate(row), np.concatenate(column)
-        marks = np.arange(1.0, len(rows_index) + 1.0)
-        planes = sparse.coo_matrix((marks, (rows_index, columns_index)), shape=(rows * horizon, (axes + 1) * horizon))
-        marked = sparse.vstack((0.0 * fixed, planes, 0.0 * positive), format="csc")
-        matrix = sparse.vstack((fixed, sparse.coo_matrix(planes.astype(bool).astype(float)), positive), format="csc")
+        planes = sparse.coo_matrix(
+            (np.ones(len(rows_index)), (rows_index, columns_index)), shape=(rows * horizon, (axes + 1) * horizon)
+        )
+        matrix = sparse.vstack((fixed, planes), format="csc")
         matrix.sort_indices()
-        marked.sort_indices()
-        marked.eliminate_zeros()
         # The k-th placeholder's place: look its (row, column) up in the final matrix.
         place = {
             (int(r), int(c)): index
@@ -128,7 +122,7 @@ class LimitedProblem:
     def solve(self, start: Array, optimum: Array, planes: HalfPlanes | None) -> Array | None:
         """Jerks (H, axes) within the limits that come nearest in cost to the unconstrained optimum.
 
-        start: (3, axes), position, velocity, acceleration now; optimum: (4, H, axes), jerks, positions, velocities, accelerations.
+        start: (3, axes), position, velocity, acceleration now; optimum: (4, H, axes), jerk, position, velocity, acceleration.
         A vehicle that is beyond a limit already has to come back, not to be back at once. None: no usable answer.
         """
         jerk, position, velocity, acceleration = optimum
@@ -148,11 +142,11 @@ class LimitedProblem:
         tail = 2 * size + axes * horizon
         upper[2 * size : tail], lower[2 * size : tail] = self._jerk - flat, -self._jerk - flat
         if planes is None:
-            lower[tail:-horizon] = -np.inf
+            lower[tail:] = -np.inf
             self._solver.update(l=lower, u=upper)
         else:
             values = planes.normals.transpose(0, 2, 1)[:, :, self._steps] * self._triangle
-            lower[tail:-horizon] = (planes.offsets - np.einsum("rka,ka->rk", planes.normals, position)).ravel()
+            lower[tail:] = (planes.offsets - np.einsum("rka,ka->rk", planes.normals, position)).ravel()
             self._solver.update(
                 l=lower, u=upper, Ax=np.concatenate((values.ravel(), planes.yielding.ravel())), Ax_idx=self._variable
             )

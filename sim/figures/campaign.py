@@ -155,7 +155,7 @@ def _missing(groups: Groups) -> list[str]:
     """Runs that no box shows are told."""
     runs = [run for _, several in groups for run in several]
     never = sum(run.time_to_x0_s is None for run in runs)
-    return [f"{never} of {len(runs)} runs never found the source and are in no box"] if never else []
+    return [f"{never} of {len(runs)} runs never found the source: in no box, slowest in the medians"] if never else []
 
 
 def _best(groups: Groups) -> list[str]:

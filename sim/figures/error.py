@@ -31,5 +31,6 @@ def error_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
     axes.set_ylim(0.0, max(2.0, 1.1 * float(finite.max())) if finite.size else 10.0)
     axes.set_xlim(float(time_s[0]), float(time_s[-1]))
     dress(axes, wrapped(title), "time since the start command (s)", "horizontal distance (m)")
-    axes.legend(loc="upper right", fontsize=8, framealpha=0.9, edgecolor="none")
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     return figure

@@ -86,9 +86,9 @@ def _draw_estimate(axes: Axes, trace: Trace, end: int) -> None:
     estimate = trace.hypothesis_m[: end + 1, 0]
     if not np.isfinite(estimate[end]).all():
         return
-    axes.plot(estimate[:, 0], estimate[:, 1], color=ESTIMATE, linewidth=1.0, alpha=0.7, zorder=4)
+    axes.plot(estimate[:, 0], estimate[:, 1], color=ESTIMATE, linewidth=0.9, alpha=0.5, zorder=4)
     centre = (float(estimate[end, 0]), float(estimate[end, 1]))
-    for factor, alpha in ((2.0, 0.12), (1.0, 0.22)):
+    for factor, alpha in ((2.0, 0.07), (1.0, 0.13)):
         radius = factor * float(trace.sigma_m[end])
         axes.add_patch(Circle(centre, radius, facecolor=ESTIMATE, alpha=alpha, edgecolor="none", zorder=3))
         axes.add_patch(Circle(centre, radius, fill=False, edgecolor=ESTIMATE, linewidth=0.9, zorder=5))

@@ -6,17 +6,23 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sim.figures.style import dress, drone_colour, new_figure, plural, seconds, stage_bands, swarm_stage, wrapped
+from sim.figures.style import dress, drone_colour, new_figure, seconds, stage_bands, swarm_stage, wrapped
 from sim.result import Trace
 from sim.statistics import hypothesis_steps, settling_times
 
 STEP_M = 5.0  # a jump of the hypothesis that the swarm has to re-organise for
+REST_S = 20.0  # between two jumps, for them to be steps of an experiment and not the unrest of a filter
 WITHIN_DEG = 5.0
 
 
 def spacing_figure(trace: Trace, name: str) -> Figure:
-    """Upper: speed of each drone; lower: how far each gap is from uniform; vertical lines where the hypothesis jumped."""
+    """Upper: speed of each drone; lower: how far each gap is from uniform; vertical lines where the hypothesis is moved.
+
+    Jumps in quick succession are a filter at work: they get no lines.
+    """
     steps = hypothesis_steps(trace.time_s, trace.hypothesis_m[:, 0], STEP_M)
+    if len(steps) < 2 or np.diff(steps).min() < REST_S:
+        steps = steps[:0]
     several = len(trace.drones) > 1
     figure = new_figure(9.0, 5.5 if several else 3.5)
     panels = figure.subplots(2 if several else 1, 1, sharex=True, squeeze=False)[:, 0]
@@ -59,11 +65,11 @@ def _findings(trace: Trace, steps: np.ndarray[tuple[int], np.dtype[np.float64]])
     if error.shape[1] < 2 or not np.isfinite(error).any():
         return ["speed of each drone"]
     if len(steps) == 0:
-        typical = float(np.nanmedian(np.nanmax(np.abs(error[np.isfinite(error).all(axis=1)]), axis=1)))
-        return [f"the widest gap error is {typical:.1f} deg in the median"]
+        widest = np.max(np.abs(error[np.isfinite(error).all(axis=1)]), axis=1)
+        return [f"the gap farthest from uniform is {float(np.median(widest)):.1f} deg from it in the median"]
     settled = settling_times(trace.time_s, error, steps, WITHIN_DEG)
     settled = settled[~np.isnan(settled)]
     return [
-        f"after {plural(len(settled), 'step')} of the hypothesis every gap is within {WITHIN_DEG:g} deg of uniform (band) again "
-        f"in {seconds(float(np.median(settled)))} (median), {seconds(float(np.max(settled)))} (worst)"
+        f"all gaps within {WITHIN_DEG:g} deg of uniform {seconds(float(np.median(settled)))} after a step of the hypothesis",
+        f"median of {len(settled)}, worst {seconds(float(np.max(settled)))}",
     ]

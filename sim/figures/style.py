@@ -63,9 +63,12 @@ def stage_bands(axes: Axes, time_s: NDArray[np.float64], stage: NDArray[np.str_]
     for start, end in zip(starts, ends, strict=True):
         name, left, right = str(stage[start]), float(time_s[start]), float(time_s[end])
         axes.axvspan(left, right, color=STAGES.get(name, "#F0F0F0"), zorder=0, linewidth=0)
-        if named and (right - left) / span > 0.012 * len(name):  # where the name has room
-            middle, frame = (left + right) / 2.0, axes.get_xaxis_transform()
-            axes.text(middle, 0.985, name, transform=frame, ha="center", va="top", fontsize=8, color="#555555")
+        share = (right - left) / span
+        if named and share > 0.004:  # upright where the name has no room along the axis
+            middle, frame, along = (left + right) / 2.0, axes.get_xaxis_transform(), share > 0.012 * len(name)
+            axes.text(
+                middle, 0.98, name, transform=frame, ha="center", va="top", fontsize=8, color="#555555", rotation=0 if along else 90
+            )  # fmt: skip
 
 
 def swarm_stage(stage: NDArray[np.str_]) -> NDArray[np.str_]:
@@ -87,11 +90,6 @@ def seconds(value: float | None) -> str:
 def metres(value: float | None) -> str:
     """A distance for a title."""
     return "unknown" if value is None or not np.isfinite(value) else f"{value:.2f} m" if value < 10.0 else f"{value:.0f} m"
-
-
-def plural(count: int, noun: str) -> str:
-    """``1 drone``, ``3 drones``."""
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def wrapped(parts: Sequence[str], width: int = 90) -> str:

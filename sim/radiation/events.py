@@ -140,6 +140,7 @@ def simulate(
     cosine: tuple[float, float] = (-1.0, 1.0),
     azimuth: tuple[float, float] = (0.0, 2.0 * np.pi),
     quota: tuple[int, int, int] | None = None,
+    fluorescence: bool = True,
 ) -> Events:
     """Simulate as many interacting photons and keep the first of each kind up to its quota (all of them without one).
 
@@ -162,7 +163,7 @@ def simulate(
         interactions,
         np.array(limits),
         HALF_SIZE_MM,
-        cdte(),
+        cdte() if fluorescence else cdte()._replace(k_yield=np.zeros(2)),
         electrons(),
         camera,
         rng,

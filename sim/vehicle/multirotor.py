@@ -39,7 +39,9 @@ class Multirotors:
     position_m, velocity_mps, acceleration_mps2: (N, 3) views of the state; yaw_rad: (N,).
     """
 
-    def __init__(self, truth: MultirotorTruth, position_m: Array, yaw_rad: Array, step_s: float, rng: np.random.Generator) -> None:
+    def __init__(
+        self, truth: MultirotorTruth, position_m: Array, yaw_rad: Array, step_s: float, rng: np.random.Generator
+    ) -> None:
         self._truth = truth
         self._step_s = step_s
         self._rng = rng
@@ -54,15 +56,21 @@ class Multirotors:
 
     @property
     def position_m(self) -> Array:
-        return self._state[0]
+        """(N, 3), world, metres."""
+        position: Array = self._state[0]
+        return position
 
     @property
     def velocity_mps(self) -> Array:
-        return self._state[1]
+        """(N, 3), world."""
+        velocity: Array = self._state[1]
+        return velocity
 
     @property
     def acceleration_mps2(self) -> Array:
-        return self._state[2]
+        """(N, 3), world, without gravity."""
+        acceleration: Array = self._state[2]
+        return acceleration
 
     def step(self, position_sp: Array, velocity_sp: Array, yaw_sp: Array, grounded: NDArray[np.bool_]) -> None:
         """Advance one time step towards setpoints (N, 3), (N, 3), (N,); grounded vehicles stay where they are."""
