@@ -1,3 +1,4 @@
+import hashlib
 import random
 
 import msgspec
@@ -176,36 +177,41 @@ def test_checkpoints_are_thinned_and_old_ones_remain(kit, mission):
     assert kit.same_bits(kit.settle(fusion, end_ns), kit.settle(whole, end_ns))
 
 
-def test_same_identity_other_bytes_ends_alike(kit, mission, entries):
-    """Also where the other bytes are of another kind, or say nothing."""
-    cones = [entry for entry in entries if entry.boot == kit.BOOT and entry.sequence < 1000]
-    victim = cones[20]
-    dead = msgspec.structs.replace(victim, orders=tuple(msgspec.structs.replace(o, probability=0.0) for o in victim.orders))
-    other = msgspec.structs.replace(cones[25], **{k: getattr(victim, k) for k in ("stamp_ns", "drone", "boot", "sequence")})
-    stamp_s = (victim.stamp_ns - kit.T0_NS) / 1e9
-    kind = kit.exposure_entry(mission, stamp_s, (0.0, 0.0, 3.0), drone=victim.drone, sequence=victim.sequence)
-    kind = msgspec.structs.replace(kind, stamp_ns=victim.stamp_ns)
-    variants = [victim, dead, other, kind]
-    assert len({entry.entry_id for entry in variants}) == 1
-    rest = [entry for entry in cones if entry is not victim]
-    kept = []
-    for seed in range(12):
-        order = variants.copy()
-        random.Random(seed).shuffle(order)
-        fusion = fusion_of(mission)
-        kit.feed(fusion, rest[:30])
-        for entry in order:
-            kit.feed(fusion, [entry])
-            fusion.advance(kit.T0_NS + 20_000_000_000)
-        kit.feed(fusion, rest[30:])
-        kit.settle(fusion, kit.T0_NS + END_NS)
-        kept.append(fusion)
-    assert all(agrees(kit, fusion, kept[0]) for fusion in kept)
-    winner = next(r.entry for r in kept[0].log if r.entry.entry_id == victim.entry_id)
+@pytest.fixture(scope="module")
+def rivals(kit, mission, entries):
+    """Payloads of one identity: a cone, and others whose hashes are smaller, so that they win."""
+    cone = [entry for entry in entries if isinstance(entry, Cone)][20]
+    mute = tuple(msgspec.structs.replace(order, probability=0.0) for order in cone.orders)
+    exposure = kit.exposure_entry(mission, 0.0, (0.0, 0.0, 3.0), drone=cone.drone, sequence=cone.sequence)
+    end_ns = cone.stamp_ns + 250_000_000
+    makers = {
+        "a cone that says nothing": lambda i: msgspec.structs.replace(cone, orders=mute, separation_mm=i * 0.1),
+        "a cone elsewhere": lambda i: msgspec.structs.replace(cone, apex_m=(10.0, 10.0, 3.0), separation_mm=i * 0.1),
+        "an exposure": lambda i: msgspec.structs.replace(exposure, stamp_ns=cone.stamp_ns, end_ns=end_ns, live_time_s=0.001 * i),
+    }
+    winners = {name: next(e for e in map(make, range(1, 200)) if hash_of(e) < hash_of(cone)) for name, make in makers.items()}
+    return cone, winners
+
+
+def hash_of(entry):
+    return hashlib.blake2b(encode(entry), digest_size=16).digest()
+
+
+@pytest.mark.parametrize("rival", ["a cone that says nothing", "a cone elsewhere", "an exposure"])
+def test_same_identity_other_bytes_ends_alike(kit, mission, entries, rivals, rival):
+    cone, winner = rivals[0], rivals[1][rival]
+    assert winner.entry_id == cone.entry_id
+    rest = [entry for entry in entries if entry is not cone]
     alone = fusion_of(mission)
     kit.feed(alone, [*rest, winner])
     kit.settle(alone, kit.T0_NS + END_NS)
-    assert agrees(kit, alone, kept[0])
+    for order in ((cone, winner), (winner, cone)):
+        fusion = fusion_of(mission)
+        kit.feed(fusion, rest)
+        for entry in order:
+            kit.feed(fusion, [entry])
+            kit.settle(fusion, kit.T0_NS + END_NS)
+        assert agrees(kit, fusion, alone)
 
 
 def test_drones_with_their_own_frames_agree_with_one_common_frame(kit, entries, mission):

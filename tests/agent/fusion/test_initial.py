@@ -1,4 +1,5 @@
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -82,6 +83,14 @@ def test_degenerate_cones_end_in_a_point_of_the_area(kit, case):
     found = InitialSearch(SQUARE).solve(cones)
     assert all(0.0 <= value <= 100.0 for value in found)
     assert InitialSearch(SQUARE).solve(cones) == found
+
+
+@pytest.mark.parametrize(("x", "cost"), [((math.nan, math.nan), math.nan), ((1.0, 1.0), 1e9)])
+def test_a_solver_that_fails_leaves_the_best_point_of_the_grid(cones_of, monkeypatch, x, cost):
+    result = SimpleNamespace(x=np.array(x), cost=cost)
+    monkeypatch.setattr("agent.fusion.initial.least_squares", lambda *_, **__: result)
+    cones = cones_of(np.random.default_rng(1), (41.0, 63.0), 10, 0.0)
+    assert InitialSearch(SQUARE).solve(cones) == (41.0, 63.0)
 
 
 def test_an_area_thinner_than_the_grid(cones_of):
