@@ -4,7 +4,7 @@ Unknowns are the deviations w of the jerks from the unconstrained optimum, so th
 minus what the optimum already has. Half-planes are soft, one slack per step, at a price beside which tracking counts little: a
 drone that finds itself inside a forbidden zone is led out of it instead of getting no answer.
 
-The solver must answer alike on every run: no time limit, no adaptive step size, a fixed number of iterations at most.
+The solver must answer alike on every run: no limit on time, its step size adapted at fixed iterations, and those limited.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from agent.motion.reference import Array
 
 _OCTAGON: Array = np.array([[cos(k * pi / 4.0), sin(k * pi / 4.0)] for k in range(4)])  # both signs of each: eight sides
 OCTAGON_INRADIUS = cos(pi / 8.0)  # of an octagon whose corners lie on the unit circle
-_SLACK_WEIGHT = 1000.0  # cost of a step's slack, 1/m2; a position error costs 1/m2
+_SLACK_WEIGHT = 100.0  # cost of a step's slack, 1/m2; a position error costs 1/m2
 _SETTINGS = {
     "verbose": False,
-    "eps_abs": 2e-3,
-    "eps_rel": 2e-3,
-    "max_iter": 250,
-    "check_termination": 10,
-    "adaptive_rho": 0,
-    "rho": 0.003,
+    "eps_abs": 1e-2,  # m, m/s, m/s2: a plan need not be finer
+    "eps_rel": 3e-3,
+    "max_iter": 300,
+    "check_termination": 5,
+    "adaptive_rho": 1,  # at every "adaptive_rho_interval" iterations; 2 would go by the clock
+    "adaptive_rho_interval": 25,
+    "rho": 0.03,
     "warm_starting": True,
     "polishing": False,
 }
@@ -77,6 +78,7 @@ class LimitedProblem:
         matrix, self._variable = self._layout(fixed)
         self._lower: Array = np.full(matrix.shape[0], -np.inf)
         self._upper: Array = np.full(matrix.shape[0], np.inf)
+        self._first: Array = np.zeros(matrix.shape[1])
         self._solver = osqp.OSQP()
         self._solver.setup(
             sparse.triu(sparse.block_diag((tracking, slack)), format="csc"),
@@ -119,10 +121,11 @@ class LimitedProblem:
         where = np.array([place[int(r) + shift, int(c)] for r, c in zip(rows_index, columns_index, strict=True)], dtype=np.int32)
         return matrix, where
 
-    def solve(self, start: Array, optimum: Array, planes: HalfPlanes | None) -> Array | None:
+    def solve(self, start: Array, optimum: Array, planes: HalfPlanes | None, guess: Array) -> Array | None:
         """Jerks (H, axes) within the limits that come nearest in cost to the unconstrained optimum.
 
-        start: (3, axes), position, velocity, acceleration now; optimum: (4, H, axes), jerk, position, velocity, acceleration.
+        start: (3, axes), position, velocity, acceleration now; optimum: (4, H, axes), jerk, position, velocity, acceleration;
+        guess: (H, axes), jerks to begin the search with.
         A vehicle that is beyond a limit already has to come back, not to be back at once. None: no usable answer.
         """
         jerk, position, velocity, acceleration = optimum
@@ -150,6 +153,8 @@ class LimitedProblem:
             self._solver.update(
                 l=lower, u=upper, Ax=np.concatenate((values.ravel(), planes.yielding.ravel())), Ax_idx=self._variable
             )
+        self._first[: axes * horizon] = (guess - jerk).T.ravel()
+        self._solver.warm_start(x=self._first)
         result = self._solver.solve(raise_error=False)
         if result.info.status not in _USABLE:
             return None

@@ -80,6 +80,7 @@ class Tracker:
         self._upright_limits = upright
         self._times: Array = step_s * np.arange(horizon + 1, dtype=np.float64)
         self._plan: TrackerPlan | None = None
+        self._guess: Array = np.zeros((horizon, 3))
         self._start: tuple[Vector3, Vector3] | None = None
         self._segments: list[tuple[list[float], list[float], list[float], list[float]]] = []
 
@@ -205,7 +206,7 @@ class Tracker:
             return Status.FREE, jerk
         rows = [(normals[m], offsets[m] + _FENCE_INSIDE_M) for m in np.flatnonzero(least < _NEAR_M).tolist()]
         planes = self._collect(now_ns, start, position, near, rows)
-        found = self._flat.solve(start[:, :2], optimum[:, :, :2], planes)
+        found = self._flat.solve(start[:, :2], optimum[:, :, :2], planes, self._guess[:, :2])
         return (Status.BRAKING, None) if found is None else (Status.CONSTRAINED, found)
 
     def _collect(
@@ -255,7 +256,7 @@ class Tracker:
         normals = np.repeat(np.array([1.0, -1.0]), horizon).reshape(2, horizon, 1)
         offsets = np.repeat(np.array([low, -high]), horizon).reshape(2, horizon)
         planes = HalfPlanes(normals, offsets, np.ones((2, horizon)))
-        found = self._upright.solve(start[:, 2:], optimum[:, :, 2:], planes)
+        found = self._upright.solve(start[:, 2:], optimum[:, :, 2:], planes, self._guess[:, 2:])
         return (Status.BRAKING, np.zeros(horizon)) if found is None else (Status.CONSTRAINED, found[:, 0])
 
     def _braking_jerk(self, start: Array, target: tuple[float, float]) -> Array:
@@ -278,6 +279,7 @@ class Tracker:
         full = np.concatenate((start[:, None], states), axis=1)
         positions, velocities, accelerations = full
         lists = full[:, :-1].tolist()
+        self._guess[:-1] = jerk[1:]
         self._segments = list(zip(lists[0], lists[1], lists[2], jerk.tolist(), strict=True))
         self._end: list[float] = positions[-1].tolist()
         self._plan = TrackerPlan(now_ns, self._step_s, positions, velocities, accelerations, status)
