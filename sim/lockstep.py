@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.config import DroneConfig, MissionConfig
+from agent.detector.readout import PixelHits, Readout
 from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode, VehicleState
+from agent.vehicle.interface import VehicleState
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
@@ -33,8 +34,8 @@ from sim.vehicle.autopilot import Autopilot
 from sim.vehicle.multirotor import Multirotors, attitude
 
 TICK_NS = 50_000_000  # agents and autopilots step at 20 Hz
-SUBSTEPS = 2  # vehicle dynamics at 40 Hz
-EXPOSE_TICKS = 2  # cameras hand over their hits at 10 Hz
+EXPOSE_TICKS = 2  # the geometry of a camera's exposure is that of the middle of 0.1 s
+READ_TICKS = 4  # cameras hand over their hits at 5 Hz
 EPOCH_NS = 1_767_225_600_000_000_000  # 2026-01-01 UTC: simulated missions begin here
 START_S = 0.5  # the operator's command, after the agents have heard of each other
 Progress = Callable[[float, str], None]
@@ -115,14 +116,15 @@ class _World:
             for k, config in enumerate(self._configs)
         ]
         position = _launch_positions(scenario, mission, streams.start)
-        self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS / SUBSTEPS * 1e-9, streams.vehicle)
+        self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, streams.vehicle)
         self._localization = Localization(scenario.localization, count, TICK_NS * 1e-9, streams.localization)
         self._autopilots = [
             Autopilot(frame.local(position[k]), -frame.yaw_rad, TICK_NS * 1e-9) for k, frame in enumerate(self._frames)
         ]
         self._radio = Radio(scenario.radio, count, streams.radio)
-        self._views = [CameraMount(config.camera_rpy_deg) for config in self._configs]
+        self._mounts = [CameraMount(config.camera_rpy_deg) for config in self._configs]
         self._cameras: list[Camera] = []
+        self._exposed: list[list[Readout]] = [[] for _ in range(count)]
         self.recorder = Recorder(scenario, mission, self._pilots)
         self._source = None
         if scenario.source is not None:
@@ -162,39 +164,46 @@ class _World:
         )  # fmt: skip
 
     def _sense(self, now_ns: int, source: tuple[float, float] | None) -> None:
-        expose = bool(self._cameras) and self.ticks % EXPOSE_TICKS == 0 and self.ticks > 0
-        for drone, pilot in enumerate(self._pilots):
-            pilot.observe_vehicle(self._telemetry(drone, now_ns))
-            if expose and source is not None and self._scenario.source is not None:
+        self._telemetry(now_ns)
+        if source is None or self._scenario.source is None:
+            return
+        if self.ticks % EXPOSE_TICKS == EXPOSE_TICKS // 2:
+            half_ns = EXPOSE_TICKS * TICK_NS // 2
+            activity_bq = self._scenario.source.activity_bq
+            for drone, camera in enumerate(self._cameras):
                 attitude = self._multirotors.quaternion(drone)
-                view = self._views[drone].view(
-                    self._multirotors.position_m[drone], attitude, source, self._scenario.source.activity_bq
-                )
-                start_ns = now_ns - EXPOSE_TICKS * TICK_NS
-                pilot.observe_detector(self._cameras[drone].expose(start_ns, now_ns, (view,)))
+                view = self._mounts[drone].view(self._multirotors.position_m[drone], attitude, source, activity_bq)
+                self._exposed[drone].append(camera.expose(now_ns - half_ns, now_ns + half_ns, (view,)))
+        if self.ticks % READ_TICKS == 0 and self.ticks > 0:
+            for pilot, exposed in zip(self._pilots, self._exposed, strict=True):
+                pilot.observe_detector(_joined(exposed))
+                exposed.clear()
 
-    def _telemetry(self, drone: int, now_ns: int) -> VehicleState:
-        frame, autopilot, motion = self._frames[drone], self._autopilots[drone], self._multirotors
-        error = self._localization.position_error_m[drone]
-        position = frame.local(motion.position_m[drone] + error)
-        velocity = frame.turn(motion.velocity_mps[drone] + self._localization.velocity_error_mps[drone])
-        acceleration = frame.turn(motion.acceleration_mps2[drone])
-        yaw = float(motion.yaw_rad[drone] + self._localization.yaw_error_rad[drone]) - frame.yaw_rad
+    def _telemetry(self, now_ns: int) -> None:
+        motion, error = self._multirotors, self._localization
         truth = self._scenario.localization
-        return VehicleState(
-            stamp_ns=now_ns,
-            epoch=0,
-            position_m=position,
-            velocity_mps=velocity,
-            quaternion=attitude(yaw, *acceleration),
-            height_m=float(motion.position_m[drone, 2]),
-            position_sigma_m=truth.horizontal_m,
-            yaw_sigma_rad=float(np.deg2rad(truth.yaw_deg)),
-            mode=autopilot.mode,
-            armed=autopilot.armed,
-            in_air=autopilot.in_air,
-            healthy=not autopilot.failsafe,
-        )
+        yaw_sigma_rad = float(np.deg2rad(truth.yaw_deg))
+        positions = motion.position_m + error.position_error_m
+        velocities = motion.velocity_mps + error.velocity_error_mps
+        yaws = (motion.yaw_rad + error.yaw_error_rad).tolist()
+        heights = motion.position_m[:, 2].tolist()
+        for drone, (pilot, frame, autopilot) in enumerate(zip(self._pilots, self._frames, self._autopilots, strict=True)):
+            pilot.observe_vehicle(
+                VehicleState(
+                    stamp_ns=now_ns,
+                    epoch=0,
+                    position_m=frame.local(positions[drone]),
+                    velocity_mps=frame.turn(velocities[drone]),
+                    quaternion=attitude(yaws[drone] - frame.yaw_rad, *frame.turn(motion.acceleration_mps2[drone])),
+                    height_m=heights[drone],
+                    position_sigma_m=truth.horizontal_m,
+                    yaw_sigma_rad=yaw_sigma_rad,
+                    mode=autopilot.mode,
+                    armed=autopilot.armed,
+                    in_air=autopilot.in_air,
+                    healthy=not autopilot.failsafe,
+                )
+            )
 
     def _command_start(self, now_ns: int) -> None:
         mission = self._mission
@@ -215,9 +224,20 @@ class _World:
             grounded[drone] = autopilot.grounded
         position_sp -= self._localization.position_error_m  # the autopilot steers its estimate, not its true position
         yaw_sp -= self._localization.yaw_error_rad
-        for _ in range(SUBSTEPS):
-            motion.step(position_sp, velocity_sp, yaw_sp, grounded)
+        motion.step(position_sp, velocity_sp, yaw_sp, grounded)
         self._localization.step()
+
+
+def _joined(readouts: Sequence[Readout]) -> Readout:
+    """Consecutive readouts of one camera as one."""
+    hits = PixelHits(
+        np.concatenate([readout.hits.tick for readout in readouts]),
+        np.concatenate([readout.hits.index for readout in readouts]),
+        np.concatenate([readout.hits.tot for readout in readouts]),
+    )
+    first, last = readouts[0], readouts[-1]
+    live_s, lost = sum(readout.live_time_s for readout in readouts), sum(readout.lost_hits for readout in readouts)
+    return Readout(first.start_ns, last.end_ns, first.clock_ns, live_s, hits, lost)
 
 
 def _streams(seed: int, drones: int) -> _Streams:

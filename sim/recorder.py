@@ -155,11 +155,12 @@ class Recorder:
 
     def _watch_safety(self, position: Array, in_air: Sequence[bool]) -> None:
         places = [(p, drone) for drone, p in enumerate(position.tolist()) if in_air[drone]]
+        inside = shapely.contains_xy(self._fence, position[:, 0], position[:, 1]).tolist()
         for k, ((ax, ay, az), drone) in enumerate(places):
             for (bx, by, bz), _ in places[k + 1 :]:
                 distance = ((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2) ** 0.5
                 self._separation_m = min(self._separation_m, distance)
-            outside = az > self._mission.area.ceiling_m or not shapely.contains_xy(self._fence, ax, ay)
+            outside = az > self._mission.area.ceiling_m or not inside[drone]
             if outside and not self._outside[drone]:
                 self._breaches += 1
             self._outside[drone] = outside

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, MultirotorTruth, attitude
 
-STEP_S = 0.025
+STEP_S = 0.05
 
 
 def still(position=((0.0, 0.0, 3.0),), **truth):
@@ -25,11 +25,11 @@ def circle(time_s, radius=12.0, rate=0.25):
 def test_circle_as_measured_on_px4():
     vehicle = still([[12.0, 0.0, 3.0]])
     radii, lags = [], []
-    for step in range(4000):
-        sent_s = step // 2 * 0.05  # setpoints at 20 Hz
+    for step in range(2000):
+        sent_s = step * STEP_S  # setpoints at 20 Hz
         vehicle.step(*circle(sent_s), np.zeros(1), np.array([False]))
         x, y, _ = vehicle.position_m[0]
-        if step > 2000:
+        if step > 1000:
             radii.append(np.hypot(x, y))
             behind = 0.25 * (step + 1) * STEP_S - np.arctan2(y, x)
             lags.append((np.remainder(behind + np.pi, 2 * np.pi) - np.pi) / 0.25)
@@ -40,7 +40,7 @@ def test_circle_as_measured_on_px4():
 def test_step_overshoots_and_settles():
     vehicle = still()
     track = []
-    for _ in range(800):
+    for _ in range(400):
         vehicle.step(np.array([[1.0, 0.0, 3.0]]), np.zeros((1, 3)), np.zeros(1), np.array([False]))
         track.append(vehicle.position_m[0, 0])
     assert 1.02 < max(track) < 1.35
@@ -49,7 +49,7 @@ def test_step_overshoots_and_settles():
 
 def test_acceleration_is_limited_by_tilt():
     vehicle = still(maximum_acceleration_mps2=3.0)
-    for _ in range(40):
+    for _ in range(20):
         vehicle.step(np.array([[500.0, 500.0, 3.0]]), np.zeros((1, 3)), np.zeros(1), np.array([False]))
         assert np.hypot(*vehicle.acceleration_mps2[0, :2]) <= 3.0 + 1e-9
 
@@ -73,6 +73,6 @@ def test_attitude_points_the_thrust():
 def test_heading_follows_the_shorter_way():
     vehicle = still()
     vehicle.yaw_rad[:] = 3.0
-    for _ in range(200):
+    for _ in range(100):
         vehicle.step(np.array([[0.0, 0.0, 3.0]]), np.zeros((1, 3)), np.array([-3.0]), np.array([False]))
     assert vehicle.yaw_rad[0] == pytest.approx(2 * np.pi - 3.0, abs=0.01)
