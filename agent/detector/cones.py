@@ -14,7 +14,7 @@ import numpy as np
 from agent.detector.detection import ConeEvent
 from agent.detector.response import DOPPLER_MOMENTUM, ELECTRON_KEV, POSITION_MM, attenuation_per_mm, energy_variance
 
-ORDER_FLOOR = 0.02  # of each order's probability: W alone is overconfident, it knows nothing of what else may have happened
+ORDER_FLOOR = 0.04  # of each order: what the weights do not know of, such as several scatters
 SIGMA_MAX_RAD = 0.35
 SIGMA_FLOOR_RAD = 0.02
 TAIL, TAIL_WIDTH = 0.15, 5.0  # of the Doppler broadening, from the inner shells: share, and width in 1 sigma of the core
