@@ -55,7 +55,7 @@ class Search:
         if tuple(active) != self._shared_by or self._follower is None:
             self._divide(active, position)
         assert self._follower is not None
-        self._progress = self._follower.advance(self._progress, position, reach_m=2.0 * self._survey.lane_spacing_m)
+        self._progress = self._follower.advance(self._progress, position)
         return self._follower.reference(self._progress, position, self._survey.speed_mps, steps, step_s)
 
     def _divide(self, active: Sequence[str], position: Point2) -> None:
@@ -65,7 +65,7 @@ class Search:
         path = survey_paths(self._area, active, self._coverage, spacing, ends)[self._drone]
         if len(path) == 0:  # all is covered and nothing was found: once more from the beginning
             path = survey_paths(self._area, active, [], spacing, ends)[self._drone]
-        self._follower = PathFollower(path)
+        self._follower = PathFollower(np.vstack([position, path]))  # the way to the first lane is part of the path
 
     def _take_in(self) -> None:
         still_waiting = []

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LEAD_IN_M = 2.0  # nearer to the path than this, the reference lies on the path itself
+_REACH_M = 3.0  # more than a drone flies between two looks at its progress, less than the way to a lane nearby
 
 
 class PathFollower:
@@ -45,11 +46,11 @@ class PathFollower:
         folded = self.length_m - np.abs(self.length_m - np.mod(s, 2.0 * self.length_m)) if self._legs else np.zeros_like(s)
         return np.stack([np.interp(folded, self._lengths, self._x), np.interp(folded, self._lengths, self._y)], axis=1)
 
-    def advance(self, s: float, position: Sequence[float], reach_m: float) -> float:
+    def advance(self, s: float, position: Sequence[float], reach_m: float = _REACH_M) -> float:
         """The progress of a drone at ``position`` that had come to ``s``.
 
         It is the nearest point of the path not behind s and at most ``reach_m`` ahead; this window keeps a drone from skipping
-        to the next lane, which may be nearer than a corner of its own.
+        to the next lane, or over the end of the path, where the way there and the way back are equally near.
         """
         best, best_gap = s, math.inf
         for begin, x, y, dx, dy, length in self._legs_from(s, s + reach_m):

@@ -88,3 +88,19 @@ def test_a_single_point_is_held(path: list[tuple[float, float]]) -> None:
 def test_an_empty_path_is_refused() -> None:
     with pytest.raises(ValueError, match="M >= 1"):
         PathFollower(np.empty((0, 2)))
+
+
+def test_neither_end_is_cut_short_when_the_position_is_noisy() -> None:
+    """At an end the way there and the way back are equally near; noise must not turn the drone before it is there."""
+    noise = np.random.default_rng(1)
+    follower = PathFollower(LANES)
+    s, position = 0.0, np.array([0.0, 0.0])
+    trail = []
+    for _ in range(int(2.2 * LENGTH / 3.0 / 0.2)):
+        s = follower.advance(s, position + noise.normal(0.0, 0.15, 2))
+        positions, _ = follower.reference(s, position, speed_mps=3.0, steps=1, step_s=0.2)
+        position = positions[1]
+        trail.append(position)
+    far_end = np.hypot(*(np.array(trail) - LANES[-1]).T).min()
+    near_end = np.hypot(*(np.array(trail[len(trail) // 2 :]) - LANES[0]).T).min()
+    assert max(far_end, near_end) < 1.5
