@@ -105,8 +105,8 @@ def escape(
 ) -> tuple[float, float] | None:
     """The last resort: horizontal velocity to take at once, or None while measured positions and velocities give no cause.
 
-    Cause: within the time that braking takes, going straight on would bring us nearer than the separation. Then both brake, and
-    the one that has to give way also backs off.
+    Cause: if both braked from now on, going straight, we would still come nearer than the separation. Then both do, and the one
+    that has to give way also backs off.
     """
     worst, answer = limits.separation_m, None
     for peer in sorted(peers, key=lambda peer: peer.id):
@@ -117,7 +117,7 @@ def escape(
         y = state.position[1] - other.position[1] - other.velocity[1] * other.age_s
         u, w = state.velocity[0] - other.velocity[0], state.velocity[1] - other.velocity[1]
         closing_squared = u * u + w * w
-        braking_s = reaction_s + sqrt(closing_squared) / limits.acceleration_mps2
+        braking_s = reaction_s + sqrt(closing_squared) / (4.0 * limits.acceleration_mps2)  # both brake; at half speed on average
         passing_s = min(max(0.0, -(x * u + y * w) / closing_squared), braking_s) if closing_squared > 1e-6 else 0.0
         miss = hypot(x + u * passing_s, y + w * passing_s)
         approaching = x * u + y * w < 0.0

@@ -28,6 +28,7 @@ _NEAR_M = 2.0  # half-planes nearer than this to the plan enter the problem
 _FENCE_INSIDE_M = 1.5  # plans stay this far inside the fence, for what the vehicle deviates from them
 _FENCE_YIELDS = 4.0  # the fence gives way before the separation does
 _HEIGHT_INSIDE_M = 0.5
+_DEVIATION_S = 1.0  # time constant at which vehicles come back to their plans
 _BRAKING_TIME_S = 0.5  # time constant at which the last resort reaches its velocity
 _CURVATURE_S2 = 1.1  # by PX4's cascade a vehicle flies turns wide by this times the acceleration (0.7-1.1 m at 0.75 m/s2)
 
@@ -79,6 +80,7 @@ class Tracker:
         self._within = np.array([limits.speed_mps * OCTAGON_INRADIUS, limits.acceleration_mps2 * OCTAGON_INRADIUS]) ** 2
         self._upright_limits = upright
         self._times: Array = step_s * np.arange(horizon + 1, dtype=np.float64)
+        self._fading: Array = np.exp(-self._times / _DEVIATION_S)[:, None]
         self._plan: TrackerPlan | None = None
         self._guess: Array = np.zeros((horizon, 3))
         self._start: tuple[Vector3, Vector3] | None = None
@@ -107,7 +109,8 @@ class Tracker:
         jerk = optimum[0]
         status, flat = Status.ESCAPING, None
         if velocity_to_take is None:
-            status, flat = self._flat_jerk(now_ns, start, optimum, peers)
+            deviation = (state.position[0] - float(origin[0]), state.position[1] - float(origin[1]))
+            status, flat = self._flat_jerk(now_ns, start, optimum, deviation, peers)
         upright_status, upright = self._upright_jerk(start, optimum)
         if flat is None:
             flat = self._braking_jerk(start, velocity_to_take or (0.0, 0.0))
@@ -183,7 +186,9 @@ class Tracker:
         np.clip(positions[:, 2], low, max(low, high), out=positions[:, 2])
         return wanted
 
-    def _flat_jerk(self, now_ns: int, start: Array, optimum: Array, peers: Sequence[PeerPlan]) -> tuple[Status, Array | None]:
+    def _flat_jerk(
+        self, now_ns: int, start: Array, optimum: Array, deviation: tuple[float, float], peers: Sequence[PeerPlan]
+    ) -> tuple[Status, Array | None]:
         """Horizontal jerks (H, 2) within limits, separation and fence; None where there is no solution."""
         jerk, position = optimum[:2, :, :2]
         squares = np.einsum("skx,skx->sk", optimum[2:, :, :2], optimum[2:, :, :2]).max(axis=1)
@@ -192,6 +197,7 @@ class Tracker:
         near: _Near = []
         for peer in peers:
             other = peer.at(now_ns, self._times)
+            self._correct(other, peer, deviation)
             keep = keep_away(self._id, peer, self._limits.separation_m)
             apart = position - other[1:]
             clearance = float(np.einsum("kx,kx->k", apart, apart).min()) ** 0.5 - keep
@@ -208,6 +214,18 @@ class Tracker:
         planes = self._collect(now_ns, start, position, near, rows)
         found = self._flat.solve(start[:, :2], optimum[:, :, :2], planes, self._guess[:, :2])
         return (Status.BRAKING, None) if found is None else (Status.CONSTRAINED, found)
+
+    def _correct(self, other: Array, peer: PeerPlan, deviation: tuple[float, float]) -> None:
+        """Move a peer's planned positions (H + 1, 2) by what it deviates from its plan and I from mine, fading along the horizon.
+
+        Plans are kept apart, but vehicles collide.
+        """
+        x, y = -deviation[0], -deviation[1]
+        if peer.measured is not None:
+            (px, py, _), (vx, vy, _), age = peer.measured.position, peer.measured.velocity, peer.measured.age_s
+            x += px + age * vx - float(other[0, 0])
+            y += py + age * vy - float(other[0, 1])
+        other += self._fading * np.array((x, y))
 
     def _collect(
         self,
