@@ -1,0 +1,100 @@
+import csv
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from agent.detector.analysis import CSV_COLUMNS, find_peak
+
+
+@pytest.fixture
+def measurement(tmp_path, make_compton_event, make_hits, blob):
+    """A file of coincidences from a source at 53 degrees and of full-energy events."""
+    rng = np.random.default_rng(5)
+    blobs, time = [], 1000.0
+    for _ in range(400):
+        blobs += make_compton_event(rng, (0.8, 0.0, 0.6), time) or [
+            blob(time, (*rng.uniform(-6, 6, 2), 1.0), rng.normal(661.66, 10.0), 15)
+        ]
+        time += 50_000.0
+    hits = make_hits(blobs)
+    toa = -(-hits.tick // 16)
+    path = tmp_path / "measured.t3pa"
+    with path.open("w") as file:
+        file.write("Index\tMatrix Index\tToA\tToT\tFToA\tOverflow\n")
+        for number, row in enumerate(zip(hits.index, toa, hits.tot, 16 * toa - hits.tick, strict=True)):
+            file.write("\t".join(map(str, (number, *row, 0))) + "\n")
+    return path
+
+
+def run(*arguments):
+    return subprocess.run(
+        [sys.executable, "-c", "from agent.cli import main; main()", "cones", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "COLUMNS": "200"},
+    )
+
+
+def test_a_file_becomes_a_table_of_cones(measurement):
+    out = measurement.with_name("cones.csv")
+    done = run(measurement, "--csv", out, "--nuclide", "Cs-137")
+    assert done.returncode == 0, done.stderr
+    with out.open() as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == CSV_COLUMNS
+    assert len(rows) > 50
+    assert f"{len(rows)} cones" in done.stdout
+    assert "661.66 keV" in done.stdout
+    for row in rows:
+        axis = [float(row[f"axis_{name}"]) for name in "xyz"]
+        assert np.linalg.norm(axis) == pytest.approx(1.0, abs=1e-4)
+        assert float(row["energy_1_kev"]) + float(row["energy_2_kev"]) == pytest.approx(661.66, abs=0.1)
+        assert float(row["probability_1"]) + float(row["probability_2"]) == pytest.approx(1.0, abs=1e-4)
+    polar = float(done.stdout.split("single far source")[1].split("deg")[0].strip(" │|"))
+    assert polar == pytest.approx(np.rad2deg(np.arccos(0.6)), abs=3.0)
+    stamps = [int(row["stamp_ns"]) for row in rows]
+    assert stamps == sorted(stamps)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda path: (path, "--nuclide", "Cs137"), "nuclide 'Cs137' is not known; known: "),
+        (lambda path: (path.with_name("none.t3pa"),), "none.t3pa: cannot be read: No such file"),
+        (lambda path: (path, "--calibration", path.parent), "a.txt: cannot be read: No such file"),
+        (lambda path: (cut(path),), "the file ends in the middle of a row"),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_nothing_is_written(measurement, change, expected):
+    out = measurement.with_name("cones.csv")
+    done = run(*change(measurement), "--csv", out)
+    assert done.returncode == 2
+    assert expected in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert [path.name for path in measurement.parent.iterdir()] == [measurement.name]
+
+
+def test_a_csv_that_cannot_be_written(measurement):
+    done = run(measurement, "--csv", measurement.parent / "none" / "cones.csv")
+    assert done.returncode == 2
+    assert "cones.csv: cannot be written" in done.stderr
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[:-4])
+    return path
+
+
+def test_a_peak_is_found_over_a_slope():
+    rng = np.random.default_rng(2)
+    energies = np.concatenate((rng.normal(640.0, 12.0, 3000), rng.uniform(0.0, 900.0, 3000)))
+    spectrum = np.bincount((energies / 2.0).astype(int), minlength=1000)
+    peak = find_peak(spectrum, (661.66,))
+    assert peak is not None
+    assert peak.centre_kev == pytest.approx(640.0, abs=2.0)
+    assert peak.fwhm_kev == pytest.approx(2.355 * 12.0, rel=0.15)
+    assert find_peak(np.zeros(1000, np.int64), (661.66,)) is None
