@@ -8,8 +8,9 @@ from agent.config import TrackConfig
 from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Action, Stage
 
-SEARCHING = (Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)  # the stages that fly by setpoints
-FLYING = (*SEARCHING, Stage.TAKEOFF, Stage.HOLD, Stage.RETURN, Stage.LANDING, Stage.ABORT)
+SEARCHING = (Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
+STEERED = (*SEARCHING, Stage.RETURN)  # the stages that fly by setpoints, keeping clear of each other
+FLYING = (*STEERED, Stage.TAKEOFF, Stage.HOLD, Stage.LANDING, Stage.ABORT)
 TAKEOVER_NS = 1_500_000_000  # a heartbeat is up to 1 s old: wait longer before believing that somebody took over
 
 _REQUESTS = {
@@ -20,7 +21,7 @@ _REQUESTS = {
     Stage.TRACK: Request.OFFBOARD,
     Stage.REACQUIRE: Request.OFFBOARD,
     Stage.HOLD: Request.HOLD,
-    Stage.RETURN: Request.RETURN,
+    Stage.RETURN: Request.OFFBOARD,
     Stage.LANDING: Request.LAND,
     Stage.ABORT: Request.LAND,
 }
@@ -28,12 +29,16 @@ _REQUESTS = {
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What a decision rests on. ``last_cone_ns``: newest cone in the log, of whomever; 0 where there is none."""
+    """What a decision rests on. ``last_cone_ns``: newest cone in the log, of whomever; 0 where there is none.
+
+    ``at_home``: the drone hovers over the place where it took off.
+    """
 
     now_ns: int
     vehicle: VehicleState | None
     has_hypothesis: bool
     last_cone_ns: int
+    at_home: bool
     problems: tuple[str, ...]
 
 
@@ -92,9 +97,12 @@ class Mission:
         if self.stage is Stage.TAKEOFF:
             if vehicle.in_air and vehicle.mode is FlightMode.HOLD:
                 self._enter(Stage.TRACK if situation.has_hypothesis else Stage.SURVEY, now_ns)
-        elif self.stage in SEARCHING:
+        elif self.stage in STEERED and not self._released:
             self._watch_takeover(vehicle, now_ns)
-            self._search(situation)
+            if self.stage is Stage.RETURN and situation.at_home:
+                self._enter(Stage.LANDING, now_ns)
+            elif self.stage in SEARCHING:
+                self._search(situation)
         elif not vehicle.armed and not vehicle.in_air:
             self._enter(Stage.LANDED, now_ns)
 
@@ -103,8 +111,6 @@ class Mission:
         if self.stage is Stage.SURVEY:
             if situation.has_hypothesis:
                 self._enter(Stage.TRACK, now_ns)
-            return
-        if self.stage not in (Stage.TRACK, Stage.REACQUIRE):
             return
         if not situation.has_hypothesis:  # a late entry can take the hypothesis back
             self._enter(Stage.SURVEY, now_ns)

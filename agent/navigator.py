@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2
+from math import atan2, hypot
 
 import numpy as np
 
@@ -24,6 +24,8 @@ REPLAN_NS = 200_000_000  # 5 Hz
 HORIZON_STEP_S = 0.2
 PLAN_AGE_NS = 1_000_000_000  # an older plan of a peer is not believed any more
 HORIZON = 20
+AT_HOME_M = 0.5
+AT_HOME_MPS = 0.3
 TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 
@@ -43,10 +45,26 @@ class Navigator:
         self._epoch = -1
         self._due_ns = 0
         self._planned = False
+        self._yaw = 0.0
+        self._home: Vector3 | None = None  # in the mission frame
 
     def rest(self) -> None:
         """Another layer flies now; the next step begins from where the vehicle then is."""
         self._tracker = None
+
+    def took_off(self, vehicle: VehicleState) -> None:
+        """Keep the place that a return leads to."""
+        transform = self._frames.mission_from_local(self._id, vehicle.epoch)
+        self._home = transform.apply_point(vehicle.position_m) if transform is not None else None
+
+    def at_home(self, vehicle: VehicleState) -> bool:
+        """Whether the drone hovers over its home, near enough to land there."""
+        transform = self._frames.mission_from_local(self._id, vehicle.epoch)
+        if self._home is None or transform is None:
+            return False
+        x, y, _ = transform.inverse().apply_point(self._home)
+        u, v, _ = vehicle.velocity_mps
+        return hypot(vehicle.position_m[0] - x, vehicle.position_m[1] - y) < AT_HOME_M and hypot(u, v) < AT_HOME_MPS
 
     def step(
         self,
@@ -73,8 +91,8 @@ class Navigator:
             self._due_ns = now_ns + REPLAN_NS
             plan = self._replan(now_ns, stage, since_ns, vehicle, centre, peers, mission_from_local)
         position, velocity, acceleration = self._tracker.sample(now_ns)
-        yaw, yaw_rate = self._heading(now_ns, stage, since_ns, vehicle, centre)
-        return Setpoint(position, velocity, acceleration, yaw, yaw_rate), plan
+        self._yaw, yaw_rate = self._heading(now_ns, stage, since_ns, vehicle, centre)
+        return Setpoint(position, velocity, acceleration, self._yaw, yaw_rate), plan
 
     def _begin(self, vehicle: VehicleState, mission_from_local: Transform) -> None:
         corners = np.array([(x, y, 0.0) for x, y in self._config.area.polygon_m])
@@ -111,7 +129,9 @@ class Navigator:
         links = self._links(now_ns, peers, mission_from_local)
         plans = {name: _plan_of(name, peers, link, now_ns) for name, link in links.items()}
         partners = [name for name in links if _takes_part(name, peers)]
-        if stage is Stage.SURVEY or centre is None:
+        if stage is Stage.RETURN:
+            reference = self._way_home(vehicle, mission_from_local)
+        elif stage is Stage.SURVEY or centre is None:
             reference = self._survey(vehicle, partners, mission_from_local)
         else:
             others = {name: plans[name].state(now_ns) for name in partners}
@@ -148,6 +168,18 @@ class Navigator:
         placed[:, 2] = _ground(vehicle) + self._config.survey.height_m
         return Reference(placed, moving, HORIZON_STEP_S)
 
+    def _way_home(self, vehicle: VehicleState, mission_from_local: Transform) -> Reference:
+        """Straight home at the survey's speed and height; without a known home, stay."""
+        x, y, _ = self._virtual.position
+        home = mission_from_local.inverse().apply_point(self._home) if self._home is not None else (x, y, 0.0)
+        way = np.array([home[0] - x, home[1] - y])
+        distance = hypot(*way.tolist())
+        travelled = np.minimum(self._config.survey.speed_mps * HORIZON_STEP_S * np.arange(HORIZON + 2.0), distance)
+        positions = np.empty((HORIZON + 2, 3))
+        positions[:, :2] = (x, y) + travelled[:, None] * (way / max(distance, 1e-9))
+        positions[:, 2] = _ground(vehicle) + self._config.survey.height_m
+        return Reference(positions[:-1], np.diff(positions, axis=0) / HORIZON_STEP_S, HORIZON_STEP_S)
+
     def _circle(
         self,
         now_ns: int,
@@ -169,6 +201,8 @@ class Navigator:
         self, now_ns: int, stage: Stage, since_ns: int, vehicle: VehicleState, centre: tuple[Vector3, Vector3] | None
     ) -> tuple[float, float]:
         """Always turning in the survey (paper, Sec. V-A); facing the hypothesis when tracking."""
+        if stage is Stage.RETURN:
+            return self._yaw, 0.0
         if stage is Stage.SURVEY or centre is None:
             rate = self._config.survey.yaw_rate_rps
             return rate * (now_ns - since_ns) * 1e-9, rate

@@ -28,7 +28,7 @@ from agent.vehicle.interface import Request, VehicleCommand, VehicleState
 from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
-from protocol.messages import AnyMessage, Command, Cone, Coverage, Entry, Estimate, Message, Plan, Pose, Stage, Status
+from protocol.messages import Action, AnyMessage, Command, Cone, Coverage, Entry, Estimate, Message, Plan, Pose, Stage, Status
 
 POSE_NS = 100_000_000  # 10 Hz
 ESTIMATE_NS = 500_000_000
@@ -161,7 +161,8 @@ class Pilot:
         refused = self._mission.command(command.action, command.stamp_ns, self._situation(now_ns))
         if refused is not None:
             return "command_refused"
-        if self._mission.started_ns == command.stamp_ns:
+        if command.action is Action.START and self._vehicle is not None:
+            self._navigator.took_off(self._vehicle)
             for fusion in (self.fusion, *self.listeners.values()):
                 fusion.start(command.stamp_ns)
         return None
@@ -183,7 +184,10 @@ class Pilot:
             self._search.hear(entry)
 
     def _situation(self, now_ns: int) -> Situation:
-        return Situation(now_ns, self._vehicle, self.hypothesis is not None, self._last_cone_ns, tuple(self._problems()))
+        vehicle = self._vehicle
+        at_home = self._mission.stage is Stage.RETURN and vehicle is not None and self._navigator.at_home(vehicle)
+        has_hypothesis = self.hypothesis is not None
+        return Situation(now_ns, vehicle, has_hypothesis, self._last_cone_ns, at_home, tuple(self._problems()))
 
     def _problems(self) -> list[str]:
         """What stands against a start. A flying drone reports them but flies on."""

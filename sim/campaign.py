@@ -21,6 +21,7 @@ from sim.runfile import RunFile, json_line, make_folder, write_text
 from sim.sweep import Case, Value
 from sim.workers import Executor, Fly, Job, Outcome, fly_job
 
+_Key = tuple[tuple[str, tuple[Value, ...]], int]  # a case's key, a seed
 Watch = Callable[[int, int, Outcome | None], None]  # runs done, runs in all, the newest
 
 
@@ -102,9 +103,9 @@ def fly_campaign(
     make_folder(folder)
     _claim(folder / "campaign.json", campaign.manifest())
     runs = RunFile(folder / "runs.jsonl")
-    flown = {(*_case_key(line, campaign.parameters), line["seed"]) for line in runs.lines}
     jobs = campaign.jobs()
-    waiting = [job for job in jobs if (*job.case.key, job.seed) not in flown]
+    flown = _flown(runs, campaign, {(job.case.key, job.seed) for job in jobs})
+    waiting = [job for job in jobs if (job.case.key, job.seed) not in flown]
     done = len(jobs) - len(waiting)
     watch(done, len(jobs), None)
     failures: list[Outcome] = []
@@ -126,6 +127,21 @@ def fly_campaign(
 def result_of(line: Mapping[str, Any]) -> RunResult:
     """The result in a line of ``runs.jsonl``; the sweep's parameters in it are passed over."""
     return msgspec.convert(line, RunResult)
+
+
+def _flown(runs: RunFile, campaign: Campaign, wanted: set[_Key]) -> set[_Key]:
+    """What is flown already; ConfigError where a line is no run of this campaign."""
+    flown = set()
+    for number, line in enumerate(runs.lines, 1):
+        try:
+            key = _case_key(line, campaign.parameters), result_of(line).seed
+        except (KeyError, msgspec.ValidationError) as error:
+            reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+            raise ConfigError(f"{runs.path}:{number}: not a run: {reason}; remove the line to fly that run again") from None
+        if key not in wanted or key in flown:
+            raise ConfigError(f"{runs.path}:{number}: not a run of this campaign, or there twice; remove the line")
+        flown.add(key)
+    return flown
 
 
 def _line(job: Job, result: RunResult) -> dict[str, Any]:

@@ -118,7 +118,7 @@ def _one_pool(waiting: deque[Job], suspects: deque[Job], fly: Fly, workers: int)
         suspects.extend(lost)
 
 
-def on_dask(address: str) -> Executor:
+def on_dask(address: str, timeout_s: float = 10.0) -> Executor:
     """Fly on a running Dask cluster; radron of the same version must be installed on its workers.
 
     Raises (when it is run):
@@ -130,7 +130,7 @@ def on_dask(address: str) -> Executor:
 
         try:
             client = Client(  # type: ignore[no-untyped-call]
-                address, timeout=10, set_as_default=False
+                address, timeout=timeout_s, set_as_default=False
             )
         except (OSError, ValueError, ImportError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -146,7 +146,7 @@ def on_client(client: Client, jobs: Iterable[Job], fly: Fly) -> Iterator[Outcome
     from distributed import as_completed  # noqa: PLC0415
 
     flying: dict[Any, Job] = {client.submit(attempt, fly, job, pure=False): job for job in jobs}
-    for future in as_completed(list(flying)):  # type: ignore[no-untyped-call]
+    for future in as_completed(list(flying), loop=client.loop):  # type: ignore[no-untyped-call]
         error = future.exception() if future.status == "error" else None
         job = flying.pop(future)
         if error is not None:  # attempt() lets none through: the worker died, or has another version

@@ -116,12 +116,14 @@ class Encirclement:
         limits = self._limits
         offset = hypot(dx, dy)
         if offset > 1e-6:
-            closing = max(0.5, _SPEED_SHARE * limits.speed_mps - hypot(vx, vy))
+            dx, dy = dx / offset, dy / offset
+            cap, recede = _SPEED_SHARE * limits.speed_mps, vx * dx + vy * dy  # closing in uses up the speed that there is
+            closing = max(0.5, recede + sqrt(max(0.0, cap * cap - vx * vx - vy * vy + recede * recede)))
             remaining, speed = _stopping_profile(offset, closing, _CLOSING_SHARE * limits.acceleration_mps2, self._times)
-            slot.positions[:, 0] += dx / offset * remaining
-            slot.positions[:, 1] += dy / offset * remaining
-            slot.velocities[:, 0] -= dx / offset * speed
-            slot.velocities[:, 1] -= dy / offset * speed
+            slot.positions[:, 0] += dx * remaining
+            slot.positions[:, 1] += dy * remaining
+            slot.velocities[:, 0] -= dx * speed
+            slot.velocities[:, 1] -= dy * speed
         if abs(dz) > 1e-6:
             remaining, speed = _stopping_profile(abs(dz), 0.8 * limits.climb_mps, 0.25 * limits.acceleration_mps2, self._times)
             slot.positions[:, 2] += (1.0 if dz > 0.0 else -1.0) * remaining

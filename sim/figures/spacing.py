@@ -69,7 +69,5 @@ def _findings(trace: Trace, steps: np.ndarray[tuple[int], np.dtype[np.float64]])
         return [f"the gap farthest from uniform is {float(np.median(widest)):.1f} deg from it in the median"]
     settled = settling_times(trace.time_s, error, steps, WITHIN_DEG)
     settled = settled[~np.isnan(settled)]
-    return [
-        f"all gaps within {WITHIN_DEG:g} deg of uniform {seconds(float(np.median(settled)))} after a step of the hypothesis",
-        f"median of {len(settled)}, worst {seconds(float(np.max(settled)))}",
-    ]
+    middle, worst = seconds(float(np.median(settled))), seconds(float(np.max(settled)))
+    return [f"all gaps within {WITHIN_DEG:g} deg of uniform {middle} after a step of the hypothesis (median; worst {worst})"]

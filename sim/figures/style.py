@@ -66,9 +66,8 @@ def stage_bands(axes: Axes, time_s: NDArray[np.float64], stage: NDArray[np.str_]
         share = (right - left) / span
         if named and share > 0.004:  # upright where the name has no room along the axis
             middle, frame, along = (left + right) / 2.0, axes.get_xaxis_transform(), share > 0.012 * len(name)
-            axes.text(
-                middle, 0.98, name, transform=frame, ha="center", va="top", fontsize=8, color="#555555", rotation=0 if along else 90
-            )  # fmt: skip
+            text = axes.text(middle, 0.98, name, transform=frame, ha="center", va="top", fontsize=8, color="#555555")
+            text.set_rotation(0.0 if along else 90.0)
 
 
 def swarm_stage(stage: NDArray[np.str_]) -> NDArray[np.str_]:

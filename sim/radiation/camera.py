@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917 - compiled functions take their arguments by position
 """The simulated camera: sources in view -> a Readout, fast, from the event bank."""
 
 from __future__ import annotations

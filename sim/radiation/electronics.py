@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917 - compiled functions take their arguments by position
 """The camera's electronics: pixels of events become hits in the order in which the readout delivers them."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917 - compiled functions take their arguments by position
 """Tracks of recoil electrons and photoelectrons in CdTe: slowing down and multiple scattering, step by step.
 
 Stopping power: Bethe's formula for electrons (ICRU 37) with the mean excitation energy of CdTe, 539.3 eV, and Joy and Luo's
@@ -24,7 +23,7 @@ _MOLAR_MASS = 112.41 + 127.6
 _ELECTRONS = 48 + 52
 _BETHE_KEV_CM2 = 153.5374  # 2 pi r_e^2 m c^2 N_A, per mol
 _RADIUS2_AVOGADRO_CM2 = 7.940788e-26 * 6.02214076e23  # r_e^2 N_A, per mol
-_STOPPED_KEV = 10.0  # a range of 1.5 um: the rest is deposited on the spot
+_STOPPED_KEV = 20.0  # a range of 3 um: the rest is deposited on the spot
 _LONGEST_STEP_MM = 0.015
 
 FloatArray = NDArray[np.float64]
@@ -113,7 +112,7 @@ def track(
         cell = int((np.log(energy_kev) - start) * scale)
         stopping = tables.stopping[cell]
         deflection = tables.deflection[cell]
-        step = min(_LONGEST_STEP_MM, 0.5 / deflection, 0.2 * energy_kev / stopping)
+        step = min(_LONGEST_STEP_MM, 1.0 / deflection, 0.2 * energy_kev / stopping)
         loss = step * stopping
         x += 0.5 * step * u
         y += 0.5 * step * v

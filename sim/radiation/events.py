@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917 - compiled functions take their arguments by position
 """Full simulation of events: photons of a beam through transport and response, kept as pixels."""
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from sim.radiation._jit import jit
 from sim.radiation.electrons import Electrons, electrons
 from sim.radiation.materials import CdTe, cdte
 from sim.radiation.timepix3 import MAX_PIXELS, PIXEL, Response, Scratch, respond, scratch
-from sim.radiation.transport import HALF_SIZE_MM, MAX_SITES, SITE_COLUMNS, transport
+from sim.radiation.transport import HALF_SIZE_MM, MAX_SITES, SITE_COLUMNS, attenuation_per_mm, enter, transport, way_out
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -64,6 +63,7 @@ def _kind(sites: FloatArray, count: int, energy_kev: float) -> int:
 def _simulate(
     lines: FloatArray,
     window: FloatArray,
+    wide: bool,
     interactions: int,
     quota: IntArray,
     half: FloatArray,
@@ -78,34 +78,49 @@ def _simulate(
     kind_of: NDArray[np.uint8],
     source_of: FloatArray,
     sites_of: FloatArray,
-    share: FloatArray,
+    area: FloatArray,
 ) -> int:
-    """See simulate. Adds to share (KINDS,) the mean of shadow * (event of the kind) per photon; returns the number kept."""
+    """See simulate, and Events for the arrays that this fills; returns the number of events kept."""
     sites = np.empty((MAX_SITES, SITE_COLUMNS))
     stack = np.empty((MAX_SITES + 1, 7))
     source = np.empty(3)
+    position = np.empty(3)
+    direction = np.empty(3)
     kept = 0
     end = 0
     done = 0
-    photons = 0
+    trials = 0
     shadows = 0.0
     found = np.zeros(KINDS)
     have = np.zeros(KINDS, np.int64)
-    intensity = np.cumsum(lines[:, 1])
+    # Most photons pass: only those are looked at that would interact on the longest way through the sensor.
+    longest = 2.0 * np.sqrt((half * half).sum())
+    if window[0] * window[1] > 0.0:
+        longest = min(longest, 2.0 * half[2] / min(abs(window[0]), abs(window[1])))
+    attenuation = np.empty(len(lines))
+    for i in range(len(lines)):
+        attenuation[i] = attenuation_per_mm(lines[i, 0], cdte)
+    candidates = np.cumsum(lines[:, 1] * (1.0 - np.exp(-attenuation * longest)))
+    largest = 4.0 * np.sqrt((half[1] * half[2]) ** 2 + (half[0] * half[2]) ** 2 + (half[0] * half[1]) ** 2)
     while done < interactions:
-        # A beam's photons come in proportion to the shadow; within a small window of directions it is nearly the same.
         cosine = window[0] + (window[1] - window[0]) * rng.random()
         azimuth = window[2] + (window[3] - window[2]) * rng.random()
         sine = np.sqrt(max(0.0, 1.0 - cosine * cosine))
         source[0], source[1], source[2] = sine * np.cos(azimuth), sine * np.sin(azimuth), cosine
         shadow = 4.0 * (half[1] * half[2] * abs(source[0]) + half[0] * half[2] * abs(source[1]) + half[0] * half[1] * abs(cosine))
-        largest = 4.0 * np.sqrt((half[1] * half[2]) ** 2 + (half[0] * half[2]) ** 2 + (half[0] * half[1]) ** 2)
-        photons += 1
+        trials += 1
         shadows += shadow
-        if window[4] > 0.0 and rng.random() * largest > shadow:
+        # The beam meets the sensor in proportion to its shadow; within a small window of directions it is nearly the same.
+        if wide and rng.random() * largest > shadow:
             continue
-        line = min(np.searchsorted(intensity, rng.random() * intensity[-1]), len(lines) - 1)
-        count = transport(lines[line, 0], source, half, cdte, rng, sites, stack)
+        line = min(np.searchsorted(candidates, rng.random() * candidates[-1]), len(lines) - 1)
+        enter(source, half, rng, position)
+        for axis in range(3):
+            direction[axis] = -source[axis]
+        flight = -np.log(1.0 - rng.random() * (1.0 - np.exp(-attenuation[line] * longest))) / attenuation[line]
+        if flight >= way_out(position, direction, half):
+            continue
+        count = transport(lines[line, 0], flight, position, direction, half, cdte, rng, sites, stack)
         if count == 0:
             continue
         done += 1
@@ -124,9 +139,9 @@ def _simulate(
                 sites_of[kept, k, column] = sites[k, column] if k < count else 0.0
         kept += 1
         first[kept] = end
-    scale = largest if window[4] > 0.0 else shadows / photons
+    scale = largest if wide else shadows / trials
     for kind in range(KINDS):
-        share[kind] = found[kind] / photons * scale * intensity[-1]
+        area[kind] = found[kind] / trials * scale * candidates[-1]
     return kept
 
 
@@ -159,7 +174,8 @@ def simulate(
     source, sites, area = np.zeros((size, 3)), np.zeros((size, 2, 5)), np.zeros(KINDS)
     kept = _simulate(
         np.array(lines, float).reshape(-1, 2),
-        np.array([*cosine, *azimuth, float(wide)]),
+        np.array([*cosine, *azimuth]),
+        wide,
         interactions,
         np.array(limits),
         HALF_SIZE_MM,

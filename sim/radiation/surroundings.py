@@ -26,7 +26,7 @@ def background_lines(count: int = 60) -> Lines:
 
 
 def scattered_lines(nuclide: Nuclide, angles: int = 16) -> Lines:
-    """Energies and intensities after one Compton scatter of the nuclide's photons (Klein-Nishina), in even steps of the cosine."""
+    """Energies and intensities of photons after one Compton scatter (Klein-Nishina), in even steps of the cosine."""
     cosine = (np.arange(angles) + 0.5) * 2.0 / angles - 1.0
     lines: list[tuple[float, float]] = []
     for energy, intensity in nuclide.lines:

@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917 - compiled functions take their arguments by position
 """From deposits in the sensor to charge, time and energy in the pixels of a Timepix3."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917 - compiled functions take their arguments by position
 """Photons in the CdTe sensor: analog Monte Carlo from the entry to absorption or escape.
 
 Photoelectric absorption (Sauter's angular distribution, K fluorescence of Cd and Te, re-absorbed or not), Compton
@@ -128,26 +127,34 @@ def photoelectron_cosine(kinetic: float, rng: np.random.Generator) -> float:
 
 
 @jit
+def attenuation_per_mm(energy_kev: float, cdte: CdTe) -> float:
+    """Linear attenuation coefficient of CdTe, interpolated."""
+    start = cdte.log_energy[0]
+    place = (np.log(energy_kev) - start) * (len(cdte.log_energy) - 1) / (cdte.log_energy[-1] - start)
+    cell = max(0, min(len(cdte.log_energy) - 2, int(place)))
+    return float(cdte.attenuation[cell] * (1.0 - (place - cell)) + cdte.attenuation[cell + 1] * (place - cell))
+
+
+@jit
 def transport(
     energy_kev: float,
-    source: FloatArray,
+    flight_mm: float,
+    position: FloatArray,
+    direction: FloatArray,
     half: FloatArray,
     cdte: CdTe,
     rng: np.random.Generator,
     sites: FloatArray,
     stack: FloatArray,
 ) -> int:
-    """Send one photon of a parallel beam from the direction ``source`` (3,) through the sensor.
+    """Follow a photon from position (3,) along direction (3,), both overwritten; flight_mm: to its first interaction.
 
     Writes its deposits to sites (MAX_SITES, SITE_COLUMNS), in the order in which the photon made them, and returns their
-    number: 0 where it passed without one. stack (MAX_SITES, 7): scratch.
+    number: 0 where it left without one. stack (MAX_SITES + 1, 7): scratch.
     """
-    position = np.empty(3)
-    direction = np.empty(3)
-    enter(source, half, rng, position)
     for axis in range(3):
         stack[0, axis] = position[axis]
-        stack[0, 3 + axis] = -source[axis]
+        stack[0, 3 + axis] = direction[axis]
     stack[0, 6] = energy_kev
     waiting = 1
     count = 0
@@ -160,11 +167,11 @@ def transport(
             direction[axis] = stack[waiting, 3 + axis]
         energy = stack[waiting, 6]
         while count < MAX_SITES:
-            place = (np.log(energy) - start) * scale
-            cell = max(0, min(len(cdte.log_energy) - 2, int(place)))
-            part = place - cell
-            attenuation = cdte.attenuation[cell] * (1.0 - part) + cdte.attenuation[cell + 1] * part
-            distance = -np.log(1.0 - rng.random()) / attenuation
+            cell = max(0, min(len(cdte.log_energy) - 2, int((np.log(energy) - start) * scale)))
+            distance = flight_mm
+            if distance < 0.0:
+                distance = -np.log(1.0 - rng.random()) / attenuation_per_mm(energy, cdte)
+            flight_mm = -1.0
             if distance >= way_out(position, direction, half):
                 break
             for axis in range(3):

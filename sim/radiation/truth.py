@@ -36,11 +36,11 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """
 
     drift_ns: Positive = 86.0
-    diffusion_mm: NonNegative = 0.021
-    gain_noise: Share = 0.02
-    pixel_noise_kev: NonNegative = 0.8
+    diffusion_mm: NonNegative = 0.028
+    gain_noise: Share = 0.017
+    pixel_noise_kev: NonNegative = 0.7
     threshold_kev: Positive = 4.0
-    charge_scale: Positive = 1.0
+    charge_scale: Positive = 1.02
     toa_jitter_ns: NonNegative = 2.5
 
     calibration_spread: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.0
