@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
 from agent.errors import ConfigError
 from sim.runfile import make_folder, write_text
@@ -37,7 +36,7 @@ def run(
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write result.json, map.png, error.png, spacing.png.")] = None,
 ) -> None:
     """Fly one mission, and say where the source is, how sure the swarm is, and how far that is from the truth."""
-    from sim.console import err, flight_progress  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from sim.console import err, flight_progress, say  # noqa: PLC0415  (heavy imports wait until they are needed)
     from sim.console import out as stdout  # noqa: PLC0415
 
     if seed < 0:
@@ -53,7 +52,7 @@ def run(
 
     with flight_progress(case.name) as progress:
         flight = fly(case.scenario, seed, estimator=estimator, listen=listen or (), law=law, progress=progress)
-    (err if json == "-" else stdout).print(sentence(flight.result, flight.trace), markup=False, soft_wrap=True)
+    say(sentence(flight.result, flight.trace), err if json == "-" else stdout)
     if json is not None:
         text = "".join(map(result_json, (flight.result, *flight.listened.values())))
         if json == "-":
@@ -62,7 +61,7 @@ def run(
             write_text(Path(json), text)
     if out is not None:
         written = write_flight(out, flight)
-        err.print(f"written to {out}: {', '.join(path.name for path in written)}", markup=False, soft_wrap=True)
+        say(f"written to {out}: {', '.join(path.name for path in written)}")
 
 
 def campaign(
@@ -80,7 +79,7 @@ def campaign(
 ) -> None:
     """Fly scenarios many times, on all cores or on a Dask cluster. Killed, the same command goes on where it stopped."""
     from sim.campaign import Campaign, fly_campaign  # noqa: PLC0415
-    from sim.console import campaign_progress, err  # noqa: PLC0415
+    from sim.console import campaign_progress, say  # noqa: PLC0415
     from sim.report import write_campaign  # noqa: PLC0415
 
     execute = _executor(workers, dask)
@@ -90,7 +89,7 @@ def campaign(
         flown = fly_campaign(plan, out, execute, watch=watch)
     written = write_campaign(out, flown)
     typer.echo((out / "summary.md").read_text(encoding="utf-8") if written else "no run came through", nl=not written)
-    err.print(f"written to {out}: {', '.join(['runs.jsonl', *(path.name for path in written)])}", markup=False, soft_wrap=True)
+    say(f"written to {out}: {', '.join(['runs.jsonl', *(path.name for path in written)])}")
     _exit_on(flown.failures, out)
 
 
@@ -104,7 +103,7 @@ def table(
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Keep the runs; write text, CSV and Markdown.")] = None,
 ) -> None:
     """The paper's table beside ours: four scenarios, solo and swarm, static and moving source."""
-    from sim.console import campaign_progress, err  # noqa: PLC0415
+    from sim.console import campaign_progress, say  # noqa: PLC0415
     from sim.console import out as stdout  # noqa: PLC0415
     from sim.table import FIELD, NOTE, SIMULATIONS, as_rich, fly_study  # noqa: PLC0415
 
@@ -123,7 +122,7 @@ def table(
             failures += [outcome for campaign_ in flown for outcome in campaign_.failures]
     stdout.print(NOTE)
     if out is not None:
-        err.print(f"written to {escape(str(out))}", soft_wrap=True)
+        say(f"written to {out}")
     _exit_on(failures, out)
 
 
@@ -158,10 +157,10 @@ def _exit_on(failures: Sequence[Outcome], out: Path | None) -> None:
     """Runs that failed end the command with code 1, and are named such that they can be repeated."""
     if not failures:
         return
-    from sim.console import err  # noqa: PLC0415
+    from sim.console import say  # noqa: PLC0415
 
     where = f"; tracebacks in {out}/.../failures.jsonl" if out is not None else ""
     named = ", ".join(outcome.job.label for outcome in failures[:10])
     more = f" and {len(failures) - 10} more" if len(failures) > 10 else ""
-    err.print(f"{len(failures)} flights failed: {named}{more}{where}", markup=False, style="red", soft_wrap=True)
+    say(f"{len(failures)} flights failed: {named}{more}{where}")
     raise typer.Exit(1)

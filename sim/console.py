@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -20,25 +21,31 @@ from rich.progress import (
 from sim.campaign import Watch
 from sim.workers import Outcome
 
-out = Console(highlight=False, soft_wrap=True)
+out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
 _PLAIN_EVERY_S = 10.0  # between two lines where there is no terminal to redraw
+
+
+def say(text: str, console: Console = err) -> None:
+    """A line as it is, however long, on the error stream unless told otherwise."""
+    console.print(text, markup=False, soft_wrap=True)
 
 
 @contextmanager
 def flight_progress(name: str) -> Iterator[Callable[[float, str], None]]:
     """Shows one flight: what the swarm is doing, its time, and how much faster than real time that is."""
     began = time.monotonic()
-    with Progress(SpinnerColumn(), TextColumn("{task.description}"), console=err, transient=True) as progress:
+    columns = SpinnerColumn(), TextColumn("{task.description}")
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
         task = progress.add_task(f"{name}: making ready")
-        plain = _Now(_PLAIN_EVERY_S)
+        now = _Now(_PLAIN_EVERY_S)
 
         def show(sim_s: float, what: str) -> None:
             elapsed_s = max(time.monotonic() - began, 1e-3)
             text = f"{name}: {what} | {sim_s:.0f} s flown, {sim_s / elapsed_s:.0f} x real time"
-            progress.update(task, description=text)
-            if not err.is_terminal and plain():
-                err.print(text, soft_wrap=True)
+            progress.update(task, description=escape(text))
+            if not err.is_terminal and now():
+                say(text)
 
         yield show
 
@@ -50,21 +57,21 @@ def campaign_progress(name: str) -> Iterator[Watch]:
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs,"),
         TimeElapsedColumn(), TextColumn("gone,"), TimeRemainingColumn(), TextColumn("to come"),
     )  # fmt: skip
-    with Progress(*columns, console=err, speed_estimate_period=600.0) as progress:
+    with Progress(*columns, console=err, speed_estimate_period=600.0, disable=not err.is_terminal) as progress:
         task = progress.add_task(name, total=None)
-        plain = _Now(_PLAIN_EVERY_S)
+        now = _Now(_PLAIN_EVERY_S)
 
         def show(done: int, total: int, outcome: Outcome | None) -> None:
             if outcome is None:
                 progress.reset(task, total=total, completed=done)
                 if done:
-                    err.print(f"{name}: {done} of {total} runs are there already; going on", soft_wrap=True)
+                    say(f"{name}: {done} of {total} runs are there already; going on")
             else:
                 progress.update(task, completed=done)
                 if outcome.result is None:
-                    err.print(f"{outcome.job.label} failed: {outcome.error}", markup=False, soft_wrap=True)
-            if not err.is_terminal and plain():
-                err.print(f"{name}: {done} of {total} runs", soft_wrap=True)
+                    say(f"{outcome.job.label} failed: {outcome.error}")
+            if not err.is_terminal and now():
+                say(f"{name}: {done} of {total} runs")
 
         yield show
 
