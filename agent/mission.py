@@ -45,12 +45,14 @@ class Situation:
 class Mission:
     """The stage of one drone and its history."""
 
-    def __init__(self, track: TrackConfig) -> None:
+    def __init__(self, track: TrackConfig, can_lose: bool = True) -> None:
+        """``can_lose``: the hypothesis rests on cones, and is doubted when they stay away."""
         self.stage = Stage.PREFLIGHT
         self.started_ns: int | None = None
         self.since_ns = 0  # when the present stage began
         self.tracking_since_ns: int | None = None
         self._track = track
+        self._timeout_s = track.no_cone_timeout_s if can_lose else None
         self._resume = Stage.SURVEY
         self._foreign_since_ns: int | None = None
         self._released = False
@@ -117,7 +119,7 @@ class Mission:
             return
         if self.tracking_since_ns is None:
             self.tracking_since_ns = now_ns
-        duration_s, timeout_s = self._track.duration_s, self._track.no_cone_timeout_s
+        duration_s, timeout_s = self._track.duration_s, self._timeout_s
         if duration_s is not None and now_ns - self.tracking_since_ns > duration_s * 1e9:
             self._enter(Stage.RETURN, now_ns)
         elif timeout_s is not None:

@@ -108,7 +108,8 @@ class Observer:
     def _cone(self, event: ConeEvent) -> Cone:
         state = self.history.at(event.stamp_ns)
         pose = self.history.pose(event.stamp_ns)
-        assert state is not None and pose is not None  # observe() saw to it
+        assert state is not None  # observe() saw to it
+        assert pose is not None
         position, (w, x, y, z) = pose
         axes = (Rotation.from_quat((x, y, z, w)) * self._body_from_camera).apply(event.axis)
         return Cone(

@@ -73,7 +73,7 @@ class Pilot:
         self._id = drone.id
         self._boot = boot
         self._mission_id = mission.mission_id
-        self._mission = Mission(mission.track)
+        self._mission = Mission(mission.track, can_lose=mission.fusion.estimator != "given")
         frames = FrameGraph.from_launch_layout(mission)
         self._frames = frames
         self.fusion = Fusion(mission, frames)

@@ -60,6 +60,18 @@ def _kind(sites: FloatArray, count: int, energy_kev: float) -> int:
 
 
 @jit
+def _draw_direction(window: FloatArray, half: FloatArray, rng: np.random.Generator, source: FloatArray) -> float:
+    """A random direction of the window (two cosines, two azimuths), written to source (3,); returns the sensor's shadow, mm2."""
+    cosine = window[0] + (window[1] - window[0]) * rng.random()
+    azimuth = window[2] + (window[3] - window[2]) * rng.random()
+    sine = np.sqrt(max(0.0, 1.0 - cosine * cosine))
+    source[0], source[1], source[2] = sine * np.cos(azimuth), sine * np.sin(azimuth), cosine
+    x, y, z = half[0] * abs(source[0]), half[1] * abs(source[1]), half[2] * abs(source[2])
+    volume = half[0] * half[1] * half[2]
+    return float(4.0 * volume * (x / half[0] ** 2 + y / half[1] ** 2 + z / half[2] ** 2))
+
+
+@jit
 def _simulate(
     lines: FloatArray,
     window: FloatArray,
@@ -103,11 +115,7 @@ def _simulate(
     candidates = np.cumsum(lines[:, 1] * (1.0 - np.exp(-attenuation * longest)))
     largest = 4.0 * np.sqrt((half[1] * half[2]) ** 2 + (half[0] * half[2]) ** 2 + (half[0] * half[1]) ** 2)
     while done < interactions:
-        cosine = window[0] + (window[1] - window[0]) * rng.random()
-        azimuth = window[2] + (window[3] - window[2]) * rng.random()
-        sine = np.sqrt(max(0.0, 1.0 - cosine * cosine))
-        source[0], source[1], source[2] = sine * np.cos(azimuth), sine * np.sin(azimuth), cosine
-        shadow = 4.0 * (half[1] * half[2] * abs(source[0]) + half[0] * half[2] * abs(source[1]) + half[0] * half[1] * abs(cosine))
+        shadow = _draw_direction(window, half, rng, source)
         trials += 1
         shadows += shadow
         # The beam meets the sensor in proportion to its shadow; within a small window of directions it is nearly the same.
@@ -115,8 +123,7 @@ def _simulate(
             continue
         line = min(np.searchsorted(candidates, rng.random() * candidates[-1]), len(lines) - 1)
         enter(source, half, rng, position)
-        for axis in range(3):
-            direction[axis] = -source[axis]
+        direction[:] = -source
         flight = -np.log(1.0 - rng.random() * (1.0 - np.exp(-attenuation[line] * longest))) / attenuation[line]
         if flight >= way_out(position, direction, half):
             continue
@@ -132,11 +139,8 @@ def _simulate(
         end = respond(sites, count, half, camera, electrons, rng, work, pixels, end)
         line_of[kept] = line
         kind_of[kept] = kind
-        for axis in range(3):
-            source_of[kept, axis] = source[axis]
-        for k in range(2):
-            for column in range(5):
-                sites_of[kept, k, column] = sites[k, column] if k < count else 0.0
+        source_of[kept] = source
+        sites_of[kept, : min(count, 2)] = sites[: min(count, 2), :5]
         kept += 1
         first[kept] = end
     scale = largest if wide else shadows / trials
