@@ -8,6 +8,7 @@ import typer
 
 from agent.errors import RadronError
 from sim.commands import campaign, run, table
+from sim.radiation.hits import hits
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="The simulated world: radiation, detectors, vehicles, radio.")
 
@@ -15,6 +16,7 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, help="The simulate
 app.command()(run)
 app.command()(campaign)
 app.command()(table)
+app.command()(hits)
 
 
 def main() -> None:
