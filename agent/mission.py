@@ -117,8 +117,7 @@ class Mission:
         if not situation.has_hypothesis:  # a late entry can take the hypothesis back
             self._enter(Stage.SURVEY, now_ns)
             return
-        if self.tracking_since_ns is None:
-            self.tracking_since_ns = now_ns
+        assert self.tracking_since_ns is not None
         duration_s, timeout_s = self._track.duration_s, self._timeout_s
         if duration_s is not None and now_ns - self.tracking_since_ns > duration_s * 1e9:
             self._enter(Stage.RETURN, now_ns)
@@ -149,3 +148,5 @@ class Mission:
     def _enter(self, stage: Stage, now_ns: int) -> None:
         self.stage, self.since_ns = stage, now_ns
         self._foreign_since_ns = None
+        if stage is Stage.TRACK and self.tracking_since_ns is None:
+            self.tracking_since_ns = now_ns

@@ -1,0 +1,154 @@
+from dataclasses import replace
+
+import pytest
+
+from agent.config import TrackConfig
+from agent.mission import TAKEOVER_NS, Mission, Situation
+from agent.vehicle.interface import FlightMode, Request, VehicleState
+from protocol.messages import Action, Stage
+
+SECOND = 1_000_000_000
+VEHICLE = VehicleState(
+    stamp_ns=0,
+    epoch=0,
+    position_m=(0.0, 0.0, 3.0),
+    velocity_mps=(0.0, 0.0, 0.0),
+    quaternion=(1.0, 0.0, 0.0, 0.0),
+    height_m=3.0,
+    position_sigma_m=0.1,
+    yaw_sigma_rad=0.01,
+    mode=FlightMode.HOLD,
+    armed=True,
+    in_air=True,
+    healthy=True,
+)
+CALM = Situation(now_ns=SECOND, vehicle=VEHICLE, has_hypothesis=False, last_cone_ns=0, at_home=False, problems=())
+OFFBOARD = replace(VEHICLE, mode=FlightMode.OFFBOARD)
+
+
+def at(seconds, vehicle=OFFBOARD, **values):
+    return replace(CALM, now_ns=int(seconds * SECOND), vehicle=vehicle, **values)
+
+
+def surveying(**track):
+    mission = Mission(TrackConfig(**track))
+    assert mission.command(Action.START, SECOND, CALM) is None
+    mission.step(at(2.0, VEHICLE))
+    assert mission.stage is Stage.SURVEY
+    return mission
+
+
+def tracking(**track):
+    mission = surveying(**track)
+    mission.step(at(10.0, has_hypothesis=True, last_cone_ns=10 * SECOND))
+    assert mission.stage is Stage.TRACK
+    return mission
+
+
+def test_nobody_takes_off_without_a_command():
+    mission = Mission(TrackConfig())
+    for second in range(100):
+        mission.step(at(second, VEHICLE, has_hypothesis=True))
+    assert mission.stage is Stage.PREFLIGHT
+    assert mission.request is Request.STAY
+
+
+def test_start_is_refused_with_its_reason():
+    mission = Mission(TrackConfig())
+    refusal = mission.command(Action.START, SECOND, replace(CALM, problems=("no telemetry",)))
+    assert refusal == "start refused: no telemetry"
+    assert mission.stage is Stage.PREFLIGHT
+
+
+def test_takeoff_waits_for_the_autopilot_to_finish():
+    mission = Mission(TrackConfig())
+    mission.command(Action.START, SECOND, CALM)
+    mission.step(at(2.0, replace(VEHICLE, mode=FlightMode.TAKEOFF, in_air=False)))
+    assert (mission.stage, mission.request) == (Stage.TAKEOFF, Request.TAKEOFF)
+    mission.step(at(8.0, VEHICLE))
+    assert (mission.stage, mission.request) == (Stage.SURVEY, Request.OFFBOARD)
+
+
+def test_from_the_survey_to_tracking_and_back_when_the_hypothesis_is_taken_back():
+    mission = tracking()
+    mission.step(at(11.0, has_hypothesis=False))
+    assert mission.stage is Stage.SURVEY
+
+
+def test_searches_again_without_cones_and_tracks_again_with_one():
+    mission = tracking(no_cone_timeout_s=20.0)
+    mission.step(at(29.9, has_hypothesis=True, last_cone_ns=10 * SECOND))
+    assert mission.stage is Stage.TRACK
+    mission.step(at(30.1, has_hypothesis=True, last_cone_ns=10 * SECOND))
+    assert mission.stage is Stage.REACQUIRE
+    mission.step(at(31.0, has_hypothesis=True, last_cone_ns=31 * SECOND))
+    assert mission.stage is Stage.TRACK
+
+
+def test_a_given_hypothesis_is_never_lost():
+    mission = Mission(TrackConfig(), can_lose=False)
+    mission.command(Action.START, SECOND, CALM)
+    mission.step(at(2.0, VEHICLE, has_hypothesis=True))
+    mission.step(at(500.0, has_hypothesis=True))
+    assert mission.stage is Stage.TRACK
+
+
+def test_returns_lands_and_rests():
+    mission = tracking(duration_s=60.0)
+    mission.step(at(70.1, has_hypothesis=True, last_cone_ns=70 * SECOND))
+    assert (mission.stage, mission.request) == (Stage.RETURN, Request.OFFBOARD)
+    mission.step(at(80.0, at_home=True))
+    assert (mission.stage, mission.request) == (Stage.LANDING, Request.LAND)
+    mission.step(at(95.0, replace(VEHICLE, armed=False, in_air=False)))
+    assert (mission.stage, mission.request) == (Stage.LANDED, Request.STAY)
+
+
+def test_hold_and_resume():
+    mission = tracking()
+    assert mission.command(Action.HOLD, 0, at(11.0)) is None
+    mission.step(at(12.0, has_hypothesis=True))
+    assert (mission.stage, mission.request) == (Stage.HOLD, Request.HOLD)
+    assert mission.command(Action.RESUME, 0, at(13.0)) is None
+    assert mission.stage is Stage.TRACK
+
+
+@pytest.mark.parametrize("action", [Action.RETURN, Action.LAND, Action.ABORT])
+def test_from_hold_one_can_come_home(action):
+    mission = tracking()
+    mission.command(Action.HOLD, 0, at(11.0))
+    assert mission.command(action, 0, at(12.0)) is None
+    assert mission.stage in (Stage.RETURN, Stage.LANDING, Stage.ABORT)
+
+
+def test_what_cannot_be_is_refused_with_a_reason():
+    mission = Mission(TrackConfig())
+    assert mission.command(Action.HOLD, 0, CALM) == "hold: not flying"
+    mission = tracking()
+    assert mission.command(Action.START, 0, CALM) == "start: already started"
+    assert mission.command(Action.RESUME, 0, CALM) == "resume: not holding"
+    mission.command(Action.ABORT, 0, CALM)
+    assert mission.command(Action.RESUME, 0, CALM) == "resume: aborted"
+
+
+def test_gives_way_to_the_failsafe_but_not_to_a_late_heartbeat():
+    mission = tracking()
+    returning = replace(VEHICLE, mode=FlightMode.RETURN)
+    mission.step(at(20.0, returning, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    mission.step(at(20.5, OFFBOARD, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    mission.step(at(21.0, returning, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    mission.step(at(22.0, returning, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    assert mission.stage is Stage.TRACK
+    mission.step(at(21.0 + TAKEOVER_NS / SECOND + 0.1, returning, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    assert (mission.stage, mission.request) == (Stage.RETURN, Request.RELEASE)
+    mission.step(at(60.0, replace(returning, armed=False, in_air=False)))
+    assert mission.stage is Stage.LANDED
+
+
+def test_gives_way_to_a_human_pilot_until_told_to_resume():
+    mission = tracking()
+    manual = replace(VEHICLE, mode=FlightMode.MANUAL)
+    for second in (20.0, 22.0):
+        mission.step(at(second, manual, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    assert (mission.stage, mission.request) == (Stage.HOLD, Request.RELEASE)
+    assert mission.command(Action.RESUME, 0, at(30.0)) is None
+    assert (mission.stage, mission.request) == (Stage.TRACK, Request.OFFBOARD)
