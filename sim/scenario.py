@@ -191,4 +191,4 @@ def _line_up(drones: list[dict[str, Any]], count: int) -> list[dict[str, Any]]:
     """``count`` drones: those given, then more of them beside the last, 5 m apart along x."""
     x, y, z = drones[-1]["origin_m"]
     missing = range(1, count - len(drones) + 1)
-    return drones[:count] + [{"id": f"x{k}", "origin_m": (x + 5.0 * k, y, z), "yaw_deg": 0.0} for k in missing]
+    return [*drones[:count], *({"id": f"x{k}", "origin_m": (x + 5.0 * k, y, z), "yaw_deg": 0.0} for k in missing)]
