@@ -38,7 +38,7 @@ def minimum_radius(drones: int, separation_m: float) -> float:
 class Encirclement:
     """Reference trajectories on the circle around a centre, counter-clockwise."""
 
-    def __init__(self, config: EncirclementConfig, limits: LimitsConfig, margin_m: float = 2.0) -> None:
+    def __init__(self, config: EncirclementConfig, limits: LimitsConfig, margin_m: float = 2.5) -> None:
         """``margin_m``: what neighbours on the smallest circle keep beyond ``limits.separation_m``."""
         self._config = config
         self._limits = limits

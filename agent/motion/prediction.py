@@ -11,9 +11,9 @@ import numpy as np
 
 from agent.motion.reference import Array
 
-# Cost of one step: position error 1 /m2, velocity error and jerk as below. They place the closed loop at about 2.5 rad/s.
+# Cost of one step: position error 1 /m2, velocity error and jerk as below. They place the closed loop at about 1.5 rad/s.
 VELOCITY_WEIGHT = 0.3  # s2
-JERK_WEIGHT = 0.004  # s6
+JERK_WEIGHT = 0.05  # s6
 
 
 @dataclass(frozen=True, slots=True)

@@ -61,7 +61,7 @@ class LimitedProblem:
         self._prediction = prediction
         self._axes, self._rows = axes, rows
         self._horizon = horizon = len(prediction.hessian)
-        self._times: Array = step_s * np.arange(horizon, dtype=np.float64)
+        self._times: Array = step_s * np.arange(1, horizon + 1, dtype=np.float64)
         self._directions = _OCTAGON if axes == 2 else np.ones((1, 1))
         inradius = OCTAGON_INRADIUS if axes == 2 else 1.0
         self._speed, self._acceleration, self._jerk = limits[0] * inradius, limits[1] * inradius, limits[2]
@@ -132,8 +132,7 @@ class LimitedProblem:
         horizon, axes = self._horizon, self._axes
         lower, upper = self._lower, self._upper
         size = len(self._directions) * horizon
-        pull = float(np.hypot(*start[2])) if axes == 2 else abs(float(start[2, 0]))
-        speed = float(np.hypot(*start[1])) if axes == 2 else abs(float(start[1, 0]))
+        speed, pull = np.abs(start[1:] @ self._directions.T).max(axis=1).tolist()
         speed += 0.5 * pull * pull / self._jerk  # reached before the acceleration can be taken back
         braked = np.maximum(self._speed, speed - 0.5 * self._acceleration * self._times)
         eased = np.maximum(self._acceleration, pull - 0.5 * self._jerk * self._times)

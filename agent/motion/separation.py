@@ -1,7 +1,7 @@
 """Keeping apart: half-planes along the horizon from the peers' plans, and the last resort from where they really are.
 
 Distances are horizontal: flying over one another is no way to pass, because of the downwash. Of two drones the one with the
-smaller id has the right of way: the other keeps the whole margin, it keeps half of it, so that they do not both dodge fully and
+smaller id has the right of way: the other keeps the whole margin, it keeps 60 % of it, so that they do not both dodge fully and
 meet again.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 from agent.config import LimitsConfig
 from agent.motion.reference import Array, PeerState
 
-MARGIN_M = 1.5  # of plans beyond the separation of vehicles: what vehicles deviate from their plans in a transient
+MARGIN_M = 2.0  # of plans beyond the separation of vehicles: what vehicles deviate from their plans in a transient
 _SIGMAS = 2.0
 _PASS_TURN = 0.35  # rad; the one that gives way sees the other turned by this, so it passes on one side and not head-on
 
@@ -73,7 +73,7 @@ def sampled(positions: Array, age_s: float, step_s: float, times: Array) -> Arra
 
 def keep_away(me: str, peer: PeerPlan, separation_m: float) -> float:
     """Distance that my plan keeps from this peer's."""
-    margin = MARGIN_M if peer.id < me else 0.5 * MARGIN_M
+    margin = MARGIN_M if peer.id < me else 0.6 * MARGIN_M
     return separation_m + margin + _SIGMAS * peer.sigma_m
 
 

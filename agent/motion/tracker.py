@@ -105,15 +105,12 @@ class Tracker:
         wanted[:2] = start[1:]
         optimum = (self._prediction.optimum @ wanted).reshape(4, horizon, 3)
         optimum[1] += origin
-        velocity_to_take = escape(self._id, state, peers, self._limits, self._lead_s)
         jerk = optimum[0]
-        status, flat = Status.ESCAPING, None
-        if velocity_to_take is None:
-            deviation = (state.position[0] - float(origin[0]), state.position[1] - float(origin[1]))
-            status, flat = self._flat_jerk(now_ns, start, optimum, deviation, peers)
+        deviation = (state.position[0] - float(origin[0]), state.position[1] - float(origin[1]))
+        status, flat = self._flat_jerk(now_ns, start, optimum, deviation, peers)
+        if flat is None or status is Status.BRAKING:
+            status, flat = self._last_resort(start, state, peers, flat)
         upright_status, upright = self._upright_jerk(start, optimum)
-        if flat is None:
-            flat = self._braking_jerk(start, velocity_to_take or (0.0, 0.0))
         if status is not Status.FREE or upright_status is not Status.FREE:
             jerk = np.column_stack((flat, upright))
             states = (self._prediction.forced @ jerk + self._prediction.free @ start[1:]).reshape(3, horizon, 3)
@@ -213,7 +210,22 @@ class Tracker:
         rows = [(normals[m], offsets[m] + _FENCE_INSIDE_M) for m in np.flatnonzero(least < _NEAR_M).tolist()]
         planes = self._collect(now_ns, start, position, near, rows)
         found = self._flat.solve(start[:, :2], optimum[:, :, :2], planes, self._guess[:, :2])
-        return (Status.BRAKING, None) if found is None else (Status.CONSTRAINED, found)
+        if found is None:
+            return Status.BRAKING, None
+        return (
+            Status.CONSTRAINED if self._apart(position + self._prediction.position @ (found - jerk), near) else Status.BRAKING
+        ), found
+
+    def _apart(self, position: Array, near: _Near) -> bool:
+        """Whether a solution (H, 2) keeps the bare separation from the others, as far as that is in its hands.
+
+        Where the distance is growing already there is nothing better to do.
+        """
+        for _, other, _ in near:
+            apart = np.einsum("kx,kx->k", position - other[1:], position - other[1:])
+            if float(apart.min()) < self._limits.separation_m**2 and float(apart.min()) < float(apart[0]):
+                return False
+        return True
 
     def _correct(self, other: Array, peer: PeerPlan, deviation: tuple[float, float]) -> None:
         """Move a peer's planned positions (H + 1, 2) by what it deviates from its plan and I from mine, fading along the horizon.
@@ -276,6 +288,15 @@ class Tracker:
         planes = HalfPlanes(normals, offsets, np.ones((2, horizon)))
         found = self._upright.solve(start[:, 2:], optimum[:, :, 2:], planes, self._guess[:, 2:])
         return (Status.BRAKING, np.zeros(horizon)) if found is None else (Status.CONSTRAINED, found[:, 0])
+
+    def _last_resort(
+        self, start: Array, state: PeerState, peers: Sequence[PeerPlan], doubtful: Array | None
+    ) -> tuple[Status, Array]:
+        """What to do without a good solution: escape where measurements call for it, else the doubtful one, else stand."""
+        velocity = escape(self._id, state, peers, self._limits, self._lead_s)
+        if velocity is not None:
+            return Status.ESCAPING, self._braking_jerk(start, velocity)
+        return (Status.BRAKING, self._braking_jerk(start, (0.0, 0.0))) if doubtful is None else (Status.CONSTRAINED, doubtful)
 
     def _braking_jerk(self, start: Array, target: tuple[float, float]) -> Array:
         """Horizontal jerks (H, 2) that take the vehicle to this velocity as fast as the limits allow."""
