@@ -48,11 +48,13 @@ def run(
         make_folder(out)
 
     from sim.lockstep import fly  # noqa: PLC0415
-    from sim.report import result_json, sentence, write_flight  # noqa: PLC0415
+    from sim.report import error_of, result_json, sentence, write_flight  # noqa: PLC0415
 
     with flight_progress(case.name) as progress:
         flight = fly(case.scenario, seed, estimator=estimator, listen=listen or (), law=law, progress=progress)
     say(sentence(flight.result, flight.trace), err if json == "-" else stdout)
+    for name, heard in flight.listened.items():
+        say(f"{name}, which only listened, was {error_of(heard)} (the swarm's own {error_of(flight.result)}).")
     if json is not None:
         text = "".join(map(result_json, (flight.result, *flight.listened.values())))
         if json == "-":
@@ -105,7 +107,7 @@ def table(
     """The paper's table beside ours: four scenarios, solo and swarm, static and moving source."""
     from sim.console import campaign_progress, say  # noqa: PLC0415
     from sim.console import out as stdout  # noqa: PLC0415
-    from sim.table import FIELD, NOTE, SIMULATIONS, as_rich, fly_study  # noqa: PLC0415
+    from sim.table import FIELD, NOTE, SIMULATIONS, as_rich, as_text, blocks, fly_study  # noqa: PLC0415
 
     execute = _executor(workers, dask)
     names = [name.strip() for name in estimators.split(",") if name.strip()]
@@ -118,7 +120,10 @@ def table(
         for study, scenarios in zip(studies, chosen, strict=True):
             with campaign_progress(study.name) as watch:
                 finished, flown = fly_study(study, scenarios, names, runs, Path(folder), execute=execute, watch=watch)
-            stdout.print(as_rich(finished), soft_wrap=False)
+            if stdout.is_terminal:
+                stdout.print(finished.title, *map(as_rich, blocks(finished, stdout.width)), sep="\n")
+            else:
+                typer.echo(as_text(finished), nl=False)
             failures += [outcome for campaign_ in flown for outcome in campaign_.failures]
     stdout.print(NOTE)
     if out is not None:

@@ -45,6 +45,13 @@ def sentence(result: RunResult, trace: Trace) -> str:
     )
 
 
+def error_of(result: RunResult) -> str:
+    """How an estimator did, in half a sentence."""
+    if result.error_median_m is None:
+        return "without an estimate"
+    return f"{_length(result.error_median_m)} off in the median"
+
+
 def result_json(result: RunResult) -> str:
     """The flat object, on one line."""
     return json_line(msgspec.structs.asdict(result))

@@ -13,7 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from rich import box
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table as RichTable
 
 from sim.campaign import Campaign, Flown, Watch, fly_campaign
@@ -36,19 +38,19 @@ class _Row(NamedTuple):
 
 TIME_MEDIAN = _Row("time to x0, median (s)", lambda s: s.time_to_x0_median_s)
 TIME_MAX = _Row("time to x0, max (s)", lambda s: s.time_to_x0_max_s)
-TRACKED_MEAN = _Row("tracking time, average (s)", lambda s: s.tracking_time_mean_s)
+TRACKED_MEAN = _Row("tracking time, mean (s)", lambda s: s.tracking_time_mean_s)
 TRACKED_MAX = _Row("tracking time, max (s)", lambda s: s.tracking_time_max_s)
-ERROR_MEDIAN = _Row("estimation error, median (m)", lambda s: s.error_median_m)
-ERROR_MEAN = _Row("estimation error, average (m)", lambda s: s.error_mean_m)
+ERROR_MEDIAN = _Row("error, median (m)", lambda s: s.error_median_m)
+ERROR_MEAN = _Row("error, mean (m)", lambda s: s.error_mean_m)
 BELOW = (  # ours alone
     _Row("runs", lambda s: s.runs, 0),
-    _Row("runs that found x0", lambda s: s.found, 0),
+    _Row("runs with x0", lambda s: s.found, 0),
     _Row("runs lost", lambda s: s.lost, 0),
-    _Row("x0's error, median (m)", lambda s: s.x0_error_median_m),
+    _Row("error of x0, median (m)", lambda s: s.x0_error_median_m),
     _Row("NEES, median (ideal: 2)", lambda s: s.nees_median),
-    _Row("least separation (m)", lambda s: s.min_separation_m),
+    _Row("separation, least (m)", lambda s: s.min_separation_m),
     _Row("fence breaches", lambda s: s.fence_breaches, 0),
-    _Row("times real time, median", lambda s: s.realtime_factor_median, 0),
+    _Row("x real time, median", lambda s: s.realtime_factor_median, 0),
 )
 
 
@@ -146,19 +148,32 @@ def make_table(study: Study, flown: Mapping[str, Flown]) -> Table:
         for estimator, campaign in flown.items():
             case = next(case for case in campaign.campaign.cases if case.name == scenario)
             summary = summarise(campaign.of(case))
-            columns.append((head, f"ours: {estimator}"))
+            columns.append((head, f"our {estimator}"))
             cells.append([_text(row.of(summary), row.digits) for row in (*study.rows, *BELOW)])
     labels = [row.label for row in (*study.rows, *BELOW)]
     rows = tuple((label, tuple(column[index] for column in cells)) for index, label in enumerate(labels))
     return Table(study.title, tuple(columns), rows, len(study.rows))
 
 
+def blocks(table: Table, width: int) -> list[Table]:
+    """The table in as many pieces as it takes for each to fit into ``width`` characters, whole scenarios in each."""
+    pieces: list[list[int]] = []
+    for head in dict.fromkeys(head for head, _ in table.columns):
+        more = [index for index, (other, _) in enumerate(table.columns) if other == head]
+        if pieces and _width(_part(table, [*pieces[-1], *more])) <= width:
+            pieces[-1] += more
+        else:
+            pieces.append(more)
+    return [_part(table, piece) for piece in pieces]
+
+
 def as_rich(table: Table) -> RichTable:
-    """For the terminal."""
-    rich = RichTable(title=table.title, title_justify="left", title_style="bold", header_style="")
-    rich.add_column("")
+    """For the terminal, without the title."""
+    rich = RichTable(header_style="", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    rich.add_column("", no_wrap=True)
     for head, whose in table.columns:
-        rich.add_column(f"{head}\n{whose}", justify="right", style="dim" if whose == PUBLISHED else "")
+        style = "dim" if whose == PUBLISHED else ""
+        rich.add_column(f"{head}\n{whose}", justify="right", style=style, no_wrap=True)
     for index, (label, cells) in enumerate(table.rows):
         rich.add_row(label, *("" if cell is None else cell for cell in cells), end_section=index == table.above - 1)
     return rich
@@ -167,8 +182,18 @@ def as_rich(table: Table) -> RichTable:
 def as_text(table: Table) -> str:
     """As on a terminal wide enough, without colours."""
     stream = io.StringIO()
-    Console(file=stream, width=40 + 18 * len(table.columns), no_color=True, legacy_windows=False).print(as_rich(table))
-    return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
+    Console(file=stream, width=_width(table), no_color=True, legacy_windows=False).print(as_rich(table))
+    return f"{table.title}\n" + "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
+
+
+def _part(table: Table, columns: Sequence[int]) -> Table:
+    rows = tuple((label, tuple(cells[index] for index in columns)) for label, cells in table.rows)
+    return Table(table.title, tuple(table.columns[index] for index in columns), rows, table.above)
+
+
+def _width(table: Table) -> int:
+    console = Console(file=io.StringIO(), width=10_000)
+    return Measurement.get(console, console.options, as_rich(table)).maximum
 
 
 def as_csv(table: Table) -> str:
@@ -188,8 +213,8 @@ def as_markdown(table: Table) -> str:
 
 
 NOTE = (
-    "Estimation error: horizontal; the median (average) over the runs of each run's median (mean) over all its tracking samples, "
-    "lost runs included. A run that never found x0 counts as slower than any other in the median, and as 0 s of tracking."
+    "Error: horizontal, of the estimate; the median (mean) over the runs of each run's median (mean) over all its tracking "
+    "samples, lost runs included. A run that never found x0 counts as slower than any other in the median, as 0 s of tracking."
 )
 
 

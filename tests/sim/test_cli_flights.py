@@ -87,7 +87,7 @@ def test_run_puts_only_the_object_on_the_output(radron_sim: Call, flown: list[di
 
 
 def test_run_passes_on_estimator_law_listeners_and_settings(radron_sim: Call, flown: list[dict[str, Any]]) -> None:
-    code, out, _ = radron_sim(
+    code, out, err = radron_sim(
         "run", "demo", "--estimator", "paper-geometric", "--listen", "paper", "--law", "paper", "--set", "radius_m=9",
         "--json", "-",
     )  # fmt: skip
@@ -95,6 +95,7 @@ def test_run_passes_on_estimator_law_listeners_and_settings(radron_sim: Call, fl
     assert (flown[0]["estimator"], list(flown[0]["listen"]), flown[0]["law"]) == ("paper-geometric", ["paper"], "paper")
     assert flown[0]["scenario"].mission.encirclement.radius_m == 9.0
     assert [json.loads(line)["estimator"] for line in out.splitlines()] == ["paper-geometric", "paper"]
+    assert "paper, which only listened, was" in err
 
 
 @pytest.mark.parametrize(

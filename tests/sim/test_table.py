@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent / "fakes"))
 import synthetic
 
 from sim.statistics import summarise
-from sim.table import FIELD, SIMULATIONS, Study, Table, as_csv, as_markdown, as_text, fly_study, law_of
+from sim.table import FIELD, SIMULATIONS, Study, Table, as_csv, as_markdown, as_text, blocks, fly_study, law_of
 from sim.workers import Job, attempt
 
 STUDIES = pytest.mark.parametrize("study", [SIMULATIONS, FIELD], ids=["simulations", "field"])
@@ -55,21 +55,21 @@ def test_published_and_ours_stand_side_by_side(study: Study, tmp_path: Path) -> 
     assert len(table.columns) == 2 * len(study.heads)
     assert table.columns[:2] == (
         (next(iter(study.heads.values())), "published"),
-        (next(iter(study.heads.values())), "ours: paper"),
+        (next(iter(study.heads.values())), "our paper"),
     )
     first = next(iter(study.heads))
     ours = summarise([synthetic.synthetic_result(first, seed) for seed in range(5)])
     cells = {label: row[:2] for label, row in table.rows}
     assert cells["time to x0, median (s)"] == (f"{study.published[first][0]:.2f}", f"{ours.time_to_x0_median_s:.2f}")
-    assert cells["estimation error, median (m)"][1] == f"{ours.error_median_m:.2f}"
-    assert cells["least separation (m)"] == (None, f"{ours.min_separation_m:.2f}")
+    assert cells["error, median (m)"][1] == f"{ours.error_median_m:.2f}"
+    assert cells["separation, least (m)"] == (None, f"{ours.min_separation_m:.2f}")
     assert cells["fence breaches"] == (None, "0")
 
 
 def test_every_estimator_has_its_column_and_the_papers_fly_the_papers_law(tmp_path: Path) -> None:
     seen: list[Job] = []
     table = fly(SIMULATIONS, tmp_path, ("paper", "paper-geometric", "bayes"), seen)
-    assert [whose for _, whose in table.columns[:4]] == ["published", "ours: paper", "ours: paper-geometric", "ours: bayes"]
+    assert [whose for _, whose in table.columns[:4]] == ["published", "our paper", "our paper-geometric", "our bayes"]
     assert {(job.estimator, job.law) for job in seen} == {("paper", "paper"), ("paper-geometric", "paper"), ("bayes", None)}
     assert len(seen) == 4 * 5 * 3
     assert law_of("paper") == "paper"
@@ -83,7 +83,7 @@ def test_the_table_is_written_as_text_csv_and_markdown(tmp_path: Path) -> None:
     assert (tmp_path / "table-paper" / "runs.jsonl").exists()
     rows = list(csv.reader(io.StringIO(as_csv(table))))
     assert {len(row) for row in rows} == {9}
-    assert rows[0][1:3] == ["static solo, published", "static solo, ours: paper"]
+    assert rows[0][1:3] == ["static solo, published", "static solo, our paper"]
     assert rows[1][:2] == ["time to x0, median (s)", "329.63"]
     text = as_text(table)
     assert "\x1b" not in text
@@ -105,5 +105,16 @@ def test_no_number_is_a_dash_not_a_zero(tmp_path: Path) -> None:
     )  # fmt: skip
     cells = dict(table.rows)
     assert cells["time to x0, median (s)"][1] == "-"
-    assert cells["tracking time, average (s)"][1] == "0.00"
-    assert cells["runs that found x0"][1] == "0"
+    assert cells["tracking time, mean (s)"][1] == "0.00"
+    assert cells["runs with x0"][1] == "0"
+
+
+def test_a_narrow_terminal_gets_the_table_in_pieces(tmp_path: Path) -> None:
+    table = fly(SIMULATIONS, tmp_path)
+    for width, pieces in [(200, 1), (100, 2), (80, 2), (62, 4), (10, 4)]:
+        found = blocks(table, width)
+        assert len(found) == pieces
+        assert tuple(column for block in found for column in block.columns) == table.columns
+        assert tuple(cell for block in found for cell in block.rows[0][1]) == table.rows[0][1]
+        if width > 60:
+            assert max(len(line) for block in found for line in as_text(block).splitlines()[1:]) <= width
