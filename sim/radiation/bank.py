@@ -8,7 +8,7 @@ more bins hold isotropic events: the nuclide's scattered photons and the natural
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,25 +88,38 @@ def near_bin(direction: tuple[float, float, float], u: float, v: float) -> tuple
     return bin_of(polar, azimuth)
 
 
-def build_bank(nuclide: Nuclide, camera: Response, seed: int, progress: Progress | None = None) -> EventBank:
-    """Simulate the whole bank; the same seed gives the same bank. progress(done, of) is called now and then."""
-    parts: list[Events] = []
+def build_bank(
+    nuclide: Nuclide,
+    camera: Response,
+    seed: int,
+    progress: Progress | None = None,
+    only: Collection[int] | None = None,
+) -> EventBank:
+    """Simulate the bank; the same seed gives the same bank. progress(done, of) is called now and then.
+
+    ``only``: fill these direction bins and leave the others empty.
+    """
     rng = np.random.default_rng(seed)
-    for row in range(_ROWS):
-        polar = (math.cos(row * math.pi / _ROWS), math.cos((row + 1) * math.pi / _ROWS))
-        columns = _ROW_COLUMNS[row]
-        for column in range(columns):
-            azimuth = (column * _OCTANT / columns, (column + 1) * _OCTANT / columns)
-            parts.append(
-                simulate(nuclide.lines, _INTERACTIONS, camera, rng, cosine=(polar[1], polar[0]), azimuth=azimuth, quota=_QUOTA)
-            )
-        if progress is not None:
-            progress(row + 1, _ROWS)
+    parts: list[Events] = []
+    for b, window in enumerate(_windows()):
+        interactions = _INTERACTIONS if only is None or b in only else 0
+        cosine, azimuth = window
+        parts.append(simulate(nuclide.lines, interactions, camera, rng, cosine=cosine, azimuth=azimuth, quota=_QUOTA))
+        if progress is not None and b % 10 == 0:
+            progress(b, DIRECTION_BINS)
     for lines in (scattered_lines(nuclide), background_lines()):
         parts.append(simulate(lines, _ISOTROPIC_INTERACTIONS, camera, rng, quota=_ISOTROPIC_QUOTA))
     bank = _pool(parts)
     bank.area_mm2[:DIRECTION_BINS] = _smooth(bank.area_mm2[:DIRECTION_BINS])
     return bank
+
+
+def _windows() -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
+    """Ranges of the polar cosine and the azimuth of each direction bin."""
+    for row, columns in enumerate(_ROW_COLUMNS):
+        cosine = (math.cos((row + 1) * math.pi / _ROWS), math.cos(row * math.pi / _ROWS))
+        for column in range(columns):
+            yield cosine, (column * _OCTANT / columns, (column + 1) * _OCTANT / columns)
 
 
 def _centres() -> NDArray[np.float64]:
@@ -124,7 +137,8 @@ def _smooth(area: NDArray[np.float64]) -> NDArray[np.float64]:
     total = area.sum(axis=1, keepdims=True)
     centres = _centres()
     weight = np.exp((centres @ centres.T - 1.0) / math.radians(3.0) ** 2)
-    share = weight @ (area / np.maximum(total, 1e-30)) / weight.sum(axis=1, keepdims=True)
+    weight = weight * (total[:, 0] > 0.0)
+    share = weight @ (area / np.maximum(total, 1e-30)) / np.maximum(weight.sum(axis=1, keepdims=True), 1e-30)
     return np.asarray(np.where(area > 0.0, total * share, 0.0))
 
 

@@ -143,9 +143,9 @@ def _simulate(
         sites_of[kept, : min(count, 2)] = sites[: min(count, 2), :5]
         kept += 1
         first[kept] = end
-    scale = largest if wide else shadows / trials
+    scale = largest if wide else shadows / max(trials, 1)
     for kind in range(KINDS):
-        area[kind] = found[kind] / trials * scale * candidates[-1]
+        area[kind] = found[kind] / max(trials, 1) * scale * candidates[-1]
     return kept
 
 

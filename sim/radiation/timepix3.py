@@ -21,6 +21,7 @@ MAX_PIXELS = 2000
 _PITCH = PIXEL_PITCH_MM
 _HALF_Z = 0.5 * SENSOR_THICKNESS_MM
 _SMALLEST_SIGMA_MM = 0.004  # the cloud's own size
+# Spread over 3 x 3 pixels: beyond them lies, at worst, 2.5 % of a charge that starts at a pixel's edge; the outer pixels get it.
 _LATENCY_NS = 10.0  # keeps every tick at or after the photon, jitter included
 
 
