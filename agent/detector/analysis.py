@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from agent.config import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
-from agent.detector.coincidence import Events
 from agent.detector.detection import ConeEvent, Detections
 from agent.detector.imaging import Direction, DirectionScan
 from agent.detector.lines import lines_of
@@ -87,11 +86,10 @@ def analyse(
     """
     spectrum = np.zeros(_BINS, np.int64)
 
-    def count(events: Events) -> None:
-        kev = events.energy_kev[events.energy_kev < _BINS * _BIN_KEV]
-        spectrum[:] += np.bincount((kev / _BIN_KEV).astype(np.intp), minlength=_BINS)
+    def count(energies_kev: Sequence[float] | NDArray[np.float64]) -> None:
+        spectrum[:] += np.histogram(energies_kev, _BINS, (0.0, _BINS * _BIN_KEV))[0]
 
-    chain = DetectorChain(config, nuclide, calibration, on_events=count)
+    chain = DetectorChain(config, nuclide, calibration, on_energies=count)
     scan = DirectionScan()
     parts: list[Detections] = []
 

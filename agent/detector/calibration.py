@@ -18,30 +18,31 @@ NOMINAL = (1.6, 24.0, 60.0, 1.8)  # a (counts/keV), b (counts), c (counts keV), 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """The four constants of every pixel, by matrix index: (65536,) each, E and t in keV, ToT in 25 ns counts.
+    """What turns each pixel's time over threshold, in 25 ns counts, into energy.
 
-    The inverse: with u = E - t the relation reads a u^2 - (ToT - a t - b) u - c = 0, whose positive root is the energy above t.
+    With u = E - t the relation reads a u^2 - y u - c = 0, y = ToT - (a t + b), whose positive root is the energy above t:
+    E = t + (y + sqrt(y^2 + 4 a c)) / (2 a). table: (65536, 4) of t, a t + b, 4 a c and 1 / (2 a), by matrix index.
     """
 
-    a: NDArray[np.float64]
-    b: NDArray[np.float64]
-    c: NDArray[np.float64]
-    t: NDArray[np.float64]
+    table: NDArray[np.float64]
 
     def energy_kev(self, index: NDArray[np.uint16], tot: NDArray[np.uint16]) -> NDArray[np.float64]:
         """Energies in keV, (N,), from matrix indices and time over threshold, (N,) each."""
-        a = self.a.take(index)
-        t = self.t.take(index)
-        y = tot - a * t - self.b.take(index)
-        root = np.sqrt(y * y + 4.0 * a * self.c.take(index))
-        energy: NDArray[np.float64] = t + (y + root) / (2.0 * a)
+        t, start, curvature, slope = self.table.take(index, axis=0).T
+        y = tot - start
+        energy: NDArray[np.float64] = t + (y + np.sqrt(y * y + curvature)) * slope
         return energy
+
+    @classmethod
+    def of(cls, a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], t: NDArray[np.float64]) -> Calibration:
+        """From the four constants of every pixel, (65536,) each by matrix index; E and t in keV."""
+        return cls(np.column_stack((t, a * t + b, 4.0 * a * c, 0.5 / a)))
 
     @classmethod
     def nominal(cls) -> Calibration:
         """The same typical constants for every pixel: for a camera whose own are not known."""
         a, b, c, t = (np.full(SENSOR_PIXELS**2, value) for value in NOMINAL)
-        return cls(a, b, c, t)
+        return cls.of(a, b, c, t)
 
 
 def load_calibration(folder: Path) -> Calibration:
@@ -55,7 +56,7 @@ def load_calibration(folder: Path) -> Calibration:
     a, b, c, t = (_load_matrix(folder / f"{name}.txt") for name in NAMES)
     _require(a > 0.0, folder / "a.txt", "a must be above 0")
     _require(c >= 0.0, folder / "c.txt", "c must not be negative")
-    return Calibration(a, b, c, t)
+    return Calibration.of(a, b, c, t)
 
 
 def _load_matrix(path: Path) -> NDArray[np.float64]:

@@ -1,12 +1,13 @@
 """Pixel hits -> clusters: hits that touch (8 neighbours) and follow each other within a time gap.
 
-Two implementations of the same relation: a union-find over a dictionary for the few hits of one readout, which costs no NumPy
-call, and sorting with a sparse graph for many. The tests hold them equal.
+Two implementations of the same relation: union-find over a dictionary for the few hits of one readout, which costs next to no
+NumPy call, and sorting with a sparse graph for many. The tests hold them equal.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,19 +16,30 @@ from scipy.sparse.csgraph import connected_components
 
 from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS
 
-_FEW = 150  # hits, up to which the dictionary is faster
+FEW = 150  # hits, up to which the dictionary is faster
 _STRIDE = SENSOR_PIXELS + 2  # of a row in the padded matrix, so that no neighbour lies across an edge
 _CELLS = _STRIDE * (SENSOR_PIXELS + 2)
 _CENTRE = (SENSOR_PIXELS - 1) / 2.0
 
 
+class Cluster(NamedTuple):
+    """Touching hits. Camera frame, mm; ticks are steps of 25/16 ns.
+
+    tick: the earliest hit; pixels: hits in it; x_mm, y_mm: energy-weighted; delay: ticks from the earliest hit to the
+    energy-weighted mean time of arrival.
+    """
+
+    tick: int
+    energy_kev: float
+    pixels: int
+    x_mm: float
+    y_mm: float
+    delay: float
+
+
 @dataclass(frozen=True, slots=True)
 class Clusters:
-    """Clusters in the order of their earliest hit. Camera frame, mm; ticks are steps of 25/16 ns.
-
-    tick: (N,) int64, the earliest hit; energy_kev: (N,); pixels: (N,) int64, hits in it;
-    x_mm, y_mm: (N,) energy-weighted; delay: (N,) ticks from the earliest hit to the energy-weighted mean time of arrival.
-    """
+    """The same for many, in the order of their earliest hits: (N,) each."""
 
     tick: NDArray[np.int64]
     energy_kev: NDArray[np.float64]
@@ -45,41 +57,69 @@ class Clusters:
             self.tick[which], self.energy_kev[which], self.pixels[which], self.x_mm[which], self.y_mm[which], self.delay[which]
         )
 
+    def each(self) -> list[Cluster]:
+        """One by one."""
+        columns = (self.tick, self.energy_kev, self.pixels, self.x_mm, self.y_mm, self.delay)
+        return [Cluster(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
 
-def cluster(tick: NDArray[np.int64], index: NDArray[np.uint16], energy_kev: NDArray[np.float64], gap_ticks: float) -> Clusters:
+
+def cluster_few(
+    tick: NDArray[np.int64], index: NDArray[np.uint16], energy_kev: NDArray[np.float64], gap_ticks: float
+) -> list[Cluster]:
     """Clusters of the hits, whose arrays (N,) are sorted by tick. Hits that touch join when at most ``gap_ticks`` apart."""
-    label, count = (labels_of_few if len(tick) <= _FEW else labels_of_many)(tick, index, gap_ticks)
-    row = index >> 8
-    column = index & 255
-    energy = sum_by(label, energy_kev, count)
-    first = np.empty(count, np.intp)
-    first[label[::-1]] = np.arange(len(tick) - 1, -1, -1)  # the last one written is the earliest
+    times: list[int] = tick.tolist()
+    pixels: list[int] = index.tolist()
+    sums: dict[int, list[float]] = {}  # by a cluster's first hit: hits, energy, energy * column, * row, * delay
+    for root, time, pixel, energy in zip(_roots(times, pixels, gap_ticks), times, pixels, energy_kev.tolist(), strict=True):
+        total = sums.get(root)
+        if total is None:
+            sums[root] = [1, energy, energy * (pixel & 255), energy * (pixel >> 8), 0.0]
+        else:
+            total[0] += 1
+            total[1] += energy
+            total[2] += energy * (pixel & 255)
+            total[3] += energy * (pixel >> 8)
+            total[4] += energy * (time - times[root])
+    return [
+        Cluster(
+            tick=times[first],
+            energy_kev=energy,
+            pixels=int(count),
+            x_mm=(column / energy - _CENTRE) * PIXEL_PITCH_MM,
+            y_mm=(row / energy - _CENTRE) * PIXEL_PITCH_MM,
+            delay=delay / energy,
+        )
+        for first, (count, energy, column, row, delay) in sums.items()
+    ]
+
+
+def cluster_many(
+    tick: NDArray[np.int64], index: NDArray[np.uint16], energy_kev: NDArray[np.float64], gap_ticks: float
+) -> Clusters:
+    """As cluster_few."""
+    label, count = _labels(tick, index, gap_ticks)
+    first = _first(label, count)
+    order = np.argsort(first)
     earliest = tick[first]
+    energy = _sum_by(label, energy_kev, count)
     return Clusters(
         tick=earliest,
         energy_kev=energy,
         pixels=np.bincount(label, minlength=count),
-        x_mm=(sum_by(label, energy_kev * column, count) / energy - _CENTRE) * PIXEL_PITCH_MM,
-        y_mm=(sum_by(label, energy_kev * row, count) / energy - _CENTRE) * PIXEL_PITCH_MM,
-        delay=sum_by(label, energy_kev * (tick - earliest[label]), count) / energy,
-    )
+        x_mm=(_sum_by(label, energy_kev * (index & 255), count) / energy - _CENTRE) * PIXEL_PITCH_MM,
+        y_mm=(_sum_by(label, energy_kev * (index >> 8), count) / energy - _CENTRE) * PIXEL_PITCH_MM,
+        delay=_sum_by(label, energy_kev * (tick - earliest[label]), count) / energy,
+    ).take(order)
 
 
-def sum_by(label: NDArray[np.intp], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Sums of the values (N,) that carry each label, (count,)."""
-    sums: NDArray[np.float64] = np.bincount(label, values, count).astype(np.float64, copy=False)
-    return sums
-
-
-def labels_of_few(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_ticks: float) -> tuple[NDArray[np.intp], int]:
-    """Cluster number of each hit, numbered by earliest hit, and their count: union-find in time order.
+def _roots(times: list[int], pixels: list[int], gap_ticks: float) -> list[int]:
+    """For each hit the first hit of its cluster: union-find in time order.
 
     Per cell of the matrix only the latest hit is kept: an earlier one within the gap is already joined to it.
     """
     latest: dict[int, int] = {}
     parent: list[int] = []
-    times: list[int] = tick.tolist()
-    for i, pixel in enumerate(index.tolist()):
+    for i, pixel in enumerate(pixels):
         cell = pixel + 2 * (pixel >> 8)
         since = times[i] - gap_ticks
         root = i
@@ -89,31 +129,27 @@ def labels_of_few(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_ticks:
             cell - _STRIDE, cell - _STRIDE - 1, cell - _STRIDE + 1,
             cell + _STRIDE, cell + _STRIDE - 1, cell + _STRIDE + 1,
         ):  # fmt: skip
-            j = latest.get(neighbour)
-            if j is not None and times[j] >= since:
+            if neighbour in latest:
+                j = latest[neighbour]
+                if times[j] < since:
+                    continue
                 while parent[j] != j:
-                    parent[j] = parent[parent[j]]
-                    j = parent[j]
+                    parent[j] = j = parent[parent[j]]
                 if j < root:  # the earliest hit stays the root
                     parent[root] = root = j
                 else:
                     parent[j] = root
         latest[cell] = i
-    label: list[int] = []
-    count = 0
     for i, above in enumerate(parent):  # a parent precedes its children
-        if above == i:
-            label.append(count)
-            count += 1
-        else:
-            label.append(label[above])
-    return np.array(label, np.intp), count
+        parent[i] = parent[above]
+    return parent
 
 
-def labels_of_many(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_ticks: float) -> tuple[NDArray[np.intp], int]:
-    """The same by sorting: a key (burst, row, column), where hits further apart than the gap fall into different bursts.
+def _labels(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_ticks: float) -> tuple[NDArray[np.intp], int]:
+    """A cluster's number for each hit, and their count.
 
-    Neighbours then lie next to each other in the order of the keys, or from one place on that a binary search finds.
+    Hits are sorted by (burst, row, column), where hits further apart than the gap fall into different bursts. Neighbours then
+    follow each other, or from one place on that a binary search finds.
     """
     n = len(tick)
     pixel = index.astype(np.int64)
@@ -125,8 +161,8 @@ def labels_of_many(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_ticks
     times = tick[order]
     sources = [np.empty(0, np.intp)]
     targets = [np.empty(0, np.intp)]
-    above = np.searchsorted(key, key + (_STRIDE - 1))
-    for start, reach in ((np.arange(1, n + 1), 1), (above, _STRIDE + 1)):
+    next_row = np.searchsorted(key, key + (_STRIDE - 1))
+    for start, reach in ((np.arange(1, n + 1), 1), (next_row, _STRIDE + 1)):
         here = np.flatnonzero(start < n)
         there = start[here]
         while len(here):
@@ -143,8 +179,17 @@ def labels_of_many(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_ticks
     count, component = connected_components(graph, directed=False)
     label = np.empty(n, np.intp)
     label[order] = component
+    return label, count
+
+
+def _first(label: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """The first hit of each cluster, (count,)."""
     first = np.empty(count, np.intp)
-    first[label[::-1]] = np.arange(n - 1, -1, -1)
-    rank = np.empty(count, np.intp)
-    rank[np.argsort(first)] = np.arange(count)
-    return rank[label], count
+    first[label[::-1]] = np.arange(len(label) - 1, -1, -1)  # the last one written is the first
+    return first
+
+
+def _sum_by(label: NDArray[np.intp], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Sums of the values (N,) that carry each label, (count,)."""
+    sums: NDArray[np.float64] = np.bincount(label, values, count).astype(np.float64, copy=False)
+    return sums

@@ -14,10 +14,12 @@ import numpy as np
 from agent.detector.detection import ConeEvent
 from agent.detector.response import DOPPLER_MOMENTUM, ELECTRON_KEV, POSITION_MM, attenuation_per_mm, energy_variance
 
-ORDER_FLOOR = 0.04  # of each order: what the weights do not know of, such as several scatters
+ORDER_FLOOR = 0.03  # of each order's probability: what the weights do not know of
 SIGMA_MAX_RAD = 0.35
 SIGMA_FLOOR_RAD = 0.02
-TAIL, TAIL_WIDTH = 0.15, 5.0  # of the Doppler broadening, from the inner shells: share, and width in 1 sigma of the core
+# Beyond the Compton edge: the share, and the width in 1 sigma of the core, of what the inner shells' Doppler broadening and
+# several scatters in one cluster put there. Set with transported Cs-137 events so that the probabilities are frequencies.
+TAIL, TAIL_WIDTH = 0.15, 7.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,13 +120,13 @@ def _reading(line: Line, electron_kev: float, variance: float, length_mm: float)
     cosine = 1.0 + ELECTRON_KEV * (1.0 / line.energy_kev - 1.0 / photon_kev)
     theta = math.acos(max(cosine, -1.0))
     slope = ELECTRON_KEV / (photon_kev * photon_kev * max(math.sin(theta), 1e-3))
-    blur = variance + doppler_kev(line.energy_kev, photon_kev, max(cosine, -1.0)) ** 2
+    edge = compton_edge_kev(line.energy_kev)
+    blur = variance + doppler_kev(line.energy_kev, max(photon_kev, line.energy_kev - edge), max(cosine, -1.0)) ** 2
     tilt = POSITION_MM / length_mm
     spread = min(blur * slope * slope + 2.0 * tilt * tilt, SIGMA_MAX_RAD * SIGMA_MAX_RAD)
     sigma = math.sqrt(spread + SIGMA_FLOOR_RAD * SIGMA_FLOOR_RAD)
 
     photo, total = attenuation_per_mm(photon_kev)
-    edge = compton_edge_kev(line.energy_kev)
     recoil = klein_nishina_recoil(line.energy_kev, min(electron_kev, edge))
     beyond = (electron_kev - edge) / math.sqrt(2.0 * blur)
     reached = (1.0 - TAIL) * math.erfc(beyond) + TAIL * math.erfc(beyond / TAIL_WIDTH)

@@ -1,9 +1,8 @@
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.detector.clustering import cluster, labels_of_few, labels_of_many
+from agent.detector.clustering import cluster_few, cluster_many
 
 
 def hits(rows):
@@ -24,8 +23,24 @@ def brute_force(tick, index, gap):
             for j in range(n):
                 if abs(row[i] - row[j]) <= 1 and abs(column[i] - column[j]) <= 1 and abs(tick[i] - tick[j]) <= gap:
                     label[i] = label[j] = min(label[i], label[j])
-    order = {value: number for number, value in enumerate(dict.fromkeys(label))}
-    return [order[value] for value in label]
+    return label
+
+
+def expected_clusters(tick, index, energy, gap):
+    """Rows (tick, energy, pixels, x, y, delay) in order of time, from the definition."""
+    label = np.array(brute_force(tick, index, gap))
+    rows = []
+    for first in sorted(set(label.tolist())):
+        own = label == first
+        weight = energy[own] / energy[own].sum()
+        x = (weight @ (index[own] & 255) - 127.5) * 0.055
+        y = (weight @ (index[own] >> 8) - 127.5) * 0.055
+        rows.append((tick[first], energy[own].sum(), own.sum(), x, y, weight @ (tick[own] - tick[first])))
+    return np.array(rows)
+
+
+def as_rows(clusters):
+    return np.array([tuple(cluster) for cluster in clusters])
 
 
 corner = st.sampled_from([0, 1, 2, 3, 253, 254, 255])
@@ -36,11 +51,10 @@ pixel = st.tuples(st.integers(0, 300), corner, corner)
 @given(st.lists(pixel, min_size=1, max_size=14), st.sampled_from([0.0, 20.0, 64.0]))
 def test_both_implementations_follow_the_definition(rows, gap):
     tick, index = hits(rows)
-    expected = brute_force(tick, index, gap)
-    for labels in (labels_of_few, labels_of_many):
-        label, count = labels(tick, index, gap)
-        assert label.tolist() == expected, labels.__name__
-        assert count == max(expected) + 1
+    energy = np.linspace(5.0, 60.0, len(tick))
+    expected = expected_clusters(tick, index, energy, gap)
+    np.testing.assert_allclose(as_rows(cluster_few(tick, index, energy, gap)), expected, atol=1e-9)
+    np.testing.assert_allclose(as_rows(cluster_many(tick, index, energy, gap).each()), expected, atol=1e-9)
 
 
 def test_both_implementations_agree_on_a_crowded_sensor():
@@ -48,16 +62,17 @@ def test_both_implementations_agree_on_a_crowded_sensor():
     for density in (200, 3000):
         tick = np.sort(rng.integers(0, 20_000, density))
         index = rng.integers(0, 1024, density).astype(np.uint16)
-        few, count_few = labels_of_few(tick, index, 64.0)
-        many, count_many = labels_of_many(tick, index, 64.0)
-        assert count_few == count_many < density
-        np.testing.assert_array_equal(few, many)
+        energy = rng.uniform(5.0, 60.0, density)
+        few = as_rows(cluster_few(tick, index, energy, 64.0))
+        many = as_rows(cluster_many(tick, index, energy, 64.0).each())
+        assert len(few) < density
+        np.testing.assert_allclose(few, many, atol=1e-9)
 
 
 def test_properties_of_a_cluster():
     tick, index = hits([(100, 10, 20), (104, 11, 20), (102, 11, 21), (5000, 10, 20)])
     energy = np.array([30.0, 20.0, 50.0, 7.0])  # in the order of time
-    clusters = cluster(tick, index, energy, 64.0)
+    clusters = cluster_many(tick, index, energy, 64.0)
     assert len(clusters) == 2
     assert clusters.tick.tolist() == [100, 5000]
     assert clusters.pixels.tolist() == [3, 1]
@@ -68,9 +83,8 @@ def test_properties_of_a_cluster():
     np.testing.assert_allclose(clusters.delay, [delay, 0.0])
 
 
-@pytest.mark.parametrize("labels", [labels_of_few, labels_of_many])
-def test_the_last_column_does_not_touch_the_first_of_the_next_row(labels):
+def test_the_last_column_does_not_touch_the_first_of_the_next_row():
     tick, index = hits([(0, 255, 10), (1, 0, 11), (2, 0, 10), (3, 255, 11)])
-    label, count = labels(tick, index, 64.0)
-    assert count == 2
-    assert label.tolist() == [0, 1, 1, 0]
+    energy = np.array([1.0, 2.0, 4.0, 8.0])
+    for clusters in (cluster_few(tick, index, energy, 64.0), cluster_many(tick, index, energy, 64.0).each()):
+        assert [cluster.energy_kev for cluster in clusters] == [9.0, 6.0]

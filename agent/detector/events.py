@@ -1,0 +1,108 @@
+"""Clusters -> what the events of one stretch are worth: counts by channel, and cones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.config import DetectionConfig
+from agent.detector.clustering import Cluster, Clusters
+from agent.detector.coincidence import events_of, merge_satellites
+from agent.detector.cones import Line, cone_event
+from agent.detector.detection import ConeEvent
+from agent.detector.lines import lines_of
+from agent.detector.readout import SENSOR_THICKNESS_MM, TICK_NS
+from agent.detector.response import MM_PER_TICK
+
+EnergySink = Callable[[Sequence[float] | NDArray[np.float64]], None]
+
+
+@dataclass(slots=True)
+class Tally:
+    """Counts (see Detections) and cones, in order of time."""
+
+    hits: int = 0
+    photopeak: int = 0
+    coincidences: int = 0
+    cones: list[ConeEvent] = field(default_factory=list)
+
+
+class EventReader:
+    """Reads events: which hold a line's full energy, which are coincidences, and which of these make a cone."""
+
+    def __init__(self, config: DetectionConfig, nuclide: str, on_energies: EnergySink | None = None) -> None:
+        """Raises ConfigError where the nuclide is not known."""
+        self._lines = tuple(
+            Line.of(energy, config.maximum_electron_kev, config.minimum_photon_kev) for energy in lines_of(nuclide)
+        )
+        self._line_kev = np.array([line.energy_kev for line in self._lines])
+        self._energy_window = config.energy_window
+        self._window_ticks = config.coincidence_window_ns / TICK_NS
+        self._minimum_pixels = config.minimum_pixels
+        self._on_energies = on_energies
+
+    def read_few(self, clusters: list[Cluster], clock_ns: int) -> Tally:
+        """Evaluate clusters, sorted by tick, one by one."""
+        tally = Tally()
+        energies = [self._read(event, clock_ns, tally) for event in events_of(clusters, self._window_ticks)]
+        if self._on_energies is not None:
+            self._on_energies(energies)
+        return tally
+
+    def read_many(self, clusters: Clusters, clock_ns: int) -> Tally:
+        """The same: clusters that are alone are counted at a stroke."""
+        gap = np.ones(len(clusters) + 1, np.bool_)
+        gap[1:-1] = np.diff(clusters.tick) > self._window_ticks
+        alone = gap[:-1] & gap[1:]
+        tally = self.read_few(clusters.take(~alone).each(), clock_ns)
+        energy = clusters.energy_kev[alone]
+        full = np.zeros(len(energy), np.bool_)
+        for line in self._line_kev:
+            full |= np.abs(energy - line) <= self._energy_window * line
+        tally.hits += len(energy)
+        tally.photopeak += int(np.count_nonzero(full))
+        if self._on_energies is not None:
+            self._on_energies(energy)
+        return tally
+
+    def _read(self, event: list[Cluster], clock_ns: int, tally: Tally) -> float:
+        """Add one event to the tally; returns its energy in keV."""
+        if len(event) > 1:
+            event = merge_satellites(event)
+        energy = sum(cluster.energy_kev for cluster in event)
+        line = self._line_of(energy)
+        tally.hits += len(event)
+        tally.photopeak += line is not None
+        if len(event) == 2:
+            tally.coincidences += 1
+            if line is not None:
+                cone = self._cone(event[0], event[1], line, clock_ns)
+                if cone is not None:
+                    tally.cones.append(cone)
+        return energy
+
+    def _line_of(self, energy_kev: float) -> Line | None:
+        """The nearest line whose window holds the energy."""
+        best = None
+        least = float("inf")
+        for line in self._lines:
+            difference = abs(energy_kev - line.energy_kev)
+            if difference < least and difference <= self._energy_window * line.energy_kev:
+                best, least = line, difference
+        return best
+
+    def _cone(self, first: Cluster, second: Cluster, line: Line, clock_ns: int) -> ConeEvent | None:
+        """The cone of a coincidence, unless it is too small or no reading of it has energies within the limits (paper)."""
+        if first.pixels + second.pixels < self._minimum_pixels:
+            return None
+        energies = (first.energy_kev, second.energy_kev)
+        if not (line.allows(*energies) or line.allows(*energies[::-1])):
+            return None
+        drift = first.tick - second.tick + first.delay - second.delay
+        depth = drift * MM_PER_TICK  # the later, the further from the pixels at the rear
+        depth = min(max(depth, -SENSOR_THICKNESS_MM), SENSOR_THICKNESS_MM)
+        separation = (first.x_mm - second.x_mm, first.y_mm - second.y_mm, depth)
+        return cone_event(clock_ns + first.tick * 25 // 16, energies, separation, line)

@@ -1,0 +1,115 @@
+"""The chain on events that the simulation transported through the sensor, held against what truly happened in each."""
+
+import numpy as np
+import pytest
+
+from agent.config import DetectionConfig
+from agent.detector.calibration import NOMINAL, Calibration
+from agent.detector.chain import DetectorChain
+from agent.detector.imaging import DirectionScan
+from agent.detector.readout import PixelHits, Readout
+
+events = pytest.importorskip("sim.radiation.events")
+timepix3 = pytest.importorskip("sim.radiation.timepix3")
+truth = pytest.importorskip("sim.radiation.truth")
+
+LINE = ((661.657, 0.851),)
+SPACING_NS = 100_000
+SPACING = SPACING_NS * 16 // 25
+
+
+def simulate(interactions, seed, **beam):
+    camera = timepix3.response(truth.CameraTruth())
+    return events.simulate(
+        LINE, interactions, camera, np.random.default_rng(seed), quota=(interactions // 20, *[interactions] * 2), **beam
+    )
+
+
+def detect(simulated):
+    """Detections of the events, which follow each other at equal intervals."""
+    pixels = simulated.pixels
+    owner = np.repeat(np.arange(len(simulated.first) - 1), np.diff(simulated.first))
+    energy = pixels["energy_kev"].astype(float)
+    a, b, c, t = NOMINAL
+    tot = np.clip(np.floor(a * energy + b - c / np.maximum(energy - t, 1e-3) + 0.5), 0, 1022).astype(np.uint16)
+    index = (256 * pixels["row"].astype(int) + pixels["column"]).astype(np.uint16)
+    tick = owner * SPACING + pixels["tick"].astype(np.int64)
+    seen = tot > 0
+    end_ns = len(simulated.first) * SPACING_NS
+    readout = Readout(0, end_ns, 0, end_ns * 1e-9, PixelHits(tick[seen], index[seen], tot[seen]))
+    return DetectorChain(DetectionConfig(), "Cs-137", Calibration.nominal()).process(readout)
+
+
+@pytest.fixture(scope="module")
+def isotropic():
+    simulated = simulate(200_000, 8)
+    return simulated, detect(simulated).cones
+
+
+@pytest.fixture(scope="module")
+def readings(isotropic):
+    """Per cone: which order is true; ARM, sigma, theta and energy error of that order; and the probability of order 1."""
+    simulated, cones = isotropic
+    rows = []
+    for cone in cones:
+        event = cone.stamp_ns // SPACING_NS
+        first, second = simulated.sites[event]
+        order = 0 if cone.axis[0] @ (first[:3] - second[:3]) > 0.0 else 1
+        arm = np.arccos(np.clip(cone.axis[order] @ simulated.source[event], -1, 1)) - cone.theta_rad[order]
+        energy_error = cone.energies_kev[order] - first[3]
+        rows.append((order, arm, cone.sigma_rad[order], cone.theta_rad[order], energy_error, cone.probability[0]))
+    return np.array(rows)
+
+
+def test_most_cones_hold_the_true_first_scatter(readings):
+    energy_error = readings[:, 4]
+    assert len(readings) > 3000
+    assert (np.abs(energy_error) < 40.0).mean() > 0.9
+
+
+def test_the_angular_resolution_is_that_of_the_reference(readings):
+    """At 30 degrees 68 % within 6.3 degrees, or better."""
+    _, arm, _, theta, energy_error, _ = readings.T
+    near = (np.abs(np.rad2deg(theta) - 30.0) < 10.0) & (np.abs(energy_error) < 40.0)
+    assert near.sum() > 200
+    assert 4.0 < np.rad2deg(np.quantile(np.abs(arm[near]), 0.68)) < 6.5
+
+
+@pytest.mark.parametrize("degrees", [(15, 50), (50, 90), (90, 130), (130, 180)])
+def test_sigma_is_the_width_of_the_cone(readings, degrees):
+    _, arm, sigma, theta, energy_error, _ = readings.T
+    part = (np.rad2deg(theta) > degrees[0]) & (np.rad2deg(theta) < degrees[1]) & (np.abs(energy_error) < 40.0)
+    pull = np.abs(arm[part]) / sigma[part]
+    assert np.quantile(pull, 0.68) == pytest.approx(1.0, abs=0.15)
+    assert np.quantile(pull, 0.95) < 3.5
+
+
+def test_probabilities_are_frequencies(readings):
+    """In each tenth of the stated probability, the share of cones whose first order is true."""
+    order, probability = readings[:, 0], readings[:, 5]
+    stated = np.concatenate((probability, 1.0 - probability))  # either order may be asked for
+    true = np.concatenate((order == 0, order == 1))
+    for low in np.arange(0.0, 1.0, 0.1):
+        part = (stated >= low) & (stated < low + 0.1)
+        assert part.sum() > 100
+        noise = np.sqrt(0.25 / part.sum())
+        assert true[part].mean() == pytest.approx(stated[part].mean(), abs=0.05 + 2.0 * noise)
+
+
+def test_probabilities_beat_the_later_time_of_arrival(readings):
+    order, probability = readings[:, 0], readings[:, 5]
+    right = ((probability > 0.5) == (order == 0)).mean()
+    assert right > 0.75  # by the time of arrival alone about half
+
+
+@pytest.mark.parametrize("polar_deg", [0.0, 60.0, 90.0, 180.0])
+def test_the_source_is_where_it_was(polar_deg):
+    polar = np.deg2rad(polar_deg)
+    source = (np.sin(polar), 0.0, np.cos(polar))
+    scan = DirectionScan()
+    scan.add(detect(simulate(30_000, 9, direction=source)).cones)
+    best = scan.best()
+    assert best is not None
+    off = np.arccos(np.clip(best.unit @ np.array(source), -1, 1))
+    assert off < 3.0 * max(best.sigma_rad, np.deg2rad(0.5))
+    assert np.rad2deg(best.sigma_rad) < 3.0
