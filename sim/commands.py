@@ -82,7 +82,8 @@ def campaign(
     """Fly scenarios many times, on all cores or on a Dask cluster. Killed, the same command goes on where it stopped."""
     from sim.campaign import Campaign, fly_campaign  # noqa: PLC0415
     from sim.console import campaign_progress, say  # noqa: PLC0415
-    from sim.report import write_campaign  # noqa: PLC0415
+    from sim.console import out as stdout  # noqa: PLC0415
+    from sim.report import case_sentence, write_campaign  # noqa: PLC0415
 
     execute = _executor(workers, dask)
     chosen = _checked(scenario, parse_sweep(sweep or []), settings, [estimator] if estimator else [], law)
@@ -90,7 +91,8 @@ def campaign(
     with campaign_progress("campaign") as watch:
         flown = fly_campaign(plan, out, execute, watch=watch)
     written = write_campaign(out, flown)
-    typer.echo((out / "summary.md").read_text(encoding="utf-8") if written else "no run came through", nl=not written)
+    for case in plan.in_order():
+        say(case_sentence(case.label, flown.of(case)), stdout)
     say(f"written to {out}: {', '.join(['runs.jsonl', *(path.name for path in written)])}")
     _exit_on(flown.failures, out)
 

@@ -87,14 +87,23 @@ def write_campaign(folder: Path, flown: Flown) -> list[Path]:
     rows = [({"scenario": case.name, **dict(case.point)}, summarise(runs)) for case, runs in groups]
     write_text(folder / "summary.csv", summary_csv(rows))
     write_text(folder / "summary.md", summary_markdown(rows))
-    estimator = flown.campaign.estimator or "the scenario's own"
-    title = f"estimator {estimator}, seeds from {flown.campaign.seed_base}"
+    estimators = ", ".join(sorted({run.estimator for _, runs in groups for run in runs}))
+    title = f"estimator {estimators}, seeds from {flown.campaign.seed_base}"
     figures = {"boxes.png": boxes_figure(groups, title), "ecdf.png": ecdf_figure(groups, title)}
     if flown.campaign.parameters:
         figures["tuning.png"] = tuning_figure(groups, title)
     for name, figure in figures.items():
         save(figure, folder / name)
     return [folder / name for name in ("summary.csv", "summary.md", *figures)]
+
+
+def case_sentence(label: str, runs: Sequence[RunResult]) -> str:
+    """One case of a campaign in one line."""
+    if not runs:
+        return f"{label}: no run came through"
+    s = summarise(runs)
+    found = f"x0 after {seconds(s.time_to_x0_median_s)} (in {s.found} of {s.runs} runs)"
+    return f"{label}: {found}, {metres(s.error_median_m)} off (medians); lost in {s.lost}"
 
 
 Row = tuple[Mapping[str, object], Summary]

@@ -23,6 +23,7 @@ class _Quantity(NamedTuple):
     of: Callable[[RunResult], float | None]
 
 
+LEGEND_AT_MOST = 28  # cases: beyond, lines and colours would repeat
 TIME = _Quantity("time to x0 (s)", lambda run: run.time_to_x0_s)
 ERROR = _Quantity("median error of a run (m)", lambda run: run.error_median_m)
 TRACKING = _Quantity("tracking time (s)", lambda run: run.tracking_time_s)
@@ -63,8 +64,9 @@ def ecdf_figure(groups: Groups, title: str) -> Figure:
             x, y = (np.asarray(values) for values in line.get_data())
             line.set_data(np.append(x, panel.get_xlim()[1]), np.append(y, y[-1]))
     figure.suptitle(wrapped((title, *_findings(groups)), 110), x=0.01, ha="left", fontsize=11)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), fontsize=8, frameon=False)
+    if len(groups) <= LEGEND_AT_MOST:
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), fontsize=8, frameon=False)
     return figure
 
 
@@ -120,7 +122,7 @@ def _box(axes: Axes, values: Sequence[float], place: float, colour: str, *, widt
     )  # fmt: skip
     spread = place + width * 0.35 * np.sin(np.arange(len(values)) * 2.399)  # golden angle: even and without randomness
     x_values, y_values = (spread, values) if upright else (values, spread)
-    axes.plot(x_values, y_values, ".", color=colour, markersize=3.5, alpha=0.55, markeredgewidth=0)
+    axes.plot(x_values, y_values, ".", color=colour, markersize=7.0 if len(values) <= 20 else 4.0, alpha=0.6, markeredgewidth=0)
 
 
 def _known(quantity: _Quantity, runs: Sequence[RunResult]) -> list[float]:
@@ -146,9 +148,15 @@ def _findings(groups: Groups) -> list[str]:
         return [f"x0 after {seconds(only.time_to_x0_median_s)}, {off} (medians of {only.runs} runs)"]
     times = [(time, label) for label, summary in summaries if (time := summary.time_to_x0_median_s) is not None]
     errors = [(error, label) for label, summary in summaries if (error := summary.error_median_m) is not None]
-    soonest = [f"soonest x0: {label}, {seconds(time)}" for time, label in [min(times)]] if times else []
-    nearest = [f"least error: {label}, {metres(error)}" for error, label in [min(errors)]] if errors else []
+    soonest = [f"soonest x0: {label}, {seconds(time)}" for time, label in _alone_least(times)]
+    nearest = [f"least error: {label}, {metres(error)}" for error, label in _alone_least(errors)]
     return [*soonest, *nearest]
+
+
+def _alone_least(values: Sequence[tuple[float, str]]) -> list[tuple[float, str]]:
+    """The least value and whose it is; nothing where several share it."""
+    least = [pair for pair in values if pair[0] == min(value for value, _ in values)]
+    return least if len(least) == 1 else []
 
 
 def _missing(groups: Groups) -> list[str]:

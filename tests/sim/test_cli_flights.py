@@ -142,7 +142,8 @@ def test_a_campaign_prints_its_summary_and_goes_on(tmp_path: Path, radron_sim: C
     arguments = ("campaign", "demo", "--runs", 3, "--sweep", "drones=2,3", "--estimator", "paper", "--out", tmp_path)
     code, out, _ = radron_sim(*arguments)
     assert code == 0
-    assert out == (tmp_path / "summary.md").read_text()
+    assert [line.split(":")[0] for line in out.splitlines()] == ["demo drones=2", "demo drones=3"]
+    assert "in 3 of 3 runs" in out
     assert {path.name for path in tmp_path.iterdir()} == {
         "campaign.json", "runs.jsonl", "summary.csv", "summary.md", "boxes.png", "ecdf.png", "tuning.png"
     }  # fmt: skip
@@ -160,7 +161,8 @@ def test_failed_flights_end_a_campaign_with_code_1_and_are_named(
     assert code == 1
     assert "1 flights failed: demo seed 13" in err
     assert "RuntimeError: the rotor fell off" in err
-    assert "| demo | 2 |" in out
+    assert out.startswith("demo: x0 after ")
+    assert "in 2 of 2 runs" in out
     assert len((tmp_path / "runs.jsonl").read_text().splitlines()) == 2
 
 

@@ -22,7 +22,7 @@ from sim.figures.cones import ground_curve
 from sim.figures.map import CONES_SHOWN, last_tracking, map_figure
 from sim.figures.spacing import spacing_figure
 from sim.figures.style import ESTIMATE
-from sim.report import result_json, sentence, write_campaign, write_flight
+from sim.report import case_sentence, result_json, sentence, write_campaign, write_flight
 from sim.statistics import median
 from sim.workers import attempt
 
@@ -177,3 +177,23 @@ def test_figures_stand_runs_without_numbers() -> None:
         figure.canvas.draw()
         assert "title" in figure.get_suptitle()
     assert "3 of 3 runs never found the source" in boxes_figure(groups, "title").get_suptitle()
+
+
+def test_a_title_names_the_best_case_only_if_there_is_one() -> None:
+    near, far = synthetic.synthetic_result("near", 1), synthetic.synthetic_result("near", 2)
+    assert near.error_median_m is not None
+    assert far.error_median_m is not None
+    best = "near" if near.error_median_m < far.error_median_m else "far"
+    title = ecdf_figure([(synthetic.case("near"), [near]), (synthetic.case("far"), [far])], "title").get_suptitle()
+    assert f"least error: {best}" in title.replace("\n", " ")
+    title = ecdf_figure([(synthetic.case("near"), [near]), (synthetic.case("far"), [near])], "title").get_suptitle()
+    assert "least error" not in title
+
+
+def test_a_case_in_one_line() -> None:
+    runs = [synthetic.synthetic_result("near", seed) for seed in range(7)]
+    said = case_sentence("near radius_m=8", runs)
+    assert said.startswith("near radius_m=8: x0 after ")
+    assert "(in 6 of 7 runs)" in said
+    assert said.endswith("lost in 1")
+    assert case_sentence("near", []) == "near: no run came through"
