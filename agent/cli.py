@@ -30,7 +30,13 @@ def cones(
         int | None, typer.Option(min=8, max=56, help="Bits of the file's ToA, if it wraps unnoticed.", show_default="recognised")
     ] = None,
 ) -> None:
-    """Turn the pixel hits of a file into Compton cones, and say what the file holds."""
+    """Turn the pixel hits of a file into Compton cones, and say what the file holds.
+
+    The CSV has one line per cone: stamp_ns since the detector's clock was reset; axis_x, axis_y, axis_z in the camera's frame (x
+    along the pixel rows, y up, z out of the sensor), from the absorbed photon to the electron if cluster 1 was the electron
+    (reading 1) and opposite to it in reading 2; opening angle, 1 sigma and probability of both readings; the clusters' energies,
+    fitted to the line; their distance.
+    """
     from agent.detector.command import run_cones  # noqa: PLC0415  scipy's import time belongs to this command alone
 
     run_cones(file, csv, nuclide, calibration, toa_bits)

@@ -26,8 +26,9 @@ TAIL, TAIL_WIDTH = 0.15, 7.0
 class Line:
     """A gamma line and what its Compton kinematics allow, keV.
 
-    A reading counts only while its measured electron energy is at most ``maximum_electron_kev`` and its measured photon energy at
-    least ``minimum_photon_kev`` (paper's selection).
+    A coincidence makes a cone only where in one of its readings the measured electron energy is at most
+    ``maximum_electron_kev`` and the measured photon energy at least ``minimum_photon_kev`` (the predecessor's selection). The
+    other reading is then kept, too, with its probability: near the edge the noise of the energies decides which one passes.
     """
 
     energy_kev: float
@@ -45,7 +46,7 @@ class Line:
         )
 
     def allows(self, electron_kev: float, photon_kev: float) -> bool:
-        """Whether a reading with these measured energies counts."""
+        """Whether a reading with these measured energies is within the limits."""
         return electron_kev <= self.maximum_electron_kev and photon_kev >= self.minimum_photon_kev
 
 

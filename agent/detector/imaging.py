@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from agent.detector.detection import ConeEvent
 
@@ -15,6 +16,7 @@ _GRID = 4000  # directions on the sphere, 3 degrees apart
 _FINE_RAD = np.deg2rad(0.25)
 _FINE_REACH = 24  # steps to each side
 _BLOCK = 50  # cones at a time
+_LEAST_EVIDENCE = 5.0  # natural logarithm of the Bayes factor
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,31 +58,37 @@ class DirectionScan:
             self._numbers.append(np.stack((cone.theta_rad, cone.sigma_rad, cone.probability)))
 
     def best(self) -> Direction | None:
-        """The most likely direction; None without a cone."""
+        """The most likely direction; None where the cones fit no single source better than evenly spread ones.
+
+        As the likelihood of a cone has the mean 1 over the sphere, the mean of their product is the Bayes factor of one far
+        source against cones from everywhere.
+        """
         if not self._axis:
             return None
         axis = np.stack(self._axis)
         theta, sigma, probability = np.stack(self._numbers, axis=1)
         coarse = _sphere(_GRID)
-        posterior = _posterior(coarse, axis, theta, sigma, probability)
-        peak = coarse[posterior.argmax()]
-        spread = _rms_angle(coarse, posterior, peak)
+        log_likelihood = _log_likelihood(coarse, axis, theta, sigma, probability)
+        if logsumexp(log_likelihood) - np.log(_GRID) < _LEAST_EVIDENCE:
+            return None
+        peak = coarse[log_likelihood.argmax()]
+        spread = _rms_angle(coarse, log_likelihood, peak)
         if spread < _FINE_RAD * _FINE_REACH / 2.0:  # the fine grid holds the posterior
             fine = _patch(peak)
-            posterior = _posterior(fine, axis, theta, sigma, probability)
-            peak = fine[posterior.argmax()]
-            spread = _rms_angle(fine, posterior, peak)
+            log_likelihood = _log_likelihood(fine, axis, theta, sigma, probability)
+            peak = fine[log_likelihood.argmax()]
+            spread = _rms_angle(fine, log_likelihood, peak)
         return Direction(peak, spread, len(axis))
 
 
-def _posterior(
+def _log_likelihood(
     directions: NDArray[np.float64],
     axis: NDArray[np.float64],
     theta: NDArray[np.float64],
     sigma: NDArray[np.float64],
     probability: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Normalised over the directions (D, 3), from axes (N, 2, 3) and the rest (N, 2)."""
+    """For each of the directions (D, 3), from axes (N, 2, 3) and the rest (N, 2)."""
     total = np.zeros(len(directions))
     for start in range(0, len(axis), _BLOCK):
         part = slice(start, start + _BLOCK)
@@ -89,14 +97,13 @@ def _posterior(
         shape = 0.77 / 0.9 * np.exp(pull / 0.9**2) + 0.23 / 2.8 * np.exp(pull / 2.8**2)
         scale = 2.0 * probability[part] / (np.sqrt(2.0 * np.pi) * sigma[part] * np.maximum(np.sin(theta[part]), 0.15))
         total += np.log(0.88 * (scale[:, :, None] * shape).sum(axis=1) + 0.12).sum(axis=0)
-    weight = np.exp(total - total.max())
-    normalised: NDArray[np.float64] = weight / weight.sum()
-    return normalised
+    return total
 
 
-def _rms_angle(directions: NDArray[np.float64], posterior: NDArray[np.float64], centre: NDArray[np.float64]) -> float:
+def _rms_angle(directions: NDArray[np.float64], log_likelihood: NDArray[np.float64], centre: NDArray[np.float64]) -> float:
+    """Of the posterior over the directions, from the centre."""
     angle = np.arccos(np.clip(directions @ centre, -1.0, 1.0))
-    return float(np.sqrt(posterior @ angle**2))
+    return float(np.sqrt(np.average(angle**2, weights=np.exp(log_likelihood - log_likelihood.max()))))
 
 
 def _sphere(count: int) -> NDArray[np.float64]:

@@ -170,3 +170,20 @@ def test_the_direction_of_a_source_is_recovered(source, make_compton_event, make
 
 def test_no_direction_without_a_cone():
     assert DirectionScan().best() is None
+
+
+def test_no_direction_where_the_cones_agree_on_none(make_compton_event, make_hits):
+    rng = np.random.default_rng(12)
+    blobs = []
+    time = 1000.0
+    while len(blobs) < 400:
+        source = rng.normal(size=3)
+        pair = make_compton_event(rng, source / np.linalg.norm(source), time)
+        if pair:
+            blobs += pair
+            time += 20_000.0
+    found = new_chain().process(only(make_hits(blobs), int(time) + 1000))
+    assert len(found.cones) > 150
+    scan = DirectionScan()
+    scan.add(found.cones)
+    assert scan.best() is None
