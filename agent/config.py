@@ -74,7 +74,10 @@ class LimitsConfig(_Section, frozen=True, kw_only=True):
 
 
 class PaperEstimatorConfig(_Section, frozen=True, kw_only=True):
-    """Parameters of the paper's linear Kalman filter (Sec. IV-B)."""
+    """Parameters of the paper's linear Kalman filter (Sec. IV-B).
+
+    ``order``: which of a cone's two readings is used: the one with the smaller scattering angle, or the more probable one.
+    """
 
     process_noise_m2ps: Positive = 2.0  # q
     measurement_variance_m2: Positive = 100.0  # rho
@@ -82,6 +85,7 @@ class PaperEstimatorConfig(_Section, frozen=True, kw_only=True):
     initial_cones: Annotated[int, Meta(ge=3, le=1000)] = 10  # M
     initial_baseline_m: NonNegative = 2.0  # between the apexes of the M cones
     initial_variance_m2: Positive = 100.0
+    order: Literal["forward", "probable"] = "forward"
 
 
 class GivenHypothesisConfig(_Section, frozen=True, kw_only=True):

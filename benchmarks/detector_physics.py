@@ -15,7 +15,7 @@ from rich.table import Table
 
 from sim.radiation.camera import Camera, CameraTruth, SourceView
 from sim.radiation.events import Events, simulate
-from sim.radiation.quality import Clusters, clusters, complete, cones
+from sim.radiation.quality import clusters, complete, cones, fwhm
 from sim.radiation.timepix3 import response
 from sim.radiation.transport import projected_area_mm2
 
@@ -32,12 +32,18 @@ ROWS = ("P(hit) %", "P(2 clusters) %", "P(full energy, >= 15 px) %", "hits, mm2"
 REFERENCE_ARM = (9.5, 6.3)
 
 
-def beam(angle_deg: float, *, fluorescence: bool = True, interactions: int = INTERACTIONS) -> Events:
+def beam(
+    angle_deg: float,
+    *,
+    fluorescence: bool = True,
+    interactions: int = INTERACTIONS,
+    quota: tuple[int, int, int] | None = None,
+) -> Events:
     """Events of a beam at that angle from the normal, evenly in azimuth."""
     cosine = math.cos(math.radians(angle_deg))
     rng = np.random.default_rng(round(angle_deg))
-    window = (cosine, cosine)
-    return simulate([(LINE_KEV, 1.0)], interactions, response(TRUTH), rng, cosine=window, fluorescence=fluorescence)
+    camera, window = response(TRUTH), (cosine, cosine)
+    return simulate([(LINE_KEV, 1.0)], interactions, camera, rng, cosine=window, fluorescence=fluorescence, quota=quota)
 
 
 def mean_shadow_mm2(angle_deg: float) -> float:
@@ -66,13 +72,12 @@ def efficiencies(angle_deg: float, *, fluorescence: bool) -> tuple[float, ...]:
     )
 
 
-def arm(merged: Clusters, events: Events) -> tuple[float, float]:
+def arm(angle_deg: float) -> tuple[float, float]:
     """FWHM, and the angle that holds 68 %, degrees."""
-    degrees = np.degrees(cones(events, merged, LINE_KEV, TRUTH.drift_ns).arm_rad)
-    histogram, edges = np.histogram(degrees, np.arange(-40.0, 40.5, 0.5))
-    smooth = np.convolve(histogram, np.ones(5) / 5.0, "same")
-    above = np.flatnonzero(smooth > 0.5 * smooth.max())
-    return float(edges[above[-1] + 1] - edges[above[0]]), float(np.quantile(np.abs(degrees), 0.68))
+    events = beam(angle_deg, interactions=8 * INTERACTIONS, quota=(0, 0, 8 * INTERACTIONS))
+    found = clusters(events, merge_satellites=True)
+    degrees = np.degrees(cones(events, found, LINE_KEV, TRUTH.drift_ns).arm_rad)
+    return fwhm(degrees, 1.0), float(np.quantile(np.abs(degrees), 0.68))
 
 
 def camera_speed() -> tuple[float, float]:
@@ -89,7 +94,7 @@ def camera_speed() -> tuple[float, float]:
 
 def main() -> None:
     """Print the tables."""
-    console = Console(width=110)
+    console = Console(width=130)
     table = Table("", *(f"{angle} deg" for angle in REFERENCE), title="662 keV in the detector: ours / reference (deviation)")
     ours = {angle: efficiencies(angle, fluorescence=True) for angle in REFERENCE}
     plain = {angle: efficiencies(angle, fluorescence=False)[1] for angle in REFERENCE}
@@ -99,10 +104,9 @@ def main() -> None:
     cells = ((plain[a], REFERENCE[a][1]) for a in REFERENCE)
     table.add_row("P(2 clusters) %, no fluorescence", *(f"{x:.3g} / {r:g} ({100 * (x / r - 1):+.0f} %)" for x, r in cells))
     console.print(table)
-    events = beam(30.0, interactions=3 * INTERACTIONS)
-    fwhm, contained = arm(clusters(events, merge_satellites=True), events)
+    width, contained = arm(30.0)
     console.print(
-        f"ARM at 30 deg: FWHM {fwhm:.1f} deg (reference {REFERENCE_ARM[0]:g}), "
+        f"ARM at 30 deg: FWHM {width:.1f} deg (reference {REFERENCE_ARM[0]:g}), "
         f"68 % within {contained:.1f} deg (reference {REFERENCE_ARM[1]:g})"
     )
     microseconds, rate = camera_speed()

@@ -73,7 +73,11 @@ def campaign_progress(name: str) -> Iterator[Watch]:
             if not err.is_terminal and now():
                 say(f"{name}: {done} of {total} runs")
 
-        yield show
+        try:
+            yield show
+        except KeyboardInterrupt:
+            say(f"{name}: stopped; what is flown into an --out folder is kept, and the same command goes on from there")
+            raise
 
 
 class _Now:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from shapely import Point, Polygon, contains_xy
 
-from agent.fusion.observation import ConeObservation
+from agent.fusion.observation import ConeSurface
 
 GRID_PITCH_M = 2.0
 _TINY_M = 1e-9  # keeps the gradient finite on a cone's axis
@@ -38,7 +38,7 @@ class InitialSearch:
             inside = np.array([[middle.x, middle.y]])
         self._grid = inside
 
-    def solve(self, cones: Sequence[ConeObservation]) -> tuple[float, float]:
+    def solve(self, cones: Sequence[ConeSurface]) -> tuple[float, float]:
         """(x, y) of x0 from the cones, metres, mission frame. The same cones give the same bits."""
         apex = np.array([cone.apex for cone in cones])
         axis = np.array([cone.axis for cone in cones])

@@ -12,11 +12,10 @@ _SHORTEST_AXIS = 0.5  # a unit vector as sent; anything this short is no directi
 
 
 @dataclass(frozen=True, slots=True)
-class ConeObservation:
-    """A Compton cone by its most probable order, mission frame.
+class ConeSurface:
+    """One reading of a Compton cone, mission frame: the source lies at the angle theta_rad from the axis.
 
-    apex: metres. axis: unit vector; the source lies at the angle theta_rad from it, give or take sigma_rad (ARM).
-    ``entry`` is the cone as published (both orders, energies), in the publisher's local frame.
+    apex: metres. axis: unit vector. sigma_rad: 1-sigma width of the surface (ARM). probability: of this reading.
     """
 
     stamp_ns: int
@@ -24,7 +23,29 @@ class ConeObservation:
     axis: Vector3
     theta_rad: float
     sigma_rad: float
+    probability: float
+
+
+@dataclass(frozen=True, slots=True)
+class ConeObservation:
+    """A Compton cone with its possible readings, one or two, in the order in which they were published.
+
+    ``entry`` is the cone as published, in the publisher's local frame.
+    """
+
+    stamp_ns: int
+    readings: tuple[ConeSurface, ...]
     entry: Cone
+
+    @property
+    def probable(self) -> ConeSurface:
+        """The more probable reading."""
+        return max(self.readings, key=lambda reading: reading.probability)
+
+    @property
+    def forward(self) -> ConeSurface:
+        """The reading by which the photon was turned least: the cluster with less energy was the electron."""
+        return min(self.readings, key=lambda reading: reading.theta_rad)
 
 
 Observation = ConeObservation
@@ -34,7 +55,7 @@ def observe(entry: Entry, mission_from_local: Transform) -> Observation | None:
     """Bring an entry into the mission frame; None if it says nothing about the source.
 
     That is decided by the entry's content alone, so that every agent decides alike: a cone says nothing if both of its
-    orders are impossible (probability 0), or if its axis is no direction.
+    orders are impossible (probability 0) or have no direction for an axis.
     """
     if isinstance(entry, Cone):
         return _observe_cone(entry, mission_from_local)
@@ -42,17 +63,13 @@ def observe(entry: Entry, mission_from_local: Transform) -> Observation | None:
 
 
 def _observe_cone(cone: Cone, mission_from_local: Transform) -> ConeObservation | None:
-    first, second = cone.orders
-    order = first if first.probability >= second.probability else second
-    length = math.hypot(*order.axis)
-    if order.probability <= 0.0 or length < _SHORTEST_AXIS:
-        return None
-    x, y, z = mission_from_local.rotate_direction(order.axis)
-    return ConeObservation(
-        stamp_ns=cone.stamp_ns,
-        apex=mission_from_local.apply_point(cone.apex_m),
-        axis=(x / length, y / length, z / length),
-        theta_rad=order.theta_rad,
-        sigma_rad=order.sigma_rad,
-        entry=cone,
-    )
+    apex = mission_from_local.apply_point(cone.apex_m)
+    readings = []
+    for order in cone.orders:
+        length = math.hypot(*order.axis)
+        if order.probability <= 0.0 or length < _SHORTEST_AXIS:
+            continue
+        x, y, z = mission_from_local.rotate_direction(order.axis)
+        axis = (x / length, y / length, z / length)
+        readings.append(ConeSurface(cone.stamp_ns, apex, axis, order.theta_rad, order.sigma_rad, order.probability))
+    return ConeObservation(cone.stamp_ns, tuple(readings), cone) if readings else None

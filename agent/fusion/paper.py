@@ -12,7 +12,7 @@ from agent.config import PaperEstimatorConfig
 from agent.frames.transform import Vector3
 from agent.fusion.estimator import GridStep, Hypothesis
 from agent.fusion.initial import InitialSearch
-from agent.fusion.observation import ConeObservation, Observation
+from agent.fusion.observation import ConeSurface, Observation
 from agent.fusion.projection import Rule, project
 from protocol.messages import AnyEntry, Cone
 
@@ -37,7 +37,7 @@ class Track:
 class PaperState:
     """The cones gathered for x0, and the track once there is one."""
 
-    gathered: tuple[ConeObservation, ...] = ()
+    gathered: tuple[ConeSurface, ...] = ()
     seen: int = 0  # cones so far, those that were no use for x0 included
     track: Track | None = None
 
@@ -47,6 +47,9 @@ class PaperEstimator:
 
     The first M cones of pairwise baseline give x0. From then on each cone projects the hypothesis onto itself
     (``projection.project``), and R trusts that only along the line of projection: rho along it, rho x 1e4 across.
+
+    A filter of positions needs one reading of a cone. The paper does not say how it tells the electron from the photon; by
+    default the reading with the smaller scattering angle is taken (``PaperEstimatorConfig.order``).
 
     The source stays on the ground, z = 0, as the predecessor flew it: the state is the paper's (x, y, z), with a z that is known
     beforehand (prior variance and process noise of z are zero), so the correction moves it horizontally only.
@@ -67,7 +70,8 @@ class PaperEstimator:
     def step(self, state: PaperState, step: GridStep, observations: Sequence[Observation]) -> PaperState:
         """Take the step's cones in, one after another."""
         gathered, seen, track = state.gathered, state.seen, state.track
-        for cone in observations:
+        for observation in observations:
+            cone = observation.forward if self._config.order == "forward" else observation.probable
             seen += 1
             if track is not None:
                 track = self._correct(self._predict(track, cone.stamp_ns), cone)
@@ -92,11 +96,11 @@ class PaperEstimator:
             x0_stamp_ns=track.x0_stamp_ns,
         )
 
-    def _is_apart(self, cone: ConeObservation, gathered: Sequence[ConeObservation]) -> bool:
+    def _is_apart(self, cone: ConeSurface, gathered: Sequence[ConeSurface]) -> bool:
         baseline = self._config.initial_baseline_m
         return all(math.dist(cone.apex, other.apex) >= baseline for other in gathered)
 
-    def _begin(self, gathered: Sequence[ConeObservation], seen: int) -> Track:
+    def _begin(self, gathered: Sequence[ConeSurface], seen: int) -> Track:
         x, y = self._search.solve(gathered)
         variance = self._config.initial_variance_m2
         stamp_ns = gathered[-1].stamp_ns
@@ -106,7 +110,7 @@ class PaperEstimator:
         grown = self._config.process_noise_m2ps * (stamp_ns - track.stamp_ns) / _NS
         return Track(stamp_ns, track.x, track.y, track.pxx + grown, track.pxy, track.pyy + grown, track.cones, track.x0_stamp_ns)
 
-    def _correct(self, track: Track, cone: ConeObservation) -> Track:
+    def _correct(self, track: Track, cone: ConeSurface) -> Track:
         """LKF correction with H = I and R = P R_C P^T, where P's first column is the normal of the projection.
 
         R is diagonal in the axes of P, so the measurement is three independent scalars, and three scalar corrections in

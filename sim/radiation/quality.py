@@ -133,6 +133,17 @@ def electron_first(events: Events, found: Clusters) -> NDArray[np.bool_]:
     return np.asarray(distance[:, 0] < distance[:, 1])
 
 
+def fwhm(values: FloatArray, bandwidth: float) -> float:
+    """Full width at half maximum of a distribution, from a Gaussian kernel estimate whose own width is taken out again."""
+    grid = np.arange(values.min(), values.max(), 0.1 * bandwidth)
+    fine = np.histogram(values, np.append(grid, grid[-1] + 0.1 * bandwidth))[0]
+    kernel = np.exp(-0.5 * (np.arange(-40, 41) * 0.1) ** 2)
+    density = np.convolve(fine, kernel, "same")
+    above = np.flatnonzero(density > 0.5 * density.max())
+    width = 0.1 * bandwidth * float(above[-1] - above[0] + 1)
+    return float(np.sqrt(max(0.0, width**2 - 8.0 * np.log(2.0) * bandwidth**2)))
+
+
 @dataclass(frozen=True, slots=True)
 class Cones:
     """(C,) true-order cones. arm_rad: angle of source and axis less the opening angle. later_is_electron: by the ToA."""

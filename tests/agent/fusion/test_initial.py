@@ -20,7 +20,7 @@ def cones_of(kit):
         for sequence in range(count):
             apex = np.array([*rng.uniform(0.0, 100.0, 2), 3.0])
             axis, theta = kit.cone_towards(rng, apex, (*target, 0.0), arm_rad)
-            made.append(observe(kit.cone_entry(mission, sequence, apex, axis, theta, sequence=sequence), Transform()))
+            made.append(observe(kit.cone_entry(mission, sequence, apex, axis, theta, sequence=sequence), Transform()).probable)
         return made
 
     return make
@@ -79,7 +79,7 @@ def test_degenerate_cones_end_in_a_point_of_the_area(kit, case):
     (x, y, z), shift, axis, theta = DEGENERATE[case]
     mission = kit.mission_of()
     entries = [kit.cone_entry(mission, i, (x + shift * i, y, z), axis, theta, sequence=i) for i in range(10)]
-    cones = [observe(entry, Transform()) for entry in entries]
+    cones = [observe(entry, Transform()).probable for entry in entries]
     found = InitialSearch(SQUARE).solve(cones)
     assert all(0.0 <= value <= 100.0 for value in found)
     assert InitialSearch(SQUARE).solve(cones) == found

@@ -19,27 +19,40 @@ def with_orders(cone, *orders):
 
 def test_a_cone_moves_into_the_mission_frame(cone):
     seen = observe(cone, Transform(math.pi / 2, (10.0, 20.0, 1.0)))
-    assert seen.apex == pytest.approx((10.0, 21.0, 4.0))
-    assert seen.axis == pytest.approx((0.0, 1.0, 0.0))
-    assert (seen.stamp_ns, seen.theta_rad, seen.sigma_rad, seen.entry) == (cone.stamp_ns, 0.7, 0.1, cone)
+    assert (seen.stamp_ns, seen.entry) == (cone.stamp_ns, cone)
+    for reading in seen.readings:
+        assert reading.apex == pytest.approx((10.0, 21.0, 4.0))
+    assert seen.readings[0].axis == pytest.approx((0.0, 1.0, 0.0))
+    assert (seen.readings[0].stamp_ns, seen.readings[0].theta_rad, seen.readings[0].sigma_rad) == (cone.stamp_ns, 0.7, 0.1)
 
 
 @pytest.mark.parametrize(("probabilities", "theta"), [((0.2, 0.8), 2.0), ((0.8, 0.2), 1.0), ((0.5, 0.5), 1.0)])
-def test_the_more_probable_order_is_taken_and_the_first_of_equals(cone, probabilities, theta):
+def test_the_more_probable_reading_and_the_first_of_equals(cone, probabilities, theta):
     up, down = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
     both = with_orders(cone, (up, 1.0, probabilities[0]), (down, 2.0, probabilities[1]))
-    assert observe(both, Transform()).theta_rad == theta
+    assert observe(both, Transform()).probable.theta_rad == theta
+
+
+@pytest.mark.parametrize(("first", "second"), [(1.0, 2.0), (2.0, 1.0)])
+def test_the_forward_reading_is_the_one_with_the_smaller_angle(cone, first, second):
+    both = with_orders(cone, ((0.0, 0.0, 1.0), first, 0.1), ((0.0, 0.0, -1.0), second, 0.9))
+    assert observe(both, Transform()).forward.theta_rad == 1.0
+
+
+def test_an_impossible_reading_is_left_out(cone):
+    both = with_orders(cone, ((0.0, 0.0, 1.0), 1.0, 0.0), ((0.0, 0.0, -1.0), 2.0, 1.0))
+    assert observe(both, Transform()).forward.theta_rad == 2.0
 
 
 def test_a_sloppy_unit_vector_is_made_one(cone):
     seen = observe(with_orders(cone, ((0.9, 0.0, 0.3), 1.0, 0.6), ((0.0, 0.0, 1.0), 1.0, 0.4)), Transform(1.0))
-    assert math.hypot(*seen.axis) == pytest.approx(1.0, abs=1e-12)
+    assert math.hypot(*seen.probable.axis) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_impossible_orders_or_no_axis_say_nothing(cone):
     up = (0.0, 0.0, 1.0)
     assert observe(with_orders(cone, (up, 1.0, 0.0), (up, 1.0, 0.0)), Transform()) is None
-    assert observe(with_orders(cone, ((0.0, 0.0, 0.0), 1.0, 0.9), (up, 1.0, 0.1)), Transform()) is None
+    assert observe(with_orders(cone, ((0.0, 0.0, 0.0), 1.0, 0.9), (up, 1.0, 0.0)), Transform()) is None
 
 
 def test_an_exposure_is_no_observation_yet(kit):

@@ -56,7 +56,8 @@ def dense_filter(x, covariance, cones, rule, stamp_ns):
     for cone in cones:
         covariance = covariance + CONFIG.process_noise_m2ps * (cone.stamp_ns - stamp_ns) / NS * ground
         stamp_ns = cone.stamp_ns
-        correction = project(tuple(x), cone.apex, cone.axis, cone.theta_rad, rule)
+        reading = cone.forward
+        correction = project(tuple(x), reading.apex, reading.axis, reading.theta_rad, rule)
         rotation, _ = np.linalg.qr(np.column_stack([correction.normal, np.eye(3)[:, :2] + 0.1]))  # first column +-normal
         noise = rotation @ np.diag([rho, rho * factor, rho * factor]) @ rotation.T
         gain = covariance @ np.linalg.inv(covariance + noise)
