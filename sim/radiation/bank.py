@@ -122,7 +122,7 @@ def _windows() -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
             yield cosine, (column * _OCTANT / columns, (column + 1) * _OCTANT / columns)
 
 
-def _centres() -> NDArray[np.float64]:
+def bin_centres() -> NDArray[np.float64]:
     """(DIRECTION_BINS, 3) unit vectors of the bins' centres."""
     polar = np.repeat((np.arange(_ROWS) + 0.5) * math.pi / _ROWS, _ROW_COLUMNS)
     azimuth = np.concatenate([(np.arange(columns) + 0.5) * _OCTANT / columns for columns in _ROW_COLUMNS])
@@ -135,7 +135,7 @@ def _smooth(area: NDArray[np.float64]) -> NDArray[np.float64]:
     A rare kind's share in one bin is known to some 7 %, so to about 2 %.
     """
     total = area.sum(axis=1, keepdims=True)
-    centres = _centres()
+    centres = bin_centres()
     weight = np.exp((centres @ centres.T - 1.0) / math.radians(3.0) ** 2)
     weight = weight * (total[:, 0] > 0.0)
     share = weight @ (area / np.maximum(total, 1e-30)) / np.maximum(weight.sum(axis=1, keepdims=True), 1e-30)
