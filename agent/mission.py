@@ -31,7 +31,7 @@ _REQUESTS = {
 class Situation:
     """What a decision rests on. ``last_cone_ns``: newest cone in the log, of whomever; 0 where there is none.
 
-    ``at_home``: the drone hovers over the place where it took off.
+    ``at_home``: the drone hovers over the place where it took off. ``problems``: what stands against a start.
     """
 
     now_ns: int
@@ -39,7 +39,7 @@ class Situation:
     has_hypothesis: bool
     last_cone_ns: int
     at_home: bool
-    problems: tuple[str, ...]
+    problems: tuple[str, ...] = ()
 
 
 class Mission:

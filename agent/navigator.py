@@ -46,6 +46,8 @@ class Navigator:
         self._due_ns = 0
         self._planned = False
         self._yaw = 0.0
+        self._inverted: Transform | None = None
+        self._local_from_mission = Transform()  # inverse of the above
         self._home: Vector3 | None = None  # in the mission frame
 
     def rest(self) -> None:
@@ -82,11 +84,13 @@ class Navigator:
         mission_from_local = self._frames.mission_from_local(self._id, vehicle.epoch)
         if mission_from_local is None:
             return None, None
+        if mission_from_local is not self._inverted:
+            self._inverted, self._local_from_mission = mission_from_local, mission_from_local.inverse()
         plan = None
         if self._tracker is None or self._epoch != vehicle.epoch:
-            self._begin(vehicle, mission_from_local)
+            self._begin(vehicle)
         assert self._tracker is not None
-        centre = self._centre(hypothesis, mission_from_local)
+        centre = self._centre(hypothesis)
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + REPLAN_NS
             plan = self._replan(now_ns, stage, since_ns, vehicle, centre, peers, mission_from_local)
@@ -94,20 +98,20 @@ class Navigator:
         self._yaw, yaw_rate = self._heading(now_ns, stage, since_ns, vehicle, centre)
         return Setpoint(position, velocity, acceleration, self._yaw, yaw_rate), plan
 
-    def _begin(self, vehicle: VehicleState, mission_from_local: Transform) -> None:
+    def _begin(self, vehicle: VehicleState) -> None:
         corners = np.array([(x, y, 0.0) for x, y in self._config.area.polygon_m])
-        corners = mission_from_local.inverse().apply(corners)[:, :2]
+        corners = self._local_from_mission.apply(corners)[:, :2]
         fence = Fence.from_area(self._config.area, corners, ground_m=_ground(vehicle))
         self._tracker = Tracker(self._config.limits, fence, HORIZON_STEP_S, HORIZON, self._lag_s, drone_id=self._id)
         self._virtual = PeerState(vehicle.position_m, vehicle.velocity_mps)
         self._tracker.reset(vehicle.position_m, vehicle.velocity_mps)
         self._epoch, self._due_ns, self._planned = vehicle.epoch, 0, False
 
-    def _centre(self, hypothesis: Hypothesis | None, mission_from_local: Transform) -> tuple[Vector3, Vector3] | None:
+    def _centre(self, hypothesis: Hypothesis | None) -> tuple[Vector3, Vector3] | None:
         """The hypothesis and its velocity in the local frame."""
         if hypothesis is None:
             return None
-        inverse = mission_from_local.inverse()
+        inverse = self._local_from_mission
         x, y, z = hypothesis.position.tolist()
         u, v, w = hypothesis.velocity.tolist()
         return inverse.apply_point((x, y, z)), inverse.rotate_direction((u, v, w))
@@ -126,11 +130,11 @@ class Navigator:
         if self._planned:
             self._virtual = self._tracker.state(now_ns)
         self._planned = True
-        links = self._links(now_ns, peers, mission_from_local)
+        links = self._links(now_ns, peers)
         plans = {name: _plan_of(name, peers, link, now_ns) for name, link in links.items()}
         partners = [name for name in links if _takes_part(name, peers)]
         if stage is Stage.RETURN:
-            reference = self._way_home(vehicle, mission_from_local)
+            reference = self._way_home(vehicle)
         elif stage is Stage.SURVEY or centre is None:
             reference = self._survey(vehicle, partners, mission_from_local)
         else:
@@ -145,9 +149,8 @@ class Navigator:
             positions_m=tuple(map(tuple, made.positions.tolist())),
         )
 
-    def _links(self, now_ns: int, peers: Peers, mission_from_local: Transform) -> dict[str, Transform]:
+    def _links(self, now_ns: int, peers: Peers) -> dict[str, Transform]:
         """``local_from_theirs`` of every drone that is heard and in the air."""
-        local_from_mission = mission_from_local.inverse()
         links = {}
         for name in peers.alive(now_ns):
             pose, status = peers[name].pose, peers[name].status
@@ -155,23 +158,23 @@ class Navigator:
                 continue
             theirs = self._frames.mission_from_local(name, pose.epoch)
             if theirs is not None:
-                links[name] = local_from_mission @ theirs
+                links[name] = self._local_from_mission @ theirs
         return links
 
     def _survey(self, vehicle: VehicleState, partners: list[str], mission_from_local: Transform) -> Reference:
         x, y, _ = mission_from_local.apply_point(self._virtual.position)
         positions, velocities = self._search.reference(sorted([self._id, *partners]), (x, y), HORIZON, HORIZON_STEP_S)
-        local_from_mission = mission_from_local.inverse()
+        local_from_mission = self._local_from_mission
         level = np.zeros(HORIZON + 1)
         placed = local_from_mission.apply(np.column_stack((positions, level)))
         moving = local_from_mission.rotate(np.column_stack((velocities, level)))
         placed[:, 2] = _ground(vehicle) + self._config.survey.height_m
         return Reference(placed, moving, HORIZON_STEP_S)
 
-    def _way_home(self, vehicle: VehicleState, mission_from_local: Transform) -> Reference:
+    def _way_home(self, vehicle: VehicleState) -> Reference:
         """Straight home at the survey's speed and height; without a known home, stay."""
         x, y, _ = self._virtual.position
-        home = mission_from_local.inverse().apply_point(self._home) if self._home is not None else (x, y, 0.0)
+        home = self._local_from_mission.apply_point(self._home) if self._home is not None else (x, y, 0.0)
         way = np.array([home[0] - x, home[1] - y])
         distance = hypot(*way.tolist())
         travelled = np.minimum(self._config.survey.speed_mps * HORIZON_STEP_S * np.arange(HORIZON + 2.0), distance)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from agent.config import DroneConfig, MissionConfig
@@ -158,7 +158,8 @@ class Pilot:
             return None
         if abs(now_ns - command.stamp_ns) > COMMAND_AGE_NS:
             return "command_too_old"
-        refused = self._mission.command(command.action, command.stamp_ns, self._situation(now_ns))
+        situation = replace(self._situation(now_ns), problems=tuple(self._problems()))
+        refused = self._mission.command(command.action, command.stamp_ns, situation)
         if refused is not None:
             return "command_refused"
         if command.action is Action.START and self._vehicle is not None:
@@ -187,7 +188,7 @@ class Pilot:
         vehicle = self._vehicle
         at_home = self._mission.stage is Stage.RETURN and vehicle is not None and self._navigator.at_home(vehicle)
         has_hypothesis = self.hypothesis is not None
-        return Situation(now_ns, vehicle, has_hypothesis, self._last_cone_ns, at_home, tuple(self._problems()))
+        return Situation(now_ns, vehicle, has_hypothesis, self._last_cone_ns, at_home)
 
     def _problems(self) -> list[str]:
         """What stands against a start. A flying drone reports them but flies on."""

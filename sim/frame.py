@@ -1,9 +1,9 @@
-"""The simulation's own geometry: a vehicle's local frame in the world, and where its camera looks."""
+"""The simulation's own geometry: the vehicles' local frames in the world, and where their cameras look."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import cos, radians, sin, sqrt
+from collections.abc import Sequence
+from math import cos, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,34 +16,38 @@ Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class LocalFrame:
-    """World from local: yaw about up, then translation. Both ENU, metres."""
+class LocalFrames:
+    """The local frames of N vehicles: world from local is yaw about up, then translation. All ENU, metres.
 
-    origin: Array
-    yaw_rad: float
-    matrix: Array
+    origin: (N, 3); yaw_rad: (N,); matrix: (N, 3, 3) turns local vectors into the world.
+    """
 
-    @staticmethod
-    def of(origin_m: Vector3, yaw_deg: float) -> LocalFrame:
-        """The frame with this origin and heading in the world."""
-        yaw = radians(yaw_deg)
-        matrix = np.array([[cos(yaw), -sin(yaw), 0.0], [sin(yaw), cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-        return LocalFrame(np.array(origin_m, dtype=np.float64), yaw, matrix)
+    def __init__(self, frames: Sequence[tuple[Vector3, float]]) -> None:
+        """``frames``: origin in the world and heading in degrees, for each vehicle."""
+        self.origin: Array = np.array([origin for origin, _ in frames], dtype=np.float64)
+        self.yaw_rad: Array = np.radians([yaw_deg for _, yaw_deg in frames])
+        self.matrix: Array = np.array([_about_up(yaw) for yaw in self.yaw_rad.tolist()])
 
-    def local(self, world: Array) -> Vector3:
-        """A world position in this frame."""
+    def local(self, world: Array) -> list[Vector3]:
+        """World positions (N, 3), each in its vehicle's frame."""
         return self.turn(world - self.origin)
 
-    def turn(self, vector: Array) -> Vector3:
-        """A world vector in this frame."""
-        x, y, z = (vector @ self.matrix).tolist()
-        return x, y, z
+    def turn(self, vectors: Array) -> list[Vector3]:
+        """World vectors (N, 3), each in its vehicle's frame."""
+        return [(x, y, z) for x, y, z in (vectors[:, None, :] @ self.matrix)[:, 0].tolist()]
 
-    def world(self, local: Vector3) -> Array:
-        """A position of this frame in the world."""
-        result: Array = self.matrix @ local + self.origin
+    def turn_out(self, vectors: Sequence[Vector3]) -> Array:
+        """Vectors in their vehicles' frames, in the world: (N, 3)."""
+        result: Array = (self.matrix @ np.array(vectors)[:, :, None])[:, :, 0]
         return result
+
+    def world(self, positions: Sequence[Vector3]) -> Array:
+        """Positions in their vehicles' frames, in the world: (N, 3)."""
+        return self.turn_out(positions) + self.origin
+
+
+def _about_up(yaw: float) -> list[list[float]]:
+    return [[cos(yaw), -sin(yaw), 0.0], [sin(yaw), cos(yaw), 0.0], [0.0, 0.0, 1.0]]
 
 
 class CameraMount:

@@ -10,7 +10,7 @@ Array = NDArray[np.float64]
 
 
 class LocalizationTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """1-sigma errors. Defaults: PX4's EKF against the truth (shared reference on PX4, "Positions")."""
+    """1-sigma errors. Defaults: a real PX4's EKF against the truth."""
 
     horizontal_m: float = 0.13  # of the horizontal distance; each axis has 1/sqrt(2) of it
     vertical_m: float = 0.2

@@ -22,7 +22,7 @@ from agent.vehicle.interface import VehicleState
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
-from sim.frame import CameraMount, LocalFrame
+from sim.frame import CameraMount, LocalFrames
 from sim.localization import Localization
 from sim.radiation.camera import Camera
 from sim.radio import Radio
@@ -109,7 +109,7 @@ class _World:
         self.ticks = 0
         self._mission = mission
         self._scenario = scenario
-        self._frames = [LocalFrame.of(drone.origin_m, drone.yaw_deg) for drone in mission.drones]
+        self._frames = LocalFrames([(drone.origin_m, drone.yaw_deg) for drone in mission.drones])
         self._configs = [DroneConfig(id=drone.id, vehicle_lag_s=0.4) for drone in mission.drones]
         self._pilots = [
             Pilot(mission, config, boot=f"{seed & 0xFFFFFFFF:08x}{k:08x}", listeners=listen if k == 0 else ())
@@ -118,14 +118,17 @@ class _World:
         position = _launch_positions(scenario, mission, streams.start)
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, streams.vehicle)
         self._localization = Localization(scenario.localization, count, TICK_NS * 1e-9, streams.localization)
+        self._estimated = self._frames.local(position)
+        self._yaw_sigma_rad = float(np.deg2rad(scenario.localization.yaw_deg))
         self._autopilots = [
-            Autopilot(frame.local(position[k]), -frame.yaw_rad, TICK_NS * 1e-9) for k, frame in enumerate(self._frames)
+            Autopilot(home, -yaw, TICK_NS * 1e-9)
+            for home, yaw in zip(self._estimated, self._frames.yaw_rad.tolist(), strict=True)
         ]
         self._radio = Radio(scenario.radio, count, streams.radio)
         self._mounts = [CameraMount(config.camera_rpy_deg) for config in self._configs]
         self._cameras: list[Camera] = []
         self._exposed: list[list[Readout]] = [[] for _ in range(count)]
-        self.recorder = Recorder(scenario, mission, self._pilots)
+        self.recorder = Recorder(scenario, mission, self._pilots, self._frames)
         self._source = None
         if scenario.source is not None:
             duration_s = scenario.end.search_s + scenario.end.track_s + 600.0
@@ -154,7 +157,7 @@ class _World:
             step = pilot.step(now_ns)
             for key, payload in step.publications:
                 self._radio.send(drone, key, payload, now_ns)
-                self.recorder.hear(drone, key, payload, self._frames[drone].matrix, self._frames[drone].origin)
+                self.recorder.hear(drone, key, payload)
             self._autopilots[drone].command(step.command)
         self._move()
         self.ticks += 1
@@ -180,24 +183,23 @@ class _World:
                 exposed.clear()
 
     def _telemetry(self, now_ns: int) -> None:
-        motion, error = self._multirotors, self._localization
-        truth = self._scenario.localization
-        yaw_sigma_rad = float(np.deg2rad(truth.yaw_deg))
-        positions = motion.position_m + error.position_error_m
-        velocities = motion.velocity_mps + error.velocity_error_mps
-        yaws = (motion.yaw_rad + error.yaw_error_rad).tolist()
+        motion, error, frames = self._multirotors, self._localization, self._frames
+        self._estimated = frames.local(motion.position_m + error.position_error_m)
+        velocities = frames.turn(motion.velocity_mps + error.velocity_error_mps)
+        accelerations = frames.turn(motion.acceleration_mps2)
+        yaws = (motion.yaw_rad + error.yaw_error_rad - frames.yaw_rad).tolist()
         heights = motion.position_m[:, 2].tolist()
-        for drone, (pilot, frame, autopilot) in enumerate(zip(self._pilots, self._frames, self._autopilots, strict=True)):
+        for drone, (pilot, autopilot) in enumerate(zip(self._pilots, self._autopilots, strict=True)):
             pilot.observe_vehicle(
                 VehicleState(
                     stamp_ns=now_ns,
                     epoch=0,
-                    position_m=frame.local(positions[drone]),
-                    velocity_mps=frame.turn(velocities[drone]),
-                    quaternion=attitude(yaws[drone] - frame.yaw_rad, *frame.turn(motion.acceleration_mps2[drone])),
+                    position_m=self._estimated[drone],
+                    velocity_mps=velocities[drone],
+                    quaternion=attitude(yaws[drone], *accelerations[drone]),
                     height_m=heights[drone],
-                    position_sigma_m=truth.horizontal_m,
-                    yaw_sigma_rad=yaw_sigma_rad,
+                    position_sigma_m=self._scenario.localization.horizontal_m,
+                    yaw_sigma_rad=self._yaw_sigma_rad,
                     mode=autopilot.mode,
                     armed=autopilot.armed,
                     in_air=autopilot.in_air,
@@ -212,20 +214,17 @@ class _World:
             pilot.receive(key_of(mission.swarm, command), encode(command), now_ns)
 
     def _move(self) -> None:
-        motion, count = self._multirotors, len(self._pilots)
-        position_sp, velocity_sp, yaw_sp = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
-        grounded = np.zeros(count, dtype=np.bool_)
-        for drone, (autopilot, frame) in enumerate(zip(self._autopilots, self._frames, strict=True)):
-            autopilot.step(frame.local(motion.position_m[drone] + self._localization.position_error_m[drone]))
-            target = autopilot.target
-            position_sp[drone] = frame.world(target.position)
-            velocity_sp[drone] = frame.matrix @ target.velocity
-            yaw_sp[drone] = target.yaw + frame.yaw_rad
-            grounded[drone] = autopilot.grounded
-        position_sp -= self._localization.position_error_m  # the autopilot steers its estimate, not its true position
-        yaw_sp -= self._localization.yaw_error_rad
+        motion, error = self._multirotors, self._localization
+        for autopilot, estimated in zip(self._autopilots, self._estimated, strict=True):
+            autopilot.step(estimated)
+        targets = [autopilot.target for autopilot in self._autopilots]
+        # The autopilot steers its estimate, not its true position.
+        position_sp = self._frames.world([target.position for target in targets]) - error.position_error_m
+        velocity_sp = self._frames.turn_out([target.velocity for target in targets])
+        yaw_sp = np.array([target.yaw for target in targets]) + self._frames.yaw_rad - error.yaw_error_rad
+        grounded = np.array([autopilot.grounded for autopilot in self._autopilots])
         motion.step(position_sp, velocity_sp, yaw_sp, grounded)
-        self._localization.step()
+        error.step()
 
 
 def _joined(readouts: Sequence[Readout]) -> Readout:

@@ -14,6 +14,7 @@ from agent.config import MissionConfig
 from agent.pilot import Pilot
 from protocol.codec import decode
 from protocol.messages import Cone, Exposure, Stage
+from sim.frame import LocalFrames
 from sim.result import ConeTrace, RunResult, Trace
 from sim.scenario import Scenario
 
@@ -29,17 +30,20 @@ class Believer(Protocol):
     """Whatever holds a hypothesis: a pilot, or an estimator that only listens."""
 
     @property
-    def hypothesis(self) -> Belief | None: ...
+    def hypothesis(self) -> Belief | None:
+        """Where the source is believed to be, if anywhere."""
 
 
 class Belief(Protocol):
     """What the recorder reads of a hypothesis: mission frame, metres."""
 
     @property
-    def position(self) -> Array: ...
+    def position(self) -> Array:
+        """(3,)."""
 
     @property
-    def covariance(self) -> Array: ...
+    def covariance(self) -> Array:
+        """(3, 3)."""
 
 
 class Score:
@@ -85,7 +89,8 @@ class Score:
 class Recorder:
     """Watches a run."""
 
-    def __init__(self, scenario: Scenario, mission: MissionConfig, pilots: Sequence[Pilot]) -> None:
+    def __init__(self, scenario: Scenario, mission: MissionConfig, pilots: Sequence[Pilot], frames: LocalFrames) -> None:
+        self._frames = frames
         self._scenario = scenario
         self._mission = mission
         self._pilots = pilots
@@ -115,8 +120,8 @@ class Recorder:
             where = f", source near ({x:.1f}, {y:.1f}) m"
         return f"{pilot.stage}{where}"
 
-    def hear(self, drone: int, key: str, payload: bytes, matrix: Array, origin: Array) -> None:
-        """Listen to a publication; matrix and origin give the true world from the sender's local frame."""
+    def hear(self, drone: int, key: str, payload: bytes) -> None:
+        """Listen to what a drone publishes."""
         if not key.endswith(("/cone", "/exposure")):
             return
         message = decode(payload)
@@ -124,6 +129,7 @@ class Recorder:
             self._hits += message.counts.hits
         elif isinstance(message, Cone):
             self._last_cone_s = self._time_s
+            matrix, origin = self._frames.matrix[drone], self._frames.origin[drone]
             orders = sorted(message.orders, key=lambda order: -order.probability)
             self._cones.append(
                 ConeTrace(

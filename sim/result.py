@@ -51,10 +51,14 @@ class ConeTrace:
 class Trace:
     """Time series of one flight, sampled at a fixed rate from the takeoff of the first drone on. Mission frame ENU, metres.
 
-    time_s: (T,) since the start command; position_m, velocity_mps: (T, N, 3), true; stage: (T, N) of protocol Stage strings;
-    source_m: (T, 3), true; hypothesis_m: (T, N, 3) of each drone, NaN where it has none; sigma_m: (T,) horizontal RMS of drone 0's
-    posterior, NaN where none; spacing_error_deg: (T, N), the signed deviation of the gap to the next drone (counter-clockwise around
-    the hypothesis) from 360/N, NaN before tracking.
+    time_s: (T,) since the start of the simulation.
+    position_m, velocity_mps: (T, N, 3), true.
+    stage: (T, N) of protocol Stage strings.
+    source_m: (T, 3), true; NaN where there is no source.
+    hypothesis_m: (T, N, 3) of each drone, NaN where it has none.
+    sigma_m: (T,) horizontal RMS of the first drone's posterior, NaN where it has none.
+    spacing_error_deg: (T, N), signed deviation from 360/N of the gap to the next drone, counter-clockwise around the hypothesis;
+    NaN before tracking.
     """
 
     time_s: NDArray[np.float64]

@@ -26,7 +26,7 @@ _SLACK_WEIGHT = 100.0  # cost of a step's slack, 1/m2; a position error costs 1/
 _SETTINGS = {
     "verbose": False,
     "eps_abs": 1e-2,  # m, m/s, m/s2: a plan need not be finer
-    "eps_rel": 3e-3,
+    "eps_rel": 1e-3,
     "max_iter": 300,
     "check_termination": 5,
     "adaptive_rho": 1,  # at every "adaptive_rho_interval" iterations; 2 would go by the clock
@@ -132,8 +132,9 @@ class LimitedProblem:
         horizon, axes = self._horizon, self._axes
         lower, upper = self._lower, self._upper
         size = len(self._directions) * horizon
-        speed, pull = np.abs(start[1:] @ self._directions.T).max(axis=1).tolist()
-        speed += 0.5 * pull * pull / self._jerk  # reached before the acceleration can be taken back
+        rate, force = start[1:] @ self._directions.T
+        speed = float(np.abs(rate + force * np.abs(force) / (2.0 * self._jerk)).max())  # once the acceleration is taken back
+        pull = float(np.abs(force).max())
         braked = np.maximum(self._speed, speed - 0.5 * self._acceleration * self._times)
         eased = np.maximum(self._acceleration, pull - 0.5 * self._jerk * self._times)
         along = (velocity @ self._directions.T).T

@@ -1,9 +1,9 @@
 """Horizontal, vertical and heading response of PX4-flown multirotors to setpoints.
 
-A linear model per axis, fitted to what a real PX4 did (shared reference on PX4, "Positions"): on a circle of 12 m at 3 m/s, with
-position + velocity setpoints at 20 Hz, the position lags by 0.35-0.41 s and the radius is 0.7-1.1 m too large; feeding acceleration
-forward changes nothing. The response is two delay poles on the setpoint, a position loop P, a velocity loop P and an attitude
-lag, all of one time step by the matrix exponential; tilt limits the acceleration.
+A linear model per axis, fitted to what a real PX4 did: on a circle of 12 m at 3 m/s, with position + velocity setpoints at
+20 Hz, the position lags by 0.35-0.41 s and the radius is 0.7-1.1 m too large; feeding acceleration forward changes nothing. The
+response is two delay poles on the setpoint, a position loop P, a velocity loop P and an attitude lag, all of one time step by the
+matrix exponential; tilt limits the acceleration.
 """
 
 from __future__ import annotations
@@ -47,11 +47,13 @@ class Multirotors:
         self._rng = rng
         count = len(position_m)
         # rows: position, velocity, acceleration, two filter stages of the position and of the velocity setpoint
-        self._state = np.zeros((7, count, 3))
+        # and last the inputs: position and velocity setpoint
+        self._state = np.zeros((9, count, 3))
         self._state[[0, 3, 4]] = position_m
-        self._a, self._b = _discretise(truth, step_s)
+        self._propagate = _discretise(truth, step_s)
         self._gust = np.zeros((count, 3))
         self._gust_keep = float(np.exp(-step_s / truth.gust_correlation_s))
+        self._gust_kick = truth.gust_mps2 * (1.0 - self._gust_keep**2) ** 0.5
         self.yaw_rad = np.array(yaw_rad, dtype=np.float64)
 
     @property
@@ -76,17 +78,16 @@ class Multirotors:
         """Advance one time step towards setpoints (N, 3), (N, 3), (N,); grounded vehicles stay where they are."""
         count = position_sp.shape[0]
         truth = self._truth
-        inputs = np.stack((position_sp, velocity_sp)).reshape(2, -1)
-        resting = self._state[0, grounded]
-        state = self._a @ self._state.reshape(7, -1) + self._b @ inputs
-        self._state = state.reshape(7, count, 3)
-        keep = self._gust_keep
-        self._gust *= keep
-        self._gust += truth.gust_mps2 * (1.0 - keep * keep) ** 0.5 * self._rng.standard_normal((count, 3))
+        some_rest = grounded.any()
+        resting = self._state[0, grounded] if some_rest else None
+        self._state[7], self._state[8] = position_sp, velocity_sp
+        self._state[:7] = (self._propagate @ self._state.reshape(9, -1)).reshape(7, count, 3)
+        self._gust *= self._gust_keep
+        self._gust += self._gust_kick * self._rng.standard_normal((count, 3))
         self._state[1] += self._gust * self._step_s
         self._limit_acceleration()
-        if grounded.any():
-            self._state[:, grounded] = 0.0
+        if some_rest:
+            self._state[:7, grounded] = 0.0
             for row in (0, 3, 4):
                 self._state[row, grounded] = resting
         error = np.remainder(yaw_sp - self.yaw_rad + np.pi, 2.0 * np.pi) - np.pi
@@ -95,9 +96,9 @@ class Multirotors:
 
     def _limit_acceleration(self) -> None:
         acceleration = self._state[2]
-        size = np.sqrt(acceleration[:, 0] ** 2 + acceleration[:, 1] ** 2)
+        size = np.hypot(acceleration[:, 0], acceleration[:, 1])
         limit = self._truth.maximum_acceleration_mps2
-        if (size > limit).any():
+        if size.max() > limit:
             acceleration[:, :2] *= np.minimum(1.0, limit / np.maximum(size, 1e-9))[:, None]
 
     def quaternion(self, drone: int) -> tuple[float, float, float, float]:
@@ -121,8 +122,8 @@ def attitude(yaw: float, ax: float, ay: float, az: float) -> tuple[float, float,
     )
 
 
-def _discretise(truth: MultirotorTruth, step_s: float) -> tuple[Array, Array]:
-    """Exact zero-order-hold discretisation; states as in ``Multirotors``, inputs (position, velocity) setpoint."""
+def _discretise(truth: MultirotorTruth, step_s: float) -> Array:
+    """(7, 9) exact zero-order-hold discretisation; states and inputs as in ``Multirotors``."""
     tau, lag = truth.attitude_lag_s, truth.setpoint_lag_s / 2.0
     kp, kv = truth.position_gain_ps, truth.velocity_gain_ps
     a = np.zeros((9, 9))
@@ -132,5 +133,5 @@ def _discretise(truth: MultirotorTruth, step_s: float) -> tuple[Array, Array]:
     a[4, [4, 3]] = -1.0 / lag, 1.0 / lag
     a[5, [5, 8]] = -1.0 / lag, 1.0 / lag
     a[6, [6, 5]] = -1.0 / lag, 1.0 / lag
-    discrete = expm(a * step_s)
-    return discrete[:7, :7], discrete[:7, 7:]
+    discrete: Array = expm(a * step_s)
+    return discrete[:7]
