@@ -143,9 +143,9 @@ class Tracker:
 
     def _adopt(self, now_ns: int, start: Array, states: Array, jerk: Array, status: Status) -> TrackerPlan:
         full = np.concatenate((start[:, None], states), axis=1)
-        positions, velocities, accelerations = full.tolist()
+        positions, velocities, accelerations = full.tolist()  # plain numbers: sampling is done in plain Python
         self._segments = list(zip(positions[:-1], velocities[:-1], accelerations[:-1], jerk.tolist(), strict=True))
         self._end = positions[-1]
         self._guess[:-1] = jerk[1:]
-        self._plan = TrackerPlan(now_ns, self._step_s, *full, status)
+        self._plan = TrackerPlan(now_ns, self._step_s, full[0], full[1], full[2], status)
         return self._plan
