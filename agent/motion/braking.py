@@ -1,0 +1,35 @@
+"""Where there is no plan: to a given velocity as fast as the limits allow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot
+
+import numpy as np
+
+from agent.motion.reference import Array
+
+_TIME_S = 0.5  # time constant at which the velocity is reached once the limits allow
+
+
+def brake(
+    velocity: Sequence[float],
+    acceleration: Sequence[float],
+    target: tuple[float, float],
+    limits: tuple[float, float],
+    step_s: float,
+    horizon: int,
+) -> Array:
+    """Jerks (H, 2) from this velocity and acceleration (2,) to the target velocity. ``limits``: acceleration, jerk."""
+    (vx, vy), (ax, ay), (limit, rate) = velocity, acceleration, limits
+    jerks = []
+    for _ in range(horizon):
+        wx, wy = (target[0] - vx) / _TIME_S, (target[1] - vy) / _TIME_S
+        share = min(1.0, limit / max(hypot(wx, wy), 1e-9))
+        jx, jy = (wx * share - ax) / step_s, (wy * share - ay) / step_s
+        share = min(1.0, rate / max(hypot(jx, jy), 1e-9))
+        jx, jy = jx * share, jy * share
+        vx, vy = vx + step_s * (ax + 0.5 * step_s * jx), vy + step_s * (ay + 0.5 * step_s * jy)
+        ax, ay = ax + step_s * jx, ay + step_s * jy
+        jerks.append((jx, jy))
+    return np.array(jerks)

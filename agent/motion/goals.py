@@ -1,0 +1,82 @@
+"""From a reference to the tracker's goals: one for each step, inside the fence and within reach."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agent.config import LimitsConfig
+from agent.motion.fence import Fence
+from agent.motion.reference import Array, Reference
+
+Piece = tuple[Array, Array]  # half-planes n . p >= b: normals (M, 2), offsets (M,)
+
+_FENCE_INSIDE_M = 1.5  # plans stay this far inside the fence, for what the vehicle deviates from them
+_HEIGHT_INSIDE_M = 0.5
+_REACH_S = 0.5  # goals may be this much further ahead than full speed could lead
+
+
+class Goals:
+    """Goals in the layout of ``Prediction.optimum``."""
+
+    def __init__(self, limits: LimitsConfig, fence: Fence, step_s: float, horizon: int) -> None:
+        self._fence, self._step_s, self._horizon = fence, step_s, horizon
+        self._times: Array = step_s * np.arange(1, horizon + 1, dtype=np.float64)
+        self._speed, self._climb = limits.speed_mps, limits.climb_mps
+        self._reach: Array = self._times + _REACH_S  # seconds
+
+    def inside(self, x: float, y: float) -> Piece:
+        """Convex piece of the fence around a place, less what plans keep from it."""
+        normals, offsets = self._fence.half_planes(x, y)
+        return normals, offsets + _FENCE_INSIDE_M
+
+    def of(self, reference: Reference, start: Array, inside: Piece) -> Array:
+        """(2 + 2 H, 3): velocity and acceleration at the start (3, 3), goal positions relative to it, goal velocities."""
+        horizon = self._horizon
+        wanted = np.empty((2 + 2 * horizon, 3))
+        wanted[:2] = start[1:]
+        positions, velocities = wanted[2 : 2 + horizon], wanted[2 + horizon :]
+        self._resample(reference, positions, velocities)
+        low, high = self._fence.floor_m + _HEIGHT_INSIDE_M, self._fence.ceiling_m - _HEIGHT_INSIDE_M
+        np.clip(positions[:, 2], low, max(low, high), out=positions[:, 2])
+        _bring_inside(positions[:, :2], velocities[:, :2], inside)
+        positions -= start[0]
+        self._bring_within_reach(positions, velocities)
+        return wanted
+
+    def _resample(self, reference: Reference, positions: Array, velocities: Array) -> None:
+        horizon, count = self._horizon, len(reference.positions) - 1
+        if reference.step_s == self._step_s and count >= horizon:
+            positions[:], velocities[:] = reference.positions[1 : horizon + 1], reference.velocities[1 : horizon + 1]
+            return
+        known = np.arange(count + 1) * reference.step_s
+        after = np.maximum(0.0, self._times - known[-1])  # beyond its end the reference goes straight on
+        for axis in range(3):
+            velocities[:, axis] = np.interp(self._times, known, reference.velocities[:, axis])
+            positions[:, axis] = np.interp(self._times, known, reference.positions[:, axis]) + after * velocities[:, axis]
+
+    def _bring_within_reach(self, offsets: Array, velocities: Array) -> None:
+        """Move goals to where full speed could lead: further ones would only cost the solver accuracy."""
+        most = np.abs(offsets).max(axis=0).tolist()
+        if max(most[0], most[1]) > self._speed * self._reach[0]:
+            reach = self._speed * self._reach
+            distance = np.maximum(np.hypot(offsets[:, 0], offsets[:, 1]), 1e-9)
+            far = distance > reach
+            direction = offsets[far, :2] / distance[far, None]
+            offsets[far, :2] = direction * reach[far, None]
+            velocities[far, :2] = direction * self._speed
+        if most[2] > self._climb * self._reach[0]:
+            reach = self._climb * self._reach
+            far = np.abs(offsets[:, 2]) > reach
+            direction = np.sign(offsets[far, 2])
+            offsets[far, 2] = direction * reach[far]
+            velocities[far, 2] = direction * self._climb
+
+
+def _bring_inside(positions: Array, velocities: Array, inside: Piece) -> None:
+    """Move goals (H, 2) beyond the fence onto it: they would press against it."""
+    normals, offsets = inside
+    outside = positions @ normals.T < offsets
+    if outside.any():
+        for normal, offset, beyond in zip(normals, offsets.tolist(), outside.T, strict=True):
+            positions += np.maximum(0.0, offset - positions @ normal)[:, None] * normal
+            velocities += (np.maximum(0.0, -velocities @ normal) * beyond)[:, None] * normal

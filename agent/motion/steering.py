@@ -1,0 +1,165 @@
+"""The tracker's horizontal part: within the limits, away from the others, inside the fence; and the last resort."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from agent.config import LimitsConfig
+from agent.motion.braking import brake
+from agent.motion.goals import Piece
+from agent.motion.prediction import Prediction
+from agent.motion.qp import OCTAGON_INRADIUS, HalfPlanes, LimitedProblem
+from agent.motion.reference import Array, PeerState
+from agent.motion.separation import PeerPlan, escape, half_planes, keep_away
+
+_ROWS = 3  # half-planes per step in the constrained problem
+_NEAR_M = 2.0  # half-planes nearer than this to the plan enter the problem
+_FENCE_YIELDS = 2.0  # the fence gives way before the separation does
+_DEVIATION_S = 1.0  # time constant at which vehicles come back to their plans
+
+
+class Status(StrEnum):
+    """How a plan came about."""
+
+    FREE = "free"  # no limit active
+    CONSTRAINED = "constrained"  # solved within limits
+    BRAKING = "braking"  # no solution: brake
+    ESCAPING = "escaping"  # too close to another drone: brake or back off
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What one replan starts from.
+
+    start: (3, 3), the virtual vehicle's position, velocity, acceleration; measured: the real one; previous: (H, 2), where the
+    plan before this one would be at the steps; inside: the fence here; guess: (H, 3) jerks to begin the search with.
+    """
+
+    now_ns: int
+    start: Array
+    measured: PeerState
+    previous: Array
+    inside: Piece
+    guess: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Neighbour:
+    """A peer that comes near: its positions (H + 1, 2) now and at the steps, and the distance to keep."""
+
+    positions: Array
+    distance: float
+    has_right_of_way: bool
+
+
+class Steering:
+    """Horizontal jerks for each replan."""
+
+    def __init__(
+        self, limits: LimitsConfig, prediction: Prediction, step_s: float, horizon: int, *, reaction_s: float, drone_id: str
+    ) -> None:
+        """``reaction_s``: by which the vehicle follows late; ``drone_id`` decides on the right of way."""
+        self._limits, self._prediction, self._id = limits, prediction, drone_id
+        self._step_s, self._horizon, self._reaction_s = step_s, horizon, reaction_s
+        flat = (limits.speed_mps, limits.acceleration_mps2, limits.jerk_mps3)
+        self._problem = LimitedProblem(prediction, step_s, 2, flat, _ROWS)
+        self._speed_squared = (limits.speed_mps * OCTAGON_INRADIUS) ** 2
+        self._acceleration_squared = (limits.acceleration_mps2 * OCTAGON_INRADIUS) ** 2
+        self._times: Array = step_s * np.arange(horizon + 1, dtype=np.float64)
+        self._fading: Array = np.exp(-self._times / _DEVIATION_S)[:, None]
+
+    def jerk(self, situation: Situation, optimum: Array, peers: Sequence[PeerPlan]) -> tuple[Status, Array]:
+        """Jerks (H, 2) from the unconstrained optimum (4, H, 3): that itself, the constrained one, or the last resort."""
+        neighbours, clear = self._neighbours(situation, optimum[1, :, :2], peers)
+        normals, offsets = situation.inside
+        clearances = (optimum[1, :, :2] @ normals.T - offsets).min(axis=0)
+        if clear and float(clearances.min()) >= 0.0 and self._within_limits(optimum[:, :, :2]):
+            return Status.FREE, optimum[0, :, :2]
+        near = clearances < _NEAR_M
+        planes = self._half_planes(situation, optimum[1, :, :2], neighbours, (normals[near], offsets[near]))
+        found = self._problem.solve(situation.start[:, :2], optimum[:, :, :2], planes, situation.guess[:, :2])
+        if found is not None and self._apart(
+            optimum[1, :, :2] + self._prediction.position @ (found - optimum[0, :, :2]), neighbours
+        ):
+            return Status.CONSTRAINED, found
+        away = escape(self._id, situation.measured, peers, self._limits, self._reaction_s)
+        if away is not None:
+            return Status.ESCAPING, self._brake(situation, away)
+        return (Status.BRAKING, self._brake(situation, (0.0, 0.0))) if found is None else (Status.CONSTRAINED, found)
+
+    def _within_limits(self, optimum: Array) -> bool:
+        speed, acceleration = np.einsum("skx,skx->sk", optimum[2:], optimum[2:]).max(axis=1).tolist()
+        within: bool = speed <= self._speed_squared and acceleration <= self._acceleration_squared
+        return within and float(np.abs(optimum[0]).max()) <= self._limits.jerk_mps3
+
+    def _neighbours(self, situation: Situation, position: Array, peers: Sequence[PeerPlan]) -> tuple[list[_Neighbour], bool]:
+        """The peers that come near to the optimum (H, 2), and whether it keeps its distance from all."""
+        neighbours, clear = [], True
+        x, y = (situation.measured.position[axis] - float(situation.start[0, axis]) for axis in (0, 1))
+        for peer in peers:
+            positions = self._corrected(peer, situation.now_ns, x, y)
+            distance = keep_away(self._id, peer, self._limits.separation_m)
+            apart = position - positions[1:]
+            clearance = float(np.einsum("kx,kx->k", apart, apart).min()) ** 0.5 - distance
+            if clearance < _NEAR_M:
+                neighbours.append(_Neighbour(positions, distance, peer.id < self._id))
+                clear = clear and clearance >= 0.0
+        return neighbours, clear
+
+    def _corrected(self, peer: PeerPlan, now_ns: int, x: float, y: float) -> Array:
+        """A peer's planned positions (H + 1, 2), moved by how far it is off its plan and I am off mine (x, y).
+
+        Plans are kept apart, but vehicles collide. Deviations fade along the horizon.
+        """
+        positions = peer.at(now_ns, self._times)
+        dx, dy = -x, -y
+        if peer.measured is not None:
+            (px, py, _), (u, v, _), age = peer.measured.position, peer.measured.velocity, peer.measured.age_s
+            dx += px + age * u - float(positions[0, 0])
+            dy += py + age * v - float(positions[0, 1])
+        positions += self._fading * np.array((dx, dy))
+        return positions
+
+    def _half_planes(
+        self, situation: Situation, position: Array, neighbours: Sequence[_Neighbour], fence: Piece
+    ) -> HalfPlanes | None:
+        """The half-planes of neighbours and fence; per step, those that the unconstrained optimum (H, 2) violates most."""
+        if not neighbours and len(fence[0]) == 0:
+            return None
+        horizon, count = self._horizon, max(_ROWS, len(neighbours) + len(fence[0]))
+        here = (float(situation.start[0, 0]), float(situation.start[0, 1]))
+        normals, offsets, yielding = np.zeros((count, horizon, 2)), np.full((count, horizon), -np.inf), np.ones((count, horizon))
+        for row, other in enumerate(neighbours):
+            normals[row], offsets[row] = half_planes(
+                situation.previous, here, other.positions, other.distance, other.has_right_of_way
+            )
+        for row, (normal, offset) in enumerate(zip(*fence, strict=True), start=len(neighbours)):
+            normals[row], offsets[row], yielding[row] = normal, offset, _FENCE_YIELDS
+        if count > _ROWS:
+            slack = np.einsum("rkx,kx->rk", normals, position) - offsets
+            worst = np.argsort(slack, axis=0, kind="stable")[:_ROWS]
+            steps = np.arange(horizon)
+            normals, offsets, yielding = normals[worst, steps], offsets[worst, steps], yielding[worst, steps]
+        return HalfPlanes(normals, offsets, yielding)
+
+    def _apart(self, position: Array, neighbours: Sequence[_Neighbour]) -> bool:
+        """Whether a solution (H, 2) keeps the bare separation from the others, as far as that is in its hands.
+
+        Where the distance is growing already there is nothing better to do.
+        """
+        for other in neighbours:
+            apart = position - other.positions[1:]
+            squared = np.einsum("kx,kx->k", apart, apart)
+            least = float(squared.min())
+            if least < self._limits.separation_m**2 and least < float(squared[0]):
+                return False
+        return True
+
+    def _brake(self, situation: Situation, target: tuple[float, float]) -> Array:
+        velocity, acceleration = situation.start[1:, :2].tolist()
+        limits = (self._limits.acceleration_mps2, self._limits.jerk_mps3)
+        return brake(velocity, acceleration, target, limits, self._step_s, self._horizon)

@@ -1,0 +1,71 @@
+"""The fence and its convex pieces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from agent.config import AreaConfig
+from agent.errors import ConfigError
+from agent.motion.fence import Fence
+
+L_SHAPE = shapely.Polygon([(0, 0), (60, 0), (60, 20), (20, 20), (20, 60), (0, 60)])
+STAR = shapely.Polygon([(0, 0), (20, 8), (40, 0), (32, 20), (40, 40), (20, 32), (0, 40), (8, 20)])
+
+
+def test_an_area_is_widened_by_its_margin() -> None:
+    fence = Fence.from_area(AreaConfig(polygon_m=((0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (0.0, 50.0)), fence_margin_m=30.0))
+    assert fence.contains(-29.0, 25.0, 3.0)
+    assert not fence.contains(-30.5, 25.0, 3.0)
+    assert not fence.contains(-29.0, -29.0, 3.0)  # the corner is round
+    assert not fence.contains(50.0, 25.0, 1.0)
+    assert not fence.contains(50.0, 25.0, 61.0)
+
+
+def test_an_area_without_margin_keeps_its_corners_and_the_ground_shifts_heights() -> None:
+    area = AreaConfig(polygon_m=((0.0, 0.0), (10.0, 0.0), (10.0, 10.0)), fence_margin_m=0.0)
+    fence = Fence.from_area(area, points=[(100.0, 0.0), (110.0, 0.0), (110.0, 10.0)], ground_m=200.0)
+    assert fence.contains(109.0, 1.0, 203.0)
+    assert not fence.contains(9.0, 1.0, 203.0)
+    assert (fence.floor_m, fence.ceiling_m) == (201.5, 260.0)
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_a_convex_fence_is_one_piece(clockwise: bool) -> None:
+    corners = [(0, 0), (40, 0), (50, 30), (0, 40)]
+    fence = Fence(shapely.Polygon(corners[::-1] if clockwise else corners), 1.0, 10.0)
+    rng = np.random.default_rng(0)
+    for x, y in rng.uniform(-10.0, 60.0, (200, 2)).tolist():
+        normals, offsets = fence.half_planes(5.0, 5.0)
+        assert bool((normals @ (x, y) >= offsets).all()) == fence.contains(x, y, 5.0)
+
+
+@given(st.sampled_from([L_SHAPE, STAR]), st.floats(0.0, 60.0), st.floats(0.0, 60.0))
+def test_a_piece_of_a_non_convex_fence_lies_inside_and_holds_its_place(outline: shapely.Polygon, x: float, y: float) -> None:
+    assume(outline.contains(shapely.Point(x, y)) and outline.boundary.distance(shapely.Point(x, y)) > 1e-3)
+    normals, offsets = Fence(outline, 1.0, 10.0).half_planes(x, y)
+    assert (normals @ (x, y) >= offsets).all()
+    piece = shapely.box(-200.0, -200.0, 300.0, 300.0)
+    for (nx, ny), b in zip(normals.tolist(), offsets.tolist(), strict=True):
+        foot, along = np.array([nx * b, ny * b]), np.array([-ny, nx])
+        inward = np.array([nx, ny])
+        corners = [foot - 900 * along, foot + 900 * along, foot + 900 * (along + inward), foot + 900 * (inward - along)]
+        piece = piece.intersection(shapely.Polygon(corners))
+    assert piece.difference(outline.buffer(1e-3)).area < 1e-3
+    assert piece.area > 0.0
+
+
+def test_from_outside_the_way_leads_to_the_nearest_place_inside() -> None:
+    normals, offsets = Fence(L_SHAPE, 1.0, 10.0).half_planes(-7.0, 30.0)
+    assert normals == pytest.approx(np.array([[1.0, 0.0]]))
+    assert offsets == pytest.approx(np.array([0.0]))
+
+
+def test_a_fence_that_makes_no_sense_is_refused() -> None:
+    with pytest.raises(ConfigError, match="simple polygon"):
+        Fence(shapely.Polygon([(0, 0), (10, 10), (10, 0), (0, 10)]), 1.0, 10.0)
+    with pytest.raises(ConfigError, match="below ceiling_m"):
+        Fence(L_SHAPE, 10.0, 10.0)

@@ -1,0 +1,220 @@
+"""The MPC tracker on its own."""
+
+from __future__ import annotations
+
+from math import hypot
+
+import numpy as np
+import pytest
+import shapely
+from shapely.ops import nearest_points
+
+from agent.config import LimitsConfig
+from agent.motion.fence import Fence
+from agent.motion.prediction import predict
+from agent.motion.qp import LimitedProblem
+from agent.motion.reference import PeerState, Reference
+from agent.motion.separation import PeerPlan
+from agent.motion.tracker import Status, Tracker, TrackerPlan
+
+LIMITS = LimitsConfig()
+WIDE = Fence(shapely.box(-500.0, -500.0, 500.0, 500.0), 1.5, 60.0)
+STEP_NS = 200_000_000
+UP = np.array([0.0, 0.0, 3.0])
+
+
+def stay(x: float, y: float, z: float = 3.0) -> Reference:
+    return Reference(np.tile([x, y, z], (31, 1)), np.zeros((31, 3)), 0.2)
+
+
+def follow(
+    tracker: Tracker, references: list[Reference], start: tuple[float, float, float] = (0.0, 0.0, 3.0)
+) -> list[TrackerPlan]:
+    """Plans of a vehicle that follows perfectly."""
+    state, plans = PeerState(start), []
+    for step, reference in enumerate(references):
+        plans.append(tracker.plan(step * STEP_NS, state, reference))
+        state = tracker.state((step + 1) * STEP_NS)
+    return plans
+
+
+def test_jumping_references_never_break_the_limits() -> None:
+    rng = np.random.default_rng(0)
+    references = [stay(*goal) for goal in rng.uniform((-60, -60, 2), (60, 60, 30), (5, 3)).tolist() for _ in range(70)]
+    plans = follow(Tracker(LIMITS, WIDE), references)
+    assert {plan.status for plan in plans} == {Status.FREE, Status.CONSTRAINED}
+    speeds = [np.hypot(plan.velocities[:, 0], plan.velocities[:, 1]).max() for plan in plans]
+    pulls = [np.hypot(plan.accelerations[:, 0], plan.accelerations[:, 1]).max() for plan in plans]
+    jerks = [np.abs(np.diff(plan.accelerations[:, :2], axis=0)).max() / 0.2 for plan in plans]
+    climbs = [np.abs(plan.velocities[:, 2]).max() for plan in plans]
+    assert max(speeds) < 1.01 * LIMITS.speed_mps
+    assert max(pulls) < 1.01 * LIMITS.acceleration_mps2
+    assert max(jerks) < 1.001 * LIMITS.jerk_mps3
+    assert max(climbs) < 1.02 * LIMITS.climb_mps
+    assert max(speeds) > 0.9 * LIMITS.speed_mps  # and they are made use of
+    assert max(pulls) > 0.9 * LIMITS.acceleration_mps2
+
+
+def test_the_plan_arrives() -> None:
+    plans = follow(Tracker(LIMITS, WIDE), [stay(30.0, -20.0, 10.0)] * 60)
+    assert plans[-1].positions[0] == pytest.approx((30.0, -20.0, 10.0), abs=0.05)
+    assert plans[-1].status is Status.FREE
+
+
+def test_without_active_limits_osqp_agrees_with_the_matrix_product() -> None:
+    prediction = predict(20, 0.2)
+    problem = LimitedProblem(prediction, 0.2, 2, (1e3, 1e3, 1e3), 3)
+    wanted = np.random.default_rng(1).normal(0.0, 2.0, (42, 2))
+    optimum = (prediction.optimum @ wanted).reshape(4, 20, 2)
+    start = np.array([(0.0, 0.0), wanted[0], wanted[1]])
+    found = problem.solve(start, optimum, None, np.zeros((20, 2)))
+    assert found is not None
+    assert found == pytest.approx(optimum[0], abs=0.05)
+
+
+def test_the_matrix_product_minimises_the_cost() -> None:
+    prediction, rng = predict(10, 0.2), np.random.default_rng(2)
+    data = rng.normal(0.0, 2.0, (22, 1))
+    jerk = (prediction.optimum @ data)[:10]
+
+    def cost(u: np.ndarray) -> float:
+        free = prediction.free.reshape(3, 10, 2) @ data[:2]
+        position = free[0] + prediction.position @ u - data[2:12]
+        velocity = free[1] + prediction.velocity @ u - data[12:]
+        return float((position**2).sum() + 0.3 * (velocity**2).sum() + 0.05 * (u**2).sum())
+
+    best = cost(jerk)
+    assert all(cost(jerk + 0.01 * rng.normal(0.0, 1.0, (10, 1))) > best for _ in range(50))
+
+
+def test_samples_are_continuous_and_ahead_by_the_lead() -> None:
+    reference = Reference(np.outer(0.2 * np.arange(31), (3.0, 0.0, 0.0)) + UP, np.tile([3.0, 0.0, 0.0], (31, 1)), 0.2)
+    tracker = Tracker(LIMITS, WIDE, lead_s=0.4)
+    tracker.reset((0.0, 0.0, 3.0), (3.0, 0.0, 0.0))
+    tracker.plan(0, PeerState((0.0, 0.0, 3.0), (3.0, 0.0, 0.0)), reference)
+    position, velocity, acceleration = tracker.sample(1_000_000_000)
+    assert position == pytest.approx((3.0 * 1.4, 0.0, 3.0))
+    assert velocity == pytest.approx((3.0, 0.0, 0.0))
+    assert acceleration == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    tracker.plan(STEP_NS, PeerState((0.6, 0.0, 3.0)), stay(5.0, 7.0))
+    path = np.array([tracker.sample(STEP_NS + k * 10_000_000)[0] for k in range(300)])
+    assert np.abs(np.diff(path, axis=0)).max() < 0.15
+
+
+def test_a_replan_continues_where_the_plan_before_it_is() -> None:
+    tracker = Tracker(LIMITS, WIDE)
+    tracker.plan(0, PeerState((0.0, 0.0, 3.0)), stay(20.0, 0.0))
+    before = tracker.sample(1_130_000_000)[0]
+    expected = tracker.state(1_130_000_000)
+    plan = tracker.plan(1_130_000_000, PeerState(expected.position), stay(20.0, 0.0))
+    assert plan.positions[0] == pytest.approx(expected.position)
+    assert plan.velocities[0] == pytest.approx(expected.velocity)
+    assert tracker.sample(1_130_000_000)[0] == pytest.approx(before, abs=0.05)
+
+
+def test_an_old_plan_ends_in_a_standstill() -> None:
+    tracker = Tracker(LIMITS, WIDE)
+    plan = tracker.plan(0, PeerState((0.0, 0.0, 3.0)), stay(20.0, 0.0))
+    position, velocity, _ = tracker.sample(60_000_000_000)
+    assert position == pytest.approx(plan.positions[-1])
+    assert velocity == (0.0, 0.0, 0.0)
+
+
+def test_a_vehicle_that_is_elsewhere_or_a_reset_begins_anew() -> None:
+    tracker = Tracker(LIMITS, WIDE)
+    tracker.plan(0, PeerState((0.0, 0.0, 3.0)), stay(1.0, 0.0))
+    near = tracker.plan(STEP_NS, PeerState((1.0, 1.0, 3.0)), stay(1.0, 0.0))
+    assert near.positions[0] == pytest.approx((0.0, 0.0, 3.0), abs=0.1)
+    far = tracker.plan(2 * STEP_NS, PeerState((10.0, 5.0, 3.0), (1.0, 0.0, 0.0)), stay(1.0, 0.0))
+    assert far.positions[0] == pytest.approx((10.0, 5.0, 3.0))
+    assert far.velocities[0] == pytest.approx((1.0, 0.0, 0.0))
+    tracker.reset((4.0, 4.0, 4.0))
+    assert tracker.plan(3 * STEP_NS, PeerState((4.1, 4.0, 4.0)), stay(1.0, 0.0)).positions[0] == pytest.approx((4.0, 4.0, 4.0))
+
+
+def test_there_is_nothing_to_sample_before_the_first_plan() -> None:
+    with pytest.raises(RuntimeError, match=r"call plan\(\) first"):
+        Tracker(LIMITS, WIDE).sample(0)
+
+
+def test_a_vehicle_beyond_its_limits_is_brought_back() -> None:
+    tracker = Tracker(LIMITS, WIDE)
+    plan = tracker.plan(0, PeerState((0.0, 0.0, 3.0), (14.0, 0.0, 0.0)), stay(40.0, 0.0))
+    assert plan.status is Status.CONSTRAINED
+    speeds = np.hypot(plan.velocities[:, 0], plan.velocities[:, 1])
+    assert speeds.max() < 14.2
+    assert speeds[-1] < LIMITS.speed_mps
+    assert np.hypot(plan.accelerations[:, 0], plan.accelerations[:, 1]).max() < 1.01 * LIMITS.acceleration_mps2
+
+
+@pytest.mark.parametrize(
+    ("outline", "goal"),
+    [
+        (shapely.box(-20.0, -20.0, 20.0, 20.0), (60.0, 25.0)),
+        (shapely.Polygon([(-20, -20), (40, -20), (40, 5), (10, 5), (10, 40), (-20, 40)]), (35.0, 35.0)),
+    ],
+)
+def test_the_fence_holds_against_references_beyond_it(outline: shapely.Polygon, goal: tuple[float, float]) -> None:
+    plans = follow(Tracker(LIMITS, Fence(outline, 1.5, 60.0)), [stay(*goal)] * 50)
+    flown = np.array([plan.positions[0] for plan in plans])
+    assert all(outline.contains(shapely.Point(x, y)) for x, y, _ in flown.tolist())
+    nearest = nearest_points(outline, shapely.Point(goal))[0]
+    assert hypot(flown[-1, 0] - nearest.x, flown[-1, 1] - nearest.y) < 25.0
+    assert np.hypot(*plans[-1].velocities[0, :2]) < 0.5  # it has come to rest inside
+
+
+def test_floor_and_ceiling_hold() -> None:
+    up = follow(Tracker(LIMITS, WIDE), [stay(0.0, 0.0, 90.0)] * 200)
+    assert up[-1].positions[0, 2] == pytest.approx(59.5, abs=0.1)
+    assert max(plan.positions[:, 2].max() for plan in up) < 60.05
+    down = follow(Tracker(LIMITS, WIDE), [stay(0.0, 0.0, -5.0)] * 60, start=(0.0, 0.0, 20.0))
+    assert min(plan.positions[:, 2].min() for plan in down) > 1.45
+
+
+def test_a_standing_peer_in_the_way_is_flown_around() -> None:
+    tracker, state, closest = Tracker(LIMITS, WIDE, drone_id="b"), PeerState((0.0, 0.0, 3.0)), 1e9
+    for step in range(60):
+        there = PeerState((15.0, 0.0, 3.0))
+        peer = PeerPlan("a", step * STEP_NS, 0.2, np.tile([15.0, 0.0, 3.0], (21, 1)), 0.1, there)
+        tracker.plan(step * STEP_NS, state, stay(30.0, 0.0), [peer])
+        state = tracker.state((step + 1) * STEP_NS)
+        closest = min(closest, hypot(state.position[0] - 15.0, state.position[1]))
+    assert closest > LIMITS.separation_m + 1.0
+    assert state.position == pytest.approx((30.0, 0.0, 3.0), abs=0.3)
+
+
+def test_without_an_answer_of_the_solver_the_drone_brakes_within_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    tracker = Tracker(LIMITS, WIDE)
+    tracker.reset((0.0, 0.0, 3.0), (6.0, 2.0, 0.0))
+    monkeypatch.setattr(LimitedProblem, "solve", lambda *_: None)
+    plan = tracker.plan(0, PeerState((0.0, 0.0, 3.0), (6.0, 2.0, 0.0)), stay(-60.0, 0.0))
+    assert plan.status is Status.BRAKING
+    assert np.hypot(*plan.velocities[-1, :2]) < 0.2
+    assert np.hypot(plan.accelerations[:, 0], plan.accelerations[:, 1]).max() <= 1.001 * LIMITS.acceleration_mps2
+    assert plan.positions[-1, 0] > 0.0
+
+
+def test_a_drone_that_shoots_at_another_is_stopped() -> None:
+    tracker = Tracker(LIMITS, WIDE, drone_id="b")
+    mine, theirs = PeerState((0.0, 0.0, 3.0), (7.0, 0.0, 0.0)), PeerState((7.0, 0.0, 3.0))
+    tracker.reset(mine.position, mine.velocity)
+    plan = tracker.plan(0, mine, stay(30.0, 0.0), [PeerPlan("a", 0, 0.2, np.tile([7.0, 0.0, 3.0], (21, 1)), 0.1, theirs)])
+    assert plan.status is Status.ESCAPING
+    assert plan.velocities[-1, 0] < -1.0
+    assert np.hypot(plan.accelerations[:, 0], plan.accelerations[:, 1]).max() <= 1.001 * LIMITS.acceleration_mps2
+
+
+def test_the_same_inputs_give_the_same_plans_bit_for_bit() -> None:
+    rng = np.random.default_rng(3)
+    references = [stay(*goal) for goal in rng.uniform((-40, -40, 2), (40, 40, 20), (20, 3)).tolist() for _ in range(3)]
+    first, second = follow(Tracker(LIMITS, WIDE), references), follow(Tracker(LIMITS, WIDE), references)
+    assert all(np.array_equal(a.positions, b.positions) for a, b in zip(first, second, strict=True))
+
+
+def test_a_reference_with_other_steps_is_resampled() -> None:
+    times = 0.5 * np.arange(5.0)
+    coarse = Reference(np.outer(times, (2.0, 0.0, 0.0)) + UP, np.tile([2.0, 0.0, 0.0], (5, 1)), 0.5)
+    tracker = Tracker(LIMITS, WIDE)
+    tracker.reset((0.0, 0.0, 3.0), (2.0, 0.0, 0.0))
+    plan = tracker.plan(0, PeerState((0.0, 0.0, 3.0), (2.0, 0.0, 0.0)), coarse)
+    assert plan.positions[:, 0] == pytest.approx(2.0 * 0.2 * np.arange(21.0), abs=1e-6)
