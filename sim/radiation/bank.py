@@ -22,7 +22,7 @@ from sim.radiation.timepix3 import PIXEL, Response
 
 BIN_DEG = 2.0
 _ROWS = round(180.0 / BIN_DEG)
-_INTERACTIONS = 3000  # per bin
+_INTERACTIONS = 2500  # per bin
 _QUOTA = (96, 48, 128)  # kept of them: single, scattered, complete
 _ISOTROPIC_INTERACTIONS = 12000
 _ISOTROPIC_QUOTA = (4000, 600, 600)

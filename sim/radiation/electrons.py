@@ -8,6 +8,7 @@ length s deflects by an angle whose mean cosine is exp(-s / path).
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import NamedTuple
 
@@ -77,9 +78,9 @@ def csda_range_mm(energy_kev: float) -> float:
 @jit
 def rotated(u: float, v: float, w: float, cosine: float, azimuth: float) -> tuple[float, float, float]:
     """The unit vector (u, v, w) turned by an angle of that cosine, in the direction of the azimuth about it."""
-    sine = np.sqrt(max(0.0, 1.0 - cosine * cosine))
-    a, b = sine * np.cos(azimuth), sine * np.sin(azimuth)
-    rho = np.sqrt(u * u + v * v)
+    sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
+    a, b = sine * math.cos(azimuth), sine * math.sin(azimuth)
+    rho = math.sqrt(u * u + v * v)
     if rho < 1e-9:
         return a, b * np.sign(w), cosine * np.sign(w)
     return (
@@ -109,7 +110,7 @@ def track(
     scale = (len(tables.log_energy) - 1) / (tables.log_energy[-1] - start)
     count = 0
     while energy_kev > _STOPPED_KEV and count < MAX_STEPS - 1:
-        cell = int((np.log(energy_kev) - start) * scale)
+        cell = int((math.log(energy_kev) - start) * scale)
         stopping = tables.stopping[cell]
         deflection = tables.deflection[cell]
         step = min(_LONGEST_STEP_MM, 1.0 / deflection, 0.2 * energy_kev / stopping)
@@ -126,9 +127,9 @@ def track(
         y += 0.5 * step * v
         z += 0.5 * step * w
         # The cosine is drawn from a density exp(a cosine); its mean is coth(a) - 1/a, and a is fitted to exp(-step deflection).
-        mean = np.exp(-step * deflection)
+        mean = math.exp(-step * deflection)
         a = mean * (3.0 - mean * mean) / (1.0 - mean * mean)
-        cosine = max(-1.0, 1.0 + np.log(1.0 - rng.random() * (1.0 - np.exp(-2.0 * a))) / a)
+        cosine = max(-1.0, 1.0 + math.log(1.0 - rng.random() * (1.0 - math.exp(-2.0 * a))) / a)
         u, v, w = rotated(u, v, w, cosine, 2.0 * np.pi * rng.random())
     if abs(x) <= half_size[0] and abs(y) <= half_size[1] and abs(z) <= half_size[2]:
         points[count, 0], points[count, 1], points[count, 2], points[count, 3] = x, y, z, energy_kev

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,7 @@ SINGLE, SCATTERED, COMPLETE = range(3)
 KINDS = 3
 _APART_MM = 0.11  # two pixels
 _CLUSTER_KEV = 32.0  # more than any K line: a fluorescence photon's neighbour makes no coincidence
+_ROOM = 60  # pixels per event, on average over a run: twice what 1.4 MeV needs
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,23 +62,49 @@ def _kind(sites: FloatArray, count: int, energy_kev: float) -> int:
     return 2 if total > energy_kev - 1.0 else 1
 
 
+class _Beam(NamedTuple):
+    """Photons on their way. L lines.
+
+    energy_kev, attenuation: (L,) of each line, per mm. candidates: (L,) cumulative photons per decay that would interact on
+    ``longest`` mm. window: two cosines of the polar angle, two azimuths. largest: no smaller than the shadow in the window, mm2;
+    zero where the window is so small that the shadow is nearly the same all over it.
+    """
+
+    energy_kev: FloatArray
+    attenuation: FloatArray
+    candidates: FloatArray
+    longest: float
+    window: FloatArray
+    largest: float
+
+
+def _beam(lines: Sequence[tuple[float, float]], cosine: tuple[float, float], azimuth: tuple[float, float]) -> _Beam:
+    half = HALF_SIZE_MM
+    longest = 2.0 * float(np.linalg.norm(half))
+    if cosine[0] * cosine[1] > 0.0:
+        longest = min(longest, 2.0 * float(half[2]) / min(abs(cosine[0]), abs(cosine[1])))
+    energy, intensity = np.array(lines, float).reshape(-1, 2).T.copy()
+    attenuation = np.array([attenuation_per_mm(e, cdte()) for e in energy])
+    candidates = np.cumsum(intensity * -np.expm1(-attenuation * longest))
+    small = cosine[1] - cosine[0] < 0.2 and azimuth[1] - azimuth[0] < 0.2
+    largest = 4.0 * float(np.linalg.norm((half[1] * half[2], half[0] * half[2], half[0] * half[1])))
+    return _Beam(energy, attenuation, candidates, longest, np.array([*cosine, *azimuth]), 0.0 if small else largest)
+
+
 @jit
 def _draw_direction(window: FloatArray, half: FloatArray, rng: np.random.Generator, source: FloatArray) -> float:
-    """A random direction of the window (two cosines, two azimuths), written to source (3,); returns the sensor's shadow, mm2."""
+    """A random direction of the window, written to source (3,); returns the sensor's shadow in it, mm2."""
     cosine = window[0] + (window[1] - window[0]) * rng.random()
     azimuth = window[2] + (window[3] - window[2]) * rng.random()
-    sine = np.sqrt(max(0.0, 1.0 - cosine * cosine))
-    source[0], source[1], source[2] = sine * np.cos(azimuth), sine * np.sin(azimuth), cosine
-    x, y, z = half[0] * abs(source[0]), half[1] * abs(source[1]), half[2] * abs(source[2])
-    volume = half[0] * half[1] * half[2]
-    return float(4.0 * volume * (x / half[0] ** 2 + y / half[1] ** 2 + z / half[2] ** 2))
+    sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
+    x, y = sine * math.cos(azimuth), sine * math.sin(azimuth)
+    source[0], source[1], source[2] = x, y, cosine
+    return float(4.0 * (half[1] * half[2] * abs(x) + half[0] * half[2] * abs(y) + half[0] * half[1] * abs(cosine)))
 
 
 @jit
 def _simulate(
-    lines: FloatArray,
-    window: FloatArray,
-    wide: bool,
+    beam: _Beam,
     interactions: int,
     quota: IntArray,
     half: FloatArray,
@@ -105,33 +134,27 @@ def _simulate(
     shadows = 0.0
     found = np.zeros(KINDS)
     have = np.zeros(KINDS, np.int64)
-    # Most photons pass: only those are looked at that would interact on the longest way through the sensor.
-    longest = 2.0 * np.sqrt((half * half).sum())
-    if window[0] * window[1] > 0.0:
-        longest = min(longest, 2.0 * half[2] / min(abs(window[0]), abs(window[1])))
-    attenuation = np.empty(len(lines))
-    for i in range(len(lines)):
-        attenuation[i] = attenuation_per_mm(lines[i, 0], cdte)
-    candidates = np.cumsum(lines[:, 1] * (1.0 - np.exp(-attenuation * longest)))
-    largest = 4.0 * np.sqrt((half[1] * half[2]) ** 2 + (half[0] * half[2]) ** 2 + (half[0] * half[1]) ** 2)
     while done < interactions:
-        shadow = _draw_direction(window, half, rng, source)
+        shadow = _draw_direction(beam.window, half, rng, source)
         trials += 1
         shadows += shadow
-        # The beam meets the sensor in proportion to its shadow; within a small window of directions it is nearly the same.
-        if wide and rng.random() * largest > shadow:
+        # A beam meets the sensor in proportion to its shadow.
+        if rng.random() * beam.largest > shadow:
             continue
-        line = min(np.searchsorted(candidates, rng.random() * candidates[-1]), len(lines) - 1)
+        # Most photons pass: only those are looked at that would interact on the longest way through the sensor.
+        line = min(np.searchsorted(beam.candidates, rng.random() * beam.candidates[-1]), len(beam.candidates) - 1)
         enter(source, half, rng, position)
-        direction[:] = -source
-        flight = -np.log(1.0 - rng.random() * (1.0 - np.exp(-attenuation[line] * longest))) / attenuation[line]
+        for axis in range(3):
+            direction[axis] = -source[axis]
+        reach = 1.0 - math.exp(-beam.attenuation[line] * beam.longest)
+        flight = -math.log(1.0 - rng.random() * reach) / beam.attenuation[line]
         if flight >= way_out(position, direction, half):
             continue
-        count = transport(lines[line, 0], flight, position, direction, half, cdte, rng, sites, stack)
+        count = transport(beam.energy_kev[line], flight, position, direction, half, cdte, rng, sites, stack)
         if count == 0:
             continue
         done += 1
-        kind = _kind(sites, count, lines[line, 0])
+        kind = _kind(sites, count, beam.energy_kev[line])
         found[kind] += 1.0
         if have[kind] >= quota[kind] or end + MAX_PIXELS > len(pixels):
             continue
@@ -139,13 +162,16 @@ def _simulate(
         end = respond(sites, count, half, camera, electrons, rng, work, pixels, end)
         line_of[kept] = line
         kind_of[kept] = kind
-        source_of[kept] = source
-        sites_of[kept, : min(count, 2)] = sites[: min(count, 2), :5]
+        for axis in range(3):
+            source_of[kept, axis] = source[axis]
+        for k in range(min(count, 2)):
+            for column in range(5):
+                sites_of[kept, k, column] = sites[k, column]
         kept += 1
         first[kept] = end
-    scale = largest if wide else shadows / max(trials, 1)
+    scale = beam.largest if beam.largest > 0.0 else shadows / max(trials, 1)
     for kind in range(KINDS):
-        area[kind] = found[kind] / max(trials, 1) * scale * candidates[-1]
+        area[kind] = found[kind] / max(trials, 1) * scale * beam.candidates[-1]
     return kept
 
 
@@ -169,17 +195,14 @@ def simulate(
     if direction is not None:
         polar, turn = direction[2], float(np.arctan2(direction[1], direction[0]))
         cosine, azimuth = (polar, polar), (turn, turn)
-    wide = cosine[1] - cosine[0] > 0.2 or azimuth[1] - azimuth[0] > 0.2
     limits = (interactions,) * KINDS if quota is None else quota
     size = min(interactions, sum(limits))
-    pixels = np.zeros(size * 30 + 2 * MAX_PIXELS, PIXEL)
+    pixels = np.zeros(size * _ROOM + 2 * MAX_PIXELS, PIXEL)
     first = np.zeros(size + 1, np.int64)
     line, kind = np.zeros(size, np.uint8), np.zeros(size, np.uint8)
     source, sites, area = np.zeros((size, 3)), np.zeros((size, 2, 5)), np.zeros(KINDS)
     kept = _simulate(
-        np.array(lines, float).reshape(-1, 2),
-        np.array([*cosine, *azimuth]),
-        wide,
+        _beam(lines, cosine, azimuth),
         interactions,
         np.array(limits),
         HALF_SIZE_MM,
@@ -196,4 +219,4 @@ def simulate(
         sites,
         area,
     )
-    return Events(pixels[: first[kept]], first[: kept + 1], line[:kept], kind[:kept], source[:kept], sites[:kept], area)
+    return Events(pixels[: first[kept]].copy(), first[: kept + 1], line[:kept], kind[:kept], source[:kept], sites[:kept], area)

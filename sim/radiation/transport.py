@@ -8,6 +8,8 @@ keV, camera frame (z: the sensor's outward normal, sensor centred on the origin)
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +31,18 @@ def projected_area_mm2(direction: tuple[float, float, float]) -> float:
     """Area of the sensor's shadow along a unit vector."""
     hx, hy, hz = HALF_SIZE_MM
     return float(4.0 * (hy * hz * abs(direction[0]) + hx * hz * abs(direction[1]) + hx * hy * abs(direction[2])))
+
+
+@jit
+def interpolate(x: float, xs: FloatArray, ys: FloatArray) -> float:
+    """Linear interpolation in a table of rising xs, constant beyond its ends."""
+    if x <= xs[0]:
+        return float(ys[0])
+    if x >= xs[-1]:
+        return float(ys[-1])
+    cell = np.searchsorted(xs, x)
+    part = (x - xs[cell - 1]) / (xs[cell] - xs[cell - 1])
+    return float(ys[cell - 1] * (1.0 - part) + ys[cell] * part)
 
 
 @jit
@@ -62,19 +76,19 @@ def scatter_compton(energy: float, element: int, cdte: CdTe, rng: np.random.Gene
     """Energy and cosine of the angle of a Compton-scattered photon."""
     k = energy / ELECTRON_MASS_KEV
     least = 1.0 / (1.0 + 2.0 * k)  # E'/E at 180 degrees
-    share = np.log(1.0 / least) / (np.log(1.0 / least) + 0.5 * (1.0 - least * least))
+    share = math.log(1.0 / least) / (math.log(1.0 / least) + 0.5 * (1.0 - least * least))
     inverse_wavelength = energy / 12.39842  # 1/angstrom
     cosine = 1.0
     while True:  # Kahn's mixture for Klein-Nishina, then the incoherent scattering function
         reciprocal = rng.random() < share
         u = rng.random()
-        ratio = least**u if reciprocal else np.sqrt(least * least + (1.0 - least * least) * u)
+        ratio = least**u if reciprocal else math.sqrt(least * least + (1.0 - least * least) * u)
         versine = (1.0 - ratio) / (k * ratio)
         if rng.random() > 1.0 - ratio * versine * (2.0 - versine) / (1.0 + ratio * ratio):
             continue
         cosine = 1.0 - versine
-        transfer = inverse_wavelength * np.sqrt(max(0.0, 0.5 * versine))
-        if rng.random() < np.interp(transfer, cdte.transfer, cdte.incoherent[element]):
+        transfer = inverse_wavelength * math.sqrt(max(0.0, 0.5 * versine))
+        if rng.random() < interpolate(transfer, cdte.transfer, cdte.incoherent[element]):
             break
     quantiles = cdte.momentum.shape[2]
     for _ in range(100):  # an electron that can be freed, and its momentum along the transfer
@@ -89,7 +103,7 @@ def scatter_compton(energy: float, element: int, cdte: CdTe, rng: np.random.Gene
         root = linear * linear - quadratic * k * k * (1.0 - p * p)
         if root < 0.0 or quadratic <= 0.0:
             continue
-        scattered = (linear + np.sign(p) * np.sqrt(root)) / quadratic * ELECTRON_MASS_KEV
+        scattered = (linear + np.sign(p) * math.sqrt(root)) / quadratic * ELECTRON_MASS_KEV
         if 0.0 < scattered < energy - cdte.shell_edge_kev[element, shell]:
             return scattered, cosine
     return energy / (1.0 + k * (1.0 - cosine)), cosine
@@ -100,10 +114,10 @@ def scatter_rayleigh(energy: float, element: int, cdte: CdTe, rng: np.random.Gen
     """Cosine of the angle of a coherently scattered photon."""
     largest = energy / 12.39842
     form = cdte.form_squared[element]
-    whole = np.interp(largest, cdte.transfer, form)
+    whole = interpolate(largest, cdte.transfer, form)
     while True:
         wanted = rng.random() * whole
-        cell = max(1, min(len(form) - 1, np.searchsorted(form, wanted)))
+        cell = max(1, min(len(form) - 1, int(np.searchsorted(form, wanted))))
         low, high = cdte.transfer[cell - 1] ** 2, cdte.transfer[cell] ** 2
         square = low + (high - low) * (wanted - form[cell - 1]) / (form[cell] - form[cell - 1])
         cosine = max(-1.0, 1.0 - 2.0 * square / (largest * largest))
@@ -115,13 +129,13 @@ def scatter_rayleigh(energy: float, element: int, cdte: CdTe, rng: np.random.Gen
 def photoelectron_cosine(kinetic: float, rng: np.random.Generator) -> float:
     """Cosine between a photon and the electron that it freed from the K shell (Sauter's distribution)."""
     gamma = 1.0 + kinetic / ELECTRON_MASS_KEV
-    beta = np.sqrt(1.0 - 1.0 / (gamma * gamma))
+    beta = math.sqrt(1.0 - 1.0 / (gamma * gamma))
     a = 1.0 / beta - 1.0
     b = 0.5 * beta * gamma * (gamma - 1.0) * (gamma - 2.0)
     top = 2.0 * (1.0 / a + b)
     while True:
         random = rng.random()
-        versine = 2.0 * a / ((a + 2.0) ** 2 - 4.0 * random) * (2.0 * random + (a + 2.0) * np.sqrt(random))
+        versine = 2.0 * a / ((a + 2.0) ** 2 - 4.0 * random) * (2.0 * random + (a + 2.0) * math.sqrt(random))
         if rng.random() * top < (2.0 - versine) * (1.0 / (a + versine) + b):
             return float(1.0 - versine)
 
@@ -130,7 +144,7 @@ def photoelectron_cosine(kinetic: float, rng: np.random.Generator) -> float:
 def attenuation_per_mm(energy_kev: float, cdte: CdTe) -> float:
     """Linear attenuation coefficient of CdTe, interpolated."""
     start = cdte.log_energy[0]
-    place = (np.log(energy_kev) - start) * (len(cdte.log_energy) - 1) / (cdte.log_energy[-1] - start)
+    place = (math.log(energy_kev) - start) * (len(cdte.log_energy) - 1) / (cdte.log_energy[-1] - start)
     cell = max(0, min(len(cdte.log_energy) - 2, int(place)))
     return float(cdte.attenuation[cell] * (1.0 - (place - cell)) + cdte.attenuation[cell + 1] * (place - cell))
 
@@ -167,10 +181,10 @@ def transport(
             direction[axis] = stack[waiting, 3 + axis]
         energy = stack[waiting, 6]
         while count < MAX_SITES:
-            cell = max(0, min(len(cdte.log_energy) - 2, int((np.log(energy) - start) * scale)))
+            cell = max(0, min(len(cdte.log_energy) - 2, int((math.log(energy) - start) * scale)))
             distance = flight_mm
             if distance < 0.0:
-                distance = -np.log(1.0 - rng.random()) / attenuation_per_mm(energy, cdte)
+                distance = -math.log(1.0 - rng.random()) / attenuation_per_mm(energy, cdte)
             flight_mm = -1.0
             if distance >= way_out(position, direction, half):
                 break
@@ -186,7 +200,7 @@ def transport(
                 azimuth = 2.0 * np.pi * rng.random()
                 u, v, w = rotated(direction[0], direction[1], direction[2], cosine, azimuth)
                 _place(sites, count, position, energy - scattered, energy - scattered)
-                norm = np.sqrt(energy * energy + scattered * scattered - 2.0 * energy * scattered * cosine)
+                norm = math.sqrt(energy * energy + scattered * scattered - 2.0 * energy * scattered * cosine)
                 sites[count, 5] = (energy * direction[0] - scattered * u) / norm
                 sites[count, 6] = (energy * direction[1] - scattered * v) / norm
                 sites[count, 7] = (energy * direction[2] - scattered * w) / norm
@@ -236,12 +250,12 @@ def _absorb(
             line_kev = cdte.k_line_kev[element, min(line, cdte.k_line_kev.shape[1] - 1)]
             deposit -= line_kev
             cosine = 2.0 * rng.random() - 1.0
-            sine = np.sqrt(1.0 - cosine * cosine)
+            sine = math.sqrt(1.0 - cosine * cosine)
             azimuth = 2.0 * np.pi * rng.random()
             for axis in range(3):
                 stack[waiting, axis] = position[axis]
-            stack[waiting, 3] = sine * np.cos(azimuth)
-            stack[waiting, 4] = sine * np.sin(azimuth)
+            stack[waiting, 3] = sine * math.cos(azimuth)
+            stack[waiting, 4] = sine * math.sin(azimuth)
             stack[waiting, 5] = cosine
             stack[waiting, 6] = line_kev
             waiting += 1
