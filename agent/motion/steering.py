@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -35,14 +35,14 @@ class Status(StrEnum):
 class Situation:
     """What one replan starts from.
 
-    start: (3, 3), the virtual vehicle's position, velocity, acceleration; measured: the real one; previous: (H, 2), where the
-    plan before this one would be at the steps; inside: the fence here; guess: (H, 3) jerks to begin the search with.
+    start: (3, 3), the virtual vehicle's position, velocity, acceleration; measured: the real one; previous: tells where the plan
+    before this one would be at the steps, (H, 2); inside: the fence here; guess: (H, 3) jerks to begin the search with.
     """
 
     now_ns: int
     start: Array
     measured: PeerState
-    previous: Array
+    previous: Callable[[], Array]
     inside: Piece
     guess: Array
 
@@ -133,10 +133,9 @@ class Steering:
         horizon, count = self._horizon, max(_ROWS, len(neighbours) + len(fence[0]))
         here = (float(situation.start[0, 0]), float(situation.start[0, 1]))
         normals, offsets, yielding = np.zeros((count, horizon, 2)), np.full((count, horizon), -np.inf), np.ones((count, horizon))
+        previous = situation.previous() if neighbours else position
         for row, other in enumerate(neighbours):
-            normals[row], offsets[row] = half_planes(
-                situation.previous, here, other.positions, other.distance, other.has_right_of_way
-            )
+            normals[row], offsets[row] = half_planes(previous, here, other.positions, other.distance, other.has_right_of_way)
         for row, (normal, offset) in enumerate(zip(*fence, strict=True), start=len(neighbours)):
             normals[row], offsets[row], yielding[row] = normal, offset, _FENCE_YIELDS
         if count > _ROWS:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import dist
 
 import numpy as np
@@ -79,7 +80,7 @@ class Tracker:
         inside = self._goals.inside(x, y)
         optimum = (self._prediction.optimum @ self._goals.of(reference, start, inside)).reshape(4, horizon, 3)
         optimum[1] += start[0]
-        situation = Situation(now_ns, start, state, self._previous(now_ns, start), inside, self._guess)
+        situation = Situation(now_ns, start, state, partial(self._previous, now_ns, start), inside, self._guess)
         status, flat = self._steering.jerk(situation, optimum, peers)
         upright_status, upright = self._climbing.jerk(start[:, 2:], optimum[:, :, 2:], self._guess[:, 2:])
         if status is Status.FREE and upright_status is Status.FREE:
