@@ -28,10 +28,12 @@ def encode(message: Message) -> bytes:
         ProtocolError: the message breaks its own schema (NaN, out of range, too large, a NumPy scalar for a float).
     """
     try:
-        payload: bytes = msgpack.packb(msgspec.to_builtins(message, builtin_types=(bytes,)))
+        document = msgspec.to_builtins(message, builtin_types=(bytes,))
+        payload: bytes = msgpack.packb(document)
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
         raise ProtocolError(f"not serialisable: {str(error)[:120]}") from None
-    decode(payload)
+    _check_size(payload)
+    _read(document)
     return payload
 
 
@@ -43,24 +45,12 @@ def decode(payload: bytes) -> AnyMessage:
     Raises:
         ProtocolError: whatever is wrong with the bytes.
     """
-    if len(payload) > MAX_PAYLOAD_BYTES:
-        raise ProtocolError(f"payload of {len(payload)} bytes is over the limit of {MAX_PAYLOAD_BYTES}")
+    _check_size(payload)
     try:
         document = msgpack.unpackb(payload, object_pairs_hook=_object, ext_hook=_refuse_extension, **_LIMITS)
     except (ValueError, TypeError, RecursionError, MemoryError, msgpack.UnpackException) as error:
         raise ProtocolError(f"not msgpack within the limits: {type(error).__name__}: {str(error)[:120]}") from None
-    kind = document.get("kind") if isinstance(document, dict) else None
-    message_type = KINDS.get(kind) if isinstance(kind, str) else None
-    if message_type is None:
-        raise ProtocolError("not a message: no map with a known kind")
-    try:  # converting to one type takes a tenth of the time that a union of all would
-        message: AnyMessage = msgspec.convert(document, message_type)
-    except (msgspec.ValidationError, RecursionError, OverflowError) as error:
-        raise ProtocolError(f"not a message: {str(error)[:200]}") from None
-    flaw = message.flaw()
-    if flaw is not None:
-        raise ProtocolError(f"not a message: {type(message).__name__.lower()}: {flaw}")
-    return message
+    return _read(document)
 
 
 def decode_from(key: str, payload: bytes) -> AnyMessage:
@@ -86,3 +76,23 @@ def _object(pairs: list[tuple[object, object]]) -> dict[object, object]:
 
 def _refuse_extension(code: int, data: bytes) -> NoReturn:
     raise ValueError(f"extension type {code}")
+
+
+def _check_size(payload: bytes) -> None:
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise ProtocolError(f"payload of {len(payload)} bytes is over the limit of {MAX_PAYLOAD_BYTES}")
+
+
+def _read(document: object) -> AnyMessage:
+    kind = document.get("kind") if isinstance(document, dict) else None
+    message_type = KINDS.get(kind) if isinstance(kind, str) else None
+    if message_type is None:
+        raise ProtocolError("not a message: no map with a known kind")
+    try:  # converting to one type takes a tenth of the time that a union of all would
+        message: AnyMessage = msgspec.convert(document, message_type)
+    except (msgspec.ValidationError, RecursionError, OverflowError) as error:
+        raise ProtocolError(f"not a message: {str(error)[:200]}") from None
+    flaw = message.flaw()
+    if flaw is not None:
+        raise ProtocolError(f"not a message: {type(message).__name__.lower()}: {flaw}")
+    return message

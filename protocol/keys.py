@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import NamedTuple
 
 from protocol.errors import ProtocolError
@@ -44,6 +45,7 @@ def key_of(swarm: str, message: Message) -> str:
     raise ProtocolError(f"{type(message).__name__} has no key")
 
 
+@lru_cache(maxsize=1024)  # a swarm has a few dozen keys; refusals are not kept
 def parse_key(key: str) -> Address:
     """Read a message key.
 
