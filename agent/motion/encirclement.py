@@ -22,6 +22,7 @@ from agent.motion.reference import Array, PeerState, Reference, Vector3
 
 _LOOKAHEAD_S = 0.5  # angles are compared this far ahead: a drone near the centre has no angle, but it has a direction
 _CLOSING_SHARE = 0.5  # of the acceleration limit that closing in may use; the rest is for the turn and for corrections
+_AT_SLOT_M = 0.01  # nearer than this there is no way to lead
 _SPEED_SHARE = 0.85  # of the speed limit that closing in and circling may use together
 
 
@@ -115,7 +116,7 @@ class Encirclement:
         vx, vy, _ = slot.velocities[0].tolist()
         limits = self._limits
         offset = hypot(dx, dy)
-        if offset > 1e-6:
+        if offset > _AT_SLOT_M:
             dx, dy = dx / offset, dy / offset
             cap, recede = _SPEED_SHARE * limits.speed_mps, vx * dx + vy * dy  # closing in uses up the speed that there is
             closing = max(0.5, recede + sqrt(max(0.0, cap * cap - vx * vx - vy * vy + recede * recede)))
@@ -124,7 +125,7 @@ class Encirclement:
             slot.positions[:, 1] += dy * remaining
             slot.velocities[:, 0] -= dx * speed
             slot.velocities[:, 1] -= dy * speed
-        if abs(dz) > 1e-6:
+        if abs(dz) > _AT_SLOT_M:
             remaining, speed = _stopping_profile(abs(dz), 0.8 * limits.climb_mps, 0.25 * limits.acceleration_mps2, self._times)
             slot.positions[:, 2] += (1.0 if dz > 0.0 else -1.0) * remaining
             slot.velocities[:, 2] -= (1.0 if dz > 0.0 else -1.0) * speed

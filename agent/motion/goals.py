@@ -37,7 +37,8 @@ class Goals:
         positions, velocities = wanted[2 : 2 + horizon], wanted[2 + horizon :]
         self._resample(reference, positions, velocities)
         low, high = self._fence.floor_m + _HEIGHT_INSIDE_M, self._fence.ceiling_m - _HEIGHT_INSIDE_M
-        np.clip(positions[:, 2], low, max(low, high), out=positions[:, 2])
+        heights = positions[:, 2]
+        np.minimum(np.maximum(heights, low, out=heights), max(low, high), out=heights)
         _bring_inside(positions[:, :2], velocities[:, :2], inside)
         positions -= start[0]
         self._bring_within_reach(positions, velocities)

@@ -63,11 +63,12 @@ def sampled(positions: Array, age_s: float, step_s: float, times: Array) -> Arra
     """Horizontal positions (T, 2) of a plan (H, 3) of this age, at these seconds from now; beyond its end it goes straight on."""
     if len(positions) == 1:
         return np.repeat(positions[:, :2], len(times), axis=0)
-    place = (times + age_s) * (1.0 / step_s)
-    index = np.clip(place.astype(np.intp), 0, len(positions) - 2)
-    share = (place - index)[:, None]
     flat = positions[:, :2]
-    found: Array = flat[index] * (1.0 - share) + flat[index + 1] * share
+    place = (times + age_s) * (1.0 / step_s)
+    index = np.minimum(np.maximum(place.astype(np.intp), 0), len(positions) - 2)
+    share = (place - index)[:, None]
+    begin = flat.take(index, axis=0)
+    found: Array = begin + share * (flat.take(index + 1, axis=0) - begin)
     return found
 
 
