@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import shutil
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -44,16 +47,40 @@ def _load(source: Nuclide, camera: Response) -> EventBank:
     folder = cache_folder() / f"bank-{source.name}-{digest}"
     if folder.is_dir():
         return _open(folder)
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(f"Simulating the detector's answer to {source.name} (once)", total=None)
-        bank = build_bank(source, camera, int(digest, 16), lambda done, of: bar.update(task, completed=done, total=of))
-    try:
-        _save(bank, folder)
-    except OSError as error:
-        print(f"radron: the event bank could not be kept in {folder.parent}: {error}", file=sys.stderr)
-        return bank
+    with _alone(folder):
+        if folder.is_dir():  # another process was first
+            return _open(folder)
+        bank = _build(source, camera, int(digest, 16))
+        try:
+            _save(bank, folder)
+        except OSError as error:
+            print(f"radron: the event bank could not be kept in {folder.parent}: {error}", file=sys.stderr)
+            return bank
     return _open(folder)
+
+
+def _build(source: Nuclide, camera: Response, seed: int) -> EventBank:
+    what = f"Simulating the detector's answer to {source.name} (once)"
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        print(f"{what} ...", file=sys.stderr, flush=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=None)
+        return build_bank(source, camera, seed, lambda done, of: bar.update(task, completed=done, total=of))
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Let one process build a bank while others that want the same one wait for it; without a place to lock, all build."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        lock = (folder.parent / f".{folder.name}.lock").open("w")
+    except OSError:
+        yield
+        return
+    with lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # released with the file, also when the process dies
+        yield
 
 
 def bank_key(source: Nuclide, camera: Response) -> str:

@@ -1,3 +1,4 @@
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def test_a_bank_is_built_once_and_then_read_from_disk(built: list[str], tmp_path
     assert built == ["Cs-137"]
     for name in ("pixels", "first", "line", "start", "count", "area_mm2"):
         assert np.array_equal(getattr(again, name), getattr(partial_bank("Cs-137"), name))
-    assert [path.name[:12] for path in (tmp_path / "cache" / "radron").iterdir()] == ["bank-Cs-137-"]
+    assert [path.name[:12] for path in (tmp_path / "cache" / "radron").glob("*bank-*/")] == ["bank-Cs-137-"]
 
 
 def test_another_sensor_is_another_bank_and_other_electronics_are_not() -> None:
@@ -60,9 +61,22 @@ def test_a_cache_that_cannot_be_written_is_said_and_done_without(
 def test_the_other_process_was_first(built: list[str]) -> None:
     """Two processes build the same bank: the later one's rename finds a full folder and leaves it."""
     bank = store.load_bank("Cs-137", CameraTruth())
-    folder = next(path for path in store.cache_folder().iterdir())
+    (folder,) = store.cache_folder().glob("*bank-*/")
     store._save(bank, folder)
-    assert [path for path in folder.parent.iterdir()] == [folder]
+    assert list(folder.parent.glob("*bank-*/")) == [folder]
+
+
+def test_who_comes_second_waits_and_does_not_build(built: list[str]) -> None:
+    source, camera = nuclide("Cs-137"), response(CameraTruth())
+    folder = store.cache_folder() / f"bank-Cs-137-{store.bank_key(source, camera)}"
+    with ThreadPoolExecutor(1) as other:
+        with store._alone(folder):
+            second = other.submit(store.load_bank, "Cs-137", CameraTruth())
+            with pytest.raises(TimeoutError):
+                second.result(timeout=0.2)
+            store._save(partial_bank("Cs-137"), folder)
+        assert len(second.result(timeout=30).pixels) > 0
+    assert built == []
 
 
 def test_the_default_folder(monkeypatch: pytest.MonkeyPatch) -> None:
