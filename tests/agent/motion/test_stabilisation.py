@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from closed_loop import TICK_S, Flight, Swarm, Vehicle, encircle, go_to, scattered
 
-from agent.config import EncirclementConfig
+from agent.config import AreaConfig, EncirclementConfig
+from agent.motion.fence import Fence
 
 RADIUS_M, SPEED_MPS = 12.0, 3.0
 
@@ -136,3 +137,24 @@ def test_a_small_circle_is_widened_for_the_separation() -> None:
     flight = swarm.fly(20.0, encircle((7.0, 0.0), config=EncirclementConfig(radius_m=2.0)))
     assert flight.closest_m() > 3.0
     assert flight.settling_s(np.array([7.0, 0.0]), within_deg=10.0) < 15.0
+
+
+def test_a_hypothesis_that_jumps_about_brings_nobody_together() -> None:
+    rng = np.random.default_rng(0)
+    swarm, center = Swarm(rng, scattered(rng)), np.zeros(2)
+    for _ in range(10):
+        flight = swarm.fly(
+            rng.uniform(1.0, 5.0), encircle((float(center[0]), float(center[1])), config=EncirclementConfig(radius_m=8.0))
+        )
+        assert flight.closest_m() > 3.0
+        center = center + rng.normal(0.0, 10.0, 2)
+
+
+def test_the_vehicles_themselves_stay_inside_the_fence() -> None:
+    area = AreaConfig(polygon_m=((-30.0, -30.0), (30.0, -30.0), (30.0, 30.0), (-30.0, 30.0)), fence_margin_m=0.0)
+    rng = np.random.default_rng(4)
+    swarm = Swarm(rng, scattered(rng, 3, reach_m=20.0), fence=Fence.from_area(area))
+    for center in ((0.0, 0.0), (28.0, 10.0), (-40.0, -25.0)):
+        flight = swarm.fly(15.0, encircle(center))
+        assert np.abs(flight.position[..., :2]).max() < 30.0
+        assert flight.closest_m() > 3.0
