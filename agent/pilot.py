@@ -19,8 +19,8 @@ from agent.frames.graph import FrameGraph
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import Hypothesis
 from agent.fusion.registry import estimator_named
-from agent.mission import SEARCHING, Mission, Situation
-from agent.navigator import Navigator
+from agent.mission import Mission, Situation
+from agent.navigator import Moment, Navigator
 from agent.observer import Observer
 from agent.peers import Peers
 from agent.search import CoverageLog, Search
@@ -214,7 +214,8 @@ class Pilot:
             self._navigator.rest()
             return VehicleCommand(request, takeoff_height_m=height_m)
         stage = self._mission.stage
-        setpoint, plan = self._navigator.step(now_ns, stage, self._mission.since_ns, vehicle, self.hypothesis, self._peers)
+        moment = Moment(now_ns, stage, self._mission.since_ns, vehicle, self.hypothesis)
+        setpoint, plan = self._navigator.step(moment, self._peers)
         if plan is not None:
             self._publish(plan)
         if stage is Stage.SURVEY:
@@ -291,6 +292,3 @@ class Pilot:
 
     def _publish(self, message: Message) -> None:
         self._outbox.append((key_of(self._config.swarm, message), encode(message)))
-
-
-__all__ = ["SEARCHING", "Pilot", "Step"]

@@ -38,7 +38,7 @@ class Autopilot:
         self.in_air = False
         self.failsafe = False
         self.target = Target(home, (0.0, 0.0, 0.0), yaw)
-        self._home = home
+        self._home = self._position = home
         self._step_s = step_s
         self._armed_for = 0.0
         self._landed_for = 0.0
@@ -62,19 +62,20 @@ class Autopilot:
             setpoint = command.setpoint
             self.target = Target(setpoint.position_m, setpoint.velocity_mps, setpoint.yaw_rad)
         elif self.armed and request is Request.HOLD and self.in_air and self.mode is not FlightMode.HOLD:
-            self.mode = FlightMode.HOLD
-            self.target = Target(self.target.position, (0.0, 0.0, 0.0), self.target.yaw)
+            self._switch(FlightMode.HOLD)
         elif self.armed and request is Request.RETURN and self.mode not in (FlightMode.RETURN, FlightMode.LAND):
-            self.mode = FlightMode.RETURN
+            self._switch(FlightMode.RETURN)
         elif self.armed and request is Request.LAND and self.mode is not FlightMode.LAND:
-            self.mode = FlightMode.LAND
+            self._switch(FlightMode.LAND)
 
     def step(self, position: Vector3) -> None:
         """Advance the mode logic by one step; ``position`` is the vehicle's own estimate."""
+        self._position = position
         self._setpoint_age += self._step_s
         self._armed_for = self._armed_for + self._step_s if self.armed else 0.0
         if self.mode is FlightMode.OFFBOARD and self._setpoint_age > OFFBOARD_LOSS_S:
-            self.mode, self.failsafe = FlightMode.RETURN, True
+            self._switch(FlightMode.RETURN)
+            self.failsafe = True
         if self.grounded:
             return
         if self.mode is FlightMode.TAKEOFF:
@@ -83,6 +84,11 @@ class Autopilot:
             self._return_home()
         elif self.mode is FlightMode.LAND:
             self._descend(position)
+
+    def _switch(self, mode: FlightMode) -> None:
+        """Change to a mode of the autopilot's own: it begins from where the vehicle is, not from the last setpoint."""
+        self.mode = mode
+        self.target = Target(self._position, (0.0, 0.0, 0.0), self.target.yaw)
 
     def _take_off(self, height: float) -> None:
         if not self.armed:
