@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 from agent.config import TrackConfig
 from agent.vehicle.interface import FlightMode, Request, VehicleState
@@ -27,8 +27,7 @@ _REQUESTS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Situation:
+class Situation(Struct, frozen=True):
     """What a decision rests on. ``last_cone_ns``: newest cone in the log, of whomever; 0 where there is none.
 
     ``at_home``: the drone hovers over the place where it took off. ``problems``: what stands against a start.

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import atan2, hypot
 
 import numpy as np
+from msgspec import Struct
 
 from agent.config import DroneConfig, MissionConfig
 from agent.frames.graph import FrameGraph
@@ -28,8 +28,7 @@ AT_HOME_M = 0.5
 AT_HOME_MPS = 0.3
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
+class Moment(Struct, frozen=True):
     """What a step of the navigation rests on. ``since_ns``: when the stage began; hypothesis: mission frame."""
 
     now_ns: int

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from agent.config import DroneConfig, MissionConfig
 from agent.detector.calibration import Calibration, load_calibration
@@ -36,8 +38,7 @@ STATUS_NS = 1_000_000_000
 COMMAND_AGE_NS = 10_000_000_000  # an older command is not carried out
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
+class Step(Struct, frozen=True):
     """What a step yields: payloads to publish under their keys, and what the autopilot is to do."""
 
     publications: list[tuple[str, bytes]]

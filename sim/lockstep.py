@@ -73,15 +73,15 @@ def fly(
 
     Args:
         scenario: the mission and the truth it meets.
-        seed: all randomness of the run; the same seed gives the same result, bit for bit, but for the wall times.
+        seed: all randomness of the run; the same seed gives the same result, bit for bit, but for the wall times (of the flight
+            itself, without setting up).
         estimator: instead of the mission's own.
         listen: estimators that fuse the same log on the first drone without any say in the flight.
         law: flocking law instead of the mission's own.
         progress: called about every simulated second with the time and what the swarm is doing.
     """
+    world = _World(scenario, _mission(scenario.mission, estimator, law), seed, listen)
     started = time.perf_counter()
-    mission = _mission(scenario.mission, estimator, law)
-    world = _World(scenario, mission, seed, listen)
     end = False
     while not end:
         end = world.tick()

@@ -104,9 +104,8 @@ class Recorder:
         self._last_cone_s = 0.0
         self._cones: list[ConeTrace] = []
         self._hits = 0
-        self._separation_m = float("inf")
-        self._outside = [False] * len(pilots)
-        self._breaches = 0
+        self._places: list[Array] = []  # (N, 3) at every tick
+        self._airborne: list[list[bool]] = []
         self._ticks = 0
         self._time_s = 0.0
         self._rows: list[_Row] = []
@@ -147,7 +146,8 @@ class Recorder:
         """Look at the world after a tick; True when the run has ended."""
         self._time_s = time_s
         self._ticks += 1
-        self._watch_safety(position, in_air)
+        self._places.append(position.copy())
+        self._airborne.append(list(in_air))
         stages = [pilot.stage for pilot in self._pilots]
         if self._search_began_s is None and any(stage in (Stage.SURVEY, *_TRACKING) for stage in stages):
             self._search_began_s = time_s
@@ -158,18 +158,6 @@ class Recorder:
         if self._ticks % SAMPLE_TICKS == 0 and any(in_air):
             self._record(time_s, position, velocity, source, stages)
         return self._over(time_s, stages)
-
-    def _watch_safety(self, position: Array, in_air: Sequence[bool]) -> None:
-        places = [(p, drone) for drone, p in enumerate(position.tolist()) if in_air[drone]]
-        inside = shapely.contains_xy(self._fence, position[:, 0], position[:, 1]).tolist()
-        for k, ((ax, ay, az), drone) in enumerate(places):
-            for (bx, by, bz), _ in places[k + 1 :]:
-                distance = ((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2) ** 0.5
-                self._separation_m = min(self._separation_m, distance)
-            outside = az > self._mission.area.ceiling_m or not inside[drone]
-            if outside and not self._outside[drone]:
-                self._breaches += 1
-            self._outside[drone] = outside
 
     def _record(
         self, time_s: float, position: Array, velocity: Array, source: tuple[float, float] | None, stages: list[Stage]
@@ -229,12 +217,30 @@ class Recorder:
             nees_mean=float(np.mean(score.nees)) if score.nees else None,
             cones=len(self._cones),
             hits=self._hits,
-            min_separation_m=self._separation_m if np.isfinite(self._separation_m) else None,
-            fence_breaches=self._breaches,
+            min_separation_m=self._least_separation_m(),
+            fence_breaches=self._fence_breaches(),
             sim_s=sim_s,
             wall_s=wall_s,
             realtime_factor=sim_s / wall_s,
         )
+
+    def _least_separation_m(self) -> float | None:
+        """Least distance of any two drones in the air, over all ticks."""
+        places, airborne = np.array(self._places), np.array(self._airborne)
+        least = np.inf
+        for one in range(len(self._pilots)):
+            for other in range(one):
+                both = airborne[:, one] & airborne[:, other]
+                apart = np.linalg.norm(places[both, one] - places[both, other], axis=1)
+                least = min(least, float(apart.min(initial=np.inf)))
+        return least if np.isfinite(least) else None
+
+    def _fence_breaches(self) -> int:
+        """How often a drone in the air went outside the fence or above the ceiling."""
+        places, airborne = np.array(self._places), np.array(self._airborne)
+        inside = shapely.contains_xy(self._fence, places[..., 0], places[..., 1])
+        outside = airborne & (~inside | (places[..., 2] > self._mission.area.ceiling_m))
+        return int(outside[0].sum() + (outside[1:] & ~outside[:-1]).sum())
 
     def trace(self) -> Trace:
         """The time series; raises ValueError where nobody ever flew."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
+
+from msgspec import Struct
 
 Vector3 = tuple[float, float, float]
 
@@ -19,8 +20,7 @@ class FlightMode(StrEnum):
     LAND = "land"
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleState:
+class VehicleState(Struct, frozen=True, kw_only=True):
     """The newest telemetry. Position by the vehicle's own localisation, with its own sigmas; epoch of that frame."""
 
     stamp_ns: int
@@ -38,8 +38,7 @@ class VehicleState:
     battery: float | None = None  # 0 .. 1
 
 
-@dataclass(frozen=True, slots=True)
-class Setpoint:
+class Setpoint(Struct, frozen=True):
     """What the autopilot is to follow now, local ENU."""
 
     position_m: Vector3
@@ -61,8 +60,7 @@ class Request(StrEnum):
     RELEASE = "release"  # somebody else has taken over: command nothing
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleCommand:
+class VehicleCommand(Struct, frozen=True):
     """One step's command. ``setpoint`` is given with OFFBOARD."""
 
     request: Request

@@ -113,7 +113,9 @@ def attitude(yaw: float, ax: float, ay: float, az: float) -> tuple[float, float,
     left = -ax * sin(yaw) + ay * cos(yaw)
     pitch = atan2(forward, GRAVITY_MPS2 + az)  # nose down is positive about the left axis
     roll = -atan2(left, hypot(forward, GRAVITY_MPS2 + az))
-    cy, sy, cp, sp, cr, sr = (f(0.5 * angle) for angle in (yaw, pitch, roll) for f in (cos, sin))
+    cy, sy = cos(0.5 * yaw), sin(0.5 * yaw)
+    cp, sp = cos(0.5 * pitch), sin(0.5 * pitch)
+    cr, sr = cos(0.5 * roll), sin(0.5 * roll)
     return (
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,

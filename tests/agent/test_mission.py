@@ -1,6 +1,5 @@
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from agent.config import TrackConfig
 from agent.mission import TAKEOVER_NS, Mission, Situation

@@ -1,10 +1,11 @@
 """The pilot by itself: what it says, what it refuses, and that nothing from outside can stop it."""
 
 import random
-from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from agent.config import AreaConfig, DroneConfig, DroneInMission, MissionConfig
 from agent.detector.readout import PixelHits, Readout
@@ -157,7 +158,7 @@ def test_exposures_follow_each_other_without_gaps():
             one.observe_detector(Readout(now_ns - 4 * TICK_NS, now_ns, START_NS, 0.2, none))
         found += messages(one.step(now_ns), Exposure)
     assert len(found) == 16
-    assert all(before.end_ns == after.stamp_ns for before, after in zip(found, found[1:], strict=False))
+    assert all(before.end_ns == after.stamp_ns for before, after in pairwise(found))
     assert all(entry.live_time_s == pytest.approx((entry.end_ns - entry.stamp_ns) * 1e-9) for entry in found)
     assert [len(entry.poses) for entry in found] == [6] * 16
     assert found[3].poses[1].position_m[0] == pytest.approx((found[3].stamp_ns + SECOND // 10 - START_NS) / TICK_NS * 0.1)
