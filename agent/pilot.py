@@ -35,6 +35,7 @@ from protocol.messages import Action, AnyMessage, Command, Cone, Coverage, Entry
 POSE_NS = 100_000_000  # 10 Hz
 ESTIMATE_NS = 500_000_000
 STATUS_NS = 1_000_000_000
+_NEWS = (Pose, Plan, Estimate, Status)
 COMMAND_AGE_NS = 10_000_000_000  # an older command is not carried out
 
 
@@ -148,7 +149,7 @@ class Pilot:
         if message.drone == self._id:
             self._twin = self._twin or (isinstance(message, Status) and message.boot != self._boot)
             return "own_id"
-        if isinstance(message, Pose | Plan | Estimate | Status):
+        if isinstance(message, _NEWS):
             return self._peers.receive(message, now_ns)
         return "unused"
 

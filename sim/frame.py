@@ -27,6 +27,7 @@ class LocalFrames:
         self.origin: Array = np.array([origin for origin, _ in frames], dtype=np.float64)
         self.yaw_rad: Array = np.radians([yaw_deg for _, yaw_deg in frames])
         self.matrix: Array = np.array([_about_up(yaw) for yaw in self.yaw_rad.tolist()])
+        self._transposed: Array = np.ascontiguousarray(self.matrix.transpose(0, 2, 1))
 
     def local(self, world: Array) -> list[Vector3]:
         """World positions (N, 3), each in its vehicle's frame."""
@@ -36,14 +37,10 @@ class LocalFrames:
         """World vectors (N, 3), each in its vehicle's frame."""
         return [(x, y, z) for x, y, z in (vectors[:, None, :] @ self.matrix)[:, 0].tolist()]
 
-    def turn_out(self, vectors: Sequence[Vector3]) -> Array:
-        """Vectors in their vehicles' frames, in the world: (N, 3)."""
-        result: Array = (self.matrix @ np.array(vectors)[:, :, None])[:, :, 0]
+    def turn_out(self, vectors: Sequence[Sequence[Vector3]]) -> Array:
+        """M vectors in each vehicle's frame, in the world: (N, M, 3)."""
+        result: Array = np.array(vectors) @ self._transposed
         return result
-
-    def world(self, positions: Sequence[Vector3]) -> Array:
-        """Positions in their vehicles' frames, in the world: (N, 3)."""
-        return self.turn_out(positions) + self.origin
 
 
 def _about_up(yaw: float) -> list[list[float]]:

@@ -218,12 +218,12 @@ class _World:
         for autopilot, estimated in zip(self._autopilots, self._estimated, strict=True):
             autopilot.step(estimated)
         targets = [autopilot.target for autopilot in self._autopilots]
+        setpoints = self._frames.turn_out([(target.position, target.velocity) for target in targets])
         # The autopilot steers its estimate, not its true position.
-        position_sp = self._frames.world([target.position for target in targets]) - error.position_error_m
-        velocity_sp = self._frames.turn_out([target.velocity for target in targets])
+        position_sp = setpoints[:, 0] + self._frames.origin - error.position_error_m
         yaw_sp = np.array([target.yaw for target in targets]) + self._frames.yaw_rad - error.yaw_error_rad
         grounded = np.array([autopilot.grounded for autopilot in self._autopilots])
-        motion.step(position_sp, velocity_sp, yaw_sp, grounded)
+        motion.step(position_sp, setpoints[:, 1], yaw_sp, grounded)
         error.step()
 
 

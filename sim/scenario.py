@@ -30,8 +30,8 @@ class _Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class SourceTruth(_Section, frozen=True, kw_only=True):
     """The radioactive source, on the ground. Where it starts is drawn from the seed unless ``start_m`` is given.
 
-    ``motion``: ``static``; ``circle`` around the area's centre with ``circle_radius_m`` at ``speed_mps``; ``wander``: straight and
-    curved stretches at up to ``speed_mps`` inside the area.
+    ``motion``: ``static``; ``circle`` around the area's centre with ``circle_radius_m`` at ``speed_mps``; ``wander``: straight
+    and curved stretches at up to ``speed_mps`` inside the area.
     """
 
     activity_bq: Positive
@@ -107,8 +107,8 @@ def load_scenario(name_or_path: str) -> Scenario:
 def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:
     """The scenario with some values changed.
 
-    Keys: ``radius_m`` and ``speed_mps`` (of the encirclement; the speed also of the survey), ``activity_bq`` and ``source_speed_mps``,
-    ``drones`` (how many), or any dotted path such as ``mission.fusion.paper.process_noise_m2ps``.
+    Keys: ``radius_m`` and ``speed_mps`` (of the encirclement; the speed also of the survey), ``activity_bq`` and
+    ``source_speed_mps``, ``drones`` (how many), or any dotted path such as ``mission.fusion.paper.process_noise_m2ps``.
 
     Raises:
         ConfigError: a key that is not there, or a value that does not fit.

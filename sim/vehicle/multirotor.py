@@ -91,8 +91,9 @@ class Multirotors:
             for row in (0, 3, 4):
                 self._state[row, grounded] = resting
         error = np.remainder(yaw_sp - self.yaw_rad + np.pi, 2.0 * np.pi) - np.pi
-        rate = np.clip(error / truth.yaw_lag_s, -truth.maximum_yaw_rate_rps, truth.maximum_yaw_rate_rps)
-        self.yaw_rad += np.where(grounded, 0.0, rate * self._step_s)
+        most = truth.maximum_yaw_rate_rps
+        rate = np.maximum(-most, np.minimum(error / truth.yaw_lag_s, most))
+        self.yaw_rad += rate * self._step_s * ~grounded
 
     def _limit_acceleration(self) -> None:
         acceleration = self._state[2]
