@@ -60,7 +60,7 @@ class EncirclementConfig(_Section, frozen=True, kw_only=True):
     height_m: Positive = 3.0
     steps: Annotated[int, Meta(ge=2, le=63)] = 30  # K
     step_s: Annotated[float, Meta(gt=0.0, le=2.0)] = 0.2  # Delta T
-    bias_rad: Annotated[float, Meta(ge=0.0, le=1.6)] = 0.3  # beta
+    bias_rad: Annotated[float, Meta(ge=0.0, le=1.6)] = 0.05  # beta
 
 
 class LimitsConfig(_Section, frozen=True, kw_only=True):
