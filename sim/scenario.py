@@ -31,13 +31,14 @@ class SourceTruth(_Section, frozen=True, kw_only=True):
     """The radioactive source, on the ground. Where it starts is drawn from the seed unless ``start_m`` is given.
 
     ``motion``: ``static``; ``circle`` around the area's centre with ``circle_radius_m`` at ``speed_mps``; ``wander``: straight
-    and curved stretches at up to ``speed_mps`` inside the area.
+    and curved stretches inside the area, each at a speed between ``slowest`` (a share) of ``speed_mps`` and all of it.
     """
 
     activity_bq: Positive
     nuclide: str = "Cs-137"
     motion: Literal["static", "circle", "wander"] = "static"
     speed_mps: NonNegative = 0.0
+    slowest: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.5
     circle_radius_m: NonNegative = 40.0
     start_m: tuple[float, float] | None = None
 

@@ -47,7 +47,7 @@ def _circle(source: SourceTruth, area: Polygon, rng: np.random.Generator) -> Pat
 
 
 def _wander(source: SourceTruth, area: Polygon, start: Place, duration_s: float, rng: np.random.Generator) -> Path:
-    """Straight and curved stretches at changing speed up to the given one; turns back to the middle at the area's edge."""
+    """Straight and curved stretches, each at a speed of its own; turns back to the middle at the area's edge."""
     inner = area.buffer(-3.0)
     middle = inner.representative_point()
     steps = int(duration_s / _WANDER_STEP_S) + 2
@@ -59,7 +59,7 @@ def _wander(source: SourceTruth, area: Polygon, start: Place, duration_s: float,
         track[step] = x, y
         if left_s <= 0.0:
             left_s = float(rng.uniform(*_STRETCH_S))
-            speed = source.speed_mps * float(rng.uniform(0.5, 1.0))
+            speed = source.speed_mps * float(rng.uniform(source.slowest, 1.0))
             turn = 0.0 if rng.random() < 0.5 else float(rng.uniform(-0.3, 0.3))
         if not inner.contains(Point(x, y)):
             inward = float(np.arctan2(middle.y - y, middle.x - x))
