@@ -88,3 +88,12 @@ def test_the_last_column_does_not_touch_the_first_of_the_next_row():
     energy = np.array([1.0, 2.0, 4.0, 8.0])
     for clusters in (cluster_few(tick, index, energy, 64.0), cluster_many(tick, index, energy, 64.0).each()):
         assert [cluster.energy_kev for cluster in clusters] == [9.0, 6.0]
+
+
+def test_all_eight_neighbours_touch_whichever_comes_first():
+    for column, row in ((9, 9), (10, 9), (11, 9), (9, 10), (11, 10), (9, 11), (10, 11), (11, 11)):
+        for rows in ([(0, 10, 10), (1, column, row)], [(1, 10, 10), (0, column, row)]):
+            tick, index = hits(rows)
+            energy = np.array([1.0, 2.0])
+            for clusters in (cluster_few(tick, index, energy, 64.0), cluster_many(tick, index, energy, 64.0).each()):
+                assert [cluster.pixels for cluster in clusters] == [2]
