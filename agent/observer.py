@@ -54,8 +54,8 @@ class PoseHistory:
         if not self._states:
             return None
         place = bisect_right(self._stamps, stamp_ns)
-        before = self._states[max(0, place - 1)]
-        after = self._states[min(place, len(self._states) - 1)]
+        before = self._states[place - 1 if place else 0]
+        after = self._states[place] if place < len(self._states) else before
         span = after.stamp_ns - before.stamp_ns
         if span <= 0 or before.epoch != after.epoch:
             return before.position_m, before.quaternion
@@ -78,7 +78,7 @@ class Observer:
         self._start_ns: int | None = None
         self._end_ns = 0
         self._live_s = 0.0
-        self._counts = np.zeros(3, dtype=np.int64)
+        self._hits = self._photopeak = self._coincidences = 0
 
     def next_sequence(self) -> int:
         """Number of this boot's next log entry."""
@@ -100,7 +100,9 @@ class Observer:
             self._start_ns = detections.start_ns
         self._end_ns = detections.end_ns
         self._live_s += detections.live_time_s
-        self._counts += (detections.hits, detections.photopeak, detections.coincidences)
+        self._hits += detections.hits
+        self._photopeak += detections.photopeak
+        self._coincidences += detections.coincidences
         if self._end_ns - self._start_ns >= EXPOSURE_NS:
             entries += self._exposure()
         return entries
@@ -130,8 +132,8 @@ class Observer:
 
     def _exposure(self) -> list[Entry]:
         start_ns, self._start_ns = self._start_ns, None
-        hits, photopeak, coincidences = self._counts.tolist()
-        self._counts[:] = 0
+        counts = Counts(self._hits, self._photopeak, self._coincidences)
+        self._hits = self._photopeak = self._coincidences = 0
         live_s, self._live_s = self._live_s, 0.0
         assert start_ns is not None
         state = self.history.at(start_ns)
@@ -151,7 +153,7 @@ class Observer:
                 epoch=state.epoch,
                 end_ns=self._end_ns,
                 live_time_s=live_s,
-                counts=Counts(hits, photopeak, coincidences),
+                counts=counts,
                 poses=tuple(poses),
                 position_sigma_m=state.position_sigma_m,
                 yaw_sigma_rad=state.yaw_sigma_rad,
@@ -171,8 +173,10 @@ def _order(event: ConeEvent, axes: NDArray[np.float64], row: int) -> ConeOrder:
 
 def _blend(before: Quaternion, after: Quaternion, part: float) -> Quaternion:
     """Normalised linear interpolation: exact enough between poses 50 ms apart."""
-    sign = 1.0 if sum(b * a for b, a in zip(before, after, strict=True)) >= 0.0 else -1.0
-    mixed = [b + part * (sign * a - b) for b, a in zip(before, after, strict=True)]
-    size = sum(value * value for value in mixed) ** 0.5
-    w, x, y, z = (value / size for value in mixed)
-    return w, x, y, z
+    bw, bx, by, bz = before
+    aw, ax, ay, az = after
+    if bw * aw + bx * ax + by * ay + bz * az < 0.0:  # the same attitude, by the nearer of its two quaternions
+        aw, ax, ay, az = -aw, -ax, -ay, -az
+    w, x, y, z = bw + part * (aw - bw), bx + part * (ax - bx), by + part * (ay - by), bz + part * (az - bz)
+    size = (w * w + x * x + y * y + z * z) ** 0.5
+    return w / size, x / size, y / size, z / size
