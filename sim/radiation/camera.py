@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,8 @@ class Camera:
         self._attenuation = np.array([air_attenuation_per_m(energy) for energy, _ in lines])
         self._least_attenuation = float(self._attenuation.min())
         self._electronics = Electronics(truth, rng, clock_ns)
+        # No event, but the compiled functions are then in memory: that takes longer than a second of exposures.
+        self._record(clock_ns, clock_ns, np.empty((0, 5)), [1.0], [BACKGROUND_BIN], [], ())
 
     @property
     def calibration(self) -> PixelCalibration:
@@ -71,7 +74,6 @@ class Camera:
         bins: list[int] = []
         symmetries: list[int] = []
         rates: list[float] = []
-        distance_m = 0.0
         scattered = 0.0
         for view in views:
             distance_m = max(view.distance_m, _NEAREST_M)
@@ -85,26 +87,41 @@ class Camera:
             scattered += rate * (truth.scatter_near + truth.scatter_air * depth)
         bins += (SCATTERED_BIN, BACKGROUND_BIN)
         rates += (scattered, truth.background_hits_per_s)
-        total = sum(rates)
-        count = int(rng.poisson(total * (end_ns - start_ns) * 1e-9))
+        cumulative = list(accumulate(rates))
+        count = int(rng.poisson(cumulative[-1] * (end_ns - start_ns) * 1e-9))
         if count == 0:
             return self._electronics.empty(start_ns, end_ns)
+        return self._record(start_ns, end_ns, rng.random((count, 5)), cumulative, bins, symmetries, views)
+
+    def _record(
+        self,
+        start_ns: int,
+        end_ns: int,
+        u: NDArray[np.float64],
+        cumulative: list[float],
+        bins: list[int],
+        symmetries: list[int],
+        views: Sequence[SourceView],
+    ) -> Readout:
+        """Hits of as many events as ``u`` (N, 5) has rows of uniform numbers; the lists hold one item for each view, then for
+        scatter and background (without a symmetry, which is drawn for each event)."""
+        bank = self._bank
         first_tick, last_tick = self._electronics.ticks(start_ns, end_ns)
-        event, symmetry_of, tick = _pick(
-            rng.random((count, 5)),
-            np.cumsum(rates),
+        event, symmetry, tick = _pick(
+            u,
+            np.array(cumulative),
             np.array(bins),
             np.array(symmetries, np.int64),
             np.array([view.distance_m for view in views]),
             self._attenuation,
             self._kind,
-            self._bank.start,
-            self._bank.count,
-            self._bank.line,
+            bank.start,
+            bank.count,
+            bank.line,
             first_tick,
             max(1, last_tick - GUARD_TICKS - first_tick),
         )
-        return self._electronics.read_out(start_ns, end_ns, self._bank.pixels, self._bank.first, event, symmetry_of, tick)
+        return self._electronics.read_out(start_ns, end_ns, bank.pixels, bank.first, event, symmetry, tick)
 
 
 @jit
