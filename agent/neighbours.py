@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
+from msgspec import Struct
 
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
@@ -18,8 +16,7 @@ _TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 _ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 
 
-@dataclass(frozen=True, slots=True)
-class Neighbour:
+class Neighbour(Struct, frozen=True):
     """Another drone in the air. ``takes_part``: it searches and tracks with us, and counts when area and circle are shared."""
 
     id: str
@@ -53,5 +50,5 @@ def _plan(name: str, peer: Peer, pose: Pose, local_from_theirs: Transform, now_n
     plan = peer.plan
     if plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
         return PeerPlan.from_pose(name, now_ns, measured, pose.position_sigma_m)
-    ahead = local_from_theirs.apply(np.array(plan.positions_m))
+    ahead = [local_from_theirs.apply_point(position) for position in plan.positions_m]
     return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, pose.position_sigma_m, measured)

@@ -58,6 +58,13 @@ class Fence:
         """Whether a place is inside."""
         return self.floor_m <= z <= self.ceiling_m and bool(shapely.contains_xy(self.outline, x, y))
 
+    def clearance(self, x: float, y: float) -> float:
+        """Distance of a place inside from the boundary; below zero outside."""
+        place = np.array([x, y])
+        gap = self._nearest(place, self._starts, self._starts + self._edges) - place
+        distance = float(np.hypot(gap[:, 0], gap[:, 1]).min())
+        return distance if shapely.contains_xy(self.outline, x, y) else -distance
+
     def half_planes(self, x: float, y: float) -> tuple[Array, Array]:
         """Convex piece of the polygon around (x, y): normals (M, 2) pointing inward and offsets (M,), inside where n . p >= b.
 

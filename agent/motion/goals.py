@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import hypot
+
 import numpy as np
 
 from agent.config import LimitsConfig
@@ -20,28 +22,53 @@ class Goals:
 
     def __init__(self, limits: LimitsConfig, fence: Fence, step_s: float, horizon: int) -> None:
         self._fence, self._step_s, self._horizon = fence, step_s, horizon
+        self._low, self._high = fence.floor_m + _HEIGHT_INSIDE_M, fence.ceiling_m - _HEIGHT_INSIDE_M
+        self._known = (0.0, 0.0, 0.0)  # a place, and how far the fence is from it
         self._times: Array = step_s * np.arange(1, horizon + 1, dtype=np.float64)
         self._speed, self._climb = limits.speed_mps, limits.climb_mps
         self._reach: Array = self._times + _REACH_S  # seconds
+        flat = 0.5**0.5 * self._speed * self._reach  # within these boxes, everything is within reach
+        self._boxes: Array = np.column_stack((flat, flat, self._climb * self._reach))
 
     def inside(self, x: float, y: float) -> Piece:
         """Convex piece of the fence around a place, less what plans keep from it."""
         normals, offsets = self._fence.half_planes(x, y)
         return normals, offsets + _FENCE_INSIDE_M
 
-    def of(self, reference: Reference, start: Array, inside: Piece) -> Array:
+    def surely_inside(self, x: float, y: float, radius_m: float) -> bool:
+        """Whether all within this radius is inside. The distance from the fence is looked up only where one seen before is not
+        enough: it changes by no more than the way flown since."""
+        known_x, known_y, known_m = self._known
+        way = hypot(x - known_x, y - known_y)
+        if known_m - way > radius_m:
+            return True
+        if known_m + way <= radius_m:
+            return False
+        distance = self._fence.clearance(x, y) - _FENCE_INSIDE_M
+        self._known = (x, y, distance)
+        return distance > radius_m
+
+    def of(self, reference: Reference, start: Array) -> Array:
         """(2 + 2 H, 3): velocity and acceleration at the start (3, 3), goal positions relative to it, goal velocities."""
         horizon = self._horizon
         wanted = np.empty((2 + 2 * horizon, 3))
         wanted[:2] = start[1:]
         positions, velocities = wanted[2 : 2 + horizon], wanted[2 + horizon :]
         self._resample(reference, positions, velocities)
-        low, high = self._fence.floor_m + _HEIGHT_INSIDE_M, self._fence.ceiling_m - _HEIGHT_INSIDE_M
-        heights = positions[:, 2]
-        np.minimum(np.maximum(heights, low, out=heights), max(low, high), out=heights)
-        _bring_inside(positions[:, :2], velocities[:, :2], inside)
         positions -= start[0]
-        self._bring_within_reach(positions, velocities)
+        magnitudes = np.abs(positions)
+        (x, y, z), (dx, dy, dz) = start[0].tolist(), magnitudes.max(axis=0).tolist()
+        moved = False
+        if z - dz < self._low or z + dz > self._high:
+            heights, low = positions[:, 2], self._low - z
+            np.minimum(np.maximum(heights, low, out=heights), max(low, self._high - z), out=heights)
+            moved = True
+        if not self.surely_inside(x, y, hypot(dx, dy)):
+            normals, offsets = self.inside(x, y)
+            _bring_inside(positions[:, :2], velocities[:, :2], (normals, offsets - normals @ start[0, :2]))
+            moved = True
+        if moved or (magnitudes > self._boxes).any():
+            self._bring_within_reach(positions, velocities)
         return wanted
 
     def _resample(self, reference: Reference, positions: Array, velocities: Array) -> None:

@@ -6,6 +6,7 @@ State x = (p, v, a), input j, step h:  p' = p + h v + h^2/2 a + h^3/6 j,  v' = v
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -35,6 +36,7 @@ class Prediction:
     optimum: Array
 
 
+@cache  # the same for all drones and flights
 def predict(horizon: int, step_s: float) -> Prediction:
     """Condense the model and solve the unconstrained problem once and for all."""
     h = step_s

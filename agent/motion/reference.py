@@ -5,17 +5,15 @@ All of ``agent.motion`` works in one planning frame, the drone's own local ENU: 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Vector3 = tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class PeerState:
+class PeerState(Struct, frozen=True):
     """Where a drone is and how it moves. ``age_s``: how long ago that was true; consumers extrapolate by it."""
 
     position: Vector3
@@ -23,8 +21,7 @@ class PeerState:
     age_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Reference:
+class Reference(Struct, frozen=True):
     """Where a drone should be at the times 0, step_s, 2 step_s, ... from now; it need not be feasible.
 
     positions: (K + 1, 3) m; velocities: (K + 1, 3) m/s.

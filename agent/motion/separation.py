@@ -8,55 +8,71 @@ meet again.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import cos, hypot, sin, sqrt
 
 import numpy as np
+from msgspec import Struct
 
 from agent.config import LimitsConfig
-from agent.motion.reference import Array, PeerState
+from agent.motion.reference import Array, PeerState, Vector3
 
 MARGIN_M = 2.0  # of plans beyond the separation of vehicles: what vehicles deviate from their plans in a transient
 _SIGMAS = 2.0
 _PASS_TURN = 0.35  # rad; the one that gives way sees the other turned by this, so it passes on one side and not head-on
 
 
-@dataclass(frozen=True, slots=True)
-class PeerPlan:
+class PeerPlan(Struct, frozen=True):
     """What another drone is going to do, already in my planning frame.
 
-    positions: (H, 3) m, at stamp_ns, stamp_ns + step_s, ...; sigma_m: 1-sigma error of the other's position relative to mine.
+    positions: (H, 3) m, at stamp_ns, stamp_ns + step_s, ...; plain numbers, because most plans are looked at once and found to be
+    far away. sigma_m: 1-sigma error of the other's position relative to mine.
     ``measured``: where it was by its own localisation, for the last resort; None where there is no fresh pose.
     """
 
     id: str
     stamp_ns: int
     step_s: float
-    positions: Array
+    positions: Sequence[Vector3]
     sigma_m: float = 0.0
     measured: PeerState | None = None
 
     @classmethod
     def from_pose(cls, peer: str, now_ns: int, state: PeerState, sigma_m: float = 0.0, horizon_s: float = 4.0) -> PeerPlan:
         """Straight on, for a drone that has sent no plan."""
-        times = np.array([state.age_s, state.age_s + horizon_s])[:, None]
-        positions = np.array(state.position) + times * np.array(state.velocity)
+        (x, y, z), (u, v, w) = state.position, state.velocity
+        positions = [(x + t * u, y + t * v, z + t * w) for t in (state.age_s, state.age_s + horizon_s)]
         return cls(peer, now_ns, horizon_s, positions, sigma_m, state)
 
     def at(self, now_ns: int, times: Array) -> Array:
         """Horizontal positions (T, 2) at these seconds from now; beyond the plan it goes straight on."""
-        return sampled(self.positions, (now_ns - self.stamp_ns) * 1e-9, self.step_s, times)
+        return sampled(np.array(self.positions), (now_ns - self.stamp_ns) * 1e-9, self.step_s, times)
+
+    def steps(self, now_ns: int, step_s: float, count: int) -> list[tuple[float, float]]:
+        """Horizontal positions at 0, step_s, ..., count step_s from now, as ``at`` gives them."""
+        age_s = (now_ns - self.stamp_ns) * 1e-9
+        if self.step_s != step_s or age_s < 0.0 or len(self.positions) == 1:
+            return [(x, y) for x, y in self.at(now_ns, step_s * np.arange(count + 1.0)).tolist()]
+        # The plan has the same steps: all places lie by the same share between two of its points.
+        place = age_s / step_s
+        first = min(int(place), len(self.positions) - 2)
+        share = place - first
+        found = [
+            (x + share * (u - x), y + share * (v - y))
+            for (x, y, _), (u, v, _) in zip(self.positions[first:-1], self.positions[first + 1 : first + count + 2], strict=False)
+        ]
+        (x, y, _), (u, v, _) = self.positions[-2], self.positions[-1]
+        (px, py), dx, dy = found[-1], u - x, v - y
+        return found + [(px + k * dx, py + k * dy) for k in range(1, count + 2 - len(found))]
 
     def state(self, now_ns: int) -> PeerState:
         """Where the plan has it now; better than a pose for spacing: free of noise and of the vehicle's lag."""
         place = (now_ns - self.stamp_ns) * 1e-9 / self.step_s
         if len(self.positions) == 1:
-            return PeerState(tuple(self.positions[0].tolist()))
+            return PeerState(self.positions[0])
         index = min(max(int(place), 0), len(self.positions) - 2)
-        first, second = self.positions[index].tolist(), self.positions[index + 1].tolist()
-        x, y, z = (a + (place - index) * (b - a) for a, b in zip(first, second, strict=True))
-        u, v, w = ((b - a) / self.step_s for a, b in zip(first, second, strict=True))
-        return PeerState((x, y, z), (u, v, w))
+        (x, y, z), (u, v, w) = self.positions[index], self.positions[index + 1]
+        dx, dy, dz, share, rate = u - x, v - y, w - z, place - index, 1.0 / self.step_s
+        return PeerState((x + share * dx, y + share * dy, z + share * dz), (rate * dx, rate * dy, rate * dz))
 
 
 def sampled(positions: Array, age_s: float, step_s: float, times: Array) -> Array:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
+from math import sqrt
 
 import numpy as np
+from msgspec import Struct
 
 from agent.config import LimitsConfig
 from agent.motion.braking import brake
@@ -21,6 +22,8 @@ _NEAR_M = 2.0  # half-planes nearer than this to the plan enter the problem
 _FENCE_YIELDS = 2.0  # the fence gives way before the separation does
 _DEVIATION_S = 1.0  # time constant at which vehicles come back to their plans
 
+Peaks = list[list[float]]  # (4, 3): largest jerk, way from the start, speed and acceleration of a plan along each axis
+
 
 class Status(StrEnum):
     """How a plan came about."""
@@ -31,24 +34,24 @@ class Status(StrEnum):
     ESCAPING = "escaping"  # too close to another drone: brake or back off
 
 
-@dataclass(frozen=True, slots=True)
-class Situation:
+class Situation(Struct, frozen=True):
     """What one replan starts from.
 
     start: (3, 3), the virtual vehicle's position, velocity, acceleration; measured: the real one; previous: tells where the plan
-    before this one would be at the steps, (H, 2); inside: the fence here; guess: (H, 3) jerks to begin the search with.
+    before this one would be at the steps, (H, 2); inside: tells the fence here, less what plans keep from it; surely_inside:
+    whether the unconstrained optimum is far from it; guess: (H, 3) jerks to begin the search with.
     """
 
     now_ns: int
     start: Array
     measured: PeerState
     previous: Callable[[], Array]
-    inside: Piece
+    inside: Callable[[], Piece]
+    surely_inside: bool
     guess: Array
 
 
-@dataclass(frozen=True, slots=True)
-class _Neighbour:
+class _Neighbour(Struct, frozen=True):
     """A peer that comes near: its positions (H + 1, 2) now and at the steps, and the distance to keep."""
 
     positions: Array
@@ -69,15 +72,17 @@ class Steering:
         self._problem = LimitedProblem(prediction, step_s, 2, flat, _ROWS)
         self._speed_squared = (limits.speed_mps * OCTAGON_INRADIUS) ** 2
         self._acceleration_squared = (limits.acceleration_mps2 * OCTAGON_INRADIUS) ** 2
-        self._times: Array = step_s * np.arange(horizon + 1, dtype=np.float64)
-        self._fading: Array = np.exp(-self._times / _DEVIATION_S)[:, None]
+        self._fading: list[float] = np.exp(-step_s * np.arange(horizon + 1) / _DEVIATION_S).tolist()
 
-    def jerk(self, situation: Situation, optimum: Array, peers: Sequence[PeerPlan]) -> tuple[Status, Array]:
+    def jerk(self, situation: Situation, optimum: Array, peaks: Peaks, peers: Sequence[PeerPlan]) -> tuple[Status, Array]:
         """Jerks (H, 2) from the unconstrained optimum (4, H, 3): that itself, the constrained one, or the last resort."""
         neighbours, clear = self._neighbours(situation, optimum[1, :, :2], peers)
-        normals, offsets = situation.inside
+        clear = clear and self._within_limits(optimum[:, :, :2], peaks)
+        if clear and situation.surely_inside:
+            return Status.FREE, optimum[0, :, :2]
+        normals, offsets = situation.inside()
         clearances = (optimum[1, :, :2] @ normals.T - offsets).min(axis=0)
-        if clear and float(clearances.min()) >= 0.0 and self._within_limits(optimum[:, :, :2]):
+        if clear and float(clearances.min()) >= 0.0:
             return Status.FREE, optimum[0, :, :2]
         near = clearances < _NEAR_M
         planes = self._half_planes(situation, optimum[1, :, :2], neighbours, (normals[near], offsets[near]))
@@ -91,38 +96,45 @@ class Steering:
             return Status.ESCAPING, self._brake(situation, away)
         return (Status.BRAKING, self._brake(situation, (0.0, 0.0))) if found is None else (Status.CONSTRAINED, found)
 
-    def _within_limits(self, optimum: Array) -> bool:
+    def _within_limits(self, optimum: Array, peaks: Peaks) -> bool:
+        (jx, jy, _), _, (u, v, _), (ax, ay, _) = peaks
+        if max(jx, jy) > self._limits.jerk_mps3:
+            return False
+        if u * u + v * v <= self._speed_squared and ax * ax + ay * ay <= self._acceleration_squared:
+            return True
         speed, acceleration = np.einsum("skx,skx->sk", optimum[2:], optimum[2:]).max(axis=1).tolist()
         within: bool = speed <= self._speed_squared and acceleration <= self._acceleration_squared
-        return within and float(np.abs(optimum[0]).max()) <= self._limits.jerk_mps3
+        return within
 
     def _neighbours(self, situation: Situation, position: Array, peers: Sequence[PeerPlan]) -> tuple[list[_Neighbour], bool]:
         """The peers that come near to the optimum (H, 2), and whether it keeps its distance from all."""
-        neighbours, clear = [], True
-        x, y = (situation.measured.position[axis] - float(situation.start[0, axis]) for axis in (0, 1))
+        neighbours: list[_Neighbour] = []
+        clear = True
+        if not peers:
+            return neighbours, clear
+        (x, y, _), (virtual_x, virtual_y, _), mine = situation.measured.position, situation.start[0].tolist(), position.tolist()
         for peer in peers:
-            positions = self._corrected(peer, situation.now_ns, x, y)
+            theirs = self._corrected(peer, situation.now_ns, x - virtual_x, y - virtual_y)
             distance = keep_away(self._id, peer, self._limits.separation_m)
-            apart = position - positions[1:]
-            clearance = float(np.einsum("kx,kx->k", apart, apart).min()) ** 0.5 - distance
+            apart = [(px - qx) ** 2 + (py - qy) ** 2 for (px, py), (qx, qy) in zip(mine, theirs[1:], strict=True)]
+            clearance = sqrt(min(apart)) - distance
             if clearance < _NEAR_M:
-                neighbours.append(_Neighbour(positions, distance, peer.id < self._id))
+                neighbours.append(_Neighbour(np.array(theirs), distance, peer.id < self._id))
                 clear = clear and clearance >= 0.0
         return neighbours, clear
 
-    def _corrected(self, peer: PeerPlan, now_ns: int, x: float, y: float) -> Array:
+    def _corrected(self, peer: PeerPlan, now_ns: int, x: float, y: float) -> list[tuple[float, float]]:
         """A peer's planned positions (H + 1, 2), moved by how far it is off its plan and I am off mine (x, y).
 
         Plans are kept apart, but vehicles collide. Deviations fade along the horizon.
         """
-        positions = peer.at(now_ns, self._times)
+        positions = peer.steps(now_ns, self._step_s, self._horizon)
         dx, dy = -x, -y
         if peer.measured is not None:
             (px, py, _), (u, v, _), age = peer.measured.position, peer.measured.velocity, peer.measured.age_s
-            dx += px + age * u - float(positions[0, 0])
-            dy += py + age * v - float(positions[0, 1])
-        positions += self._fading * np.array((dx, dy))
-        return positions
+            dx += px + age * u - positions[0][0]
+            dy += py + age * v - positions[0][1]
+        return [(px + fading * dx, py + fading * dy) for (px, py), fading in zip(positions, self._fading, strict=True)]
 
     def _half_planes(
         self, situation: Situation, position: Array, neighbours: Sequence[_Neighbour], fence: Piece

@@ -9,11 +9,11 @@ that fails or the vehicles come too close to each other, the plan is to brake (`
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
-from math import dist
+from math import dist, hypot
 
 import numpy as np
+from msgspec import Struct
 
 from agent.config import LimitsConfig
 from agent.motion.climbing import Climbing
@@ -30,8 +30,7 @@ _CURVATURE_S2 = 1.1  # by PX4's cascade a vehicle flies turns wide by this times
 __all__ = ["Status", "Tracker", "TrackerPlan"]
 
 
-@dataclass(frozen=True, slots=True)
-class TrackerPlan:
+class TrackerPlan(Struct, frozen=True):
     """The virtual vehicle from now on. positions, velocities, accelerations: (H + 1, 3), at stamp_ns, stamp_ns + step_s, ..."""
 
     stamp_ns: int
@@ -77,12 +76,20 @@ class Tracker:
         """Replan. ``state``: the vehicle's own measured position and velocity; ``reference`` begins now."""
         start = self._continued(now_ns, state)
         horizon, (x, y, _) = self._horizon, start[0].tolist()
-        inside = self._goals.inside(x, y)
-        optimum = (self._prediction.optimum @ self._goals.of(reference, start, inside)).reshape(4, horizon, 3)
+        optimum = (self._prediction.optimum @ self._goals.of(reference, start)).reshape(4, horizon, 3)
+        peaks = np.abs(optimum).max(axis=1).tolist()
         optimum[1] += start[0]
-        situation = Situation(now_ns, start, state, partial(self._previous, now_ns, start), inside, self._guess)
-        status, flat = self._steering.jerk(situation, optimum, peers)
-        upright_status, upright = self._climbing.jerk(start[:, 2:], optimum[:, :, 2:], self._guess[:, 2:])
+        situation = Situation(
+            now_ns,
+            start,
+            state,
+            previous=partial(self._previous, now_ns, start),
+            inside=partial(self._goals.inside, x, y),
+            surely_inside=self._goals.surely_inside(x, y, hypot(peaks[1][0], peaks[1][1])),
+            guess=self._guess,
+        )
+        status, flat = self._steering.jerk(situation, optimum, peaks, peers)
+        upright_status, upright = self._climbing.jerk(start[:, 2:], optimum[:, :, 2:], peaks, self._guess[:, 2:])
         if status is Status.FREE and upright_status is Status.FREE:
             return self._adopt(now_ns, start, optimum[1:], optimum[0], status)
         jerk = np.column_stack((flat, upright))

@@ -186,7 +186,7 @@ class Swarm:
         virtual = tracker.state(now_ns) if self._planned[drone] else me
         made = tracker.plan(now_ns, me, law(virtual, others, self.names[drone]), plans)
         self._planned[drone] = True
-        published = PeerPlan(self.names[drone], made.stamp_ns, made.step_s, made.positions, LOCALISATION_M)
+        published = PeerPlan(self.names[drone], made.stamp_ns, made.step_s, made.positions.tolist(), LOCALISATION_M)
         self._mail.append((self.tick + DELAY_TICKS, drone, published))
         return str(made.status)
 

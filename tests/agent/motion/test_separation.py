@@ -16,7 +16,7 @@ SECOND = 1_000_000_000
 def straight(name: str, start: tuple[float, float], velocity: tuple[float, float], measured: PeerState | None = None) -> PeerPlan:
     times = 0.2 * np.arange(21.0)[:, None]
     positions = np.hstack((np.array(start) + times * velocity, np.full((21, 1), 3.0)))
-    return PeerPlan(name, SECOND, 0.2, positions, 0.1, measured)
+    return PeerPlan(name, SECOND, 0.2, positions.tolist(), 0.1, measured)
 
 
 def test_a_plan_is_read_between_its_steps_and_beyond_its_end() -> None:
@@ -35,7 +35,7 @@ def test_without_a_plan_a_drone_is_taken_to_fly_straight_on() -> None:
 
 
 def test_a_plan_of_one_point_stays_there() -> None:
-    plan = PeerPlan("b", SECOND, 0.2, np.array([[1.0, 2.0, 3.0]]))
+    plan = PeerPlan("b", SECOND, 0.2, [(1.0, 2.0, 3.0)])
     assert plan.at(SECOND, np.arange(3.0)) == pytest.approx(np.array([[1.0, 2.0]] * 3))
     assert plan.state(SECOND).position == (1.0, 2.0, 3.0)
 

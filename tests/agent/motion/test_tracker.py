@@ -175,7 +175,7 @@ def test_a_standing_peer_in_the_way_is_flown_around() -> None:
     tracker, state, closest = Tracker(LIMITS, WIDE, drone_id="b"), PeerState((0.0, 0.0, 3.0)), 1e9
     for step in range(60):
         there = PeerState((15.0, 0.0, 3.0))
-        peer = PeerPlan("a", step * STEP_NS, 0.2, np.tile([15.0, 0.0, 3.0], (21, 1)), 0.1, there)
+        peer = PeerPlan("a", step * STEP_NS, 0.2, [(15.0, 0.0, 3.0)] * 21, 0.1, there)
         tracker.plan(step * STEP_NS, state, stay(30.0, 0.0), [peer])
         state = tracker.state((step + 1) * STEP_NS)
         closest = min(closest, hypot(state.position[0] - 15.0, state.position[1]))
@@ -198,7 +198,7 @@ def test_a_drone_that_shoots_at_another_is_stopped() -> None:
     tracker = Tracker(LIMITS, WIDE, drone_id="b")
     mine, theirs = PeerState((0.0, 0.0, 3.0), (7.0, 0.0, 0.0)), PeerState((7.0, 0.0, 3.0))
     tracker.reset(mine.position, mine.velocity)
-    plan = tracker.plan(0, mine, stay(30.0, 0.0), [PeerPlan("a", 0, 0.2, np.tile([7.0, 0.0, 3.0], (21, 1)), 0.1, theirs)])
+    plan = tracker.plan(0, mine, stay(30.0, 0.0), [PeerPlan("a", 0, 0.2, [(7.0, 0.0, 3.0)] * 21, 0.1, theirs)])
     assert plan.status is Status.ESCAPING
     assert plan.velocities[-1, 0] < -1.0
     assert np.hypot(plan.accelerations[:, 0], plan.accelerations[:, 1]).max() <= 1.001 * LIMITS.acceleration_mps2
