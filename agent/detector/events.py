@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +36,10 @@ class EventReader:
 
     def __init__(self, config: DetectionConfig, nuclide: str, on_energies: EnergySink | None = None) -> None:
         """Raises ConfigError where the nuclide is not known."""
-        self._lines = tuple(
-            Line.of(energy, config.maximum_electron_kev, config.minimum_photon_kev) for energy in lines_of(nuclide)
+        self._windows = tuple(
+            (energy, config.energy_window * energy, Line.of(energy, config.maximum_electron_kev, config.minimum_photon_kev))
+            for energy in lines_of(nuclide)
         )
-        self._line_kev = np.array([line.energy_kev for line in self._lines])
-        self._energy_window = config.energy_window
         self._window_ticks = config.coincidence_window_ns / TICK_NS
         self._minimum_pixels = config.minimum_pixels
         self._on_energies = on_energies
@@ -60,8 +60,8 @@ class EventReader:
         tally = self.read_few(clusters.take(~alone).each(), clock_ns)
         energy = clusters.energy_kev[alone]
         full = np.zeros(len(energy), np.bool_)
-        for line in self._line_kev:
-            full |= np.abs(energy - line) <= self._energy_window * line
+        for line_kev, window_kev, _ in self._windows:
+            full |= np.abs(energy - line_kev) <= window_kev
         tally.hits += len(energy)
         tally.photopeak += int(np.count_nonzero(full))
         if self._on_energies is not None:
@@ -70,9 +70,11 @@ class EventReader:
 
     def _read(self, event: list[Cluster], clock_ns: int, tally: Tally) -> float:
         """Add one event to the tally; returns its energy in keV."""
-        if len(event) > 1:
+        if len(event) == 1:
+            energy = event[0].energy_kev
+        else:
             event = merge_satellites(event)
-        energy = sum(cluster.energy_kev for cluster in event)
+            energy = sum(cluster.energy_kev for cluster in event)
         line = self._line_of(energy)
         tally.hits += len(event)
         tally.photopeak += line is not None
@@ -87,10 +89,10 @@ class EventReader:
     def _line_of(self, energy_kev: float) -> Line | None:
         """The nearest line whose window holds the energy."""
         best = None
-        least = float("inf")
-        for line in self._lines:
-            difference = abs(energy_kev - line.energy_kev)
-            if difference < least and difference <= self._energy_window * line.energy_kev:
+        least = inf
+        for line_kev, window_kev, line in self._windows:
+            difference = abs(energy_kev - line_kev)
+            if difference <= window_kev and difference < least:
                 best, least = line, difference
         return best
 
