@@ -13,7 +13,7 @@ Two laws (``EncirclementConfig.law``):
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import atan2, hypot, pi, sin, sqrt
+from math import atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 
@@ -45,6 +45,8 @@ class Encirclement:
         self._limits = limits
         self._spacing_m = limits.separation_m + margin_m
         self._times: Array = config.step_s * np.arange(config.steps + 1, dtype=np.float64)
+        self._radius = 0.0  # of the circle along which the terms below go
+        self._terms: Array = np.empty((0, 4))  # (K + 1, 4): cosine and sine of the angle flown, time, 1
 
     def reference(
         self,
@@ -95,17 +97,21 @@ class Encirclement:
 
     def _arc(self, angle: float, radius: float, center: Vector3, center_velocity: Vector3) -> Reference:
         """The arc that begins at this angle now; the centre moves on at its velocity."""
-        times, speed = self._times, self._config.speed_mps
-        angles = angle + (speed / radius) * times
-        cosine, sine = np.cos(angles), np.sin(angles)
-        positions, velocities = np.empty((len(times), 3)), np.empty((len(times), 3))
-        positions[:, 0] = center[0] + center_velocity[0] * times + radius * cosine
-        positions[:, 1] = center[1] + center_velocity[1] * times + radius * sine
-        positions[:, 2] = center[2] + self._config.height_m
-        velocities[:, 0] = center_velocity[0] - speed * sine
-        velocities[:, 1] = center_velocity[1] + speed * cosine
-        velocities[:, 2] = 0.0
-        return Reference(positions, velocities, self._config.step_s)
+        speed = self._config.speed_mps
+        if radius != self._radius:
+            angles = (speed / radius) * self._times
+            self._radius = radius
+            self._terms = np.column_stack((np.cos(angles), np.sin(angles), self._times, np.ones(len(angles))))
+        (x, y, z), (u, v, _), c, s = center, center_velocity, cos(angle), sin(angle)
+        states = self._terms @ np.array(  # positions and velocities, by the angle from the first one, time, and 1
+            (
+                (radius * c, radius * s, 0.0, -speed * s, speed * c, 0.0),
+                (-radius * s, radius * c, 0.0, -speed * c, -speed * s, 0.0),
+                (u, v, 0.0, 0.0, 0.0, 0.0),
+                (x, y, z + self._config.height_m, u, v, 0.0),
+            )
+        )
+        return Reference(states[:, :3], states[:, 3:], self._config.step_s)
 
     def _approach(self, me: PeerState, slot: Reference) -> Reference:
         """Lead from where the drone is to its moving slot: the offset shrinks straight and as fast as the limits allow.
@@ -147,6 +153,9 @@ def _stopping_profile(distance: float, speed: float, deceleration: float, times:
     cruise = max(0.0, (distance - braking) / speed)
     start = sqrt(min(distance, braking))
     slope = sqrt(0.5 * deceleration)
+    if cruise == 0.0:  # near enough to brake from the beginning, as mostly
+        root = np.maximum(0.0, start - slope * times)
+        return root * root, (2.0 * slope) * root
     root = np.maximum(0.0, start - slope * np.maximum(0.0, times - cruise))
     remaining = root * root + speed * np.maximum(0.0, cruise - times)
     return remaining, np.where(times < cruise, speed, 2.0 * slope * root)
