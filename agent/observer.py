@@ -5,8 +5,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 
-import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from agent.config import DroneConfig
@@ -18,7 +16,8 @@ EXPOSURE_NS = 500_000_000
 SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
 HISTORY_NS = 5_000_000_000
 
-Quaternion = tuple[float, float, float, float]
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  # w, x, y, z
 
 
 class PoseHistory:
@@ -73,7 +72,8 @@ class Observer:
         self._mission = mission_id
         self._boot = boot
         self._sequence = 0
-        self._body_from_camera = Rotation.from_euler("xyz", drone.camera_rpy_deg, degrees=True)
+        x, y, z, w = Rotation.from_euler("xyz", drone.camera_rpy_deg, degrees=True).as_quat().tolist()
+        self._body_from_camera: Quaternion = (w, x, y, z)
         self.history = PoseHistory()
         self._start_ns: int | None = None
         self._end_ns = 0
@@ -112,8 +112,8 @@ class Observer:
         pose = self.history.pose(event.stamp_ns)
         assert state is not None  # observe() saw to it
         assert pose is not None
-        position, (w, x, y, z) = pose
-        axes = (Rotation.from_quat((x, y, z, w)) * self._body_from_camera).apply(event.axis)
+        position, local_from_body = pose
+        first, second = (_turned(local_from_body, _turned(self._body_from_camera, axis)) for axis in event.axis.tolist())
         return Cone(
             stamp_ns=event.stamp_ns,
             drone=self._drone,
@@ -124,7 +124,7 @@ class Observer:
             apex_m=position,
             apex_sigma_m=state.position_sigma_m,
             yaw_sigma_rad=state.yaw_sigma_rad,
-            orders=(_order(event, axes, 0), _order(event, axes, 1)),
+            orders=(_order(event, first, 0), _order(event, second, 1)),
             energies_kev=event.energies_kev,
             energy_sigmas_kev=event.energy_sigmas_kev,
             separation_mm=event.separation_mm,
@@ -161,10 +161,18 @@ class Observer:
         ]
 
 
-def _order(event: ConeEvent, axes: NDArray[np.float64], row: int) -> ConeOrder:
-    x, y, z = axes[row].tolist()
+def _turned(rotation: Quaternion, vector: Vector3) -> Vector3:
+    """A vector (3,) turned by a quaternion, which need not be of unit length."""
+    w, x, y, z = rotation
+    a, b, c = vector
+    double = 2.0 / (w * w + x * x + y * y + z * z)
+    tx, ty, tz = double * (y * c - z * b), double * (z * a - x * c), double * (x * b - y * a)
+    return a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx
+
+
+def _order(event: ConeEvent, axis: Vector3, row: int) -> ConeOrder:
     return ConeOrder(
-        axis=(x, y, z),
+        axis=axis,
         theta_rad=float(event.theta_rad[row]),
         sigma_rad=float(event.sigma_rad[row]),
         probability=float(event.probability[row]),

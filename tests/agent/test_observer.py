@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from agent.config import DroneConfig
+from agent.detector.detection import ConeEvent, Detections
+from agent.observer import Observer
+from agent.vehicle.interface import FlightMode, VehicleState
+from protocol.messages import Cone, Exposure
+
+SECOND = 1_000_000_000
+CAMERA_RPY_DEG = (10.0, -70.0, 35.0)
+
+
+def telemetry(stamp_ns, position, rotation, sign=1.0):
+    x, y, z, w = (sign * rotation.as_quat()).tolist()
+    return VehicleState(
+        stamp_ns=stamp_ns, epoch=0, position_m=position, velocity_mps=(0.0, 0.0, 0.0), quaternion=(w, x, y, z), height_m=8.0,
+        position_sigma_m=0.3, yaw_sigma_rad=0.02, mode=FlightMode.OFFBOARD, armed=True, in_air=True, healthy=True,
+    )  # fmt: skip
+
+
+def cone_event(stamp_ns, axis):
+    pair = np.array((0.4, 1.1))
+    return ConeEvent(stamp_ns, np.array((axis, -axis)), pair, pair / 10.0, np.array((0.7, 0.3)), (300.0, 361.66), (5.0, 5.0), 2.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])  # the two quaternions of one attitude
+def test_a_cone_is_turned_by_camera_and_attitude_at_its_own_time(sign):
+    observer = Observer(DroneConfig(id="a", camera_rpy_deg=CAMERA_RPY_DEG), "0" * 16, "1" * 16)
+    observer.history.add(telemetry(SECOND, (1.0, 2.0, 8.0), Rotation.from_euler("ZYX", (50.0, 4.0, -3.0), degrees=True)))
+    observer.history.add(
+        telemetry(2 * SECOND, (3.0, 6.0, 9.0), Rotation.from_euler("ZYX", (54.0, 4.0, -3.0), degrees=True), sign)
+    )
+    axis = np.array((0.48, -0.6, 0.64))
+    (cone,) = observer.observe(Detections(SECOND, SECOND + 1, 0.1, cones=(cone_event(3 * SECOND // 2, axis),)))
+    assert isinstance(cone, Cone)
+    assert cone.apex_m == pytest.approx((2.0, 4.0, 8.5))
+    attitude = Rotation.from_euler("ZYX", (52.0, 4.0, -3.0), degrees=True)
+    expected = (attitude * Rotation.from_euler("xyz", CAMERA_RPY_DEG, degrees=True)).apply(axis)
+    np.testing.assert_allclose(cone.orders[0].axis, expected, atol=1e-12)
+    np.testing.assert_allclose(cone.orders[1].axis, -expected, atol=1e-12)
+    assert [order.probability for order in cone.orders] == [0.7, 0.3]
+
+
+def test_counts_add_up_to_exposures():
+    observer = Observer(DroneConfig(id="a"), "0" * 16, "1" * 16)
+    observer.history.add(telemetry(0, (0.0, 0.0, 8.0), Rotation.identity()))
+    step = SECOND // 5
+    stretches = [Detections(k * step, (k + 1) * step, 0.19, hits=k, photopeak=1, coincidences=2) for k in range(6)]
+    exposures = [entry for stretch in stretches for entry in observer.observe(stretch)]
+    assert all(isinstance(entry, Exposure) for entry in exposures)
+    assert [(entry.stamp_ns, entry.end_ns) for entry in exposures] == [(0, 3 * step), (3 * step, 6 * step)]
+    assert [(e.counts.hits, e.counts.photopeak, e.counts.coincidences) for e in exposures] == [(3, 3, 6), (12, 3, 6)]
+    assert [entry.live_time_s for entry in exposures] == pytest.approx([0.57, 0.57])
