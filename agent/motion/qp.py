@@ -20,7 +20,8 @@ from scipy import sparse
 from agent.motion.prediction import Prediction
 from agent.motion.reference import Array
 
-_OCTAGON: Array = np.array([[cos(k * pi / 4.0), sin(k * pi / 4.0)] for k in range(4)])  # both signs of each: eight sides
+# Both signs of each: eight sides. Rounded, so that what should be zero is, and needs no place in the matrix.
+_OCTAGON: Array = np.array([[cos(k * pi / 4.0), sin(k * pi / 4.0)] for k in range(4)]).round(15)
 OCTAGON_INRADIUS = cos(pi / 8.0)  # of an octagon whose corners lie on the unit circle
 _SLACK_WEIGHT = 100.0  # cost of a step's slack, 1/m2; a position error costs 1/m2
 _SETTINGS = {
