@@ -19,7 +19,7 @@ from shapely import Polygon
 from shapely.validation import explain_validity
 
 from agent.errors import ConfigError
-from protocol.messages import STATION, DroneId, Identifier
+from protocol.units import STATION, DroneId, Identifier
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]

@@ -7,7 +7,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from protocol.errors import ProtocolError
-from protocol.messages import DRONE_KINDS, IDENTIFIER, STATION, Command, DroneMessage, Message
+from protocol.messages import DRONE_KINDS, Command, DroneMessage, Message
+from protocol.units import IDENTIFIER, STATION
 
 VERSION = 1
 ROOT = f"radron/{VERSION}"

@@ -1,4 +1,4 @@
-"""Typed messages; units are in the names.
+"""Typed messages; units are in the names, limits in ``units``.
 
 World frames are ENU, body frames FLU (REP-103). A position is given in the publisher's own local frame of the
 given ``epoch`` (a new epoch begins where the localisation jumped); only ``Estimate`` and ``Frame`` speak of the mission
@@ -21,36 +21,30 @@ from typing import Annotated, NamedTuple
 
 from msgspec import Meta, Struct
 
-STATION = "station"  # holds the place of a drone's id in the keys of operators; no drone may have it
-IDENTIFIER = r"^[a-z0-9][a-z0-9-]{0,31}\Z"
-HEX_16 = r"^[0-9a-f]{16}\Z"
-
-Identifier = Annotated[str, Meta(pattern=IDENTIFIER)]
-DroneId = Annotated[str, Meta(pattern=rf"^(?!{STATION}\Z)[a-z0-9][a-z0-9-]{{0,31}}\Z")]
-MissionId = Annotated[str, Meta(pattern=HEX_16)]
-BootId = Annotated[str, Meta(pattern=HEX_16)]
-Digest = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
-StampNs = Annotated[int, Meta(ge=0, le=2**63 - 1)]  # until the year 2262
-DurationNs = Annotated[int, Meta(ge=0, le=60_000_000_000)]
-Epoch = Annotated[int, Meta(ge=0, le=1_000_000)]
-Count = Annotated[int, Meta(ge=0, le=2**40)]
-
-Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
-PositiveMetres = Annotated[float, Meta(ge=0.0, le=1e5)]
-MetresPerSecond = Annotated[float, Meta(ge=-200.0, le=200.0)]
-Unit = Annotated[float, Meta(ge=-1.000001, le=1.000001)]
-Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
-Radians = Annotated[float, Meta(ge=-6.3, le=6.3)]
-SigmaRadians = Annotated[float, Meta(ge=0.0, le=6.3)]
-KiloElectronvolt = Annotated[float, Meta(ge=0.0, le=10_000.0)]
-Seconds = Annotated[float, Meta(ge=0.0, le=3600.0)]
-Variance = Annotated[float, Meta(ge=-1e12, le=1e12)]
-
-Position = tuple[Metres, Metres, Metres]
-Velocity = tuple[MetresPerSecond, MetresPerSecond, MetresPerSecond]
-Direction = tuple[Unit, Unit, Unit]
-Quaternion = tuple[Unit, Unit, Unit, Unit]
-Covariance3 = tuple[Variance, Variance, Variance, Variance, Variance, Variance]  # xx, xy, xz, yy, yz, zz
+from protocol.units import (
+    BootId,
+    Count,
+    Covariance3,
+    Digest,
+    Direction,
+    DroneId,
+    DurationNs,
+    Epoch,
+    Identifier,
+    KiloElectronvolt,
+    Metres,
+    MissionId,
+    Position,
+    PositiveMetres,
+    Probability,
+    Quaternion,
+    Radians,
+    Seconds,
+    SigmaRadians,
+    StampNs,
+    Variance,
+    Velocity,
+)
 
 
 class Stage(StrEnum):

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from protocol.errors import ProtocolError
 from protocol.keys import Address, command_key, drone_key, key_of, parse_key
-from protocol.messages import DRONE_KINDS, IDENTIFIER, STATION, Message
+from protocol.messages import DRONE_KINDS, Message
+from protocol.units import IDENTIFIER, STATION
 
 identifiers = st.from_regex(IDENTIFIER)
 drones = identifiers.filter(lambda name: name != STATION)

@@ -1,0 +1,41 @@
+"""The types of the messages' fields: names and numbers with their units and limits.
+
+Every number has bounds (which NaN and infinity fail, too) and every text a pattern: what nobody can mean is refused on reading.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta
+
+STATION = "station"  # holds the place of a drone's id in the keys of operators; no drone may have it
+IDENTIFIER = r"^[a-z0-9][a-z0-9-]{0,31}\Z"
+HEX_16 = r"^[0-9a-f]{16}\Z"
+
+Identifier = Annotated[str, Meta(pattern=IDENTIFIER)]
+DroneId = Annotated[str, Meta(pattern=rf"^(?!{STATION}\Z)[a-z0-9][a-z0-9-]{{0,31}}\Z")]
+MissionId = Annotated[str, Meta(pattern=HEX_16)]
+BootId = Annotated[str, Meta(pattern=HEX_16)]
+Digest = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
+StampNs = Annotated[int, Meta(ge=0, le=2**63 - 1)]  # until the year 2262
+DurationNs = Annotated[int, Meta(ge=0, le=60_000_000_000)]
+Epoch = Annotated[int, Meta(ge=0, le=1_000_000)]
+Count = Annotated[int, Meta(ge=0, le=2**40)]
+
+Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
+PositiveMetres = Annotated[float, Meta(ge=0.0, le=1e5)]
+MetresPerSecond = Annotated[float, Meta(ge=-200.0, le=200.0)]
+Unit = Annotated[float, Meta(ge=-1.000001, le=1.000001)]
+Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
+Radians = Annotated[float, Meta(ge=-6.3, le=6.3)]
+SigmaRadians = Annotated[float, Meta(ge=0.0, le=6.3)]
+KiloElectronvolt = Annotated[float, Meta(ge=0.0, le=10_000.0)]
+Seconds = Annotated[float, Meta(ge=0.0, le=3600.0)]
+Variance = Annotated[float, Meta(ge=-1e12, le=1e12)]
+
+Position = tuple[Metres, Metres, Metres]
+Velocity = tuple[MetresPerSecond, MetresPerSecond, MetresPerSecond]
+Direction = tuple[Unit, Unit, Unit]
+Quaternion = tuple[Unit, Unit, Unit, Unit]
+Covariance3 = tuple[Variance, Variance, Variance, Variance, Variance, Variance]  # xx, xy, xz, yy, yz, zz
