@@ -25,6 +25,20 @@ _REQUESTS = {
     Stage.LANDING: Request.LAND,
     Stage.ABORT: Request.LAND,
 }
+_STAGE_AFTER = {
+    Action.START: Stage.TAKEOFF,
+    Action.RETURN: Stage.RETURN,
+    Action.LAND: Stage.LANDING,
+    Action.ABORT: Stage.ABORT,
+}
+# The autopilot's modes that a stage brings about.
+_MODES: dict[Stage, tuple[FlightMode, ...]] = {
+    Stage.TAKEOFF: (FlightMode.TAKEOFF, FlightMode.HOLD),
+    Stage.HOLD: (FlightMode.HOLD,),
+    Stage.LANDING: (FlightMode.LAND,),
+    Stage.ABORT: (FlightMode.LAND,),
+    **dict.fromkeys(STEERED, (FlightMode.OFFBOARD,)),
+}
 
 
 class Situation(Struct, frozen=True):
@@ -55,6 +69,8 @@ class Mission:
         self._resume = Stage.SURVEY
         self._foreign_since_ns: int | None = None
         self._released = False
+        self._was_armed = self._was_offboard = False
+        self._obeyed_ns = -1
 
     @property
     def request(self) -> Request:
@@ -62,50 +78,62 @@ class Mission:
         return Request.RELEASE if self._released else _REQUESTS[self.stage]
 
     def command(self, action: Action, stamp_ns: int, situation: Situation) -> str | None:
-        """Carry out an operator's command. Returns why it was refused, or None."""
+        """Carry out an operator's command. Returns why it was refused, or None.
+
+        A command that is not newer than the last one carried out is refused, but for LAND and ABORT.
+        """
+        refused = self._refusal(action, stamp_ns, situation)
+        if refused is not None:
+            return refused
+        self._obeyed_ns = max(self._obeyed_ns, stamp_ns)
+        self._released = False
+        if action is Action.START:
+            self.started_ns = stamp_ns
+        elif action is Action.HOLD:
+            self._hold(situation.now_ns)
+            return None
+        stage = self._resume if action is Action.RESUME else _STAGE_AFTER[action]
+        self._enter(stage, situation.now_ns)
+        return None
+
+    def _refusal(self, action: Action, stamp_ns: int, situation: Situation) -> str | None:
+        if stamp_ns <= self._obeyed_ns and action not in (Action.LAND, Action.ABORT):
+            return f"{action}: older than a command carried out"
         if action is Action.START:
             if self.stage is not Stage.PREFLIGHT:
                 return "start: already started"
-            if situation.problems:
-                return f"start refused: {situation.problems[0]}"
-            self.started_ns = stamp_ns
-            self._enter(Stage.TAKEOFF, situation.now_ns)
-            return None
+            return f"start refused: {situation.problems[0]}" if situation.problems else None
         if self.stage not in FLYING:
             return f"{action}: not flying"
         if self.stage is Stage.ABORT:
             return f"{action}: aborted"
-        if action is Action.RESUME:
-            if self.stage is not Stage.HOLD:
-                return "resume: not holding"
-            self._released = False
-            self._enter(self._resume, situation.now_ns)
-        elif action is Action.HOLD:
-            if self.stage not in SEARCHING:
-                return f"hold: not possible in {self.stage}"
-            self._hold(situation.now_ns)
-        else:
-            stage = {Action.RETURN: Stage.RETURN, Action.LAND: Stage.LANDING, Action.ABORT: Stage.ABORT}[action]
-            self._released = False
-            self._enter(stage, situation.now_ns)
+        if action is Action.RESUME and self.stage is not Stage.HOLD:
+            return "resume: not holding"
+        if action is Action.HOLD and self.stage not in (Stage.TAKEOFF, *STEERED):
+            return f"hold: not possible in {self.stage}"
         return None
 
     def step(self, situation: Situation) -> None:
         """Move on to the next stage where the situation says so."""
         vehicle, now_ns = situation.vehicle, situation.now_ns
-        if vehicle is None or self.stage in (Stage.PREFLIGHT, Stage.LANDED):
+        if vehicle is None or self.stage not in FLYING:
+            return
+        self._was_armed = self._was_armed or vehicle.armed
+        if self._was_armed and not vehicle.armed and not vehicle.in_air:
+            self._enter(Stage.LANDED, now_ns)
+            return
+        if not self._released:
+            self._watch_takeover(vehicle, now_ns)
+        if self._released:
             return
         if self.stage is Stage.TAKEOFF:
             if vehicle.in_air and vehicle.mode is FlightMode.HOLD:
                 self._enter(Stage.TRACK if situation.has_hypothesis else Stage.SURVEY, now_ns)
-        elif self.stage in STEERED and not self._released:
-            self._watch_takeover(vehicle, now_ns)
-            if self.stage is Stage.RETURN and situation.at_home:
+        elif self.stage is Stage.RETURN:
+            if situation.at_home:
                 self._enter(Stage.LANDING, now_ns)
-            elif self.stage in SEARCHING:
-                self._search(situation)
-        elif not vehicle.armed and not vehicle.in_air:
-            self._enter(Stage.LANDED, now_ns)
+        elif self.stage in SEARCHING:
+            self._search(situation)
 
     def _search(self, situation: Situation) -> None:
         now_ns = situation.now_ns
@@ -128,24 +156,38 @@ class Mission:
 
     def _watch_takeover(self, vehicle: VehicleState, now_ns: int) -> None:
         """Give way when the autopilot stays in a mode that was not asked for: its failsafe, or a human pilot."""
-        if vehicle.mode not in (FlightMode.RETURN, FlightMode.LAND, FlightMode.MANUAL):
+        self._was_offboard = self._was_offboard or vehicle.mode is FlightMode.OFFBOARD
+        if not self._is_foreign(vehicle):
             self._foreign_since_ns = None
             return
         if self._foreign_since_ns is None:
             self._foreign_since_ns = now_ns
-        if now_ns - self._foreign_since_ns > TAKEOVER_NS:
-            if vehicle.mode is FlightMode.MANUAL:
-                self._hold(now_ns)
-            else:
-                self._enter(Stage.RETURN if vehicle.mode is FlightMode.RETURN else Stage.LANDING, now_ns)
-            self._released = True
+        if now_ns - self._foreign_since_ns <= TAKEOVER_NS:
+            return
+        if vehicle.mode is FlightMode.RETURN:
+            self._enter(Stage.RETURN, now_ns)
+        elif vehicle.mode is FlightMode.LAND:
+            self._enter(Stage.LANDING, now_ns)
+        elif self.stage not in (Stage.HOLD, Stage.LANDING, Stage.ABORT):
+            self._hold(now_ns)
+        self._released = True
+
+    def _is_foreign(self, vehicle: VehicleState) -> bool:
+        """Whether somebody else than this agent has chosen the mode. Before arming, any mode is the autopilot's own affair."""
+        mode = vehicle.mode
+        if not vehicle.armed or mode in _MODES[self.stage]:
+            return False
+        if mode in (FlightMode.MANUAL, FlightMode.RETURN, FlightMode.LAND):
+            return True
+        return mode is FlightMode.HOLD and self.stage in STEERED and self._was_offboard  # else: not yet in offboard
 
     def _hold(self, now_ns: int) -> None:
-        self._resume = self.stage
+        self._resume = Stage.SURVEY if self.stage is Stage.TAKEOFF else self.stage
         self._enter(Stage.HOLD, now_ns)
 
     def _enter(self, stage: Stage, now_ns: int) -> None:
+        if stage not in STEERED or self.stage not in STEERED:
+            self._was_offboard, self._foreign_since_ns = False, None
         self.stage, self.since_ns = stage, now_ns
-        self._foreign_since_ns = None
         if stage is Stage.TRACK and self.tracking_since_ns is None:
             self.tracking_since_ns = now_ns

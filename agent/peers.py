@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from protocol.messages import Estimate, Plan, Pose, Status
 
 ALIVE_NS = 2_000_000_000  # a drone that has not been heard for so long has dropped out
+STATUS_AGE_NS = 10_000_000_000  # a drone that was switched off for so long stands against nothing any more
 FUTURE_NS = 1_000_000_000  # a stamp further ahead than this is a wrong clock, not news
 
 
@@ -51,6 +52,10 @@ class Peers:
             name for name, peer in self._peers.items() if peer.pose is not None and now_ns - peer.pose.stamp_ns < ALIVE_NS
         )
 
-    def status_of_all(self) -> dict[str, Status]:
-        """The newest status of each drone that has sent one."""
-        return {name: peer.status for name, peer in self._peers.items() if peer.status is not None}
+    def statuses(self, now_ns: int) -> dict[str, Status]:
+        """The newest status of each drone that has sent one of late."""
+        return {
+            name: peer.status
+            for name, peer in self._peers.items()
+            if peer.status is not None and now_ns - peer.status.stamp_ns < STATUS_AGE_NS
+        }

@@ -1,12 +1,13 @@
-"""The brain of one drone, without any I/O: what it hears, sees and measures goes in, messages and a command come out.
+"""The brain of one drone: what it hears, sees and measures goes in, messages and a command come out.
 
-The same pilot flies in lockstep, live and in a replay: it reads no clock and draws no random numbers.
+The same pilot flies in lockstep, live and in a replay: once made it does no I/O, reads no clock and draws no random numbers.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 
 from msgspec import Struct
@@ -29,12 +30,16 @@ from agent.search import CoverageLog, Search
 from agent.vehicle.interface import Request, VehicleCommand, VehicleState
 from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
-from protocol.keys import key_of
+from protocol.keys import key_of, parse_key
 from protocol.messages import Action, AnyMessage, Command, Cone, Coverage, Entry, Estimate, Message, Plan, Pose, Stage, Status
 
 POSE_NS = 100_000_000  # 10 Hz
 ESTIMATE_NS = 500_000_000
 STATUS_NS = 1_000_000_000
+TELEMETRY_AGE_NS = 1_000_000_000  # older telemetry cannot be flown by
+TWIN_NS = 10_000_000_000  # another agent with the same id is forgotten after so long
+FARTHEST_M = 1e5  # what a message can carry
+MOST_PROBLEMS = 32
 _NEWS = (Pose, Plan, Estimate, Status)
 COMMAND_AGE_NS = 10_000_000_000  # an older command is not carried out
 
@@ -89,7 +94,7 @@ class Pilot:
         self._navigator = Navigator(mission, drone, frames, self._search)
         self._vehicle: VehicleState | None = None
         self._last_cone_ns = 0
-        self._twin = False
+        self._twin_ns: int | None = None  # when another agent with this id was last heard
         self._outbox: list[tuple[str, bytes]] = []
         self._due_ns = {"pose": 0, "estimate": 0, "status": 0}
         self.counters: Counter[str] = Counter()
@@ -105,7 +110,13 @@ class Pilot:
         return self.fusion.hypothesis
 
     def observe_vehicle(self, state: VehicleState) -> None:
-        """Take the newest telemetry."""
+        """Take the newest telemetry. What is older than known, not finite or absurdly far away is counted and dropped."""
+        if self._vehicle is not None and state.stamp_ns <= self._vehicle.stamp_ns:
+            self.counters["telemetry_older_than_known"] += 1
+            return
+        if not _plausible(state):
+            self.counters["telemetry_implausible"] += 1
+            return
         self._vehicle = state
         self._observer.history.add(state)
 
@@ -113,14 +124,18 @@ class Pilot:
         """Take what the camera saw; it becomes log entries of this drone."""
         self.counters["pixel_hits_lost"] += readout.lost_hits
         for entry in self._observer.observe(self._chain.process(readout)):
-            self._record(entry)
+            self._record(entry, readout.end_ns)
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> None:
         """Take a message from the mesh. Whatever is wrong with it is counted and dropped, never raised."""
         try:
             message = decode_from(key, payload)
+            swarm = parse_key(key).swarm
         except ProtocolError:
             self.counters["rejected_malformed"] += 1
+            return
+        if swarm != self._config.swarm:
+            self.counters["dropped_other_swarm"] += 1
             return
         reason = self._dispatch(message, payload, now_ns)
         if reason is not None:
@@ -144,10 +159,11 @@ class Pilot:
         if isinstance(message, Command):
             return self._obey(message, now_ns)
         if isinstance(message, Entry):
-            self._fold(message, payload)
+            self._fold(message, payload, now_ns)
             return None
         if message.drone == self._id:
-            self._twin = self._twin or (isinstance(message, Status) and message.boot != self._boot)
+            if isinstance(message, Status) and message.boot != self._boot and abs(now_ns - message.stamp_ns) < TWIN_NS:
+                self._twin_ns = now_ns
             return "own_id"
         if isinstance(message, _NEWS):
             return self._peers.receive(message, now_ns)
@@ -160,7 +176,7 @@ class Pilot:
             return None
         if abs(now_ns - command.stamp_ns) > COMMAND_AGE_NS:
             return "command_too_old"
-        situation = replace(self._situation(now_ns), problems=tuple(self._problems()))
+        situation = replace(self._situation(now_ns), problems=self._problems(now_ns))
         refused = self._mission.command(command.action, command.stamp_ns, situation)
         if refused is not None:
             return "command_refused"
@@ -170,19 +186,19 @@ class Pilot:
                 fusion.start(command.stamp_ns)
         return None
 
-    def _record(self, entry: Entry) -> None:
+    def _record(self, entry: Entry, now_ns: int) -> None:
         """Publish an entry of this drone and keep it, by the very bytes that the others get."""
-        payload = encode(entry)
-        self._fold(entry, payload)
-        self._outbox.append((key_of(self._config.swarm, entry), payload))
+        payload = self._publish(entry)
+        if payload is not None:
+            self._fold(entry, payload, now_ns)
 
-    def _fold(self, entry: Entry, payload: bytes) -> None:
+    def _fold(self, entry: Entry, payload: bytes, now_ns: int) -> None:
         if not self.fusion.receive(entry, payload):
             return
         for listener in self.listeners.values():
             listener.receive(entry, payload)
         if isinstance(entry, Cone):
-            self._last_cone_ns = max(self._last_cone_ns, entry.stamp_ns)
+            self._last_cone_ns = max(self._last_cone_ns, min(entry.stamp_ns, now_ns))
         elif isinstance(entry, Coverage):
             self._search.hear(entry)
 
@@ -192,32 +208,42 @@ class Pilot:
         has_hypothesis = self.hypothesis is not None
         return Situation(now_ns, vehicle, has_hypothesis, self._last_cone_ns, at_home)
 
-    def _problems(self) -> list[str]:
+    def _problems(self, now_ns: int) -> tuple[str, ...]:
         """What stands against a start. A flying drone reports them but flies on."""
         problems = []
         if self._vehicle is None:
             problems.append("no telemetry from the vehicle yet")
+        elif now_ns - self._vehicle.stamp_ns > TELEMETRY_AGE_NS:
+            problems.append("no new telemetry from the vehicle")
         elif not self._vehicle.healthy:
             problems.append("the vehicle is not healthy")
-        if self._twin:
+        if self._twin_ns is not None and now_ns - self._twin_ns < TWIN_NS:
             problems.append(f"another agent is running as {self._id}")
         problems += [
             f"{name} has another mission file ({status.mission}, here {self._mission_id})"
-            for name, status in self._peers.status_of_all().items()
+            for name, status in self._peers.statuses(now_ns).items()
             if status.mission != self._mission_id
         ]
-        return problems
+        return tuple(problems[:MOST_PROBLEMS])
 
     def _command(self, now_ns: int) -> VehicleCommand:
+        """What the autopilot is to do. A drone that does not know where it is, or in which frame, holds."""
         request = self._mission.request
         height_m = self._config.survey.height_m
         vehicle = self._vehicle
         if request is not Request.OFFBOARD or vehicle is None:
             self._navigator.rest()
             return VehicleCommand(request, takeoff_height_m=height_m)
+        if now_ns - vehicle.stamp_ns > TELEMETRY_AGE_NS:
+            self._navigator.rest()
+            self.counters["held_without_telemetry"] += 1
+            return VehicleCommand(Request.HOLD)
         stage = self._mission.stage
         moment = Moment(now_ns, stage, self._mission.since_ns, vehicle, self.hypothesis)
         setpoint, plan = self._navigator.step(moment, self._peers)
+        if setpoint is None:
+            self.counters["held_without_frame"] += 1
+            return VehicleCommand(Request.HOLD)
         if plan is not None:
             self._publish(plan)
         if stage is Stage.SURVEY:
@@ -229,7 +255,8 @@ class Pilot:
         if report is not None:
             stamp_ns, path_m = report
             self._record(
-                Coverage(
+                now_ns=now_ns,
+                entry=Coverage(
                     stamp_ns=stamp_ns,
                     drone=self._id,
                     mission=self._mission_id,
@@ -238,7 +265,7 @@ class Pilot:
                     epoch=vehicle.epoch,
                     path_m=path_m,
                     swath_m=self._coverage.swath_m,
-                )
+                ),
             )
 
     def _report(self, now_ns: int) -> None:
@@ -268,7 +295,7 @@ class Pilot:
                     stage=self._mission.stage,
                     battery=vehicle.battery if vehicle is not None else None,
                     counters=dict(self.counters),
-                    problems=tuple(self._problems()),
+                    problems=self._problems(now_ns),
                 )
             )
 
@@ -292,5 +319,19 @@ class Pilot:
         self._due_ns[what] = max(self._due_ns[what] + period_ns, now_ns - now_ns % period_ns + period_ns)
         return True
 
-    def _publish(self, message: Message) -> None:
-        self._outbox.append((key_of(self._config.swarm, message), encode(message)))
+    def _publish(self, message: Message) -> bytes | None:
+        """Put a message into the outbox. What the protocol refuses is counted and dropped: the flight goes on."""
+        try:
+            payload = encode(message)
+        except ProtocolError:
+            self.counters[f"unsendable_{type(message).__name__.lower()}"] += 1
+            return None
+        self._outbox.append((key_of(self._config.swarm, message), payload))
+        return payload
+
+
+def _plausible(state: VehicleState) -> bool:
+    """Whether telemetry can be flown by: all numbers finite, and within what a message can carry."""
+    sigmas = state.position_sigma_m + state.yaw_sigma_rad
+    others = sum(state.velocity_mps) + sum(state.quaternion) + sigmas + state.height_m
+    return isfinite(others) and sigmas >= 0.0 and all(-FARTHEST_M < value < FARTHEST_M for value in state.position_m)

@@ -104,29 +104,49 @@ def test_returns_lands_and_rests():
 
 def test_hold_and_resume():
     mission = tracking()
-    assert mission.command(Action.HOLD, 0, at(11.0)) is None
-    mission.step(at(12.0, has_hypothesis=True))
+    assert mission.command(Action.HOLD, 11 * SECOND, at(11.0)) is None
+    mission.step(at(12.0, replace(VEHICLE, mode=FlightMode.HOLD), has_hypothesis=True))
     assert (mission.stage, mission.request) == (Stage.HOLD, Request.HOLD)
-    assert mission.command(Action.RESUME, 0, at(13.0)) is None
+    assert mission.command(Action.RESUME, 13 * SECOND, at(13.0)) is None
     assert mission.stage is Stage.TRACK
+
+
+def test_an_older_command_does_not_override_a_newer_one():
+    mission = tracking()
+    assert mission.command(Action.HOLD, 11 * SECOND, at(11.0)) is None
+    assert mission.command(Action.RESUME, 12 * SECOND, at(12.0)) is None
+    assert mission.command(Action.HOLD, 11 * SECOND, at(13.0)) == "hold: older than a command carried out"
+    assert mission.stage is Stage.TRACK
+    assert mission.command(Action.LAND, 11 * SECOND, at(14.0)) is None  # but coming down is always allowed
+
+
+@pytest.mark.parametrize("stage", ["takeoff", "return"])
+def test_hold_from_takeoff_and_return(stage):
+    mission = tracking() if stage == "return" else Mission(TrackConfig())
+    first, then = (Action.RETURN, Stage.RETURN) if stage == "return" else (Action.START, Stage.SURVEY)
+    assert mission.command(first, 12 * SECOND, at(12.0)) is None
+    assert mission.command(Action.HOLD, 13 * SECOND, at(13.0)) is None
+    assert mission.stage is Stage.HOLD
+    assert mission.command(Action.RESUME, 14 * SECOND, at(14.0)) is None
+    assert mission.stage is then
 
 
 @pytest.mark.parametrize("action", [Action.RETURN, Action.LAND, Action.ABORT])
 def test_from_hold_one_can_come_home(action):
     mission = tracking()
-    mission.command(Action.HOLD, 0, at(11.0))
-    assert mission.command(action, 0, at(12.0)) is None
+    mission.command(Action.HOLD, 11 * SECOND, at(11.0))
+    assert mission.command(action, 12 * SECOND, at(12.0)) is None
     assert mission.stage in (Stage.RETURN, Stage.LANDING, Stage.ABORT)
 
 
 def test_what_cannot_be_is_refused_with_a_reason():
     mission = Mission(TrackConfig())
-    assert mission.command(Action.HOLD, 0, CALM) == "hold: not flying"
+    assert mission.command(Action.HOLD, SECOND, CALM) == "hold: not flying"
     mission = tracking()
-    assert mission.command(Action.START, 0, CALM) == "start: already started"
-    assert mission.command(Action.RESUME, 0, CALM) == "resume: not holding"
-    mission.command(Action.ABORT, 0, CALM)
-    assert mission.command(Action.RESUME, 0, CALM) == "resume: aborted"
+    assert mission.command(Action.START, 2 * SECOND, CALM) == "start: already started"
+    assert mission.command(Action.RESUME, 2 * SECOND, CALM) == "resume: not holding"
+    mission.command(Action.ABORT, 3 * SECOND, CALM)
+    assert mission.command(Action.RESUME, 4 * SECOND, CALM) == "resume: aborted"
 
 
 def test_gives_way_to_the_failsafe_but_not_to_a_late_heartbeat():
@@ -149,5 +169,42 @@ def test_gives_way_to_a_human_pilot_until_told_to_resume():
     for second in (20.0, 22.0):
         mission.step(at(second, manual, has_hypothesis=True, last_cone_ns=20 * SECOND))
     assert (mission.stage, mission.request) == (Stage.HOLD, Request.RELEASE)
-    assert mission.command(Action.RESUME, 0, at(30.0)) is None
+    assert mission.command(Action.RESUME, 30 * SECOND, at(30.0)) is None
     assert (mission.stage, mission.request) == (Stage.TRACK, Request.OFFBOARD)
+
+
+def held_by(mission, vehicle, *seconds):
+    for second in seconds:
+        mission.step(at(second, vehicle, has_hypothesis=True, last_cone_ns=20 * SECOND))
+    return mission.stage, mission.request
+
+
+def test_gives_way_to_a_hold_from_the_ground_station_but_waits_for_offboard():
+    mission = surveying()
+    hold = replace(VEHICLE, mode=FlightMode.HOLD)
+    mission.step(at(3.0, hold))
+    mission.step(at(9.0, hold))
+    assert mission.request is Request.OFFBOARD  # not yet in offboard: goes on asking
+    mission.step(at(10.0, OFFBOARD))
+    assert held_by(mission, hold, 11.0, 13.0) == (Stage.HOLD, Request.RELEASE)
+
+
+def test_a_takeover_during_takeoff_and_landing_is_not_fought():
+    manual = replace(VEHICLE, mode=FlightMode.MANUAL)
+    mission = Mission(TrackConfig())
+    mission.command(Action.START, SECOND, CALM)
+    assert held_by(mission, manual, 2.0, 4.0) == (Stage.HOLD, Request.RELEASE)
+    mission = tracking()
+    mission.command(Action.LAND, 11 * SECOND, at(11.0))
+    assert held_by(mission, manual, 12.0, 14.0) == (Stage.LANDING, Request.RELEASE)
+
+
+def test_who_is_disarmed_during_takeoff_is_not_armed_again():
+    mission = Mission(TrackConfig())
+    mission.command(Action.START, SECOND, CALM)
+    grounded = replace(VEHICLE, mode=FlightMode.TAKEOFF, in_air=False)
+    mission.step(at(2.0, replace(grounded, armed=False)))
+    assert mission.request is Request.TAKEOFF
+    mission.step(at(3.0, grounded))
+    mission.step(at(4.0, replace(grounded, armed=False)))
+    assert (mission.stage, mission.request) == (Stage.LANDED, Request.STAY)
