@@ -7,7 +7,9 @@ neighbour where the table says "satellites merged"; "two clusters" counts everyt
 from __future__ import annotations
 
 import math
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -15,9 +17,12 @@ from rich.table import Table
 
 from sim.radiation.camera import Camera, CameraTruth, SourceView
 from sim.radiation.events import Events, simulate
-from sim.radiation.quality import clusters, complete, cones, fwhm
 from sim.radiation.timepix3 import response
 from sim.radiation.transport import projected_area_mm2
+
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
+
+from event_quality import clusters, complete, cones, fwhm
 
 LINE_KEV = 661.657
 TRUTH = CameraTruth()

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from event_quality import Clusters, clusters
 from scipy import stats
 
 from sim.radiation import camera as camera_module
@@ -11,7 +12,6 @@ from sim.radiation.bank import BACKGROUND_BIN, DIRECTION_BINS, SCATTERED_BIN, bi
 from sim.radiation.camera import Camera, SourceView
 from sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP
 from sim.radiation.events import COMPLETE, SCATTERED, SINGLE, Events, simulate
-from sim.radiation.quality import Clusters, clusters
 from sim.radiation.timepix3 import response
 
 from .partial_bank import ALONE, POLAR_DEG, direction, partial_bank, regroup

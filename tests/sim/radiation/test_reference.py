@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from event_quality import clusters, complete, cones, fwhm
 
 from sim.radiation.events import Events, simulate
-from sim.radiation.quality import clusters, complete, cones, fwhm
 from sim.radiation.timepix3 import response
 from sim.radiation.transport import projected_area_mm2
 from sim.radiation.truth import CameraTruth
