@@ -112,15 +112,11 @@ class LimitedProblem:
         )
         matrix = sparse.vstack((fixed, planes), format="csc")
         matrix.sort_indices()
-        # The k-th placeholder's place: look its (row, column) up in the final matrix.
-        place = {
-            (int(r), int(c)): index
-            for c in range(matrix.shape[1])
-            for index, r in enumerate(matrix.indices[matrix.indptr[c] : matrix.indptr[c + 1]], start=int(matrix.indptr[c]))
-        }
-        shift = fixed.shape[0]
-        where = np.array([place[int(r) + shift, int(c)] for r, c in zip(rows_index, columns_index, strict=True)], dtype=np.int32)
-        return matrix, where
+        # The k-th placeholder's place: look its column and row up among those of the final matrix, which are in this order.
+        height, width = matrix.shape
+        entries = np.repeat(np.arange(width), np.diff(matrix.indptr)) * height + matrix.indices
+        where = np.searchsorted(entries, columns_index * height + fixed.shape[0] + rows_index)
+        return matrix, where.astype(np.int32)
 
     def solve(self, start: Array, optimum: Array, planes: HalfPlanes | None, guess: Array) -> Array | None:
         """Jerks (H, axes) within the limits that come nearest in cost to the unconstrained optimum.
