@@ -75,7 +75,9 @@ class Observer:
         x, y, z, w = Rotation.from_euler("xyz", drone.camera_rpy_deg, degrees=True).as_quat().tolist()
         self._body_from_camera: Quaternion = (w, x, y, z)
         self.history = PoseHistory()
+        self.dropped = 0
         self._start_ns: int | None = None
+        self._epoch = 0
         self._end_ns = 0
         self._live_s = 0.0
         self._hits = self._photopeak = self._coincidences = 0
@@ -88,17 +90,20 @@ class Observer:
     def observe(self, detections: Detections) -> list[Entry]:
         """Log entries that a stretch of detections gives; counts are held until an exposure is full.
 
-        Stretches without any pose (before the vehicle's first telemetry) are dropped: nobody knows where they were taken.
+        Stretches are dropped, and counted in ``dropped``, when nobody knows where they were taken (before the vehicle's first
+        telemetry, or longer than the poses are kept) and when they overlap what was observed already (a clock stepped back).
         """
-        if self.history.at(detections.start_ns) is None:
+        start_ns, end_ns = detections.start_ns, detections.end_ns
+        state = self.history.at(start_ns)
+        if state is None or start_ns < self._end_ns or not start_ns <= end_ns <= start_ns + HISTORY_NS:
+            self.dropped += 1
             return []
         entries: list[Entry] = [self._cone(event) for event in detections.cones]
-        before, after = self.history.at(self._start_ns or 0), self.history.at(detections.start_ns)
-        if self._start_ns is not None and before and after and before.epoch != after.epoch:
+        if self._start_ns is not None and (start_ns > self._end_ns or state.epoch != self._epoch):
             entries += self._exposure()
         if self._start_ns is None:
-            self._start_ns = detections.start_ns
-        self._end_ns = detections.end_ns
+            self._start_ns, self._epoch = start_ns, state.epoch
+        self._end_ns = end_ns
         self._live_s += detections.live_time_s
         self._hits += detections.hits
         self._photopeak += detections.photopeak
@@ -139,9 +144,11 @@ class Observer:
         state = self.history.at(start_ns)
         assert state is not None
         poses = []
-        for offset_ns in range(0, self._end_ns - start_ns, SAMPLE_NS):
-            pose = self.history.pose(start_ns + offset_ns)
+        for offset_ns in range(0, max(1, self._end_ns - start_ns), SAMPLE_NS):
+            pose, then = self.history.pose(start_ns + offset_ns), self.history.at(start_ns + offset_ns)
             assert pose is not None
+            if then is not None and then.epoch != state.epoch:  # poses of another frame do not belong to this one
+                break
             poses.append(PoseSample(offset_ns, *pose))
         return [
             Exposure(
@@ -152,7 +159,7 @@ class Observer:
                 sequence=self.next_sequence(),
                 epoch=state.epoch,
                 end_ns=self._end_ns,
-                live_time_s=live_s,
+                live_time_s=min(live_s, (self._end_ns - start_ns) * 1e-9),
                 counts=counts,
                 poses=tuple(poses),
                 position_sigma_m=state.position_sigma_m,

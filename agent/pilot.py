@@ -122,9 +122,10 @@ class Pilot:
 
     def observe_detector(self, readout: Readout) -> None:
         """Take what the camera saw; it becomes log entries of this drone."""
-        self.counters["pixel_hits_lost"] += readout.lost_hits
         for entry in self._observer.observe(self._chain.process(readout)):
             self._record(entry, readout.end_ns)
+        self.counters["pixel_hits_lost"] = self._chain.lost_hits
+        self.counters["detections_dropped"] = self._observer.dropped
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> None:
         """Take a message from the mesh. Whatever is wrong with it is counted and dropped, never raised."""

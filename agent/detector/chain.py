@@ -13,6 +13,7 @@ from agent.detector.events import EnergySink, EventReader, Tally
 from agent.detector.readout import TICK_NS, PixelHits, Readout
 
 _HOLD_NS = 1_000_000  # at most so much of a readout is held back, however dense the hits are
+_AHEAD_NS = 1e9  # hits stamped further ahead of their readout are of a wrong clock
 _NO_HITS = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
 
 
@@ -20,7 +21,7 @@ class DetectorChain:
     """One detector's chain. Feed it readouts in order; what comes out does not depend on how the stream was cut into readouts.
 
     Hits whose event may go on beyond the end of a readout are held back and come out with the next one.
-    ``lost_hits`` counts what the detector reported as lost.
+    ``lost_hits`` counts what the detector reported as lost, what came with a stamp far ahead, and what has no energy.
     """
 
     def __init__(
@@ -73,7 +74,9 @@ class DetectorChain:
             end_ns = min(max(readout.clock_ns + int(hits.tick[done]) * 25 // 16, self._start_ns), end_ns)
         self._held = _NO_HITS
         if done < len(hits):
-            self._held = _take(hits, slice(done, None))
+            believed = int(np.searchsorted(hits.tick, watermark + _AHEAD_NS / TICK_NS))
+            self.lost_hits += len(hits) - believed
+            self._held = _take(hits, slice(done, believed))
             hits = _take(hits, slice(0, done))
         return self._detections(end_ns, readout.live_time_s, self._evaluate(hits))
 
@@ -109,6 +112,10 @@ class DetectorChain:
         if len(hits) == 0:
             return Tally()
         energy = self._calibration.energy_kev(hits.index, hits.tot)
+        if energy.min() <= 0.0:  # what a pixel's calibration can make of a few counts
+            known = energy > 0.0
+            self.lost_hits += int(len(hits) - known.sum())
+            hits, energy = _take(hits, known), energy[known]
         if len(hits) <= FEW:
             few = cluster_few(hits.tick, hits.index, energy, self._gap)
             return self._events.read_few([one for one in few if one.energy_kev >= self._threshold_kev], self._clock_ns)
@@ -120,5 +127,5 @@ def _join(a: PixelHits, b: PixelHits) -> PixelHits:
     return PixelHits(np.concatenate((a.tick, b.tick)), np.concatenate((a.index, b.index)), np.concatenate((a.tot, b.tot)))
 
 
-def _take(hits: PixelHits, which: NDArray[np.intp] | slice) -> PixelHits:
+def _take(hits: PixelHits, which: NDArray[np.intp] | NDArray[np.bool_] | slice) -> PixelHits:
     return PixelHits(hits.tick[which], hits.index[which], hits.tot[which])

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from agent.config import DroneConfig
@@ -53,3 +54,47 @@ def test_counts_add_up_to_exposures():
     assert [(entry.stamp_ns, entry.end_ns) for entry in exposures] == [(0, 3 * step), (3 * step, 6 * step)]
     assert [(e.counts.hits, e.counts.photopeak, e.counts.coincidences) for e in exposures] == [(3, 3, 6), (12, 3, 6)]
     assert [entry.live_time_s for entry in exposures] == pytest.approx([0.57, 0.57])
+
+
+@pytest.fixture
+def observer():
+    observer = Observer(DroneConfig(id="a"), "0" * 16, "1" * 16)
+    observer.history.add(telemetry(0, (0.0, 0.0, 8.0), Rotation.identity()))
+    return observer
+
+
+def stretch(start_s, end_s, live_s=None, hits=1):
+    return Detections(int(start_s * SECOND), int(end_s * SECOND), end_s - start_s if live_s is None else live_s, hits=hits)
+
+
+def test_an_exposure_ends_at_a_gap(observer):
+    assert observer.observe(stretch(0.0, 0.2)) == []
+    (exposure,) = observer.observe(stretch(30.0, 30.2))
+    assert (exposure.stamp_ns, exposure.end_ns, exposure.counts.hits) == (0, SECOND // 5, 1)
+    (after,) = observer.observe(stretch(30.2, 30.6))
+    assert (after.stamp_ns, after.counts.hits) == (30 * SECOND, 2)
+
+
+@pytest.mark.parametrize("bad", [stretch(0.1, 0.3), stretch(0.2, 9.0), stretch(0.4, 0.3)])
+def test_stretches_that_cannot_be_placed_are_dropped_and_counted(observer, bad):
+    observer.observe(stretch(0.0, 0.2))
+    assert observer.observe(bad) == []
+    assert observer.dropped == 1
+    (exposure,) = observer.observe(stretch(0.2, 0.6))
+    assert (exposure.stamp_ns, exposure.counts.hits) == (0, 2)
+
+
+def test_live_time_is_never_longer_than_the_exposure(observer):
+    (exposure,) = observer.observe(stretch(0.0, 0.6, live_s=0.7))
+    assert exposure.live_time_s == pytest.approx(0.6)
+
+
+def test_exposures_are_split_where_the_epoch_changes(observer):
+    observer.observe(stretch(0.0, 0.2))
+    state = telemetry(SECOND // 10 * 3, (50.0, 50.0, 8.0), Rotation.identity())
+    observer.history.add(replace(state, epoch=1))
+    (before,) = observer.observe(stretch(0.3, 0.5))
+    (after,) = observer.observe(stretch(0.5, 0.9))
+    assert (before.epoch, after.epoch) == (0, 1)
+    assert {sample.position_m for sample in before.poses} == {(0.0, 0.0, 8.0)}
+    assert {sample.position_m for sample in after.poses} == {(50.0, 50.0, 8.0)}

@@ -146,6 +146,26 @@ def test_lost_hits_are_summed(make_hits):
     assert chain.lost_hits == 8
 
 
+def test_hits_of_a_clock_far_ahead_are_not_kept(blob, make_hits):
+    chain = new_chain()
+    ahead = make_hits([blob(3.6e12, (0, 0, 1.0), 100.0, 3)])
+    for start in (0, 1_000_000, 2_000_000):
+        chain.process(Readout(start, start + 1_000_000, 0, 1e-3, ahead))
+    assert chain.lost_hits == 9
+    assert chain.flush().hits == 0
+
+
+@pytest.mark.parametrize("count", [4, 4000])
+def test_hits_without_energy_are_lost_and_do_no_harm(count):
+    """c = 0 and t = 0 are accepted in a calibration; counts below b then mean no energy."""
+    flat = np.zeros(65536)
+    chain = DetectorChain(DetectionConfig(), "Cs-137", Calibration.of(flat + 1.6, flat + 24.0, flat, flat))
+    ticks = np.arange(count) * 160
+    hits = PixelHits(ticks, (np.arange(count) % 65536).astype(np.uint16), np.full(count, 3, np.uint16))
+    found = chain.process(only(hits))
+    assert (found.hits, chain.lost_hits) == (0, count)
+
+
 @pytest.mark.parametrize("source", [(0.0, 0.0, 1.0), (0.0, 0.6, -0.8), (1.0, 0.0, 0.0)])
 def test_the_direction_of_a_source_is_recovered(source, make_compton_event, make_hits):
     rng = np.random.default_rng(11)
