@@ -50,7 +50,7 @@ def _entries(mission: MissionConfig) -> list[Entry]:
         axis = line / np.linalg.norm(line) + 0.7 * rng.normal(size=3)
         axis /= np.linalg.norm(axis)
         theta = math.acos(float(axis @ line / np.linalg.norm(line)))
-        order = ConeOrder(tuple(axis.tolist()), theta, 0.1, 0.6)
+        order = ConeOrder(tuple(axis.tolist()), theta, 0.1, 0.5)
         entries.append(
             Cone(
                 mission=mission.mission_id,

@@ -47,7 +47,7 @@ def decode(payload: bytes) -> AnyMessage:
     """
     _check_size(payload)
     try:
-        document = msgpack.unpackb(payload, object_pairs_hook=_object, ext_hook=_refuse_extension, **_LIMITS)
+        document = msgpack.unpackb(payload, use_list=False, object_pairs_hook=_object, ext_hook=_refuse_extension, **_LIMITS)
     except (ValueError, TypeError, RecursionError, MemoryError, msgpack.UnpackException) as error:
         raise ProtocolError(f"not msgpack within the limits: {type(error).__name__}: {str(error)[:120]}") from None
     return _read(document)

@@ -14,13 +14,13 @@ Two families:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from enum import StrEnum
 from itertools import pairwise
 from typing import Annotated, NamedTuple
 
 from msgspec import Meta, Struct
 
+from protocol.checks import flaw_of_covariance, is_unit
 from protocol.units import (
     BootId,
     Count,
@@ -34,17 +34,25 @@ from protocol.units import (
     KiloElectronvolt,
     Metres,
     MissionId,
+    PlanStepNs,
     Position,
     PositiveMetres,
     Probability,
     Quaternion,
     Radians,
     Seconds,
+    SensorSigmaMetres,
+    SensorSigmaRadians,
+    SeparationMm,
     SigmaRadians,
     StampNs,
+    SwathMetres,
     Variance,
     Velocity,
 )
+
+_LONGEST_EXPOSURE_NS = 60_000_000_000
+_FASTEST_MPS = 200.0
 
 
 class Stage(StrEnum):
@@ -122,7 +130,7 @@ class ConeOrder(Struct, frozen=True, array_like=True):
 
     axis: Direction
     theta_rad: Annotated[float, Meta(ge=0.0, le=3.1416)]
-    sigma_rad: SigmaRadians
+    sigma_rad: SensorSigmaRadians
     probability: Probability
 
 
@@ -136,11 +144,14 @@ class Cone(Entry, frozen=True, kw_only=True):
     orders: tuple[ConeOrder, ConeOrder]  # first: cluster 1 is the electron; second: cluster 2 is
     energies_kev: tuple[KiloElectronvolt, KiloElectronvolt]  # clusters 1 and 2
     energy_sigmas_kev: tuple[KiloElectronvolt, KiloElectronvolt]
-    separation_mm: Annotated[float, Meta(ge=0.0, le=100.0)]
+    separation_mm: SeparationMm
 
     def flaw(self) -> str | None:
-        """The axes must be unit vectors."""
-        return None if all(_is_unit(order.axis) for order in self.orders) else "an axis is no unit vector"
+        """The axes must be unit vectors, and the probabilities those of two things of which at most one is true."""
+        first, second = self.orders
+        if not 0.0 < first.probability + second.probability < 1.000001:
+            return "the probabilities of its orders add up to 0 or to more than 1"
+        return None if is_unit(first.axis) and is_unit(second.axis) else "an axis is no unit vector"
 
 
 class PoseSample(Struct, frozen=True, array_like=True):
@@ -175,13 +186,15 @@ class Exposure(Entry, frozen=True, kw_only=True):
         duration_ns = self.end_ns - self.stamp_ns
         if duration_ns <= 0:
             return "it ends before it begins"
+        if duration_ns > _LONGEST_EXPOSURE_NS:
+            return "it is longer than a minute"
         if self.live_time_s > duration_ns * 1e-9 * 1.000001:
             return "its live time is longer than itself"
         if not all(before.offset_ns < after.offset_ns for before, after in pairwise(self.poses)):
             return "its poses are not in order of time"
         if self.poses[-1].offset_ns > duration_ns:
             return "a pose lies outside of it"
-        return None if all(_is_unit(pose.quaternion) for pose in self.poses) else "a quaternion has no unit norm"
+        return None if all(is_unit(pose.quaternion) for pose in self.poses) else "a quaternion has no unit norm"
 
 
 class Sighting(Entry, frozen=True, kw_only=True):
@@ -191,13 +204,17 @@ class Sighting(Entry, frozen=True, kw_only=True):
     target: DroneId
     position_m: Position
     direction: Direction
-    direction_sigma_rad: SigmaRadians
+    direction_sigma_rad: SensorSigmaRadians
     range_m: PositiveMetres | None = None
-    range_sigma_m: PositiveMetres | None = None
+    range_sigma_m: SensorSigmaMetres | None = None
 
     def flaw(self) -> str | None:
-        """The direction must be a unit vector."""
-        return None if _is_unit(self.direction) else "its direction is no unit vector"
+        """The direction must be a unit vector, to somebody else; a range and its error come together."""
+        if self.target == self.drone:
+            return "it is of the drone itself"
+        if (self.range_m is None) != (self.range_sigma_m is None):
+            return "of range and range_sigma one is missing"
+        return None if is_unit(self.direction) else "its direction is no unit vector"
 
 
 class Coverage(Entry, frozen=True, kw_only=True):
@@ -205,7 +222,7 @@ class Coverage(Entry, frozen=True, kw_only=True):
 
     epoch: Epoch
     path_m: Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=1, max_length=256)]
-    swath_m: PositiveMetres
+    swath_m: SwathMetres
 
 
 class Pose(DroneMessage, frozen=True, kw_only=True):
@@ -220,15 +237,22 @@ class Pose(DroneMessage, frozen=True, kw_only=True):
 
     def flaw(self) -> str | None:
         """The quaternion must have unit norm."""
-        return None if _is_unit(self.quaternion) else "its quaternion has no unit norm"
+        return None if is_unit(self.quaternion) else "its quaternion has no unit norm"
 
 
 class Plan(DroneMessage, frozen=True, kw_only=True):
     """The tracker's prediction: positions at stamp_ns, stamp_ns + step_ns, ..."""
 
     epoch: Epoch
-    step_ns: DurationNs
+    step_ns: PlanStepNs
     positions_m: Annotated[tuple[Position, ...], Meta(min_length=1, max_length=64)]
+
+    def flaw(self) -> str | None:
+        """No vehicle goes from one position to the next faster than 200 m/s."""
+        places = self.positions_m
+        if len(places) > 1 and max(map(math.dist, places, places[1:])) > _FASTEST_MPS * 1e-9 * self.step_ns:
+            return "it jumps: two positions are further apart than 200 m/s allow"
+        return None
 
 
 class Frame(DroneMessage, frozen=True, kw_only=True):
@@ -243,8 +267,8 @@ class Frame(DroneMessage, frozen=True, kw_only=True):
     covariance: Annotated[tuple[Variance, ...], Meta(min_length=16, max_length=16)]
 
     def flaw(self) -> str | None:
-        """Variances must not be negative."""
-        return "a variance is negative" if min(self.covariance[::5]) < 0.0 else None
+        """The covariance must be one."""
+        return flaw_of_covariance([self.covariance[row : row + 4] for row in (0, 4, 8, 12)])
 
 
 class Estimate(DroneMessage, frozen=True, kw_only=True):
@@ -261,9 +285,9 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
     cones: Count = 0
 
     def flaw(self) -> str | None:
-        """Variances must not be negative."""
-        xx, _, _, yy, _, zz = self.covariance_m2
-        return "a variance is negative" if min(xx, yy, zz) < 0.0 else None
+        """The covariance must be one."""
+        xx, xy, xz, yy, yz, zz = self.covariance_m2
+        return flaw_of_covariance([(xx, xy, xz), (xy, yy, yz), (xz, yz, zz)])
 
 
 class Status(DroneMessage, frozen=True, kw_only=True):
@@ -284,10 +308,6 @@ class Command(Message, frozen=True, kw_only=True):
     mission: MissionId
     action: Action
     drones: Annotated[tuple[DroneId, ...], Meta(max_length=64)] = ()
-
-
-def _is_unit(vector: Sequence[float]) -> bool:
-    return abs(math.hypot(*vector) - 1.0) < 1e-3
 
 
 AnyEntry = Cone | Exposure | Sighting | Coverage

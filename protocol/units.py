@@ -19,18 +19,23 @@ MissionId = Annotated[str, Meta(pattern=HEX_16)]
 BootId = Annotated[str, Meta(pattern=HEX_16)]
 Digest = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
 StampNs = Annotated[int, Meta(ge=0, le=2**63 - 1)]  # until the year 2262
+PlanStepNs = Annotated[int, Meta(ge=10_000_000, le=10_000_000_000)]
 DurationNs = Annotated[int, Meta(ge=0, le=60_000_000_000)]
 Epoch = Annotated[int, Meta(ge=0, le=1_000_000)]
 Count = Annotated[int, Meta(ge=0, le=2**40)]
 
 Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
 PositiveMetres = Annotated[float, Meta(ge=0.0, le=1e5)]
+SwathMetres = Annotated[float, Meta(ge=0.1, le=1e4)]
+SeparationMm = Annotated[float, Meta(ge=1e-3, le=100.0)]
 MetresPerSecond = Annotated[float, Meta(ge=-200.0, le=200.0)]
 Unit = Annotated[float, Meta(ge=-1.000001, le=1.000001)]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 Radians = Annotated[float, Meta(ge=-6.3, le=6.3)]
-SigmaRadians = Annotated[float, Meta(ge=0.0, le=6.3)]
-KiloElectronvolt = Annotated[float, Meta(ge=0.0, le=10_000.0)]
+SigmaRadians = Annotated[float, Meta(ge=0.0, le=6.3)]  # 0: known exactly
+SensorSigmaRadians = Annotated[float, Meta(ge=1e-4, le=6.3)]  # no sensor measures exactly; estimators divide by it
+SensorSigmaMetres = Annotated[float, Meta(ge=1e-3, le=1e5)]
+KiloElectronvolt = Annotated[float, Meta(ge=1e-3, le=10_000.0)]
 Seconds = Annotated[float, Meta(ge=0.0, le=3600.0)]
 Variance = Annotated[float, Meta(ge=-1e12, le=1e12)]
 

@@ -16,7 +16,23 @@ from schema_messages import document, messages
 from protocol.codec import MAX_PAYLOAD_BYTES, decode, decode_from, encode
 from protocol.errors import ProtocolError
 from protocol.keys import command_key, drone_key, key_of
-from protocol.messages import KINDS, Command, Cone, ConeOrder, Counts, Estimate, Exposure, Message, Pose, PoseSample, Status
+from protocol.messages import (
+    KINDS,
+    Command,
+    Cone,
+    ConeOrder,
+    Counts,
+    Coverage,
+    Estimate,
+    Exposure,
+    Frame,
+    Message,
+    Plan,
+    Pose,
+    PoseSample,
+    Sighting,
+    Status,
+)
 
 POSE = Pose(
     stamp_ns=1,
@@ -240,23 +256,75 @@ def test_exposures_that_contradict_themselves_are_refused(changes: dict[str, Any
         encode(msgspec.structs.replace(EXPOSURE, **changes))
 
 
-def test_directions_must_be_unit_vectors_and_variances_positive() -> None:
-    with pytest.raises(ProtocolError, match="unit norm"):
-        encode(msgspec.structs.replace(POSE, quaternion=(0.0, 0.0, 0.0, 0.0)))
-    order = ConeOrder((1.0, 0.0, 0.0), 0.5, 0.1, 1.0)
-    cone = Cone(
-        stamp_ns=1, drone="d", mission=HEX, boot=HEX, sequence=0, epoch=0, apex_m=(0.0, 0.0, 3.0), apex_sigma_m=0.1,
-        yaw_sigma_rad=0.1, orders=(order, order), energies_kev=(300.0, 361.0), energy_sigmas_kev=(6.0, 7.0), separation_mm=1.0,
-    )  # fmt: skip
-    assert decode(encode(cone)) == cone
-    with pytest.raises(ProtocolError, match="unit vector"):
-        encode(msgspec.structs.replace(cone, orders=(order, ConeOrder((0.5, 0.0, 0.0), 0.5, 0.1, 0.0))))
-    estimate = Estimate(
-        stamp_ns=1, drone="d", mission=HEX, estimator="paper", digest=HEX * 2, position_m=(0.0,) * 3,
-        covariance_m2=(1.0, 0.0, 0.0, 1.0, 0.0, -1.0),
-    )  # fmt: skip
-    with pytest.raises(ProtocolError, match="variance"):
-        encode(estimate)
+SENDER = {"stamp_ns": 1, "drone": "uav1"}
+ENTRY = {**SENDER, "mission": HEX, "boot": HEX, "sequence": 0, "epoch": 0}
+ORDER = ConeOrder((1.0, 0.0, 0.0), 0.5, 0.1, 0.5)
+CONE = Cone(
+    **ENTRY, apex_m=(0.0, 0.0, 3.0), apex_sigma_m=0.0, yaw_sigma_rad=0.0, orders=(ORDER, ORDER),
+    energies_kev=(300.0, 361.0), energy_sigmas_kev=(6.0, 7.0), separation_mm=1.0,
+)  # fmt: skip
+PLAN = Plan(**SENDER, epoch=0, step_ns=200_000_000, positions_m=((0.0, 0.0, 3.0), (24.0, 32.0, 3.0), (24.0, 32.0, 3.0)))
+SIGHTING = Sighting(
+    **ENTRY, target="uav2", position_m=(0.0, 0.0, 3.0), direction=(0.0, 1.0, 0.0), direction_sigma_rad=0.01
+)  # fmt: skip
+COVERAGE = Coverage(**ENTRY, path_m=((0.0, 0.0),), swath_m=10.0)
+ESTIMATE = Estimate(
+    **SENDER, mission=HEX, estimator="paper", digest=HEX * 2, position_m=(0.0,) * 3, covariance_m2=(4.0, 2.0, 0.0, 1.0, 0.0, 0.0)
+)
+FRAME = Frame(**SENDER, epoch=0, translation_m=(0.0,) * 3, yaw_rad=0.0, covariance=(0.0,) * 16)
+
+
+def orders(first: float, second: float) -> tuple[ConeOrder, ConeOrder]:
+    return tuple(msgspec.structs.replace(ORDER, probability=probability) for probability in (first, second))
+
+
+@pytest.mark.parametrize(
+    ("message", "changes", "text"),
+    [
+        (POSE, {"quaternion": (0.0, 0.0, 0.0, 0.0)}, "unit norm"),
+        (CONE, {"orders": (ORDER, msgspec.structs.replace(ORDER, axis=(0.5, 0.0, 0.0)))}, "unit vector"),
+        (CONE, {"orders": (ORDER, msgspec.structs.replace(ORDER, sigma_rad=0.0))}, "sigma_rad|>= 0.0001"),
+        (CONE, {"orders": orders(0.0, 0.0)}, "add up to 0"),
+        (CONE, {"orders": orders(0.6, 0.6)}, "more than 1"),
+        (CONE, {"energies_kev": (0.0, 661.0)}, "energies_kev"),
+        (CONE, {"energy_sigmas_kev": (5.0, 0.0)}, "energy_sigmas_kev"),
+        (CONE, {"separation_mm": 0.0}, "separation_mm"),
+        (EXPOSURE, {"end_ns": EXPOSURE.stamp_ns + 60_000_000_001}, "longer than a minute"),
+        (SIGHTING, {"direction": (0.0, 0.0, 0.0)}, "unit vector"),
+        (SIGHTING, {"direction_sigma_rad": 0.0}, "direction_sigma_rad"),
+        (SIGHTING, {"target": "uav1"}, "drone itself"),
+        (SIGHTING, {"range_m": 10.0}, "one is missing"),
+        (SIGHTING, {"range_sigma_m": 1.0}, "one is missing"),
+        (COVERAGE, {"swath_m": 0.0}, "swath_m"),
+        (PLAN, {"step_ns": 0}, "step_ns"),
+        (PLAN, {"step_ns": 1}, "step_ns"),
+        (PLAN, {"step_ns": 10_000_000_001}, "step_ns"),
+        (PLAN, {"step_ns": 199_000_000}, "jumps"),
+        (PLAN, {"positions_m": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -41.0))}, "jumps"),
+        (ESTIMATE, {"covariance_m2": (1.0, 0.0, 0.0, 1.0, 0.0, -1.0)}, "variance is negative"),
+        (ESTIMATE, {"covariance_m2": (4.0, 2.1, 0.0, 1.0, 0.0, 0.0)}, "correlation"),
+        (ESTIMATE, {"covariance_m2": (4.0, 0.0, 1e-3, 1.0, 0.0, 0.0)}, "correlation"),
+        (FRAME, {"covariance": (1.0, 0.5, 0.0, 0.0, 0.4, 1.0, *(0.0,) * 10)}, "symmetric"),
+    ],
+)
+def test_what_can_never_be_meant_is_refused(message: Message, changes: dict[str, Any], text: str) -> None:
+    assert decode(encode(message)) == message
+    with pytest.raises(ProtocolError, match=text):
+        encode(msgspec.structs.replace(message, **changes))
+    with pytest.raises(ProtocolError, match=text):
+        decode(packed(msgspec.structs.replace(message, **changes)))
+
+
+def test_what_is_known_exactly_may_be_said() -> None:
+    """Sums of probabilities just off by rounding, one position alone, no range, zero covariances."""
+    for message in (
+        msgspec.structs.replace(CONE, orders=orders(0.3, 0.1 + 0.2 + 0.4)),
+        msgspec.structs.replace(CONE, orders=orders(0.0, 1.0)),
+        msgspec.structs.replace(PLAN, positions_m=PLAN.positions_m[:1]),
+        msgspec.structs.replace(SIGHTING, range_m=0.0, range_sigma_m=0.5),
+        msgspec.structs.replace(ESTIMATE, covariance_m2=(0.0,) * 6),
+    ):
+        assert decode(encode(message)) == message
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,14 @@
 """Hypothesis strategies for valid messages, made from the schema itself."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from protocol.messages import KINDS, AnyMessage, Exposure
+from protocol.messages import KINDS, AnyMessage, Cone, Estimate, Exposure, Frame, Plan, Sighting
 
 _UNIT_BOUND = 1.000001  # of the components of unit vectors and quaternions
 
@@ -23,7 +24,7 @@ def _values(kind: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: PLR0912 - a 
     match kind:
         case inspect.StructType(cls=cls, fields=fields):
             made = st.fixed_dictionaries({field.name: _values(field.type) for field in fields})
-            return made.map(lambda values: cls(**(_ordered(values) if cls is Exposure else values)))
+            return made.map(lambda values: cls(**_CONSISTENT.get(cls, dict)(values)))
         case inspect.TupleType(item_types=items):
             if isinstance(items[0], inspect.FloatType) and items[0].le == _UNIT_BOUND:
                 return st.tuples(*(st.floats(-1.0, 1.0) for _ in items)).map(_normalised)
@@ -34,8 +35,6 @@ def _values(kind: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: PLR0912 - a 
             return st.dictionaries(_values(key), _values(value), max_size=5)
         case inspect.UnionType(types=types):
             return st.one_of(*(_values(part) for part in types))
-        case inspect.FloatType(ge=low, le=high) if low == -1e12 and high == 1e12:
-            return st.floats(0.0, 1e12)  # variances: those on the diagonal must not be negative
         case inspect.FloatType(ge=low, le=high):
             return st.floats(low, high)
         case inspect.IntType(ge=low, le=high):
@@ -62,9 +61,54 @@ def _ordered(values: dict[str, Any]) -> dict[str, Any]:
     """An exposure that ends after its beginning, with its poses in order inside of it."""
     poses = sorted({pose.offset_ns: pose for pose in values["poses"]}.values(), key=lambda pose: pose.offset_ns)
     stamp = min(values["stamp_ns"], 2**63 - 1 - 120_000_000_000)
-    duration = poses[-1].offset_ns + 1
+    duration = max(poses[-1].offset_ns, 1)
     live = min(values["live_time_s"], duration * 1e-9)
     return {**values, "stamp_ns": stamp, "end_ns": stamp + duration, "poses": tuple(poses), "live_time_s": live}
+
+
+def _shared(values: dict[str, Any]) -> dict[str, Any]:
+    """A cone whose two probabilities add up to one."""
+    first, second = values["orders"]
+    return {**values, "orders": (first, msgspec.structs.replace(second, probability=1.0 - first.probability))}
+
+
+def _flyable(values: dict[str, Any]) -> dict[str, Any]:
+    """A plan shrunk about the origin until 200 m/s are enough."""
+    share = min(1.0, 200.0 * values["step_ns"] * 1e-9 / 4e5)
+    return {**values, "positions_m": tuple(tuple(share * x for x in place) for place in values["positions_m"])}
+
+
+def _of_another(values: dict[str, Any]) -> dict[str, Any]:
+    """A sighting of another drone, with a range and its error or with neither."""
+    target = values["target"] if values["target"] != values["drone"] else values["drone"][:31] + "0"
+    target = target if target != values["drone"] else values["drone"][:31] + "1"
+    ranged = values["range_m"] is not None and values["range_sigma_m"] is not None
+    return {**values, "target": target, **({} if ranged else {"range_m": None, "range_sigma_m": None})}
+
+
+def _product(numbers: tuple[float, ...], size: int) -> list[list[float]]:
+    """The covariance v v^T + 1 of a vector."""
+    v = [max(-1e5, min(1e5, number)) for number in numbers[:size]]
+    return [[v[i] * v[j] + (i == j) for j in range(size)] for i in range(size)]
+
+
+def _unsure_frame(values: dict[str, Any]) -> dict[str, Any]:
+    return {**values, "covariance": tuple(x for row in _product(values["covariance"], 4) for x in row)}
+
+
+def _unsure_estimate(values: dict[str, Any]) -> dict[str, Any]:
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = _product(values["covariance_m2"], 3)
+    return {**values, "covariance_m2": (xx, xy, xz, yy, yz, zz)}
+
+
+_CONSISTENT: dict[type, Callable[[dict[str, Any]], dict[str, Any]]] = {
+    Cone: _shared,
+    Estimate: _unsure_estimate,
+    Exposure: _ordered,
+    Frame: _unsure_frame,
+    Plan: _flyable,
+    Sighting: _of_another,
+}
 
 
 def document(message: AnyMessage) -> dict[str, Any]:

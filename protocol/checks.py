@@ -1,0 +1,25 @@
+"""What a message's numbers can contradict each other in, apart from their ranges."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+
+def is_unit(vector: Sequence[float]) -> bool:
+    """Whether a direction or quaternion has unit norm, to what single precision and rounding leave of it."""
+    return abs(math.hypot(*vector) - 1.0) < 1e-3
+
+
+def flaw_of_covariance(rows: Sequence[Sequence[float]]) -> str | None:
+    """Why a square matrix is no covariance: signs, symmetry, correlations; None if it is. The slack is for rounding."""
+    if any(row[place] < 0.0 for place, row in enumerate(rows)):
+        return "a variance is negative"
+    for i, row in enumerate(rows):
+        for j in range(i):
+            largest = math.sqrt(row[i] * rows[j][j])
+            if abs(row[j] - rows[j][i]) > 1e-6 * largest:
+                return "its covariance is not symmetric"
+            if abs(row[j]) > 1.000001 * largest:
+                return "a correlation is greater than 1"
+    return None
