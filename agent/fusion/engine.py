@@ -35,7 +35,7 @@ class Fusion:
     """
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, estimator: Estimator[Any] | None = None) -> None:
-        self.log = ObservationLog(mission.mission_id)
+        self.log = ObservationLog(mission.mission_id, [drone.id for drone in mission.drones])
         self.hypothesis: Hypothesis | None = None
         self.pending = False  # a replay is under way, the hypothesis is older than the log
         self.estimator = estimator or estimator_named(mission.fusion.estimator, mission)

@@ -27,7 +27,8 @@ class InitialSearch:
     """
 
     def __init__(self, area: Polygon) -> None:
-        west, south, east, north = area.bounds
+        self.bounds: tuple[float, float, float, float] = area.bounds  # west, south, east, north
+        west, south, east, north = self.bounds
         self._lower, self._upper = np.array([west, south]), np.array([east, north])
         columns = np.arange(west + GRID_PITCH_M / 2, east, GRID_PITCH_M)
         rows = np.arange(south + GRID_PITCH_M / 2, north, GRID_PITCH_M)

@@ -27,7 +27,7 @@ class Outcome(Enum):
     REPLACED = "replaced"  # took the place of an entry of the same identity and other bytes
     DUPLICATE = "duplicate"
     CONFLICT = "conflict"  # same identity and other bytes; the entry held stays
-    FOREIGN = "foreign"  # of another mission
+    FOREIGN = "foreign"  # of another mission, or of a drone that is not in it
     LATE = "late"  # behind the horizon, and not known from before
 
 
@@ -50,8 +50,10 @@ class ObservationLog:
     One identity with two payloads (a publisher's fault) resolves to the payload with the smaller hash, whichever came first.
     """
 
-    def __init__(self, mission_id: str) -> None:
+    def __init__(self, mission_id: str, drones: Iterable[str]) -> None:
+        """``drones``: ids of those whose entries are taken in, the mission's."""
         self.mission_id = mission_id
+        self._drones = frozenset(drones)
         self.horizon_ns = 0  # entries stamped before it are compacted
         self.counters: dict[str, int] = {outcome.value: 0 for outcome in Outcome}
         self._records: dict[EntryId, Record] = {}
@@ -81,7 +83,7 @@ class ObservationLog:
         return outcome
 
     def _add(self, entry: Entry, payload: bytes) -> Outcome:
-        if entry.mission != self.mission_id:
+        if entry.mission != self.mission_id or entry.drone not in self._drones:
             return Outcome.FOREIGN
         held = self._held.setdefault((entry.drone, entry.boot), SequenceSet())
         if entry.stamp_ns < self.horizon_ns:

@@ -17,6 +17,7 @@ from agent.fusion.projection import Rule, project
 from protocol.messages import AnyEntry, Cone
 
 _NS = 1e9
+BEYOND_M = 200.0  # around the area: twice what a camera sees a source from
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,10 @@ class PaperEstimator:
 
     The source stays on the ground, z = 0, as the predecessor flew it: the state is the paper's (x, y, z), with a z that is known
     beforehand (prior variance and process noise of z are zero), so the correction moves it horizontally only.
+
+    The hypothesis stays in the area's bounding box enlarged by ``BEYOND_M``: a cone says nothing if its apex lies outside of that
+    box, where no drone can be, or if it would move the hypothesis out of it. Otherwise a drone that does not know where it is
+    (positions of messages go up to 100 km) would take the hypothesis away with it, and one cone would be enough.
     """
 
     reads: tuple[type[AnyEntry], ...] = (Cone,)
@@ -62,6 +67,8 @@ class PaperEstimator:
         self._config = config
         self._search = search
         self._rule: Rule = rule
+        west, south, east, north = search.bounds
+        self._region = (west - BEYOND_M, south - BEYOND_M, east + BEYOND_M, north + BEYOND_M)
 
     def initial(self, start_ns: int | None) -> PaperState:
         """Nothing gathered; the mission's start does not matter."""
@@ -72,6 +79,8 @@ class PaperEstimator:
         gathered, seen, track = state.gathered, state.seen, state.track
         for observation in observations:
             cone = observation.forward if self._config.order == "forward" else observation.probable
+            if not self._is_near(cone.apex[0], cone.apex[1]):
+                continue
             seen += 1
             if track is not None:
                 track = self._correct(self._predict(track, cone.stamp_ns), cone)
@@ -95,6 +104,10 @@ class PaperEstimator:
             cones=track.cones,
             x0_stamp_ns=track.x0_stamp_ns,
         )
+
+    def _is_near(self, x: float, y: float) -> bool:
+        west, south, east, north = self._region
+        return west <= x <= east and south <= y <= north
 
     def _is_apart(self, cone: ConeSurface, gathered: Sequence[ConeSurface]) -> bool:
         baseline = self._config.initial_baseline_m
@@ -128,6 +141,8 @@ class PaperEstimator:
                 dx, dy = dx + gx * move, dy + gy * move
                 pxx, pxy, pyy = pxx - gx * gx / spread, pxy - gx * gy / spread, pyy - gy * gy / spread
             x, y = x + dx, y + dy
+            if not self._is_near(x, y):
+                return track
         return Track(track.stamp_ns, x, y, pxx, pxy, pyy, track.cones + 1, track.x0_stamp_ns)
 
     def _axes(self, normal: Vector3) -> tuple[tuple[Vector3, float], ...]:

@@ -181,11 +181,10 @@ def test_checkpoints_are_thinned_and_old_ones_remain(kit, mission):
 def rivals(kit, mission, entries):
     """Payloads of one identity: a cone, and others whose hashes are smaller, so that they win."""
     cone = [entry for entry in entries if isinstance(entry, Cone)][20]
-    mute = tuple(msgspec.structs.replace(order, probability=0.0) for order in cone.orders)
     exposure = kit.exposure_entry(mission, 0.0, (0.0, 0.0, 3.0), drone=cone.drone, sequence=cone.sequence)
     end_ns = cone.stamp_ns + 250_000_000
     makers = {
-        "a cone that says nothing": lambda i: msgspec.structs.replace(cone, orders=mute, separation_mm=i * 0.1),
+        "a cone that says nothing": lambda i: msgspec.structs.replace(cone, apex_m=(9e4, 0.0, 3.0), separation_mm=i * 0.1),
         "a cone elsewhere": lambda i: msgspec.structs.replace(cone, apex_m=(10.0, 10.0, 3.0), separation_mm=i * 0.1),
         "an exposure": lambda i: msgspec.structs.replace(exposure, stamp_ns=cone.stamp_ns, end_ns=end_ns, live_time_s=0.001 * i),
     }
@@ -358,7 +357,8 @@ def test_another_mission_changes_nothing(kit, mission, entries, in_order):
 def test_an_entry_of_ages_ago_is_no_long_replay(kit, mission, entries):
     """A publisher with a broken clock must not make everybody step through decades."""
     fusion = fusion_of(mission)
-    kit.feed(fusion, [msgspec.structs.replace(entries[0], stamp_ns=1), *entries])
+    ancient = next(entry for entry in entries if isinstance(entry, Cone))
+    kit.feed(fusion, [msgspec.structs.replace(ancient, stamp_ns=1), *entries])
     fusion.advance(kit.T0_NS + END_NS, budget=1000)
     assert not fusion.pending
     assert fusion.hypothesis is not None

@@ -25,8 +25,12 @@ def entries(kit, mission):
     ]
 
 
+def empty_log(mission):
+    return ObservationLog(mission.mission_id, [drone.id for drone in mission.drones])
+
+
 def log_of(mission, entries):
-    log = ObservationLog(mission.mission_id)
+    log = empty_log(mission)
     for entry in entries:
         log.add(entry, encode(entry))
     return log
@@ -36,7 +40,7 @@ def test_digest_is_the_sum_of_the_hashes_of_the_bytes(mission, entries):
     log = log_of(mission, entries)
     total = sum(int.from_bytes(hashlib.blake2b(encode(e), digest_size=16).digest(), "big") for e in entries)
     assert log.digest == f"{total % 2**128:032x}"
-    assert ObservationLog(mission.mission_id).digest == "0" * 32
+    assert empty_log(mission).digest == "0" * 32
 
 
 def test_payloads_are_kept_verbatim_in_order(mission, entries):
@@ -46,7 +50,7 @@ def test_payloads_are_kept_verbatim_in_order(mission, entries):
 
 def test_bytes_count_and_not_their_meaning(mission, entries):
     """A map with an unknown field decodes to the same entry, and is another observation to the digest."""
-    log, other = ObservationLog(mission.mission_id), ObservationLog(mission.mission_id)
+    log, other = empty_log(mission), empty_log(mission)
     payload = encode(entries[0])
     log.add(entries[0], payload)
     other.add(entries[0], payload + b"\x00")
@@ -80,10 +84,19 @@ def test_same_identity_other_bytes_resolves_alike_everywhere(mission, entries):
 
 
 def test_another_mission_is_refused(mission, entries):
-    log = ObservationLog(mission.mission_id)
+    log = empty_log(mission)
     foreign = msgspec.structs.replace(entries[0], mission="f" * 16)
     assert log.add(foreign, encode(foreign)) is Outcome.FOREIGN
     assert (len(log), log.digest, log.summary(), log.counters["foreign"]) == (0, "0" * 32, {}, 1)
+
+
+def test_a_drone_that_is_not_in_the_mission_is_refused(mission, entries):
+    """However many of them somebody makes up, they fill no memory: neither records nor ranges of sequence numbers."""
+    log = empty_log(mission)
+    for number in range(20):
+        stranger = msgspec.structs.replace(entries[0], drone=f"stranger-{number}")
+        assert log.add(stranger, encode(stranger)) is Outcome.FOREIGN
+    assert (len(log), log.digest, log._held, log.counters["foreign"]) == (0, "0" * 32, {}, 20)
 
 
 def test_a_peer_is_told_what_it_lacks(mission, entries):

@@ -134,6 +134,39 @@ def test_degenerate_cones_leave_the_hypothesis_where_it_is(estimator, kit, heigh
     assert track == Track(kit.T0_NS, 50.0, 50.0, 90.0, 1.0, 80.0, 11, kit.T0_NS)
 
 
+def random_cone(kit, rng, sequence, reach_m):
+    """Any cone at all whose apex is within reach_m of the origin along each axis."""
+    axis = rng.normal(size=3)
+    apex = (*rng.uniform(-reach_m, reach_m, 2), rng.uniform(0.0, 100.0))
+    entry = kit.cone_entry(
+        kit.mission_of(), 0.4 * sequence, apex, axis / np.linalg.norm(axis), rng.uniform(0.0, 3.1), sequence=sequence
+    )
+    return observe(entry, Transform())
+
+
+@pytest.mark.parametrize("reach_m", [290.0, 2000.0, 1e5])
+def test_no_cone_takes_the_hypothesis_away(estimator, cones, kit, reach_m):
+    """Neither those from far away nor many from just within the limit: after each it is at most 200 m from the area."""
+    rng = np.random.default_rng(8)
+    state = fold(estimator, cones(rng, 10))
+    moved = 0
+    for sequence in range(500):
+        before, state = state, fold(estimator, [random_cone(kit, rng, 100 + sequence, reach_m)], state)
+        assert -200.0 <= state.track.x <= 300.0
+        assert -200.0 <= state.track.y <= 300.0
+        moved += state.track.x != before.track.x
+    assert moved > 0 or reach_m > 1e4
+
+
+def test_a_cone_from_far_away_is_as_if_it_had_not_been(estimator, cones, kit):
+    seen = cones(np.random.default_rng(9), 12)
+    far = kit.cone_entry(kit.mission_of(), 1.0, (50.0, -99_000.0, 3.0), (0.0, 1.0, 0.0), 0.8, sequence=77)
+    strange = observe(far, Transform())
+    assert fold(estimator, [*seen[:3], strange, *seen[3:]]) == fold(estimator, seen)  # of no use for x0
+    begun = fold(estimator, seen)
+    assert fold(estimator, [strange], begun).track.cones == begun.track.cones
+
+
 def test_covariance_stays_positive_over_a_long_flight(estimator, cones):
     track = fold(estimator, cones(np.random.default_rng(5), 2000, arm_rad=0.3)).track
     eigenvalues = np.linalg.eigvalsh([[track.pxx, track.pxy], [track.pxy, track.pyy]])
