@@ -6,13 +6,16 @@ Whatever way and order the entries come in, two logs with the same entries have 
 from __future__ import annotations
 
 import hashlib
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from typing import TypeVar, cast
 
 from agent.fusion.sequences import Range, SequenceSet
 from protocol.messages import Entry, EntryId
 
+E = TypeVar("E", bound=Entry)
 _DIGEST_BYTES = 16
 _MODULUS = 1 << (8 * _DIGEST_BYTES)
 
@@ -57,6 +60,8 @@ class ObservationLog:
         self.horizon_ns = 0  # entries stamped before it are compacted
         self.counters: dict[str, int] = {outcome.value: 0 for outcome in Outcome}
         self._records: dict[EntryId, Record] = {}
+        self._by_kind: defaultdict[type[Entry], dict[EntryId, Entry]] = defaultdict(dict)
+        self._revisions: Counter[type[Entry]] = Counter()
         self._held: dict[Publisher, SequenceSet] = {}
         self._sum = 0
 
@@ -70,6 +75,15 @@ class ObservationLog:
 
     def __contains__(self, identity: EntryId) -> bool:
         return identity in self._records
+
+    def entries(self, kind: type[E]) -> list[E]:
+        """The entries of one kind (without compacted ones) in the order of their identities: a function of the log's content."""
+        held = self._by_kind[kind]
+        return [cast(E, held[identity]) for identity in sorted(held)]
+
+    def revision(self, kind: type[Entry]) -> int:
+        """Grows whenever ``entries(kind)`` changes, so that whoever works from them can notice cheaply."""
+        return self._revisions[kind]
 
     @property
     def digest(self) -> str:
@@ -97,9 +111,17 @@ class ObservationLog:
             if record.hash > present.hash:
                 return Outcome.CONFLICT
         self._records[identity] = record
+        if present is not None:  # possibly of another kind
+            self._forget(identity, type(present.entry))
+        self._by_kind[type(entry)][identity] = entry
+        self._revisions[type(entry)] += 1
         self._sum = (self._sum + record.hash - (present.hash if present else 0)) % _MODULUS
         held.add(entry.sequence)
         return Outcome.REPLACED if present else Outcome.ADDED
+
+    def _forget(self, identity: EntryId, kind: type[Entry]) -> None:
+        del self._by_kind[kind][identity]
+        self._revisions[kind] += 1
 
     def summary(self) -> dict[Publisher, tuple[Range, ...]]:
         """What this log holds or has compacted: a peer that gets it can tell what is lacking."""
@@ -134,4 +156,5 @@ class ObservationLog:
         digests of the swarm would differ for good.
         """
         self.horizon_ns = max(self.horizon_ns, before_ns)
-        self._records = {k: record for k, record in self._records.items() if k.stamp_ns >= self.horizon_ns}
+        for identity in [identity for identity in self._records if identity.stamp_ns < self.horizon_ns]:
+            self._forget(identity, type(self._records.pop(identity).entry))

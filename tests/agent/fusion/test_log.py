@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from agent.fusion.log import ObservationLog, Outcome
 from protocol.codec import encode
+from protocol.messages import Cone, Coverage
 
 UP = (0.0, 0.0, 1.0)
 
@@ -148,3 +149,37 @@ def test_unknown_entries_behind_the_horizon_are_refused_and_counted(mission, ent
     log.compact(entries[6].stamp_ns)
     assert log.add(entries[0], encode(entries[0])) is Outcome.LATE
     assert (log.digest, log.counters["late"]) == (digest, 1)
+
+
+@pytest.fixture(scope="module")
+def mixed(mission, entries):
+    """Two cones, a coverage and, of the second cone's identity, three more coverages."""
+    first, second = entries[:2]
+    shared = {field: getattr(second, field) for field in ("stamp_ns", "drone", "mission", "boot", "sequence", "epoch")}
+    rivals = [Coverage(**shared, path_m=((0.0, 0.0), (1.0, 0.0)), swath_m=float(width)) for width in (5, 6, 7)]
+    alone = msgspec.structs.replace(rivals[0], stamp_ns=second.stamp_ns + 5, sequence=99)
+    return [first, second, *rivals, alone]
+
+
+@given(seed=st.integers(0, 2**32))
+def test_entries_of_a_kind_are_a_function_of_the_content(mission, mixed, seed):
+    """One for each identity, whatever was replaced on the way, in their order."""
+    random.Random(seed).shuffle(shuffled := list(mixed))
+    log = empty_log(mission)
+    for entry in shuffled:
+        before = {kind: (log.revision(kind), log.entries(kind)) for kind in (Cone, Coverage)}
+        log.add(entry, encode(entry))
+        for kind, (revision, held) in before.items():
+            assert (log.revision(kind) > revision) == (log.entries(kind) != held)
+    least = min(mixed[1:5], key=lambda entry: hashlib.blake2b(encode(entry), digest_size=16).digest())
+    expected = [mixed[0], least, mixed[5]]
+    assert log.entries(Cone) == [entry for entry in expected if isinstance(entry, Cone)]
+    assert log.entries(Coverage) == [entry for entry in expected if isinstance(entry, Coverage)]
+
+
+def test_compacted_entries_are_not_listed(mission, entries):
+    log = log_of(mission, entries)
+    revision = log.revision(Cone)
+    log.compact(entries[6].stamp_ns)
+    assert log.entries(Cone) == entries[6:]
+    assert log.revision(Cone) > revision
