@@ -90,18 +90,6 @@ class Transform:
             covariance += inner @ other.covariance @ inner.T
         return Transform(yaw_rad, translation, covariance)
 
-    def point_covariance(self, point: Vector3, covariance: Array | None = None) -> Array:
-        """(3, 3) covariance, in frame a, of a point of frame b that has its own (3, 3) ``covariance`` there."""
-        total = np.zeros((3, 3))
-        if covariance is not None:
-            matrix = self.rotation_matrix()
-            total += matrix @ covariance @ matrix.T
-        if self.covariance is not None:
-            jacobian = np.eye(3, 4)
-            jacobian[:, 3] = self._turned_per_yaw(point)
-            total += jacobian @ self.covariance @ jacobian.T
-        return total
-
     def rotation_matrix(self) -> Array:
         """(3, 3) matrix that turns directions of frame b into frame a."""
         return np.array([[self._cos, -self._sin, 0.0], [self._sin, self._cos, 0.0], [0.0, 0.0, 1.0]])

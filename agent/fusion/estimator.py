@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
@@ -45,11 +44,6 @@ class Hypothesis:
     def __post_init__(self) -> None:
         for array in (self.position, self.covariance, self.velocity):
             array.setflags(write=False)
-
-    @property
-    def horizontal_sigma(self) -> float:
-        """RMS of the horizontal error that the covariance speaks of, metres."""
-        return math.sqrt(self.covariance[0, 0] + self.covariance[1, 1])
 
 
 class Estimator(Protocol, Generic[S]):

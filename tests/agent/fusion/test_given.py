@@ -27,7 +27,7 @@ def test_it_follows_the_schedule_from_the_missions_start(kit, fusion):
     assert place_at(kit, fusion, 70.0) == (20.0, 20.0, 0.0)
     assert place_at(kit, fusion, 500.0) == (20.0, 20.0, 0.0)
     assert fusion.hypothesis.x0_stamp_ns == kit.T0_NS + 12_000_000_000
-    assert fusion.hypothesis.horizontal_sigma == 0.0
+    assert not fusion.hypothesis.covariance.any()
 
 
 def test_only_the_first_start_counts(kit, fusion):
