@@ -89,9 +89,9 @@ class Pilot:
         self._chain = DetectorChain(mission.detection, mission.nuclide, calibration)
         self._observer = Observer(drone, self._mission_id, boot)
         self._peers = Peers([name for name in ids if name != drone.id])
-        self._search = Search(mission, drone.id, frames)
+        search = Search(mission, drone.id, frames, lambda: self.fusion.log.entries(Coverage))
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
-        self._navigator = Navigator(mission, drone, frames, self._search)
+        self._navigator = Navigator(mission, drone, frames, search)
         self._vehicle: VehicleState | None = None
         self._last_cone_ns = 0
         self._twin_ns: int | None = None  # when another agent with this id was last heard
@@ -200,8 +200,6 @@ class Pilot:
             listener.receive(entry, payload)
         if isinstance(entry, Cone):
             self._last_cone_ns = max(self._last_cone_ns, min(entry.stamp_ns, now_ns))
-        elif isinstance(entry, Coverage):
-            self._search.hear(entry)
 
     def _situation(self, now_ns: int) -> Situation:
         vehicle = self._vehicle

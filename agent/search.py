@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,25 +20,24 @@ POINT_M = 1.0  # distance between the points of a coverage path
 
 
 class Search:
-    """Divides the area among the drones that take part, anew when their number changes. Mission frame throughout."""
+    """Divides what is not covered among the drones that take part: when their number changes, and at the end of the own path.
 
-    def __init__(self, mission: MissionConfig, drone: str, frames: FrameGraph) -> None:
+    A division follows from the log's coverage alone, so drones that hold the same log divide alike. Mission frame throughout.
+    """
+
+    def __init__(
+        self, mission: MissionConfig, drone: str, frames: FrameGraph, coverage: Callable[[], Iterable[Coverage]]
+    ) -> None:
+        """``coverage``: gives all coverage entries of the log, in the order of their identities."""
         self._area = Polygon(mission.area.polygon_m)
         self._survey = mission.survey
         self._drone = drone
         self._frames = frames
-        self._coverage: list[Swath] = []
-        # Where everybody knows the drones to be: at their launch places, later where their coverage ends.
-        self._ends: dict[str, Point2] = {one.id: (one.origin_m[0], one.origin_m[1]) for one in mission.drones}
-        self._ends_ns: dict[str, int] = {}
-        self._waiting: list[Coverage] = []
+        self._coverage = coverage
+        self._launch: dict[str, Point2] = {one.id: (one.origin_m[0], one.origin_m[1]) for one in mission.drones}
         self._shared_by: tuple[str, ...] = ()
         self._follower: PathFollower | None = None
         self._progress = 0.0
-
-    def hear(self, coverage: Coverage) -> None:
-        """Take in what somebody has covered; it counts as soon as the frame it is given in is known."""
-        self._waiting.append(coverage)
 
     def reference(
         self, active: Sequence[str], position: Point2, steps: int, step_s: float
@@ -51,35 +50,28 @@ class Search:
             steps: of the reference.
             step_s: between its points.
         """
-        self._take_in()
-        if tuple(active) != self._shared_by or self._follower is None:
-            self._divide(active, position)
-        assert self._follower is not None
+        if self._follower is None or tuple(active) != self._shared_by or self._progress >= self._follower.length_m:
+            self._shared_by, self._progress = tuple(active), 0.0
+            self._follower = self._divide(active, position)
         self._progress = self._follower.advance(self._progress, position)
         return self._follower.reference(self._progress, position, self._survey.speed_mps, steps, step_s)
 
-    def _divide(self, active: Sequence[str], position: Point2) -> None:
-        self._shared_by, self._progress = tuple(active), 0.0
-        ends = {drone: self._ends[drone] for drone in active}
-        spacing = self._survey.lane_spacing_m
-        path = survey_paths(self._area, active, self._coverage, spacing, ends)[self._drone]
-        if len(path) == 0:  # all is covered and nothing was found: once more from the beginning
-            path = survey_paths(self._area, active, [], spacing, ends)[self._drone]
-        self._follower = PathFollower(np.vstack([position, path]))  # the way to the first lane is part of the path
-
-    def _take_in(self) -> None:
-        still_waiting = []
-        for coverage in self._waiting:
+    def _divide(self, active: Sequence[str], position: Point2) -> PathFollower:
+        swaths: list[Swath] = []
+        ends = {drone: self._launch[drone] for drone in active}  # where everybody knows the drones to be
+        for coverage in self._coverage():
             transform = self._frames.mission_from_local(coverage.drone, coverage.epoch)
             if transform is None:
-                still_waiting.append(coverage)
                 continue
             path = transform.apply(np.array([(x, y, 0.0) for x, y in coverage.path_m]))[:, :2]
-            self._coverage.append((path, coverage.swath_m))
-            if coverage.stamp_ns > self._ends_ns.get(coverage.drone, 0):
-                self._ends_ns[coverage.drone] = coverage.stamp_ns
-                self._ends[coverage.drone] = (float(path[-1, 0]), float(path[-1, 1]))
-        self._waiting = still_waiting
+            swaths.append((path, coverage.swath_m))
+            if coverage.drone in ends:
+                ends[coverage.drone] = (float(path[-1, 0]), float(path[-1, 1]))
+        spacing_m = self._survey.lane_spacing_m
+        path = survey_paths(self._area, active, swaths, spacing_m, ends)[self._drone]
+        if len(path) == 0:  # all is covered and nothing was found: once more from the beginning
+            path = survey_paths(self._area, active, [], spacing_m, ends)[self._drone]
+        return PathFollower(np.vstack([position, path]))  # the way to the first lane is part of the path
 
 
 class CoverageLog:

@@ -1,0 +1,110 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from shapely import LineString, Polygon
+
+from agent.config import AreaConfig, DroneInMission, MissionConfig, SurveyConfig
+from agent.frames.graph import FrameGraph
+from agent.search import COVERAGE_S, CoverageLog, Search
+from protocol.messages import Coverage
+
+SQUARE = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
+MISSION = MissionConfig(
+    name="test",
+    area=AreaConfig(polygon_m=SQUARE),
+    survey=SurveyConfig(lane_spacing_m=10.0, speed_mps=4.0),
+    drones=(DroneInMission(id="a"), DroneInMission(id="b", origin_m=(40.0, 0.0, 0.0), yaw_deg=90.0)),
+)
+STEP_S = 0.2
+
+
+def coverage(drone, path, stamp_ns=0, epoch=0):
+    return Coverage(
+        stamp_ns=stamp_ns,
+        drone=drone,
+        mission=MISSION.mission_id,
+        boot="0" * 16,
+        sequence=stamp_ns,
+        epoch=epoch,
+        path_m=tuple((float(x), float(y)) for x, y in path),
+        swath_m=10.0,
+    )
+
+
+@pytest.fixture
+def log():
+    return []
+
+
+@pytest.fixture
+def search(log):
+    return Search(MISSION, "a", FrameGraph.from_launch_layout(MISSION), lambda: log)
+
+
+def fly(search, active, start, seconds):
+    """Where a drone goes that follows exactly."""
+    track = [start]
+    for _ in range(round(seconds / STEP_S)):
+        positions, _ = search.reference(active, track[-1], 5, STEP_S)
+        track.append((float(positions[1, 0]), float(positions[1, 1])))
+    return np.array(track)
+
+
+def unseen_m2(*tracks):
+    rest = Polygon(SQUARE)
+    for track in tracks:
+        rest = rest.difference(LineString(track).buffer(5.0))
+    return rest.area
+
+
+def test_alone_it_covers_everything(search):
+    assert unseen_m2(fly(search, ["a"], (0.0, 0.0), 60.0)) < 0.02 * 1600
+
+
+def test_two_share_and_the_survivor_takes_over_what_is_left(search, log):
+    mine = fly(search, ["a", "b"], (0.0, 0.0), 15.0)
+    assert mine[:, 0].max() < 21.0
+    log.append(coverage("a", mine))
+    assert unseen_m2(mine, fly(search, ["a"], tuple(mine[-1]), 60.0)) < 0.02 * 1600
+
+
+def test_coverage_of_others_is_read_in_their_own_frame(search, log):
+    """b's frame is turned by 90 degrees: its (y, x) is what a has before it."""
+    mine = fly(search, ["a", "b"], (0.0, 0.0), 1.0)
+    flown = [(0.0, 35.0), (30.0, 35.0)]  # in b's frame; in the mission frame from (5, 0) to (5, 30)
+    log.append(coverage("b", flown))
+    after = fly(search, ["a"], tuple(mine[-1]), 8.0)
+    assert after[-1, 0] > 10.0  # nothing to do in the strip that b has seen
+
+
+def test_coverage_in_an_unknown_frame_waits(search, log):
+    log.append(coverage("b", [(0.0, 0.0), (100.0, 100.0)], epoch=7))
+    assert unseen_m2(fly(search, ["a"], (0.0, 0.0), 60.0)) < 0.02 * 1600
+
+
+def test_at_the_end_of_its_path_it_flies_what_nobody_has_covered(search, log):
+    """A hole between two drones that had divided by different logs does not stay."""
+    mine = fly(search, ["a", "b"], (0.0, 0.0), 30.0)
+    log.append(coverage("a", mine))
+    log.append(coverage("b", [(0.0, 15.0), (20.0, 15.0)]))  # b saw x = 20..30 up to y = 20 and then no more
+    later = fly(search, ["a", "b"], tuple(mine[-1]), 60.0)
+    seen_by_b = np.array([(25.0, 0.0), (25.0, 20.0)])
+    before, after = unseen_m2(mine, seen_by_b), unseen_m2(mine, seen_by_b, later)
+    assert before > 400.0
+    assert after < 0.6 * before  # its fair half of the rest
+
+
+def test_it_starts_again_when_all_is_covered(search, log):
+    log.append(coverage("a", [(x, y) for k, x in enumerate(range(0, 41, 5)) for y in ((0, 40) if k % 2 == 0 else (40, 0))]))
+    assert unseen_m2(fly(search, ["a"], (0.0, 0.0), 60.0)) < 0.02 * 1600
+
+
+def test_coverage_is_reported_every_few_seconds_without_a_gap():
+    log, reports = CoverageLog(10.0), []
+    for tick in range(400):
+        report = log.add(tick * 50_000_000, (0.15 * tick, 0.0))
+        if report is not None:
+            reports.append(report)
+    assert len(reports) == int(20.0 / COVERAGE_S) - 1
+    assert all(before[1][-1] == after[1][0] for before, after in pairwise(reports))
