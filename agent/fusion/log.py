@@ -51,6 +51,10 @@ class ObservationLog:
     the publisher's signature.
 
     One identity with two payloads (a publisher's fault) resolves to the payload with the smaller hash, whichever came first.
+
+    Memory: it grows until it is compacted, which needs the peers' summaries; before, any entry can still be asked for, or come
+    late and have everything after it folded again. Three drones at 3 GBq give 5 exposures and 2.5 cones a second (scenario
+    ``demo``, tracking): 4.2 kB/s of payloads, 15 MB per hour, and some 95 MB per hour with entries, observations and indices.
     """
 
     def __init__(self, mission_id: str, drones: Iterable[str]) -> None:
