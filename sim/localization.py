@@ -1,35 +1,43 @@
-"""How wrong the vehicles' own localisation is: slowly wandering position and heading errors, and velocity noise."""
+"""How wrong the vehicles' own localisation is: slowly wandering errors of position and attitude, and noise."""
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
-from msgspec import Struct
+from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Metres = Annotated[float, Meta(ge=0.0, le=100.0)]
+Degrees = Annotated[float, Meta(ge=0.0, le=45.0)]
 
 
 class LocalizationTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """1-sigma errors. Defaults: a real PX4's EKF against the truth."""
+    """1-sigma errors, each slowly varying unless said otherwise. Defaults: a real PX4's EKF against the truth."""
 
-    horizontal_m: float = 0.13  # of the horizontal distance; each axis has 1/sqrt(2) of it
-    vertical_m: float = 0.2
-    yaw_deg: float = 1.0
-    correlation_s: float = 20.0
-    velocity_mps: float = 0.05  # white
+    horizontal_m: Metres = 0.13  # of the horizontal distance; each axis has 1/sqrt(2) of it
+    vertical_m: Metres = 0.2
+    height_m: Metres = 0.05  # of the rangefinder's height above ground; half of its variance is white
+    yaw_deg: Degrees = 1.0
+    tilt_deg: Degrees = 0.5  # of roll and of pitch
+    correlation_s: Annotated[float, Meta(gt=0.0, le=1e6)] = 20.0
+    velocity_mps: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.05  # of each axis, white
 
 
 class Localization:
     """Errors of N vehicles (estimate minus truth), first-order Gauss-Markov, advanced in fixed steps."""
 
     def __init__(self, truth: LocalizationTruth, count: int, step_s: float, rng: np.random.Generator) -> None:
-        horizontal = truth.horizontal_m / 2.0**0.5
-        self._sigma = np.array([horizontal, horizontal, truth.vertical_m, np.deg2rad(truth.yaw_deg)])
+        horizontal, height = truth.horizontal_m / 2.0**0.5, truth.height_m / 2.0**0.5
+        yaw, tilt = np.deg2rad(truth.yaw_deg), np.deg2rad(truth.tilt_deg)
+        self._sigma = np.array([horizontal, horizontal, truth.vertical_m, yaw, tilt, tilt, height])
+        self._white_sigma = np.array([truth.velocity_mps, truth.velocity_mps, truth.velocity_mps, height])
         self._keep = float(np.exp(-step_s / truth.correlation_s))
-        self._velocity_mps = truth.velocity_mps
+        self._kick = (1.0 - self._keep**2) ** 0.5 * self._sigma
         self._rng = rng
-        self._error = self._sigma * rng.standard_normal((count, 4))
-        self.velocity_error_mps: Array = np.zeros((count, 3))
+        self._error = self._sigma * rng.standard_normal((count, 7))
+        self._white = self._white_sigma * rng.standard_normal((count, 4))
 
     @property
     def position_error_m(self) -> Array:
@@ -37,13 +45,31 @@ class Localization:
         return self._error[:, :3]
 
     @property
+    def velocity_error_mps(self) -> Array:
+        """(N, 3), world axes."""
+        return self._white[:, :3]
+
+    @property
     def yaw_error_rad(self) -> Array:
         """(N,)."""
         return self._error[:, 3]
 
+    @property
+    def tilt_error(self) -> Array:
+        """(N, 3): by how much the body's up leans towards the world's axes, radians; nothing along z."""
+        lean = np.zeros((len(self._error), 3))
+        lean[:, :2] = self._error[:, 4:6]
+        return lean
+
+    @property
+    def height_error_m(self) -> Array:
+        """(N,)."""
+        error: Array = self._error[:, 6] + self._white[:, 3]
+        return error
+
     def step(self) -> None:
         """Advance one time step."""
-        noise = self._rng.standard_normal((len(self._error), 7))
+        noise = self._rng.standard_normal((len(self._error), 11))
         self._error *= self._keep
-        self._error += (1.0 - self._keep**2) ** 0.5 * self._sigma * noise[:, :4]
-        self.velocity_error_mps = self._velocity_mps * noise[:, 4:]
+        self._error += self._kick * noise[:, :7]
+        self._white = self._white_sigma * noise[:, 7:]

@@ -9,13 +9,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from agent.config import DroneConfig, MissionConfig
+from agent.config import DroneConfig
 from agent.detector.readout import PixelHits, Readout
 from agent.pilot import Pilot
 from agent.vehicle.interface import VehicleState
@@ -23,15 +24,16 @@ from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
 from sim.frame import CameraMount, LocalFrames
+from sim.launch import launch_places
 from sim.localization import Localization
 from sim.radiation.camera import Camera
 from sim.radio import Radio
-from sim.recorder import Recorder
+from sim.recorder import LONGEST_START_S, Recorder
 from sim.result import RunResult, Trace
-from sim.scenario import Scenario
+from sim.scenario import Scenario, override
 from sim.source import source_path
 from sim.vehicle.autopilot import Autopilot
-from sim.vehicle.multirotor import Multirotors, attitude
+from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, attitude
 
 TICK_NS = 50_000_000  # agents and autopilots step at 20 Hz
 EXPOSE_TICKS = 2  # the geometry of a camera's exposure is that of the middle of 0.1 s
@@ -79,8 +81,12 @@ def fly(
         listen: estimators that fuse the same log on the first drone without any say in the flight.
         law: flocking law instead of the mission's own.
         progress: called about every simulated second with the time and what the swarm is doing.
+
+    Raises:
+        ConfigError: an estimator or law that is not known, or an estimator where the hypothesis is given.
     """
-    world = _World(scenario, _mission(scenario.mission, estimator, law), seed, listen)
+    chosen = {"mission.fusion.estimator": estimator, "mission.encirclement.law": law}
+    world = _World(override(scenario, {key: name for key, name in chosen.items() if name is not None}), seed, listen)
     started = time.perf_counter()
     end = False
     while not end:
@@ -92,30 +98,30 @@ def fly(
     return Flight(recorder.result(seed, wall_s), recorder.trace(), recorder.listened(seed, wall_s))
 
 
-def _mission(mission: MissionConfig, estimator: str | None, law: str | None) -> MissionConfig:
-    if law is not None:
-        mission = msgspec.structs.replace(mission, encirclement=msgspec.structs.replace(mission.encirclement, law=law))
-    if estimator is not None and mission.fusion.estimator != "given":
-        mission = msgspec.structs.replace(mission, fusion=msgspec.structs.replace(mission.fusion, estimator=estimator))
-    return msgspec.convert(msgspec.to_builtins(mission), MissionConfig)  # replace() does not check
-
-
 class _World:
     """Everything that is, at one instant."""
 
-    def __init__(self, scenario: Scenario, mission: MissionConfig, seed: int, listen: Sequence[str]) -> None:
+    def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str]) -> None:
+        mission = scenario.mission
         count = len(mission.drones)
         streams = _streams(seed, count)
         self.ticks = 0
         self._mission = mission
         self._scenario = scenario
         self._frames = LocalFrames([(drone.origin_m, drone.yaw_deg) for drone in mission.drones])
-        self._configs = [DroneConfig(id=drone.id, vehicle_lag_s=0.4) for drone in mission.drones]
-        self._pilots = [
-            Pilot(mission, config, boot=f"{seed & 0xFFFFFFFF:08x}{k:08x}", listeners=listen if k == 0 else ())
-            for k, config in enumerate(self._configs)
-        ]
-        position = _launch_positions(scenario, mission, streams.start)
+        configs = [DroneConfig(id=drone.id, vehicle_lag_s=scenario.vehicle_lag_s) for drone in mission.drones]
+        self._mounts = [CameraMount(config.camera_rpy_deg) for config in configs]
+        self._cameras: list[Camera] = []
+        if scenario.source is not None:
+            self._cameras = [Camera(scenario.camera, scenario.source.nuclide, rng, EPOCH_NS) for rng in streams.cameras]
+        with TemporaryDirectory() as folder:
+            if scenario.camera.calibration_spread > 0.0:
+                configs = _calibrated(configs, self._cameras, Path(folder))
+            self._pilots = [
+                Pilot(mission, config, boot=f"{seed & 0xFFFFFFFF:08x}{k:08x}", listeners=listen if k == 0 else ())
+                for k, config in enumerate(configs)
+            ]
+        position = launch_places(scenario.start, mission, streams.start)
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, streams.vehicle)
         self._localization = Localization(scenario.localization, count, TICK_NS * 1e-9, streams.localization)
         self._estimated = self._frames.local(position)
@@ -125,15 +131,12 @@ class _World:
             for home, yaw in zip(self._estimated, self._frames.yaw_rad.tolist(), strict=True)
         ]
         self._radio = Radio(scenario.radio, count, streams.radio)
-        self._mounts = [CameraMount(config.camera_rpy_deg) for config in self._configs]
-        self._cameras: list[Camera] = []
         self._exposed: list[list[Readout]] = [[] for _ in range(count)]
-        self.recorder = Recorder(scenario, mission, self._pilots, self._frames)
+        self.recorder = Recorder(scenario, self._pilots, self._frames)
         self._source = None
         if scenario.source is not None:
-            duration_s = scenario.end.search_s + scenario.end.track_s + 600.0
+            duration_s = LONGEST_START_S + scenario.end.longest_s(mission)
             self._source = source_path(scenario.source, self.recorder.area, duration_s, streams.source)
-            self._cameras = [Camera(scenario.camera, scenario.source.nuclide, rng, EPOCH_NS) for rng in streams.cameras]
 
     @property
     def time_s(self) -> float:
@@ -161,10 +164,7 @@ class _World:
             self._autopilots[drone].command(step.command)
         self._move()
         self.ticks += 1
-        return self.recorder.sample(
-            self.time_s, self._multirotors.position_m, self._multirotors.velocity_mps, source,
-            [autopilot.in_air for autopilot in self._autopilots],
-        )  # fmt: skip
+        return self.recorder.sample(self.time_s, self._multirotors.position_m, self._multirotors.velocity_mps, source)
 
     def _sense(self, now_ns: int, source: tuple[float, float] | None) -> None:
         self._telemetry(now_ns)
@@ -186,9 +186,10 @@ class _World:
         motion, error, frames = self._multirotors, self._localization, self._frames
         self._estimated = frames.local(motion.position_m + error.position_error_m)
         velocities = frames.turn(motion.velocity_mps + error.velocity_error_mps)
-        accelerations = frames.turn(motion.acceleration_mps2)
+        # A wrong attitude looks like another thrust.
+        accelerations = frames.turn(motion.acceleration_mps2 + GRAVITY_MPS2 * error.tilt_error)
         yaws = (motion.yaw_rad + error.yaw_error_rad - frames.yaw_rad).tolist()
-        heights = motion.position_m[:, 2].tolist()
+        heights = (motion.position_m[:, 2] + error.height_error_m).tolist()
         for drone, (pilot, autopilot) in enumerate(zip(self._pilots, self._autopilots, strict=True)):
             pilot.observe_vehicle(
                 VehicleState(
@@ -246,16 +247,10 @@ def _streams(seed: int, drones: int) -> _Streams:
     return _Streams(source, start, vehicle, localization, radio, cameras)
 
 
-def _launch_positions(scenario: Scenario, mission: MissionConfig, rng: np.random.Generator) -> NDArray[np.float64]:
-    """(N, 3): the launch places of the mission, or scattered at least twice the separation apart."""
-    places = np.array([drone.origin_m for drone in mission.drones], dtype=np.float64)
-    scatter = scenario.start.scatter_m
-    if scatter <= 0.0:
-        return places
-    apart = 2.0 * mission.limits.separation_m
-    chosen: list[NDArray[np.float64]] = []
-    while len(chosen) < len(places):
-        place = np.append(rng.uniform(-scatter, scatter, 2) + scenario.start.centre_m, 0.0)
-        if all(np.hypot(*(place - other)[:2]) > apart for other in chosen):
-            chosen.append(place)
-    return np.array(chosen)
+def _calibrated(configs: Sequence[DroneConfig], cameras: Sequence[Camera], folder: Path) -> list[DroneConfig]:
+    """The drone files with the calibration of each drone's own camera, written into ``folder``."""
+    own = []
+    for config, camera in zip(configs, cameras, strict=False):  # no cameras where there is no source
+        camera.calibration.write(folder / config.id)
+        own.append(msgspec.structs.replace(config, calibration=str(folder / config.id)))
+    return own or list(configs)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import heapq
+from typing import Annotated
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Meta, Struct
 
+Delay = Annotated[float, Meta(ge=0.0, le=60.0)]
 LOG_KINDS = ("cone", "exposure", "sighting", "coverage")
 
 
 class RadioTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One hop. News that is lost stays lost; log entries are repeated until they arrive, as Zenoh's recovery does."""
 
-    delay_s: float = 0.02
-    jitter_s: float = 0.01
-    loss: float = 0.01
-    recovery_s: float = 0.5
+    delay_s: Delay = 0.02
+    jitter_s: Delay = 0.01  # at most; uniform
+    loss: Annotated[float, Meta(ge=0.0, le=0.9)] = 0.01
+    recovery_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 0.5  # until a lost log entry is sent again
 
 
 class Radio:

@@ -12,6 +12,13 @@ from numpy.typing import NDArray
 class RunResult(Struct, frozen=True, kw_only=True):
     """One flight. Errors are horizontal, over all tracking samples, lost runs included; truth is the simulation's.
 
+    Safety is judged by true positions at every tick (20 Hz):
+        min_separation_m: least horizontal distance of any two drones that are off the ground, climbs and landings included;
+            None where no two ever were (a single drone).
+        fence_breaches: how often a drone off the ground left the area with its margin or rose above the ceiling, or one that
+            follows setpoints (survey, track, reacquire) sank below the floor.
+        Off the ground is more than 0.5 m above it. There is no tolerance.
+
     ``wall_s`` and ``realtime_factor`` are the only fields that differ between two runs of one seed.
     """
 
@@ -29,7 +36,7 @@ class RunResult(Struct, frozen=True, kw_only=True):
     nees_mean: float | None
     cones: int
     hits: int
-    min_separation_m: float | None  # None with a single drone; in the air only
+    min_separation_m: float | None
     fence_breaches: int
     sim_s: float
     wall_s: float

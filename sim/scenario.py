@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,17 +10,23 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta, Struct
+from shapely import Polygon
 
-from agent.config import MissionConfig, convert
+from agent.config import MissionConfig, Point2, convert
 from agent.errors import ConfigError
+from sim.launch import StartTruth
 from sim.localization import LocalizationTruth
 from sim.radiation.camera import CameraTruth
 from sim.radiation.nuclides import NUCLIDES
 from sim.radio import RadioTruth
 from sim.vehicle.multirotor import MultirotorTruth
 
-Positive = Annotated[float, Meta(gt=0.0, le=1e18)]
-NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
+LONGEST_TRACK_S = 36_000.0
+Duration = Annotated[float, Meta(gt=0.0, le=LONGEST_TRACK_S)]
+Lag = Annotated[float, Meta(ge=0.0, le=10.0)]
+COMING_HOME_S = 300.0  # return and landing, with much to spare
+EDGE_M = 3.0  # a wandering source turns back so far from the edge of the area
+_LEAST_SHARE = 1e-3  # of its bounding box that an area fills, or drawing a place in it takes too long
 _FOLDER = Path(__file__).parent / "scenarios"
 
 
@@ -34,32 +41,45 @@ class SourceTruth(_Section, frozen=True, kw_only=True):
     and curved stretches inside the area, each at a speed between ``slowest`` (a share) of ``speed_mps`` and all of it.
     """
 
-    activity_bq: Positive
+    activity_bq: Annotated[float, Meta(gt=0.0, le=1e13)]
     nuclide: str = "Cs-137"
     motion: Literal["static", "circle", "wander"] = "static"
-    speed_mps: NonNegative = 0.0
+    speed_mps: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
     slowest: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.5
-    circle_radius_m: NonNegative = 40.0
-    start_m: tuple[float, float] | None = None
+    circle_radius_m: Annotated[float, Meta(ge=0.0, le=1e5)] = 40.0
+    start_m: Point2 | None = None
+
+    def check(self, area: Polygon, where: str) -> None:
+        """Raise ConfigError where the source cannot move in this area as it should."""
+        if self.motion == "circle" and self.circle_radius_m == 0.0:
+            raise ConfigError(f"{where}: source.motion = 'circle' needs source.circle_radius_m > 0; or give motion = 'static'")
+        if self.motion == "wander" and area.buffer(-EDGE_M).is_empty:
+            raise ConfigError(
+                f"{where}: source.motion = 'wander' needs an area more than {2.0 * EDGE_M:g} m wide; "
+                "enlarge mission.area.polygon_m, or give motion = 'static'"
+            )
+        if self.start_m is None and area.area < _LEAST_SHARE * area.envelope.area:
+            raise ConfigError(f"{where}: mission.area.polygon_m is too thin to draw a place in it; give source.start_m")
 
 
 class EndTruth(_Section, frozen=True, kw_only=True):
     """When a run ends, and when the source counts as lost.
 
+    A run ends when all have landed, after ``search_s`` without a hypothesis, or after ``track_s`` of tracking; a mission that
+    says itself how long it tracks (``mission.track.duration_s``) is flown until all have landed. Whatever happens, it ends
+    ``COMING_HOME_S`` after the longest search and tracking together: a drone that never lands ends no run.
+
     ``lost``: ``error``: the error is above 20 m for 10 s (the run goes on); ``no-cone``: the paper's rule, 20 s without a cone
     (ends the run).
     """
 
-    search_s: Positive = 900.0
-    track_s: Positive = 180.0
+    search_s: Duration = 900.0
+    track_s: Duration = 180.0
     lost: Literal["error", "no-cone"] = "error"
 
-
-class StartTruth(_Section, frozen=True, kw_only=True):
-    """Where the vehicles stand at the start: on their launch places, or anywhere in a square around ``centre_m``."""
-
-    scatter_m: NonNegative = 0.0
-    centre_m: tuple[float, float] = (0.0, 0.0)
+    def longest_s(self, mission: MissionConfig) -> float:
+        """Upper time of a run, from the beginning of the search."""
+        return self.search_s + max(self.track_s, mission.track.duration_s or 0.0) + COMING_HOME_S
 
 
 class Scenario(_Section, frozen=True, kw_only=True):
@@ -75,6 +95,8 @@ class Scenario(_Section, frozen=True, kw_only=True):
     radio: RadioTruth = RadioTruth()
     start: StartTruth = StartTruth()
     end: EndTruth = EndTruth()
+    # What the drone files say of the lag: the 0.38 s of PX4 on a circle and half a setpoint period of 0.05 s.
+    vehicle_lag_s: Lag = 0.4
 
     def check(self, where: str) -> None:
         """Raise ConfigError where the values contradict each other."""
@@ -82,6 +104,12 @@ class Scenario(_Section, frozen=True, kw_only=True):
         for key, nuclide in (("mission.nuclide", self.mission.nuclide), ("source.nuclide", self.source and self.source.nuclide)):
             if nuclide is not None and nuclide not in NUCLIDES:
                 raise ConfigError(f"{where}: {key}: unknown nuclide {nuclide!r}; known: {', '.join(NUCLIDES)}")
+        if self.source is not None:
+            self.source.check(Polygon(self.mission.area.polygon_m), where)
+        if (self.mission.track.duration_s or 0.0) > LONGEST_TRACK_S:
+            raise ConfigError(f"{where}: mission.track.duration_s: a simulated flight tracks for at most {LONGEST_TRACK_S:g} s")
+        self.vehicle.check(where)
+        self.start.check(self.mission, where)
 
 
 def shipped() -> list[str]:
@@ -115,6 +143,9 @@ def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:
         ConfigError: a key that is not there, or a value that does not fit.
     """
     document = msgspec.to_builtins(scenario)
+    estimator = values.get("mission.fusion.estimator", "given")
+    if scenario.mission.fusion.estimator == "given" and estimator != "given":
+        raise ConfigError(f"{scenario.name}: its hypothesis is given, not estimated; estimator {estimator!r} has no place in it")
     for key, value in values.items():
         if key == "drones":
             document["mission"]["drones"] = _line_up(document["mission"]["drones"], _whole(key, value))
@@ -184,7 +215,7 @@ def _number(value: str | float) -> object:
 
 def _whole(key: str, value: str | float) -> int:
     number = _number(value)
-    if not isinstance(number, int | float) or number != int(number) or not 0 < number <= 64:
+    if not isinstance(number, int | float) or not math.isfinite(number) or number != int(number) or not 0 < number <= 64:
         raise ConfigError(f"{key}: expected a whole number from 1 to 64, not {value!r}")
     return int(number)
 

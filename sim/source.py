@@ -8,7 +8,7 @@ from math import cos, pi, sin
 import numpy as np
 from shapely import Point, Polygon
 
-from sim.scenario import SourceTruth
+from sim.scenario import EDGE_M, SourceTruth
 
 Place = tuple[float, float]
 Path = Callable[[float], Place]  # time in seconds -> x, y in the mission frame
@@ -48,7 +48,7 @@ def _circle(source: SourceTruth, area: Polygon, rng: np.random.Generator) -> Pat
 
 def _wander(source: SourceTruth, area: Polygon, start: Place, duration_s: float, rng: np.random.Generator) -> Path:
     """Straight and curved stretches, each at a speed of its own; turns back to the middle at the area's edge."""
-    inner = area.buffer(-3.0)
+    inner = area.buffer(-EDGE_M)
     middle = inner.representative_point()
     steps = int(duration_s / _WANDER_STEP_S) + 2
     track = np.empty((steps, 2))

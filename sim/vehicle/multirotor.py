@@ -9,12 +9,17 @@ matrix exponential; tilt limits the acceleration.
 from __future__ import annotations
 
 from math import atan2, cos, hypot, sin
+from typing import Annotated
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Meta, Struct
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from agent.errors import ConfigError
+
+Gain = Annotated[float, Meta(gt=0.0, le=100.0)]
+Lag = Annotated[float, Meta(ge=0.01, le=10.0)]
 GRAVITY_MPS2 = 9.80665
 Array = NDArray[np.float64]
 
@@ -22,15 +27,23 @@ Array = NDArray[np.float64]
 class MultirotorTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Parameters of the vehicles as they really are; the agent knows only a lag (its ``vehicle_lag_s``)."""
 
-    position_gain_ps: float = 0.95
-    velocity_gain_ps: float = 1.0
-    attitude_lag_s: float = 0.15
-    setpoint_lag_s: float = 0.32  # two poles together
-    maximum_acceleration_mps2: float = 5.0  # tilt limit of 27 degrees
-    maximum_yaw_rate_rps: float = 1.5
-    yaw_lag_s: float = 0.3
-    gust_mps2: float = 0.1  # 1-sigma acceleration by wind, correlated over 2 s
-    gust_correlation_s: float = 2.0
+    position_gain_ps: Gain = 0.95
+    velocity_gain_ps: Gain = 1.0
+    attitude_lag_s: Lag = 0.15
+    setpoint_lag_s: Lag = 0.32  # two poles together
+    maximum_acceleration_mps2: Annotated[float, Meta(gt=0.0, le=100.0)] = 5.0  # tilt limit of 27 degrees
+    maximum_yaw_rate_rps: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.5
+    yaw_lag_s: Lag = 0.3
+    gust_mps2: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.1  # 1-sigma acceleration by wind
+    gust_correlation_s: Annotated[float, Meta(gt=0.0, le=1e6)] = 2.0
+
+    def check(self, where: str) -> None:
+        """Raise ConfigError where the vehicle would be unstable (Routh's criterion of its three poles)."""
+        if self.position_gain_ps * self.attitude_lag_s >= 1.0:
+            raise ConfigError(
+                f"{where}: vehicle: position_gain_ps = {self.position_gain_ps:g} times attitude_lag_s = {self.attitude_lag_s:g} "
+                "must be below 1, or the vehicle oscillates ever more"
+            )
 
 
 class Multirotors:

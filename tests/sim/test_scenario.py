@@ -57,6 +57,30 @@ activity_bq = 1e9
         ('[mission.fusion]\nestimator = "kalman"', r"fusion.estimator"),
         ("[mission.fusion]\nestimator = 'given'", r"needs fusion.given.schedule"),
         ("this is no toml", r"not TOML"),
+        ("[radio]\nloss = 1.0", r"radio.loss: expected `float` <= 0.9"),
+        ("[radio]\nloss = nan", r"radio.loss: expected `float` >= 0.0"),
+        ("[radio]\ndelay_s = -0.1", r"radio.delay_s: expected `float` >= 0.0"),
+        ("[radio]\nrecovery_s = 0.0", r"radio.recovery_s: expected `float` > 0.0"),
+        ("[localization]\nhorizontal_m = nan", r"localization.horizontal_m: expected `float` >= 0.0"),
+        ("[localization]\ntilt_deg = -1.0", r"localization.tilt_deg: expected `float` >= 0.0"),
+        ("[localization]\ncorrelation_s = 0.0", r"localization.correlation_s: expected `float` > 0.0"),
+        ("[localization]\nvelocity_mps = inf", r"localization.velocity_mps: expected `float` <= 10.0"),
+        ("[vehicle]\nposition_gain_ps = 0.0", r"vehicle.position_gain_ps: expected `float` > 0.0"),
+        ("[vehicle]\nsetpoint_lag_s = 0.0", r"vehicle.setpoint_lag_s: expected `float` >= 0.01"),
+        ("[vehicle]\ngust_correlation_s = 0.0", r"vehicle.gust_correlation_s: expected `float` > 0.0"),
+        ("[vehicle]\ngust_mps2 = nan", r"vehicle.gust_mps2: expected `float` >= 0.0"),
+        ("[vehicle]\nposition_gain_ps = 9.0", r"vehicle: position_gain_ps = 9 times attitude_lag_s = 0.15 must be below 1"),
+        ("[source]\nactivity_bq = 1e18", r"source.activity_bq: expected `float` <= 10000000000000"),
+        ("[source]\nspeed_mps = nan", r"source.speed_mps: expected `float` >= 0.0"),
+        ("[source]\nstart_m = [nan, 0.0]", r"source.start_m\[0\]: expected `float` >= -100000.0"),
+        ("[source]\nmotion = 'circle'\ncircle_radius_m = 0.0", r"motion = 'circle' needs source.circle_radius_m > 0"),
+        ("[source]\nmotion = 'wander'", r"source.motion = 'wander' needs an area more than 6 m wide"),
+        ("[mission.area]\npolygon_m = [[0.0,0.0],[99.0,99.0],[99.01,99.0]]", r"polygon_m is too thin to draw a place in it"),
+        ("[start]\nscatter_m = inf", r"start.scatter_m: expected `float` <= 10000.0"),
+        ("[start]\ncentre_m = [1e9, 0.0]", r"start.centre_m\[0\]: expected `float` <= 100000.0"),
+        ("[end]\nsearch_s = 1e12", r"end.search_s: expected `float` <= 36000.0"),
+        ("[mission.track]\nduration_s = 1e6", r"mission.track.duration_s: a simulated flight tracks for at most 36000 s"),
+        ("vehicle_lag_s = -1.0", r"vehicle_lag_s: expected `float` >= 0.0"),
     ],
 )
 def test_bad_files_end_in_one_line_that_says_what_and_where(tmp_path, text, complaint):
@@ -88,9 +112,20 @@ def test_override():
         ({"radius_m": -3}, "mission.encirclement.radius_m: expected"),
         ({"radius_m": "wide"}, "mission.encirclement.radius_m"),
         ({"drones": 0}, "drones: expected a whole number from 1 to 64"),
+        ({"drones": "nan"}, "drones: expected a whole number from 1 to 64"),
+        ({"drones": "inf"}, "drones: expected a whole number from 1 to 64"),
+        ({"drones": "1e400"}, "drones: expected a whole number from 1 to 64"),
+        ({"drones": 2.5}, "drones: expected a whole number from 1 to 64"),
+        ({"radius_m": "nan"}, "mission.encirclement.radius_m: expected"),
+        ({"start.scatter_m": 2.0}, "scatter_m = 2 is too small for 3 drones 6 m apart; give at least 4.8, or 0"),
         ({"mission": 0}, "mission"),
     ],
 )
 def test_bad_override(values, complaint):
     with pytest.raises(ConfigError, match=complaint):
         override(load_scenario("demo"), values)
+
+
+def test_no_estimator_can_be_chosen_where_the_hypothesis_is_given():
+    with pytest.raises(ConfigError, match="stabilization: its hypothesis is given"):
+        override(load_scenario("stabilization"), {"mission.fusion.estimator": "paper"})

@@ -1,0 +1,53 @@
+"""Whether a flight was safe: the distances between its drones, and the fence; by their true positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from agent.config import AreaConfig
+from protocol.messages import Stage
+
+OFF_GROUND_M = 0.5
+_BY_SETPOINTS = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
+Array = NDArray[np.float64]
+
+
+class Safety:
+    """Takes down where the drones are, and judges at the end; what counts is defined in ``RunResult``."""
+
+    def __init__(self, area: AreaConfig) -> None:
+        self._area = area
+        self._places: list[Array] = []  # (N, 3) at every tick
+        self._guided: list[list[bool]] = []
+
+    def sample(self, position: Array, stages: Sequence[Stage]) -> None:
+        """One tick: true positions (N, 3) in the mission frame, metres, and the drones' stages."""
+        self._places.append(position.copy())
+        self._guided.append([stage in _BY_SETPOINTS for stage in stages])
+
+    def least_separation_m(self) -> float | None:
+        """Least horizontal distance of any two drones off the ground; None where no two ever were."""
+        places = np.array(self._places)
+        airborne = places[..., 2] > OFF_GROUND_M
+        least = np.inf
+        for one in range(places.shape[1]):
+            for other in range(one):
+                both = airborne[:, one] & airborne[:, other]
+                between = places[both, one, :2] - places[both, other, :2]
+                least = min(least, float(np.hypot(between[:, 0], between[:, 1]).min(initial=np.inf)))
+        return least if np.isfinite(least) else None
+
+    def fence_breaches(self) -> int:
+        """How often a drone left the fence, rose above the ceiling, or sank below the floor while it followed setpoints."""
+        places, guided = np.array(self._places), np.array(self._guided)
+        fence = Polygon(self._area.polygon_m).buffer(self._area.fence_margin_m)
+        shapely.prepare(fence)
+        x, y, z = places[..., 0], places[..., 1], places[..., 2]
+        outside = (z > OFF_GROUND_M) & (~shapely.contains_xy(fence, x, y) | (z > self._area.ceiling_m))
+        outside |= guided & (z < self._area.floor_m)
+        return int(outside[0].sum() + (outside[1:] & ~outside[:-1]).sum())

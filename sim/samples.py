@@ -1,0 +1,61 @@
+"""The samples of a flight that its trace is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.messages import Stage
+from sim.score import Belief
+
+TRACKING = (Stage.TRACK, Stage.REACQUIRE)
+Array = NDArray[np.float64]
+
+
+class Row:
+    """One sample of the trace."""
+
+    __slots__ = ("hypothesis", "position", "sigma_m", "source", "spacing_error_deg", "stages", "time_s", "velocity")
+
+    def __init__(self, time_s: float, position: Array, velocity: Array, stages: list[Stage]) -> None:
+        self.time_s = time_s
+        self.position = position.copy()
+        self.velocity = velocity.copy()
+        self.stages = stages
+        self.source = np.full(3, np.nan)
+        self.hypothesis = np.full(position.shape, np.nan)
+        self.sigma_m = np.nan
+        self.spacing_error_deg = np.full(len(position), np.nan)
+
+    @staticmethod
+    def of(
+        time_s: float, position: Array, velocity: Array, source: tuple[float, float] | None, stages: list[Stage],
+        beliefs: Sequence[Belief | None],
+    ) -> Row:  # fmt: skip
+        """The sample of one instant: arrays (N, 3) in the mission frame, stages and beliefs of the N drones."""
+        row = Row(time_s, position, velocity, stages)
+        if source is not None:
+            row.source[:] = (*source, 0.0)
+        for drone, belief in enumerate(beliefs):
+            if belief is not None:
+                row.hypothesis[drone] = belief.position
+        first = beliefs[0]
+        if first is not None:
+            cov = first.covariance
+            row.sigma_m = float(np.sqrt(max(0.0, cov[0, 0] + cov[1, 1])))
+        if first is not None and all(stage in TRACKING for stage in stages):
+            row.spacing_error_deg[:] = spacing_error_deg(position, first.position)
+        return row
+
+
+def spacing_error_deg(position: Array, centre: Array) -> Array:
+    """(N,): each drone's gap to the next one counter-clockwise around ``centre``, less the uniform gap, degrees."""
+    angle = np.degrees(np.arctan2(position[:, 1] - centre[1], position[:, 0] - centre[0]))
+    count = len(angle)
+    order = np.argsort(angle, kind="stable")
+    gaps = np.diff(angle[order], append=angle[order[0]] + 360.0)
+    error = np.empty(count)
+    error[order] = gaps - 360.0 / count
+    return error
