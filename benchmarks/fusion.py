@@ -144,7 +144,7 @@ def _reaction(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) 
 
 def _initial(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) -> dict[str, float]:
     search = InitialSearch(Polygon(mission.area.polygon_m))
-    cones = [seen for _, entry, _ in arrivals if (seen := observe(entry, Transform())) is not None]
+    cones = [seen.forward for _, entry, _ in arrivals if (seen := observe(entry, Transform())) is not None]
     taken = []
     for first in range(0, 200, 10):
         begin = time.perf_counter()
