@@ -131,7 +131,8 @@ class Navigator:
         return self._local_from_mission.apply_point((x, y, z)), self._local_from_mission.rotate_direction((u, v, w))
 
     def _replan(self, tracker: Tracker, moment: Moment, centre: tuple[Vector3, Vector3] | None, peers: Peers) -> Plan:
-        others = neighbours(peers, self._frames, self._local_from_mission, moment.now_ns)
+        own_sigma_m = moment.vehicle.position_sigma_m
+        others = neighbours(peers, self._frames, self._local_from_mission, own_sigma_m, moment.now_ns)
         partners = [other for other in others if other.takes_part]
         if moment.stage is Stage.RETURN:
             reference = self._way_home(moment)
