@@ -47,7 +47,7 @@ class SurveyConfig(_Section, frozen=True, kw_only=True):
 
     height_m: Positive = 3.0
     speed_mps: Positive = 3.0
-    lane_spacing_m: Positive = 10.0
+    lane_spacing_m: Annotated[float, Meta(ge=0.5, le=1000.0)] = 10.0
     yaw_rate_rps: Annotated[float, Meta(ge=-6.3, le=6.3)] = 0.5
 
 
