@@ -101,8 +101,8 @@ def _one_pool(waiting: deque[Job], suspects: deque[Job], fly: Fly, workers: int)
             while waiting or suspects or flying:
                 source, room = (suspects, 1) if suspects else (waiting, workers)
                 while source and len(flying) < room:
-                    job = source.popleft()
-                    flying[pool.submit(attempt, fly, job)] = job
+                    future = pool.submit(attempt, fly, source[0])  # raises where the pool has died: the job stays
+                    flying[future] = source.popleft()
                 done, _ = wait(flying, return_when=FIRST_COMPLETED)
                 for future in done:
                     outcome = future.result()
