@@ -26,16 +26,14 @@ from agent.mission import Mission, Situation
 from agent.navigator import Moment, Navigator
 from agent.observer import Observer
 from agent.peers import Peers
+from agent.reporter import Outbox, Reporter
 from agent.search import CoverageLog, Search
 from agent.vehicle.interface import Request, VehicleCommand, VehicleState
-from protocol.codec import decode_from, encode
+from protocol.codec import decode_from
 from protocol.errors import ProtocolError
-from protocol.keys import key_of, parse_key
-from protocol.messages import Action, AnyMessage, Command, Cone, Coverage, Entry, Estimate, Message, Plan, Pose, Stage, Status
+from protocol.keys import parse_key
+from protocol.messages import Action, AnyMessage, Command, Cone, Coverage, Entry, Estimate, Plan, Pose, Stage, Status
 
-POSE_NS = 100_000_000  # 10 Hz
-ESTIMATE_NS = 500_000_000
-STATUS_NS = 1_000_000_000
 TELEMETRY_AGE_NS = 1_000_000_000  # older telemetry cannot be flown by
 TWIN_NS = 10_000_000_000  # another agent with the same id is forgotten after so long
 FARTHEST_M = 1e5  # what a message can carry
@@ -95,9 +93,9 @@ class Pilot:
         self._vehicle: VehicleState | None = None
         self._last_cone_ns = 0
         self._twin_ns: int | None = None  # when another agent with this id was last heard
-        self._outbox: list[tuple[str, bytes]] = []
-        self._due_ns = {"pose": 0, "estimate": 0, "status": 0}
         self.counters: Counter[str] = Counter()
+        self._outbox = Outbox(mission.swarm, self.counters)
+        self._reporter = Reporter(drone.id, self._mission_id, boot, mission.fusion.estimator)
 
     @property
     def stage(self) -> Stage:
@@ -150,11 +148,10 @@ class Pilot:
         before = self._mission.stage
         self._mission.step(self._situation(now_ns))
         if self._mission.stage is not before:
-            self._due_ns["status"] = now_ns
+            self._reporter.hurry(now_ns)
         command = self._command(now_ns)
         self._report(now_ns)
-        publications, self._outbox = self._outbox, []
-        return Step(publications, command)
+        return Step(self._outbox.take(), command)
 
     def _dispatch(self, message: AnyMessage, payload: bytes, now_ns: int) -> str | None:
         if isinstance(message, Command):
@@ -189,7 +186,7 @@ class Pilot:
 
     def _record(self, entry: Entry, now_ns: int) -> None:
         """Publish an entry of this drone and keep it, by the very bytes that the others get."""
-        payload = self._publish(entry)
+        payload = self._outbox.put(entry)
         if payload is not None:
             self._fold(entry, payload, now_ns)
 
@@ -244,7 +241,7 @@ class Pilot:
             self.counters["held_without_frame"] += 1
             return VehicleCommand(Request.HOLD)
         if plan is not None:
-            self._publish(plan)
+            self._outbox.put(plan)
         if stage is Stage.SURVEY:
             self._report_coverage(now_ns, vehicle)
         return VehicleCommand(request, setpoint, height_m)
@@ -268,65 +265,12 @@ class Pilot:
             )
 
     def _report(self, now_ns: int) -> None:
-        vehicle, hypothesis = self._vehicle, self.hypothesis
-        if vehicle is not None and self._due("pose", now_ns, POSE_NS):
-            self._publish(
-                Pose(
-                    stamp_ns=vehicle.stamp_ns,
-                    drone=self._id,
-                    epoch=vehicle.epoch,
-                    position_m=vehicle.position_m,
-                    velocity_mps=vehicle.velocity_mps,
-                    quaternion=vehicle.quaternion,
-                    position_sigma_m=vehicle.position_sigma_m,
-                    yaw_sigma_rad=vehicle.yaw_sigma_rad,
-                )
-            )
-        if hypothesis is not None and self._due("estimate", now_ns, ESTIMATE_NS):
-            self._publish(self._estimate(now_ns, hypothesis))
-        if self._due("status", now_ns, STATUS_NS):
-            self._publish(
-                Status(
-                    stamp_ns=now_ns,
-                    drone=self._id,
-                    mission=self._mission_id,
-                    boot=self._boot,
-                    stage=self._mission.stage,
-                    battery=vehicle.battery if vehicle is not None else None,
-                    counters=dict(self.counters),
-                    problems=self._problems(now_ns),
-                )
-            )
+        believed = (self.hypothesis, self.fusion.digest) if self.hypothesis is not None else None
+        for message in self._reporter.due(now_ns, self._vehicle, believed, lambda: self._status(now_ns)):
+            self._outbox.put(message)
 
-    def _estimate(self, now_ns: int, hypothesis: Hypothesis) -> Estimate:
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
-        x, y, z = hypothesis.position.tolist()
-        return Estimate(
-            stamp_ns=now_ns,
-            drone=self._id,
-            mission=self._mission_id,
-            estimator=self._config.fusion.estimator,
-            digest=self.fusion.digest,
-            position_m=(x, y, z),
-            covariance_m2=(xx, xy, xz, yy, yz, zz),
-            cones=hypothesis.cones,
-        )
-
-    def _due(self, what: str, now_ns: int, period_ns: int) -> bool:
-        if now_ns < self._due_ns[what]:
-            return False
-        self._due_ns[what] = max(self._due_ns[what] + period_ns, now_ns - now_ns % period_ns + period_ns)
-        return True
-
-    def _publish(self, message: Message) -> bytes | None:
-        """Put a message into the outbox. What the protocol refuses is counted and dropped: the flight goes on."""
-        try:
-            payload = encode(message)
-        except ProtocolError:
-            self.counters[f"unsendable_{type(message).__name__.lower()}"] += 1
-            return None
-        self._outbox.append((key_of(self._config.swarm, message), payload))
-        return payload
+    def _status(self, now_ns: int) -> tuple[Stage, dict[str, int], tuple[str, ...]]:
+        return self._mission.stage, dict(self.counters), self._problems(now_ns)
 
 
 def _plausible(state: VehicleState) -> bool:

@@ -1,0 +1,124 @@
+"""What a drone tells of itself, and when: pose, estimate and status; and the outbox through which everything leaves."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+
+from agent.fusion.estimator import Hypothesis
+from agent.vehicle.interface import VehicleState
+from protocol.codec import encode
+from protocol.errors import ProtocolError
+from protocol.keys import key_of
+from protocol.messages import Estimate, Message, Pose, Stage, Status
+
+POSE_NS = 100_000_000  # 10 Hz
+ESTIMATE_NS = 500_000_000
+STATUS_NS = 1_000_000_000
+
+
+class Outbox:
+    """Messages on their way out, as payloads under their keys. What the protocol refuses is counted and dropped."""
+
+    def __init__(self, swarm: str, counters: Counter[str]) -> None:
+        self._swarm = swarm
+        self._counters = counters
+        self._waiting: list[tuple[str, bytes]] = []
+
+    def put(self, message: Message) -> bytes | None:
+        """Encode and keep a message; its payload, or None where it cannot be sent."""
+        try:
+            payload = encode(message)
+        except ProtocolError:
+            self._counters[f"unsendable_{type(message).__name__.lower()}"] += 1
+            return None
+        self._waiting.append((key_of(self._swarm, message), payload))
+        return payload
+
+    def take(self) -> list[tuple[str, bytes]]:
+        """Everything since the last call."""
+        taken, self._waiting = self._waiting, []
+        return taken
+
+
+class Reporter:
+    """The regular messages of one drone."""
+
+    def __init__(self, drone: str, mission_id: str, boot: str, estimator: str) -> None:
+        self._drone = drone
+        self._mission_id = mission_id
+        self._boot = boot
+        self._estimator = estimator
+        self._due_ns = {POSE_NS: 0, ESTIMATE_NS: 0, STATUS_NS: 0}
+
+    def hurry(self, now_ns: int) -> None:
+        """Let the next report bring a status: something has changed that the others must know."""
+        self._due_ns[STATUS_NS] = now_ns
+
+    def due(
+        self,
+        now_ns: int,
+        vehicle: VehicleState | None,
+        believed: tuple[Hypothesis, str] | None,
+        status: Callable[[], tuple[Stage, dict[str, int], tuple[str, ...]]],
+    ) -> Iterator[Message]:
+        """What is due now.
+
+        Args:
+            now_ns: UTC.
+            vehicle: newest telemetry.
+            believed: the hypothesis and the digest of the log that it follows from.
+            status: gives stage, counters and problems; asked only when a status is due.
+        """
+        if vehicle is not None and self._is_due(POSE_NS, now_ns):
+            yield self._pose(vehicle)
+        if believed is not None and self._is_due(ESTIMATE_NS, now_ns):
+            yield self._estimate(now_ns, *believed)
+        if self._is_due(STATUS_NS, now_ns):
+            stage, counters, problems = status()
+            yield Status(
+                stamp_ns=now_ns,
+                drone=self._drone,
+                mission=self._mission_id,
+                boot=self._boot,
+                stage=stage,
+                battery=vehicle.battery if vehicle is not None else None,
+                counters=counters,
+                problems=problems,
+            )
+
+    def _is_due(self, period_ns: int, now_ns: int) -> bool:
+        if now_ns < self._due_ns[period_ns]:
+            return False
+        self._due_ns[period_ns] = max(self._due_ns[period_ns] + period_ns, now_ns - now_ns % period_ns + period_ns)
+        return True
+
+    def _pose(self, vehicle: VehicleState) -> Pose:
+        return Pose(
+            stamp_ns=vehicle.stamp_ns,
+            drone=self._drone,
+            epoch=vehicle.epoch,
+            position_m=vehicle.position_m,
+            velocity_mps=vehicle.velocity_mps,
+            quaternion=vehicle.quaternion,
+            position_sigma_m=vehicle.position_sigma_m,
+            yaw_sigma_rad=vehicle.yaw_sigma_rad,
+        )
+
+    def _estimate(self, now_ns: int, hypothesis: Hypothesis, digest: str) -> Estimate:
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
+        x, y, z = hypothesis.position.tolist()
+        u, v, w = hypothesis.velocity.tolist()
+        return Estimate(
+            stamp_ns=now_ns,
+            drone=self._drone,
+            mission=self._mission_id,
+            estimator=self._estimator,
+            digest=digest,
+            position_m=(x, y, z),
+            covariance_m2=(xx, xy, xz, yy, yz, zz),
+            velocity_mps=(u, v, w),
+            activity_bq=hypothesis.activity_bq,
+            activity_sigma_bq=hypothesis.activity_sigma_bq,
+            cones=hypothesis.cones,
+        )
