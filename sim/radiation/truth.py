@@ -16,12 +16,11 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     Sensor (a change of these builds another event bank):
         drift_ns: an electron cloud's drift over the whole thickness. The pixels are on the rear (z = -1 mm).
-        diffusion_mm: standard deviation of a point charge after that drift, sqrt(2 kT/q thickness / field) at 465 V; grows
-        with the
-            root of the drift.
+        diffusion_mm: standard deviation of a point charge after that drift; grows with the root of the drift. Thermal diffusion
+            alone, sqrt(2 kT/q thickness / field) at 465 V, would be 0.021 mm.
         gain_noise: relative standard deviation of the charge collected from one interaction.
-        pixel_noise_kev: standard deviation per pixel; with the gain noise sqrt(2.5^2 + (0.02 E)^2) keV for a cluster of ten
-        pixels.
+        pixel_noise_kev: standard deviation per pixel; with the gain noise sqrt(2.5^2 + (0.02 E)^2) keV for a cluster of
+            ten pixels.
         threshold_kev: a pixel with less charge is silent.
         charge_scale: undoes what the silent pixels take from a cluster, as the absolute calibration of a real camera does.
         toa_jitter_ns: standard deviation per pixel.
@@ -47,6 +46,6 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     calibration_error: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.0
     dead_time_ns: NonNegative = 475.0
     max_hits_per_s: Positive = 2.35e6
-    background_hits_per_s: NonNegative = 1.5
+    background_hits_per_s: Annotated[float, Meta(ge=0.0, le=1e5)] = 1.5
     scatter_near: NonNegative = 0.2
     scatter_air: NonNegative = 0.8
