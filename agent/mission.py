@@ -61,7 +61,6 @@ class Mission:
     def __init__(self, track: TrackConfig, can_lose: bool = True) -> None:
         """``can_lose``: the hypothesis rests on cones, and is doubted when they stay away."""
         self.stage = Stage.PREFLIGHT
-        self.started_ns: int | None = None
         self.since_ns = 0  # when the present stage began
         self.tracking_since_ns: int | None = None
         self._track = track
@@ -87,9 +86,7 @@ class Mission:
             return refused
         self._obeyed_ns = max(self._obeyed_ns, stamp_ns)
         self._released = False
-        if action is Action.START:
-            self.started_ns = stamp_ns
-        elif action is Action.HOLD:
+        if action is Action.HOLD:
             self._hold(situation.now_ns)
             return None
         stage = self._resume if action is Action.RESUME else _STAGE_AFTER[action]

@@ -37,11 +37,6 @@ class PoseHistory:
             self._stamps.popleft()
             self._states.popleft()
 
-    @property
-    def newest_ns(self) -> int:
-        """Stamp of the newest pose; 0 where there is none."""
-        return self._stamps[-1] if self._stamps else 0
-
     def at(self, stamp_ns: int) -> VehicleState | None:
         """The telemetry nearest before ``stamp_ns`` (the oldest known, where none is)."""
         if not self._states:

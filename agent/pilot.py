@@ -80,7 +80,6 @@ class Pilot:
         self._mission_id = mission.mission_id
         self._mission = Mission(mission.track, can_lose=mission.fusion.estimator != "given")
         frames = FrameGraph.from_launch_layout(mission)
-        self._frames = frames
         self.fusion = Fusion(mission, frames)
         self.listeners = {name: Fusion(mission, frames, estimator_named(name, mission)) for name in listeners}
         calibration = load_calibration(Path(drone.calibration)) if drone.calibration else Calibration.nominal()

@@ -314,7 +314,6 @@ AnyEntry = Cone | Exposure | Sighting | Coverage
 AnyDroneMessage = AnyEntry | Pose | Plan | Frame | Estimate | Status
 AnyMessage = AnyDroneMessage | Command
 
-ENTRY_TYPES: tuple[type[Entry], ...] = (Cone, Exposure, Sighting, Coverage)
 DRONE_KINDS: dict[str, type[AnyDroneMessage]] = {
     "cone": Cone,
     "exposure": Exposure,

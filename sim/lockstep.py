@@ -132,7 +132,7 @@ class _World:
         ]
         self._radio = Radio(scenario.radio, count, streams.radio)
         self._exposed: list[list[Readout]] = [[] for _ in range(count)]
-        self.recorder = Recorder(scenario, self._pilots, self._frames)
+        self.recorder = Recorder(scenario, self._pilots, self._frames, TICK_NS * 1e-9)
         self._source = None
         if scenario.source is not None:
             duration_s = LONGEST_START_S + scenario.end.longest_s(mission)

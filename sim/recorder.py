@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 class Recorder:
     """Watches a run."""
 
-    def __init__(self, scenario: Scenario, pilots: Sequence[Pilot], frames: LocalFrames) -> None:
+    def __init__(self, scenario: Scenario, pilots: Sequence[Pilot], frames: LocalFrames, tick_s: float) -> None:
+        self._sample_s = SAMPLE_TICKS * tick_s
         self._frames = frames
         self._scenario = scenario
         self._mission = mission = scenario.mission
@@ -97,7 +98,7 @@ class Recorder:
         beliefs = [pilot.hypothesis for pilot in self._pilots]
         tracking = stages[0] in TRACKING
         if tracking:
-            self._tracking_s += SAMPLE_TICKS * 0.05
+            self._tracking_s += self._sample_s
         if tracking and source is not None:
             for belief in beliefs:
                 self._score.sample(time_s, belief, source)

@@ -37,7 +37,6 @@ class Fence:
         self._starts: Array = corners  # (E, 2)
         self._edges: Array = np.roll(corners, -1, axis=0) - corners
         lengths = np.hypot(self._edges[:, 0], self._edges[:, 1])
-        self._lengths_squared: Array = lengths**2
         inward = np.column_stack((-self._edges[:, 1], self._edges[:, 0])) / lengths[:, None]
         offsets = np.einsum("ij,ij->i", inward, corners)
         convex = bool((corners @ inward.T >= offsets - 1e-6).all())

@@ -17,7 +17,7 @@ def test_a_drone_that_never_lands_ends_no_run(stage, duration_s):
     scenario = override(load_scenario("demo"), {"mission.track.duration_s": duration_s, "end.search_s": 100.0, "drones": 1})
     belief = SimpleNamespace(position=np.zeros(3), covariance=np.eye(3))
     pilot = SimpleNamespace(stage=Stage.SURVEY, hypothesis=belief, listeners={})
-    recorder = Recorder(scenario, [pilot], LocalFrames([((0.0, 0.0, 0.0), 0.0)]))
+    recorder = Recorder(scenario, [pilot], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05)
     position, velocity = np.array([[0.0, 0.0, 3.0]]), np.zeros((1, 3))
     assert not recorder.sample(1.0, position, velocity, (0.0, 0.0))
     pilot.stage = stage

@@ -166,13 +166,12 @@ def test_hits_without_energy_are_lost_and_do_no_harm(count):
     assert (found.hits, chain.lost_hits) == (0, count)
 
 
-@pytest.mark.parametrize("source", [(0.0, 0.0, 1.0), (0.0, 0.6, -0.8), (1.0, 0.0, 0.0)])
-def test_the_direction_of_a_source_is_recovered(source, make_compton_event, make_hits):
-    rng = np.random.default_rng(11)
+def scanned(rng, make_compton_event, make_hits, source_of):
+    """The cones of 200 coincidences from the directions that ``source_of(rng)`` gives, and their scan."""
     blobs = []
     time = 1000.0
     while len(blobs) < 400:
-        pair = make_compton_event(rng, source, time)
+        pair = make_compton_event(rng, source_of(rng), time)
         if pair:
             blobs += pair
             time += 20_000.0
@@ -180,9 +179,15 @@ def test_the_direction_of_a_source_is_recovered(source, make_compton_event, make
     assert len(found.cones) > 150
     scan = DirectionScan()
     scan.add(found.cones)
+    return found.cones, scan
+
+
+@pytest.mark.parametrize("source", [(0.0, 0.0, 1.0), (0.0, 0.6, -0.8), (1.0, 0.0, 0.0)])
+def test_the_direction_of_a_source_is_recovered(source, make_compton_event, make_hits):
+    cones, scan = scanned(np.random.default_rng(11), make_compton_event, make_hits, lambda rng: source)
     best = scan.best()
     assert best is not None
-    assert best.cones == len(found.cones)
+    assert best.cones == len(cones)
     off = np.rad2deg(np.arccos(np.clip(best.unit @ np.array(source), -1, 1)))
     assert off < 2.0
     assert np.rad2deg(best.sigma_rad) < 2.0
@@ -193,17 +198,9 @@ def test_no_direction_without_a_cone():
 
 
 def test_no_direction_where_the_cones_agree_on_none(make_compton_event, make_hits):
-    rng = np.random.default_rng(12)
-    blobs = []
-    time = 1000.0
-    while len(blobs) < 400:
+    def anywhere(rng):
         source = rng.normal(size=3)
-        pair = make_compton_event(rng, source / np.linalg.norm(source), time)
-        if pair:
-            blobs += pair
-            time += 20_000.0
-    found = new_chain().process(only(make_hits(blobs), int(time) + 1000))
-    assert len(found.cones) > 150
-    scan = DirectionScan()
-    scan.add(found.cones)
+        return source / np.linalg.norm(source)
+
+    _, scan = scanned(np.random.default_rng(12), make_compton_event, make_hits, anywhere)
     assert scan.best() is None
