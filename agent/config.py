@@ -178,17 +178,65 @@ class MissionConfig(_Section, frozen=True, kw_only=True):
         return hashlib.blake2b(content, digest_size=8).hexdigest()
 
 
+class PeerMeshConfig(_Section, frozen=True, kw_only=True):
+    """Where the swarm's Zenoh sessions listen, by drone: ``{d1 = "tcp/10.7.1.11:7447", ...}``, the same on every drone.
+
+    A drone listens at its own endpoint and dials those of the mission's drones before it: never both ways.
+    """
+
+    endpoints: dict[DroneId, str] = {}
+    listen: str | None = None  # none: its own of ``endpoints``
+
+
+class VehicleConfig(_Section, frozen=True, kw_only=True):
+    """The autopilot's onboard MAVLink link, as a MAVSDK address, and what is assumed of its localisation."""
+
+    address: str = "udpin://0.0.0.0:14540"
+    connect_timeout_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 8.0
+    position_sigma_m: NonNegative = 0.15  # at least; the autopilot's own figure counts where it is larger
+    yaw_sigma_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 1.0
+
+
+class DetectorConfig(_Section, frozen=True, kw_only=True):
+    """Where pixel hits come from.
+
+    ``feed``: the simulation's TCP feed at ``address`` ("host:port"); ``t3pa``: ``file`` in real time; ``pypixet``: the camera,
+    by the vendor's module with its files in ``pixet_folder``.
+    """
+
+    driver: Literal["none", "feed", "t3pa", "pypixet"] = "none"
+    address: str | None = None
+    file: str | None = None
+    pixet_folder: str | None = None
+    bias_v: Annotated[float, Meta(ge=-1000.0, le=1000.0)] | None = None  # none: what the camera's own configuration says
+
+
+class RecorderConfig(_Section, frozen=True, kw_only=True):
+    """The flight recorder: MCAP files in ``folder`` (none: no records), the oldest removed beyond ``limit_mb``."""
+
+    folder: str | None = None
+    limit_mb: Annotated[int, Meta(ge=16, le=1_000_000)] = 4096
+
+
 class DroneConfig(_Section, frozen=True, kw_only=True):
     """What is particular to one vehicle.
 
     ``camera_rpy_deg``: rotation body <- camera as roll, pitch, yaw about the fixed body axes, degrees; the camera's z is the
     outward normal of its sensor, x runs along a pixel row, y up the rows. The default looks forward with y up.
+    ``mission``: path of the mission file; relative paths in a drone file are from that file's folder.
+    ``state``: folder for what must survive a restart in flight (none: a restarted agent stays out of the flight).
     """
 
     id: DroneId
+    mission: str | None = None
+    state: str | None = None
     camera_rpy_deg: tuple[Degrees, Degrees, Degrees] = (90.0, 0.0, 90.0)
     calibration: str | None = None  # folder with a.txt, b.txt, c.txt, t.txt; none: the simulation's nominal camera
     vehicle_lag_s: NonNegative = 0.38  # by which the vehicle follows its position setpoints
+    mesh: PeerMeshConfig = PeerMeshConfig()
+    vehicle: VehicleConfig = VehicleConfig()
+    detector: DetectorConfig = DetectorConfig()
+    recorder: RecorderConfig = RecorderConfig()
 
 
 def load_toml(path: Path, kind: type[T]) -> T:

@@ -11,3 +11,7 @@ class ConfigError(RadronError):
 
 class DetectorError(RadronError):
     """Detector data or calibration that cannot be read."""
+
+
+class VehicleError(RadronError):
+    """The autopilot cannot be reached, or refuses."""

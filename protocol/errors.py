@@ -3,3 +3,7 @@
 
 class ProtocolError(ValueError):
     """A payload or key that this version of the protocol does not accept; the text says what and where."""
+
+
+class MeshError(ProtocolError):
+    """The Zenoh session cannot be opened as configured."""

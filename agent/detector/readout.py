@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,3 +46,17 @@ class Readout:
     live_time_s: float
     hits: PixelHits
     lost_hits: int = 0
+
+
+class Detector(Protocol):
+    """A source of readouts: the camera itself, a recording in real time, or the simulation's feed."""
+
+    def readouts(self) -> AsyncIterator[Readout]:
+        """Readouts as they come, while the detector is open. A lost link is taken up again and stands in ``problems``."""
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is wrong now, a line each."""
+
+    async def close(self) -> None:
+        """Let go of the device or link; ``readouts`` ends."""

@@ -66,3 +66,16 @@ class VehicleCommand(Struct, frozen=True):
     request: Request
     setpoint: Setpoint | None = None
     takeoff_height_m: float = 3.0
+
+
+class LaunchPlace(Struct, frozen=True, kw_only=True):
+    """Where a drone's local frame lies in its autopilot's: the place of the launch in the autopilot's local NED frame, and the
+    geodetic origin of that frame, by which a restarted agent knows that it is still the same one.
+    """
+
+    north_m: float
+    east_m: float
+    down_m: float
+    origin_latitude_deg: float
+    origin_longitude_deg: float
+    origin_altitude_m: float
