@@ -1,0 +1,37 @@
+"""Where pixel hits come from: the simulation's feed, a recording, or the camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from agent.config import DetectorConfig
+from agent.detector.drivers.feed import FeedDetector
+from agent.detector.drivers.t3pa import RecordedDetector
+from agent.detector.readout import Detector
+from agent.errors import DetectorError
+
+
+def open_detector(config: DetectorConfig) -> Detector | None:
+    """The driver that the configuration names; None where it names none. Links and devices are taken up by ``readouts``.
+
+    Raises:
+        DetectorError: a setting of this driver is missing or wrong, the file is not readable, the vendor's module is not there.
+    """
+    match config.driver:
+        case "feed":
+            return FeedDetector(_needed(config.address, "feed", "address"))
+        case "t3pa":
+            return RecordedDetector(Path(_needed(config.file, "t3pa", "file")))
+        case "pypixet":
+            from agent.detector.drivers.pypixet import PixetDetector, load_pypixet  # noqa: PLC0415
+
+            folder = None if config.pixet_folder is None else Path(config.pixet_folder)
+            return PixetDetector(load_pypixet(folder), config.bias_v)
+        case _:
+            return None
+
+
+def _needed(value: str | None, driver: str, key: str) -> str:
+    if not value:
+        raise DetectorError(f"detector.{key} is missing; detector.driver = {driver!r} needs it")
+    return value

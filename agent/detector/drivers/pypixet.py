@@ -1,0 +1,293 @@
+"""The MiniPIX TPX3 through ``pypixet``, the Python module of the vendor's Pixet SDK.
+
+Calls and constants are those of Advacam's Python API manual and of the examples that come with it: ``pypixet.start``, ``exit``,
+``pixet.devicesByType(PX_DEVTYPE_TPX3)``, ``refreshDevices``; of a device ``setOperationMode(PX_TPX3_OPM_TOATOT)``, ``setBias``,
+``parameters().get("DDBlockSize").setU32``, ``doSensorRefresh``, ``registerEvent``, ``doAdvancedAcquisition`` with
+``PX_ACQTYPE_DATADRIVEN``, ``lastAcqPixelsRefInc().rawPixels()`` and ``abortOperation``. ``rawPixels`` gives five columns: matrix
+index, ToA, overflow, FToA, ToT, with the meaning that they have in a .t3pa file.
+
+ToA counts from the start of an acquisition. Its UTC time is taken when ``PX_EVENT_ACQ_MEAS_STARTED`` comes: late by the way from
+the camera to the host, some ms. An acquisition is ended and begun anew every minute, so that a camera clock wrong by 50 ppm
+is off by no more than 3 ms; the pause between two is a gap between readouts.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.detector.readout import PixelHits, Readout
+from agent.errors import DetectorError
+
+ACQUISITION_S = 60.0
+SLICE_S = 0.2
+RETRY_S = 2.0
+CLOSE_S = 1.0  # that the camera is given to end its acquisition
+BLOCK_BYTES = 6000  # "DDBlockSize" of the vendor's data-driven example; the default of 66000 delays sparse hits
+_HOLD_NS = 500_000_000  # in which a hit is expected to be delivered; what comes later counts in a later readout
+_DISORDER_NS = 1_000_000
+_LOST_END = 0x75  # matrix index of an overflow row whose ToA is the length of the missing time
+_NO_DEVICE = "FileDevice 0"  # what Pixet lists where nothing is plugged in
+
+
+def load_pypixet(folder: Path | None) -> Any:
+    """Import the vendor's module from ``folder`` (none: from where Python finds it).
+
+    Raises:
+        DetectorError: the folder or the module is missing, or made for another Python.
+    """
+    if folder is not None:
+        if not folder.is_dir():
+            raise DetectorError(f"detector.pixet_folder = {str(folder)!r}: no such folder; unpack the vendor's Pixet SDK there")
+        if str(folder) not in sys.path:
+            sys.path.append(str(folder))
+    try:
+        return importlib.import_module("pypixet")
+    except ImportError as error:
+        where = "on Python's path" if folder is None else f"in {folder}"
+        raise DetectorError(
+            f"detector.driver = 'pypixet': no usable module pypixet {where} ({error}); install Advacam's Pixet SDK for this "
+            "Python and name its folder in detector.pixet_folder"
+        ) from None
+
+
+@dataclass(slots=True)
+class _Block:
+    """What one PX_EVENT_ACQ_NEW_DATA brought; ticks from the start of the acquisition."""
+
+    hits: PixelHits
+    lost_hits: int
+    lost_ns: int
+
+
+@dataclass(slots=True)
+class _Acquisition:
+    """Filled by the vendor's threads, emptied by the event loop."""
+
+    called_ns: int
+    started_ns: int | None = None
+    ended_ns: int | None = None
+    blocks: deque[_Block] = field(default_factory=deque)
+
+
+class PixetDetector:
+    """Measures with the first Timepix3 camera; a camera that is not there or is lost stands in ``problems`` and is sought again.
+
+    All calls into the vendor's module are made on a thread of their own.
+    """
+
+    def __init__(self, module: Any, bias_v: float | None = None, clock_ns: Callable[[], int] = time.time_ns) -> None:
+        """``module``: pypixet. ``bias_v``: None leaves what the camera's own configuration says."""
+        self._module = module
+        self._bias_v = bias_v
+        self._utc_ns = clock_ns
+        self._problem: str | None = "the camera is being started"
+        self._acquisitions: deque[_Acquisition] = deque()
+        self._device: Any = None
+        self._stop = threading.Event()
+        self._closed = asyncio.Event()
+        self._worker: threading.Thread | None = None
+        self._reader = _Reader()
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is wrong now, a line each."""
+        problem = self._problem
+        return () if problem is None else (problem,)
+
+    async def readouts(self) -> AsyncIterator[Readout]:
+        """Readouts of about 0.2 s as they come, until ``close``."""
+        self._worker = threading.Thread(target=self._work, name="pypixet", daemon=True)
+        self._worker.start()
+        while not self._closed.is_set():
+            for readout in self._reader.read(self._acquisitions, self._utc_ns()):
+                yield readout
+            try:
+                async with asyncio.timeout(SLICE_S):
+                    await self._closed.wait()
+            except TimeoutError:
+                continue
+
+    async def close(self) -> None:
+        """End the acquisition and let go of the camera; ``readouts`` ends."""
+        self._closed.set()
+        self._stop.set()
+        device = self._device
+        if device is not None:
+            threading.Thread(target=device.abortOperation, name="pypixet-abort", daemon=True).start()
+        if self._worker is not None:
+            await asyncio.to_thread(self._worker.join, CLOSE_S)
+
+    def _work(self) -> None:
+        """Measure until stopped, whatever happens to the camera."""
+        running = False
+        while not self._stop.is_set():
+            try:
+                if not running:
+                    self._start()
+                    running = True
+                self._measure()
+            except DetectorError as error:
+                self._problem = str(error)
+            except Exception as error:  # of a foreign module anything may come; the flight goes on
+                self._problem = f"pypixet: {type(error).__name__}: {error}"
+            self._device = None
+            self._stop.wait(RETRY_S)
+        if running:
+            self._module.exit()
+
+    def _start(self) -> None:
+        code = self._module.start()
+        if code != 0:
+            raise DetectorError(f"Pixet does not start (code {code}); run the agent in the folder with the SDK's pixet.ini")
+
+    def _measure(self) -> None:
+        """Find the camera, and measure until stopped. Raises DetectorError where that fails."""
+        device = self._found()
+        self._configure(device)
+        pixet = self._module.pixet
+        endings = [_subscribe(device, pixet.PX_EVENT_ACQ_MEAS_STARTED, self._started)]
+        endings.append(_subscribe(device, pixet.PX_EVENT_ACQ_NEW_DATA, self._arrived))
+        self._device = device
+        try:
+            while not self._stop.is_set():
+                self._acquire(device)
+        finally:
+            for unsubscribe in endings:
+                unsubscribe()
+
+    def _found(self) -> Any:
+        pixet = self._module.pixet
+        pixet.refreshDevices()
+        devices = [device for device in pixet.devicesByType(pixet.PX_DEVTYPE_TPX3) if device.fullName() != _NO_DEVICE]
+        if not devices:
+            raise DetectorError("Pixet finds no Timepix3 camera; plug it in, and end other programs that use it")
+        return devices[0]
+
+    def _configure(self, device: Any) -> None:
+        _done(device, "setOperationMode", device.setOperationMode(self._module.pixet.PX_TPX3_OPM_TOATOT))
+        if self._bias_v is not None:
+            _done(device, "setBias", device.setBias(self._bias_v))
+        device.parameters().get("DDBlockSize").setU32(BLOCK_BYTES)
+        _done(device, "doSensorRefresh", device.doSensorRefresh())
+
+    def _acquire(self, device: Any) -> None:
+        """One acquisition; blocks until it ends."""
+        pixet = self._module.pixet
+        acquisition = _Acquisition(self._utc_ns())
+        self._acquisitions.append(acquisition)
+        try:
+            code = device.doAdvancedAcquisition(
+                1, ACQUISITION_S, pixet.PX_ACQTYPE_DATADRIVEN, pixet.PX_ACQMODE_NORMAL, pixet.PX_FTYPE_AUTODETECT, 0, ""
+            )
+        finally:
+            acquisition.ended_ns = self._utc_ns()
+        if not self._stop.is_set():
+            _done(device, "doAdvancedAcquisition", code)
+
+    def _started(self, _event: object) -> None:
+        self._acquisitions[-1].started_ns = self._utc_ns()
+        self._problem = None
+
+    def _arrived(self, _event: object) -> None:
+        """New pixels; called on one of the vendor's threads, where nothing may be raised."""
+        try:
+            pixels = self._device.lastAcqPixelsRefInc()
+            try:
+                columns = [np.array(column, np.int64) for column in pixels.rawPixels()]
+            finally:
+                pixels.destroy()
+            acquisition = self._acquisitions[-1]
+            if acquisition.started_ns is None:
+                acquisition.started_ns = acquisition.called_ns
+            acquisition.blocks.append(_block(columns))
+        except Exception as error:  # see above
+            self._problem = f"the camera's data cannot be read: {type(error).__name__}: {error}"
+
+
+class _Reader:
+    """Makes readouts of what the acquisitions bring; ticks of all acquisitions count from the start of the first."""
+
+    def __init__(self) -> None:
+        self._clock_ns: int | None = None
+        self._current: _Acquisition | None = None
+        self._start_ns = 0
+        self._lost_ns = 0
+
+    def read(self, acquisitions: deque[_Acquisition], now_ns: int) -> list[Readout]:
+        """What is to be had by now; acquisitions that have ended and are read are removed from the left."""
+        readouts = []
+        while acquisitions:
+            acquisition = acquisitions[0]
+            ended_ns = acquisition.ended_ns  # before the blocks: what came before the end is then among them
+            if acquisition.started_ns is not None:
+                readout = self._readout(acquisition, acquisition.started_ns, ended_ns, now_ns)
+                if readout is not None:
+                    readouts.append(readout)
+            if ended_ns is None:
+                break
+            acquisitions.popleft()
+        return readouts
+
+    def _readout(self, acquisition: _Acquisition, started_ns: int, ended_ns: int | None, now_ns: int) -> Readout | None:
+        if self._clock_ns is None:
+            self._clock_ns = started_ns
+        if acquisition is not self._current:
+            self._current, self._start_ns, self._lost_ns = acquisition, max(started_ns, self._start_ns), 0
+        blocks = [acquisition.blocks.popleft() for _ in range(len(acquisition.blocks))]
+        offset = round((started_ns - self._clock_ns) * 16 / 25)
+        tick = np.concatenate([np.empty(0, np.int64), *(block.hits.tick for block in blocks)]) + offset
+        index = np.concatenate([np.empty(0, np.uint16), *(block.hits.index for block in blocks)])
+        tot = np.concatenate([np.empty(0, np.uint16), *(block.hits.tot for block in blocks)])
+        latest_ns = self._clock_ns + int(tick.max()) * 25 // 16 if len(tick) else 0
+        end_ns = max(latest_ns - _DISORDER_NS, now_ns - _HOLD_NS)
+        if ended_ns is not None:
+            end_ns = min(ended_ns, started_ns + round(ACQUISITION_S * 1e9))
+        start_ns, end_ns = self._start_ns, max(min(end_ns, now_ns), self._start_ns)
+        if end_ns == start_ns and not blocks:
+            return None
+        self._start_ns = end_ns
+        self._lost_ns += sum(block.lost_ns for block in blocks)
+        dead_ns = min(self._lost_ns, end_ns - start_ns)
+        self._lost_ns -= dead_ns
+        lost_hits = sum(block.lost_hits for block in blocks)
+        return Readout(
+            start_ns, end_ns, self._clock_ns, (end_ns - start_ns - dead_ns) * 1e-9, PixelHits(tick, index, tot), lost_hits
+        )
+
+
+def _block(columns: list[NDArray[np.int64]]) -> _Block:
+    """Pixels as ``rawPixels`` gives them."""
+    index, toa, overflow, ftoa, tot = columns[:5]
+    hit = (overflow == 0) & (index >= 0) & (index < 1 << 16)
+    lost_ns = 25 * int(toa[(overflow != 0) & (index == _LOST_END)].sum())
+    tick = 16 * toa[hit] - ftoa[hit]
+    hits = PixelHits(tick, index[hit].astype(np.uint16), tot[hit].astype(np.uint16))
+    return _Block(hits, len(index) - int(np.count_nonzero(hit)), lost_ns)
+
+
+def _subscribe(device: Any, event: Any, call: Callable[[object], None]) -> Callable[[], object]:
+    """Have ``call`` called at an event; returns what ends that. Older SDKs take a reserved 0 between the two."""
+    try:
+        number = device.registerEvent(event, call)
+    except TypeError:
+        device.registerEvent(event, 0, call)
+        return lambda: device.unregisterEvent(event, 0, call)
+    return lambda: device.unregisterEvent(number)
+
+
+def _done(device: Any, call: str, code: int) -> None:
+    """Raise DetectorError where a call's code says that it has failed."""
+    if code != 0:
+        raise DetectorError(f"camera {device.fullName()}: {call} failed (code {code}): {device.lastError()}")

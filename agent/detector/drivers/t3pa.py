@@ -1,0 +1,107 @@
+"""A recording of the real camera (.t3pa), played in real time as if it were seen now."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from agent.detector.readout import PixelHits, Readout
+from agent.detector.t3pa import Piece, T3paReader
+from agent.errors import DetectorError
+
+SLICE_NS = 200_000_000
+_PIECE_BYTES = 1 << 16  # parsing holds the interpreter: 1 ms a piece
+_DISORDER_NS = 1_000_000  # by which a hit may follow a later one in the file
+_NO_HITS = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
+
+
+class RecordedDetector:
+    """Plays ``path`` from its first hit on, in slices of 0.2 s stamped with the present; ends, and says so, with the file."""
+
+    def __init__(self, path: Path, clock_ns: Callable[[], int] = time.time_ns) -> None:
+        """Raises DetectorError where the file cannot be read or does not begin like such a file."""
+        self._path = path
+        self._clock_ns = clock_ns
+        self._problem: str | None = None
+        self._closed = asyncio.Event()
+        next(iter(T3paReader(path, piece_bytes=_PIECE_BYTES)), None)
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is wrong now, a line each."""
+        return () if self._problem is None else (self._problem,)
+
+    async def readouts(self) -> AsyncIterator[Readout]:
+        """Slices as their time comes, until the file ends or ``close``."""
+        slices = playback(T3paReader(self._path, piece_bytes=_PIECE_BYTES), self._clock_ns())
+        while True:
+            try:
+                readout = await asyncio.to_thread(next, slices, None)
+            except DetectorError as error:
+                self._problem = f"the recording cannot be read on: {error}"
+                return
+            if readout is None:
+                self._problem = f"the recording {self._path} has ended"
+                return
+            if await self._wait_until(readout.end_ns):
+                return
+            yield readout
+
+    async def _wait_until(self, stamp_ns: int) -> bool:
+        """Sleep; True where ``close`` came first."""
+        try:
+            async with asyncio.timeout((stamp_ns - self._clock_ns()) * 1e-9):
+                await self._closed.wait()
+        except TimeoutError:
+            return self._closed.is_set()
+        return True
+
+    async def close(self) -> None:
+        """Let go of the file; ``readouts`` ends."""
+        self._closed.set()
+
+
+def playback(reader: T3paReader, start_ns: int, slice_ns: int = SLICE_NS) -> Iterator[Readout]:
+    """The file's hits as gap-free readouts of ``slice_ns``, the first hit at ``start_ns`` (UTC).
+
+    Missing time that the file reports is taken off the live time of the slices that follow the report.
+    Raises DetectorError with the line that is no row of such a file.
+    """
+    pieces = iter(reader)
+    clock_ns: int | None = None
+    held = _NO_HITS
+    latest_ns, lost_ns, lost_hits = start_ns, 0, 0
+    piece: Piece | None = None
+    while True:
+        end_ns = start_ns + slice_ns
+        while clock_ns is None or latest_ns - _DISORDER_NS < end_ns:
+            piece = next(pieces, None)
+            if piece is None:
+                break
+            lost_ns += piece.lost_ns
+            lost_hits += piece.overflow_rows
+            if not len(piece.hits):
+                continue
+            if clock_ns is None:
+                clock_ns = start_ns - int(piece.hits.tick.min()) * 25 // 16
+            latest_ns = max(latest_ns, clock_ns + int(piece.hits.tick.max()) * 25 // 16)
+            held = _join(held, piece.hits)
+        if clock_ns is None or (piece is None and not len(held)):
+            return
+        now = held.tick < ((end_ns - clock_ns) * 16 + 24) // 25
+        dead_ns = min(lost_ns, slice_ns)
+        yield Readout(start_ns, end_ns, clock_ns, (slice_ns - dead_ns) * 1e-9, _take(held, now), lost_hits)
+        held = _take(held, ~now)
+        lost_ns, lost_hits, start_ns = lost_ns - dead_ns, 0, end_ns
+
+
+def _join(a: PixelHits, b: PixelHits) -> PixelHits:
+    return PixelHits(np.concatenate((a.tick, b.tick)), np.concatenate((a.index, b.index)), np.concatenate((a.tot, b.tot)))
+
+
+def _take(hits: PixelHits, which: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> PixelHits:
+    return PixelHits(hits.tick[which], hits.index[which], hits.tot[which])

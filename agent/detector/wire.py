@@ -1,0 +1,87 @@
+"""Readouts as bytes: the frames of a detector's TCP feed.
+
+A frame is, little-endian: the length of what follows (4 bytes), the version (1), start_ns, end_ns, clock_ns (8 each), live_time_s
+(8, IEEE 754), lost_hits (4), the number of hits N (4), then tick (N times 8), index (N times 2) and tot (N times 2).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import numpy as np
+
+from agent.detector.readout import PixelHits, Readout
+from agent.errors import DetectorError
+
+VERSION = 1
+MAXIMUM_HITS = 1_000_000  # of a frame: more than twice what a MiniPIX can deliver in 0.2 s
+_LENGTH = struct.Struct("<I")
+_HEADER = struct.Struct("<BqqqdII")
+_HIT_BYTES = 12
+_MAXIMUM_BYTES = _HEADER.size + MAXIMUM_HITS * _HIT_BYTES
+_LAST_NS = 1 << 62
+_LAST_TICK = 1 << 57  # seven years: 25 times as much still fits 64 bits
+_ROUNDING_S = 1e-6  # by which a live time may exceed the time between the stamps
+
+
+def pack(readout: Readout) -> bytes:
+    """One frame.
+
+    Raises:
+        DetectorError: more than ``MAXIMUM_HITS`` hits.
+    """
+    hits = readout.hits
+    count = len(hits)
+    if count > MAXIMUM_HITS:
+        raise DetectorError(f"a readout of {count} hits does not fit a frame (at most {MAXIMUM_HITS}); make readouts shorter")
+    lost = min(readout.lost_hits, 0xFFFFFFFF)
+    header = _HEADER.pack(VERSION, readout.start_ns, readout.end_ns, readout.clock_ns, readout.live_time_s, lost, count)
+    arrays = (hits.tick.astype("<i8").tobytes(), hits.index.astype("<u2").tobytes(), hits.tot.astype("<u2").tobytes())
+    return b"".join((_LENGTH.pack(_HEADER.size + count * _HIT_BYTES), header, *arrays))
+
+
+class Unpacker:
+    """Turns a stream of bytes, cut anywhere, back into readouts. Holds at most one frame beside what it is fed."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes) -> list[Readout]:
+        """The readouts that are complete with ``data``.
+
+        Raises:
+            DetectorError: not such a stream; nothing that follows can be trusted, the link must be taken up anew.
+        """
+        self._buffer += data
+        readouts = []
+        while len(self._buffer) >= _LENGTH.size:
+            (length,) = _LENGTH.unpack_from(self._buffer)
+            if not _HEADER.size <= length <= _MAXIMUM_BYTES:
+                raise DetectorError(f"not a readout: a frame of {length} bytes")
+            end = _LENGTH.size + length
+            if len(self._buffer) < end:
+                break
+            readouts.append(_unpack(bytes(self._buffer[_LENGTH.size : end])))
+            del self._buffer[:end]
+        return readouts
+
+
+def _unpack(frame: bytes) -> Readout:
+    """A frame without its length."""
+    version, start_ns, end_ns, clock_ns, live_time_s, lost_hits, count = _HEADER.unpack_from(frame)
+    if version != VERSION:
+        raise DetectorError(f"readouts of version {version}, known is {VERSION}; both ends must have the same radron")
+    if len(frame) != _HEADER.size + count * _HIT_BYTES:
+        raise DetectorError(f"not a readout: {count} hits in {len(frame)} bytes")
+    if not (0 <= start_ns <= end_ns < _LAST_NS and 0 <= clock_ns < _LAST_NS):
+        raise DetectorError(f"not a readout: from {start_ns} to {end_ns} ns, clock {clock_ns} ns")
+    if not (math.isfinite(live_time_s) and 0.0 <= live_time_s <= (end_ns - start_ns) * 1e-9 + _ROUNDING_S):
+        raise DetectorError(f"not a readout: live for {live_time_s:g} s of {(end_ns - start_ns) * 1e-9:g} s")
+    place = _HEADER.size
+    tick = np.frombuffer(frame, "<i8", count, place).astype(np.int64)
+    index = np.frombuffer(frame, "<u2", count, place + 8 * count).astype(np.uint16)
+    tot = np.frombuffer(frame, "<u2", count, place + 10 * count).astype(np.uint16)
+    if count and (tick.min() <= -_LAST_TICK or tick.max() >= _LAST_TICK):
+        raise DetectorError("not a readout: a time of arrival out of range")
+    return Readout(start_ns, end_ns, clock_ns, live_time_s, PixelHits(tick, index, tot), lost_hits)
