@@ -5,13 +5,15 @@ from __future__ import annotations
 from msgspec import Struct
 
 from agent.config import TrackConfig
-from agent.vehicle.interface import FlightMode, Request, VehicleState
+from agent.memory import REFRESH_NS, Memory
+from agent.vehicle.interface import FlightMode, Request, Vector3, VehicleState
 from protocol.messages import Action, Stage
 
 SEARCHING = (Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 STEERED = (*SEARCHING, Stage.RETURN)  # the stages that fly by setpoints, keeping clear of each other
 FLYING = (*STEERED, Stage.TAKEOFF, Stage.HOLD, Stage.LANDING, Stage.ABORT)
 TAKEOVER_NS = 1_500_000_000  # a heartbeat is up to 1 s old: wait longer before believing that somebody took over
+REJOIN_NS = 5_000_000_000  # the time that a restarted agent has to get the vehicle out of its failsafe
 
 _REQUESTS = {
     Stage.PREFLIGHT: Request.STAY,
@@ -62,19 +64,21 @@ class Mission:
         """``can_lose``: the hypothesis rests on cones, and is doubted when they stay away."""
         self.stage = Stage.PREFLIGHT
         self.since_ns = 0  # when the present stage began
+        self.started_ns = 0  # stamp of the start command
         self.tracking_since_ns: int | None = None
         self._track = track
         self._timeout_s = track.no_cone_timeout_s if can_lose else None
-        self._resume = Stage.SURVEY
+        self.resume = Stage.SURVEY  # where a hold leads on to
+        self.released = False  # somebody else has taken over
         self._foreign_since_ns: int | None = None
-        self._released = False
+        self._rejoining_until_ns = 0
         self._was_armed = self._was_offboard = False
         self._obeyed_ns = -1
 
     @property
     def request(self) -> Request:
         """What this stage wants of the autopilot."""
-        return Request.RELEASE if self._released else _REQUESTS[self.stage]
+        return Request.RELEASE if self.released else _REQUESTS[self.stage]
 
     def command(self, action: Action, stamp_ns: int, situation: Situation) -> str | None:
         """Carry out an operator's command. Returns why it was refused, or None.
@@ -85,11 +89,13 @@ class Mission:
         if refused is not None:
             return refused
         self._obeyed_ns = max(self._obeyed_ns, stamp_ns)
-        self._released = False
+        self.released = False
+        if action is Action.START:
+            self.started_ns = stamp_ns
         if action is Action.HOLD:
             self._hold(situation.now_ns)
             return None
-        stage = self._resume if action is Action.RESUME else _STAGE_AFTER[action]
+        stage = self.resume if action is Action.RESUME else _STAGE_AFTER[action]
         self._enter(stage, situation.now_ns)
         return None
 
@@ -110,6 +116,37 @@ class Mission:
             return f"hold: not possible in {self.stage}"
         return None
 
+    def memory(self, mission_id: str, home_m: Vector3 | None, now_ns: int) -> Memory | None:
+        """What a restarted agent must know to go on; None on the ground."""
+        if self.stage not in FLYING:
+            return None
+        return Memory(
+            mission=mission_id,
+            stamp_ns=now_ns - now_ns % REFRESH_NS,
+            started_ns=self.started_ns,
+            stage=self.stage,
+            resume=self.resume,
+            released=self.released,
+            tracking_since_ns=self.tracking_since_ns,
+            home_m=home_m,
+        )
+
+    def rejoin(self, memory: Memory, vehicle: VehicleState, now_ns: int) -> None:
+        """Go on with a flight in which this agent was restarted.
+
+        Meanwhile an autopilot that lacks setpoints returns or lands by its failsafe (``healthy`` is False then), and goes back to
+        offboard when they come again. A vehicle that a human pilot has in hand, or has sent home, is left alone.
+        """
+        self.started_ns = self._obeyed_ns = memory.started_ns
+        self.tracking_since_ns, self.resume = memory.tracking_since_ns, memory.resume
+        self._enter(memory.stage, now_ns)
+        self._was_armed = self._was_offboard = True
+        sent_away = vehicle.healthy and vehicle.mode in (FlightMode.RETURN, FlightMode.LAND) and self._is_foreign(vehicle)
+        if memory.released or sent_away or vehicle.mode is FlightMode.MANUAL:
+            self._release(vehicle.mode, now_ns)
+        elif memory.stage in STEERED:
+            self._rejoining_until_ns = now_ns + REJOIN_NS
+
     def step(self, situation: Situation) -> None:
         """Move on to the next stage where the situation says so."""
         vehicle, now_ns = situation.vehicle, situation.now_ns
@@ -119,9 +156,9 @@ class Mission:
         if self._was_armed and not vehicle.armed and not vehicle.in_air:
             self._enter(Stage.LANDED, now_ns)
             return
-        if not self._released:
+        if not self.released:
             self._watch_takeover(vehicle, now_ns)
-        if self._released:
+        if self.released:
             return
         if self.stage is Stage.TAKEOFF:
             if vehicle.in_air and vehicle.mode is FlightMode.HOLD:
@@ -154,20 +191,25 @@ class Mission:
     def _watch_takeover(self, vehicle: VehicleState, now_ns: int) -> None:
         """Give way when the autopilot stays in a mode that was not asked for: its failsafe, or a human pilot."""
         self._was_offboard = self._was_offboard or vehicle.mode is FlightMode.OFFBOARD
-        if not self._is_foreign(vehicle):
+        if vehicle.mode in _MODES[self.stage]:
+            self._rejoining_until_ns = 0
+        rejoining = now_ns < self._rejoining_until_ns and vehicle.mode is not FlightMode.MANUAL
+        if rejoining or not self._is_foreign(vehicle):
             self._foreign_since_ns = None
             return
         if self._foreign_since_ns is None:
             self._foreign_since_ns = now_ns
-        if now_ns - self._foreign_since_ns <= TAKEOVER_NS:
-            return
-        if vehicle.mode is FlightMode.RETURN:
+        if now_ns - self._foreign_since_ns > TAKEOVER_NS:
+            self._release(vehicle.mode, now_ns)
+
+    def _release(self, mode: FlightMode, now_ns: int) -> None:
+        if mode is FlightMode.RETURN:
             self._enter(Stage.RETURN, now_ns)
-        elif vehicle.mode is FlightMode.LAND:
+        elif mode is FlightMode.LAND:
             self._enter(Stage.LANDING, now_ns)
         elif self.stage not in (Stage.HOLD, Stage.LANDING, Stage.ABORT):
             self._hold(now_ns)
-        self._released = True
+        self.released = True
 
     def _is_foreign(self, vehicle: VehicleState) -> bool:
         """Whether somebody else than this agent has chosen the mode. Before arming, any mode is the autopilot's own affair."""
@@ -179,7 +221,7 @@ class Mission:
         return mode is FlightMode.HOLD and self.stage in STEERED and self._was_offboard  # else: not yet in offboard
 
     def _hold(self, now_ns: int) -> None:
-        self._resume = Stage.SURVEY if self.stage is Stage.TAKEOFF else self.stage
+        self.resume = Stage.SURVEY if self.stage is Stage.TAKEOFF else self.stage
         self._enter(Stage.HOLD, now_ns)
 
     def _enter(self, stage: Stage, now_ns: int) -> None:

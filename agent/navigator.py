@@ -64,18 +64,18 @@ class Navigator:
         self._due_ns = 0
         self._yaw_rad = 0.0
         self._mission_from_local = self._local_from_mission = Transform()
-        self._home: Vector3 | None = None  # in the mission frame
+        self.home: Vector3 | None = None  # where a return leads, mission frame
 
     def took_off(self, vehicle: VehicleState) -> None:
         """Keep the place that a return leads to."""
         transform = self._frames.mission_from_local(self._id, vehicle.epoch)
-        self._home = transform.apply_point(vehicle.position_m) if transform is not None else None
+        self.home = transform.apply_point(vehicle.position_m) if transform is not None else None
 
     def at_home(self, vehicle: VehicleState) -> bool:
         """Whether the drone hovers over its home, near enough to land there."""
-        if self._home is None or not self._locate(vehicle.epoch):
+        if self.home is None or not self._locate(vehicle.epoch):
             return False
-        x, y, _ = self._local_from_mission.apply_point(self._home)
+        x, y, _ = self._local_from_mission.apply_point(self.home)
         u, v, _ = vehicle.velocity_mps
         return hypot(vehicle.position_m[0] - x, vehicle.position_m[1] - y) < AT_HOME_M and hypot(u, v) < AT_HOME_MPS
 
@@ -180,7 +180,7 @@ class Navigator:
     def _way_home(self, moment: Moment) -> Reference:
         """Straight home at the survey's speed and height; without a known home, stay."""
         x, y, _ = self._virtual.position
-        home = self._local_from_mission.apply_point(self._home) if self._home is not None else (x, y, 0.0)
+        home = self._local_from_mission.apply_point(self.home) if self.home is not None else (x, y, 0.0)
         way = np.array([home[0] - x, home[1] - y])
         distance = hypot(*way.tolist())
         travelled = np.minimum(self._config.survey.speed_mps * STEP_S * np.arange(HORIZON + 2.0), distance)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from agent.config import DroneConfig
 from agent.detector.detection import ConeEvent, Detections
 from agent.vehicle.interface import VehicleState
-from protocol.messages import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample
+from protocol.messages import Cone, ConeOrder, Counts, Coverage, Entry, Exposure, PoseSample
 
 EXPOSURE_NS = 500_000_000
 SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
@@ -77,8 +77,20 @@ class Observer:
         self._live_s = 0.0
         self._hits = self._photopeak = self._coincidences = 0
 
-    def next_sequence(self) -> int:
-        """Number of this boot's next log entry."""
+    def coverage(self, stamp_ns: int, path_m: tuple[tuple[float, float], ...], swath_m: float, epoch: int) -> Coverage:
+        """The log entry of a stretch that was searched; local frame of the epoch."""
+        return Coverage(
+            stamp_ns=stamp_ns,
+            drone=self._drone,
+            mission=self._mission,
+            boot=self._boot,
+            sequence=self._next_sequence(),
+            epoch=epoch,
+            path_m=path_m,
+            swath_m=swath_m,
+        )
+
+    def _next_sequence(self) -> int:
         self._sequence += 1
         return self._sequence
 
@@ -119,7 +131,7 @@ class Observer:
             drone=self._drone,
             mission=self._mission,
             boot=self._boot,
-            sequence=self.next_sequence(),
+            sequence=self._next_sequence(),
             epoch=state.epoch,
             apex_m=position,
             apex_sigma_m=state.position_sigma_m,
@@ -151,7 +163,7 @@ class Observer:
                 drone=self._drone,
                 mission=self._mission,
                 boot=self._boot,
-                sequence=self.next_sequence(),
+                sequence=self._next_sequence(),
                 epoch=state.epoch,
                 end_ns=self._end_ns,
                 live_time_s=min(live_s, (self._end_ns - start_ns) * 1e-9),

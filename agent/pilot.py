@@ -18,14 +18,17 @@ from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.readout import Readout
 from agent.errors import ConfigError
+from agent.exchange import LogExchange
 from agent.frames.graph import FrameGraph
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import Hypothesis
 from agent.fusion.registry import estimator_named
+from agent.memory import Memory
 from agent.mission import Mission, Situation
 from agent.navigator import Moment, Navigator
 from agent.observer import Observer
 from agent.peers import Peers
+from agent.problems import TELEMETRY_AGE_NS, TWIN_NS, Problems
 from agent.reporter import Outbox, Reporter
 from agent.search import CoverageLog, Search
 from agent.vehicle.interface import Request, VehicleCommand, VehicleState
@@ -34,10 +37,7 @@ from protocol.errors import ProtocolError
 from protocol.keys import parse_key
 from protocol.messages import Action, AnyMessage, Command, Cone, Coverage, Entry, Estimate, Plan, Pose, Stage, Status
 
-TELEMETRY_AGE_NS = 1_000_000_000  # older telemetry cannot be flown by
-TWIN_NS = 10_000_000_000  # another agent with the same id is forgotten after so long
 FARTHEST_M = 1e5  # what a message can carry
-MOST_PROBLEMS = 32
 _NEWS = (Pose, Plan, Estimate, Status)
 COMMAND_AGE_NS = 10_000_000_000  # an older command is not carried out
 
@@ -58,6 +58,7 @@ class Pilot:
         drone: DroneConfig,
         boot: str,
         listeners: Sequence[str] = (),
+        memory: Memory | None = None,
     ) -> None:
         """Set up a drone.
 
@@ -66,6 +67,7 @@ class Pilot:
             drone: this one.
             boot: 16 hex digits, new at every start of the agent.
             listeners: estimators that fuse the same log without any say in the flight.
+            memory: of the agent that flew this drone before; the flight goes on if telemetry shows it in the air.
 
         Raises:
             ConfigError: the drone is not one of the mission's.
@@ -86,13 +88,16 @@ class Pilot:
         self._chain = DetectorChain(mission.detection, mission.nuclide, calibration)
         self._observer = Observer(drone, self._mission_id, boot)
         self._peers = Peers([name for name in ids if name != drone.id])
-        search = Search(mission, drone.id, frames, lambda: self.fusion.log.entries(Coverage))
+        self._search = Search(mission, drone.id, frames, lambda: self.fusion.log.entries(Coverage))
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
-        self._navigator = Navigator(mission, drone, frames, search)
+        self._navigator = Navigator(mission, drone, frames, self._search)
         self._vehicle: VehicleState | None = None
         self._last_cone_ns = 0
-        self._twin_ns: int | None = None  # when another agent with this id was last heard
+        self._remembered = memory  # until telemetry has shown what it is worth
+        self.memory = memory
+        self._problems = Problems(drone.id, self._mission_id)
         self.counters: Counter[str] = Counter()
+        self._exchange = LogExchange(mission.swarm, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
         self._reporter = Reporter(drone.id, self._mission_id, boot, mission.fusion.estimator)
 
@@ -106,6 +111,27 @@ class Pilot:
         """Where the source is believed to be; mission frame."""
         return self.fusion.hypothesis
 
+    @property
+    def digest(self) -> str:
+        """Digest of the log, 32 hex digits."""
+        return self.fusion.digest
+
+    def warn(self, problems: tuple[str, ...]) -> None:
+        """Take what the operator has to know of this drone, in place of what was given before."""
+        self._problems.warned = problems
+
+    def block(self, problems: tuple[str, ...]) -> None:
+        """Take what stands against a start besides what the pilot sees by itself, in place of what was given before."""
+        self._problems.blocked = problems
+
+    def log_summary(self) -> bytes:
+        """What the log holds: a request for what it lacks, to be answered by the others' ``log_answer``."""
+        return self._exchange.summary()
+
+    def log_answer(self, request: bytes) -> list[tuple[str, bytes]]:
+        """Keys and payloads of log entries that the asker lacks; a bounded number, the oldest first."""
+        return self._exchange.answer(request)
+
     def observe_vehicle(self, state: VehicleState) -> None:
         """Take the newest telemetry. What is older than known, not finite or absurdly far away is counted and dropped."""
         if self._vehicle is not None and state.stamp_ns <= self._vehicle.stamp_ns:
@@ -116,6 +142,8 @@ class Pilot:
             return
         self._vehicle = state
         self._observer.history.add(state)
+        if self._remembered is not None:
+            self._rejoin(self._remembered, state)
 
     def observe_detector(self, readout: Readout) -> None:
         """Take what the camera saw; it becomes log entries of this drone."""
@@ -139,15 +167,23 @@ class Pilot:
         if reason is not None:
             self.counters[f"dropped_{reason}"] += 1
 
-    def step(self, now_ns: int) -> Step:
-        """Decide: fold the log, move on in the mission, plan, and report. To be called at 20 Hz or more."""
+    def advance(self, now_ns: int) -> None:
+        """Fold what came in, so that the hypothesis rests on it without waiting for the next step.
+
+        Costs nearly nothing when nothing came in; much at once is folded in slices over several calls.
+        """
         self.fusion.advance(now_ns)
         for listener in self.listeners.values():
             listener.advance(now_ns)
+
+    def step(self, now_ns: int) -> Step:
+        """Decide: fold the log, move on in the mission, plan, and report. To be called at 20 Hz or more."""
+        self.advance(now_ns)
         before = self._mission.stage
         self._mission.step(self._situation(now_ns))
         if self._mission.stage is not before:
             self._reporter.hurry(now_ns)
+        self._remember(now_ns)
         command = self._command(now_ns)
         self._report(now_ns)
         return Step(self._outbox.take(), command)
@@ -160,7 +196,7 @@ class Pilot:
             return None
         if message.drone == self._id:
             if isinstance(message, Status) and message.boot != self._boot and abs(now_ns - message.stamp_ns) < TWIN_NS:
-                self._twin_ns = now_ns
+                self._problems.hear_twin(now_ns)
             return "own_id"
         if isinstance(message, _NEWS):
             return self._peers.receive(message, now_ns)
@@ -173,15 +209,40 @@ class Pilot:
             return None
         if abs(now_ns - command.stamp_ns) > COMMAND_AGE_NS:
             return "command_too_old"
-        situation = replace(self._situation(now_ns), problems=self._problems(now_ns))
+        problems = self._problems.against_start(now_ns, self._vehicle, self._peers.statuses(now_ns))
+        situation = replace(self._situation(now_ns), problems=problems)
         refused = self._mission.command(command.action, command.stamp_ns, situation)
         if refused is not None:
             return "command_refused"
         if command.action is Action.START and self._vehicle is not None:
             self._navigator.took_off(self._vehicle)
-            for fusion in (self.fusion, *self.listeners.values()):
-                fusion.start(command.stamp_ns)
+            self._start_fusion(command.stamp_ns)
         return None
+
+    def _start_fusion(self, started_ns: int) -> None:
+        for fusion in (self.fusion, *self.listeners.values()):
+            fusion.start(started_ns)
+
+    def _rejoin(self, memory: Memory, vehicle: VehicleState) -> None:
+        """Go on with the flight that is remembered, or forget it where the vehicle is on the ground."""
+        fits = memory.fits(self._mission_id, vehicle)
+        if fits is None:
+            return
+        self._remembered = None
+        if not fits:
+            self.counters["memory_void"] += 1
+            return
+        self.counters["rejoined"] += 1
+        self._mission.rejoin(memory, vehicle, vehicle.stamp_ns)
+        self._navigator.home = memory.home_m
+        self._start_fusion(memory.started_ns)
+
+    def _remember(self, now_ns: int) -> None:
+        """Keep what a restarted agent must know: the same object as long as nothing in it changes."""
+        if self._remembered is None:
+            memory = self._mission.memory(self._mission_id, self._navigator.home, now_ns)
+            if memory != self.memory:
+                self.memory = memory
 
     def _record(self, entry: Entry, now_ns: int) -> None:
         """Publish an entry of this drone and keep it, by the very bytes that the others get."""
@@ -196,30 +257,14 @@ class Pilot:
             listener.receive(entry, payload)
         if isinstance(entry, Cone):
             self._last_cone_ns = max(self._last_cone_ns, min(entry.stamp_ns, now_ns))
+        elif isinstance(entry, Coverage) and entry.drone == self._id and entry.boot != self._boot:
+            self._search.divide_anew()  # of this drone before its agent was restarted
 
     def _situation(self, now_ns: int) -> Situation:
         vehicle = self._vehicle
         at_home = self._mission.stage is Stage.RETURN and vehicle is not None and self._navigator.at_home(vehicle)
         has_hypothesis = self.hypothesis is not None
         return Situation(now_ns, vehicle, has_hypothesis, self._last_cone_ns, at_home)
-
-    def _problems(self, now_ns: int) -> tuple[str, ...]:
-        """What stands against a start. A flying drone reports them but flies on."""
-        problems = []
-        if self._vehicle is None:
-            problems.append("no telemetry from the vehicle yet")
-        elif now_ns - self._vehicle.stamp_ns > TELEMETRY_AGE_NS:
-            problems.append("no new telemetry from the vehicle")
-        elif not self._vehicle.healthy:
-            problems.append("the vehicle is not healthy")
-        if self._twin_ns is not None and now_ns - self._twin_ns < TWIN_NS:
-            problems.append(f"another agent is running as {self._id}")
-        problems += [
-            f"{name} has another mission file ({status.mission}, here {self._mission_id})"
-            for name, status in self._peers.statuses(now_ns).items()
-            if status.mission != self._mission_id
-        ]
-        return tuple(problems[:MOST_PROBLEMS])
 
     def _command(self, now_ns: int) -> VehicleCommand:
         """What the autopilot is to do. A drone that does not know where it is, or in which frame, holds."""
@@ -248,20 +293,7 @@ class Pilot:
     def _report_coverage(self, now_ns: int, vehicle: VehicleState) -> None:
         report = self._coverage.add(now_ns, vehicle.position_m[:2])
         if report is not None:
-            stamp_ns, path_m = report
-            self._record(
-                now_ns=now_ns,
-                entry=Coverage(
-                    stamp_ns=stamp_ns,
-                    drone=self._id,
-                    mission=self._mission_id,
-                    boot=self._boot,
-                    sequence=self._observer.next_sequence(),
-                    epoch=vehicle.epoch,
-                    path_m=path_m,
-                    swath_m=self._coverage.swath_m,
-                ),
-            )
+            self._record(self._observer.coverage(*report, self._coverage.swath_m, vehicle.epoch), now_ns)
 
     def _report(self, now_ns: int) -> None:
         believed = (self.hypothesis, self.fusion.digest) if self.hypothesis is not None else None
@@ -269,7 +301,8 @@ class Pilot:
             self._outbox.put(message)
 
     def _status(self, now_ns: int) -> tuple[Stage, dict[str, int], tuple[str, ...]]:
-        return self._mission.stage, dict(self.counters), self._problems(now_ns)
+        problems = self._problems.all(now_ns, self._vehicle, self._peers.statuses(now_ns))
+        return self._mission.stage, dict(self.counters), problems
 
 
 def _plausible(state: VehicleState) -> bool:

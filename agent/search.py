@@ -56,6 +56,10 @@ class Search:
         self._progress = self._follower.advance(self._progress, position)
         return self._follower.reference(self._progress, position, self._survey.speed_mps, steps, step_s)
 
+    def divide_anew(self) -> None:
+        """What was covered has turned out to be more than the division rests on."""
+        self._follower = None
+
     def _divide(self, active: Sequence[str], position: Point2) -> PathFollower:
         swaths: list[Swath] = []
         ends = {drone: self._launch[drone] for drone in active}  # where everybody knows the drones to be

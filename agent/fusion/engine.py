@@ -95,8 +95,8 @@ class Fusion:
         """Drop entries that are older than the configured horizon and that no peer lacks (by their logs' summaries).
 
         Neither digest nor hypothesis changes. Entries that wait for their frame stay, and so does everything after them.
-        ``peers`` must be those of all other drones of the mission: what a silent one lacks is not known. Until summaries are
-        exchanged nobody can call this.
+        ``peers`` must be those of all other drones of the mission: what a silent one lacks is not known. No agent calls this: one
+        that is restarted in flight lacks everything, and gets it back only from whole logs.
         """
         waiting = {key for key, transform in self._used.items() if transform is None}
         before_ns = min(self.log.agreed_until_ns(peers), now_ns - self._keep_ns)
