@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -47,14 +48,13 @@ class Unpacker:
     def __init__(self) -> None:
         self._buffer = bytearray()
 
-    def feed(self, data: bytes) -> list[Readout]:
-        """The readouts that are complete with ``data``.
+    def feed(self, data: bytes) -> Iterator[Readout]:
+        """The readouts that are complete with ``data``, one by one; those before a corrupt frame come before the error.
 
         Raises:
             DetectorError: not such a stream; nothing that follows can be trusted, the link must be taken up anew.
         """
         self._buffer += data
-        readouts = []
         while len(self._buffer) >= _LENGTH.size:
             (length,) = _LENGTH.unpack_from(self._buffer)
             if not _HEADER.size <= length <= _MAXIMUM_BYTES:
@@ -62,9 +62,9 @@ class Unpacker:
             end = _LENGTH.size + length
             if len(self._buffer) < end:
                 break
-            readouts.append(_unpack(bytes(self._buffer[_LENGTH.size : end])))
+            frame = bytes(self._buffer[_LENGTH.size : end])
             del self._buffer[:end]
-        return readouts
+            yield _unpack(frame)
 
 
 def _unpack(frame: bytes) -> Readout:

@@ -47,7 +47,7 @@ def test_a_changed_byte_gives_a_readout_or_one_error(readout, data):
     frame[at] ^= data.draw(st.integers(1, 255))
     unpacker = Unpacker()
     try:
-        received = unpacker.feed(bytes(frame))
+        received = list(unpacker.feed(bytes(frame)))
     except DetectorError as error:
         assert "\n" not in str(error)
         return
@@ -61,7 +61,7 @@ def test_a_changed_byte_gives_a_readout_or_one_error(readout, data):
 def test_noise_is_refused_or_waits_for_more(noise):
     unpacker = Unpacker()
     try:
-        unpacker.feed(noise)
+        list(unpacker.feed(noise))
     except DetectorError:
         return
     assert len(unpacker._buffer) <= len(noise)
@@ -69,14 +69,14 @@ def test_noise_is_refused_or_waits_for_more(noise):
 
 def test_a_length_beyond_the_limit_is_refused_before_its_content_comes():
     with pytest.raises(DetectorError, match="frame of 4294967295 bytes"):
-        Unpacker().feed(struct.pack("<I", 0xFFFFFFFF))
+        list(Unpacker().feed(struct.pack("<I", 0xFFFFFFFF)))
 
 
 def test_another_version_is_named():
     frame = bytearray(pack(Readout(0, 1, 0, 0.0, PixelHits(*(np.empty(0, kind) for kind in (np.int64, np.uint16, np.uint16))))))
     frame[4] = 9
     with pytest.raises(DetectorError, match="version 9, known is 1"):
-        Unpacker().feed(bytes(frame))
+        list(Unpacker().feed(bytes(frame)))
 
 
 def test_a_readout_that_fits_no_frame_is_not_sent():
@@ -90,4 +90,4 @@ def test_a_readout_that_fits_no_frame_is_not_sent():
 def test_an_impossible_live_time_is_refused(live_s):
     hits = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
     with pytest.raises(DetectorError, match="live for"):
-        Unpacker().feed(pack(Readout(0, 10**9, 0, live_s, hits)))
+        list(Unpacker().feed(pack(Readout(0, 10**9, 0, live_s, hits))))
