@@ -11,7 +11,7 @@ import hashlib
 import re
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 from msgspec import Meta, Struct
@@ -239,19 +239,23 @@ class DroneConfig(_Section, frozen=True, kw_only=True):
     recorder: RecorderConfig = RecorderConfig()
 
 
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file. Raises ConfigError where it is unreadable or not TOML."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from None
+
+
 def load_toml(path: Path, kind: type[T]) -> T:
     """Read a TOML file into a config type.
 
     Raises:
         ConfigError: unreadable, not TOML, an unknown key (with the nearest known one), a value out of range.
     """
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from None
-    return convert(document, kind, str(path))
+    return convert(read_toml(path), kind, str(path))
 
 
 def load_mission(path: Path) -> MissionConfig:
