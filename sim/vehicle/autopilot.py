@@ -5,10 +5,8 @@ Positions here are the vehicle's own, estimated, in its local frame (ENU), as PX
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import hypot
-
 from agent.vehicle.interface import FlightMode, Request, Vector3, VehicleCommand
+from sim.vehicle.guidance import ARRIVED_M, Guidance, Target
 
 ARMING_S = 1.0
 TAKEOFF_SPEED_MPS = 1.0
@@ -17,16 +15,6 @@ RETURN_SPEED_MPS = 5.0
 RETURN_HEIGHT_M = 10.0
 DISARM_AFTER_S = 2.0
 OFFBOARD_LOSS_S = 1.0
-_ARRIVED_M = 0.3
-
-
-@dataclass(slots=True)
-class Target:
-    """What the vehicle's controllers follow: position and velocity in the local frame, heading."""
-
-    position: Vector3
-    velocity: Vector3
-    yaw: float
 
 
 class Autopilot:
@@ -37,13 +25,18 @@ class Autopilot:
         self.armed = False
         self.in_air = False
         self.failsafe = False
-        self.target = Target(home, (0.0, 0.0, 0.0), yaw)
-        self._home = self._position = home
+        self._guidance = Guidance(home, yaw, step_s)
+        self._position = home
         self._step_s = step_s
         self._armed_for = 0.0
         self._landed_for = 0.0
         self._takeoff_height = 0.0
         self._setpoint_age = float("inf")
+
+    @property
+    def target(self) -> Target:
+        """What the vehicle is to follow now."""
+        return self._guidance.target
 
     @property
     def grounded(self) -> bool:
@@ -60,7 +53,7 @@ class Autopilot:
         elif request is Request.OFFBOARD and self.in_air and command.setpoint is not None:
             self.mode, self.failsafe = FlightMode.OFFBOARD, False
             setpoint = command.setpoint
-            self.target = Target(setpoint.position_m, setpoint.velocity_mps, setpoint.yaw_rad)
+            self._guidance.target = Target(setpoint.position_m, setpoint.velocity_mps, setpoint.yaw_rad)
         elif self.armed and request is Request.HOLD and self.in_air and self.mode is not FlightMode.HOLD:
             self._switch(FlightMode.HOLD)
         elif self.armed and request is Request.RETURN and self.mode not in (FlightMode.RETURN, FlightMode.LAND):
@@ -88,47 +81,29 @@ class Autopilot:
     def _switch(self, mode: FlightMode) -> None:
         """Change to a mode of the autopilot's own: it begins from where the vehicle is, not from the last setpoint."""
         self.mode = mode
-        self.target = Target(self._position, (0.0, 0.0, 0.0), self.target.yaw)
+        self._guidance.stay(self._position)
 
     def _take_off(self, height: float) -> None:
         if not self.armed:
             self.armed, self.mode = True, FlightMode.TAKEOFF
             self._takeoff_height = height
             self._landed_for = 0.0
-            self.target = Target(self._home, (0.0, 0.0, 0.0), self.target.yaw)
+            self._guidance.stay(self._guidance.home)
 
     def _climb(self, position: Vector3) -> None:
-        x, y, z = self.target.position
-        z = min(self._home[2] + self._takeoff_height, z + TAKEOFF_SPEED_MPS * self._step_s)
-        self._go((x, y, z))
-        if position[2] > self._home[2] + self._takeoff_height - _ARRIVED_M:
+        self._guidance.climb(self._takeoff_height, TAKEOFF_SPEED_MPS)
+        if position[2] > self._guidance.home[2] + self._takeoff_height - ARRIVED_M:
             self.mode, self.in_air = FlightMode.HOLD, True
-            self.target = Target((x, y, z), (0.0, 0.0, 0.0), self.target.yaw)
+            self._guidance.stay(self.target.position)
 
     def _return_home(self) -> None:
-        x, y, z = self.target.position
-        height = self._home[2] + RETURN_HEIGHT_M
-        if z < height - 1e-6 and hypot(x - self._home[0], y - self._home[1]) > _ARRIVED_M:
-            self._go((x, y, min(height, z + TAKEOFF_SPEED_MPS * self._step_s)))
-            return
-        dx, dy = self._home[0] - x, self._home[1] - y
-        distance = hypot(dx, dy)
-        step = min(distance, RETURN_SPEED_MPS * self._step_s)
-        if distance <= _ARRIVED_M:
+        if self._guidance.go_home(RETURN_HEIGHT_M, TAKEOFF_SPEED_MPS, RETURN_SPEED_MPS):
             self.mode = FlightMode.LAND
-            return
-        self._go((x + dx / distance * step, y + dy / distance * step, z))
 
     def _descend(self, position: Vector3) -> None:
-        x, y, z = self.target.position
-        self._go((x, y, max(self._home[2] - 0.5, z - LANDING_SPEED_MPS * self._step_s)))
-        if position[2] < self._home[2] + _ARRIVED_M:
+        self._guidance.descend(LANDING_SPEED_MPS)
+        if position[2] < self._guidance.home[2] + ARRIVED_M:
             self._landed_for += self._step_s
             if self._landed_for > DISARM_AFTER_S:
                 self.armed = self.in_air = self.failsafe = False
                 self.mode = FlightMode.HOLD
-
-    def _go(self, position: Vector3) -> None:
-        old = self.target.position
-        velocity = tuple((new - was) / self._step_s for new, was in zip(position, old, strict=True))
-        self.target = Target(position, (velocity[0], velocity[1], velocity[2]), self.target.yaw)
