@@ -123,11 +123,17 @@ class PixetDetector:
         """End the acquisition and let go of the camera; ``readouts`` ends."""
         self._closed.set()
         self._stop.set()
-        device = self._device
-        if device is not None:
-            threading.Thread(target=device.abortOperation, name="pypixet-abort", daemon=True).start()
         if self._worker is not None:
+            threading.Thread(target=self._abort, args=(self._worker,), name="pypixet-abort", daemon=True).start()
             await asyncio.to_thread(self._worker.join, CLOSE_S)
+
+    def _abort(self, worker: threading.Thread) -> None:
+        """Abort whatever the camera does, again and again: an acquisition may just be about to begin."""
+        while worker.is_alive():
+            device = self._device
+            if device is not None:
+                device.abortOperation()
+            worker.join(0.1)
 
     def _work(self) -> None:
         """Measure until stopped, whatever happens to the camera."""

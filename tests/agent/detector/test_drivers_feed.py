@@ -3,7 +3,7 @@
 import asyncio
 import socket
 import time
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 
 import pytest
 from detector_feed import readout_at, until
@@ -44,10 +44,8 @@ async def serving(answer, port=0):
 
     async def serve(reader, writer):
         await answer(writer)
-        try:
+        with suppress(OSError):
             await reader.read()
-        except OSError:
-            pass
         writer.transport.abort()
 
     server = await asyncio.start_server(serve, "127.0.0.1", port)

@@ -1,4 +1,5 @@
 import struct
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -41,16 +42,13 @@ def test_a_stream_cut_anywhere_gives_the_readouts_again(sent, cut):
 
 
 @given(readouts(), st.data())
-def test_a_changed_byte_gives_a_readout_or_one_error(readout, data):
+def test_a_changed_byte_gives_a_readout_that_holds_together_or_the_one_error(readout, data):
     frame = bytearray(pack(readout))
     at = data.draw(st.integers(0, len(frame) - 1))
     frame[at] ^= data.draw(st.integers(1, 255))
-    unpacker = Unpacker()
-    try:
-        received = list(unpacker.feed(bytes(frame)))
-    except DetectorError as error:
-        assert "\n" not in str(error)
-        return
+    received = []
+    with suppress(DetectorError):
+        received += Unpacker().feed(bytes(frame))
     for one in received:
         assert one.start_ns <= one.end_ns
         assert 0.0 <= one.live_time_s <= (one.end_ns - one.start_ns) * 1e-9 + 1e-6
