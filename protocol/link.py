@@ -1,0 +1,125 @@
+"""How a swarm uses Zenoh: the settings of a session, its opening, and errors that say what to do."""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import ipaddress
+import json
+import os
+import re
+import socket
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+import zenoh
+from msgspec import Struct
+
+from protocol.errors import MeshError
+
+T = TypeVar("T")
+
+OPEN_S = 5.0  # a session opens in 0.5 s at most, reachable peers or not
+LOOKUP_S = 1.5
+_ENDPOINT = re.compile(r"tcp/(?P<host>[^\s/?#]+):(?P<port>\d{1,5})\Z")
+_RUNTIME = "(rx: (worker_threads: 16))"  # with Zenoh's two, vanished peers stall the reception from healthy ones for 10 s
+
+# Each was chosen by partition tests. One-way dialling and "greater-zid" keep two peers from opening two half sessions.
+_SETTINGS: dict[str, object] = {
+    "mode": "peer",
+    "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
+    "transport/link/tx/lease": 1000,  # ms after which a silent peer is gone
+    "transport/link/tx/keep_alive": 4,
+    "transport/unicast/open_timeout": 2000,  # ms; 10 s by default, during which close() waits for a peer that does not answer
+    "transport/unicast/accept_timeout": 2000,
+    "transport/shared_memory/enabled": False,  # drones share none, and a killed process leaves its segments behind
+    "queries_default_timeout": 1000,
+}
+
+
+class MeshConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Where a session listens and which peers it dials, as Zenoh endpoints: ``tcp/10.7.1.11:7447``.
+
+    Of two drones only one may dial the other (by convention the one of the higher index).
+    """
+
+    listen: str | None = None  # none: dial only (operators)
+    connect: tuple[str, ...] = ()
+    multicast: bool = False  # find peers by multicast, too
+
+
+async def open_session(config: MeshConfig, dial_all: bool) -> zenoh.Session:
+    """Open a Zenoh session. A peer that cannot be reached is no error: it is dialled again until it answers.
+
+    Args:
+        config: endpoints; names among them are looked up here, once (Zenoh would again at each try, and stand still meanwhile).
+        dial_all: dial also every peer that is heard of through another: for a session that does not listen.
+
+    Raises:
+        MeshError: a malformed endpoint, an unknown name, a port in use.
+    """
+    settings = zenoh.Config()
+    for path, value in {**_SETTINGS, **await _settings_of(config, dial_all)}.items():
+        settings.insert_json5(path, json.dumps(value))
+    os.environ.setdefault("ZENOH_RUNTIME", _RUNTIME)  # read when the first session opens
+    opening = in_thread(lambda: zenoh.open(settings))
+    try:
+        return await asyncio.wait_for(opening, OPEN_S)
+    except TimeoutError:
+        raise MeshError(f"mesh: the Zenoh session does not open within {OPEN_S:g} s; see whether the network is up") from None
+    except zenoh.ZError as error:
+        raise MeshError(_explain(str(error), config)) from None
+
+
+def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
+    """The result of a blocking call, made in a thread of its own that does not keep the process from ending."""
+    outcome: concurrent.futures.Future[T] = concurrent.futures.Future()
+    outcome.set_running_or_notify_cancel()
+
+    def run() -> None:
+        try:
+            outcome.set_result(work())
+        except Exception as error:
+            outcome.set_exception(error)
+
+    threading.Thread(target=run, name="mesh", daemon=True).start()
+    return asyncio.wrap_future(outcome)
+
+
+async def _settings_of(config: MeshConfig, dial_all: bool) -> dict[str, object]:
+    names = [("mesh.listen", config.listen)] if config.listen is not None else []
+    numbers = await asyncio.gather(*(_numeric(*item) for item in [*names, *(("mesh.connect", peer) for peer in config.connect)]))
+    listen = list(numbers[: len(names)])
+    return {
+        "listen/endpoints": listen,
+        "connect/endpoints": list(numbers[len(names) :]),
+        "scouting/multicast/enabled": config.multicast,
+        "scouting/gossip/autoconnect_strategy": "always" if dial_all else "greater-zid",
+    }
+
+
+async def _numeric(where: str, endpoint: str) -> str:
+    """The endpoint with its host as a number."""
+    match = _ENDPOINT.match(endpoint)
+    if match is None or int(match["port"]) > 65535:
+        raise MeshError(f"{where}: {endpoint!r} is no endpoint; expected tcp/HOST:PORT, such as tcp/10.7.1.11:7447")
+    host, port = match["host"].strip("[]"), int(match["port"])
+    try:
+        found = await asyncio.wait_for(in_thread(lambda: socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)), LOOKUP_S)
+    except TimeoutError:
+        raise MeshError(f"{where}: {endpoint!r}: looking up {host!r} takes too long; give its address as a number") from None
+    except (OSError, UnicodeError):
+        raise MeshError(f"{where}: {endpoint!r}: the host {host!r} is unknown; give its address as a number") from None
+    address = ipaddress.ip_address(str(found[0][4][0]).partition("%")[0])
+    if address.is_unspecified:
+        raise MeshError(f"{where}: {endpoint!r} is no address of one interface; peers must be able to dial it: name one")
+    return f"tcp/[{address}]:{port}" if address.version == 6 else f"tcp/{address}:{port}"
+
+
+def _explain(text: str, config: MeshConfig) -> str:
+    """One line of Zenoh's error."""
+    reason = re.search(r"([A-Z][a-z ]+) \(os error \d+\)", text)
+    if reason is not None and config.listen is not None:
+        return f"mesh.listen: {config.listen!r} cannot be listened at: {reason[1].lower()}; is another agent running there?"
+    return f"mesh: {text.partition(' at /')[0].splitlines()[0][:160]}"

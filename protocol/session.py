@@ -1,0 +1,279 @@
+"""The mesh: one drone's, or one operator's, Zenoh session and its bridge to asyncio.
+
+Publications never block: everything goes out with congestion control DROP, at a priority that Zenoh's own blocking traffic
+(queries and recovery of the advanced publishers, priority DATA) does not use. What a log entry loses by that is recovered.
+Zenoh calls that can block are made in threads of their own. A process with a session must not fork: spawn.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections import Counter
+from collections.abc import Callable
+
+import zenoh
+from zenoh import CongestionControl, Locality, Priority, ext
+from zenoh.handlers import Callback
+
+from protocol.codec import MAX_PAYLOAD_BYTES
+from protocol.errors import MeshError, ProtocolError
+from protocol.inbox import ENTRY_KINDS, NEWS_KINDS, Inbox, Receive
+from protocol.keys import ROOT, drone_key, parse_key
+from protocol.link import MeshConfig, in_thread, open_session
+from protocol.units import STATION
+
+__all__ = ["Mesh", "MeshConfig"]
+
+CACHE_ENTRIES = 2_000  # of each kind, for peers that join late or were cut off; what is older comes by the log query
+HEARTBEAT_S = 0.5  # after which the loss of a last entry is noticed
+ASK_S = 1.0
+CLOSE_S = 0.8
+MOST_ANSWERS = 8  # log queries that are answered at a time
+
+Answer = Callable[[bytes], list[tuple[str, bytes]]]
+
+
+class Mesh:
+    """An open session. All calls, and all calls back, are made in the thread of the event loop that opened it.
+
+    ``counters``: those of ``Inbox``; ``publish_failed``; of the log query ``log_asked``, ``log_replies``, ``log_ask_failed``,
+    ``log_answered``, ``log_answer_failed``, ``log_answer_refused``.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        swarm: str,
+        drone: str | None,
+        receive: Receive,
+        drained: Callable[[], None] | None,
+        answer: Answer | None,
+    ) -> None:
+        """Use :meth:`open`."""
+        self.counters: Counter[str] = Counter()
+        self._session = session
+        self._swarm = swarm
+        self._drone = drone
+        self._answer = answer
+        self._loop = asyncio.get_running_loop()
+        self._inbox = Inbox(self._loop, swarm, receive, drained or (lambda: None), self.counters)
+        self._publishers: dict[str, zenoh.Publisher | ext.AdvancedPublisher] = {}
+        self._declared: list[object] = []  # Zenoh undeclares what nobody holds
+        self._alive: set[str] = set()
+        self._answers = 0
+
+    @classmethod
+    async def open(
+        cls,
+        config: MeshConfig,
+        swarm: str,
+        drone: str | None,
+        *,
+        receive: Receive,
+        drained: Callable[[], None] | None = None,
+        answer: Answer | None = None,
+    ) -> Mesh:
+        """Join a swarm.
+
+        Args:
+            config: endpoints.
+            swarm: its name.
+            drone: own id; none for an operator, who gets no history, is not seen in ``alive`` and is not asked for a log.
+            receive: called with key and payload of every message of the swarm but one's own. Entries and commands come
+                without loss (within the bounds of ``Inbox``) and, of one key, in order; of news only the newest.
+            drained: called after each burst of ``receive``.
+            answer: from a peer's summary to the (key, payload) of the entries that it lacks.
+
+        Raises:
+            MeshError: the session cannot be opened as configured.
+        """
+        drone_key(swarm, drone or "any", "alive")  # names that make no key are refused
+        session = await open_session(config, dial_all=config.listen is None)
+        mesh = cls(session, swarm, drone, receive, drained, answer)
+        try:
+            await in_thread(mesh._declare)
+        except zenoh.ZError as error:
+            await mesh.close()
+            raise MeshError(f"mesh: {str(error)[:160]}") from None
+        return mesh
+
+    @property
+    def alive(self) -> frozenset[str]:
+        """Drones whose liveliness token is there, without this one itself: of a process that was killed it is gone at once,
+        of one that stands still or is cut off after a second.
+        """
+        return frozenset(self._alive)
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """Send a message, or drop it where the way is congested; never blocks, never fails because of the network.
+
+        Raises:
+            ProtocolError: the key is none of this swarm's.
+        """
+        publisher = self._publishers.get(key)
+        try:
+            if publisher is None:
+                publisher = self._publishers[key] = self._publisher(key)
+            publisher.put(payload)
+        except zenoh.ZError:
+            self.counters["publish_failed"] += 1
+
+    async def ask(self, drone: str, summary: bytes) -> int:
+        """Ask a drone for the log entries that the holder of this summary lacks. They come through ``receive``.
+
+        Returns:
+            The number of replies; some of them may still be about to be delivered. 0 also for a drone that is not there.
+        """
+        ended: asyncio.Future[None] = self._loop.create_future()
+        replies = 0
+
+        def take(reply: zenoh.Reply) -> None:
+            nonlocal replies
+            if reply.ok is None:
+                self._to_loop(self._count, "log_ask_failed")
+            else:
+                replies += 1
+                self._take(reply.ok)
+
+        def end() -> None:
+            self._to_loop(_settle, ended)
+
+        key = drone_key(self._swarm, drone, "log")
+        self._count("log_asked")
+        try:
+            async with asyncio.timeout(1.2 * ASK_S):  # Zenoh's own timeout ends it before
+                await in_thread(
+                    lambda: self._session.get(
+                        key,
+                        Callback(take, end, indirect=False),
+                        payload=summary,
+                        target=zenoh.QueryTarget.ALL,
+                        consolidation=zenoh.ConsolidationMode.NONE,  # all entries of one kind have the same key
+                        accept_replies=zenoh.ReplyKeyExpr.ANY,
+                        timeout=ASK_S,
+                        congestion_control=CongestionControl.BLOCK,  # of the replies, too; they are sent in a thread of their own
+                        priority=Priority.DATA_LOW,
+                    )
+                )
+                await ended
+        except (TimeoutError, zenoh.ZError):
+            self._count("log_ask_failed")
+        self.counters["log_replies"] += replies
+        return replies
+
+    async def close(self) -> None:
+        """Leave the swarm. Links to peers that do not answer any more are left to a thread that ends with the process."""
+        self._inbox.close()
+        self._alive.clear()
+        with contextlib.suppress(TimeoutError, zenoh.ZError):
+            await asyncio.wait_for(in_thread(self._session.close), CLOSE_S)
+
+    def _declare(self) -> None:
+        """Everything that the session has; the token comes last, so that who is seen alive listens already."""
+        on_sample = Callback(self._take, indirect=False)
+        places = [f"*/{kind}" for kind in NEWS_KINDS] + [f"{STATION}/*/command"]
+        for place in places:
+            key = f"{ROOT}/{self._swarm}/{place}"
+            self._declared.append(self._session.declare_subscriber(key, on_sample, allowed_origin=Locality.REMOTE))
+        history = ext.HistoryConfig(detect_late_publishers=True, max_samples=CACHE_ENTRIES) if self._drone is not None else None
+        for kind in ENTRY_KINDS:
+            self._declared.append(
+                ext.declare_advanced_subscriber(
+                    self._session,
+                    f"{ROOT}/{self._swarm}/*/{kind}",
+                    on_sample,
+                    allowed_origin=Locality.REMOTE,
+                    history=history,
+                    recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+                )
+            )
+        liveliness = self._session.liveliness()
+        self._declared.append(
+            liveliness.declare_subscriber(
+                drone_key(self._swarm, "any", "alive").replace("/any/", "/*/"),
+                Callback(self._take_token, indirect=False),
+                history=True,
+            )
+        )
+        if self._drone is None:
+            return
+        for kind in (*ENTRY_KINDS, *NEWS_KINDS):
+            key = drone_key(self._swarm, self._drone, kind)
+            self._publishers[key] = self._publisher(key)
+        if self._answer is not None:
+            key = drone_key(self._swarm, self._drone, "log")
+            self._declared.append(self._session.declare_queryable(key, Callback(self._take_query, indirect=False)))
+        self._declared.append(liveliness.declare_token(drone_key(self._swarm, self._drone, "alive")))
+
+    def _publisher(self, key: str) -> zenoh.Publisher | ext.AdvancedPublisher:
+        address = parse_key(key)
+        if address.swarm != self._swarm:
+            raise ProtocolError(f"key {key!r} is not of the swarm {self._swarm!r}")
+        if address.kind in ENTRY_KINDS:
+            return ext.declare_advanced_publisher(
+                self._session,
+                key,
+                congestion_control=CongestionControl.DROP,
+                priority=Priority.DATA_HIGH,
+                cache=ext.CacheConfig(CACHE_ENTRIES),
+                sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S),
+                publisher_detection=True,
+            )
+        # A priority of their own keeps commands from being dropped for news.
+        priority = Priority.INTERACTIVE_HIGH if address.kind == "command" else Priority.INTERACTIVE_LOW
+        return self._session.declare_publisher(key, congestion_control=CongestionControl.DROP, priority=priority)
+
+    # Called in Zenoh's threads; they make no Zenoh call that leaves the process.
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        payload = sample.payload
+        self._inbox.put(str(sample.key_expr), payload.to_bytes() if len(payload) <= MAX_PAYLOAD_BYTES else None)
+
+    def _take_token(self, sample: zenoh.Sample) -> None:
+        change = self._alive.add if sample.kind == zenoh.SampleKind.PUT else self._alive.discard
+        drone = str(sample.key_expr).split("/")[3]
+        if drone != self._drone:
+            self._to_loop(change, drone)
+
+    def _take_query(self, query: zenoh.Query) -> None:
+        self._to_loop(self._reply, query)
+
+    def _to_loop(self, call: Callable[..., object], *arguments: object) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(call, *arguments)
+
+    # Called in the loop's thread.
+
+    def _count(self, name: str) -> None:
+        self.counters[name] += 1
+
+    def _reply(self, query: zenoh.Query) -> None:
+        """Answer a log query; whatever goes wrong is counted."""
+        entries: list[tuple[str, bytes]] = []
+        if self._answers >= MOST_ANSWERS:
+            self._count("log_answer_refused")
+        elif self._answer is not None:
+            try:
+                entries = self._answer(query.payload.to_bytes() if query.payload is not None else b"")
+                self._count("log_answered")
+            except Exception:
+                self._count("log_answer_failed")
+
+        def send() -> None:
+            with query:  # ends it for the peer
+                for key, payload in entries:
+                    query.reply(key, payload)
+
+        self._answers += 1
+        in_thread(send).add_done_callback(self._replied)
+
+    def _replied(self, sending: asyncio.Future[None]) -> None:
+        self._answers -= 1
+        if not sending.cancelled() and sending.exception() is not None:
+            self._count("log_answer_failed")
+
+
+def _settle(future: asyncio.Future[None]) -> None:
+    if not future.done():
+        future.set_result(None)
