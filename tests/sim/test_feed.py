@@ -6,6 +6,7 @@ import time
 import numpy as np
 from detector_feed import readout_at, until
 
+from agent.detector.drivers.feed import FeedDetector
 from agent.detector.readout import PixelHits, Readout
 from sim import feed as feed_module
 from sim.feed import FeedServer
@@ -39,6 +40,38 @@ def test_every_client_gets_every_readout_from_its_connection_on():
         await until(lambda: server.clients == 1, "the first client to be gone")
         await server.close()
         assert await asyncio.wait_for(second[0].read(), 5.0) == b""
+
+    asyncio.run(run())
+
+
+def test_what_the_camera_sees_comes_to_the_agent_unchanged():
+    async def run():
+        server = FeedServer()
+        port = await server.start("127.0.0.1")
+        detector = FeedDetector(f"127.0.0.1:{port}")
+        received = []
+
+        async def read():
+            async for readout in detector.readouts():
+                received.append(readout)
+
+        task = asyncio.create_task(read())
+        await until(lambda: server.clients == 1, "the agent's driver")
+        now_ns = time.time_ns()
+        sent = [readout_at(now_ns + number * 200_000_000, number) for number in range(4)]
+        for readout in sent:
+            server.send(readout)
+        await until(lambda: len(received) == len(sent), "all readouts")
+        for there, here in zip(sent, received, strict=True):
+            assert (there.start_ns, there.end_ns, there.clock_ns) == (here.start_ns, here.end_ns, here.clock_ns)
+            assert there.live_time_s == here.live_time_s
+            for name in ("tick", "index", "tot"):
+                assert np.array_equal(getattr(there.hits, name), getattr(here.hits, name))
+                assert getattr(there.hits, name).dtype == getattr(here.hits, name).dtype
+        await server.close()
+        await until(lambda: detector.problems != (), "the loss of the link among the problems")
+        await detector.close()
+        await asyncio.wait_for(task, 5.0)
 
     asyncio.run(run())
 

@@ -20,14 +20,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agent.detector.readout import PixelHits, Readout
+from agent.detector.drivers.acquisition import Acquisition, AcquisitionReader, block_of
+from agent.detector.readout import Readout
 from agent.errors import DetectorError
 
 ACQUISITION_S = 60.0
@@ -35,9 +34,6 @@ SLICE_S = 0.2
 RETRY_S = 2.0
 CLOSE_S = 1.0  # that the camera is given to end its acquisition
 BLOCK_BYTES = 6000  # "DDBlockSize" of the vendor's data-driven example; the default of 66000 delays sparse hits
-_HOLD_NS = 500_000_000  # in which a hit is expected to be delivered; what comes later counts in a later readout
-_DISORDER_NS = 1_000_000
-_LOST_END = 0x75  # matrix index of an overflow row whose ToA is the length of the missing time
 _NO_DEVICE = "FileDevice 0"  # what Pixet lists where nothing is plugged in
 
 
@@ -62,25 +58,6 @@ def load_pypixet(folder: Path | None) -> Any:
         ) from None
 
 
-@dataclass(slots=True)
-class _Block:
-    """What one PX_EVENT_ACQ_NEW_DATA brought; ticks from the start of the acquisition."""
-
-    hits: PixelHits
-    lost_hits: int
-    lost_ns: int
-
-
-@dataclass(slots=True)
-class _Acquisition:
-    """Filled by the vendor's threads, emptied by the event loop."""
-
-    called_ns: int
-    started_ns: int | None = None
-    ended_ns: int | None = None
-    blocks: deque[_Block] = field(default_factory=deque)
-
-
 class PixetDetector:
     """Measures with the first Timepix3 camera; a camera that is not there or is lost stands in ``problems`` and is sought again.
 
@@ -93,12 +70,12 @@ class PixetDetector:
         self._bias_v = bias_v
         self._utc_ns = clock_ns
         self._problem: str | None = "the camera is being started"
-        self._acquisitions: deque[_Acquisition] = deque()
+        self._acquisitions: deque[Acquisition] = deque()
         self._device: Any = None
         self._stop = threading.Event()
         self._closed = asyncio.Event()
         self._worker: threading.Thread | None = None
-        self._reader = _Reader()
+        self._reader = AcquisitionReader()
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -191,7 +168,7 @@ class PixetDetector:
     def _acquire(self, device: Any) -> None:
         """One acquisition; blocks until it ends."""
         pixet = self._module.pixet
-        acquisition = _Acquisition(self._utc_ns())
+        acquisition = Acquisition(self._utc_ns(), round(ACQUISITION_S * 1e9))
         self._acquisitions.append(acquisition)
         try:
             code = device.doAdvancedAcquisition(
@@ -217,70 +194,9 @@ class PixetDetector:
             acquisition = self._acquisitions[-1]
             if acquisition.started_ns is None:
                 acquisition.started_ns = acquisition.called_ns
-            acquisition.blocks.append(_block(columns))
+            acquisition.blocks.append(block_of(columns))
         except Exception as error:  # see above
             self._problem = f"the camera's data cannot be read: {type(error).__name__}: {error}"
-
-
-class _Reader:
-    """Makes readouts of what the acquisitions bring; ticks of all acquisitions count from the start of the first."""
-
-    def __init__(self) -> None:
-        self._clock_ns: int | None = None
-        self._current: _Acquisition | None = None
-        self._start_ns = 0
-        self._lost_ns = 0
-
-    def read(self, acquisitions: deque[_Acquisition], now_ns: int) -> list[Readout]:
-        """What is to be had by now; acquisitions that have ended and are read are removed from the left."""
-        readouts = []
-        while acquisitions:
-            acquisition = acquisitions[0]
-            ended_ns = acquisition.ended_ns  # before the blocks: what came before the end is then among them
-            if acquisition.started_ns is not None:
-                readout = self._readout(acquisition, acquisition.started_ns, ended_ns, now_ns)
-                if readout is not None:
-                    readouts.append(readout)
-            if ended_ns is None:
-                break
-            acquisitions.popleft()
-        return readouts
-
-    def _readout(self, acquisition: _Acquisition, started_ns: int, ended_ns: int | None, now_ns: int) -> Readout | None:
-        if self._clock_ns is None:
-            self._clock_ns = started_ns
-        if acquisition is not self._current:
-            self._current, self._start_ns, self._lost_ns = acquisition, max(started_ns, self._start_ns), 0
-        blocks = [acquisition.blocks.popleft() for _ in range(len(acquisition.blocks))]
-        offset = round((started_ns - self._clock_ns) * 16 / 25)
-        tick = np.concatenate([np.empty(0, np.int64), *(block.hits.tick for block in blocks)]) + offset
-        index = np.concatenate([np.empty(0, np.uint16), *(block.hits.index for block in blocks)])
-        tot = np.concatenate([np.empty(0, np.uint16), *(block.hits.tot for block in blocks)])
-        latest_ns = self._clock_ns + int(tick.max()) * 25 // 16 if len(tick) else 0
-        end_ns = max(latest_ns - _DISORDER_NS, now_ns - _HOLD_NS)
-        if ended_ns is not None:
-            end_ns = min(ended_ns, started_ns + round(ACQUISITION_S * 1e9))
-        start_ns, end_ns = self._start_ns, max(min(end_ns, now_ns), self._start_ns)
-        if end_ns == start_ns and not blocks:
-            return None
-        self._start_ns = end_ns
-        self._lost_ns += sum(block.lost_ns for block in blocks)
-        dead_ns = min(self._lost_ns, end_ns - start_ns)
-        self._lost_ns -= dead_ns
-        lost_hits = sum(block.lost_hits for block in blocks)
-        return Readout(
-            start_ns, end_ns, self._clock_ns, (end_ns - start_ns - dead_ns) * 1e-9, PixelHits(tick, index, tot), lost_hits
-        )
-
-
-def _block(columns: list[NDArray[np.int64]]) -> _Block:
-    """Pixels as ``rawPixels`` gives them."""
-    index, toa, overflow, ftoa, tot = columns[:5]
-    hit = (overflow == 0) & (index >= 0) & (index < 1 << 16)
-    lost_ns = 25 * int(toa[(overflow != 0) & (index == _LOST_END)].sum())
-    tick = 16 * toa[hit] - ftoa[hit]
-    hits = PixelHits(tick, index[hit].astype(np.uint16), tot[hit].astype(np.uint16))
-    return _Block(hits, len(index) - int(np.count_nonzero(hit)), lost_ns)
 
 
 def _subscribe(device: Any, event: Any, call: Callable[[object], None]) -> Callable[[], object]:

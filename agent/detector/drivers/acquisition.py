@@ -1,0 +1,98 @@
+"""Acquisitions of a camera, filled by its threads, made into readouts by the event loop."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.detector.readout import PixelHits, Readout
+
+HOLD_NS = 500_000_000  # in which a hit is expected to be delivered; what comes later counts in a later readout
+_DISORDER_NS = 1_000_000
+_LOST_END = 0x75  # matrix index of an overflow row whose ToA is the length of the missing time
+
+
+@dataclass(slots=True)
+class Block:
+    """What the camera delivered at once; ticks from the start of the acquisition."""
+
+    hits: PixelHits
+    lost_hits: int
+    lost_ns: int
+
+
+@dataclass(slots=True)
+class Acquisition:
+    """Of at most ``length_ns``, called for at ``called_ns``. The camera's threads set ``started_ns`` and append blocks, then set
+    ``ended_ns``; the event loop takes the blocks. All UTC.
+    """
+
+    called_ns: int
+    length_ns: int
+    started_ns: int | None = None
+    ended_ns: int | None = None
+    blocks: deque[Block] = field(default_factory=deque)
+
+
+class AcquisitionReader:
+    """Makes readouts of what the acquisitions bring; ticks of all acquisitions count from the start of the first."""
+
+    def __init__(self) -> None:
+        self._clock_ns: int | None = None
+        self._current: Acquisition | None = None
+        self._start_ns = 0
+        self._lost_ns = 0
+
+    def read(self, acquisitions: deque[Acquisition], now_ns: int) -> list[Readout]:
+        """What is to be had by now; acquisitions that have ended and are read are removed from the left."""
+        readouts = []
+        while acquisitions:
+            acquisition = acquisitions[0]
+            ended_ns = acquisition.ended_ns  # before the blocks: what came before the end is then among them
+            if acquisition.started_ns is not None:
+                readout = self._readout(acquisition, acquisition.started_ns, ended_ns, now_ns)
+                if readout is not None:
+                    readouts.append(readout)
+            if ended_ns is None:
+                break
+            acquisitions.popleft()
+        return readouts
+
+    def _readout(self, acquisition: Acquisition, started_ns: int, ended_ns: int | None, now_ns: int) -> Readout | None:
+        if self._clock_ns is None:
+            self._clock_ns = started_ns
+        if acquisition is not self._current:
+            self._current, self._start_ns, self._lost_ns = acquisition, max(started_ns, self._start_ns), 0
+        blocks = [acquisition.blocks.popleft() for _ in range(len(acquisition.blocks))]
+        offset = round((started_ns - self._clock_ns) * 16 / 25)
+        tick = np.concatenate([np.empty(0, np.int64), *(block.hits.tick for block in blocks)]) + offset
+        index = np.concatenate([np.empty(0, np.uint16), *(block.hits.index for block in blocks)])
+        tot = np.concatenate([np.empty(0, np.uint16), *(block.hits.tot for block in blocks)])
+        latest_ns = self._clock_ns + int(tick.max()) * 25 // 16 if len(tick) else 0
+        end_ns = max(latest_ns - _DISORDER_NS, now_ns - HOLD_NS)
+        if ended_ns is not None:
+            end_ns = min(ended_ns, started_ns + acquisition.length_ns)
+        start_ns, end_ns = self._start_ns, max(min(end_ns, now_ns), self._start_ns)
+        if end_ns == start_ns and not blocks:
+            return None
+        self._start_ns = end_ns
+        self._lost_ns += sum(block.lost_ns for block in blocks)
+        dead_ns = min(self._lost_ns, end_ns - start_ns)
+        self._lost_ns -= dead_ns
+        lost_hits = sum(block.lost_hits for block in blocks)
+        return Readout(
+            start_ns, end_ns, self._clock_ns, (end_ns - start_ns - dead_ns) * 1e-9, PixelHits(tick, index, tot), lost_hits
+        )
+
+
+def block_of(columns: list[NDArray[np.int64]]) -> Block:
+    """Pixels as Pixet's ``rawPixels`` gives them: matrix index, ToA, overflow, FToA and ToT, each (N,)."""
+    index, toa, overflow, ftoa, tot = columns[:5]
+    hit = (overflow == 0) & (index >= 0) & (index < 1 << 16)
+    lost_ns = 25 * int(toa[(overflow != 0) & (index == _LOST_END)].sum())
+    tick = 16 * toa[hit] - ftoa[hit]
+    hits = PixelHits(tick, index[hit].astype(np.uint16), tot[hit].astype(np.uint16))
+    return Block(hits, len(index) - int(np.count_nonzero(hit)), lost_ns)
