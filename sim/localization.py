@@ -31,6 +31,7 @@ class Localization:
     def __init__(self, truth: LocalizationTruth, count: int, step_s: float, rng: np.random.Generator) -> None:
         horizontal, height = truth.horizontal_m / 2.0**0.5, truth.height_m / 2.0**0.5
         yaw, tilt = np.deg2rad(truth.yaw_deg), np.deg2rad(truth.tilt_deg)
+        self.position_sigma_m = (truth.horizontal_m, truth.vertical_m)  # as the autopilot's own filter would tell them
         self._sigma = np.array([horizontal, horizontal, truth.vertical_m, yaw, tilt, tilt, height])
         self._white_sigma = np.array([truth.velocity_mps, truth.velocity_mps, truth.velocity_mps, height])
         self._keep = float(np.exp(-step_s / truth.correlation_s))

@@ -1,0 +1,121 @@
+"""PX4's parameters: a few dozens of its about 885, those that what is emulated here reads or a companion asks for.
+
+A parameter is an int32 or a float32. On the link every value is a float: an int32 goes as its bits.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+
+Value = int | float
+INT32, REAL32 = 6, 9  # MAV_PARAM_TYPE
+
+DEFAULTS: dict[str, Value] = {
+    "BAT1_CAPACITY": 5000.0,
+    "BAT1_N_CELLS": 4,
+    "BAT_CRIT_THR": 0.07,
+    "BAT_LOW_THR": 0.15,
+    "CBRK_SUPPLY_CHK": 0,
+    "COM_ARM_WO_GPS": 1,
+    "COM_DISARM_LAND": 2.0,
+    "COM_DISARM_PRFLT": 10.0,
+    "COM_DL_LOSS_T": 10,
+    "COM_FAIL_ACT_T": 5.0,
+    "COM_LOW_BAT_ACT": 0,
+    "COM_OBL_RC_ACT": 0,
+    "COM_OF_LOSS_T": 1.0,
+    "COM_POSCTL_NAVL": 0,
+    "COM_RCL_EXCEPT": 0,
+    "COM_RC_IN_MODE": 3,
+    "COM_RC_LOSS_T": 0.5,
+    "COM_SPOOLUP_TIME": 1.0,
+    "COM_TAKEOFF_ACT": 0,
+    "EKF2_GPS_CTRL": 7,
+    "EKF2_HGT_REF": 1,
+    "GF_ACTION": 2,
+    "GF_MAX_HOR_DIST": 0.0,
+    "GF_MAX_VER_DIST": 0.0,
+    "GF_PREDICT": 0,
+    "GF_SOURCE": 0,
+    "MAV_COMP_ID": 1,
+    "MAV_PROTO_VER": 0,
+    "MAV_SYS_ID": 1,
+    "MAV_TYPE": 2,
+    "MIS_TAKEOFF_ALT": 2.5,
+    "MPC_ACC_HOR": 3.0,
+    "MPC_ACC_HOR_MAX": 5.0,
+    "MPC_JERK_AUTO": 4.0,
+    "MPC_LAND_ALT1": 10.0,
+    "MPC_LAND_ALT2": 5.0,
+    "MPC_LAND_SPEED": 0.7,
+    "MPC_MAN_TILT_MAX": 35.0,
+    "MPC_TILTMAX_AIR": 45.0,
+    "MPC_TKO_RAMP_T": 3.0,
+    "MPC_TKO_SPEED": 1.5,
+    "MPC_XY_CRUISE": 5.0,
+    "MPC_XY_P": 0.95,
+    "MPC_XY_VEL_MAX": 12.0,
+    "MPC_YAWRAUTO_MAX": 60.0,
+    "MPC_Z_P": 1.0,
+    "MPC_Z_VEL_MAX_DN": 1.5,
+    "MPC_Z_VEL_MAX_UP": 3.0,
+    "MPC_Z_V_AUTO_DN": 1.5,
+    "MPC_Z_V_AUTO_UP": 3.0,
+    "NAV_ACC_RAD": 10.0,
+    "NAV_DLL_ACT": 0,
+    "NAV_MC_ALT_RAD": 0.8,
+    "NAV_RCL_ACT": 2,
+    "RTL_CONE_ANG": 45,
+    "RTL_DESCEND_ALT": 10.0,
+    "RTL_LAND_DELAY": 0.0,
+    "RTL_MIN_DIST": 10.0,
+    "RTL_RETURN_ALT": 30.0,
+    "RTL_TYPE": 0,
+    "SDLOG_MODE": 0,
+    "SYS_AUTOSTART": 10040,
+    "SYS_HITL": 0,
+}
+
+
+class Parameters:
+    """The parameters of one vehicle, in the order of their indices."""
+
+    def __init__(self, system_id: int, changed: Mapping[str, float]) -> None:
+        unknown = sorted(set(changed) - set(DEFAULTS))
+        if unknown:
+            raise KeyError(f"no such parameter of the emulated PX4: {unknown[0]}")
+        self._values = dict(DEFAULTS)
+        self._values["MAV_SYS_ID"] = system_id
+        for name, value in changed.items():
+            self._values[name] = type(DEFAULTS[name])(value)
+        self.names = tuple(sorted(self._values))
+
+    def __getitem__(self, name: str) -> float:
+        return float(self._values[name])
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._values
+
+    def kind(self, name: str) -> int:
+        """MAV_PARAM_TYPE."""
+        return INT32 if isinstance(self._values[name], int) else REAL32
+
+    def wire(self, name: str) -> float:
+        """The value as PARAM_VALUE carries it."""
+        value = self._values[name]
+        return _float_of_bits(value) if isinstance(value, int) else value
+
+    def set(self, name: str, wire: float) -> None:
+        """Take the value of a PARAM_SET of the right type."""
+        self._values[name] = _bits_of_float(wire) if isinstance(self._values[name], int) else wire
+
+
+def _float_of_bits(value: int) -> float:
+    result: float = struct.unpack("<f", struct.pack("<i", value))[0]
+    return result
+
+
+def _bits_of_float(value: float) -> int:
+    result: int = struct.unpack("<i", struct.pack("<f", value))[0]
+    return result

@@ -1,0 +1,87 @@
+"""What offboard control asks of a vehicle, as its MAVLink message says it; and a record of how regularly it came."""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass
+from itertools import pairwise
+from math import isfinite, nan, pi
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from agent.vehicle.interface import Vector3
+
+_YAW_IGNORED, _YAW_RATE_IGNORED = 1024, 2048
+
+
+class OffboardTarget(NamedTuple):
+    """Local frame, ENU; what is not asked for is NaN. Accelerations are not kept: this vehicle's response to position and
+    velocity already has them (see ``multirotor``).
+    """
+
+    position_m: Vector3
+    velocity_mps: Vector3
+    yaw_rad: float
+    yaw_rate_rps: float
+
+
+def offboard_target(message: mavlink.MAVLink_set_position_target_local_ned_message) -> OffboardTarget | None:
+    """The target in a message of frame LOCAL_NED; none where it asks for nothing, or not for finite numbers."""
+    mask = message.type_mask
+    x, y, z = _given(mask, (message.x, message.y, message.z))
+    vx, vy, vz = _given(mask >> 3, (message.vx, message.vy, message.vz))
+    accelerations = _given(mask >> 6, (message.afx, message.afy, message.afz))
+    if not any(map(isfinite, (x, y, z, vx, vy, vz, *accelerations))):
+        return None
+    yaw = nan if mask & _YAW_IGNORED else pi / 2.0 - message.yaw
+    yaw_rate = nan if mask & _YAW_RATE_IGNORED else -message.yaw_rate
+    return OffboardTarget((y, x, -z), (vy, vx, -vz), yaw, yaw_rate)
+
+
+def _given(mask: int, values: Vector3) -> Vector3:
+    x, y, z = values
+    return (nan if mask & 1 else x, nan if mask & 2 else y, nan if mask & 4 else z)
+
+
+@dataclass(frozen=True, slots=True)
+class SetpointStatistics:
+    """``computed``: those that say something else than the one before; the gap is between two of these, in offboard."""
+
+    received: int
+    computed: int
+    largest_gap_s: float
+
+
+class SetpointLog:
+    """When position targets came; a target that only repeats the one before was not newly computed."""
+
+    def __init__(self) -> None:
+        self.received = self.computed = 0
+        self._content = b""
+        self._times_ns: array[int] = array("q")  # of computed ones in offboard; a zero where offboard was left
+
+    def add(self, payload: bytes, arrival_ns: int, offboard: bool) -> None:
+        """Note a target with its payload; its first four bytes are the sender's time."""
+        self.received += 1
+        if payload[4:] == self._content:
+            return
+        self._content = payload[4:]
+        self.computed += 1
+        if offboard:
+            self._times_ns.append(arrival_ns)
+
+    def leave_offboard(self) -> None:
+        """What follows does not belong to what was before."""
+        if self._times_ns and self._times_ns[-1]:
+            self._times_ns.append(0)
+
+    @property
+    def gaps_s(self) -> list[float]:
+        """Between computed targets in offboard, in their order."""
+        return [(later - earlier) * 1e-9 for earlier, later in pairwise(self._times_ns) if earlier and later]
+
+    @property
+    def statistics(self) -> SetpointStatistics:
+        """Sums since the start."""
+        return SetpointStatistics(self.received, self.computed, max(self.gaps_s, default=0.0))
