@@ -42,6 +42,21 @@ def cones(
     run_cones(file, csv, nuclide, calibration, toa_bits)
 
 
+@app.command()
+def replay(
+    flight: Annotated[
+        Path, typer.Argument(metavar="FLIGHT.mcap", help="Any file of a recorded flight, or a folder with one flight.")
+    ],
+) -> None:
+    """Fly a recorded flight again, and say whether every hypothesis, setpoint and message comes out identical, bit for bit.
+
+    Exit code 0: identical; 1: different; 2: the flight cannot be replayed (to its end).
+    """
+    from agent.flight.command import run_replay  # noqa: PLC0415  belongs to this command alone
+
+    raise typer.Exit(run_replay(flight))
+
+
 def main() -> None:
     """Run the command; what the user can mend ends in one line and exit code 2."""
     try:

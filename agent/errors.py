@@ -15,3 +15,7 @@ class DetectorError(RadronError):
 
 class VehicleError(RadronError):
     """The autopilot cannot be reached, or refuses."""
+
+
+class FlightRecordError(RadronError):
+    """A recorded flight that cannot be replayed, or a folder that cannot take one."""

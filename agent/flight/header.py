@@ -1,0 +1,73 @@
+"""What a flight's records begin with: everything from which its pilot was made."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from agent.config import DroneConfig, MissionConfig
+from agent.detector.calibration import NAMES
+from agent.errors import ConfigError
+from agent.memory import Memory
+from agent.pilot import Pilot
+
+_PACKAGES = ("radron", "numpy", "scipy", "osqp", "shapely", "msgpack", "msgspec")
+
+
+class FlightHeader(Struct, frozen=True, kw_only=True):
+    """``calibration``: texts of the camera's files by name, empty for the nominal camera. ``versions``: of what computed."""
+
+    mission: MissionConfig
+    drone: DroneConfig
+    boot: str
+    started_ns: int
+    memory: Memory | None = None
+    calibration: dict[str, str] = {}
+    versions: dict[str, str] = {}
+
+    @classmethod
+    def of(
+        cls, mission: MissionConfig, drone: DroneConfig, boot: str, started_ns: int, memory: Memory | None = None
+    ) -> FlightHeader:
+        """Header of a flight that begins at ``started_ns`` (UTC).
+
+        Raises:
+            ConfigError: a calibration file cannot be read.
+        """
+        calibration = {}
+        for name in NAMES if drone.calibration else ():
+            path = Path(drone.calibration or "") / f"{name}.txt"
+            try:
+                calibration[path.name] = path.read_text(encoding="utf-8")
+            except (OSError, UnicodeDecodeError) as error:
+                raise ConfigError(f"{path}: cannot be read: {error}") from None
+        return cls(
+            mission=mission,
+            drone=drone,
+            boot=boot,
+            started_ns=started_ns,
+            memory=memory,
+            calibration=calibration,
+            versions=_versions(),
+        )
+
+    def pilot(self, folder: Path) -> Pilot:
+        """The pilot as it was at the beginning; ``folder``: where the calibration may be written."""
+        drone = msgspec.structs.replace(self.drone, calibration=str(folder) if self.calibration else None)
+        for name, text in self.calibration.items():
+            (folder / Path(name).name).write_text(text, encoding="utf-8")
+        return Pilot(self.mission, drone, self.boot, memory=self.memory)
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:  # run from a source tree
+            found[package] = "unknown"
+    return found

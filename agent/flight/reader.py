@@ -1,0 +1,141 @@
+"""Recorded flights read back: the segments of one flight as one sequence of records, as far as they are whole."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import msgspec
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
+from mcap.stream_reader import CRCValidationError, StreamReader
+from zstandard import ZstdError
+
+from agent.errors import FlightRecordError
+from agent.flight.header import FlightHeader
+from agent.flight.segment import HEADER
+
+_DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, zlib.error, ValueError, KeyError)
+
+
+class FlightRecord(NamedTuple):
+    """One record. ``log_ns`` is the pilot's time, ``publish_ns`` wall time (see ``topics``)."""
+
+    topic: str
+    data: bytes
+    log_ns: int
+    publish_ns: int
+
+
+class RecordedFlight:
+    """One flight's files.
+
+    ``header``: of the flight. After reading: ``flaw``: what kept it from being read to its end; None if nothing did.
+    ``truncated``: the last file has no proper end, as is the rule where a process was killed. ``read_bytes``: how much of
+    ``size_bytes`` is read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """``path``: any file of a flight, or a folder with one flight.
+
+        Raises:
+            FlightRecordError: no such file, not a recorded flight, a folder with several, or the beginning of the flight is gone.
+        """
+        self.files = _files(path)
+        self.size_bytes = sum(file.stat().st_size for file in self.files)
+        self.read_bytes = 0
+        self.truncated = False
+        self.flaw: str | None = None
+        self.header = _header(self.files[0])
+        first = next(iter(self.records()), None)
+        if self._first_sequence not in (None, 0) or (first is None and self.flaw is not None):
+            reason = self.flaw or "its first file was removed to keep the folder within its limit"
+            raise FlightRecordError(f"{self.files[0]}: the beginning of this flight is gone, so it cannot be replayed: {reason}")
+
+    def records(self) -> Iterator[FlightRecord]:
+        """All records in their order, up to the end, a gap or damage."""
+        self.read_bytes, self.truncated, self.flaw = 0, False, None
+        self._first_sequence: int | None = None
+        expected: int | None = None
+        for file in self.files:
+            before = self.read_bytes
+            for sequence, record in self._messages(file, before):
+                if expected is None:
+                    self._first_sequence = sequence
+                elif sequence != expected:
+                    self.flaw = f"{sequence - expected} records are lacking in {file.name}"
+                    return
+                expected = sequence + 1
+                yield record
+            if self.flaw is not None:
+                return
+            self.read_bytes = before + file.stat().st_size
+
+    def _messages(self, file: Path, before: int) -> Iterator[tuple[int, FlightRecord]]:
+        topics: dict[int, str] = {}
+        self.truncated = False
+        with file.open("rb") as stream:
+            try:
+                for item in _items(stream):
+                    self.read_bytes = before + stream.tell()
+                    if isinstance(item, Channel):
+                        topics[item.id] = item.topic
+                    elif isinstance(item, Message):
+                        record = FlightRecord(topics[item.channel_id], item.data, item.log_time, item.publish_time)
+                        yield item.sequence, record
+            except EndOfFile:
+                self.truncated = True
+            except _DAMAGE as error:
+                self.flaw = f"{file.name} is damaged: {type(error).__name__}: {error}"
+
+
+def _items(stream: BinaryIO) -> Iterator[McapRecord]:
+    return StreamReader(stream, validate_crcs=True).records
+
+
+def _files(path: Path) -> list[Path]:
+    """The segments of a flight in their order."""
+    if path.is_dir():
+        found = sorted(path.glob("*.mcap"))
+        flights = {_flight(file): file for file in reversed(found)}
+        if len(flights) > 1:
+            names = ", ".join(file.name for file in sorted(flights.values())[:10])
+            raise FlightRecordError(f"{path}: holds {len(flights)} flights; name a file of one of them: {names}")
+        if not found:
+            raise FlightRecordError(f"{path}: holds no .mcap files")
+        return found
+    if not path.is_file():
+        raise FlightRecordError(f"{path}: no such file")
+    return sorted({path, *(file for file in path.parent.glob("*.mcap") if _flight(file) == _flight(path))})
+
+
+def _flight(file: Path) -> str:
+    """What the names of a flight's segments share: all but the segment's number."""
+    name, _, number = file.stem.rpartition("-")
+    return name if number.isdecimal() else file.stem
+
+
+def _header(file: Path) -> FlightHeader:
+    """The header that a segment begins with, its attachments included."""
+    header: FlightHeader | None = None
+    calibration = {}
+    with file.open("rb") as stream:
+        try:
+            for item in _items(stream):
+                if isinstance(item, Metadata) and item.name == HEADER:
+                    header = msgspec.json.decode(item.metadata["header"], type=FlightHeader)
+                elif isinstance(item, Attachment):
+                    calibration[item.name] = item.data.decode()
+                elif isinstance(item, Message):
+                    break
+        except msgspec.ValidationError as error:
+            raise FlightRecordError(f"{file}: made by another version of radron: {error}") from None
+        except _DAMAGE as error:
+            if header is None:
+                raise FlightRecordError(f"{file}: not a recorded flight: {error}") from None
+    if header is None:
+        raise FlightRecordError(f"{file}: not a flight recorded by radron-agent")
+    return msgspec.structs.replace(header, calibration=calibration)

@@ -1,0 +1,121 @@
+"""A pilot whose every call is recorded before it is carried out, and its results after."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
+
+import msgspec
+
+from agent.detector.readout import Readout
+from agent.flight import topics
+from agent.flight.topics import Sink
+from agent.fusion.estimator import Hypothesis
+from agent.memory import Memory
+from agent.pilot import Pilot, Step
+from agent.vehicle.interface import VehicleState
+from protocol.messages import Stage
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class RecordedPilot:
+    """The same calls as ``Pilot``. What a call ends in, an exception too, is what the pilot itself would have ended in."""
+
+    def __init__(self, pilot: Pilot, sink: Sink) -> None:
+        self._pilot = pilot
+        self._sink = sink
+        self._told: Hypothesis | None = None
+
+    @property
+    def stage(self) -> Stage:
+        """What the drone is doing."""
+        return self._pilot.stage
+
+    @property
+    def hypothesis(self) -> Hypothesis | None:
+        """Where the source is believed to be; mission frame."""
+        return self._pilot.hypothesis
+
+    @property
+    def digest(self) -> str:
+        """Digest of the log, 32 hex digits."""
+        return self._pilot.digest
+
+    @property
+    def memory(self) -> Memory | None:
+        """What a restarted agent must know."""
+        return self._pilot.memory
+
+    @property
+    def counters(self) -> Counter[str]:
+        """What the pilot has counted."""
+        return self._pilot.counters
+
+    def observe_vehicle(self, state: VehicleState) -> None:
+        """See ``Pilot``."""
+        self._sink.write(topics.VEHICLE, topics.encode_state(state))
+        self._run(self._pilot.observe_vehicle, state)
+
+    def observe_detector(self, readout: Readout) -> None:
+        """See ``Pilot``."""
+        self._sink.write(topics.DETECTOR, topics.encode_readout(readout))
+        self._run(self._pilot.observe_detector, readout)
+
+    def receive(self, key: str, payload: bytes, now_ns: int) -> None:
+        """See ``Pilot``."""
+        self._sink.write(topics.MESSAGE, topics.encode_message(key, payload), now_ns)
+        self._run(self._pilot.receive, key, payload, now_ns)
+
+    def advance(self, now_ns: int) -> None:
+        """See ``Pilot``."""
+        self._sink.write(topics.ADVANCE, b"{}", now_ns)
+        self._run(self._pilot.advance, now_ns)
+        self._tell_hypothesis(now_ns)
+
+    def warn(self, problems: tuple[str, ...]) -> None:
+        """See ``Pilot``."""
+        self._sink.write(topics.WARN, msgspec.json.encode(problems))
+        self._run(self._pilot.warn, problems)
+
+    def block(self, problems: tuple[str, ...]) -> None:
+        """See ``Pilot``."""
+        self._sink.write(topics.BLOCK, msgspec.json.encode(problems))
+        self._run(self._pilot.block, problems)
+
+    def step(self, now_ns: int) -> Step:
+        """See ``Pilot``."""
+        self._sink.write(topics.STEP, b"{}", now_ns)
+        step = self._run(self._pilot.step, now_ns)
+        self._sink.write(topics.COMMAND, topics.encode_command(step.command), now_ns)
+        self._tell_hypothesis(now_ns)
+        for key, payload in step.publications:
+            self._sink.write(topics.PUBLICATION, topics.encode_message(key, payload), now_ns)
+        return step
+
+    def log_summary(self) -> bytes:
+        """See ``Pilot``. It changes nothing and leaves no record."""
+        return self._pilot.log_summary()
+
+    def log_answer(self, request: bytes) -> list[tuple[str, bytes]]:
+        """See ``Pilot``."""
+        self._sink.write(topics.QUERY, request)
+        replies = self._run(self._pilot.log_answer, request)
+        size = sum(len(payload) for _, payload in replies)
+        self._sink.write(topics.ANSWER, msgspec.json.encode({"entries": len(replies), "bytes": size}))
+        return replies
+
+    def _run(self, call: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return call(*args, **kwargs)
+        except Exception as error:
+            self._sink.write(topics.ERROR, msgspec.json.encode(f"{type(error).__name__}: {error}"))
+            raise
+
+    def _tell_hypothesis(self, now_ns: int) -> None:
+        hypothesis = self._pilot.hypothesis
+        if hypothesis is not self._told:
+            self._told = hypothesis
+            self._sink.write(topics.HYPOTHESIS, topics.encode_hypothesis(hypothesis, self._pilot.digest), now_ns)

@@ -1,0 +1,157 @@
+"""Takes a flight's records to disk without the flight ever waiting for it."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event, Thread
+from typing import NamedTuple
+
+from agent.errors import FlightRecordError
+from agent.flight.header import FlightHeader
+from agent.flight.segment import Segment, prune, segment_path
+
+SEGMENT_BYTES = 64_000_000  # at most, and a quarter of the limit: so old records go in small portions
+MOST_WAITING_BYTES = 32_000_000  # minutes of flight; a disk that stalls for longer loses records
+WRITE_S = 0.1  # small portions: the writing thread holds the interpreter for less than a millisecond
+FLUSH_S = 0.5
+SYNC_S = 5.0
+RETRY_S = 10.0  # after the disk refused
+
+
+class _Record(NamedTuple):
+    topic: str
+    data: bytes
+    log_ns: int
+    publish_ns: int
+    sequence: int
+
+
+class FlightRecorder:
+    """Writes the records of one flight; a thread of its own does the writing.
+
+    Everything older than about ``FLUSH_S`` survives a kill of the process. Where the disk refuses or is too slow, records are
+    lost: they are counted, ``problems`` says so, and the gap shows in the records' sequence numbers.
+    """
+
+    def __init__(
+        self, folder: str | Path, limit_mb: int, header: FlightHeader, clock_ns: Callable[[], int] = time.time_ns
+    ) -> None:
+        """Open the first segment.
+
+        Args:
+            folder: where the files go; made if it is not there.
+            limit_mb: of all files in the folder together; the oldest go first, those of this flight included.
+            header: of the flight.
+            clock_ns: wall time.
+
+        Raises:
+            FlightRecordError: the folder cannot be written to.
+        """
+        self._folder = Path(folder)
+        self._limit_bytes = limit_mb * 1_000_000
+        self._segment_bytes = min(SEGMENT_BYTES, self._limit_bytes // 4)
+        self._header = header
+        self._clock_ns = clock_ns
+        self.counters: Counter[str] = Counter()
+        self._waiting: deque[_Record] = deque()
+        self._sequence = 0
+        self._put_bytes = self._taken_bytes = 0  # each written by one thread only
+        self._problem: str | None = None
+        self._number = 0
+        self._synced_s = self._flushed_s = self._refused_s = 0.0
+        self._segment: Segment | None = None
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            self._open_segment()
+        except OSError as error:
+            text = f"{self._folder}: flight records cannot be written: {error.strerror}; see recorder.folder in the drone file"
+            raise FlightRecordError(text) from None
+        self._closing = Event()
+        self._thread = Thread(target=self._run, name="flight-recorder", daemon=True)
+        self._thread.start()
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is wrong now, a line each."""
+        return (self._problem,) if self._problem is not None else ()
+
+    def write(self, topic: str, data: bytes, log_ns: int | None = None) -> None:
+        """Keep a record; ``log_ns``: its time, None: now. Never raises, never waits."""
+        now_ns = self._clock_ns()
+        record = _Record(topic, data, now_ns if log_ns is None else max(0, log_ns), now_ns, self._sequence)
+        self._sequence += 1
+        if self._put_bytes - self._taken_bytes > MOST_WAITING_BYTES:
+            self.counters["records_lost"] += 1
+            return
+        self._put_bytes += len(data)
+        self._waiting.append(record)
+
+    def close(self) -> None:
+        """Write what waits and end the file; waits for the disk, but not for long."""
+        self._closing.set()
+        self._thread.join(timeout=1.0)
+
+    def _run(self) -> None:
+        while not self._closing.wait(WRITE_S):
+            self._guarded(self._write_waiting)
+        self._guarded(self._write_waiting)
+        self._guarded(self._close_segment)
+
+    def _guarded(self, work: Callable[[], None]) -> None:
+        """Nothing that goes wrong here may end the recording for good."""
+        try:
+            work()
+        except Exception as error:
+            reason = error.strerror if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
+            self._problem = f"flight records are being lost: {reason} ({self._folder})"
+            self.counters["refusals"] += 1
+            self._refused_s = time.monotonic()
+            self._abandon_segment()
+
+    def _write_waiting(self) -> None:
+        now_s = time.monotonic()
+        if self._segment is None and now_s - self._refused_s >= RETRY_S:
+            self._open_segment()
+            self._problem = None
+        while self._waiting:
+            record = self._waiting.popleft()
+            self._taken_bytes += len(record.data)
+            if self._segment is None:
+                self.counters["records_lost"] += 1
+            else:
+                self._segment.write(*record)
+        if self._segment is not None:
+            self._keep_up(self._segment, now_s)
+
+    def _keep_up(self, segment: Segment, now_s: float) -> None:
+        if now_s - self._flushed_s >= FLUSH_S:
+            self._flushed_s = now_s
+            segment.flush()
+        if now_s - self._synced_s >= SYNC_S:
+            self._synced_s = now_s
+            segment.sync()
+        if segment.size_bytes >= self._segment_bytes:
+            self._close_segment()
+            self._open_segment()
+
+    def _open_segment(self) -> None:
+        number, self._number = self._number, self._number + 1
+        path = segment_path(self._folder, self._header, number)
+        self._segment = Segment(path, self._header, number)
+        prune(self._folder, self._limit_bytes - self._segment_bytes, keep=path)
+
+    def _close_segment(self) -> None:
+        segment, self._segment = self._segment, None
+        if segment is not None:
+            segment.close()
+
+    def _abandon_segment(self) -> None:
+        segment, self._segment = self._segment, None
+        try:
+            if segment is not None:
+                segment.close()
+        except OSError:  # the reason why it is abandoned
+            pass

@@ -1,0 +1,219 @@
+"""A recorded flight flown again by the very same pilot code: is every result identical, bit for bit?"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import msgspec
+from msgspec import Struct
+
+from agent.errors import RadronError
+from agent.flight import topics
+from agent.flight.reader import FlightRecord, RecordedFlight
+from agent.flight.recorded import RecordedPilot
+
+_OUT = "out/"
+_SHOWN = 200  # characters of a result in a report
+
+
+class Difference(Struct, frozen=True, kw_only=True):
+    """The first result that is not the recorded one: its time after the flight's beginning, and both texts."""
+
+    time_s: float
+    log_ns: int
+    topic: str
+    recorded: str
+    replayed: str
+
+
+class ReplayReport(Struct, frozen=True, kw_only=True):
+    """What came of a replay.
+
+    ``calls``, ``compared``, ``differing``: numbers by topic. ``truncated``: the records end where the process was killed.
+    ``flaw``: what kept the flight from being read to its end; up to there it was compared.
+    """
+
+    drone: str
+    boot: str
+    files: int
+    duration_s: float
+    calls: dict[str, int]
+    compared: dict[str, int]
+    differing: dict[str, int]
+    first: Difference | None
+    truncated: bool
+    flaw: str | None
+    versions: dict[str, str]
+
+    @property
+    def identical(self) -> bool:
+        """Every result that was recorded came out again with the same bits."""
+        return not self.differing and self.flaw is None
+
+
+def replay(path: Path, progress: Callable[[float], None] | None = None) -> ReplayReport:
+    """Feed a recorded flight to a new pilot, call by call.
+
+    Args:
+        path: any file of the flight, or a folder with one flight.
+        progress: called now and then with how much is done, 0 to 1.
+
+    Raises:
+        FlightRecordError: nothing that can be replayed.
+    """
+    flight = RecordedFlight(path)
+    with TemporaryDirectory() as folder:
+        heard = _Heard()
+        pilot = RecordedPilot(flight.header.pilot(Path(folder)), heard)
+        comparison = _Comparison()
+        for count, (call, results, is_last) in enumerate(_groups(flight)):
+            heard.results.clear()
+            comparison.calls[call.topic] += 1
+            error = _repeat(pilot, call)
+            comparison.compare(call, results, heard.results, error, is_last)
+            if progress is not None and count % 500 == 0:
+                progress(flight.read_bytes / max(1, flight.size_bytes))
+    return ReplayReport(
+        drone=flight.header.drone.id,
+        boot=flight.header.boot,
+        files=len(flight.files),
+        duration_s=comparison.duration_s,
+        calls=dict(comparison.calls),
+        compared=dict(comparison.compared),
+        differing=dict(comparison.differing),
+        first=comparison.first,
+        truncated=flight.truncated,
+        flaw=flight.flaw,
+        versions=flight.header.versions,
+    )
+
+
+class _Group(NamedTuple):
+    call: FlightRecord
+    results: list[tuple[str, bytes]]
+    is_last: bool
+
+
+class _Heard:
+    """Keeps the results of the call that is being repeated."""
+
+    def __init__(self) -> None:
+        self.results: list[tuple[str, bytes]] = []
+
+    def write(self, topic: str, data: bytes, log_ns: int | None = None) -> None:
+        """Keep a result."""
+        if topic.startswith(_OUT):
+            self.results.append((topic, data))
+
+
+class _Comparison:
+    """Counts, and the first difference."""
+
+    def __init__(self) -> None:
+        self.calls: Counter[str] = Counter()
+        self.compared: Counter[str] = Counter()
+        self.differing: Counter[str] = Counter()
+        self.first: Difference | None = None
+        self._began_ns: int | None = None
+        self._now_ns = 0
+
+    @property
+    def duration_s(self) -> float:
+        """From the first call to the last one."""
+        return (self._now_ns - self._began_ns) * 1e-9 if self._began_ns is not None else 0.0
+
+    def compare(
+        self,
+        call: FlightRecord,
+        recorded: list[tuple[str, bytes]],
+        replayed: list[tuple[str, bytes]],
+        error: str | None,
+        is_last: bool,
+    ) -> None:
+        """Hold the results of a call against the recorded ones. The last call's may have been cut off."""
+        self._now_ns = call.publish_ns
+        if self._began_ns is None:
+            self._began_ns = call.publish_ns
+        if error is not None:
+            self._differ(call, call.topic, call.data, error.encode())
+        length = len(recorded) if is_last else max(len(recorded), len(replayed))
+        for place in range(length):
+            was = recorded[place] if place < len(recorded) else ("", b"nothing")
+            now = replayed[place] if place < len(replayed) else ("", b"nothing")
+            topic = was[0] or now[0]
+            self.compared[topic] += 1
+            if was != now:
+                self._differ(call, topic, was[1], now[1])
+
+    def _differ(self, call: FlightRecord, topic: str, recorded: bytes, replayed: bytes) -> None:
+        self.differing[topic] += 1
+        if self.first is None:
+            self.first = Difference(
+                time_s=self.duration_s,
+                log_ns=call.log_ns,
+                topic=topic,
+                recorded=_shown(recorded),
+                replayed=_shown(replayed),
+            )
+
+
+def _groups(flight: RecordedFlight) -> Iterator[_Group]:
+    """Each call with its results."""
+    call: FlightRecord | None = None
+    results: list[tuple[str, bytes]] = []
+    for record in flight.records():
+        if record.topic.startswith(_OUT):
+            results.append((record.topic, record.data))
+            continue
+        if call is not None:
+            yield _Group(call, results, False)
+        call, results = record, []
+    if call is not None:
+        yield _Group(call, results, True)
+
+
+def _repeat(pilot: RecordedPilot, call: FlightRecord) -> str | None:
+    """Make a call again. Returns why it cannot be made; an exception of the pilot's own is among its results."""
+    try:
+        action = _action(pilot, call)
+    except (RadronError, msgspec.MsgspecError, ValueError, TypeError) as error:
+        return f"the record cannot be read: {error}"
+    try:
+        action()
+    except Exception:  # has become a result, as it did in flight
+        return None
+    return None
+
+
+def _action(pilot: RecordedPilot, call: FlightRecord) -> Callable[[], object]:
+    """The call that a record stands for."""
+    topic, data, now_ns = call.topic, call.data, call.log_ns
+    match topic:
+        case topics.VEHICLE:
+            state = topics.decode_state(data)
+            return lambda: pilot.observe_vehicle(state)
+        case topics.DETECTOR:
+            readout = topics.decode_readout(data)
+            return lambda: pilot.observe_detector(readout)
+        case topics.MESSAGE:
+            key, payload = topics.decode_message(data)
+            return lambda: pilot.receive(key, payload, now_ns)
+        case topics.QUERY:
+            return lambda: pilot.log_answer(data)
+        case topics.WARN | topics.BLOCK:
+            texts = msgspec.json.decode(data, type=tuple[str, ...])
+            return lambda: pilot.warn(texts) if topic == topics.WARN else pilot.block(texts)
+        case topics.ADVANCE:
+            return lambda: pilot.advance(now_ns)
+        case topics.STEP:
+            return lambda: pilot.step(now_ns)
+    raise ValueError(f"unknown topic {topic!r}")
+
+
+def _shown(data: bytes) -> str:
+    text = data.decode("utf-8", errors="replace") if data[:1] in (b"{", b"n", b'"') else repr(data)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

@@ -1,0 +1,96 @@
+"""One MCAP file of a flight. A flight is cut into segments, so that old ones can be removed while it goes on."""
+
+from __future__ import annotations
+
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+from mcap.writer import CompressionType, Writer
+
+from agent.flight.header import FlightHeader
+from agent.flight.topics import ENCODINGS
+
+HEADER = "radron"  # name of the metadata record that every segment begins with
+CALIBRATION_TYPE = "text/plain"  # of the attachments
+
+
+def segment_path(folder: Path, header: FlightHeader, number: int) -> Path:
+    """Name of a segment: sorted by name they are in the order of time, and those of one flight share its boot."""
+    began = datetime.fromtimestamp(header.started_ns // 1_000_000_000, UTC)
+    return folder / f"{header.drone.id}-{began:%Y%m%dT%H%M%SZ}-{header.boot}-{number:04d}.mcap"
+
+
+class Segment:
+    """Writes one file, in compressed chunks: what was written is on disk, and readable, from the next ``flush`` on.
+
+    Raises OSError where the disk does.
+    """
+
+    def __init__(self, path: Path, header: FlightHeader, number: int) -> None:
+        self.path = path
+        self._file = path.open("xb")
+        self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+        self._channels: dict[str, int] = {}
+        try:
+            self._begin(header, number)
+        except OSError:
+            self._file.close()
+            raise
+
+    def _begin(self, header: FlightHeader, number: int) -> None:
+        self._writer.start(profile="radron", library="radron")
+        self._schema = self._writer.register_schema("object", "jsonschema", b'{"type":"object"}')
+        about = msgspec.structs.replace(header, calibration={})
+        self._writer.add_metadata(HEADER, {"header": msgspec.json.encode(about).decode(), "segment": str(number)})
+        for name, text in header.calibration.items():
+            self._writer.add_attachment(header.started_ns, header.started_ns, name, CALIBRATION_TYPE, text.encode())
+        self.flush()
+
+    @property
+    def size_bytes(self) -> int:
+        """What is in the file."""
+        return self._file.tell()
+
+    def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int, sequence: int) -> None:
+        """Append a record."""
+        channel = self._channels.get(topic)
+        if channel is None:
+            encoding = ENCODINGS.get(topic, "json")
+            channel = self._writer.register_channel(topic, encoding, self._schema if encoding == "json" else 0)
+            self._channels[topic] = channel
+        self._writer.add_message(channel, log_ns, data, publish_ns, sequence)
+
+    def flush(self) -> None:
+        """Hand everything to the operating system: from then on it survives this process."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def sync(self) -> None:
+        """Wait until it is on the disk: from then on it survives a loss of power."""
+        os.fdatasync(self._file.fileno())
+
+    def close(self) -> None:
+        """Write the index and close; the file is closed even where that fails."""
+        try:
+            self._writer.finish()  # type: ignore[no-untyped-call]
+        finally:
+            self._file.close()
+
+
+def prune(folder: Path, limit_bytes: int, keep: Path) -> None:
+    """Remove the oldest segments of whatever flight until all together are below the limit; never ``keep``."""
+    found = []
+    for path in folder.glob("*.mcap"):
+        try:
+            about = path.stat()
+        except OSError:  # another agent has removed it meanwhile
+            continue
+        found.append((about.st_mtime_ns, path, about.st_size))
+    excess = sum(size for _, _, size in found) - limit_bytes
+    for _, path, size in sorted(found):
+        if excess <= 0:
+            return
+        if path != keep:
+            path.unlink(missing_ok=True)
+            excess -= size
