@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from sim.figures.spacing import WITHIN_DEG
 from sim.figures.style import dress, drone_colour, new_figure, save
-from sim.lockstep import Flight, fly
+from sim.lockstep import fly
+from sim.result import Flight
 from sim.scenario import load_scenario
 from sim.statistics import hypothesis_steps, settling_times
 

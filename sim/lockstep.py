@@ -8,30 +8,28 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
 from agent.config import DroneConfig
-from agent.detector.readout import PixelHits, Readout
 from agent.pilot import Pilot
 from agent.vehicle.interface import VehicleState
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
-from sim.frame import CameraMount, LocalFrames
+from sim.cameras import Cameras
+from sim.frame import LocalFrames
 from sim.launch import launch_places
 from sim.localization import Localization
-from sim.radiation.camera import Camera
 from sim.radio import Radio
 from sim.recorder import LONGEST_START_S, Recorder
-from sim.result import RunResult, Trace
+from sim.result import Flight
 from sim.scenario import Scenario, override
 from sim.source import source_path
+from sim.streams import streams
 from sim.vehicle.autopilot import Autopilot
 from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, attitude
 
@@ -41,26 +39,6 @@ READ_TICKS = 4  # cameras hand over their hits at 5 Hz
 EPOCH_NS = 1_767_225_600_000_000_000  # 2026-01-01 UTC: simulated missions begin here
 START_S = 0.5  # the operator's command, after the agents have heard of each other
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Flight:
-    """A finished flight. ``listened``: results of the estimators that heard the same cones but did not fly."""
-
-    result: RunResult
-    trace: Trace
-    listened: dict[str, RunResult]
-
-
-class _Streams(NamedTuple):
-    """Independent random streams of one seed, one for each thing that is random."""
-
-    source: np.random.Generator
-    start: np.random.Generator
-    vehicle: np.random.Generator
-    localization: np.random.Generator
-    radio: np.random.Generator
-    cameras: list[np.random.Generator]
 
 
 def fly(
@@ -104,39 +82,37 @@ class _World:
     def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str]) -> None:
         mission = scenario.mission
         count = len(mission.drones)
-        streams = _streams(seed, count)
+        random = streams(seed, count)
         self.ticks = 0
         self._mission = mission
         self._scenario = scenario
         self._frames = LocalFrames([(drone.origin_m, drone.yaw_deg) for drone in mission.drones])
         configs = [DroneConfig(id=drone.id, vehicle_lag_s=scenario.vehicle_lag_s) for drone in mission.drones]
-        self._mounts = [CameraMount(config.camera_rpy_deg) for config in configs]
-        self._cameras: list[Camera] = []
+        self._cameras: Cameras | None = None
         if scenario.source is not None:
-            self._cameras = [Camera(scenario.camera, scenario.source.nuclide, rng, EPOCH_NS) for rng in streams.cameras]
+            self._cameras = Cameras(scenario.camera, scenario.source, configs, random.cameras, EPOCH_NS)
         with TemporaryDirectory() as folder:
-            if scenario.camera.calibration_spread > 0.0:
+            if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
                 configs = _calibrated(configs, self._cameras, Path(folder))
             self._pilots = [
                 Pilot(mission, config, boot=f"{seed & 0xFFFFFFFF:08x}{k:08x}", listeners=listen if k == 0 else ())
                 for k, config in enumerate(configs)
             ]
-        position = launch_places(scenario.start, mission, streams.start)
-        self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, streams.vehicle)
-        self._localization = Localization(scenario.localization, count, TICK_NS * 1e-9, streams.localization)
+        position = launch_places(scenario.start, mission, random.start)
+        self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
+        self._localization = Localization(scenario.localization, count, TICK_NS * 1e-9, random.localization)
         self._estimated = self._frames.local(position)
         self._yaw_sigma_rad = float(np.deg2rad(scenario.localization.yaw_deg))
         self._autopilots = [
             Autopilot(home, -yaw, TICK_NS * 1e-9)
             for home, yaw in zip(self._estimated, self._frames.yaw_rad.tolist(), strict=True)
         ]
-        self._radio = Radio(scenario.radio, count, streams.radio)
-        self._exposed: list[list[Readout]] = [[] for _ in range(count)]
-        self.recorder = Recorder(scenario, self._pilots, self._frames, TICK_NS * 1e-9)
+        self._radio = Radio(scenario.radio, count, random.radio)
+        self.recorder = Recorder(scenario, self._pilots, self._frames, TICK_NS * 1e-9, self._pilots[0].listeners)
         self._source = None
         if scenario.source is not None:
             duration_s = LONGEST_START_S + scenario.end.longest_s(mission)
-            self._source = source_path(scenario.source, self.recorder.area, duration_s, streams.source)
+            self._source = source_path(scenario.source, self.recorder.area, duration_s, random.source)
 
     @property
     def time_s(self) -> float:
@@ -168,19 +144,14 @@ class _World:
 
     def _sense(self, now_ns: int, source: tuple[float, float] | None) -> None:
         self._telemetry(now_ns)
-        if source is None or self._scenario.source is None:
+        if source is None or self._cameras is None:
             return
         if self.ticks % EXPOSE_TICKS == EXPOSE_TICKS // 2:
             half_ns = EXPOSE_TICKS * TICK_NS // 2
-            activity_bq = self._scenario.source.activity_bq
-            for drone, camera in enumerate(self._cameras):
-                attitude = self._multirotors.quaternion(drone)
-                view = self._mounts[drone].view(self._multirotors.position_m[drone], attitude, source, activity_bq)
-                self._exposed[drone].append(camera.expose(now_ns - half_ns, now_ns + half_ns, (view,)))
+            self._cameras.expose(now_ns - half_ns, now_ns + half_ns, self._multirotors, source)
         if self.ticks % READ_TICKS == 0 and self.ticks > 0:
-            for pilot, exposed in zip(self._pilots, self._exposed, strict=True):
-                pilot.observe_detector(_joined(exposed))
-                exposed.clear()
+            for pilot, readout in zip(self._pilots, self._cameras.read_out(), strict=True):
+                pilot.observe_detector(readout)
 
     def _telemetry(self, now_ns: int) -> None:
         motion, error, frames = self._multirotors, self._localization, self._frames
@@ -228,29 +199,8 @@ class _World:
         error.step()
 
 
-def _joined(readouts: Sequence[Readout]) -> Readout:
-    """Consecutive readouts of one camera as one."""
-    hits = PixelHits(
-        np.concatenate([readout.hits.tick for readout in readouts]),
-        np.concatenate([readout.hits.index for readout in readouts]),
-        np.concatenate([readout.hits.tot for readout in readouts]),
-    )
-    first, last = readouts[0], readouts[-1]
-    live_s, lost = sum(readout.live_time_s for readout in readouts), sum(readout.lost_hits for readout in readouts)
-    return Readout(first.start_ns, last.end_ns, first.clock_ns, live_s, hits, lost)
-
-
-def _streams(seed: int, drones: int) -> _Streams:
-    children = np.random.SeedSequence(seed).spawn(5 + drones)
-    generators = [np.random.default_rng(child) for child in children]
-    source, start, vehicle, localization, radio, *cameras = generators
-    return _Streams(source, start, vehicle, localization, radio, cameras)
-
-
-def _calibrated(configs: Sequence[DroneConfig], cameras: Sequence[Camera], folder: Path) -> list[DroneConfig]:
+def _calibrated(configs: Sequence[DroneConfig], cameras: Cameras, folder: Path) -> list[DroneConfig]:
     """The drone files with the calibration of each drone's own camera, written into ``folder``."""
-    own = []
-    for config, camera in zip(configs, cameras, strict=False):  # no cameras where there is no source
-        camera.calibration.write(folder / config.id)
-        own.append(msgspec.structs.replace(config, calibration=str(folder / config.id)))
-    return own or list(configs)
+    folders = [folder / config.id for config in configs]
+    cameras.write_calibrations(folders)
+    return [msgspec.structs.replace(config, calibration=str(own)) for config, own in zip(configs, folders, strict=True)]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from agent.pilot import Pilot
 from protocol.codec import decode
 from protocol.messages import Cone, Exposure, Stage
 from sim.frame import LocalFrames
@@ -16,7 +17,7 @@ from sim.result import ConeTrace, RunResult, Trace
 from sim.safety import OFF_GROUND_M, Safety
 from sim.samples import TRACKING, Row
 from sim.scenario import Scenario
-from sim.score import Score
+from sim.score import Belief, Score
 
 SAMPLE_TICKS = 4  # 5 Hz
 LONGEST_START_S = 120.0  # without a search: they do not start at all
@@ -24,19 +25,43 @@ LOST_NO_CONE_S = 20.0
 Array = NDArray[np.float64]
 
 
+class Believer(Protocol):
+    """An estimator's belief at this moment."""
+
+    @property
+    def hypothesis(self) -> Belief | None:
+        """Where it believes the source to be; None while it has no idea."""
+
+
+class Agent(Believer, Protocol):
+    """What is to be seen of an agent: its pilot in lockstep, what it publishes in a live flight."""
+
+    @property
+    def stage(self) -> Stage:
+        """What it is doing."""
+
+
 class Recorder:
     """Watches a run."""
 
-    def __init__(self, scenario: Scenario, pilots: Sequence[Pilot], frames: LocalFrames, tick_s: float) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        agents: Sequence[Agent],
+        frames: LocalFrames,
+        tick_s: float,
+        listeners: Mapping[str, Believer] = MappingProxyType({}),
+    ) -> None:
+        """``agents``: of the mission's drones. ``tick_s``: between two samples. ``listeners``: estimators that do not fly."""
         self._sample_s = SAMPLE_TICKS * tick_s
         self._frames = frames
         self._scenario = scenario
         self._mission = mission = scenario.mission
-        self._pilots = pilots
+        self._agents = agents
         self.area = Polygon(mission.area.polygon_m)
         self._safety = Safety(mission.area)
         self._score = Score(mission.fusion.estimator)
-        self._listeners = {name: (Score(name), fusion) for name, fusion in pilots[0].listeners.items()}
+        self._listeners = {name: (Score(name), fusion) for name, fusion in listeners.items()}
         self._search_began_s: float | None = None
         self._tracking_s = 0.0
         self._last_cone_s = 0.0
@@ -48,12 +73,12 @@ class Recorder:
 
     def describe(self) -> str:
         """One line for the progress display."""
-        pilot = self._pilots[0]
+        first = self._agents[0]
         where = ""
-        if pilot.hypothesis is not None:
-            x, y = pilot.hypothesis.position[:2]
+        if first.hypothesis is not None:
+            x, y = first.hypothesis.position[:2]
             where = f", source near ({x:.1f}, {y:.1f}) m"
-        return f"{pilot.stage}{where}"
+        return f"{first.stage}{where}"
 
     def hear(self, drone: int, key: str, payload: bytes) -> None:
         """Listen to what a drone publishes."""
@@ -80,12 +105,12 @@ class Recorder:
         """Look at the world after a tick; True when the run has ended."""
         self._time_s = time_s
         self._ticks += 1
-        stages = [pilot.stage for pilot in self._pilots]
+        stages = [agent.stage for agent in self._agents]
         self._safety.sample(position, stages)
         if self._search_began_s is None and any(stage in (Stage.SURVEY, *TRACKING) for stage in stages):
             self._search_began_s = time_s
         if source is not None:
-            self._score.note_x0(time_s, self._pilots[0].hypothesis, source)
+            self._score.note_x0(time_s, self._agents[0].hypothesis, source)
             for score, listener in self._listeners.values():
                 score.note_x0(time_s, listener.hypothesis, source)
         if self._ticks % SAMPLE_TICKS == 0 and position[:, 2].max() > OFF_GROUND_M:
@@ -95,7 +120,7 @@ class Recorder:
     def _record(
         self, time_s: float, position: Array, velocity: Array, source: tuple[float, float] | None, stages: list[Stage]
     ) -> None:
-        beliefs = [pilot.hypothesis for pilot in self._pilots]
+        beliefs = [agent.hypothesis for agent in self._agents]
         tracking = stages[0] in TRACKING
         if tracking:
             self._tracking_s += self._sample_s
@@ -141,7 +166,7 @@ class Recorder:
             scenario=self._scenario.name,
             seed=seed,
             estimator=score.estimator,
-            drones=len(self._pilots),
+            drones=len(self._agents),
             time_to_x0_s=None if score.x0_s is None else round(score.x0_s - (self._search_began_s or 0.0), 6),
             x0_error_m=score.x0_error_m,
             tracking_time_s=round(self._tracking_s, 6),

@@ -6,7 +6,6 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -17,12 +16,9 @@ from sim.figures.error import error_figure
 from sim.figures.map import last_tracking, map_figure
 from sim.figures.spacing import spacing_figure
 from sim.figures.style import metres, save, seconds
-from sim.result import RunResult, Trace
+from sim.result import Flight, RunResult, Trace
 from sim.runfile import json_line, write_text
 from sim.statistics import Summary, summarise
-
-if TYPE_CHECKING:
-    from sim.lockstep import Flight
 
 
 def sentence(result: RunResult, trace: Trace) -> str:

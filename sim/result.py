@@ -79,3 +79,12 @@ class Trace:
     cones: tuple[ConeTrace, ...]
     area_m: NDArray[np.float64]  # (P, 2) corners of the searched area
     drones: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """A finished flight. ``listened``: results of the estimators that heard the same cones but did not fly."""
+
+    result: RunResult
+    trace: Trace
+    listened: dict[str, RunResult]

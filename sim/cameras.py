@@ -1,0 +1,63 @@
+"""The drones' cameras: exposed slice by slice at their true poses, read out as one readout of several slices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from agent.config import DroneConfig
+from agent.detector.readout import PixelHits, Readout
+from sim.frame import CameraMount
+from sim.radiation.camera import Camera, CameraTruth
+from sim.scenario import SourceTruth
+from sim.vehicle.multirotor import Multirotors
+
+
+class Cameras:
+    """One camera on each of N vehicles, all looking at one source."""
+
+    def __init__(
+        self,
+        truth: CameraTruth,
+        source: SourceTruth,
+        drones: Sequence[DroneConfig],
+        rngs: Sequence[np.random.Generator],
+        clock_ns: int,
+    ) -> None:
+        """``drones``: how each carries its camera. ``clock_ns``: UTC time at which the cameras' clocks were reset."""
+        self._activity_bq = source.activity_bq
+        self._mounts = [CameraMount(drone.camera_rpy_deg) for drone in drones]
+        self._cameras = [Camera(truth, source.nuclide, rng, clock_ns) for rng in rngs]
+        self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
+
+    def expose(self, start_ns: int, end_ns: int, motion: Multirotors, source: tuple[float, float]) -> None:
+        """Take [start_ns, end_ns), UTC, all of it seen from where the vehicles are now."""
+        for drone, camera in enumerate(self._cameras):
+            view = self._mounts[drone].view(motion.position_m[drone], motion.quaternion(drone), source, self._activity_bq)
+            self._exposed[drone].append(camera.expose(start_ns, end_ns, (view,)))
+
+    def read_out(self) -> list[Readout]:
+        """What each camera saw since the last call; there must have been an exposure."""
+        readouts = [_joined(exposed) for exposed in self._exposed]
+        for exposed in self._exposed:
+            exposed.clear()
+        return readouts
+
+    def write_calibrations(self, folders: Sequence[Path]) -> None:
+        """The files of each camera's own calibration, into its drone's folder."""
+        for camera, folder in zip(self._cameras, folders, strict=True):
+            camera.calibration.write(folder)
+
+
+def _joined(readouts: Sequence[Readout]) -> Readout:
+    """Consecutive readouts of one camera as one."""
+    hits = PixelHits(
+        np.concatenate([readout.hits.tick for readout in readouts]),
+        np.concatenate([readout.hits.index for readout in readouts]),
+        np.concatenate([readout.hits.tot for readout in readouts]),
+    )
+    first, last = readouts[0], readouts[-1]
+    live_s, lost = sum(readout.live_time_s for readout in readouts), sum(readout.lost_hits for readout in readouts)
+    return Readout(first.start_ns, last.end_ns, first.clock_ns, live_s, hits, lost)
