@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Literal
 
 from msgspec import Struct
 
@@ -79,3 +80,11 @@ class LaunchPlace(Struct, frozen=True, kw_only=True):
     origin_latitude_deg: float
     origin_longitude_deg: float
     origin_altitude_m: float
+
+
+class Finding(Struct, frozen=True):
+    """One line of a preflight check. ``not yet``: may come right by itself; ``failed``: somebody has to do something."""
+
+    name: str
+    verdict: Literal["ok", "not yet", "failed"]
+    text: str

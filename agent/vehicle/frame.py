@@ -1,0 +1,55 @@
+"""Between the autopilot's frames and the agent's: local NED and body FRD there, local ENU and body FLU here.
+
+The agent's local frame has its origin at the launch place; its axes are east, north, up.
+"""
+
+from __future__ import annotations
+
+from math import pi, sqrt
+
+from agent.vehicle.interface import LaunchPlace, Vector3
+
+Quaternion = tuple[float, float, float, float]  # w, x, y, z
+_HALF = sqrt(0.5)
+
+
+def enu_from_ned(vector: Vector3) -> Vector3:
+    """A direction, velocity or acceleration; the rule is its own inverse."""
+    north, east, down = vector
+    return east, north, -down
+
+
+ned_from_enu = enu_from_ned
+
+
+def enu_from_ned_position(position_m: Vector3, launch: LaunchPlace) -> Vector3:
+    """A position in the autopilot's local frame (NED), in the agent's local frame (ENU from the launch place)."""
+    north, east, down = position_m
+    return east - launch.east_m, north - launch.north_m, launch.down_m - down
+
+
+def ned_from_enu_position(position_m: Vector3, launch: LaunchPlace) -> Vector3:
+    """A position in the agent's local frame, in the autopilot's."""
+    east, north, up = position_m
+    return north + launch.north_m, east + launch.east_m, launch.down_m - up
+
+
+def enu_from_flu(quaternion: Quaternion) -> Quaternion:
+    """The attitude ENU <- FLU from the autopilot's NED <- FRD.
+
+    It is (ENU <- NED) * q * (FRD <- FLU), with the half turns (0, 1, 1, 0) / sqrt(2) and (0, 1, 0, 0), multiplied out.
+    """
+    w, x, y, z = quaternion
+    return _HALF * (w + z), _HALF * (x + y), _HALF * (x - y), _HALF * (w - z)
+
+
+def up_share(quaternion: Quaternion) -> float:
+    """Cosine of the tilt: how much of the body's vertical axis is vertical. Same for NED <- FRD and ENU <- FLU."""
+    _, x, y, _ = quaternion
+    return 1.0 - 2.0 * (x * x + y * y)
+
+
+def ned_yaw(yaw_rad: float) -> float:
+    """Heading from north, clockwise, in (-pi, pi], of a heading from east, counter-clockwise."""
+    turned = pi / 2 - yaw_rad
+    return pi - (pi - turned) % (2 * pi)

@@ -1,0 +1,91 @@
+"""Where the drone's local frame lies in the autopilot's: found on the ground, or remembered over a restart in flight."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from agent.vehicle.interface import LaunchPlace, Vector3
+from agent.vehicle.messages import GlobalOrigin
+
+WINDOW_S = 5.0
+SHORTEST_S = 1.0  # of standing still, before the mean is believed
+_SAME_DEG = 2e-7  # the origin comes in units of 1e-7 degrees
+_SAME_M = 0.01
+
+
+class LaunchSurvey:
+    """The mean of the autopilot's local position over the last seconds on the ground, frozen as soon as it is armed.
+
+    An agent that starts with the vehicle armed has nothing to average: it goes by the place that was stored, provided that the
+    autopilot's frame still has the same geodetic origin.
+    """
+
+    def __init__(self, stored: LaunchPlace | None = None) -> None:
+        self.place: LaunchPlace | None = None
+        self.problem: str | None = None
+        self._stored = stored
+        self._samples: deque[tuple[float, Vector3]] = deque()
+        self._origin: tuple[float, float, float] | None = None
+
+    def take_origin(self, origin: GlobalOrigin) -> None:
+        """Take the geodetic origin of the autopilot's local frame."""
+        self._origin = (origin.latitude * 1e-7, origin.longitude * 1e-7, origin.altitude * 1e-3)
+
+    def observe(self, now_s: float, position_m: Vector3, on_ground: bool) -> None:
+        """Take the autopilot's local position (NED). ``on_ground``: disarmed and landed."""
+        if self._origin is None:
+            self.problem = "the autopilot has not yet said where the origin of its local frame lies (no position fix?)"
+        elif on_ground:
+            self._average(now_s, position_m, self._origin)
+        else:
+            self._hold(self._origin)
+
+    def _average(self, now_s: float, position_m: Vector3, origin: tuple[float, float, float]) -> None:
+        samples = self._samples
+        if samples and now_s - samples[-1][0] > SHORTEST_S:
+            samples.clear()
+        samples.append((now_s, position_m))
+        while samples[0][0] < now_s - WINDOW_S:
+            samples.popleft()
+        if now_s - samples[0][0] < SHORTEST_S:
+            self.problem = "measuring the launch place"
+            return
+        north_m, east_m, down_m = (sum(axis) / len(samples) for axis in zip(*(sample for _, sample in samples), strict=True))
+        self.place, self.problem = _place((north_m, east_m, down_m), origin), None
+
+    def _hold(self, origin: tuple[float, float, float]) -> None:
+        self._samples.clear()
+        if self.place is None and self._stored is not None and _same_origin(self._stored, origin):
+            self.place = self._stored
+        if self.place is None:
+            self.problem = (
+                "the vehicle is armed and this agent does not know where it was launched: land and disarm it"
+                if self._stored is None
+                else "the origin of the autopilot's local frame is not the one of the launch: land and disarm the vehicle"
+            )
+        elif not _same_origin(self.place, origin):
+            self.problem = "the autopilot has moved the origin of its local frame in flight: land"
+        else:
+            self.problem = None
+
+
+def _place(position_m: Vector3, origin: tuple[float, float, float]) -> LaunchPlace:
+    north_m, east_m, down_m = position_m
+    latitude_deg, longitude_deg, altitude_m = origin
+    return LaunchPlace(
+        north_m=north_m,
+        east_m=east_m,
+        down_m=down_m,
+        origin_latitude_deg=latitude_deg,
+        origin_longitude_deg=longitude_deg,
+        origin_altitude_m=altitude_m,
+    )
+
+
+def _same_origin(place: LaunchPlace, origin: tuple[float, float, float]) -> bool:
+    latitude_deg, longitude_deg, altitude_m = origin
+    return (
+        abs(place.origin_latitude_deg - latitude_deg) < _SAME_DEG
+        and abs(place.origin_longitude_deg - longitude_deg) < _SAME_DEG
+        and abs(place.origin_altitude_m - altitude_m) < _SAME_M
+    )

@@ -1,0 +1,244 @@
+"""PX4 as the node sees it: states come in at the position's rate, the pilot's commands go out, problems are told in words."""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import time
+from collections.abc import Callable
+from math import isfinite
+
+from agent.config import VehicleConfig
+from agent.vehicle.frame import ned_from_enu, ned_from_enu_position, ned_yaw
+from agent.vehicle.health import StatusTexts
+from agent.vehicle.interface import Finding, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
+from agent.vehicle.link import Link, Received
+from agent.vehicle.messages import CommandAck, Heartbeat, LocalPosition, ParameterValue, StatusText
+from agent.vehicle.modes import CUSTOM_MODES, SET_MODE_FLAGS
+from agent.vehicle.parameters import FLOAT, TAKEOFF_ALTITUDE, Parameters
+from agent.vehicle.requests import Act, Requests
+from agent.vehicle.telemetry import Telemetry
+
+LOCAL_NED = 1  # MAV_FRAME_LOCAL_NED
+USE_ALL = 0  # type_mask: nothing is to be ignored, not position, velocity, acceleration, yaw nor yaw rate
+STREAM_S = 0.3  # setpoints are streamed for so long before offboard is asked for
+STREAM_GAP_S = 0.5  # after a longer gap the stream begins anew
+SET_UP_S = 1.0  # between attempts to get what is still missing
+MOST_INTERVAL_ASKS = 5  # a slow link or simulation may never reach the rates
+REFUSAL_S = 5.0  # for so long a refusal counts as a problem
+PREFLIGHT_S = 6.0
+
+_TAKE_OFF, _LAND, _SET_MODE, _ARM, _SET_INTERVAL, _REQUEST = 22, 21, 176, 400, 511, 512  # MAV_CMD
+_WATCHED = {_TAKE_OFF: "to take off", _LAND: "to land", _SET_MODE: "to change its mode", _ARM: "to arm"}
+_RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}  # MAV_RESULT
+_HOME_POSITION, _GLOBAL_ORIGIN = 242, 49
+# Message ids and Hz that are asked for: the rest of the link's streams nobody here reads.
+_WANTED_HZ = {32: 30.0, 31: 30.0, 132: 10.0, 0: 5.0, 245: 5.0, 1: 2.0}
+_UNWANTED = (30, 33, 36, 74, 83, 85, 105, 141, 331)
+_FEWEST_POSITIONS_PER_S = 20  # with fewer the intervals are asked for again
+
+
+class Px4Vehicle:
+    """One PX4. Everything is called, and calls back, in the event loop's thread.
+
+    Nothing is under way between calls: what the autopilot does not show is asked for again by the next heartbeat or command. So
+    an agent that hangs goes silent at once, and closing never waits.
+    """
+
+    def __init__(
+        self,
+        config: VehicleConfig,
+        mission_ceiling_m: float,
+        launch: LaunchPlace | None = None,
+        clock_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """``launch``: where the local frame lay before a restart in flight; ``clock_ns``: UTC."""
+        self._config = config
+        self._link = Link(config.address, clock_ns)
+        self._telemetry = Telemetry(config, launch)
+        self._texts = StatusTexts()
+        self._parameters = Parameters(mission_ceiling_m)
+        self._requests = Requests()
+        self._callback: Callable[[VehicleState], None] | None = None
+        self._positions = self._interval_asks = 0  # positions since the last look at what is missing
+        self._set_up_s = float("-inf")
+        self._stream_from_s = self._setpoint_s = float("-inf")
+        self._refusal: tuple[str, float] | None = None
+        self.counters = self._link.counters
+
+    async def connect(self) -> None:
+        """Find the autopilot.
+
+        Raises:
+            VehicleError: a bad address, a port in use, or no PX4 there within ``connect_timeout_s``.
+        """
+        try:
+            await self._link.open(self._config.connect_timeout_s, self._receive)
+        except BaseException:
+            self._link.close()
+            raise
+
+    def on_state(self, callback: Callable[[VehicleState], None]) -> None:
+        """Have ``callback`` called with every new state."""
+        self._callback = callback
+
+    @property
+    def launch(self) -> LaunchPlace | None:
+        """Where the local frame lies in the autopilot's; frozen while it is armed."""
+        return self._telemetry.launch.place
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What stands against flying, one line each, with the autopilot's own words."""
+        now_s = time.monotonic()
+        problems = self._telemetry.problems(now_s)
+        if self._telemetry.is_lost(now_s):
+            return tuple(problems)
+        if self._refusal is not None and now_s - self._refusal[1] < REFUSAL_S:
+            problems.append(self._refusal[0])
+        if problems:
+            problems += [f"the autopilot says: {text}" for text in self._texts.recent(now_s)]
+        problems += [
+            f"parameter {finding.name} {finding.text}" for finding in self._parameters.findings() if finding.verdict == "failed"
+        ]
+        return tuple(problems)
+
+    async def findings(self) -> list[Finding]:
+        """What a preflight check has to say of the vehicle; waits some seconds for what does not come at once."""
+        deadline_s = time.monotonic() + PREFLIGHT_S
+        while time.monotonic() < deadline_s and not (self._parameters.settled and self._telemetry.launch.place is not None):
+            await asyncio.sleep(0.1)
+        now_s = time.monotonic()
+        lost = self._telemetry.is_lost(now_s)
+        link = (
+            Finding("autopilot", "failed", self._telemetry.problems(now_s)[0])
+            if lost
+            else Finding("autopilot", "ok", self._config.address)
+        )
+        return [link, self._readiness(), self._launch_finding(), *self._parameters.findings()]
+
+    def command(self, command: VehicleCommand) -> None:
+        """Carry out one step's command: the setpoint goes out at once, and what the request still needs is asked for."""
+        now_s = time.monotonic()
+        streaming = self._stream(command.setpoint, now_s) if command.request is Request.OFFBOARD else False
+        seen = self._telemetry.seen
+        if seen is None or self._telemetry.is_lost(now_s):
+            return
+        altitude_set = self._parameters.value(TAKEOFF_ALTITUDE) == _float32(command.takeoff_height_m)
+        act = self._requests.step(now_s, command.request, seen, streaming, altitude_set)
+        if act is not None:
+            self._ask(act, command)
+
+    async def close(self) -> None:
+        """Release the link; the vehicle is left to itself."""
+        self._callback = None
+        self._link.close()
+
+    def _receive(self, burst: list[Received]) -> None:
+        """Take what has arrived, in order; of several states only the newest is passed on."""
+        state: VehicleState | None = None
+        for received in burst:
+            message, now_s = received.message, received.arrival_s
+            match message:
+                case Heartbeat() if self._telemetry.is_lost(now_s):
+                    self._begin_anew()
+                case LocalPosition():
+                    self._positions += 1
+                case StatusText():
+                    self._texts.receive(message, now_s)
+                case CommandAck():
+                    self._take_ack(message, now_s)
+                case ParameterValue():
+                    self._parameters.receive(message)
+            state = self._telemetry.receive(message, received.arrival_ns, now_s) or state
+            if isinstance(message, Heartbeat):
+                self._set_up(now_s)
+        if state is not None and self._callback is not None:
+            self._callback(state)
+
+    def _begin_anew(self) -> None:
+        """The link is there for the first time or again: the autopilot may have been restarted, or be another one."""
+        self._telemetry.begin_anew()
+        self._parameters.forget()
+        self._interval_asks, self._set_up_s = 0, float("-inf")
+
+    def _set_up(self, now_s: float) -> None:
+        """Ask for what is still missing: streams, home, origin, parameters. Asked for again until it is there."""
+        for name in self._parameters.due(now_s):
+            self._link.send("PARAM_REQUEST_READ", {"param_id": name, "param_index": -1})
+        elapsed_s = now_s - self._set_up_s
+        if elapsed_s < SET_UP_S:
+            return
+        too_few = self._positions < _FEWEST_POSITIONS_PER_S * SET_UP_S
+        if self._interval_asks == 0 or (too_few and self._interval_asks < MOST_INTERVAL_ASKS):
+            self._interval_asks += 1
+            self._ask_for_streams()
+        if not self._telemetry.has_home:
+            self._link.send_command(_REQUEST, _HOME_POSITION)
+        if not self._telemetry.has_origin:
+            self._link.send_command(_REQUEST, _GLOBAL_ORIGIN)
+        self._set_up_s, self._positions = now_s, 0
+
+    def _ask_for_streams(self) -> None:
+        for message, rate_hz in _WANTED_HZ.items():
+            self._link.send_command(_SET_INTERVAL, message, 1e6 / rate_hz)
+        for message in _UNWANTED:
+            self._link.send_command(_SET_INTERVAL, message, -1)
+
+    def _take_ack(self, ack: CommandAck, now_s: float) -> None:
+        """Refusals are kept as a reason to tell; acceptance is believed only when the heartbeat shows it."""
+        if ack.command in _WATCHED and ack.result in _RESULTS:
+            self._refusal = f"the autopilot refuses {_WATCHED[ack.command]}: {_RESULTS[ack.result]}", now_s
+
+    def _stream(self, setpoint: Setpoint | None, now_s: float) -> bool:
+        """Send the setpoint; returns whether setpoints have been streamed for long enough to ask for offboard."""
+        launch = self.launch
+        if setpoint is None or launch is None:
+            return False
+        position, velocity = ned_from_enu_position(setpoint.position_m, launch), ned_from_enu(setpoint.velocity_mps)
+        acceleration, yaw_rad = ned_from_enu(setpoint.acceleration_mps2), ned_yaw(setpoint.yaw_rad)
+        if not isfinite(sum((*position, *velocity, *acceleration, yaw_rad, setpoint.yaw_rate_rps))):
+            self.counters["setpoints_not_finite"] += 1  # to PX4 a NaN means: do not control this
+            return False
+        x, y, z = position
+        vx, vy, vz = velocity
+        afx, afy, afz = acceleration
+        fields = {"x": x, "y": y, "z": z, "vx": vx, "vy": vy, "vz": vz, "afx": afx, "afy": afy, "afz": afz, "yaw": yaw_rad}
+        fields |= {"yaw_rate": -setpoint.yaw_rate_rps, "coordinate_frame": LOCAL_NED, "type_mask": USE_ALL}
+        self._link.send("SET_POSITION_TARGET_LOCAL_NED", fields | {"time_boot_ms": int(now_s * 1e3) % 2**32})
+        if now_s - self._setpoint_s > STREAM_GAP_S:
+            self._stream_from_s = now_s
+        self._setpoint_s = now_s
+        return now_s - self._stream_from_s >= STREAM_S
+
+    def _ask(self, act: Act, command: VehicleCommand) -> None:
+        match act:
+            case Act.SET_TAKEOFF_ALTITUDE:
+                fields = {"param_id": TAKEOFF_ALTITUDE, "param_value": command.takeoff_height_m, "param_type": FLOAT}
+                self._link.send("PARAM_SET", fields)
+            case Act.ARM:
+                self._link.send_command(_ARM, 1)
+            case Act.TAKE_OFF:
+                self._link.send_command(_TAKE_OFF)
+            case Act.LAND:
+                self._link.send_command(_LAND)
+            case Act.OFFBOARD | Act.HOLD | Act.RETURN:
+                self._link.send_command(_SET_MODE, SET_MODE_FLAGS, *CUSTOM_MODES[act])
+
+    def _readiness(self) -> Finding:
+        reason, now_s = self._telemetry.not_ready(), time.monotonic()
+        if reason is None:
+            return Finding("ready to arm", "ok", "")
+        return Finding("ready to arm", "not yet", "; ".join((reason, *self._texts.recent(now_s))))
+
+    def _launch_finding(self) -> Finding:
+        launch, problem = self.launch, self._telemetry.launch.problem
+        if launch is None or problem is not None:
+            return Finding("launch place", "not yet", problem or "no position from the autopilot yet")
+        where = f"{launch.north_m:.1f} m north, {launch.east_m:.1f} m east, {-launch.down_m:.1f} m above the autopilot's origin"
+        return Finding("launch place", "ok", where)
+
+
+def _float32(value: float) -> float:
+    """As a parameter carries it."""
+    return ctypes.c_float(value).value
