@@ -8,14 +8,16 @@ from typing import Annotated
 
 import typer
 
+from agent.commands import command, preflight, run
 from agent.errors import RadronError
+from protocol.errors import ProtocolError
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="One drone of the swarm, on board.")
 
 
-@app.callback()
-def _root() -> None:
-    """Keep sub-commands even while there is only one."""
+app.command()(run)
+app.command()(preflight)
+app.command()(command)
 
 
 @app.command()
@@ -61,6 +63,6 @@ def main() -> None:
     """Run the command; what the user can mend ends in one line and exit code 2."""
     try:
         app()
-    except RadronError as error:
+    except (RadronError, ProtocolError) as error:
         print(f"radron-agent: {error}", file=sys.stderr)
         sys.exit(2)

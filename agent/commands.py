@@ -1,0 +1,83 @@
+"""``radron-agent run``, ``preflight`` and ``command``. What is heavy is imported by the command that needs it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from protocol.messages import Action
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from agent.vehicle.interface import Finding
+
+ConfigOption = Annotated[Path, typer.Option(metavar="DRONE.toml", help="The drone file; RADRON_ variables stand over it.")]
+_COLOURS = {"ok": "green", "not yet": "yellow", "failed": "red"}
+
+
+def run(
+    config: ConfigOption, verbose: Annotated[bool, typer.Option("--verbose", help="Log counters, too, each 10 s.")] = False
+) -> None:
+    """Fly this drone's part of the mission, until SIGINT or SIGTERM.
+
+    Nothing moves without an operator's start command. This process becomes the watchdog, and the agent is its child. Exit codes:
+    0 asked to end; 2 something to be mended, said in one line; 70 the agent hung or broke, so that the autopilot took over.
+    """
+    agent = [sys.executable, "-m", "agent", str(config), *(["--verbose"] if verbose else [])]
+    sys.stderr.flush()
+    os.execv(sys.executable, [sys.executable, "-m", "agent.supervisor", *agent])  # without this command's imports: 12 MB
+
+
+def preflight(
+    config: ConfigOption,
+    wait: Annotated[float, typer.Option(metavar="SECONDS", min=0.0, max=600.0, help="For what is not yet ready.")] = 10.0,
+) -> None:
+    """Connect everything, command nothing, and say what is ready. Exit code 0 if all is, else 1."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.live import Live  # noqa: PLC0415
+
+    from agent.overrides import load_drone  # noqa: PLC0415
+    from agent.preflight import Preflight  # noqa: PLC0415
+
+    drone, mission = load_drone(config, os.environ)
+    check = Preflight(drone, mission)
+    terminal = Console()
+    if terminal.is_terminal:
+        with Live(console=terminal, auto_refresh=False) as live:
+            ready = asyncio.run(check.run(wait, lambda found: live.update(_table(drone.id, found), refresh=True)))
+    else:
+        ready = asyncio.run(check.run(wait, lambda found: None))
+        terminal.print(_table(drone.id, check.findings))
+    if not ready:
+        raise typer.Exit(1)
+
+
+def command(
+    action: Annotated[Action, typer.Argument(help="What the swarm is to do.")],
+    swarm: Annotated[str, typer.Option(metavar="NAME", help="The swarm's name, as in its mission file.")],
+    connect: Annotated[list[str], typer.Option(metavar="tcp/HOST:PORT", help="A drone's endpoint; may be given several times.")],
+    drones: Annotated[str, typer.Option(metavar="d1,d2", help="Only these.", show_default="all")] = "",
+    anyway: Annotated[bool, typer.Option("--anyway", help="Start those that can though drones report problems.")] = False,
+) -> None:
+    """Command a swarm, and see it done. Exit code 2 where a drone refuses, with its reasons."""
+    from agent import operator  # noqa: PLC0415
+
+    names = tuple(name for name in drones.split(",") if name)
+    order = operator.Order(action, swarm, tuple(connect), names, anyway)
+    asyncio.run(operator.command(order, print))
+
+
+def _table(drone: str, findings: list[Finding]) -> Table:
+    from rich.markup import escape  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(title=f"preflight of {drone}", show_header=False)
+    for finding in findings:
+        table.add_row(finding.name, f"[{_COLOURS[finding.verdict]}]{finding.verdict}[/]", escape(finding.text))
+    return table

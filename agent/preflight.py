@@ -1,0 +1,170 @@
+"""The check before a flight: everything is connected, nothing is commanded, and each finding is ok, not yet, or failed."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+from agent.config import DroneConfig, MissionConfig
+from agent.detector.calibration import load_calibration
+from agent.detector.drivers import open_detector
+from agent.detector.readout import Detector
+from agent.errors import RadronError
+from agent.node import mesh_config
+from agent.vehicle.interface import Finding
+from agent.vehicle.px4 import Px4Vehicle
+from protocol.codec import decode_from
+from protocol.errors import ProtocolError
+from protocol.messages import Status
+from protocol.session import Mesh
+
+CLOSE_S = 1.2
+_OLDEST_CLOCK_S = 1_735_689_600.0  # 2025: a computer without a clock battery begins in 1970 or at its image's date
+_CLOCKS_S = 0.5  # by which the clocks of two drones may differ; stamps of poses and cones rest on them
+_LEAST_FREE_MB = 200
+
+
+class Preflight:
+    """Gathers the findings of one drone. ``findings`` may be read at any time."""
+
+    def __init__(self, drone: DroneConfig, mission: MissionConfig) -> None:
+        self._drone = drone
+        self._mission = mission
+        self._vehicle_findings = [Finding("autopilot", "not yet", f"connecting to {drone.vehicle.address}")]
+        self._camera = Finding("camera", "not yet", "no readout so far")
+        self._mesh_finding = Finding("mesh", "not yet", "opening")
+        self._mesh: Mesh | None = None
+        self._statuses: dict[str, tuple[Status, float]] = {}  # with by how much its clock is behind, seconds
+
+    @property
+    def findings(self) -> list[Finding]:
+        """All that is known now."""
+        return [
+            Finding("mission", "ok", f"{self._mission.name}, {self._mission.mission_id}, {len(self._mission.drones)} drones"),
+            self._calibration(),
+            self._space(),
+            self._clock(),
+            self._camera,
+            *self._vehicle_findings,
+            self._mesh_finding,
+            *(self._peer(member.id) for member in self._mission.drones if member.id != self._drone.id),
+        ]
+
+    async def run(self, wait_s: float, show: Callable[[list[Finding]], None]) -> bool:
+        """Check until nothing is "not yet" any more, or ``wait_s`` are over. Returns whether all is ok."""
+        tasks = [asyncio.create_task(check()) for check in (self._check_mesh, self._check_vehicle, self._check_camera)]
+        deadline_s = time.monotonic() + wait_s
+        try:
+            while time.monotonic() < deadline_s and any(finding.verdict == "not yet" for finding in self.findings):
+                show(self.findings)
+                await asyncio.sleep(0.2)
+            show(self.findings)
+            return all(finding.verdict == "ok" for finding in self.findings)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _check_mesh(self) -> None:
+        try:
+            config = mesh_config(self._drone, self._mission)
+            self._mesh = await Mesh.open(config, self._mission.swarm, self._drone.id, receive=self._receive)
+        except (RadronError, ProtocolError) as error:
+            self._mesh_finding = Finding("mesh", "failed", str(error))
+            return
+        self._mesh_finding = Finding("mesh", "ok", str(config.listen))
+        await _until_cancelled(self._mesh.close)
+
+    def _receive(self, key: str, payload: bytes) -> None:
+        try:
+            message = decode_from(key, payload)
+        except ProtocolError:
+            return
+        if isinstance(message, Status):
+            self._statuses[message.drone] = message, (time.time_ns() - message.stamp_ns) * 1e-9
+
+    def _peer(self, name: str) -> Finding:
+        endpoint = self._drone.mesh.endpoints.get(name, "no endpoint given")
+        if self._mesh is None or name not in self._mesh.alive:
+            return Finding(name, "not yet", f"no contact ({endpoint})")
+        if name not in self._statuses:
+            return Finding(name, "not yet", "in contact, no status so far")
+        status, behind_s = self._statuses[name]
+        if status.mission != self._mission.mission_id:
+            return Finding(name, "failed", f"has another mission file: {status.mission}")
+        if abs(behind_s) > _CLOCKS_S:
+            return Finding(name, "failed", f"its clock is {behind_s:+.1f} s off ours: set both by one time server")
+        return Finding(name, "ok", f"{status.stage}, the same mission")
+
+    async def _check_vehicle(self) -> None:
+        vehicle = Px4Vehicle(self._drone.vehicle, self._mission.area.ceiling_m)
+        try:
+            await vehicle.connect()
+            while True:
+                self._vehicle_findings = await vehicle.findings()
+                await asyncio.sleep(0.2)
+        except RadronError as error:
+            self._vehicle_findings = [Finding("autopilot", "failed", str(error))]
+        finally:
+            await vehicle.close()
+
+    async def _check_camera(self) -> None:
+        detector: Detector | None = None
+        try:
+            detector = open_detector(self._drone.detector)
+            if detector is None:
+                self._camera = Finding("camera", "failed", "none configured: set detector.driver")
+                return
+            watching = asyncio.create_task(self._watch_camera(detector))
+            async for readout in detector.readouts():
+                self._camera = Finding("camera", "ok", f"{len(readout.hits)} pixel hits in {readout.live_time_s:.1f} s")
+            watching.cancel()
+        except RadronError as error:
+            self._camera = Finding("camera", "failed", str(error))
+        finally:
+            if detector is not None:
+                await detector.close()
+
+    async def _watch_camera(self, detector: Detector) -> None:
+        while True:
+            if detector.problems:
+                self._camera = Finding("camera", "not yet", detector.problems[0])
+            await asyncio.sleep(0.2)
+
+    def _calibration(self) -> Finding:
+        folder = self._drone.calibration
+        if folder is None:
+            return Finding("calibration", "ok", "that of a nominal camera: no folder configured")
+        try:
+            load_calibration(Path(folder))
+        except RadronError as error:
+            return Finding("calibration", "failed", str(error))
+        return Finding("calibration", "ok", folder)
+
+    def _space(self) -> Finding:
+        folder = self._drone.recorder.folder
+        if folder is None:
+            return Finding("flight records", "ok", "not wanted: no recorder.folder configured")
+        place = next(path for path in (Path(folder), *Path(folder).parents) if path.exists())
+        free_mb = shutil.disk_usage(place).free // 1_000_000
+        if free_mb < _LEAST_FREE_MB:
+            return Finding("flight records", "failed", f"{free_mb} MB free at {place}: at least {_LEAST_FREE_MB} are needed")
+        return Finding("flight records", "ok", f"{free_mb} MB free at {place}, {self._drone.recorder.limit_mb} may be used")
+
+    def _clock(self) -> Finding:
+        now_s = time.time()
+        text = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(now_s))
+        if now_s < _OLDEST_CLOCK_S:
+            return Finding("clock", "failed", f"{text}: set it, or let it be set by a time server")
+        return Finding("clock", "ok", text)
+
+
+async def _until_cancelled(close: Callable[[], Awaitable[None]]) -> None:
+    try:
+        await asyncio.Event().wait()
+    finally:
+        async with asyncio.timeout(CLOSE_S):
+            await close()

@@ -1,0 +1,49 @@
+"""One run of the agent in this process: from the drone file to an exit code."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+from pathlib import Path
+
+from agent.beat import HUNG, Beat, WakefulSelector
+from agent.detector.drivers import open_detector
+from agent.errors import RadronError
+from agent.logs import Logger, set_up_logs
+from agent.node import DetectorOf, Node
+from agent.overrides import load_drone
+from protocol.errors import ProtocolError
+
+USER_ERROR = 2
+
+
+def run_agent(path: str, verbose: bool, beat: Beat, detector_of: DetectorOf = open_detector) -> int:
+    """Run until SIGTERM. Returns 0, or 2 after one line about what the user can mend, or 70 where the pilot broke."""
+    try:
+        drone, mission = load_drone(Path(path), os.environ)
+        log = set_up_logs(drone.id, verbose)
+        node = Node(drone, mission, beat, log, detector_of)
+        with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(WakefulSelector(beat))) as runner:
+            return runner.run(_until_asked(node, log))
+    except (RadronError, ProtocolError) as error:
+        print(f"radron-agent: {error}", file=sys.stderr)
+        return USER_ERROR
+
+
+async def _until_asked(node: Node, log: Logger) -> int:
+    flying = asyncio.ensure_future(node.run())
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGTERM, lambda: flying.cancelling() or flying.cancel())
+    try:
+        await flying
+    except asyncio.CancelledError:
+        log.info("ended")
+        return 0
+    except (RadronError, ProtocolError):
+        raise
+    except Exception:
+        log.exception("the pilot broke: ended, so that the autopilot's failsafe takes over")
+        return HUNG
+    return 0
