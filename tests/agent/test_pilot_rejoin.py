@@ -1,0 +1,207 @@
+"""An agent that is restarted in flight: when it goes on, how, and when it keeps its hands off the vehicle."""
+
+import msgspec
+import pytest
+from msgspec.structs import replace
+from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, cone_of, messages, pilot, state, tracking
+
+from agent.config import MissionConfig, TrackConfig
+from agent.memory import OLDEST_NS, REFRESH_NS, Memory
+from agent.vehicle.interface import FlightMode, Request
+from protocol.codec import encode
+from protocol.keys import key_of
+from protocol.messages import Action, Coverage, Plan, Stage, Status
+
+BACK_NS = START_NS + 30 * SECOND  # when the agent is there again
+HOME = (5.0, 5.0, 3.0)
+KEPT = Memory(
+    mission=MISSION.mission_id,
+    stamp_ns=START_NS + 25 * SECOND,
+    started_ns=START_NS,
+    stage=Stage.SURVEY,
+    resume=Stage.SURVEY,
+    home_m=HOME,
+)
+NEW_BOOT = "f" * 16
+
+
+def back(memory=KEPT, mission=MISSION, **vehicle):
+    """The restarted agent after its first telemetry, and its first step."""
+    one = pilot(mission=mission, memory=memory, boot=NEW_BOOT)
+    one.observe_vehicle(state(BACK_NS, **{"mode": FlightMode.RETURN, "healthy": False, **vehicle}))
+    return one, one.step(BACK_NS)
+
+
+def fly(one, since_ns, seconds, mode, **vehicle):
+    """Steps at 20 Hz; the requests."""
+    requests = []
+    for tick in range(1, round(seconds * SECOND / TICK_NS) + 1):
+        now_ns = since_ns + tick * TICK_NS
+        one.observe_vehicle(state(now_ns, mode, **vehicle))
+        requests.append(one.step(now_ns).command.request)
+    return requests
+
+
+def test_what_is_remembered_follows_the_flight_and_fits_a_file():
+    one = pilot()
+    one.step(START_NS)
+    assert one.memory is None
+    one.observe_vehicle(state(START_NS))
+    one.receive(*command(), START_NS)
+    one.step(START_NS)
+    assert (one.memory.stage, one.memory.started_ns, one.memory.mission) == (Stage.SURVEY, START_NS, MISSION.mission_id)
+    assert msgspec.json.decode(msgspec.json.encode(one.memory), type=Memory) == one.memory
+    kept = one.memory
+    fly(one, START_NS, REFRESH_NS / SECOND - 1.0, FlightMode.OFFBOARD)
+    assert one.memory is kept  # nothing new to write
+    fly(one, START_NS + 4 * SECOND, 2.0, FlightMode.OFFBOARD)
+    assert one.memory.stamp_ns > kept.stamp_ns
+    fly(one, START_NS + 6 * SECOND, 1.0, FlightMode.HOLD, armed=False, in_air=False)
+    assert one.stage is Stage.LANDED
+    assert one.memory is None
+
+
+def test_goes_on_from_the_failsafe_by_streaming_setpoints():
+    one, step = back()
+    assert one.stage is Stage.SURVEY
+    assert step.command.request is Request.OFFBOARD
+    assert step.command.setpoint is not None
+    assert fly(one, BACK_NS, 2.0, FlightMode.RETURN, healthy=False) == [Request.OFFBOARD] * 40
+    assert fly(one, BACK_NS + 2 * SECOND, 10.0, FlightMode.OFFBOARD) == [Request.OFFBOARD] * 200
+    assert one.stage is Stage.SURVEY
+
+
+def test_surveys_until_the_log_is_back_and_then_tracks_by_the_remembered_times():
+    mission = MissionConfig(
+        name="test", area=MISSION.area, drones=MISSION.drones, track=TrackConfig(no_cone_timeout_s=None, duration_s=60.0)
+    )
+    kept = replace(KEPT, mission=mission.mission_id, stage=Stage.TRACK, tracking_since_ns=START_NS + 10 * SECOND)
+    one, _ = back(kept, mission)
+    assert one.stage is Stage.SURVEY
+    for sequence in range(20):
+        cone = replace(cone_of("d2", sequence, START_NS + sequence * SECOND // 5), mission=mission.mission_id)
+        one.receive(key_of("radron", cone), encode(cone), BACK_NS)
+    fly(one, BACK_NS, 1.0, FlightMode.OFFBOARD)
+    assert one.stage is Stage.TRACK
+    fly(one, START_NS + 69 * SECOND, 0.9, FlightMode.OFFBOARD)
+    assert one.stage is Stage.TRACK
+    fly(one, START_NS + 70 * SECOND, 0.2, FlightMode.OFFBOARD, position=(30.0, 0.0, 3.0))
+    assert one.stage is Stage.RETURN
+    assert one.memory.home_m == HOME
+
+
+def test_a_mode_that_stays_is_somebodys_will():
+    one, _ = back()
+    requests = fly(one, BACK_NS, 8.0, FlightMode.RETURN, healthy=False)
+    assert requests[:100] == [Request.OFFBOARD] * 100
+    assert requests[-1] is Request.RELEASE
+    assert one.stage is Stage.RETURN
+    assert one.memory.released
+
+
+@pytest.mark.parametrize(
+    "vehicle",
+    [
+        {"mode": FlightMode.MANUAL, "healthy": True},
+        {"mode": FlightMode.MANUAL, "healthy": False},
+        {"mode": FlightMode.RETURN, "healthy": True},  # no failsafe: sent home
+        {"mode": FlightMode.LAND, "healthy": True},
+    ],
+)
+def test_never_wrests_the_vehicle_from_a_human_pilot(vehicle):
+    one, step = back(**vehicle)
+    assert step.command.request is Request.RELEASE
+    assert set(fly(one, BACK_NS, 8.0, **vehicle)) == {Request.RELEASE}
+
+
+def test_a_pilot_who_takes_over_while_it_rejoins():
+    one, _ = back()
+    assert fly(one, BACK_NS, 2.0, FlightMode.MANUAL)[-1] is Request.RELEASE
+    assert one.stage is Stage.HOLD
+
+
+def test_one_that_had_been_taken_over_stays_so_until_told_to_resume():
+    kept = replace(KEPT, stage=Stage.HOLD, resume=Stage.SURVEY, released=True)
+    one, step = back(kept, mode=FlightMode.HOLD, healthy=True)
+    assert (one.stage, step.command.request) == (Stage.HOLD, Request.RELEASE)
+    one.receive(*command(Action.RESUME, stamp_ns=BACK_NS), BACK_NS)
+    assert fly(one, BACK_NS, 1.0, FlightMode.HOLD)[-1] is Request.OFFBOARD
+
+
+@pytest.mark.parametrize(
+    ("stage", "mode", "request_"),
+    [
+        (Stage.HOLD, FlightMode.HOLD, Request.HOLD),
+        (Stage.RETURN, FlightMode.RETURN, Request.OFFBOARD),
+        (Stage.LANDING, FlightMode.LAND, Request.LAND),
+        (Stage.ABORT, FlightMode.LAND, Request.LAND),
+        (Stage.TAKEOFF, FlightMode.TAKEOFF, Request.TAKEOFF),
+    ],
+)
+def test_goes_on_with_what_it_was_doing(stage, mode, request_):
+    away = (10.0, 0.0, 3.0)
+    one, step = back(replace(KEPT, stage=stage), mode=mode, healthy=mode is not FlightMode.RETURN, position=away)
+    assert (one.stage, step.command.request) == (stage, request_)
+    follows = mode if request_ is not Request.OFFBOARD else FlightMode.OFFBOARD
+    assert set(fly(one, BACK_NS, 3.0, follows, position=away)) == {request_}
+
+
+@pytest.mark.parametrize(
+    ("memory", "vehicle"),
+    [
+        (KEPT, {"armed": False, "in_air": False}),
+        (replace(KEPT, mission="0" * 16), {}),
+        (replace(KEPT, stamp_ns=BACK_NS - OLDEST_NS - 1), {}),
+        (None, {}),
+    ],
+)
+def test_what_does_not_fit_is_forgotten(memory, vehicle):
+    one, step = back(memory, **vehicle)
+    assert (one.stage, step.command.request) == (Stage.PREFLIGHT, Request.STAY)
+    assert one.memory is None
+    assert fly(one, BACK_NS, 2.0, FlightMode.OFFBOARD)[-1] is Request.STAY  # for good
+
+
+def test_armed_on_the_ground_waits_for_the_truth():
+    one, step = back(in_air=False)  # the landed state may not have been heard yet
+    assert (step.command.request, one.memory) == (Request.STAY, KEPT)
+    assert fly(one, BACK_NS, 0.1, FlightMode.RETURN, healthy=False)[-1] is Request.OFFBOARD
+
+
+def test_own_entries_from_before_are_taken_in_and_are_no_twin():
+    before = tracking()
+    one, _ = back(replace(KEPT, stage=Stage.TRACK, tracking_since_ns=START_NS + SECOND))
+    for sequence in range(20):
+        cone = cone_of("d1", sequence, START_NS + sequence * SECOND // 5, boot="0" * 15 + "1")
+        one.receive(key_of("radron", cone), encode(cone), BACK_NS)
+    assert len(one.fusion.log) == len(before.fusion.log)
+    fly(one, BACK_NS, 1.0, FlightMode.OFFBOARD)
+    assert one.stage is Stage.REACQUIRE  # the last cone is too long ago
+    (status,) = messages(one.step(BACK_NS + 2 * SECOND), Status)
+    assert not [problem for problem in status.problems if "another agent" in problem]
+
+
+def test_what_it_covered_before_is_not_searched_again():
+    """All but the east of the area is covered, by its own entries from before the restart: it flies east."""
+    one = pilot("d2", memory=replace(KEPT, home_m=None), boot=NEW_BOOT)  # its frame is the mission's
+    here = {"position": (1.0, 25.0, 3.0), "healthy": False}
+    one.observe_vehicle(state(BACK_NS, FlightMode.RETURN, **here))
+    one.step(BACK_NS)
+    coverage = Coverage(
+        stamp_ns=START_NS + 20 * SECOND,
+        drone="d2",
+        mission=MISSION.mission_id,
+        boot="0" * 15 + "2",
+        sequence=1,
+        epoch=0,
+        path_m=((20.0, -10.0), (20.0, 60.0)),
+        swath_m=42.0,
+    )
+    one.receive(key_of("radron", coverage), encode(coverage), BACK_NS)
+    plans = []
+    for tick in range(1, 9):
+        now_ns = BACK_NS + tick * TICK_NS
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, **here))
+        plans += messages(one.step(now_ns), Plan)
+    (x, y, _), (to_x, to_y, _) = plans[-1].positions_m[0], plans[-1].positions_m[-1]
+    assert to_x - x > max(8.0, abs(to_y - y))

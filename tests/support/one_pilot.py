@@ -1,0 +1,117 @@
+"""One pilot of a mission of two, d1, by itself: what it can be told, and how to bring it into the air."""
+
+import numpy as np
+from msgspec.structs import replace
+
+from agent.config import AreaConfig, DroneConfig, DroneInMission, MissionConfig
+from agent.pilot import Pilot
+from agent.vehicle.interface import FlightMode, VehicleState
+from protocol.codec import decode_from, encode
+from protocol.keys import command_key, key_of
+from protocol.messages import Action, Command, Cone, ConeOrder, Pose, Stage, Status
+
+SECOND = 1_000_000_000
+START_NS = 1_800_000_000 * SECOND
+AREA = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0)))
+MISSION = MissionConfig(
+    name="test", area=AREA, drones=(DroneInMission(id="d1", origin_m=(5.0, 5.0, 0.0), yaw_deg=30.0), DroneInMission(id="d2"))
+)
+TICK_NS = SECOND // 20
+
+
+def pilot(drone="d1", mission=MISSION, memory=None, boot=None):
+    return Pilot(mission, DroneConfig(id=drone), boot=boot or "0" * 15 + drone[-1], memory=memory)
+
+
+def state(now_ns, mode=FlightMode.HOLD, position=(0.0, 0.0, 3.0), **values):
+    return replace(
+        VehicleState(
+            stamp_ns=now_ns,
+            epoch=0,
+            position_m=position,
+            velocity_mps=(0.0, 0.0, 0.0),
+            quaternion=(1.0, 0.0, 0.0, 0.0),
+            height_m=position[2],
+            position_sigma_m=0.1,
+            yaw_sigma_rad=0.01,
+            mode=mode,
+            armed=True,
+            in_air=True,
+            healthy=True,
+        ),
+        **values,
+    )
+
+
+def command(action=Action.START, mission=MISSION, stamp_ns=START_NS, drones=()):
+    message = Command(stamp_ns=stamp_ns, station="tester", mission=mission.mission_id, action=action, drones=drones)
+    return command_key(mission.swarm, "tester"), encode(message)
+
+
+def messages(step, kind):
+    found = [decode_from(key, payload) for key, payload in step.publications]
+    return [message for message in found if isinstance(message, kind)]
+
+
+def started():
+    one = pilot()
+    one.observe_vehicle(state(START_NS))
+    one.receive(*command(), START_NS)
+    one.step(START_NS)
+    assert one.stage is Stage.SURVEY  # the vehicle is in the air and holds already
+    return one
+
+
+def cone_of(drone, sequence, stamp_ns, boot="2" * 16):
+    """A cone of the source at (20, 20) in d2's frame, which is the mission's, from a circle around it."""
+    angle = 0.6 * sequence
+    apex = (20.0 + 10.0 * np.cos(angle), 20.0 + 10.0 * np.sin(angle), 3.0)
+    towards = np.array([-np.cos(angle), -np.sin(angle), -0.3]) / np.hypot(1.0, 0.3)
+    axis = np.cross(towards, [0.0, 0.0, 1.0])
+    axis = np.cos(0.8) * towards + np.sin(0.8) * axis / np.linalg.norm(axis)
+    x, y, z = (axis / np.linalg.norm(axis)).tolist()
+    order = ConeOrder(axis=(x, y, z), theta_rad=0.8, sigma_rad=0.1, probability=0.7)
+    other = ConeOrder(axis=(-x, -y, -z), theta_rad=1.5, sigma_rad=0.1, probability=0.3)
+    return Cone(
+        stamp_ns=stamp_ns,
+        drone=drone,
+        mission=MISSION.mission_id,
+        boot=boot,
+        sequence=sequence,
+        epoch=0,
+        apex_m=tuple(float(value) for value in apex),
+        apex_sigma_m=0.1,
+        yaw_sigma_rad=0.01,
+        orders=(order, other),
+        energies_kev=(200.0, 460.0),
+        energy_sigmas_kev=(5.0, 9.0),
+        separation_mm=1.5,
+    )
+
+
+def partner(now_ns):
+    """Pose and status of a partner on the circle, so that what else it sends matters."""
+    yield Pose(
+        stamp_ns=now_ns,
+        drone="d2",
+        epoch=0,
+        position_m=(30.0, 20.0, 3.0),
+        velocity_mps=(0.0, 3.0, 0.0),
+        quaternion=(1.0, 0.0, 0.0, 0.0),
+        position_sigma_m=0.1,
+        yaw_sigma_rad=0.01,
+    )
+    yield Status(stamp_ns=now_ns, drone="d2", mission=MISSION.mission_id, boot="2" * 16, stage=Stage.TRACK)
+
+
+def tracking():
+    """Four seconds on, with a hypothesis from twenty cones."""
+    one = started()
+    for sequence in range(20):
+        cone = cone_of("d2", sequence, START_NS + sequence * SECOND // 5)
+        one.receive(key_of("radron", cone), encode(cone), cone.stamp_ns)
+    now_ns = START_NS + 5 * SECOND
+    one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD))
+    one.step(now_ns)
+    assert one.stage is Stage.TRACK
+    return one
