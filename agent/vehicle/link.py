@@ -24,11 +24,12 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, Mav
 from msgspec import Struct
 
 from agent.errors import VehicleError
-from agent.vehicle.messages import DECODERS, Message
+from agent.vehicle.messages import DECODERS, Attitude, DistanceSensor, Message
 
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 COMMANDS_PER_MESSAGE = 7
 MOST_WAITING = 2000  # messages not yet taken by the loop: some seconds
+_PATIENT = (Attitude, DistanceSensor)  # frequent, and of no use before the next position: they do not wake the loop
 _UDP = re.compile(r"(?:udp|udpin)://([^:/]*):(\d+)$")
 
 
@@ -120,7 +121,7 @@ class Link:
             self.counters["malformed"] += 1
             return
         self._waiting.append(Received(decoded, self._clock_ns(), time.monotonic()))
-        if not self._woken and not self._loop.is_closed():
+        if not self._woken and not isinstance(decoded, _PATIENT) and not self._loop.is_closed():
             self._woken = True
             self._loop.call_soon_threadsafe(self._drain)
 
