@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
+import contextlib
 import ipaddress
 import json
 import os
 import re
 import socket
+import struct
 import threading
 from collections.abc import Callable
 from typing import TypeVar
@@ -22,6 +24,7 @@ T = TypeVar("T")
 
 OPEN_S = 5.0  # a session opens in 0.5 s at most, reachable peers or not
 LOOKUP_S = 1.5
+CLOSE_S = 0.9
 _ENDPOINT = re.compile(r"tcp/(?P<host>[^\s/?#]+):(?P<port>\d{1,5})\Z")
 _RUNTIME = "(rx: (worker_threads: 16))"  # with Zenoh's two, vanished peers stall the reception from healthy ones for 10 s
 
@@ -31,8 +34,9 @@ _SETTINGS: dict[str, object] = {
     "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
     "transport/link/tx/lease": 1000,  # ms after which a silent peer is gone
     "transport/link/tx/keep_alive": 4,
-    "transport/unicast/open_timeout": 2000,  # ms; 10 s by default, during which close() waits for a peer that does not answer
-    "transport/unicast/accept_timeout": 2000,
+    "transport/link/tx/queue/size/data_high": 16,  # of 64 KiB for each peer, at the priority of log entries
+    "transport/unicast/open_timeout": 750,  # ms, two round trips; closing waits for it while a peer is dialled that is stopped
+    "transport/unicast/accept_timeout": 750,
     "transport/shared_memory/enabled": False,  # drones share none, and a killed process leaves its segments behind
     "queries_default_timeout": 1000,
 }
@@ -87,6 +91,38 @@ def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
     return asyncio.wrap_future(outcome)
 
 
+async def close_session(session: zenoh.Session) -> None:
+    """Close a Zenoh session, within ``CLOSE_S`` whatever its peers do.
+
+    What takes longer is left to a thread; a process that ends before that thread does may abort instead.
+    """
+    _do_not_linger(session)
+    with contextlib.suppress(TimeoutError, zenoh.ZError):
+        await asyncio.wait_for(in_thread(session.close), CLOSE_S)
+
+
+def _do_not_linger(session: zenoh.Session) -> None:
+    """Let the kernel deliver what is still to be sent, in the background.
+
+    Zenoh gives its sockets a linger time of 10 s, for which close() waits when a peer has stopped reading.
+    """
+    links = {(link.src, link.dst) for link in session.info.links()}
+    for name in os.listdir("/proc/self/fd"):
+        with (
+            contextlib.suppress(OSError),
+            socket.socket(fileno=os.dup(int(name))) as link,
+        ):  # OSError: not connected
+            if link.family not in (socket.AF_INET, socket.AF_INET6):
+                continue
+            if (_locator(link.getsockname()), _locator(link.getpeername())) in links:
+                link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
+
+
+def _locator(address: tuple[str, int]) -> str:
+    host, port = address[:2]
+    return f"tcp/[{host}]:{port}" if ":" in host else f"tcp/{host}:{port}"
+
+
 async def _settings_of(config: MeshConfig, dial_all: bool) -> dict[str, object]:
     names = [("mesh.listen", config.listen)] if config.listen is not None else []
     numbers = await asyncio.gather(*(_numeric(*item) for item in [*names, *(("mesh.connect", peer) for peer in config.connect)]))
@@ -114,7 +150,7 @@ async def _numeric(where: str, endpoint: str) -> str:
     address = ipaddress.ip_address(str(found[0][4][0]).partition("%")[0])
     if address.is_unspecified:
         raise MeshError(f"{where}: {endpoint!r} is no address of one interface; peers must be able to dial it: name one")
-    return f"tcp/[{address}]:{port}" if address.version == 6 else f"tcp/{address}:{port}"
+    return _locator((str(address), port))
 
 
 def _explain(text: str, config: MeshConfig) -> str:

@@ -20,7 +20,7 @@ from protocol.codec import MAX_PAYLOAD_BYTES
 from protocol.errors import MeshError, ProtocolError
 from protocol.inbox import ENTRY_KINDS, NEWS_KINDS, Inbox, Receive
 from protocol.keys import ROOT, drone_key, parse_key
-from protocol.link import MeshConfig, in_thread, open_session
+from protocol.link import MeshConfig, close_session, in_thread, open_session
 from protocol.units import STATION
 
 __all__ = ["Mesh", "MeshConfig"]
@@ -28,7 +28,6 @@ __all__ = ["Mesh", "MeshConfig"]
 CACHE_ENTRIES = 2_000  # of each kind, for peers that join late or were cut off; what is older comes by the log query
 HEARTBEAT_S = 0.5  # after which the loss of a last entry is noticed
 ASK_S = 1.0
-CLOSE_S = 0.8
 MOST_ANSWERS = 8  # log queries that are answered at a time
 
 Answer = Callable[[bytes], list[tuple[str, bytes]]]
@@ -37,8 +36,8 @@ Answer = Callable[[bytes], list[tuple[str, bytes]]]
 class Mesh:
     """An open session. All calls, and all calls back, are made in the thread of the event loop that opened it.
 
-    ``counters``: those of ``Inbox``; ``publish_failed``; of the log query ``log_asked``, ``log_replies``, ``log_ask_failed``,
-    ``log_answered``, ``log_answer_failed``, ``log_answer_refused``.
+    ``counters``: those of ``Inbox``; ``publish_failed``; ``entries_missed`` (lost beyond Zenoh's recovery: to be asked for); of the log
+    query ``log_asked``, ``log_replies``, ``log_ask_failed``, ``log_answered``, ``log_answer_failed``, ``log_answer_refused``.
     """
 
     def __init__(
@@ -163,11 +162,10 @@ class Mesh:
         return replies
 
     async def close(self) -> None:
-        """Leave the swarm. Links to peers that do not answer any more are left to a thread that ends with the process."""
+        """Leave the swarm, within a second whatever the peers do. Nothing is received any more, and publications fail."""
         self._inbox.close()
+        await close_session(self._session)
         self._alive.clear()
-        with contextlib.suppress(TimeoutError, zenoh.ZError):
-            await asyncio.wait_for(in_thread(self._session.close), CLOSE_S)
 
     def _declare(self) -> None:
         """Everything that the session has; the token comes last, so that who is seen alive listens already."""
@@ -178,16 +176,16 @@ class Mesh:
             self._declared.append(self._session.declare_subscriber(key, on_sample, allowed_origin=Locality.REMOTE))
         history = ext.HistoryConfig(detect_late_publishers=True, max_samples=CACHE_ENTRIES) if self._drone is not None else None
         for kind in ENTRY_KINDS:
-            self._declared.append(
-                ext.declare_advanced_subscriber(
-                    self._session,
-                    f"{ROOT}/{self._swarm}/*/{kind}",
-                    on_sample,
-                    allowed_origin=Locality.REMOTE,
-                    history=history,
-                    recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-                )
+            subscriber = ext.declare_advanced_subscriber(
+                self._session,
+                f"{ROOT}/{self._swarm}/*/{kind}",
+                on_sample,
+                allowed_origin=Locality.REMOTE,
+                history=history,
+                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
             )
+            missed = subscriber.sample_miss_listener(Callback(self._take_miss, indirect=False))
+            self._declared += [subscriber, missed]
         liveliness = self._session.liveliness()
         self._declared.append(
             liveliness.declare_subscriber(
@@ -230,6 +228,9 @@ class Mesh:
         payload = sample.payload
         self._inbox.put(str(sample.key_expr), payload.to_bytes() if len(payload) <= MAX_PAYLOAD_BYTES else None)
 
+    def _take_miss(self, miss: ext.Miss) -> None:
+        self._to_loop(self._count, "entries_missed", miss.nb)
+
     def _take_token(self, sample: zenoh.Sample) -> None:
         change = self._alive.add if sample.kind == zenoh.SampleKind.PUT else self._alive.discard
         drone = str(sample.key_expr).split("/")[3]
@@ -245,8 +246,8 @@ class Mesh:
 
     # Called in the loop's thread.
 
-    def _count(self, name: str) -> None:
-        self.counters[name] += 1
+    def _count(self, name: str, number: int = 1) -> None:
+        self.counters[name] += number
 
     def _reply(self, query: zenoh.Query) -> None:
         """Answer a log query; whatever goes wrong is counted."""
