@@ -192,7 +192,7 @@ class VehicleConfig(_Section, frozen=True, kw_only=True):
     """The autopilot's onboard MAVLink link, as a MAVSDK address, and what is assumed of its localisation."""
 
     address: str = "udpin://0.0.0.0:14540"
-    connect_timeout_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 6.0
+    connect_timeout_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 5.0
     position_sigma_m: NonNegative = 0.15  # at least; the autopilot's own figure counts where it is larger
     yaw_sigma_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 1.0
 

@@ -7,14 +7,17 @@ import os
 import signal
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from agent.beat import HUNG, Beat, WakefulSelector
 from agent.detector.drivers import open_detector
 from agent.errors import RadronError
 from agent.logs import Logger, set_up_logs
-from agent.node import DetectorOf, Node
 from agent.overrides import load_drone
 from protocol.errors import ProtocolError
+
+if TYPE_CHECKING:
+    from agent.node import DetectorOf, Node
 
 USER_ERROR = 2
 
@@ -23,6 +26,8 @@ def run_agent(path: str, verbose: bool, beat: Beat, detector_of: DetectorOf = op
     """Run until SIGTERM. Returns 0, or 2 after one line about what the user can mend, or 70 where the pilot broke."""
     try:
         drone, mission = load_drone(Path(path), os.environ)
+        from agent.node import Node  # noqa: PLC0415  takes a second: what is wrong with the files is said before
+
         log = set_up_logs(drone.id, verbose)
         node = Node(drone, mission, beat, log, detector_of)
         with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(WakefulSelector(beat))) as runner:

@@ -1,0 +1,40 @@
+"""The agent with a camera driver that hangs when told to: SIGUSR1 blocks the event loop, SIGUSR2 native code that keeps the
+interpreter's lock. Otherwise as ``agent/__main__.py``.
+"""
+
+import asyncio
+import ctypes
+import os
+import signal
+import sys
+import time
+from collections.abc import AsyncIterator
+
+from agent.beat import BEAT_FD, Beat, die_with
+from agent.detector.readout import Readout
+
+HANG_S = 60
+
+
+class HangingCamera:
+    """Sees nothing, and hangs on a signal."""
+
+    problems: tuple[str, ...] = ()
+
+    async def readouts(self) -> AsyncIterator[Readout]:
+        loop = asyncio.get_running_loop()
+        loop.add_signal_handler(signal.SIGUSR1, time.sleep, HANG_S)
+        loop.add_signal_handler(signal.SIGUSR2, ctypes.PyDLL(None).sleep, HANG_S)  # a PyDLL keeps the lock during its calls
+        await asyncio.Event().wait()
+        for readout in ():
+            yield readout
+
+    async def close(self) -> None:
+        pass
+
+
+if __name__ == "__main__":
+    die_with(int(sys.argv[-1]))
+    from agent.running import run_agent
+
+    os._exit(run_agent(sys.argv[1], False, Beat(BEAT_FD), lambda _: HangingCamera()))
