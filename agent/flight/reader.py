@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import msgspec
-from mcap.exceptions import EndOfFile, McapError
+from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 from mcap.stream_reader import CRCValidationError, StreamReader
 from zstandard import ZstdError
@@ -86,10 +86,11 @@ class RecordedFlight:
                     elif isinstance(item, Message):
                         record = FlightRecord(topics[item.channel_id], item.data, item.log_time, item.publish_time)
                         yield item.sequence, record
-            except EndOfFile:
-                self.truncated = True
             except _DAMAGE as error:
-                self.flaw = f"{file.name} is damaged: {type(error).__name__}: {error}"
+                if stream.read(1):
+                    self.flaw = f"{file.name} is damaged: {type(error).__name__}: {error}"
+                else:  # it was the file's end that came too early
+                    self.truncated = True
 
 
 def _items(stream: BinaryIO) -> Iterator[McapRecord]:

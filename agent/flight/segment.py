@@ -13,6 +13,7 @@ from agent.flight.header import FlightHeader
 from agent.flight.topics import ENCODINGS
 
 HEADER = "radron"  # name of the metadata record that every segment begins with
+CHUNK_BYTES = 256_000  # half a second is mostly less, and is flushed then
 CALIBRATION_TYPE = "text/plain"  # of the attachments
 
 
@@ -31,7 +32,7 @@ class Segment:
     def __init__(self, path: Path, header: FlightHeader, number: int) -> None:
         self.path = path
         self._file = path.open("xb")
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._channels: dict[str, int] = {}
         try:
             self._begin(header, number)

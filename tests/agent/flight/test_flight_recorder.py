@@ -1,0 +1,163 @@
+"""The recorder keeps to its bounds, survives what the disk does, and never lets the flight wait."""
+
+import errno
+import random
+import time
+
+import pytest
+from msgspec.structs import replace
+from recorded_flights import HEADER, telemetry
+
+import agent.flight.recorder
+from agent.errors import FlightRecordError
+from agent.flight import topics
+from agent.flight.reader import RecordedFlight
+from agent.flight.recorded import RecordedPilot
+from agent.flight.recorder import FlightRecorder
+from agent.flight.replay import replay
+from agent.flight.segment import Segment
+
+NOISE = random.Random(1).randbytes(3_000_000)  # does not compress
+
+
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch):
+    monkeypatch.setattr(agent.flight.recorder, "WRITE_S", 0.01)
+
+
+def until(condition, deadline_s=10.0):
+    end_s = time.monotonic() + deadline_s
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+def size_of(folder):
+    return sum(file.stat().st_size for file in folder.glob("*.mcap"))
+
+
+def test_the_folder_stays_within_its_limit_and_the_oldest_go_first(tmp_path):
+    other = tmp_path / "d1-20200101T000000Z-0000000000000001-0000.mcap"
+    other.write_bytes(NOISE)
+    recorder = FlightRecorder(tmp_path, 5, HEADER)
+    largest = 0
+    for count in range(160):
+        recorder.write(topics.MESSAGE, NOISE[count * 7 : count * 7 + 100_000])
+        until(lambda: not recorder._waiting)
+        largest = max(largest, size_of(tmp_path))
+    recorder.close()
+    assert 4_000_000 < largest < 5_500_000  # a chunk and an index over the limit
+    assert not other.exists()
+    assert recorder.problems == ()
+    with pytest.raises(FlightRecordError, match="its first file was removed to keep the folder within its limit"):
+        replay(tmp_path)
+
+
+def test_segments_of_one_flight_are_read_as_one(tmp_path):
+    folder = tmp_path / "flight"
+    (tmp_path / "made").mkdir()
+    recorder = FlightRecorder(folder, 8, HEADER)
+    pilot = RecordedPilot(HEADER.pilot(tmp_path / "made"), recorder)
+    for count in range(50):
+        pilot.receive("radron/1/radron/d1/pose", NOISE[count * 60_000 :][:60_000], 10**18 + count)
+        pilot.observe_vehicle(telemetry(10**18 + count))
+        pilot.step(10**18 + count)
+        until(lambda: not recorder._waiting)
+    recorder.close()
+    files = sorted(folder.iterdir())
+    assert len(files) == 2
+    for path in (folder, *files):
+        report = replay(path)
+        assert (report.files, report.calls[topics.STEP], report.identical) == (2, 50, True)
+
+
+def test_a_full_disk_is_reported_and_the_recording_goes_on_when_there_is_room(tmp_path, monkeypatch):
+    full = False
+
+    class Disk(Segment):
+        def write(self, *record):
+            if full:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            super().write(*record)
+
+    monkeypatch.setattr(agent.flight.recorder, "Segment", Disk)
+    monkeypatch.setattr(agent.flight.recorder, "RETRY_S", 0.3)
+    recorder = FlightRecorder(tmp_path, 100, HEADER)
+    recorder.write(topics.WARN, b"[]")
+    until(lambda: not recorder._waiting)
+    full = True
+    recorder.write(topics.WARN, b'["lost"]')
+    until(lambda: recorder.problems)
+    assert recorder.problems == (f"flight records are being lost: No space left on device ({tmp_path})",)
+    full = False
+    until(lambda: not recorder.problems)
+    recorder.write(topics.WARN, b'["found"]')
+    recorder.close()
+    flight = RecordedFlight(sorted(tmp_path.iterdir())[0])
+    assert [record.data for record in flight.records()] == [b"[]"]
+    assert "records are lacking" in flight.flaw
+
+
+def test_a_stalled_disk_costs_records_but_no_time_and_no_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr(agent.flight.recorder, "MOST_WAITING_BYTES", 1_000_000)
+    monkeypatch.setattr(agent.flight.recorder, "WRITE_S", 60.0)  # a writer that does not come round
+    recorder = FlightRecorder(tmp_path, 100, HEADER)
+    for _ in range(100):
+        recorder.write(topics.MESSAGE, NOISE[:100_000])
+    assert recorder.counters["records_lost"] > 80
+    assert sum(len(record.data) for record in recorder._waiting) < 1_200_000
+    recorder.close()
+
+
+def test_closing_takes_no_time_and_ends_the_thread(tmp_path):
+    recorder = FlightRecorder(tmp_path, 100, HEADER)
+    recorder.write(topics.WARN, b"[]")
+    began_s = time.monotonic()
+    recorder.close()
+    assert time.monotonic() - began_s < 1.0
+    assert not recorder._thread.is_alive()
+    recorder.write(topics.WARN, b"[]")  # after the end: neither kept nor raised
+    flight = RecordedFlight(tmp_path)
+    assert (len(list(flight.records())), flight.truncated) == (1, False)
+
+
+def test_a_folder_that_cannot_be_written_to(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FlightRecordError, match=r"flight records cannot be written: .*; see recorder.folder in the drone file"):
+        FlightRecorder(tmp_path / "file", 100, HEADER)
+
+
+def test_an_exception_of_the_pilot_is_recorded_and_passed_on():
+    class Failing:
+        hypothesis = None
+
+        def step(self, now_ns):
+            raise ValueError("as it happened")
+
+    class Kept(list):
+        def write(self, topic, data, log_ns=None):
+            self.append((topic, data))
+
+    kept = Kept()
+    with pytest.raises(ValueError, match="as it happened"):
+        RecordedPilot(Failing(), kept).step(5)
+    assert kept == [(topics.STEP, b"{}"), (topics.ERROR, b'"ValueError: as it happened"')]
+
+
+def test_the_header_brings_everything_the_pilot_was_made_of(tmp_path):
+    texts = {f"{name}.txt": "\n".join([" ".join(["1.5"] * 256)] * 256) for name in "abct"}
+    calibration = tmp_path / "camera"
+    calibration.mkdir()
+    for name, text in texts.items():
+        (calibration / name).write_text(text)
+    drone = replace(HEADER.drone, calibration=str(calibration))
+    header = type(HEADER).of(HEADER.mission, drone, HEADER.boot, HEADER.started_ns)
+    recorder = FlightRecorder(tmp_path / "flight", 100, header)
+    recorder.close()
+    for file in calibration.iterdir():
+        file.unlink()
+    read = RecordedFlight(tmp_path / "flight").header
+    assert read == header
+    assert read.calibration == texts
+    (tmp_path / "made").mkdir()
+    assert read.pilot(tmp_path / "made").digest == "0" * 32

@@ -1,0 +1,188 @@
+"""Recorded flights replay with identical results, and whatever is not identical is found."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import recorded_flights
+from msgspec.structs import replace
+from recorded_flights import HEADER, fly_recorded, rewritten, telemetry
+
+from agent.errors import FlightRecordError
+from agent.flight import topics
+from agent.flight.command import run_replay
+from agent.flight.reader import RecordedFlight
+from agent.flight.recorded import RecordedPilot
+from agent.flight.recorder import FlightRecorder
+from agent.flight.replay import replay
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory):
+    """Three drones find the source and follow it for 10 s."""
+    return fly_recorded(tmp_path_factory.mktemp("flights"), mission__track__duration_s=10.0)
+
+
+@pytest.fixture(scope="module")
+def segment(flights):
+    """The one file of the second drone."""
+    (file,) = flights[1].iterdir()
+    return file
+
+
+def test_every_drones_flight_comes_out_identical(flights):
+    for folder in flights:
+        report = replay(folder)
+        assert report.identical
+        assert not report.truncated
+        assert report.compared["out/hypothesis"] > 50
+        assert report.compared["out/command"] == report.calls["call/step"] > 400
+        assert report.compared["out/publication"] > 400
+        assert report.calls["call/advance"] == report.calls["in/message"] > 400
+
+
+def test_the_records_tell_what_was_believed_commanded_and_when(segment):
+    records = list(RecordedFlight(segment).records())
+    assert all(record.publish_ns > 0 for record in records)
+    places = [place for place, record in enumerate(records) if record.topic == topics.HYPOTHESIS]
+    assert all(records[place - 1].topic in (topics.ADVANCE, topics.COMMAND) for place in places)
+    assert all(records[place].publish_ns >= records[place - 1].publish_ns for place in places)
+    assert b'"digest":' in records[places[-1]].data
+
+
+def flip_cone(which, place=-20):
+    """Change one bit in the payload of a received cone."""
+    seen = 0
+
+    def change(topic, data):
+        nonlocal seen
+        if topic == topics.MESSAGE and b"/cone" in data:
+            seen += 1
+            if seen == which:
+                damaged = bytearray(data)
+                damaged[place] ^= 1
+                return bytes(damaged)
+        return data
+
+    return change
+
+
+@pytest.mark.parametrize("place", [-1, -20, -200])
+def test_a_flipped_bit_in_a_cone_is_found(segment, tmp_path, place, capsys):
+    changed = rewritten(segment, tmp_path / segment.name, flip_cone(5, place))
+    report = replay(changed)
+    assert not report.identical
+    assert report.first is not None
+    assert report.differing[report.first.topic] >= 1
+    assert 0.0 < report.first.time_s <= report.duration_s
+    assert run_replay(changed) == 1
+    assert f"{report.first.log_ns} ns UTC" in capsys.readouterr().out
+
+
+def test_a_setpoint_that_differs_in_the_last_bit_is_found(segment, tmp_path):
+    def change(topic, data):
+        return data.replace(b"0.3", b"0.30000000000000004", 1) if topic == topics.COMMAND else data
+
+    report = replay(rewritten(segment, tmp_path / segment.name, change))
+    assert set(report.differing) == {topics.COMMAND}
+
+
+def test_a_record_that_cannot_be_read_is_a_difference_and_not_the_end(segment, tmp_path):
+    def change(topic, data):
+        return b"{" if topic == topics.VEHICLE and b'"in_air":true' in data else data
+
+    report = replay(rewritten(segment, tmp_path / segment.name, change))
+    assert "cannot be read" in report.first.replayed
+
+
+def test_lost_records_end_the_comparison_and_say_so(segment, tmp_path, capsys):
+    lost = iter(range(3000))
+
+    def change(topic, data):
+        return None if next(lost, 0) == 2000 else data
+
+    gapped = rewritten(segment, tmp_path / segment.name, change)
+    report = replay(gapped)
+    assert not report.differing
+    assert report.flaw == f"1 records are lacking in {segment.name}"
+    assert not report.identical
+    assert run_replay(gapped) == 2
+    assert "up to there" in capsys.readouterr().out
+
+
+def test_damaged_bytes_on_the_disk_are_noticed(segment, tmp_path):
+    damaged = bytearray(segment.read_bytes())
+    damaged[len(damaged) * 9 // 10] ^= 0xFF  # in a chunk: the calibration comes first
+    target = tmp_path / segment.name
+    target.write_bytes(damaged)
+    report = replay(target)
+    assert "damaged" in report.flaw
+    assert not report.differing
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.9, 0.999])
+def test_a_file_that_was_cut_off_is_identical_as_far_as_it_goes(segment, tmp_path, share):
+    content = segment.read_bytes()
+    target = tmp_path / segment.name
+    target.write_bytes(content[: int(share * len(content))])
+    report = replay(target)
+    assert report.identical
+    assert report.truncated
+
+
+def test_after_a_kill_the_records_reach_to_the_last_second(tmp_path, capsys):
+    process = subprocess.Popen(
+        [sys.executable, recorded_flights.__file__, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        stamps = [int(process.stdout.readline()) for _ in range(60)]
+    finally:
+        os.kill(process.pid, signal.SIGKILL)
+        stamps += [int(line) for line in process.stdout.read().split("\n")[:-1]]
+        process.wait(10.0)
+        process.stdout.close()
+    records = list(RecordedFlight(tmp_path).records())
+    assert records[-1].publish_ns > stamps[-1] - 1_000_000_000
+    report = replay(tmp_path)
+    assert report.identical
+    assert report.truncated
+    assert run_replay(tmp_path) == 0
+    assert "the process was killed" in capsys.readouterr().out
+
+
+def test_telemetry_of_any_kind_replays_with_the_same_bits(tmp_path):
+    folder = tmp_path / "made"
+    folder.mkdir()
+    recorder = FlightRecorder(tmp_path / "flight", 100, HEADER)
+    pilot = RecordedPilot(HEADER.pilot(folder), recorder)
+    odd = [float("nan"), float("inf"), -0.0, 5e-324, 1e300, 0.1 + 0.2]
+    for count, value in enumerate(odd):
+        pilot.observe_vehicle(replace(telemetry(10**18 + count), position_m=(value, 0.0, 0.0)))
+        pilot.step(10**18 + count)
+    recorder.close()
+    assert pilot.counters["telemetry_implausible"] == 3
+    assert replay(tmp_path / "flight").identical
+    kept = [topics.decode_state(r.data) for r in RecordedFlight(tmp_path / "flight").records() if r.topic == topics.VEHICLE]
+    assert np.array([state.position_m[0] for state in kept]).tobytes() == np.array(odd).tobytes()
+
+
+def test_several_flights_in_one_folder(segment, tmp_path):
+    for boot in ("0000000000000001", "0000000000000002"):
+        (tmp_path / f"d1-20260101T000000Z-{boot}-0000.mcap").write_bytes(segment.read_bytes())
+    with pytest.raises(FlightRecordError, match="holds 2 flights; name a file of one of them: d1-20260101T000000Z-0000"):
+        replay(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"no such thing", b"\x89MCAP0\r\n"])
+def test_what_is_no_flight_says_so(tmp_path, content):
+    file = tmp_path / "flight.mcap"
+    with pytest.raises(FlightRecordError, match="no such file"):
+        replay(file)
+    file.write_bytes(content)
+    with pytest.raises(FlightRecordError, match="not a"):
+        replay(file)
