@@ -63,4 +63,5 @@ class StatusTexts:
         parts[message.chunk_seq] = message.text
         if len(message.text) >= _CHUNK:
             return None
-        return "".join(self._chunks.pop(message.id)[number] for number in sorted(parts))
+        del self._chunks[message.id]
+        return "".join(parts[number] for number in sorted(parts))

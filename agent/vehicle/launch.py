@@ -27,6 +27,11 @@ class LaunchSurvey:
         self._samples: deque[tuple[float, Vector3]] = deque()
         self._origin: tuple[float, float, float] | None = None
 
+    @property
+    def to_keep(self) -> LaunchPlace | None:
+        """What a restarted agent should be given: the place, or before it is known the one that this agent was given."""
+        return self.place or self._stored
+
     def take_origin(self, origin: GlobalOrigin) -> None:
         """Take the geodetic origin of the autopilot's local frame."""
         self._origin = (origin.latitude * 1e-7, origin.longitude * 1e-7, origin.altitude * 1e-3)

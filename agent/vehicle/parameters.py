@@ -118,11 +118,6 @@ class Parameters:
         value = self._values[name]
         return next((rule.check(value, self._ceiling_m) for rule in RULES if rule.name == name), None)
 
-    @property
-    def settled(self) -> bool:
-        """Whether every parameter has been answered for, or asked for in vain."""
-        return all(rule.name in self._values or self._asked.get(rule.name, (0, 0.0))[0] >= MOST_ASKS for rule in RULES)
-
     def findings(self) -> list[Finding]:
         """One line for each parameter."""
         return [self._finding(rule.name) for rule in RULES]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import ctypes
 import time
 from collections.abc import Callable
@@ -26,7 +25,6 @@ STREAM_GAP_S = 0.5  # after a longer gap the stream begins anew
 SET_UP_S = 1.0  # between attempts to get what is still missing
 MOST_INTERVAL_ASKS = 5  # a slow link or simulation may never reach the rates
 REFUSAL_S = 5.0  # for so long a refusal counts as a problem
-PREFLIGHT_S = 6.0
 
 _TAKE_OFF, _LAND, _SET_MODE, _ARM, _SET_INTERVAL, _REQUEST = 22, 21, 176, 400, 511, 512  # MAV_CMD
 _WATCHED = {_TAKE_OFF: "to take off", _LAND: "to land", _SET_MODE: "to change its mode", _ARM: "to arm"}
@@ -84,8 +82,8 @@ class Px4Vehicle:
 
     @property
     def launch(self) -> LaunchPlace | None:
-        """Where the local frame lies in the autopilot's; frozen while it is armed."""
-        return self._telemetry.launch.place
+        """Where the local frame lies in the autopilot's, to be kept over a restart; frozen while it is armed."""
+        return self._telemetry.launch.to_keep
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -104,10 +102,7 @@ class Px4Vehicle:
         return tuple(problems)
 
     async def findings(self) -> list[Finding]:
-        """What a preflight check has to say of the vehicle; waits some seconds for what does not come at once."""
-        deadline_s = time.monotonic() + PREFLIGHT_S
-        while time.monotonic() < deadline_s and not (self._parameters.settled and self._telemetry.launch.place is not None):
-            await asyncio.sleep(0.1)
+        """What a preflight check has to say of the vehicle by now; what is "not yet" will be otherwise some seconds later."""
         now_s = time.monotonic()
         lost = self._telemetry.is_lost(now_s)
         link = (
@@ -192,7 +187,7 @@ class Px4Vehicle:
 
     def _stream(self, setpoint: Setpoint | None, now_s: float) -> bool:
         """Send the setpoint; returns whether setpoints have been streamed for long enough to ask for offboard."""
-        launch = self.launch
+        launch = self._telemetry.launch.place
         if setpoint is None or launch is None:
             return False
         position, velocity = ned_from_enu_position(setpoint.position_m, launch), ned_from_enu(setpoint.velocity_mps)
@@ -232,7 +227,7 @@ class Px4Vehicle:
         return Finding("ready to arm", "not yet", "; ".join((reason, *self._texts.recent(now_s))))
 
     def _launch_finding(self) -> Finding:
-        launch, problem = self.launch, self._telemetry.launch.problem
+        launch, problem = self._telemetry.launch.place, self._telemetry.launch.problem
         if launch is None or problem is not None:
             return Finding("launch place", "not yet", problem or "no position from the autopilot yet")
         where = f"{launch.north_m:.1f} m north, {launch.east_m:.1f} m east, {-launch.down_m:.1f} m above the autopilot's origin"

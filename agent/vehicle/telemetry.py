@@ -27,6 +27,7 @@ from agent.vehicle.modes import ACTIVE, ARMED, CRITICAL, STANDBY, flight_mode, i
 from agent.vehicle.requests import Seen
 
 FRESH_S = 0.5  # older attitudes and ranges do not belong to the position
+MISSING_S = 1.0  # for which a stream of 30 Hz must have failed before it is told
 LOST_S = 2.5  # without a heartbeat: two of 1 Hz have failed to come
 _DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
 _INVALID_SIGNAL = 1  # percent, by the definition of DISTANCE_SENSOR
@@ -40,7 +41,7 @@ class Telemetry:
         self._config = config
         self._clock = BootClock()
         self._heartbeat: Heartbeat | None = None
-        self._heartbeat_s = float("-inf")
+        self._heartbeat_s = self._position_s = float("-inf")
         self._range_m = (0.0, float("-inf"))  # along the sensor's axis; when it arrived
         self._extended: ExtendedState | None = None
         self._status: SystemStatus | None = None
@@ -105,7 +106,10 @@ class Telemetry:
         if self._heartbeat is None:
             return ["no heartbeat from the autopilot yet"]
         if self.is_lost(now_s):
-            return [f"link to the autopilot lost: no heartbeat for {now_s - self._heartbeat_s:.0f} s on {self._config.address}"]
+            return [f"link to the autopilot lost: no heartbeat on {self._config.address}"]
+        missing = self._missing(now_s)
+        if missing:
+            return [f"no {' and no '.join(missing)} from the autopilot"]
         seen = self.seen
         if seen is not None and seen.in_air:
             problems = ["the autopilot is in a failsafe"] if seen.failsafe else []
@@ -113,6 +117,13 @@ class Telemetry:
             reason = self.not_ready()
             problems = [f"the autopilot is not ready to arm: {reason}"] if reason is not None else []
         return problems + ([self.launch.problem] if self.launch.problem is not None else [])
+
+    def _missing(self, now_s: float) -> list[str]:
+        """What no state can be made without."""
+        attitude_s = self._attitude[1] if self._attitude is not None else float("-inf")
+        arrivals_s = {"local position": self._position_s, "attitude": attitude_s}
+        landed_state = ["landed state"] if self._extended is None else []
+        return [name for name, at_s in arrivals_s.items() if now_s - at_s > MISSING_S] + landed_state
 
     def not_ready(self) -> str | None:
         """What keeps the autopilot from being armed, or None."""
@@ -129,6 +140,8 @@ class Telemetry:
         stamp_ns = self._clock.observe(message.time_boot_ms, arrival_ns)
         seen = self.seen
         place_m, velocity_mps = _vector(message.x, message.y, message.z), _vector(message.vx, message.vy, message.vz)
+        if place_m is not None:
+            self._position_s = arrival_s
         if seen is None or place_m is None or velocity_mps is None:
             return None
         self.launch.observe(arrival_s, place_m, on_ground=not seen.armed and not seen.in_air)

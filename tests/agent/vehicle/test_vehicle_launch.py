@@ -1,0 +1,101 @@
+"""The launch place: averaged on the ground, frozen when armed, remembered over a restart only in the same frame."""
+
+import pytest
+from msgspec.structs import replace
+
+from agent.vehicle.interface import LaunchPlace
+from agent.vehicle.launch import WINDOW_S, LaunchSurvey
+from agent.vehicle.messages import GlobalOrigin
+
+ORIGIN = GlobalOrigin(473977420, 85455940, 488123)
+STORED = LaunchPlace(
+    north_m=1.0, east_m=2.0, down_m=3.0, origin_latitude_deg=47.397742, origin_longitude_deg=8.545594, origin_altitude_m=488.123
+)
+
+
+def surveyed(seconds: float, stored: LaunchPlace | None = None, origin: GlobalOrigin | None = ORIGIN) -> LaunchSurvey:
+    survey = LaunchSurvey(stored)
+    if origin is not None:
+        survey.take_origin(origin)
+    for step in range(round(seconds * 30)):
+        survey.observe(step / 30, (10.0 + 0.5 * (-1) ** step, -20.0, 0.3), on_ground=True)
+    return survey
+
+
+def test_it_is_the_mean_over_the_last_seconds_on_the_ground() -> None:
+    place = surveyed(3.0).place
+    assert place is not None
+    assert (place.north_m, place.east_m, place.down_m) == pytest.approx((10.0, -20.0, 0.3), abs=0.01)
+    assert (place.origin_latitude_deg, place.origin_altitude_m) == pytest.approx((47.397742, 488.123), abs=1e-9)
+
+
+def test_it_needs_some_time_on_the_ground_and_the_frames_origin() -> None:
+    assert surveyed(0.5).place is None
+    survey = surveyed(3.0, origin=None)
+    assert survey.place is None
+    assert "origin" in str(survey.problem)
+
+
+def test_it_is_frozen_when_the_vehicle_is_armed() -> None:
+    survey = surveyed(3.0)
+    before = survey.place
+    for step in range(100):
+        survey.observe(3.0 + step / 30, (50.0, 50.0, -30.0), on_ground=False)
+    assert survey.place == before
+    assert survey.problem is None
+
+
+def test_after_a_landing_the_next_launch_place_is_measured_anew() -> None:
+    survey = surveyed(3.0)
+    survey.observe(4.0, (50.0, 50.0, 0.0), on_ground=False)
+    for step in range(200):
+        survey.observe(20.0 + step / 30, (60.0, 70.0, 0.0), on_ground=True)
+    assert survey.place is not None
+    assert survey.place.north_m == pytest.approx(60.0)
+
+
+def test_it_follows_a_drift_on_the_ground() -> None:
+    survey = surveyed(1.0)
+    for step in range(round(2 * WINDOW_S * 30)):
+        survey.observe(1.0 + step / 30, (12.0, -20.0, 0.3), on_ground=True)
+    assert survey.place is not None
+    assert survey.place.north_m == pytest.approx(12.0)
+
+
+def test_an_agent_restarted_in_flight_goes_by_what_was_stored() -> None:
+    survey = LaunchSurvey(STORED)
+    assert survey.to_keep == STORED  # before it is confirmed it must not get lost
+    assert survey.place is None
+    survey.take_origin(ORIGIN)
+    survey.observe(0.0, (5.0, 5.0, -5.0), on_ground=False)
+    assert survey.place == STORED
+    assert survey.problem is None
+
+
+def test_what_was_stored_for_another_origin_is_not_used() -> None:
+    survey = LaunchSurvey(replace(STORED, origin_longitude_deg=8.5456))
+    survey.take_origin(ORIGIN)
+    survey.observe(0.0, (5.0, 5.0, -5.0), on_ground=False)
+    assert survey.place is None
+    assert "origin" in str(survey.problem)
+
+
+def test_without_anything_stored_an_armed_vehicle_has_no_launch_place() -> None:
+    survey = LaunchSurvey()
+    survey.take_origin(ORIGIN)
+    survey.observe(0.0, (5.0, 5.0, -5.0), on_ground=False)
+    assert survey.place is None
+    assert "land" in str(survey.problem)
+
+
+def test_on_the_ground_what_was_stored_is_void() -> None:
+    place = surveyed(3.0, stored=STORED).place
+    assert place is not None
+    assert place.north_m == pytest.approx(10.0, abs=0.01)
+
+
+def test_an_origin_that_moves_in_flight_is_a_problem() -> None:
+    survey = surveyed(3.0)
+    survey.take_origin(GlobalOrigin(473977520, 85455940, 488123))
+    survey.observe(4.0, (50.0, 50.0, 0.0), on_ground=False)
+    assert "origin" in str(survey.problem)

@@ -1,0 +1,89 @@
+"""PX4's parameters: read with retries, judged by PX4's own enumerations, told with what to set."""
+
+import math
+import struct
+
+import pytest
+
+from agent.vehicle.messages import ParameterValue
+from agent.vehicle.parameters import ASK_AGAIN_S, FLOAT, INT32, MOST_ASKS, REFRESH_S, RULES, Parameters, value_of
+
+GOOD = {
+    "COM_OF_LOSS_T": 1.0,
+    "COM_OBL_RC_ACT": 3,
+    "NAV_RCL_ACT": 2,
+    "RTL_RETURN_ALT": 30.0,
+    "RTL_DESCEND_ALT": 10.0,
+    "GF_ACTION": 3,
+    "GF_MAX_HOR_DIST": 200.0,
+}
+
+
+def message(name: str, value: float) -> ParameterValue:
+    """As PX4 sends it and JSON brings it: an int32 as the bits of a float32, a NaN as null."""
+    if isinstance(value, float):
+        return ParameterValue(name, value, FLOAT)
+    (bits,) = struct.unpack("<f", struct.pack("<i", value))
+    return ParameterValue(name, None if math.isnan(bits) else bits, INT32)
+
+
+def known(**changed: float) -> Parameters:
+    parameters = Parameters(ceiling_m=60.0)
+    parameters.due(0.0)
+    for name, value in (GOOD | changed).items():
+        parameters.receive(message(name, value))
+    return parameters
+
+
+def failed(parameters: Parameters) -> dict[str, str]:
+    return {finding.name: finding.text for finding in parameters.findings() if finding.verdict == "failed"}
+
+
+@pytest.mark.parametrize("value", [0, 3, 21196, -1, 1.5, -2.0])
+def test_values_come_through_the_float_of_the_link(value: float) -> None:
+    assert value_of(message("ANY", value)) == value
+
+
+def test_a_sane_vehicle_has_nothing_to_mend() -> None:
+    assert failed(known()) == {}
+    assert {finding.verdict for finding in known().findings()} == {"ok"}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "advice"),
+    [
+        ("COM_OF_LOSS_T", 5.0, "1 s"),
+        ("COM_OBL_RC_ACT", 0, "3 (return)"),
+        ("COM_OBL_RC_ACT", 6, "3 (return)"),
+        ("COM_OBL_RC_ACT", -1, "3 (return)"),
+        ("NAV_RCL_ACT", 5, "2 (return)"),
+        ("RTL_RETURN_ALT", 60.0, "60 m"),
+        ("RTL_DESCEND_ALT", 80.0, "60 m"),
+        ("GF_ACTION", 1, "3 (return)"),
+        ("GF_ACTION", 4, "3 (return)"),
+        ("GF_MAX_HOR_DIST", 0.0, "distance"),
+    ],
+)
+def test_what_is_not_sane_is_told_with_what_to_set(name: str, value: float, advice: str) -> None:
+    texts = failed(known(**{name: value}))
+    assert list(texts) == [name]
+    assert advice in texts[name]
+
+
+def test_unanswered_names_are_asked_again_and_then_reported() -> None:
+    parameters = Parameters(ceiling_m=60.0)
+    names = set(GOOD) | {"MIS_TAKEOFF_ALT"}
+    for ask in range(MOST_ASKS):
+        assert {finding.verdict for finding in parameters.findings()} == {"not yet"}
+        assert set(parameters.due(ask * ASK_AGAIN_S)) == names
+        assert parameters.due(ask * ASK_AGAIN_S + 0.1) == []
+    assert set(failed(parameters)) == {rule.name for rule in RULES}
+
+
+def test_a_wrong_value_is_read_again_so_that_mending_it_shows() -> None:
+    parameters = known(GF_ACTION=1)
+    assert "GF_ACTION" not in parameters.due(REFRESH_S - 1.0)
+    assert "GF_ACTION" in parameters.due(REFRESH_S)
+    parameters.receive(message("GF_ACTION", 3))
+    assert failed(parameters) == {}
+    assert "GF_ACTION" not in parameters.due(10 * REFRESH_S)

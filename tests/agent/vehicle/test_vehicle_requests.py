@@ -1,0 +1,116 @@
+"""How requests are brought about: by the heartbeat, not by acknowledgements, and never against a human pilot."""
+
+from msgspec.structs import replace
+
+from agent.vehicle.interface import FlightMode, Request
+from agent.vehicle.requests import REPEAT_S, Act, Requests, Seen
+
+ON_GROUND = Seen(FlightMode.HOLD, armed=False, in_air=False, failsafe=False, heartbeat_s=0.0)
+FLYING = Seen(FlightMode.HOLD, armed=True, in_air=True, failsafe=False, heartbeat_s=0.0)
+
+
+class Desk:
+    """Steps the requests at 20 Hz, with a heartbeat in every ``beat_s``."""
+
+    def __init__(self, seen: Seen, beat_s: float = 0.2) -> None:
+        self.requests = Requests()
+        self.seen = self._shown = seen
+        self.now_s = 100.0
+        self._beat_s, self._beaten_s = beat_s, 99.0
+
+    def run(self, request: Request, seconds: float, streaming: bool = True, altitude_set: bool = True) -> list[Act]:
+        acts = []
+        for _ in range(round(seconds * 20)):
+            self.now_s += 0.05
+            if self.now_s - self._beaten_s >= self._beat_s:
+                self._beaten_s = self.now_s
+                self._shown = replace(self.seen, heartbeat_s=self.now_s)
+            act = self.requests.step(self.now_s, request, self._shown, streaming, altitude_set)
+            if act is not None:
+                acts.append(act)
+        return acts
+
+
+def test_takeoff_sets_the_altitude_then_arms_then_takes_off() -> None:
+    desk = Desk(ON_GROUND)
+    assert desk.run(Request.TAKEOFF, 0.5, altitude_set=False) == [Act.SET_TAKEOFF_ALTITUDE]
+    assert desk.run(Request.TAKEOFF, 0.5) == [Act.ARM]
+    desk.seen = replace(ON_GROUND, armed=True)
+    assert desk.run(Request.TAKEOFF, 1.0) == [Act.TAKE_OFF]
+    desk.seen = replace(ON_GROUND, armed=True, mode=FlightMode.TAKEOFF)
+    assert desk.run(Request.TAKEOFF, 5.0) == []
+    desk.seen = FLYING
+    assert desk.run(Request.TAKEOFF, 5.0) == []
+
+
+def test_arming_that_is_denied_is_tried_again() -> None:
+    assert Desk(ON_GROUND).run(Request.TAKEOFF, 4.0 * REPEAT_S) == [Act.ARM] * 4
+
+
+def test_a_vehicle_that_was_disarmed_is_not_armed_again_by_the_same_request() -> None:
+    desk = Desk(replace(ON_GROUND, armed=True, mode=FlightMode.TAKEOFF))
+    desk.run(Request.TAKEOFF, 1.0)
+    desk.seen = ON_GROUND
+    assert desk.run(Request.TAKEOFF, 5.0) == []
+
+
+def test_offboard_is_asked_for_once_setpoints_stream_and_again_until_the_heartbeat_shows_it() -> None:
+    desk = Desk(FLYING)
+    assert desk.run(Request.OFFBOARD, 1.0, streaming=False) == []
+    assert desk.run(Request.OFFBOARD, 2.0 * REPEAT_S) == [Act.OFFBOARD] * 2
+    desk.seen = replace(FLYING, mode=FlightMode.OFFBOARD)
+    assert desk.run(Request.OFFBOARD, 5.0) == []
+
+
+def test_offboard_is_not_asked_for_on_the_ground() -> None:
+    assert Desk(ON_GROUND).run(Request.OFFBOARD, 3.0) == []
+    assert Desk(replace(ON_GROUND, armed=True)).run(Request.OFFBOARD, 3.0) == []
+
+
+def test_an_offboard_loss_failsafe_is_left_to_end_by_itself() -> None:
+    desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD))
+    desk.run(Request.OFFBOARD, 1.0)
+    desk.seen = replace(FLYING, mode=FlightMode.RETURN, failsafe=True)
+    assert desk.run(Request.OFFBOARD, 5.0) == []
+    desk.seen = replace(FLYING, mode=FlightMode.OFFBOARD)
+    assert desk.run(Request.OFFBOARD, 1.0) == []
+
+
+def test_a_mode_that_somebody_else_chose_stays() -> None:
+    for beat_s in (0.2, 1.0):
+        desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD), beat_s)
+        desk.run(Request.OFFBOARD, 3.0)
+        desk.seen = replace(FLYING, mode=FlightMode.MANUAL)
+        assert desk.run(Request.OFFBOARD, 10.0) == []
+        desk.seen = FLYING
+        assert desk.run(Request.OFFBOARD, 10.0) == []
+
+
+def test_a_pilot_who_takes_over_before_offboard_was_reached_keeps_the_vehicle() -> None:
+    desk = Desk(FLYING)
+    assert desk.run(Request.OFFBOARD, 1.0) == [Act.OFFBOARD]
+    desk.seen = replace(FLYING, mode=FlightMode.MANUAL)
+    assert len(desk.run(Request.OFFBOARD, 10.0)) <= 1  # what was asked before a heartbeat told
+
+
+def test_a_new_request_is_carried_out_at_once_and_from_any_mode() -> None:
+    desk = Desk(replace(FLYING, mode=FlightMode.MANUAL))
+    assert desk.run(Request.HOLD, 0.05) == [Act.HOLD]
+    assert desk.run(Request.LAND, 0.05) == [Act.LAND]
+    assert desk.run(Request.RETURN, 0.05) == [Act.RETURN]
+
+
+def test_a_heartbeat_from_before_the_request_does_not_count_as_its_success() -> None:
+    desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD), beat_s=1.0)
+    desk.run(Request.OFFBOARD, 2.0)
+    assert desk.run(Request.HOLD, 0.1) == [Act.HOLD]
+    assert desk.run(Request.OFFBOARD, 0.1) == []  # the heartbeat still shows offboard
+    desk.seen = FLYING  # but the hold came through
+    assert Act.OFFBOARD in desk.run(Request.OFFBOARD, 3.0)
+
+
+def test_nothing_is_asked_for_when_released_staying_or_disarmed() -> None:
+    assert Desk(FLYING).run(Request.RELEASE, 3.0) == []
+    assert Desk(FLYING).run(Request.STAY, 3.0) == []
+    for request in (Request.HOLD, Request.RETURN, Request.LAND):
+        assert Desk(ON_GROUND).run(request, 3.0) == []

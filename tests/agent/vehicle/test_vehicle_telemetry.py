@@ -1,0 +1,161 @@
+"""From messages to the state: heights, sigmas, health, and what is missing."""
+
+from math import cos, radians, sin
+
+import pytest
+
+from agent.config import VehicleConfig
+from agent.vehicle.interface import FlightMode, VehicleState
+from agent.vehicle.messages import (
+    Attitude,
+    Battery,
+    DistanceSensor,
+    EstimatorStatus,
+    ExtendedState,
+    GlobalOrigin,
+    Heartbeat,
+    HomePosition,
+    LocalPosition,
+    Message,
+    SystemStatus,
+)
+from agent.vehicle.telemetry import FRESH_S, LOST_S, Telemetry
+
+HOLD, OFFBOARD = 0x3040000, 0x60000
+LEVEL = Attitude(0, 1.0, 0.0, 0.0, 0.0)
+SENSORS = 0x1000_0027
+ON_GROUND: tuple[Message, ...] = (
+    Heartbeat(0x1D, HOLD, 3),
+    ExtendedState(1),
+    SystemStatus(SENSORS, SENSORS, SENSORS, 90),
+    HomePosition(0, 0),
+    GlobalOrigin(473977420, 85455940, 488000),
+    LEVEL,
+)
+
+
+class Rig:
+    """Telemetry with a clock: each position is 1/30 s later than the one before, with the attitude given."""
+
+    def __init__(self, *messages: Message) -> None:
+        self.telemetry = Telemetry(VehicleConfig(position_sigma_m=0.15), None)
+        self.now_s = 10.0
+        self.give(*messages)
+
+    def give(self, *messages: Message) -> VehicleState | None:
+        state = None
+        for message in messages:
+            state = self.telemetry.receive(message, round(self.now_s * 1e9), self.now_s) or state
+        return state
+
+    def position(
+        self, x: float = 0.0, y: float = 0.0, z: float | None = 0.0, attitude: Attitude | None = LEVEL
+    ) -> VehicleState | None:
+        self.now_s += 1 / 30
+        if attitude is not None:
+            self.give(attitude)
+        return self.give(LocalPosition(round(self.now_s * 1e3), x, y, z, 0.1, 0.2, 0.3))
+
+
+def launched(*messages: Message) -> Rig:
+    """One that has stood on the ground for 2 s."""
+    rig = Rig(*ON_GROUND)
+    for _ in range(60):
+        rig.position()
+    rig.give(*messages)
+    return rig
+
+
+def state_of(rig: Rig, *where: float) -> VehicleState:
+    state = rig.position(*where)
+    assert state is not None
+    return state
+
+
+def test_a_vehicle_on_the_ground_is_healthy_at_the_origin() -> None:
+    rig = launched(Battery(0, 77))
+    state = state_of(rig)
+    assert (state.armed, state.in_air, state.healthy, state.mode) == (False, False, True, FlightMode.HOLD)
+    assert state.position_m == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert state.velocity_mps == pytest.approx((0.2, 0.1, -0.3))
+    assert state.battery == 0.77
+    assert abs(state.stamp_ns - rig.now_s * 1e9) < 1e6
+    assert rig.telemetry.problems(rig.now_s) == []
+
+
+@pytest.mark.parametrize("missing", [0, 1, 4])
+def test_there_is_no_state_without_heartbeat_landed_state_or_origin(missing: int) -> None:
+    rig = Rig(*(message for number, message in enumerate(ON_GROUND) if number != missing))
+    assert all(rig.position() is None for _ in range(60))
+    assert rig.telemetry.problems(rig.now_s) != []
+
+
+def test_there_is_no_state_with_a_stale_attitude_or_half_a_position() -> None:
+    rig = launched()
+    assert rig.position(z=None) is None
+    assert rig.position(attitude=Attitude(0, None, 0.0, 0.0, 0.0)) is None
+    state_of(rig)
+    rig.now_s += FRESH_S
+    assert rig.position(attitude=None) is None
+
+
+def test_what_keeps_it_from_arming_is_told() -> None:
+    rig = launched(SystemStatus(SENSORS, SENSORS, 0x07, 90))
+    assert not state_of(rig).healthy
+    assert rig.telemetry.problems(rig.now_s) == ["the autopilot is not ready to arm: GPS"]
+    assert not state_of(launched(Heartbeat(0x1D, HOLD, 0))).healthy
+
+
+def test_in_the_air_health_means_no_failsafe() -> None:
+    rig = launched(Heartbeat(0x91, OFFBOARD, 4), ExtendedState(2), SystemStatus(SENSORS, SENSORS, 0x07, 90))
+    state = state_of(rig)
+    assert (state.armed, state.in_air, state.healthy, state.mode) == (True, True, True, FlightMode.OFFBOARD)
+    rig.give(Heartbeat(0x9D, 0x5040000, 5))
+    assert not state_of(rig).healthy
+    assert rig.telemetry.problems(rig.now_s) == ["the autopilot is in a failsafe"]
+
+
+def test_the_launch_place_stays_the_origin_in_flight() -> None:
+    rig = launched(Heartbeat(0x91, OFFBOARD, 4), ExtendedState(2))
+    assert state_of(rig, 3.0, 4.0, -5.0).position_m == pytest.approx((4.0, 3.0, 5.0))
+
+
+def test_height_is_by_the_rangefinder_when_it_is_fresh_and_within_its_limits() -> None:
+    rig = launched(Heartbeat(0x91, OFFBOARD, 4), ExtendedState(2))
+    assert state_of(rig, 0.0, 0.0, -5.0).height_m == pytest.approx(5.0)
+    rig.give(DistanceSensor(10, 1500, 450, 25))
+    assert state_of(rig, 0.0, 0.0, -5.0).height_m == pytest.approx(4.5)
+    rig.now_s += FRESH_S
+    assert state_of(rig, 0.0, 0.0, -5.0).height_m == pytest.approx(5.0)
+    for unusable in (
+        DistanceSensor(10, 1500, 1500, 25),
+        DistanceSensor(10, 1500, 5, 25),
+        DistanceSensor(10, 1500, 450, 0),
+        DistanceSensor(10, 1500, 450, 25, 1),
+    ):
+        rig.give(unusable)
+        assert state_of(rig, 0.0, 0.0, -5.0).height_m == pytest.approx(5.0)
+
+
+def test_the_rangefinder_tilts_with_the_body() -> None:
+    rig = launched(Heartbeat(0x91, OFFBOARD, 4), ExtendedState(2), DistanceSensor(10, 1500, 1000, 25))
+    half = radians(30.0) / 2
+    state = rig.position(attitude=Attitude(0, cos(half), sin(half), 0.0, 0.0))
+    assert state is not None
+    assert state.height_m == pytest.approx(10.0 * cos(radians(30.0)))
+
+
+def test_the_estimators_own_sigma_counts_where_it_is_larger() -> None:
+    rig = launched(EstimatorStatus(0.05, 0.1))
+    assert state_of(rig).position_sigma_m == 0.15
+    rig.give(EstimatorStatus(0.05, 0.4))
+    assert state_of(rig).position_sigma_m == 0.4
+    rig.give(EstimatorStatus(None, None))
+    assert state_of(rig).position_sigma_m == 0.15
+
+
+def test_a_lost_link_is_told_and_nothing_else() -> None:
+    rig = launched(SystemStatus(SENSORS, SENSORS, 0x07, 90))
+    problems = rig.telemetry.problems(rig.now_s + LOST_S + 3.0)
+    assert len(problems) == 1
+    assert "lost" in problems[0]
