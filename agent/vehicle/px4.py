@@ -6,6 +6,7 @@ import ctypes
 import time
 from collections.abc import Callable
 from math import isfinite
+from typing import Literal
 
 from agent.config import VehicleConfig
 from agent.vehicle.frame import ned_from_enu, ned_from_enu_position, ned_yaw
@@ -103,14 +104,7 @@ class Px4Vehicle:
 
     async def findings(self) -> list[Finding]:
         """What a preflight check has to say of the vehicle by now; what is "not yet" will be otherwise some seconds later."""
-        now_s = time.monotonic()
-        lost = self._telemetry.is_lost(now_s)
-        link = (
-            Finding("autopilot", "failed", self._telemetry.problems(now_s)[0])
-            if lost
-            else Finding("autopilot", "ok", self._config.address)
-        )
-        return [link, self._readiness(), self._launch_finding(), *self._parameters.findings()]
+        return [self._link_finding(), self._readiness(), self._launch_finding(), *self._parameters.findings()]
 
     def command(self, command: VehicleCommand) -> None:
         """Carry out one step's command: the setpoint goes out at once, and what the request still needs is asked for."""
@@ -219,6 +213,13 @@ class Px4Vehicle:
                 self._link.send_command(_LAND)
             case Act.OFFBOARD | Act.HOLD | Act.RETURN:
                 self._link.send_command(_SET_MODE, SET_MODE_FLAGS, *CUSTOM_MODES[act])
+
+    def _link_finding(self) -> Finding:
+        now_s = time.monotonic()
+        if not self._telemetry.is_lost(now_s):
+            return Finding("autopilot", "ok", self._config.address)
+        verdict: Literal["not yet", "failed"] = "not yet" if self._telemetry.seen is None else "failed"
+        return Finding("autopilot", verdict, self._telemetry.problems(now_s)[0])
 
     def _readiness(self) -> Finding:
         reason, now_s = self._telemetry.not_ready(), time.monotonic()
