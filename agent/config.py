@@ -22,6 +22,7 @@ from agent.errors import ConfigError
 from protocol.units import STATION, DroneId, Identifier
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+Activity = Annotated[float, Meta(gt=0.0, le=1e15)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Coordinate = Annotated[float, Meta(ge=-1e5, le=1e5)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
@@ -88,6 +89,24 @@ class PaperEstimatorConfig(_Section, frozen=True, kw_only=True):
     order: Literal["forward", "probable"] = "forward"
 
 
+class BayesEstimatorConfig(_Section, frozen=True, kw_only=True):
+    """Parameters of the Bayesian estimator: what is held possible of the source beforehand, and of the vehicles' poses."""
+
+    activity_bq: tuple[Activity, Activity] = (3e7, 3e10)
+    activity_levels: Annotated[int, Meta(ge=2, le=64)] = 8
+    velocity_mps: Positive = 0.8  # 1 sigma of each axis of a source that moves
+    velocity_s: Positive = 40.0  # correlation time of that velocity
+    switch_ps: Positive = 0.01  # rate at which a source at rest begins to move, or a moving one stops
+    bias_m: Positive = 0.15  # 1 sigma of each axis of a vehicle's position
+    bias_yaw_deg: Positive = 1.0
+    bias_s: Positive = 60.0  # correlation time of these
+    cell_m: Annotated[float, Meta(ge=0.5, le=100.0)] = 2.5  # of the grid of the search, at least
+    most_cells: Annotated[int, Meta(ge=16, le=100_000)] = 4096
+    search_diffusion_m2ps: Positive = 2.0  # of a moving source while it is searched for
+    declared_rms_m: Positive = 5.0  # the posterior's, for the source to count as found
+    doubt: Annotated[float, Meta(gt=0.0, lt=1.0)] = 1e-3  # probability that there is none, at most
+
+
 class GivenHypothesisConfig(_Section, frozen=True, kw_only=True):
     """A hypothesis that moves by a schedule: ``[[t_s, x, y], ...]`` from the mission's start, mission frame."""
 
@@ -97,10 +116,11 @@ class GivenHypothesisConfig(_Section, frozen=True, kw_only=True):
 class FusionConfig(_Section, frozen=True, kw_only=True):
     """Which estimator, and the time grid that it steps on."""
 
-    estimator: Literal["paper", "paper-geometric", "given"] = "paper"
+    estimator: Literal["paper", "paper-geometric", "bayes", "given"] = "paper"
     grid_s: Annotated[float, Meta(ge=0.05, le=10.0)] = 0.5
     horizon_s: Positive = 60.0  # what is older may be compacted once no peer lacks it; never, while summaries are not exchanged
     paper: PaperEstimatorConfig = PaperEstimatorConfig()
+    bayes: BayesEstimatorConfig = BayesEstimatorConfig()
     given: GivenHypothesisConfig | None = None
 
 

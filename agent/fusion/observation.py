@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from agent.frames.transform import Transform, Vector3
-from protocol.messages import Cone, Entry
+from protocol.messages import Cone, Entry, Exposure
 
 _SHORTEST_AXIS = 0.5  # a unit vector as sent; anything this short is no direction
 
@@ -38,6 +41,11 @@ class ConeObservation:
     entry: Cone
 
     @property
+    def apex(self) -> Vector3:
+        """Where it was measured, mission frame."""
+        return self.readings[0].apex
+
+    @property
     def probable(self) -> ConeSurface:
         """The more probable reading."""
         return max(self.readings, key=lambda reading: reading.probability)
@@ -48,18 +56,41 @@ class ConeObservation:
         return min(self.readings, key=lambda reading: reading.theta_rad)
 
 
-Observation = ConeObservation
+@dataclass(frozen=True, slots=True)
+class CountObservation:
+    """What a camera counted in an exposure, from the place where it was in its middle, mission frame."""
+
+    stamp_ns: int  # of the middle
+    position: Vector3
+    live_time_s: float
+    counts: NDArray[np.float64]  # (3,) hits, full-energy events, coincidences
+    entry: Exposure
+
+
+Observation = ConeObservation | CountObservation
 
 
 def observe(entry: Entry, mission_from_local: Transform) -> Observation | None:
     """Bring an entry into the mission frame; None if it says nothing about the source.
 
     That is decided by the entry's content alone, so that every agent decides alike: a cone says nothing if both of its
-    orders are impossible (probability 0) or have no direction for an axis.
+    orders are impossible (probability 0) or have no direction for an axis, an exposure without live time.
     """
     if isinstance(entry, Cone):
         return _observe_cone(entry, mission_from_local)
+    if isinstance(entry, Exposure):
+        return _observe_counts(entry, mission_from_local)
     return None
+
+
+def _observe_counts(exposure: Exposure, mission_from_local: Transform) -> CountObservation | None:
+    if exposure.live_time_s <= 0.0:
+        return None
+    middle_ns = (exposure.stamp_ns + exposure.end_ns) // 2
+    pose = min(exposure.poses, key=lambda sample: abs(exposure.stamp_ns + sample.offset_ns - middle_ns))
+    counts = np.array([exposure.counts.hits, exposure.counts.photopeak, exposure.counts.coincidences], dtype=np.float64)
+    position = mission_from_local.apply_point(pose.position_m)
+    return CountObservation(middle_ns, position, exposure.live_time_s, counts, exposure)
 
 
 def _observe_cone(cone: Cone, mission_from_local: Transform) -> ConeObservation | None:

@@ -12,7 +12,7 @@ from agent.config import PaperEstimatorConfig
 from agent.frames.transform import Vector3
 from agent.fusion.estimator import GridStep, Hypothesis
 from agent.fusion.initial import InitialSearch
-from agent.fusion.observation import ConeSurface, Observation
+from agent.fusion.observation import ConeObservation, ConeSurface, Observation
 from agent.fusion.projection import Rule, project
 from protocol.messages import AnyEntry, Cone
 
@@ -78,6 +78,8 @@ class PaperEstimator:
         """Take the step's cones in, one after another."""
         gathered, seen, track = state.gathered, state.seen, state.track
         for observation in observations:
+            if not isinstance(observation, ConeObservation):
+                continue
             cone = observation.forward if self._config.order == "forward" else observation.probable
             if not self._is_near(cone.apex[0], cone.apex[1]):
                 continue

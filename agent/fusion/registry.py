@@ -9,6 +9,7 @@ from shapely import Polygon
 
 from agent.config import MissionConfig
 from agent.errors import ConfigError
+from agent.fusion.bayes.estimator import BayesEstimator
 from agent.fusion.estimator import Estimator
 from agent.fusion.given import GivenEstimator
 from agent.fusion.initial import InitialSearch
@@ -21,6 +22,7 @@ def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
 
     - ``paper``: the paper's filter, with the projection rule as printed.
     - ``paper-geometric``: the same with the rule that the geometry asks for.
+    - ``bayes``: the posterior from cones and counts, at rest or moving, with the poses' biases.
     - ``given``: the schedule of fusion.given.
 
     Raises:
@@ -45,6 +47,7 @@ def _given(mission: MissionConfig) -> GivenEstimator:
 _MAKERS: dict[str, Callable[[MissionConfig], Estimator[Any]]] = {
     "paper": lambda mission: _paper(mission, "paper", "paper"),
     "paper-geometric": lambda mission: _paper(mission, "geometric", "paper-geometric"),
+    "bayes": lambda mission: BayesEstimator(mission, Polygon(mission.area.polygon_m).bounds),
     "given": _given,
 }
 ESTIMATORS: tuple[str, ...] = tuple(_MAKERS)

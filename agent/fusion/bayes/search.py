@@ -1,0 +1,109 @@
+"""The search: weights on a grid of places, activities and whether the source moves; and of there being no source at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from agent.config import BayesEstimatorConfig
+from agent.frames.transform import Vector3
+from agent.fusion.bayes.cones import Order, cone_likelihood, cone_rate, density
+from agent.fusion.bayes.response import BACKGROUND_PS, REFERENCE_BQ, fit_rate, flux, signal
+
+Array = NDArray[np.float64]
+
+_LEAST_DT_S = 0.4  # motion is carried out in steps of at least so long
+_TINY = 1e-30
+_ROUNDS = 2
+
+
+class Grid:
+    """Places and activities that are held possible. x, y: (Y, X) metres. log_activity: (A,), of REFERENCE_BQ."""
+
+    def __init__(self, bounds: tuple[float, float, float, float], config: BayesEstimatorConfig) -> None:
+        """``bounds``: west, south, east, north of the area, mission frame."""
+        west, south, east, north = bounds
+        self.cell_m = max(config.cell_m, ((east - west) * (north - south) / config.most_cells) ** 0.5)
+        columns = np.arange(west + self.cell_m / 2.0, max(east, west + self.cell_m), self.cell_m)
+        rows = np.arange(south + self.cell_m / 2.0, max(north, south + self.cell_m), self.cell_m)
+        self.x, self.y = np.meshgrid(columns, rows)
+        least, most = (np.log(value / REFERENCE_BQ) for value in config.activity_bq)
+        self.log_activity = np.linspace(least, most, config.activity_levels)
+        self.activity_variance = ((most - least) / (config.activity_levels - 1)) ** 2 / 12.0
+        self.diffusion_m2ps = config.search_diffusion_m2ps
+        self.switch_ps = config.switch_ps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchState:
+    """weight: (2, A, Y, X) of a source at rest and of one that moves; ``none``: of no source. They add up to 1."""
+
+    time_s: float
+    weight: Array
+    none: float
+
+    @staticmethod
+    def at_first(grid: Grid, time_s: float) -> SearchState:
+        """Nothing known: with or without a source, anywhere, any activity, at rest or moving."""
+        shape = (2, len(grid.log_activity), *grid.x.shape)
+        return SearchState(time_s, np.full(shape, 0.5 / np.prod(shape)), 0.5)
+
+    def later(self, grid: Grid, time_s: float) -> SearchState:
+        """The same after the source has had time to move."""
+        dt_s = time_s - self.time_s
+        if dt_s < _LEAST_DT_S:
+            return self
+        rest, moving = self.weight
+        changed = -np.expm1(-grid.switch_ps * dt_s)
+        rest, moving = rest + changed * (moving - rest), moving + changed * (rest - moving)
+        blur = (grid.diffusion_m2ps * dt_s) ** 0.5 / grid.cell_m
+        moving = gaussian_filter(moving, (0.0, blur, blur), mode="reflect", truncate=3.0)
+        return SearchState(time_s, np.stack([rest, moving]), self.none)
+
+    def after_counts(self, grid: Grid, position: Vector3, live_time_s: float, counts: Array) -> SearchState:
+        """After an exposure at a place (mission frame) with counts (3,)."""
+        distance, _, _, _ = _seen_from(grid, position)
+        expected = signal(flux(distance) * live_time_s, distance) * np.exp(grid.log_activity)[:, None, None, None]
+        # What a cell leaves open: its activities, and its places, which differ in distance.
+        spread = grid.activity_variance + (2.0 * grid.cell_m / np.maximum(distance, grid.cell_m)) ** 2 / 12.0
+        background = BACKGROUND_PS * live_time_s
+        variance = np.broadcast_to(spread, expected.shape[:-1])
+        _, _, likelihood = fit_rate(counts, expected, background, variance, _ROUNDS)
+        _, _, nothing = fit_rate(counts, np.zeros(3), background, np.ones(()), 0)
+        return self._weighed(likelihood - float(nothing))
+
+    def after_cone(self, grid: Grid, apex: Vector3, orders: tuple[Order, ...]) -> SearchState:
+        """After a cone."""
+        distance, x, y, z = _seen_from(grid, apex)
+        within = grid.cell_m**2 / 12.0 / distance**2
+        directed = np.zeros(distance.shape)
+        for order in orders:
+            u, v, w = order.axis
+            angle = np.arccos(np.clip((u * x + v * y + w * z) / distance, -1.0, 1.0))
+            directed += density(order, angle - order.theta_rad, within).sum(axis=-1)
+        rate = cone_rate(flux(distance)) * np.exp(grid.log_activity)[:, None, None]
+        return self._weighed(np.log(cone_likelihood(rate, directed)))
+
+    def _weighed(self, log_likelihood: Array) -> SearchState:
+        """``log_likelihood``: (A, Y, X), relative to no source."""
+        most = max(float(log_likelihood.max()), 0.0)
+        weight = self.weight * np.exp(log_likelihood - most) + _TINY
+        none = self.none * float(np.exp(-most)) + _TINY
+        total = float(weight.sum()) + none
+        return SearchState(self.time_s, weight / total, none / total)
+
+    def place(self, grid: Grid) -> tuple[float, float, float]:
+        """Mean x and y of the source, if there is one, and the RMS distance from there."""
+        cells = self.weight.sum(axis=(0, 1))
+        cells = cells / cells.sum()
+        x, y = float((cells * grid.x).sum()), float((cells * grid.y).sum())
+        return x, y, float((cells * ((grid.x - x) ** 2 + (grid.y - y) ** 2)).sum()) ** 0.5
+
+
+def _seen_from(grid: Grid, position: Vector3) -> tuple[Array, Array, Array, float]:
+    """Distance and x, y, z of the places from a camera."""
+    x, y, z = grid.x - position[0], grid.y - position[1], -position[2]
+    return np.sqrt(x * x + y * y + z * z), x, y, z
