@@ -108,14 +108,17 @@ def _do_not_linger(session: zenoh.Session) -> None:
     """
     links = {(link.src, link.dst) for link in session.info.links()}
     for name in os.listdir("/proc/self/fd"):
-        with (
-            contextlib.suppress(OSError),
-            socket.socket(fileno=os.dup(int(name))) as link,
-        ):  # OSError: not connected
-            if link.family not in (socket.AF_INET, socket.AF_INET6):
-                continue
-            if (_locator(link.getsockname()), _locator(link.getpeername())) in links:
-                link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
+        with contextlib.suppress(OSError):  # no socket, not connected, closed meanwhile
+            link = socket.socket(fileno=int(name))
+            try:
+                if link.family in (socket.AF_INET, socket.AF_INET6) and _ends(link) in links:
+                    link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
+            finally:
+                link.detach()
+
+
+def _ends(link: socket.socket) -> tuple[str, str]:
+    return _locator(link.getsockname()), _locator(link.getpeername())
 
 
 def _locator(address: tuple[str, int]) -> str:

@@ -36,8 +36,9 @@ Answer = Callable[[bytes], list[tuple[str, bytes]]]
 class Mesh:
     """An open session. All calls, and all calls back, are made in the thread of the event loop that opened it.
 
-    ``counters``: those of ``Inbox``; ``publish_failed``; ``entries_missed`` (lost beyond Zenoh's recovery: to be asked for); of the log
-    query ``log_asked``, ``log_replies``, ``log_ask_failed``, ``log_answered``, ``log_answer_failed``, ``log_answer_refused``.
+    ``counters``: those of ``Inbox``; ``publish_failed``; ``entries_missed`` (lost beyond Zenoh's recovery: to be asked for);
+    of the log query ``log_asked``, ``log_replies``, ``log_ask_failed``, ``log_answered``, ``log_answer_failed``,
+    ``log_answer_refused``.
     """
 
     def __init__(

@@ -1,0 +1,207 @@
+"""Peers in processes of their own that die, stand still or are cut off; what the others notice, and what is lost (nothing)."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from meshes import endpoint, free_port, linked, member, peer_process, until
+from tcp_relay import relay_to
+
+from protocol import session
+from protocol.keys import drone_key
+
+CONE = drone_key("s", "d1", "cone")
+
+
+def numbers(payloads: list[bytes]) -> list[int]:
+    return [int(payload.split()[0]) for payload in payloads]
+
+
+def test_a_burst_comes_complete_and_in_order() -> None:
+    async def run() -> None:
+        first = endpoint()
+        with peer_process("d1", first, entries=2000) as d1:
+            async with member("d2", endpoint(), (first,)) as d2:
+                await linked(d2)
+                await until(lambda: d2.mesh.alive)
+                assert d1.stdin is not None
+                d1.stdin.write("burst\n")
+                await until(lambda: len(d2.messages) >= 2000)
+                assert numbers(d2.got(CONE)) == list(range(2000))
+                assert d2.bursts >= 2000 / 100
+
+    asyncio.run(run())
+
+
+def test_a_killed_peer_is_gone_at_once_and_comes_back() -> None:
+    async def run() -> None:
+        first, second = endpoint(), endpoint()
+        async with member("d1", first) as d1:
+            with peer_process("d2", second, first) as d2:
+                await until(lambda: d1.mesh.alive == {"d2"})
+                d2.kill()
+                await until(lambda: not d1.mesh.alive, 0.9)  # before the lease of a second
+            with peer_process("d2", second, first):
+                await until(lambda: d1.mesh.alive == {"d2"})
+
+    asyncio.run(run())
+
+
+def test_a_peer_that_stands_still_is_gone_within_a_lease_and_its_restart_counts() -> None:
+    async def run() -> None:
+        first = endpoint()
+        async with member("d1", first) as d1:
+            with peer_process("d2", endpoint(), first) as stopped:
+                await until(lambda: d1.mesh.alive == {"d2"})
+                stopped.send_signal(signal.SIGSTOP)
+                await until(lambda: not d1.mesh.alive, 1.6)  # lease 1 s, and what a busy machine adds
+                stopped.send_signal(signal.SIGCONT)
+                await until(lambda: d1.mesh.alive == {"d2"})
+                stopped.send_signal(signal.SIGSTOP)
+                with peer_process("d2", endpoint(), first):  # before the others have noticed
+                    gone_s = time.monotonic() + 1.5
+                    await until(lambda: time.monotonic() > gone_s)
+                    assert d1.mesh.alive == {"d2"}
+
+    asyncio.run(run())
+
+
+def test_peers_that_stand_still_stall_neither_the_healthy_ones_nor_the_close() -> None:
+    async def run() -> None:
+        ends = [endpoint() for _ in range(4)]
+        async with member("d1", ends[0]) as d1:
+            with (
+                peer_process("d2", ends[1], ends[0]) as d2,
+                peer_process("d3", ends[2], *ends[:2]) as d3,
+                peer_process("d4", ends[3], *ends[:3], pose_bytes=200),
+            ):
+                await until(lambda: d1.mesh.alive == {"d2", "d3", "d4"})
+                for process in (d2, d3):
+                    process.send_signal(signal.SIGSTOP)
+                heard, longest_s, last_s = 0, 0.0, time.monotonic()
+                until_s = last_s + 2.0
+                while time.monotonic() < until_s:
+                    start_s = time.monotonic()
+                    for _ in range(10):  # more than the sockets of those that stand still hold
+                        d1.publish("plan", bytes(60_000))
+                    assert time.monotonic() - start_s < 0.5
+                    await asyncio.sleep(0.02)
+                    if len(d1.messages) > heard:
+                        heard, longest_s, last_s = len(d1.messages), max(longest_s, time.monotonic() - last_s), time.monotonic()
+                assert longest_s < 1.0  # poses of d4 come at 20 Hz; with Zenoh's default of two receive threads 10 s
+                assert d1.mesh.alive == {"d4"}
+                d3.send_signal(signal.SIGCONT)
+                await until(lambda: "d3" in d1.mesh.alive)
+                d3.send_signal(signal.SIGSTOP)
+                for _ in range(200):
+                    d1.publish("plan", bytes(60_000))
+                start_s = time.monotonic()
+                await d1.mesh.close()
+                assert time.monotonic() - start_s < 1.0
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("cut_s", [0.4, 2.0])  # shorter and longer than a lease
+def test_a_partition_loses_nothing_of_the_log(cut_s: float) -> None:
+    async def run() -> None:
+        port = free_port()
+        async with (
+            relay_to(port) as relay,
+            member("d1", endpoint(port)) as d1,
+            member("d2", endpoint(), (endpoint(relay.port),)) as d2,
+        ):
+            await linked(d1, d2)
+            sent = 0
+            for phase in ("before", "cut", "after"):
+                if phase == "cut":
+                    relay.cut()
+                    cut_at_s = time.monotonic()
+                for _ in range(200):
+                    for one in (d1, d2):
+                        one.publish("cone", b"%d" % sent)
+                        one.publish("pose", bytes(200))
+                    sent += 1
+                    await asyncio.sleep(0.001)
+                if phase == "cut":
+                    await until(lambda: time.monotonic() > cut_at_s + cut_s)
+                    assert cut_s < 1.0 or d1.mesh.alive == d2.mesh.alive == frozenset()
+                    relay.heal()
+            for one, other in ((d1, "d2"), (d2, "d1")):
+                key = drone_key("s", other, "cone")
+                await until(lambda one=one, key=key: len(one.got(key)) >= sent)  # type: ignore[misc]
+                assert numbers(one.got(key)) == list(range(sent))
+            await linked(d1, d2)
+
+    asyncio.run(run())
+
+
+def test_what_a_partition_lost_beyond_the_cache_comes_by_the_log_query(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session, "CACHE_ENTRIES", 20)
+    log: list[tuple[str, bytes]] = []
+
+    async def run() -> None:
+        port = free_port()
+        async with (
+            relay_to(port) as relay,
+            member("d1", endpoint(port), answer=lambda summary: log[int(summary) :]) as d1,
+            member("d2", endpoint(), (endpoint(relay.port),)) as d2,
+        ):
+            await linked(d1, d2)
+            relay.cut()
+            await until(lambda: not d2.mesh.alive)
+            assert await d2.mesh.ask("d1", b"0") == 0
+            log.extend((CONE, b"%d" % i) for i in range(100))
+            for key, payload in log:
+                d1.mesh.publish(key, payload)
+            relay.heal()
+            await linked(d1, d2)
+            await until(lambda: d2.messages)
+            assert await d2.mesh.ask("d1", b"0") == 100
+            await until(lambda: set(d2.messages) == set(log))
+
+    asyncio.run(run())
+
+
+def test_the_process_ends_cleanly_while_peers_stand_still() -> None:
+    ends = [endpoint() for _ in range(3)]
+    with peer_process("d1", ends[0]) as d1, peer_process("d2", ends[1], ends[0]) as d2:
+        with peer_process("d3", ends[2], *ends[:2], pose_bytes=60_000) as d3:
+            for process in (d1, d2):
+                process.send_signal(signal.SIGSTOP)
+            time.sleep(0.3)  # its sockets fill
+            start_s = time.monotonic()
+            assert d3.stdin is not None
+            d3.stdin.write("\n")
+            assert d3.wait(timeout=5.0) == 0
+            assert time.monotonic() - start_s < 1.5  # the close, and the end of the interpreter
+
+
+COUNT_THREADS = """
+import asyncio, os
+from pathlib import Path
+from protocol.session import Mesh, MeshConfig
+
+async def main():
+    mesh = await Mesh.open(MeshConfig(), "s", None, receive=lambda key, payload: None)
+    names = [path.read_text() for path in Path("/proc/self/task").glob("*/comm")]
+    print(sum(name.startswith("rx-") for name in names))
+    await mesh.close()
+
+asyncio.run(main())
+"""
+
+
+@pytest.mark.parametrize(("setting", "threads"), [(None, 16), ("(rx: (worker_threads: 3))", 3)])
+def test_the_receive_threads_are_raised_unless_the_user_says_otherwise(setting: str | None, threads: int) -> None:
+    environment = {name: value for name, value in os.environ.items() if name != "ZENOH_RUNTIME"}
+    if setting is not None:
+        environment["ZENOH_RUNTIME"] = setting
+    done = subprocess.run(
+        [sys.executable, "-c", COUNT_THREADS], env=environment, capture_output=True, text=True, timeout=20, check=True
+    )
+    assert int(done.stdout) == threads

@@ -1,0 +1,39 @@
+"""A drone of the mesh alone in its process: joins, publishes, and leaves when its input ends or says so."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sys
+
+from protocol.keys import drone_key
+from protocol.session import Mesh, MeshConfig
+
+
+async def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("drone")
+    parser.add_argument("listen")
+    parser.add_argument("connect", nargs="*")
+    parser.add_argument("--entries", type=int, default=0, help="cones to publish at once when the input says 'burst'")
+    parser.add_argument("--pose-bytes", type=int, default=0, help="size of the poses published at 20 Hz; 0: none")
+    arguments = parser.parse_args()
+    config = MeshConfig(listen=arguments.listen, connect=tuple(arguments.connect))
+    mesh = await Mesh.open(config, "s", arguments.drone, receive=lambda key, payload: None)
+    print("joined", flush=True)
+    asked = asyncio.get_running_loop().run_in_executor(None, sys.stdin.readline)
+    number = 0
+    while not asked.done():
+        await asyncio.sleep(0.05)
+        if arguments.pose_bytes:
+            number += 1
+            mesh.publish(drone_key("s", arguments.drone, "pose"), b"%d " % number + bytes(arguments.pose_bytes))
+    if await asked == "burst\n":
+        for i in range(arguments.entries):
+            mesh.publish(drone_key("s", arguments.drone, "cone"), b"%d " % i + bytes(400))
+        await asyncio.get_running_loop().run_in_executor(None, sys.stdin.readline)
+    await mesh.close()
+
+
+if __name__ == "__main__":
+    asyncio.run(main())
