@@ -1,0 +1,154 @@
+"""Agents that hang, stop or die in flight: the vehicle is in its own failsafe within 2 s, nothing stale arrives afterwards, and
+an agent that is started anew takes up the flight, with the log that it lost.
+
+Two real agents with their watchdogs fly two emulated vehicles; the first agent is ruined in one way after the other.
+"""
+
+import asyncio
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from live_agents import Agent, Vehicles, closing, command, station_endpoint, until, write_configs
+
+from agent.config import load_mission
+from protocol.codec import decode
+from protocol.messages import Coverage
+from protocol.session import Mesh, MeshConfig
+from protocol.summary import encode_summary
+
+FAILSAFE_S = 2.0  # what the issue demands
+START_S = 60.0  # boot of the vehicles (5 s), start of the agents, takeoff (10 s), on a busy computer
+HUNG = 70
+
+Ruin = Callable[[Agent], None]
+
+
+def stop_child(agent: Agent) -> None:
+    os.kill(agent.child, signal.SIGSTOP)
+
+
+def block_the_loop(agent: Agent) -> None:
+    os.kill(agent.child, signal.SIGUSR1)
+
+
+def keep_the_lock_in_native_code(agent: Agent) -> None:
+    os.kill(agent.child, signal.SIGUSR2)
+
+
+def kill_child(agent: Agent) -> None:
+    os.kill(agent.child, signal.SIGKILL)
+
+
+def kill_parent(agent: Agent) -> None:
+    os.kill(agent.process.pid, signal.SIGKILL)
+
+
+def stop_both(agent: Agent) -> None:
+    os.killpg(agent.process.pid, signal.SIGSTOP)
+
+
+RUINS: list[tuple[Ruin, int]] = [  # and the exit code of the watchdog
+    (stop_child, HUNG),
+    (block_the_loop, HUNG),
+    (keep_the_lock_in_native_code, HUNG),
+    (kill_child, 128 + 9),
+    (kill_parent, -9),
+    (stop_both, HUNG),
+]
+
+
+class Flight:
+    """Two agents in the air, the first of which can be ruined and started anew."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.vehicles = Vehicles(write_configs(folder, 2))
+        self.agents = {"d1": Agent(folder, "d1", hanging=True), "d2": Agent(folder, "d2")}
+
+    def start(self) -> None:
+        def started() -> bool:
+            return command(self.folder, "start").returncode == 0
+
+        until(started, START_S, "a start command that is obeyed")
+        for vehicle in range(2):
+            until(lambda at=vehicle: self.vehicles.now(at)["mode"] == "offboard", START_S, f"vehicle {vehicle} in offboard")
+
+    def ruin(self, how: Ruin, code: int) -> None:
+        """Ruin the first agent, and see the vehicle's failsafe take over and stay in command."""
+        agent, vehicles = self.agents["d1"], self.vehicles
+        how(agent)
+        ruined_s = time.monotonic()
+        until(lambda: vehicles.now(0)["failsafe"], FAILSAFE_S + 3.0, f"failsafe after {how.__name__}")
+        taken_s = vehicles.first(0, lambda report: report["failsafe"], ruined_s)
+        assert taken_s is not None
+        assert taken_s - ruined_s < FAILSAFE_S, how.__name__
+        until(lambda: vehicles.now(0)["mode"] == "return", 1.0, f"return after {how.__name__}")
+        received = vehicles.now(0)["setpoints"]
+        if how is stop_both:
+            time.sleep(1.0)  # well in the failsafe
+            os.killpg(agent.process.pid, signal.SIGCONT)
+        assert agent.ended(5.0) == code, how.__name__
+        time.sleep(0.5)  # what was stale would arrive now
+        assert vehicles.now(0)["setpoints"] == received, how.__name__
+        assert vehicles.now(1)["mode"] == "offboard", "the other one flies on"
+
+    def restart(self) -> None:
+        """Start the first agent anew, and see it take up the flight."""
+        self.agents["d1"].close()
+        self.agents["d1"] = Agent(self.folder, "d1", hanging=True)
+        until(lambda: self.vehicles.now(0)["mode"] == "offboard", 30.0, "the restarted agent back in offboard")
+        until(lambda: not self.vehicles.now(0)["failsafe"], 5.0, "the end of the failsafe")
+
+    def log_of(self, drone: str) -> list[Coverage]:
+        """What a drone's log holds of the first drone's coverage, as an operator's station is told."""
+        mission = load_mission(self.folder / "mission.toml")
+        entries: list[Coverage] = []
+
+        def receive(key: str, payload: bytes) -> None:
+            message = decode(payload)
+            if isinstance(message, Coverage) and message.drone == "d1":
+                entries.append(message)
+
+        async def ask() -> None:
+            endpoints = tuple(station_endpoint(self.folder, name) for name in self.agents)
+            mesh = await Mesh.open(MeshConfig(connect=endpoints), mission.swarm, None, receive=receive)
+            try:
+                for _ in range(50):
+                    if await mesh.ask(drone, encode_summary(mission.mission_id, {})):
+                        break
+                    await asyncio.sleep(0.1)
+                await asyncio.sleep(0.3)  # the last replies are on their way to us
+            finally:
+                await mesh.close()
+
+        asyncio.run(ask())
+        return entries
+
+    def close(self) -> None:
+        for agent in self.agents.values():
+            agent.close()
+        self.vehicles.close()
+
+
+@pytest.fixture
+def flight(tmp_path: Path) -> Iterator[Flight]:
+    flight = Flight(tmp_path)
+    with closing(flight):
+        yield flight
+
+
+@pytest.mark.slow
+def test_the_failsafe_takes_over_within_two_seconds_and_a_restarted_agent_flies_on(flight: Flight) -> None:
+    flight.start()
+    boots = 1
+    for how, code in RUINS:
+        flight.ruin(how, code)
+        flight.restart()
+        boots += 1
+    until(lambda: len({entry.boot for entry in flight.log_of("d1")}) >= 2, 20.0, "its own entries from before, back from d2")
+    lost = {entry.entry_id for entry in flight.log_of("d2") if entry.stamp_ns < time.time_ns() - 10_000_000_000}
+    until(lambda: lost <= {entry.entry_id for entry in flight.log_of("d1")}, 10.0, "all of them")
