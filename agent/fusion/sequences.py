@@ -55,3 +55,17 @@ class SequenceSet:
             if not place or last > self._lasts[place - 1]:
                 return False
         return True
+
+    def without(self, other: SequenceSet) -> Iterator[Range]:
+        """The numbers of this set that are not in the other one, as ranges."""
+        for first, last in self:
+            place = bisect_right(other._firsts, first)
+            start = max(first, other._lasts[place - 1] + 1) if place else first
+            while start <= last:
+                if place == len(other._firsts) or other._firsts[place] > last:
+                    yield start, last
+                    break
+                if start < other._firsts[place]:
+                    yield start, other._firsts[place] - 1
+                start = other._lasts[place] + 1
+                place += 1

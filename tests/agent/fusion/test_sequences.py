@@ -45,6 +45,13 @@ def test_covers(left, right):
     assert set_of(left).covers(set_of(right)) == (set(left) >= set(right))
 
 
+@given(numbers, numbers)
+def test_without(left, right):
+    ranges = list(set_of(left).without(set_of(right)))
+    assert spread(ranges) == set(left) - set(right)
+    assert all(before[1] < after[0] for before, after in pairwise(ranges))
+
+
 @pytest.mark.parametrize("ranges", [[(1, 3), (2, 8)], [(1, 3), (4, 8)], [(1, 8), (2, 3)]])
 def test_overlapping_ranges_merge(ranges):
     assert list(SequenceSet(ranges)) == [(1, 8)]
