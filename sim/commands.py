@@ -41,9 +41,8 @@ def run(
 
     if seed < 0:
         raise ConfigError(f"--seed {seed}: give 0 or more")
-    case = _checked([scenario], {}, settings, [*([estimator] if estimator else []), *(listen or [])], law)[0]
-    if json not in (None, "-") and not Path(json).parent.is_dir():
-        raise ConfigError(f"--json {json}: the folder {Path(json).parent} is not there; make it first")
+    case = checked([scenario], {}, settings, [*([estimator] if estimator else []), *(listen or [])], law)[0]
+    check_json(json)
     if out is not None:
         make_folder(out)
 
@@ -86,7 +85,7 @@ def campaign(
     from sim.report import case_sentence, write_campaign  # noqa: PLC0415
 
     execute = _executor(workers, dask)
-    chosen = _checked(scenario, parse_sweep(sweep or []), settings, [estimator] if estimator else [], law)
+    chosen = checked(scenario, parse_sweep(sweep or []), settings, [estimator] if estimator else [], law)
     plan = Campaign(chosen, runs, estimator, law, seed_base)
     with campaign_progress("campaign") as watch:
         flown = fly_campaign(plan, out, execute, watch=watch)
@@ -116,7 +115,7 @@ def table(
     if not names or len(set(names)) < len(names):
         raise ConfigError(f"--estimators {estimators}: name each once, separated by commas, such as paper,paper-geometric")
     studies = [SIMULATIONS, FIELD] if field else [SIMULATIONS]
-    chosen = [_checked(list(study.heads), {}, None, names, None) for study in studies]
+    chosen = [checked(list(study.heads), {}, None, names, None) for study in studies]
     failures: list[Outcome] = []
     with tempfile.TemporaryDirectory() if out is None else nullcontext(str(out)) as folder:
         for study, scenarios in zip(studies, chosen, strict=True):
@@ -141,7 +140,7 @@ def _executor(workers: int | None, dask: str | None) -> Executor:
     return on_dask(dask)
 
 
-def _checked(
+def checked(
     names: Sequence[str],
     sweep: dict[str, tuple[Value, ...]],
     settings: list[str] | None,
@@ -158,6 +157,12 @@ def _checked(
         if law is not None:
             override(case.scenario, {"mission.encirclement.law": law})
     return chosen
+
+
+def check_json(json: str | None) -> None:
+    """Refuse a --json file whose folder is not there."""
+    if json not in (None, "-") and not Path(json).parent.is_dir():
+        raise ConfigError(f"--json {json}: the folder {Path(json).parent} is not there; make it first")
 
 
 def _exit_on(failures: Sequence[Outcome], out: Path | None) -> None:

@@ -38,7 +38,7 @@ def flight_progress(name: str) -> Iterator[Callable[[float, str], None]]:
     columns = SpinnerColumn(), TextColumn("{task.description}")
     with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
         task = progress.add_task(f"{name}: making ready")
-        now = _Now(_PLAIN_EVERY_S)
+        now = Every(_PLAIN_EVERY_S)
 
         def show(sim_s: float, what: str) -> None:
             elapsed_s = max(time.monotonic() - began, 1e-3)
@@ -59,7 +59,7 @@ def campaign_progress(name: str) -> Iterator[Watch]:
     )  # fmt: skip
     with Progress(*columns, console=err, speed_estimate_period=600.0, disable=not err.is_terminal) as progress:
         task = progress.add_task(name, total=None)
-        now = _Now(_PLAIN_EVERY_S)
+        now = Every(_PLAIN_EVERY_S)
 
         def show(done: int, total: int, outcome: Outcome | None) -> None:
             if outcome is None:
@@ -80,7 +80,7 @@ def campaign_progress(name: str) -> Iterator[Watch]:
             raise
 
 
-class _Now:
+class Every:
     """True when called some time after it last was."""
 
     def __init__(self, every_s: float) -> None:
@@ -88,6 +88,7 @@ class _Now:
         self._last_s = time.monotonic()
 
     def __call__(self) -> bool:
+        """Whether it is time again."""
         now_s = time.monotonic()
         if now_s - self._last_s < self._every_s:
             return False

@@ -1,0 +1,134 @@
+"""The command ``live``: one flight of the swarm as real processes."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import tempfile
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+import typer
+
+from agent.errors import ConfigError
+from sim.commands import Estimator, Law, Settings, check_json, checked
+from sim.runfile import make_folder, write_text
+
+if TYPE_CHECKING:
+    from collections.abc import Coroutine
+
+    from sim.live import Elsewhere
+    from sim.livereport import LiveReport
+    from sim.result import Flight
+
+Outcome = tuple["Flight", "LiveReport"]
+
+
+def live(
+    *,
+    scenario: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a file.")] = "demo",
+    seed: Annotated[int, typer.Option(min=0, help="Of the world's randomness.")] = 1,
+    drones: Annotated[int | None, typer.Option(min=1, max=64, help="How many; else the scenario's.")] = None,
+    estimator: Estimator = None,
+    law: Law = None,
+    settings: Settings = None,
+    json: Annotated[
+        str | None, typer.Option(metavar="OUT", help="Write the result as one flat object; '-': to the output.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write result.json, agents.json, pictures, and all that the agents leave.")
+    ] = None,
+    external: Annotated[bool, typer.Option("--external", help="The agents run elsewhere; give the next two options.")] = False,
+    agent_hosts: Annotated[
+        str | None,
+        typer.Option(envvar="RADRON_SIM_AGENT_HOSTS", help="Where vehicle 1, 2, ... sends its MAVLink, port 14540; with commas."),
+    ] = None,
+    mesh: Annotated[
+        str | None, typer.Option(envvar="RADRON_SIM_MESH", help="The agents' endpoints, as tcp/10.7.1.11:7447; with commas.")
+    ] = None,
+    bind: Annotated[
+        str,
+        typer.Option(
+            envvar="RADRON_SIM_BIND", help="With --external: where the cameras' feeds 1, 2, ... listen, ports 5600, ..."
+        ),
+    ] = "0.0.0.0",
+) -> None:
+    """Fly one mission with real agents: a process for each drone, real Zenoh between them, real MAVLink to emulated vehicles."""
+    from sim.console import err, say  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from sim.console import out as stdout  # noqa: PLC0415
+
+    settings = [*(settings or []), *([] if drones is None else [f"drones={drones}"])]
+    case = checked([scenario], {}, settings, [estimator] if estimator else [], law)[0]
+    check_json(json)
+    elsewhere = _elsewhere(external, agent_hosts, mesh, bind, len(case.scenario.mission.drones))
+    if out is not None:
+        make_folder(out)
+
+    from sim.live import fly_live  # noqa: PLC0415
+    from sim.livereport import agreement  # noqa: PLC0415
+    from sim.liveview import console_view  # noqa: PLC0415
+    from sim.report import result_json, sentence, write_flight  # noqa: PLC0415
+    from sim.scenario import override  # noqa: PLC0415
+
+    chosen = {"mission.fusion.estimator": estimator, "mission.encirclement.law": law}
+    flown = override(case.scenario, {key: name for key, name in chosen.items() if name is not None})
+    with tempfile.TemporaryDirectory(prefix="radron-") if out is None else nullcontext(str(out)) as folder:
+        with console_view(case.name) as view:
+            flight, report = _run(fly_live(flown, seed, Path(folder), elsewhere, view))
+        to = err if json == "-" else stdout
+        say(sentence(flight.result, flight.trace), to)
+        say(agreement(report), to)
+        if json == "-":
+            typer.echo(result_json(flight.result), nl=False)
+        elif json is not None:
+            write_text(Path(json), result_json(flight.result))
+        if out is not None:
+            written = [*write_flight(out, flight), out / "agents.json"]
+            write_text(written[-1], msgspec.json.format(msgspec.json.encode(report).decode(), indent=2) + "\n")
+            say(f"written to {out}: {', '.join(path.name for path in written)}; recordings in {out}/agents")
+
+
+def _elsewhere(external: bool, hosts: str | None, mesh: str | None, bind: str, drones: int) -> Elsewhere | None:
+    """Where others run the agents; None where they are started here."""
+    if not external:
+        return None
+    from sim.live import Elsewhere  # noqa: PLC0415
+
+    places, endpoints = _listed(hosts), _listed(mesh)
+    if len(places) != drones:
+        raise ConfigError(f"--agent-hosts: {len(places)} given for {drones} drones; give one for each, separated by commas")
+    if not endpoints:
+        raise ConfigError("--external needs --mesh with the endpoints of the agents, such as tcp/10.7.1.11:7447")
+    return Elsewhere(places, endpoints, bind)
+
+
+def _listed(text: str | None) -> tuple[str, ...]:
+    return tuple(part.strip() for part in (text or "").split(",") if part.strip())
+
+
+def _run(flight: Coroutine[None, None, Outcome]) -> Outcome:
+    """Fly; a signal ends the flight cleanly and the command with the signal's code."""
+    received: list[int] = []
+
+    async def fly() -> Outcome:
+        task = asyncio.ensure_future(flight)
+        loop = asyncio.get_running_loop()
+
+        def stop(number: int) -> None:
+            received.append(number)
+            if len(received) == 1:  # another one must not cut the cleaning up short
+                task.cancel()
+
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            loop.add_signal_handler(number, stop, number)
+        return await task
+
+    try:
+        return asyncio.run(fly())
+    except asyncio.CancelledError:
+        from sim.console import say  # noqa: PLC0415
+
+        say("stopped before the end; everything that was started is ended")
+        raise typer.Exit(128 + received[0]) from None

@@ -1,0 +1,89 @@
+"""What a live flight yields beside its result: of the swarm as processes and links, and of what its agents hold at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from msgspec import Struct
+
+from protocol.messages import Stage
+from sim.observer import ObservedAgent
+from sim.vehicle.px4.fleet import VehicleReport
+
+
+class AgentEnd(Struct, frozen=True, kw_only=True):
+    """One agent at the end of a flight: what it believes, from which log, and what it counted.
+
+    position_m: mission frame; None without a hypothesis. setpoints: position targets that its vehicle received;
+    computed_setpoints: of them those that differ from the one before; largest_gap_s: between two of these in offboard.
+    """
+
+    drone: str
+    alive: bool
+    stage: Stage
+    digest: str | None
+    position_m: tuple[float, float, float] | None
+    covariance_m2: tuple[float, ...] | None
+    cones: int
+    setpoints: int
+    computed_setpoints: int
+    largest_gap_s: float
+    counters: dict[str, int]
+    problems: tuple[str, ...]
+
+
+class LiveReport(Struct, frozen=True, kw_only=True):
+    """One live flight.
+
+    agreed: all living agents ended with the same digest and, bit for bit, the same position. ready_s: from the start of the
+    agents until all could be started. world_late_s: by how much the world was behind the clock at worst. truths_dropped: moments
+    that the launcher missed. mesh: counters of the launcher's station.
+    """
+
+    agreed: bool
+    ready_s: float
+    world_late_s: float
+    truths_dropped: int
+    mesh: dict[str, int]
+    agents: tuple[AgentEnd, ...]
+
+
+def ends_of(agents: Sequence[ObservedAgent], vehicles: Sequence[VehicleReport]) -> tuple[AgentEnd, ...]:
+    """How all agents ended."""
+    return tuple(_end_of(agent, vehicle) for agent, vehicle in zip(agents, vehicles, strict=True))
+
+
+def agreement(report: LiveReport) -> str:
+    """In a sentence, whether the agents agree in the end."""
+    living = [agent for agent in report.agents if agent.alive]
+    missing = "".join(f"; {agent.drone} is gone" for agent in report.agents if not agent.alive)
+    if report.agreed:
+        digest = living[0].digest or ""
+        return f"{len(living)} agents hold the same log (digest {digest[:8]}) and, bit for bit, the same hypothesis{missing}."
+    told = ", ".join(f"{agent.drone} {_told(agent)}" for agent in living)
+    return f"The agents do not agree in the end: {told or 'nobody is there'}{missing}."
+
+
+def _told(agent: AgentEnd) -> str:
+    if agent.position_m is None or agent.digest is None:
+        return "has no hypothesis"
+    return f"says ({agent.position_m[0]:.3f}, {agent.position_m[1]:.3f}) m from the log {agent.digest[:8]}"
+
+
+def _end_of(agent: ObservedAgent, vehicle: VehicleReport) -> AgentEnd:
+    estimate, status = agent.estimate, agent.status
+    counters: Mapping[str, int] = status.counters if status is not None else {}
+    return AgentEnd(
+        drone=agent.drone,
+        alive=agent.alive,
+        stage=agent.stage,
+        digest=estimate.digest if estimate is not None else None,
+        position_m=estimate.position_m if estimate is not None else None,
+        covariance_m2=tuple(estimate.covariance_m2) if estimate is not None else None,
+        cones=agent.cones,
+        setpoints=vehicle.setpoints,
+        computed_setpoints=vehicle.computed_setpoints,
+        largest_gap_s=vehicle.largest_gap_s,
+        counters=dict(counters),
+        problems=agent.problems,
+    )

@@ -1,0 +1,147 @@
+"""What an operator's station sees of a live swarm: what each agent says of itself, and what it believes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.config import MissionConfig
+from protocol.codec import decode_from
+from protocol.errors import ProtocolError
+from protocol.keys import parse_key
+from protocol.messages import Cone, DroneMessage, Estimate, Stage, Status
+from sim.vehicle.px4.fleet import VehicleReport
+
+SILENT_S = 3.0  # a status comes each second: whoever says nothing for so long is not heard
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """A hypothesis as it was published. position: (3,) mission frame, metres; covariance: (3, 3)."""
+
+    position: Array
+    covariance: Array
+
+
+class ObservedAgent:
+    """One agent, as it is heard."""
+
+    def __init__(self, drone: str) -> None:
+        self.drone = drone
+        self.status: Status | None = None
+        self.estimate: Estimate | None = None
+        self.cones = 0  # that it published
+        self.heard_s = -np.inf  # when it last said anything
+        self.alive = False  # by its liveliness token
+        self._belief: Belief | None = None
+        self._believed_s = -np.inf
+        self._flew = self._down = False
+
+    @property
+    def stage(self) -> Stage:
+        """What it says that it is doing; where it has died and the autopilot has brought the vehicle down, landed."""
+        if self._down and not self.alive:
+            return Stage.LANDED
+        return self.status.stage if self.status is not None else Stage.PREFLIGHT
+
+    @property
+    def hypothesis(self) -> Belief | None:
+        """Its newest estimate."""
+        return self._belief
+
+    @property
+    def believed_s(self) -> float:
+        """When the newest estimate came."""
+        return self._believed_s
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What it reports."""
+        return self.status.problems if self.status is not None else ()
+
+    def hear(self, message: DroneMessage, now_s: float) -> None:
+        """Take a message of this agent."""
+        self.heard_s = now_s
+        if isinstance(message, Status):
+            self.status = message
+        elif isinstance(message, Cone):
+            self.cones += 1
+        elif isinstance(message, Estimate):
+            xx, xy, xz, yy, yz, zz = message.covariance_m2
+            covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            self.estimate, self._belief = message, Belief(np.array(message.position_m), covariance)
+            self._believed_s = now_s
+
+    def look(self, vehicle: VehicleReport, now_s: float, alive: bool) -> None:
+        """See the vehicle itself. An agent that goes on speaking without an estimate has taken its hypothesis back."""
+        self.alive = alive
+        self._flew = self._flew or vehicle.armed
+        self._down = self._flew and not vehicle.armed
+        if self._belief is not None and alive and now_s - self._believed_s > SILENT_S:
+            self._belief = None
+
+    def obstacle(self, mission_id: str, now_s: float) -> str | None:
+        """Why it cannot be started, or None."""
+        if not self.alive:
+            return "not in the mesh yet"
+        if self.status is None or now_s - self.heard_s > SILENT_S:
+            return "says nothing yet"
+        if self.status.mission != mission_id:
+            return f"another mission file ({self.status.mission}, here {mission_id})"
+        if self.status.stage is not Stage.PREFLIGHT:
+            return f"in {self.status.stage} already"
+        return self.status.problems[0] if self.status.problems else None
+
+
+class Observer:
+    """All agents of a mission.
+
+    Args:
+        mission: theirs.
+        clock_s: monotonic.
+    """
+
+    def __init__(self, mission: MissionConfig, clock_s: Callable[[], float]) -> None:
+        self._mission_id = mission.mission_id
+        self._clock_s = clock_s
+        self.agents = [ObservedAgent(drone.id) for drone in mission.drones]
+        self._places = {drone.id: place for place, drone in enumerate(mission.drones)}
+        self.entry: Callable[[int, str, bytes], None] | None = None  # told of each cone and exposure, with the drone's place
+        self.refused = 0  # messages that are none
+
+    def receive(self, key: str, payload: bytes) -> None:
+        """Take a message from the mesh."""
+        try:
+            message = decode_from(key, payload)
+            sender = parse_key(key).sender
+        except ProtocolError:
+            self.refused += 1
+            return
+        place = self._places.get(sender)
+        if place is None or not isinstance(message, DroneMessage):
+            return
+        self.agents[place].hear(message, self._clock_s())
+        if self.entry is not None:
+            self.entry(place, key, payload)
+
+    def look(self, vehicles: Sequence[VehicleReport], alive: frozenset[str]) -> None:
+        """See the vehicles, and whose liveliness token is there."""
+        now_s = self._clock_s()
+        for agent, vehicle in zip(self.agents, vehicles, strict=True):
+            agent.look(vehicle, now_s, agent.drone in alive)
+
+    def obstacles(self) -> list[str]:
+        """What stands against a start, a line for each drone that has something."""
+        now_s = self._clock_s()
+        found = [(agent.drone, agent.obstacle(self._mission_id, now_s)) for agent in self.agents]
+        return [f"{drone}: {text}" for drone, text in found if text is not None]
+
+    def agreed(self) -> bool:
+        """Whether all agents that live have told the same digest, and with it the same position, bit for bit."""
+        told = [agent.estimate for agent in self.agents if agent.alive]
+        estimates = [estimate for estimate in told if estimate is not None]
+        return len(estimates) == len(told) > 0 and len({(each.digest, each.position_m) for each in estimates}) == 1

@@ -1,0 +1,131 @@
+"""The files of a live flight: the mission, a drone file and a folder for each agent, the world's configuration."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import socket
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import tomli_w
+from msgspec.structs import replace
+
+from agent.config import DetectorConfig, DroneConfig, MissionConfig, PeerMeshConfig, RecorderConfig, VehicleConfig
+from sim.launch import launch_places
+from sim.runfile import make_folder, write_text
+from sim.scenario import Scenario
+from sim.streams import streams
+
+_PORTS = range(20_000, 32_000)  # below those that the kernel gives to whoever asks for any
+LOCAL = "127.0.0.1"
+
+
+class RunFolder:
+    """Where a live flight keeps its files; what an earlier flight left for its agents is removed.
+
+    ``mission.toml``; ``agents/{drone}/`` with ``drone.toml``, ``agent.log``, ``calibration/``, ``flight/`` (the recordings) and
+    ``state/``; ``world.json``.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.mission_file = folder / "mission.toml"
+        self.world_file = folder / "world.json"
+        shutil.rmtree(folder / "agents", ignore_errors=True)
+        make_folder(folder / "agents")
+
+    def agent(self, drone: str) -> Path:
+        """Folder of an agent."""
+        return self.folder / "agents" / drone
+
+    def drone_file(self, drone: str) -> Path:
+        """Its drone file."""
+        return self.agent(drone) / "drone.toml"
+
+    def log_file(self, drone: str) -> Path:
+        """What it says on its error stream."""
+        return self.agent(drone) / "agent.log"
+
+    def calibration(self, drone: str) -> Path:
+        """The files of its camera."""
+        return self.agent(drone) / "calibration"
+
+    def write_mission(self, mission: MissionConfig) -> None:
+        """Write the mission file; it has the mission's id."""
+        write_text(self.mission_file, as_toml(mission))
+
+    def write_drone(self, drone: DroneConfig) -> None:
+        """Write a drone's file into its folder."""
+        self.agent(drone.id).mkdir(exist_ok=True)
+        write_text(self.drone_file(drone.id), as_toml(drone))
+
+
+def live_mission(scenario: Scenario, seed: int) -> MissionConfig:
+    """The scenario's mission as a live swarm gets it: each drone's frame begins where it is really launched."""
+    mission = scenario.mission
+    places = launch_places(scenario.start, mission, streams(seed, len(mission.drones)).start).tolist()
+    drones = tuple(
+        replace(drone, origin_m=(x, y, drone.origin_m[2])) for drone, (x, y, _) in zip(mission.drones, places, strict=True)
+    )
+    return replace(mission, drones=drones)
+
+
+def drone_config(
+    scenario: Scenario, drone: str, calibrated: bool, mavlink: int, feed: int | None, mesh: dict[str, str]
+) -> DroneConfig:
+    """The file of a drone on this machine; it knows of its vehicle and its localisation what is true of them.
+
+    Args:
+        scenario: the flight's.
+        drone: its id.
+        calibrated: its camera has calibration files.
+        mavlink: port of its onboard link.
+        feed: port of its camera; none: it has no camera.
+        mesh: all drones' endpoints.
+    """
+    error = scenario.localization
+    return DroneConfig(
+        id=drone,
+        mission="../../mission.toml",
+        state="state",
+        calibration="calibration" if calibrated else None,
+        vehicle_lag_s=scenario.vehicle_lag_s,
+        mesh=PeerMeshConfig(endpoints=mesh),
+        vehicle=VehicleConfig(
+            address=f"udpin://{LOCAL}:{mavlink}", position_sigma_m=error.horizontal_m, yaw_sigma_deg=error.yaw_deg
+        ),
+        detector=DetectorConfig() if feed is None else DetectorConfig(driver="feed", address=f"{LOCAL}:{feed}"),
+        recorder=RecorderConfig(folder="flight"),
+    )
+
+
+def free_ports(count: int, kind: socket.SocketKind) -> list[int]:
+    """Ports of this machine that nobody uses, and that nobody gets who asks the kernel for any."""
+    found: list[socket.socket] = []
+    try:
+        for port in random.sample(_PORTS, len(_PORTS)):
+            if len(found) == count:
+                break
+            candidate = socket.socket(socket.AF_INET, kind)
+            try:
+                candidate.bind((LOCAL, port))
+                found.append(candidate)
+            except OSError:
+                candidate.close()
+        return [bound.getsockname()[1] for bound in found]
+    finally:
+        for bound in found:
+            bound.close()
+
+
+def as_toml(config: msgspec.Struct) -> str:
+    """A configuration as TOML, which knows no None: what is not set is left out."""
+    return tomli_w.dumps(_without_none(msgspec.to_builtins(config)))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return [_without_none(item) for item in value] if isinstance(value, list | tuple) else value

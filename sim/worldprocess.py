@@ -1,0 +1,84 @@
+"""The world process as its launcher sees it."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from agent.errors import RadronError
+from sim.processes import Child
+from sim.runfile import write_text
+from sim.worldlink import Order, Ready, Truth, WorldConfig, read
+
+UP_S = 300.0  # the first time ever it works out the camera's response, with a progress bar
+SILENT_S = 10.0  # a world that says nothing for so long hangs
+STOP_S = 2.0
+
+
+class LiveError(RadronError):
+    """A live flight cannot begin, or broke down."""
+
+
+class WorldProcess:
+    """A running world. ``truth``: the newest one. ``late_s``: by how much it was behind the clock at worst, so far."""
+
+    def __init__(self, child: Child, ready: Ready, truth: Truth) -> None:
+        """Use :meth:`start`."""
+        self._child = child
+        self.feed_ports = ready.feed_ports
+        self.truth = truth
+        self.late_s = 0.0
+        self.dropped = 0
+
+    @classmethod
+    async def start(cls, config: WorldConfig, file: Path) -> WorldProcess:
+        """Start a world and wait until it is up.
+
+        Raises:
+            LiveError: it does not come up.
+        """
+        write_text(file, msgspec.json.encode(config).decode())
+        child = await Child.start("world", [sys.executable, "-m", "sim.world", str(file)], piped=True)
+        try:
+            async with asyncio.timeout(UP_S):
+                ready, truth = await read(child.stdout), await read(child.stdout)
+            if not isinstance(ready, Ready) or not isinstance(truth, Truth):
+                raise LiveError("the world ended before it was up; the reason stands above")
+        except TimeoutError:
+            await child.stop(STOP_S)
+            raise LiveError(f"the world is not up within {UP_S:g} s") from None
+        except BaseException:
+            await child.stop(STOP_S)
+            raise
+        return cls(child, ready, truth)
+
+    async def watch(self, see: Callable[[Truth], None]) -> None:
+        """Call ``see`` with each truth, for ever.
+
+        Raises:
+            LiveError: the world has ended or says nothing any more.
+        """
+        while True:
+            try:
+                async with asyncio.timeout(SILENT_S):
+                    truth = await read(self._child.stdout)
+            except TimeoutError:
+                raise LiveError(f"the world has said nothing for {SILENT_S:g} s") from None
+            if not isinstance(truth, Truth):
+                raise LiveError("the world has ended in the middle of the flight")
+            self.truth = truth
+            self.late_s = max(self.late_s, truth.late_s)
+            self.dropped += truth.dropped
+            see(truth)
+
+    def order(self, order: Order) -> None:
+        """Tell it something."""
+        self._child.stdin.write(f"{order}\n".encode())
+
+    async def stop(self) -> None:
+        """End it."""
+        await self._child.stop(STOP_S)
