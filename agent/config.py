@@ -118,7 +118,7 @@ class FusionConfig(_Section, frozen=True, kw_only=True):
 
     estimator: Literal["paper", "paper-geometric", "bayes", "given"] = "paper"
     grid_s: Annotated[float, Meta(ge=0.05, le=10.0)] = 0.5
-    horizon_s: Positive = 60.0  # what is older may be compacted once no peer lacks it; never, while summaries are not exchanged
+    horizon_s: Positive = 60.0  # what is older may be compacted once no peer lacks it; no agent does so in flight
     paper: PaperEstimatorConfig = PaperEstimatorConfig()
     bayes: BayesEstimatorConfig = BayesEstimatorConfig()
     given: GivenHypothesisConfig | None = None
