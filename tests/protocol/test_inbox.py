@@ -5,6 +5,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
 from meshes import until
@@ -93,7 +94,7 @@ def test_a_flood_is_delivered_in_slices_between_which_the_loop_does_other_things
         while seen[-1] < 3000:
             await asyncio.sleep(0)
             seen.append(len(received.messages))
-        assert max(after - before for before, after in zip(seen, seen[1:], strict=False)) <= SLICE_MESSAGES
+        assert max(after - before for before, after in pairwise(seen)) <= SLICE_MESSAGES
         assert [int(payload) for _, payload in received.messages] == list(range(3000))
 
     asyncio.run(run())

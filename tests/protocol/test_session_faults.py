@@ -6,7 +6,9 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
+import meshes
 import pytest
 from meshes import endpoint, free_port, linked, member, peer_process, until
 from tcp_relay import relay_to
@@ -15,6 +17,7 @@ from protocol import session
 from protocol.keys import drone_key
 
 CONE = drone_key("s", "d1", "cone")
+SUPPORT = Path(meshes.__file__).parent
 
 
 def numbers(payloads: list[bytes]) -> list[int]:
@@ -117,20 +120,24 @@ def test_a_partition_loses_nothing_of_the_log(cut_s: float) -> None:
         ):
             await linked(d1, d2)
             sent = 0
-            for phase in ("before", "cut", "after"):
-                if phase == "cut":
-                    relay.cut()
-                    cut_at_s = time.monotonic()
+
+            async def publish() -> None:
+                nonlocal sent
                 for _ in range(200):
                     for one in (d1, d2):
                         one.publish("cone", b"%d" % sent)
                         one.publish("pose", bytes(200))
                     sent += 1
                     await asyncio.sleep(0.001)
-                if phase == "cut":
-                    await until(lambda: time.monotonic() > cut_at_s + cut_s)
-                    assert cut_s < 1.0 or d1.mesh.alive == d2.mesh.alive == frozenset()
-                    relay.heal()
+
+            await publish()
+            relay.cut()
+            cut_until_s = time.monotonic() + cut_s
+            await publish()
+            await until(lambda: time.monotonic() > cut_until_s)
+            assert cut_s < 1.0 or d1.mesh.alive == d2.mesh.alive == frozenset()
+            relay.heal()
+            await publish()
             for one, other in ((d1, "d2"), (d2, "d1")):
                 key = drone_key("s", other, "cone")
                 await until(lambda one=one, key=key: len(one.got(key)) >= sent)  # type: ignore[misc]
@@ -169,28 +176,31 @@ def test_what_a_partition_lost_beyond_the_cache_comes_by_the_log_query(monkeypat
 
 def test_the_process_ends_cleanly_while_peers_stand_still() -> None:
     ends = [endpoint() for _ in range(3)]
-    with peer_process("d1", ends[0]) as d1, peer_process("d2", ends[1], ends[0]) as d2:
-        with peer_process("d3", ends[2], *ends[:2], pose_bytes=60_000) as d3:
-            for process in (d1, d2):
-                process.send_signal(signal.SIGSTOP)
-            time.sleep(0.3)  # its sockets fill
-            start_s = time.monotonic()
-            assert d3.stdin is not None
-            d3.stdin.write("\n")
-            assert d3.wait(timeout=5.0) == 0
-            assert time.monotonic() - start_s < 1.5  # the close, and the end of the interpreter
+    with (
+        peer_process("d1", ends[0]) as d1,
+        peer_process("d2", ends[1], ends[0]) as d2,
+        peer_process("d3", ends[2], *ends[:2], pose_bytes=60_000, pose_hz=1000.0) as d3,
+    ):
+        for process in (d1, d2):
+            process.send_signal(signal.SIGSTOP)
+        time.sleep(0.3)  # the sockets fill; a lease is longer
+        start_s = time.monotonic()
+        assert d3.stdin is not None
+        d3.stdin.write("\n")
+        assert d3.wait(timeout=5.0) == 0
+        assert time.monotonic() - start_s < 1.5  # the close, and the end of the interpreter
 
 
 COUNT_THREADS = """
-import asyncio, os
+import asyncio
 from pathlib import Path
-from protocol.session import Mesh, MeshConfig
+
+from meshes import pair
 
 async def main():
-    mesh = await Mesh.open(MeshConfig(), "s", None, receive=lambda key, payload: None)
-    names = [path.read_text() for path in Path("/proc/self/task").glob("*/comm")]
-    print(sum(name.startswith("rx-") for name in names))
-    await mesh.close()
+    async with pair():  # they start with the first link
+        names = [path.read_text() for path in Path("/proc/self/task").glob("*/comm")]
+        print(sum(name.startswith("rx-") for name in names))
 
 asyncio.run(main())
 """
@@ -202,6 +212,12 @@ def test_the_receive_threads_are_raised_unless_the_user_says_otherwise(setting: 
     if setting is not None:
         environment["ZENOH_RUNTIME"] = setting
     done = subprocess.run(
-        [sys.executable, "-c", COUNT_THREADS], env=environment, capture_output=True, text=True, timeout=20, check=True
+        [sys.executable, "-c", COUNT_THREADS],
+        cwd=SUPPORT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=True,
     )
     assert int(done.stdout) == threads

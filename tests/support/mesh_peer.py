@@ -16,7 +16,8 @@ async def main() -> None:
     parser.add_argument("listen")
     parser.add_argument("connect", nargs="*")
     parser.add_argument("--entries", type=int, default=0, help="cones to publish at once when the input says 'burst'")
-    parser.add_argument("--pose-bytes", type=int, default=0, help="size of the poses published at 20 Hz; 0: none")
+    parser.add_argument("--pose-bytes", type=int, default=0, help="size of the poses; 0: none")
+    parser.add_argument("--pose-hz", type=float, default=20.0)
     arguments = parser.parse_args()
     config = MeshConfig(listen=arguments.listen, connect=tuple(arguments.connect))
     mesh = await Mesh.open(config, "s", arguments.drone, receive=lambda key, payload: None)
@@ -24,7 +25,7 @@ async def main() -> None:
     asked = asyncio.get_running_loop().run_in_executor(None, sys.stdin.readline)
     number = 0
     while not asked.done():
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(1.0 / arguments.pose_hz)
         if arguments.pose_bytes:
             number += 1
             mesh.publish(drone_key("s", arguments.drone, "pose"), b"%d " % number + bytes(arguments.pose_bytes))

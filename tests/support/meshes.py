@@ -96,11 +96,11 @@ async def linked(*members: Member) -> None:
 
 @contextmanager
 def peer_process(
-    drone: str, listen: str, *connect: str, entries: int = 0, pose_bytes: int = 0
+    drone: str, listen: str, *connect: str, entries: int = 0, pose_bytes: int = 0, pose_hz: float = 20.0
 ) -> Iterator[subprocess.Popen[str]]:
     """A drone in a process of its own (``mesh_peer.py``) that has joined."""
     script = Path(__file__).with_name("mesh_peer.py")
-    arguments = [f"--entries={entries}", f"--pose-bytes={pose_bytes}", drone, listen, *connect]
+    arguments = [f"--entries={entries}", f"--pose-bytes={pose_bytes}", f"--pose-hz={pose_hz}", drone, listen, *connect]
     process = subprocess.Popen(
         [sys.executable, str(script), *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
     )
