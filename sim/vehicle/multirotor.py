@@ -87,9 +87,22 @@ class Multirotors:
         acceleration: Array = self._state[2]
         return acceleration
 
-    def step(self, position_sp: Array, velocity_sp: Array, yaw_sp: Array, grounded: NDArray[np.bool_]) -> None:
-        """Advance one time step towards setpoints (N, 3), (N, 3), (N,); grounded vehicles stay where they are."""
+    def step(
+        self,
+        position_sp: Array,
+        velocity_sp: Array,
+        yaw_sp: Array,
+        grounded: NDArray[np.bool_],
+        unsteered: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Advance one time step towards setpoints (N, 3), (N, 3), (N,); grounded vehicles stay where they are.
+
+        unsteered: (N, 3), axes along which there is no position to keep, only a velocity.
+        """
         count = position_sp.shape[0]
+        if unsteered is not None:
+            position_sp = np.where(unsteered, self._state[0], position_sp)
+            self._state[3:5] = np.where(unsteered, self._state[0], self._state[3:5])
         truth = self._truth
         some_rest = grounded.any()
         resting = self._state[0, grounded] if some_rest else None
@@ -107,6 +120,13 @@ class Multirotors:
         most = truth.maximum_yaw_rate_rps
         rate = np.maximum(-most, np.minimum(error / truth.yaw_lag_s, most))
         self.yaw_rad += rate * self._step_s * ~grounded
+
+    def rest_on(self, ground_m: Array) -> None:
+        """Nothing sinks below the ground (N,), heights in the world."""
+        below = self._state[0, :, 2] < ground_m
+        if below.any():
+            self._state[0, below, 2] = ground_m[below]
+            self._state[1:3, below, 2] = np.maximum(self._state[1:3, below, 2], 0.0)
 
     def _limit_acceleration(self) -> None:
         acceleration = self._state[2]

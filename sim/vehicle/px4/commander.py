@@ -322,8 +322,9 @@ class Commander:
         far = hypot(dx, dy) * value["MPC_XY_P"] / value["MPC_XY_VEL_MAX"]
         if far > 1.0:  # not where a coordinate is NaN
             dx, dy = dx / far, dy / far
-        gain = value["MPC_Z_P"]
-        dz = max(-value["MPC_Z_VEL_MAX_DN"] / gain, min(dz, value["MPC_Z_VEL_MAX_UP"] / gain))
+        if isfinite(dz):
+            gain = value["MPC_Z_P"]
+            dz = max(-value["MPC_Z_VEL_MAX_DN"] / gain, min(dz, value["MPC_Z_VEL_MAX_UP"] / gain))
         return (x0 + dx, y0 + dy, z0 + dz)
 
     def _fall(self) -> None:

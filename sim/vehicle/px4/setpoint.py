@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from array import array
-from dataclasses import dataclass
-from itertools import pairwise
 from math import isfinite, nan, pi
 from typing import NamedTuple
 
@@ -44,22 +42,19 @@ def _given(mask: int, values: Vector3) -> Vector3:
     return (nan if mask & 1 else x, nan if mask & 2 else y, nan if mask & 4 else z)
 
 
-@dataclass(frozen=True, slots=True)
-class SetpointStatistics:
-    """``computed``: those that say something else than the one before; the gap is between two of these, in offboard."""
-
-    received: int
-    computed: int
-    largest_gap_s: float
-
-
 class SetpointLog:
-    """When position targets came; a target that only repeats the one before was not newly computed."""
+    """When position targets came; a target that only repeats the one before was not newly computed.
+
+    received: all. computed: those that say something else than the one before. largest_gap_s: between two computed ones in
+    offboard. gaps_s: all of these gaps in their order.
+    """
 
     def __init__(self) -> None:
         self.received = self.computed = 0
+        self.largest_gap_s = 0.0
+        self.gaps_s = array("d")
         self._content = b""
-        self._times_ns: array[int] = array("q")  # of computed ones in offboard; a zero where offboard was left
+        self._last_ns: int | None = None
 
     def add(self, payload: bytes, arrival_ns: int, offboard: bool) -> None:
         """Note a target with its payload; its first four bytes are the sender's time."""
@@ -68,20 +63,11 @@ class SetpointLog:
             return
         self._content = payload[4:]
         self.computed += 1
-        if offboard:
-            self._times_ns.append(arrival_ns)
+        if offboard and self._last_ns is not None:
+            self.gaps_s.append((arrival_ns - self._last_ns) * 1e-9)
+            self.largest_gap_s = max(self.largest_gap_s, self.gaps_s[-1])
+        self._last_ns = arrival_ns if offboard else None
 
     def leave_offboard(self) -> None:
         """What follows does not belong to what was before."""
-        if self._times_ns and self._times_ns[-1]:
-            self._times_ns.append(0)
-
-    @property
-    def gaps_s(self) -> list[float]:
-        """Between computed targets in offboard, in their order."""
-        return [(later - earlier) * 1e-9 for earlier, later in pairwise(self._times_ns) if earlier and later]
-
-    @property
-    def statistics(self) -> SetpointStatistics:
-        """Sums since the start."""
-        return SetpointStatistics(self.received, self.computed, max(self.gaps_s, default=0.0))
+        self._last_ns = None

@@ -1,0 +1,199 @@
+"""What a vehicle does with the messages that it hears: commands, parameters, modes, setpoints, time synchronisation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from math import isfinite
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from sim.vehicle.px4.commander import ACCEPTED, DENIED, FORCE, Commander
+from sim.vehicle.px4.link import Link
+from sim.vehicle.px4.modes import Mode
+from sim.vehicle.px4.parameters import Parameters
+from sim.vehicle.px4.setpoint import SetpointLog, offboard_target
+from sim.vehicle.px4.streams import BUILDERS
+from sim.vehicle.px4.telemetry import Message, State
+
+_UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
+_OWN_COMPONENTS = (0, mavlink.MAV_COMP_ID_AUTOPILOT1)
+_CUSTOM_MODE = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+
+
+class Requests:
+    """The ears of one vehicle. ``boot_ns`` and ``arrival_ns``: its own clock now, and UTC."""
+
+    def __init__(
+        self,
+        system_id: int,
+        state: State,
+        parameters: Parameters,
+        log: SetpointLog,
+        boot_ns: Callable[[], int],
+        arrival_ns: Callable[[], int],
+    ) -> None:
+        self._system_id = system_id
+        self._state = state
+        self._commander: Commander = state.commander
+        self._parameters = parameters
+        self._log = log
+        self._boot_ns, self._arrival_ns = boot_ns, arrival_ns
+        self._handlers: dict[str, Callable[[Link, Message], None]] = {
+            "HEARTBEAT": self._heartbeat,
+            "COMMAND_LONG": self._command,
+            "COMMAND_INT": self._command,
+            "SET_MODE": self._set_mode,
+            "SET_POSITION_TARGET_LOCAL_NED": self._position_target,
+            "PARAM_REQUEST_READ": self._read_parameter,
+            "PARAM_REQUEST_LIST": self._list_parameters,
+            "PARAM_SET": self._set_parameter,
+            "TIMESYNC": self._timesync,
+            "PING": self._ping,
+        }
+
+    def receive(self, link: Link, message: Message) -> None:
+        """Take a message; one for somebody else, or of a kind that PX4 does not answer, is passed over in silence."""
+        handler = self._handlers.get(message.get_type())
+        if handler is not None and self._concerns(message):
+            handler(link, message)
+
+    def _concerns(self, message: Message) -> bool:
+        system = getattr(message, "target_system", 0)
+        return system in (0, self._system_id) and getattr(message, "target_component", 0) in _OWN_COMPONENTS
+
+    def _heartbeat(self, link: Link, message: Message) -> None:
+        if message.type == mavlink.MAV_TYPE_GCS:
+            link.ground_station_s = self._state.boot_s
+
+    # Commands
+
+    def _command(self, link: Link, message: Message) -> None:
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        acknowledge = partial(self._acknowledge, link, message.command, sender)
+        at_once = self._by_the_link(link, message)
+        if at_once is not None:
+            acknowledge(at_once)
+            return
+        carried_out = self._by_the_commander(message)
+        if carried_out is None:
+            acknowledge(_UNSUPPORTED)
+            return
+        if message.command == mavlink.MAV_CMD_DO_SET_MODE:
+            acknowledge(ACCEPTED)  # by the link, which knows nothing of modes; the commander's own follows
+        self._commander.ask(carried_out, acknowledge)
+
+    def _acknowledge(self, link: Link, command: int, sender: tuple[int, int], result: int) -> None:
+        link.send(mavlink.MAVLink_command_ack_message(command, result, 255, 0, *sender))
+
+    def _by_the_link(self, link: Link, message: Message) -> int | None:
+        """Commands that the MAVLink module answers itself; none for another command."""
+        number = message.command
+        if number == mavlink.MAV_CMD_REQUEST_MESSAGE:
+            return self._request_message(link, int(message.param1), message.param2)
+        if number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            known = link.schedule.set_interval(int(message.param1), message.param2, self._state.boot_s)
+            return int(ACCEPTED if known else DENIED)
+        if number == mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
+            return self._request_message(link, mavlink.MAVLINK_MSG_ID_MESSAGE_INTERVAL, message.param1)
+        if number == mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
+            return self._request_message(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, 0.0)
+        if number == mavlink.MAV_CMD_GET_HOME_POSITION:
+            return self._request_message(link, mavlink.MAVLINK_MSG_ID_HOME_POSITION, 0.0)
+        return None
+
+    def _request_message(self, link: Link, number: int, detail: float) -> int:
+        if number == mavlink.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
+            asked = int(detail)
+            link.send(mavlink.MAVLink_message_interval_message(asked, link.schedule.interval_us(asked)))
+            return int(ACCEPTED)
+        message = BUILDERS[number](self._state) if number in BUILDERS else None
+        link.send(message)
+        return int(DENIED if message is None else ACCEPTED)
+
+    def _by_the_commander(self, message: Message) -> Callable[[], int] | None:
+        """What the commander is to do within its next step; none for a command that it does not know."""
+        commander, number = self._commander, message.command
+        modes = {
+            mavlink.MAV_CMD_NAV_LAND: Mode.LAND,
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: Mode.RETURN,
+            mavlink.MAV_CMD_NAV_LOITER_UNLIM: Mode.HOLD,
+        }
+        if number in modes:
+            return partial(commander.set_mode, modes[number])
+        if number == mavlink.MAV_CMD_DO_SET_MODE:
+            return self._mode_change(int(message.param1), int(message.param2), int(message.param3))
+        if number == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+            change = commander.arm if message.param1 >= 0.5 else commander.disarm
+            return partial(change, message.param2 == FORCE)
+        if number == mavlink.MAV_CMD_NAV_TAKEOFF:
+            return partial(commander.take_off, self._takeoff_height(message))
+        return None
+
+    def _takeoff_height(self, message: Message) -> float | None:
+        """Above home; the command gives it above sea level, or not at all."""
+        altitude = message.z if message.get_type() == "COMMAND_INT" else message.param7
+        return altitude - self._state.home_altitude_m if isfinite(altitude) else None
+
+    def _mode_change(self, base: int, main: int, sub: int) -> Callable[[], int]:
+        mode = Mode.of(main, sub) if base & _CUSTOM_MODE else None
+        if mode is None:
+            return lambda: int(DENIED)
+        return partial(self._commander.set_mode, mode)
+
+    def _set_mode(self, link: Link, message: Message) -> None:
+        custom = message.custom_mode
+        change = self._mode_change(message.base_mode, custom >> 16 & 0xFF, custom >> 24)
+        self._commander.ask(change, lambda result: None)
+
+    # Setpoints
+
+    def _position_target(self, link: Link, message: Message) -> None:
+        if message.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
+            text = f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {message.coordinate_frame} unsupported"
+            link.send_text(mavlink.MAV_SEVERITY_CRITICAL, text)
+            return
+        target = offboard_target(message)
+        if target is None:
+            link.send_text(mavlink.MAV_SEVERITY_CRITICAL, "SET_POSITION_TARGET_LOCAL_NED invalid")
+            return
+        self._log.add(message.get_payload(), self._arrival_ns(), self._commander.mode is Mode.OFFBOARD)
+        self._commander.follow(target)
+
+    # Parameters
+
+    def _send_parameter(self, link: Link, name: str) -> None:
+        parameters = self._parameters
+        index, count = parameters.names.index(name), len(parameters.names)
+        link.send(mavlink.MAVLink_param_value_message(name.encode(), parameters.wire(name), parameters.kind(name), count, index))
+
+    def _read_parameter(self, link: Link, message: Message) -> None:
+        names, index = self._parameters.names, message.param_index
+        name = message.param_id if index < 0 else "".join(names[index : index + 1])
+        if name in self._parameters:
+            self._send_parameter(link, name)
+
+    def _list_parameters(self, link: Link, message: Message) -> None:
+        for name in self._parameters.names:
+            self._send_parameter(link, name)
+
+    def _set_parameter(self, link: Link, message: Message) -> None:
+        name = message.param_id
+        if name not in self._parameters:
+            return
+        if message.param_type != self._parameters.kind(name):
+            link.send_text(mavlink.MAV_SEVERITY_ERROR, f"param types mismatch param: {name}")
+            return
+        self._parameters.set(name, message.param_value)
+        self._send_parameter(link, name)
+
+    # Clocks
+
+    def _timesync(self, link: Link, message: Message) -> None:
+        if message.tc1 == 0:
+            link.send(mavlink.MAVLink_timesync_message(self._boot_ns(), message.ts1))
+
+    def _ping(self, link: Link, message: Message) -> None:
+        if message.target_system == 0:
+            sender = (message.get_srcSystem(), message.get_srcComponent())
+            link.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *sender))

@@ -1,0 +1,119 @@
+"""Which messages a link carries, and how often: PX4's onboard and ground-station sets, changed by who asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from sim.vehicle.px4 import telemetry as tell
+from sim.vehicle.px4.telemetry import Builder
+
+BUILDERS: dict[int, Builder] = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: tell.heartbeat,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: tell.attitude,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: tell.attitude_quaternion,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: tell.local_position,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: tell.global_position,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: tell.gps_raw,
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: tell.odometry,
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: tell.highres_imu,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: tell.scaled_pressure,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: tell.distance_sensor,
+    mavlink.MAVLINK_MSG_ID_ALTITUDE: tell.altitude,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: tell.vfr_hud,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: tell.servo_output,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: tell.attitude_target,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: tell.position_target,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: tell.extended_sys_state,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: tell.sys_status,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: tell.battery_status,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: tell.home_position,
+    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: tell.gps_global_origin,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: tell.estimator_status,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: tell.system_time,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: tell.timesync,
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: tell.mission_current,
+    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: tell.autopilot_version,
+}
+
+ONBOARD_HZ: dict[int, float] = {
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 100.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 50.0,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 50.0,
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: 50.0,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 30.0,
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: 30.0,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 10.0,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 10.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: 10.0,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 10.0,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: 10.0,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: 10.0,
+    mavlink.MAVLINK_MSG_ID_ALTITUDE: 10.0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 8.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 5.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0,
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: 1.0,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
+}
+
+GROUND_STATION_HZ: dict[int, float] = {
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 50.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 50.0,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 50.0,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 50.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: 50.0,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 50.0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 5.0,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 4.0,
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
+}
+
+_EARLY_S = 1e-6  # of the time of a step, for rounding
+
+
+class Schedule:
+    """When each message of one link is due, in seconds of the vehicle's clock."""
+
+    def __init__(self, rates_hz: dict[int, float], start_s: float) -> None:
+        self._usual = {message: 1.0 / rate for message, rate in rates_hz.items()}
+        self._interval = dict(self._usual)
+        self._next = dict.fromkeys(self._usual, start_s)
+
+    def due(self, now_s: float) -> Iterator[Builder]:
+        """Those due by now; what came too late is not made up for."""
+        limit_s = now_s + _EARLY_S
+        for message, next_s in self._next.items():
+            if next_s <= limit_s:
+                interval_s = self._interval[message]
+                late = next_s + interval_s <= limit_s
+                self._next[message] = now_s + interval_s if late else next_s + interval_s
+                yield BUILDERS[message]
+
+    def interval_us(self, message: int) -> int:
+        """As MESSAGE_INTERVAL says it: -1 for a message that does not come."""
+        interval_s = self._interval.get(message)
+        return -1 if interval_s is None else round(interval_s * 1e6)
+
+    def set_interval(self, message: int, interval_us: float, now_s: float) -> bool:
+        """As SET_MESSAGE_INTERVAL asks: -1 off, 0 the usual; False for a message that this vehicle does not have."""
+        if message not in BUILDERS:
+            return False
+        interval_s = self._usual.get(message) if interval_us == 0.0 else interval_us * 1e-6
+        if interval_s is None or interval_s < 0.0:
+            self._interval.pop(message, None)
+            self._next.pop(message, None)
+        else:
+            self._interval[message] = interval_s
+            self._next[message] = now_s + interval_s
+        return True
