@@ -43,10 +43,14 @@ def until(condition: Callable[[], T], within_s: float, what: str = "") -> T:
 
 
 class Vehicles:
-    """Emulated vehicles. ``reports``: (time, reports of all vehicles), newest last."""
+    """Emulated vehicles. ``reports``: (time, reports of all vehicles), newest last. ``unhealthy``: why not, by index."""
 
-    def __init__(self, ports: list[int], unhealthy: str | None = None) -> None:
-        order = {"ports": ports, "places": [(5.0 + 6.0 * index, 5.0) for index in range(len(ports))], "unhealthy": unhealthy}
+    def __init__(self, ports: list[int], unhealthy: dict[int, str] | None = None) -> None:
+        order = {
+            "ports": ports,
+            "places": [(5.0 + 6.0 * index, 5.0) for index in range(len(ports))],
+            "unhealthy": unhealthy or {},
+        }
         self._process = subprocess.Popen(
             [sys.executable, str(SUPPORT / "vehicles.py"), json.dumps(order)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,

@@ -1,7 +1,7 @@
 """Emulated PX4s as a process of their own, in real time; a JSON line of reports 20 times a second on the standard output.
 
 The argument is JSON: ``ports`` (of the agents, one for each vehicle), ``places`` (x, y of the launches) and, if wanted,
-``unhealthy`` (the text of an arming check that never passes). It ends with its standard input.
+``unhealthy`` (by index, the text of an arming check that never passes). It ends with its standard input.
 """
 
 import asyncio
@@ -24,12 +24,13 @@ REPORT_STEPS = 5
 PARAMETERS = {"COM_OBL_RC_ACT": 3.0, "NAV_RCL_ACT": 2.0, "GF_MAX_HOR_DIST": 500.0, "RTL_RETURN_ALT": 20.0}
 
 
-async def fly(ports: list[int], places: list[tuple[float, float]], unhealthy: str | None = None) -> None:
+async def fly(ports: list[int], places: list[tuple[float, float]], unhealthy: dict[str, str]) -> None:
     rng = np.random.default_rng(1)
     position = np.array([(x, y, 0.0) for x, y in places])
     motion = Multirotors(MultirotorTruth(), position, np.zeros(len(ports)), STEP_S, rng)
     configs = [
-        Px4Config(onboard=("127.0.0.1", port), parameters=PARAMETERS, faults=Faults(unhealthy=unhealthy)) for port in ports
+        Px4Config(onboard=("127.0.0.1", port), parameters=PARAMETERS, faults=Faults(unhealthy=unhealthy.get(str(index))))
+        for index, port in enumerate(ports)
     ]
     fleet = Px4Fleet(configs, motion, Localization(LocalizationTruth(), len(ports), STEP_S, rng), STEP_S, rng)
     await fleet.start()
