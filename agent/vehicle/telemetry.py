@@ -115,7 +115,8 @@ class Telemetry:
             problems = ["the autopilot is in a failsafe"] if seen.failsafe else []
         else:
             reason = self.not_ready()
-            problems = [f"the autopilot is not ready to arm: {reason}"] if reason is not None else []
+            where = f" in mode {seen.mode}" if seen is not None else ""  # from some modes it does not let itself be armed
+            problems = [f"the autopilot is not ready to arm{where}: {reason}"] if reason is not None else []
         return problems + ([self.launch.problem] if self.launch.problem is not None else [])
 
     def _missing(self, now_s: float) -> list[str]:

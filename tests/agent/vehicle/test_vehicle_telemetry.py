@@ -102,7 +102,7 @@ def test_there_is_no_state_with_a_stale_attitude_or_half_a_position() -> None:
 def test_what_keeps_it_from_arming_is_told() -> None:
     rig = launched(SystemStatus(SENSORS, SENSORS, 0x07, 90))
     assert not state_of(rig).healthy
-    assert rig.telemetry.problems(rig.now_s) == ["the autopilot is not ready to arm: GPS"]
+    assert rig.telemetry.problems(rig.now_s) == ["the autopilot is not ready to arm in mode hold: GPS"]
     assert not state_of(launched(Heartbeat(0x1D, HOLD, 0))).healthy
 
 

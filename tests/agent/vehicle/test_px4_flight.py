@@ -1,0 +1,155 @@
+"""The driver flies an emulated PX4 from the launch place and back, by MAVLink only."""
+
+import asyncio
+import time
+from math import dist, hypot, pi
+
+from px4_sky import STAY, Sky, hover, sky
+
+from agent.vehicle.interface import FlightMode, LaunchPlace, Request, VehicleCommand
+from sim.vehicle.px4.config import Faults
+
+TAKEOFF = VehicleCommand(Request.TAKEOFF, takeoff_height_m=4.0)
+
+
+async def ready(flight: Sky) -> None:
+    await flight.connect()
+    await flight.fly(STAY, lambda: bool(flight.states) and flight.state.healthy and not flight.vehicle.problems)
+
+
+async def airborne(flight: Sky) -> None:
+    await ready(flight)
+    await flight.fly(TAKEOFF, lambda: flight.state.in_air and flight.state.mode is FlightMode.HOLD, timeout_s=15.0)
+
+
+def near(flight: Sky, *place_m: float, within_m: float = 1.0) -> bool:
+    return dist(flight.state.position_m, place_m) < within_m
+
+
+def test_a_flight_from_takeoff_to_landing() -> None:
+    async def scenario() -> None:
+        async with sky() as flight:
+            await ready(flight)
+            assert {finding.verdict for finding in await flight.vehicle.findings()} == {"ok"}
+            assert hypot(*flight.state.position_m) < 0.5
+            assert not flight.state.armed
+            await flight.fly(TAKEOFF, lambda: flight.state.in_air and flight.state.mode is FlightMode.HOLD, timeout_s=15.0)
+            assert abs(flight.state.position_m[2] - 4.0) < 1.0
+            assert abs(flight.state.height_m - 4.0) < 1.0
+
+            there = hover(6.0, -3.0, 5.0, yaw_rad=pi / 2)
+            await flight.fly(there, lambda: near(flight, 6.0, -3.0, 5.0))
+            assert flight.state.mode is FlightMode.OFFBOARD
+            assert flight.state.healthy
+            assert (
+                dist(flight.state.position_m[:2], flight.true_position_m[:2]) < 1.0
+            )  # east and north are where they are in truth
+
+            await flight.fly(VehicleCommand(Request.HOLD), lambda: flight.state.mode is FlightMode.HOLD)
+            await flight.fly(there, lambda: flight.state.mode is FlightMode.OFFBOARD)
+            await flight.fly(VehicleCommand(Request.LAND), lambda: flight.state.mode is FlightMode.LAND)
+            await flight.fly(VehicleCommand(Request.LAND), lambda: not flight.state.armed, timeout_s=15.0)
+            assert not flight.state.in_air
+            assert flight.vehicle.counters["not_sent"] == 0
+            begun_s = time.monotonic()
+            await flight.vehicle.close()
+            assert time.monotonic() - begun_s < 1.0
+
+    asyncio.run(scenario())
+
+
+def test_silence_trips_the_failsafe_and_setpoints_bring_it_back() -> None:
+    async def scenario() -> None:
+        async with sky() as flight:
+            await airborne(flight)
+            await flight.fly(hover(0.0, 0.0, 4.0), lambda: flight.state.mode is FlightMode.OFFBOARD)
+            await flight.wait(3.0)
+            assert flight.state.mode is FlightMode.RETURN
+            assert not flight.state.healthy
+            assert any("failsafe" in problem for problem in flight.vehicle.problems)
+            await flight.fly(hover(0.0, 0.0, 4.0), lambda: flight.state.mode is FlightMode.OFFBOARD and flight.state.healthy)
+
+    asyncio.run(scenario())
+
+
+def test_an_agent_restarted_in_flight_goes_on_in_the_same_frame() -> None:
+    async def scenario() -> None:
+        async with sky() as flight:
+            await airborne(flight)
+            there = hover(5.0, 2.0, 4.0)
+            await flight.fly(there, lambda: near(flight, 5.0, 2.0, 4.0))
+            launch = flight.vehicle.launch
+            assert isinstance(launch, LaunchPlace)
+            await flight.vehicle.close()
+
+            flight.new_vehicle()  # one that was told nothing
+            await flight.connect()
+            await flight.fly(STAY, lambda: any("launched" in problem for problem in flight.vehicle.problems))
+            assert flight.states == []
+            await flight.vehicle.close()
+
+            flight.new_vehicle(launch)
+            await flight.connect()
+            await flight.fly(there, lambda: bool(flight.states))
+            assert flight.vehicle.launch == launch
+            assert flight.state.in_air
+            await flight.fly(there, lambda: flight.state.mode is FlightMode.OFFBOARD and near(flight, 5.0, 2.0, 4.0))
+
+    asyncio.run(scenario())
+
+
+def test_a_human_pilot_who_takes_over_keeps_the_vehicle() -> None:
+    async def scenario() -> None:
+        async with sky() as flight:
+            await airborne(flight)
+            await flight.fly(hover(0.0, 0.0, 4.0), lambda: flight.state.mode is FlightMode.OFFBOARD)
+            await flight.wait(8.0, hover(0.0, 0.0, 4.0))
+            flight.face.commander.take_over()
+            await flight.fly(hover(0.0, 0.0, 4.0), lambda: flight.state.mode is FlightMode.MANUAL)
+            since = len(flight.states)
+            await flight.wait(30.0, hover(0.0, 0.0, 4.0))
+            assert {state.mode for state in flight.states[since:]} == {FlightMode.MANUAL}
+
+    asyncio.run(scenario())
+
+
+def test_a_lost_link_is_told_within_three_seconds_and_comes_back() -> None:
+    async def scenario() -> None:
+        async with sky() as flight:
+            await ready(flight)
+            flight.speed = 1
+            flight.face.cut_links(4.0)
+            begun_s = time.monotonic()
+            await flight.fly(STAY, lambda: any("lost" in problem for problem in flight.vehicle.problems))
+            assert time.monotonic() - begun_s < 3.0
+            count = len(flight.states)
+            await flight.fly(STAY, lambda: len(flight.states) > count and flight.state.healthy and not flight.vehicle.problems)
+
+    asyncio.run(scenario())
+
+
+def test_a_vehicle_that_is_never_healthy_says_why_and_is_not_armed() -> None:
+    async def scenario() -> None:
+        async with sky(faults=Faults(unhealthy="Accel 0 uncalibrated")) as flight:
+            await flight.connect()
+            await flight.fly(STAY, lambda: bool(flight.states))
+            assert not flight.state.healthy
+            assert any("not ready to arm" in problem for problem in flight.vehicle.problems)
+            await flight.fly(TAKEOFF, lambda: any("refuses to arm" in problem for problem in flight.vehicle.problems))
+            await flight.wait(20.0, TAKEOFF)
+            assert not flight.state.armed
+            assert "not yet" in {finding.verdict for finding in await flight.vehicle.findings()}
+
+    asyncio.run(scenario())
+
+
+def test_a_vehicle_with_px4s_own_defaults_is_told_what_to_set() -> None:
+    async def scenario() -> None:
+        async with sky({"COM_OBL_RC_ACT": 0, "GF_MAX_HOR_DIST": 0.0, "RTL_RETURN_ALT": 80.0}) as flight:
+            await flight.connect()
+            await flight.fly(STAY, lambda: len(flight.vehicle.problems) == 3 and flight.state.healthy)
+            text = " ".join(flight.vehicle.problems)
+            for name in ("COM_OBL_RC_ACT", "GF_MAX_HOR_DIST", "RTL_RETURN_ALT"):
+                assert f"parameter {name} is " in text
+
+    asyncio.run(scenario())

@@ -1,0 +1,111 @@
+"""One emulated PX4 and the driver under test in one event loop, the vehicle's time running faster than the wall's."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+import numpy as np
+
+from agent.config import VehicleConfig
+from agent.vehicle.interface import LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
+from agent.vehicle.px4 import Px4Vehicle
+from sim.localization import Localization, LocalizationTruth
+from sim.vehicle.multirotor import Multirotors, MultirotorTruth
+from sim.vehicle.px4.config import Faults, Px4Config
+from sim.vehicle.px4.fleet import Px4Fleet
+
+STEP_S = 0.01
+TICK_S = 0.02  # of the wall, between two commands
+CEILING_M = 60.0
+SANE = {"COM_OBL_RC_ACT": 3, "GF_ACTION": 3, "GF_MAX_HOR_DIST": 300.0}  # what the driver asks for beyond PX4's defaults
+STAY = VehicleCommand(Request.STAY)
+
+
+def hover(east_m: float, north_m: float, up_m: float, yaw_rad: float = 0.0) -> VehicleCommand:
+    """A setpoint that stands still."""
+    return VehicleCommand(Request.OFFBOARD, Setpoint((east_m, north_m, up_m), (0.0,) * 3, (0.0,) * 3, yaw_rad, 0.0))
+
+
+class Sky:
+    """``vehicle`` is what is tested; ``states`` is all that it told."""
+
+    def __init__(self, fleet: Px4Fleet, motion: Multirotors, address: str) -> None:
+        self.fleet = fleet
+        self.face = fleet.faces[0]
+        self._motion = motion
+        self.address = address
+        self.speed = 8  # simulated seconds in one of the wall's
+        self.states: list[VehicleState] = []
+        self.vehicle = self.new_vehicle()
+
+    def new_vehicle(self, launch: LaunchPlace | None = None) -> Px4Vehicle:
+        """Another driver at the same address, as of an agent that was started anew."""
+        self.vehicle = Px4Vehicle(VehicleConfig(address=self.address, connect_timeout_s=8.0), CEILING_M, launch)
+        self.states = []
+        self.vehicle.on_state(self.states.append)
+        return self.vehicle
+
+    @property
+    def state(self) -> VehicleState:
+        return self.states[-1]
+
+    @property
+    def true_position_m(self) -> tuple[float, float, float]:
+        """World, which has its origin at the launch place."""
+        east_m, north_m, up_m = self._motion.position_m[0]
+        return float(east_m), float(north_m), float(up_m)
+
+    async def connect(self) -> None:
+        connecting = asyncio.create_task(self.vehicle.connect())
+        while not connecting.done():
+            await self._tick()
+        await connecting
+
+    async def fly(self, command: VehicleCommand | None, until: Callable[[], bool], timeout_s: float = 10.0) -> None:
+        """Give the command at every tick until the condition holds; none: nothing is commanded, as by an agent that hangs."""
+        deadline_s = time.monotonic() + timeout_s
+        while not until():
+            last = self.states[-1] if self.states else None
+            assert time.monotonic() < deadline_s, (command, self.vehicle.problems, last, self.fleet.reports())
+            if command is not None:
+                self.vehicle.command(command)
+            await self._tick()
+
+    async def wait(self, seconds: float, command: VehicleCommand | None = None) -> None:
+        """So long of the vehicle's time."""
+        end_s = self.fleet.time_s + seconds
+        await self.fly(command, lambda: self.fleet.time_s >= end_s, timeout_s=60.0)
+
+    async def _tick(self) -> None:
+        for _ in range(round(self.speed * TICK_S / STEP_S)):
+            self.fleet.step()
+        await asyncio.sleep(TICK_S)
+
+
+def free_port() -> int:
+    """A UDP port that nobody listens on."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@asynccontextmanager
+async def sky(parameters: dict[str, float] | None = None, faults: Faults = Faults()) -> AsyncIterator[Sky]:  # noqa: B008 - frozen
+    """An emulated vehicle on the ground, its links open; everything is closed at the end."""
+    rng = np.random.default_rng(5)
+    port = free_port()
+    motion = Multirotors(MultirotorTruth(), np.zeros((1, 3)), np.zeros(1), STEP_S, rng)
+    error = Localization(LocalizationTruth(), 1, STEP_S, rng)
+    config = Px4Config(onboard=("127.0.0.1", port), parameters=SANE | (parameters or {}), faults=faults)
+    fleet = Px4Fleet([config], motion, error, STEP_S, rng)
+    await fleet.start()
+    flight = Sky(fleet, motion, f"udpin://127.0.0.1:{port}")
+    try:
+        yield flight
+    finally:
+        await flight.vehicle.close()
+        fleet.close()
