@@ -1,0 +1,110 @@
+"""A whole mission in which one agent dies and comes back: it flies on, believes what the others do, and all of it replays."""
+
+import itertools
+
+from one_pilot import SECOND
+
+import sim.lockstep
+from agent.flight.header import FlightHeader
+from agent.flight.recorded import RecordedPilot
+from agent.flight.recorder import FlightRecorder
+from agent.flight.replay import replay
+from agent.pilot import Pilot, Step
+from agent.vehicle.interface import FlightMode, Request, VehicleCommand
+from protocol.messages import Stage
+from sim.scenario import load_scenario, override
+
+DIES_NS = sim.lockstep.EPOCH_NS + 20 * SECOND
+BACK_NS = DIES_NS + 3 * SECOND  # the failsafe trips after 1 s
+
+
+class Mortal:
+    """An agent in the lockstep; between ``DIES_NS`` and ``BACK_NS`` its vehicle is alone."""
+
+    def __init__(self, folder, mission, config, boot, mortal):
+        self.folder, self.mission, self.config, self.mortal = folder, mission, config, mortal
+        self.listeners = {}
+        self.boots = itertools.count()
+        self.modes, self.requests = [], []
+        self.others = []
+        self.start(boot, None)
+
+    def start(self, boot, memory):
+        header = FlightHeader.of(self.mission, self.config, boot, SECOND * (1_800_000_000 + next(self.boots)), memory)
+        self.recorder = FlightRecorder(self.folder, 100, header)
+        self.bare = Pilot(self.mission, self.config, boot, memory=memory)
+        self.fusion = self.bare.fusion
+        self.pilot = RecordedPilot(self.bare, self.recorder)
+
+    stage = property(lambda self: self.bare.stage)
+    hypothesis = property(lambda self: self.bare.hypothesis)
+
+    def observe_vehicle(self, state):
+        self.modes.append(state.mode)
+        if not self.is_dead(state.stamp_ns):
+            self.pilot.observe_vehicle(state)
+
+    def observe_detector(self, readout):
+        if not self.is_dead(readout.end_ns):
+            self.pilot.observe_detector(readout)
+
+    def receive(self, key, payload, now_ns):
+        if not self.is_dead(now_ns):
+            self.pilot.receive(key, payload, now_ns)
+            self.pilot.advance(now_ns)
+
+    def step(self, now_ns):
+        if self.is_dead(now_ns):
+            return Step([], VehicleCommand(Request.RELEASE))
+        if self.mortal and now_ns == BACK_NS:
+            self.recorder.close()
+            self.start("f" * 16, self.pilot.memory)
+        if now_ns % (2 * SECOND) == 0:
+            self.ask(now_ns)
+        step = self.pilot.step(now_ns)
+        self.requests.append(step.command.request)
+        return step
+
+    def ask(self, now_ns):
+        """Get what the log lacks."""
+        for other in self.others:
+            for key, payload in other.pilot.log_answer(self.pilot.log_summary()):
+                self.pilot.receive(key, payload, now_ns)
+
+    def is_dead(self, now_ns):
+        return self.mortal and DIES_NS <= now_ns < BACK_NS
+
+
+def test_a_restarted_agent_flies_on_and_everything_replays(tmp_path, monkeypatch):
+    agents = []
+
+    def made(mission, config, boot, listeners=()):
+        agents.append(Mortal(tmp_path / config.id, mission, config, boot, mortal=config.id == "d2"))
+        return agents[-1]
+
+    monkeypatch.setattr(sim.lockstep, "Pilot", made)
+    world = sim.lockstep._World(override(load_scenario("demo"), {"mission.track.duration_s": 25.0}), 1, ())
+    for agent in agents:
+        agent.others = [other for other in agents if other is not agent]
+    stages = []
+    while not world.tick():
+        stages.append([agent.stage for agent in agents])
+    end_ns = sim.lockstep.EPOCH_NS + world.ticks * sim.lockstep.TICK_NS
+    for agent in agents:
+        agent.ask(end_ns)  # what was under way when the world ended
+        agent.pilot.advance(end_ns)
+        agent.recorder.close()
+    d2 = agents[1]
+    back = round((BACK_NS - sim.lockstep.EPOCH_NS) / sim.lockstep.TICK_NS)
+    assert d2.modes[back] is FlightMode.RETURN  # the failsafe had it
+    assert set(d2.modes[back + 2 : back + 100]) == {FlightMode.OFFBOARD}
+    assert {seen[1] for seen in stages[back + 2 : back + 40]} == {Stage.SURVEY, Stage.TRACK}  # no log yet, at first
+    assert {seen[1] for seen in stages[back + 40 : back + 100]} == {Stage.TRACK}
+    ended = [next(tick for tick, seen in enumerate(stages) if seen[k] is Stage.RETURN) for k in range(3)]
+    assert max(ended) - min(ended) <= 2  # the times of the mission went on
+    assert len({agent.pilot.digest for agent in agents}) == 1
+    assert len({agent.hypothesis.position.tobytes() for agent in agents}) == 1
+    files = sorted(file for folder in tmp_path.iterdir() for file in folder.iterdir())
+    assert len(files) == 4
+    assert all(replay(file).identical for file in files)
+    assert replay(files[2]).calls["call/step"] > 100
