@@ -15,6 +15,7 @@ from tcp_relay import relay_to
 
 from protocol import session
 from protocol.keys import drone_key
+from protocol.link import CLOSE_S
 
 CONE = drone_key("s", "d1", "cone")
 SUPPORT = Path(meshes.__file__).parent
@@ -104,7 +105,7 @@ def test_peers_that_stand_still_stall_neither_the_healthy_ones_nor_the_close() -
                     d1.publish("plan", bytes(60_000))
                 start_s = time.monotonic()
                 await d1.mesh.close()
-                assert time.monotonic() - start_s < 1.0
+                assert time.monotonic() - start_s < CLOSE_S  # it ended by itself and was not given up
 
     asyncio.run(run())
 
