@@ -1,0 +1,13 @@
+#!/bin/sh
+# In the image build: what never runs goes (pip, tests, type stubs, headers, unused MAVLink dialects); the rest is compiled,
+# because a container with a read-only root cannot keep what it compiles.
+set -eu
+cd /opt/radron/lib/python3*/site-packages
+
+rm -rf pip pip-*.dist-info ../../../bin/pip* ../../../bin/[aA]ctivate*
+find . -mindepth 2 -depth -type d \( -name tests -o -name include \) -exec rm -rf {} +
+find . -type f \( -name '*.pyi' -o -name '*.pxd' -o -name '*.h' -o -name '*.a' -o -name '*.c' \) -delete
+if [ -d pymavlink ]; then
+    find pymavlink/dialects -type f \( -name '*.xml' -o -path '*/v1.0/*' -o -path '*/v10/*' \) ! -name __init__.py -delete
+    find pymavlink/dialects/v20 -type f ! -name __init__.py ! -name common.py ! -name ardupilotmega.py -delete
+fi
