@@ -10,13 +10,15 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Sequence
+from math import ceil, hypot
 from pathlib import Path
 
 import msgspec
 import numpy as np
 from shapely import Polygon
 
-from agent.config import DroneConfig
+from agent.config import DroneConfig, MissionConfig
 from sim.cameras import Cameras
 from sim.feed import FeedServer
 from sim.frame import LocalFrames
@@ -36,6 +38,7 @@ TRUTH_STEPS = 5  # the launcher samples at 20 Hz, as lockstep does
 EXPOSE_STEPS = 10  # the geometry of a camera's exposure is that of the middle of 0.1 s
 READ_STEPS = 20  # cameras hand over their hits at 5 Hz
 CATCH_UP_STEPS = 10  # at once, where the world is behind; then the links get their turn
+_FENCE_SPARE_M = 10.0  # the autopilot's own fence is a circle around its home, beyond the mission's
 _BACKLOG_BYTES = 1 << 20  # of truths that the launcher has not taken
 
 
@@ -53,7 +56,10 @@ class World:
         self._motion = Multirotors(scenario.vehicle, position, np.zeros(count), STEP_S, random.vehicle)
         error = Localization(scenario.localization, count, STEP_S, random.localization)
         self._fleet = Px4Fleet(
-            [Px4Config(onboard=onboard, ground_station=config.ground_station) for onboard in config.onboard],
+            [
+                Px4Config(onboard=onboard, ground_station=config.ground_station, parameters=crew_parameters(mission, place))
+                for onboard, place in zip(config.onboard, position.tolist(), strict=True)
+            ],
             self._motion,
             error,
             STEP_S,
@@ -152,6 +158,18 @@ class World:
             )
         )
         self._late_s, self._dropped = 0.0, 0
+
+
+def crew_parameters(mission: MissionConfig, place: Sequence[float]) -> dict[str, float]:
+    """What a crew sets in a PX4 before this mission, where it is launched from ``place``; the rest is as delivered."""
+    area = mission.area
+    farthest_m = max(hypot(x - place[0], y - place[1]) for x, y in area.polygon_m) + area.fence_margin_m
+    return {
+        "COM_OBL_RC_ACT": 3.0,  # return when the agent is gone
+        "RTL_RETURN_ALT": min(10.0, 0.8 * area.ceiling_m),
+        "RTL_DESCEND_ALT": min(10.0, 0.8 * area.ceiling_m),
+        "GF_MAX_HOR_DIST": ceil(farthest_m + _FENCE_SPARE_M),
+    }
 
 
 async def _live(config: WorldConfig) -> None:
