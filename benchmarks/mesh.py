@@ -1,0 +1,199 @@
+"""The mesh alone: how soon it is complete, and how long a message takes, beside raw Zenoh in the same run.
+
+`python benchmarks/mesh.py [--seconds S] [--drones 3,6,10] [--json OUT]`. All peers are processes of their own on this machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import multiprocessing
+import socket
+import statistics
+import time
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+from zenoh import CongestionControl
+from zenoh.handlers import Callback
+
+from protocol.keys import ROOT, drone_key
+from protocol.link import open_session
+from protocol.session import Mesh, MeshConfig
+
+RATE_HZ = 50.0
+PAYLOAD_BYTES = 400  # a cone
+ROUTES = ("raw Zenoh put to callback", "news: publish to receive", "log entries: publish to receive")
+RAW_KEY = f"{ROOT}/benchmark/raw"
+DEADLINE_S = 60.0
+
+SPAWN = multiprocessing.get_context("spawn")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=20.0, help="for which messages are sent")
+    parser.add_argument("--drones", default="3,6,10", help="sizes of the swarms")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    meshes = {int(number): full_mesh(int(number)) for number in options.drones.split(",")}
+    delays = latencies(options.seconds)
+    figures = {
+        "full_mesh": {str(number): {"from_start_s": start, "from_open_s": opened} for number, (start, opened) in meshes.items()},
+        "latency_ms": {name: dict(zip(("p50", "p99", "max"), values, strict=True)) for name, values in delays.items()},
+    }
+    show(meshes, delays)
+    if options.json is not None:
+        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+def show(meshes: dict[int, tuple[float, float]], delays: dict[str, tuple[float, float, float]]) -> None:
+    print("drones   full mesh: from the start of the processes   from the last one's opening of its session")
+    for number, (start_s, open_s) in meshes.items():
+        print(f"{number:6} {start_s:39.2f} s {open_s:45.2f} s")
+    print(f"\n{PAYLOAD_BYTES} bytes at {RATE_HZ:g} Hz each, interleaved       p50        p99    largest")
+    for name, values in delays.items():
+        print(f"{name:40}" + "".join(f"{value:8.2f} ms" for value in values))
+
+
+def full_mesh(number: int) -> tuple[float, float]:
+    """Seconds until all see all: since the first process was started, and since the last one began to open its session."""
+    ends = [f"tcp/127.0.0.1:{port}" for port in free_ports(number)]
+    start_s = time.monotonic()
+    peers = [start(join, f"d{i}", ends[i], tuple(ends[:i]), number) for i in range(number)]
+    times = [pipe.recv() for _, pipe in peers]
+    stop(peers)
+    complete_s = max(complete for _, complete in times)
+    return complete_s - start_s, complete_s - max(opening for opening, _ in times)
+
+
+def join(pipe: Connection, drone: str, listen: str, connect: tuple[str, ...], number: int) -> None:
+    """One drone of ``number``; sends when it began to open its session, and when it saw all others."""
+
+    async def run() -> None:
+        opening_s = time.monotonic()
+        mesh = await Mesh.open(MeshConfig(listen=listen, connect=connect), "benchmark", drone, receive=ignore)
+        await until(lambda: len(mesh.alive) == number - 1)
+        pipe.send((opening_s, time.monotonic()))
+        await asyncio.to_thread(pipe.recv)
+        await mesh.close()
+
+    asyncio.run(run())
+
+
+def latencies(seconds: float) -> dict[str, tuple[float, float, float]]:
+    """p50, p99 and largest delay in ms by each route, from one process to another."""
+    ends = [f"tcp/127.0.0.1:{port}" for port in free_ports(4)]
+    peers = [start(hear, ends[0], ends[1]), start(tell, ends, seconds)]
+    count = peers[1][1].recv()
+    peers[0][1].send("stop")
+    received = peers[0][1].recv()
+    stop(peers)
+    lost = {route: count - len(values) for route, values in received.items() if len(values) < count}
+    if lost:
+        print(f"not delivered, of {count} (of news: superseded by newer ones): {lost}")
+    return {
+        route: (*(statistics.quantiles(values, n=100)[i] for i in (49, 98)), max(values)) for route, values in received.items()
+    }
+
+
+def hear(pipe: Connection, raw_end: str, mesh_end: str) -> None:
+    delays_ms: dict[str, list[float]] = {route: [] for route in ROUTES}
+
+    def note(route: str, payload: bytes) -> None:
+        delays_ms[route].append((time.monotonic_ns() - int.from_bytes(payload[:8], "big")) * 1e-6)
+
+    async def run() -> None:
+        raw = await open_session(MeshConfig(listen=raw_end), dial_all=False)
+        subscriber = raw.declare_subscriber(
+            RAW_KEY, Callback(lambda sample: note(ROUTES[0], sample.payload.to_bytes()), indirect=False)
+        )
+        routes = {drone_key("benchmark", "d1", "pose"): ROUTES[1], drone_key("benchmark", "d1", "cone"): ROUTES[2]}
+        mesh = await Mesh.open(
+            MeshConfig(listen=mesh_end), "benchmark", "d0", receive=lambda key, payload: note(routes[key], payload)
+        )
+        pipe.send("ready")
+        await asyncio.to_thread(pipe.recv)
+        await asyncio.sleep(0.2)  # the last ones
+        pipe.send(delays_ms)
+        await mesh.close()
+        subscriber.undeclare()
+        raw.close()
+        pipe.recv()
+
+    asyncio.run(run())
+
+
+def tell(pipe: Connection, ends: list[str], seconds: float) -> None:
+    """Stamps its messages with the monotonic clock, which is one for all processes of a machine."""
+
+    async def run() -> None:
+        raw = await open_session(MeshConfig(listen=ends[2], connect=(ends[0],)), dial_all=False)
+        publisher = raw.declare_publisher(RAW_KEY, congestion_control=CongestionControl.DROP)
+        mesh = await Mesh.open(MeshConfig(listen=ends[3], connect=(ends[1],)), "benchmark", "d1", receive=ignore)
+        await until(lambda: mesh.alive and publisher.matching_status.matching)
+        routes: list[Callable[[bytes], None]] = [
+            publisher.put,
+            lambda payload: mesh.publish(drone_key("benchmark", "d1", "pose"), payload),
+            lambda payload: mesh.publish(drone_key("benchmark", "d1", "cone"), payload),
+        ]
+        pipe.send("ready")
+        loop = asyncio.get_running_loop()
+        due_s = loop.time()
+        count = int(seconds * RATE_HZ)
+        for _ in range(count):
+            for route in routes:
+                due_s += 1.0 / RATE_HZ / len(routes)
+                await asyncio.sleep(max(0.0, due_s - loop.time()))
+                route(time.monotonic_ns().to_bytes(8, "big") + bytes(PAYLOAD_BYTES - 8))
+        pipe.send(count)
+        pipe.recv()
+        await mesh.close()
+        raw.close()
+
+    asyncio.run(run())
+
+
+def start(work: Callable[..., None], *arguments: object) -> tuple[BaseProcess, Connection]:
+    """A process that works, and the pipe to it; those with more than one step say first that they are ready."""
+    ours, theirs = SPAWN.Pipe()
+    process = SPAWN.Process(target=work, args=(theirs, *arguments), daemon=True)
+    process.start()
+    if work is not join:
+        ours.recv()
+    return process, ours
+
+
+def stop(peers: list[tuple[BaseProcess, Connection]]) -> None:
+    for _, pipe in peers:
+        pipe.send("end")
+    for process, _ in peers:
+        process.join(5.0)
+        process.kill()
+
+
+def free_ports(number: int) -> list[int]:
+    probes = [socket.create_server(("127.0.0.1", 0)) for _ in range(number)]
+    ports = [int(probe.getsockname()[1]) for probe in probes]
+    for probe in probes:
+        probe.close()
+    return ports
+
+
+async def until(condition: Callable[[], object]) -> None:
+    deadline_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        if time.monotonic() > deadline_s:
+            raise TimeoutError(f"the mesh is not complete within {DEADLINE_S:g} s")
+        await asyncio.sleep(0.002)
+
+
+def ignore(key: str, payload: bytes) -> None:
+    """What nobody reads."""
+
+
+if __name__ == "__main__":
+    main()
