@@ -13,6 +13,7 @@ import numpy as np
 from agent.config import VehicleConfig
 from agent.vehicle.interface import LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
 from agent.vehicle.px4 import Px4Vehicle
+from agent.vehicle.requests import REPEAT_S
 from sim.localization import Localization, LocalizationTruth
 from sim.vehicle.multirotor import Multirotors, MultirotorTruth
 from sim.vehicle.px4.config import Faults, Px4Config
@@ -23,6 +24,7 @@ TICK_S = 0.02  # of the wall, between two commands
 CEILING_M = 60.0
 SANE = {"COM_OBL_RC_ACT": 3, "GF_ACTION": 3, "GF_MAX_HOR_DIST": 300.0}  # what the driver asks for beyond PX4's defaults
 STAY = VehicleCommand(Request.STAY)
+TAKEOFF = VehicleCommand(Request.TAKEOFF, takeoff_height_m=4.0)
 
 
 def hover(east_m: float, north_m: float, up_m: float, yaw_rad: float = 0.0) -> VehicleCommand:
@@ -38,7 +40,7 @@ class Sky:
         self.face = fleet.faces[0]
         self._motion = motion
         self.address = address
-        self.speed = 8  # simulated seconds in one of the wall's
+        self.speed = 16  # simulated seconds in one of the wall's
         self.states: list[VehicleState] = []
         self.vehicle = self.new_vehicle()
 
@@ -80,10 +82,21 @@ class Sky:
         end_s = self.fleet.time_s + seconds
         await self.fly(command, lambda: self.fleet.time_s >= end_s, timeout_s=60.0)
 
+    async def insist(self, command: VehicleCommand) -> None:
+        """Give the command for longer than it takes until the driver asks the autopilot again."""
+        end_s = time.monotonic() + REPEAT_S + 0.5
+        await self.fly(command, lambda: time.monotonic() >= end_s)
+
     async def _tick(self) -> None:
         for _ in range(round(self.speed * TICK_S / STEP_S)):
             self.fleet.step()
         await asyncio.sleep(TICK_S)
+
+
+async def ready(flight: Sky) -> None:
+    """Connected, and nothing stands against a start."""
+    await flight.connect()
+    await flight.fly(STAY, lambda: bool(flight.states) and flight.state.healthy and not flight.vehicle.problems)
 
 
 def free_port() -> int:
