@@ -69,7 +69,11 @@ async def open_session(config: MeshConfig, dial_all: bool) -> zenoh.Session:
     os.environ.setdefault("ZENOH_RUNTIME", _RUNTIME)  # read when the first session opens
     opening = in_thread(lambda: zenoh.open(settings))
     try:
-        return await asyncio.wait_for(opening, OPEN_S)
+        return await asyncio.wait_for(asyncio.shield(opening), OPEN_S)
+    except asyncio.CancelledError:
+        with contextlib.suppress(zenoh.ZError):
+            await close_session(await opening)  # a thread of Zenoh that outlives the interpreter aborts the process
+        raise
     except TimeoutError:
         raise MeshError(f"mesh: the Zenoh session does not open within {OPEN_S:g} s; see whether the network is up") from None
     except zenoh.ZError as error:

@@ -91,8 +91,13 @@ class Mesh:
         drone_key(swarm, drone or "any", "alive")  # names that make no key are refused
         session = await open_session(config, dial_all=config.listen is None)
         mesh = cls(session, swarm, drone, receive, drained, answer)
+        declaring = in_thread(mesh._declare)
         try:
-            await in_thread(mesh._declare)
+            await asyncio.shield(declaring)
+        except asyncio.CancelledError:
+            await asyncio.wait((declaring,))
+            await mesh.close()
+            raise
         except zenoh.ZError as error:
             await mesh.close()
             raise MeshError(f"mesh: {str(error)[:160]}") from None

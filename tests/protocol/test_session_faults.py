@@ -192,6 +192,30 @@ def test_the_process_ends_cleanly_while_peers_stand_still() -> None:
         assert time.monotonic() - start_s < 1.5  # the close, and the end of the interpreter
 
 
+CANCELLED = """
+import asyncio, sys
+
+from protocol.session import Mesh, MeshConfig
+
+async def main():
+    config = MeshConfig(connect=("tcp/203.0.113.9:7447",))
+    opening = asyncio.create_task(Mesh.open(config, "s", None, receive=lambda key, payload: None))
+    await asyncio.sleep(float(sys.argv[1]))
+    opening.cancel()
+    await asyncio.wait((opening,))
+
+asyncio.run(main())
+"""
+
+
+@pytest.mark.parametrize("after_s", [0.05, 0.48])  # a session opens in 0.5 s
+def test_the_process_ends_cleanly_while_the_session_is_opening(after_s: float) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", CANCELLED, str(after_s)], capture_output=True, text=True, timeout=20, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 COUNT_THREADS = """
 import asyncio
 from pathlib import Path
