@@ -18,6 +18,7 @@ from agent.config import DroneConfig, MissionConfig, convert, load_mission, read
 from agent.errors import ConfigError
 
 PREFIX = "RADRON_"
+NOT_OURS = "RADRON_SIM_"  # the simulation's own, in whose environment agents may be started
 
 
 def load_drone(path: Path, environment: Mapping[str, str]) -> tuple[DroneConfig, MissionConfig]:
@@ -39,7 +40,8 @@ def load_drone(path: Path, environment: Mapping[str, str]) -> tuple[DroneConfig,
 
 def _converted(path: Path, environment: Mapping[str, str]) -> DroneConfig:
     document = read_toml(path)
-    overrides = {name: text for name, text in sorted(environment.items()) if name.startswith(PREFIX)}
+    names = sorted(name for name in environment if name.startswith(PREFIX) and not name.startswith(NOT_OURS))
+    overrides = {name: environment[name] for name in names}
     for name, text in overrides.items():
         _put(document, name, _value(text))
     try:

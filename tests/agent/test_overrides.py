@@ -51,6 +51,7 @@ def test_the_environment_stands_over_the_file(drone_file: Path) -> None:
             "RADRON_CAMERA_RPY_DEG": "[0, 0, 45.5]",
             "RADRON_MESH__ENDPOINTS__D2": "tcp/10.7.1.12:7447",
             "HOME": "/root",
+            "RADRON_SIM_MESH": "tcp/10.7.1.11:7447",
         },
     )
     assert drone.id == "d2"
