@@ -5,7 +5,7 @@ The agent's local frame has its origin at the launch place; its axes are east, n
 
 from __future__ import annotations
 
-from math import pi, sqrt
+from math import hypot, pi, sqrt
 
 from agent.vehicle.interface import LaunchPlace, Vector3
 
@@ -41,6 +41,15 @@ def enu_from_flu(quaternion: Quaternion) -> Quaternion:
     """
     w, x, y, z = quaternion
     return _HALF * (w + z), _HALF * (x + y), _HALF * (x - y), _HALF * (w - z)
+
+
+def turned_on(quaternion: Quaternion, rates_rps: Vector3, time_s: float) -> Quaternion:
+    """The attitude a short time later, at body rates of the same body frame; to the second order of the angle."""
+    w, x, y, z = quaternion
+    a, b, c = (0.5 * rate * time_s for rate in rates_rps)
+    turned = (w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b - x * c + z * a, z + w * c + x * b - y * a)
+    length = hypot(*turned)
+    return turned[0] / length, turned[1] / length, turned[2] / length, turned[3] / length
 
 
 def up_share(quaternion: Quaternion) -> float:

@@ -34,6 +34,9 @@ class Attitude(Struct, frozen=True):
     q2: float | None
     q3: float | None
     q4: float | None
+    rollspeed: float | None  # rad/s, body
+    pitchspeed: float | None
+    yawspeed: float | None
 
 
 class ExtendedState(Struct, frozen=True):

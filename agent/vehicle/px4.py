@@ -111,7 +111,7 @@ class Px4Vehicle:
         now_s = time.monotonic()
         streaming = self._stream(command.setpoint, now_s) if command.request is Request.OFFBOARD else False
         seen = self._telemetry.seen
-        if seen is None or self._telemetry.is_lost(now_s):
+        if seen is None:
             return
         altitude_set = self._parameters.value(TAKEOFF_ALTITUDE) == _float32(command.takeoff_height_m)
         act = self._requests.step(now_s, command.request, seen, streaming, altitude_set)

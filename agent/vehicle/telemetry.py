@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from math import isfinite, radians
 
+from msgspec import Struct
+
 from agent.config import VehicleConfig
 from agent.vehicle.clock import BootClock
-from agent.vehicle.frame import Quaternion, enu_from_flu, enu_from_ned, enu_from_ned_position, up_share
+from agent.vehicle.frame import Quaternion, enu_from_flu, enu_from_ned, enu_from_ned_position, turned_on, up_share
 from agent.vehicle.health import not_ready
 from agent.vehicle.interface import LaunchPlace, Vector3, VehicleState
 from agent.vehicle.launch import LaunchSurvey
@@ -33,6 +35,15 @@ _DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
 _INVALID_SIGNAL = 1  # percent, by the definition of DISTANCE_SENSOR
 
 
+class _Turning(Struct, frozen=True):
+    """An attitude (NED <- FRD), how it changes, when it held by the autopilot's clock, and when it arrived."""
+
+    quaternion: Quaternion
+    rates_rps: Vector3
+    boot_ms: int
+    arrival_s: float
+
+
 class Telemetry:
     """The newest of every message, and what follows from them. Only the newest counts; nothing is queued."""
 
@@ -45,7 +56,7 @@ class Telemetry:
         self._range_m = (0.0, float("-inf"))  # along the sensor's axis; when it arrived
         self._extended: ExtendedState | None = None
         self._status: SystemStatus | None = None
-        self._attitude: tuple[Quaternion, float] | None = None  # NED <- FRD; when it arrived
+        self._attitude: _Turning | None = None
         self._estimator_sigma_m = 0.0
         self._battery: float | None = None
         self.begin_anew()
@@ -60,8 +71,7 @@ class Telemetry:
             case LocalPosition():
                 return self._state(message, arrival_ns, arrival_s)
             case Attitude():
-                quaternion = _quaternion(message)
-                self._attitude = (quaternion, arrival_s) if quaternion is not None else None
+                self._attitude = _turning(message, arrival_s)
             case Heartbeat():
                 self._heartbeat, self._heartbeat_s = message, arrival_s
             case ExtendedState():
@@ -121,7 +131,7 @@ class Telemetry:
 
     def _missing(self, now_s: float) -> list[str]:
         """What no state can be made without."""
-        attitude_s = self._attitude[1] if self._attitude is not None else float("-inf")
+        attitude_s = self._attitude.arrival_s if self._attitude is not None else float("-inf")
         arrivals_s = {"local position": self._position_s, "attitude": attitude_s}
         landed_state = ["landed state"] if self._extended is None else []
         return [name for name, at_s in arrivals_s.items() if now_s - at_s > MISSING_S] + landed_state
@@ -146,10 +156,10 @@ class Telemetry:
         if seen is None or place_m is None or velocity_mps is None:
             return None
         self.launch.observe(arrival_s, place_m, on_ground=not seen.armed and not seen.in_air)
-        launch = self.launch.place
-        if launch is None or self._attitude is None or arrival_s - self._attitude[1] > FRESH_S:
+        launch, attitude = self.launch.place, self._attitude
+        if launch is None or attitude is None or arrival_s - attitude.arrival_s > FRESH_S:
             return None
-        quaternion = self._attitude[0]
+        quaternion = turned_on(attitude.quaternion, attitude.rates_rps, (message.time_boot_ms - attitude.boot_ms) * 1e-3)
         position_m = enu_from_ned_position(place_m, launch)
         return VehicleState(
             stamp_ns=stamp_ns,
@@ -187,6 +197,12 @@ def _vector(x: float | None, y: float | None, z: float | None) -> Vector3 | None
     return None if x is None or y is None or z is None or not isfinite(x + y + z) else (x, y, z)
 
 
-def _quaternion(message: Attitude) -> Quaternion | None:
-    w, x, y, z = message.q1, message.q2, message.q3, message.q4
-    return None if w is None or x is None or y is None or z is None or not isfinite(w + x + y + z) else (w, x, y, z)
+def _turning(message: Attitude, arrival_s: float) -> _Turning | None:
+    """An attitude, if all of it is there and finite."""
+    vector, rates_rps = (
+        _vector(message.q2, message.q3, message.q4),
+        _vector(message.rollspeed, message.pitchspeed, message.yawspeed),
+    )
+    if vector is None or rates_rps is None or message.q1 is None:
+        return None
+    return _Turning((message.q1, *vector), rates_rps, message.time_boot_ms, arrival_s)

@@ -15,6 +15,7 @@ from agent.vehicle.frame import (
     ned_from_enu,
     ned_from_enu_position,
     ned_yaw,
+    turned_on,
     up_share,
 )
 from agent.vehicle.interface import LaunchPlace
@@ -47,6 +48,14 @@ def test_the_attitude_turns_body_vectors_as_scipy_does(roll: float, pitch: float
     quaternion = enu_from_flu(tuple(ned_from_frd.as_quat(scalar_first=True)))
     np.testing.assert_allclose(Rotation.from_quat(quaternion, scalar_first=True).as_matrix(), expected, atol=1e-9)
     assert up_share(quaternion) == pytest.approx(expected[2, 2], abs=1e-9)
+
+
+@given(angles, st.floats(-1.5, 1.5), angles, st.tuples(*[st.floats(-2.0, 2.0)] * 3))
+def test_a_turning_body_is_carried_on(roll: float, pitch: float, yaw: float, rates_rps: tuple[float, float, float]) -> None:
+    before = Rotation.from_euler("ZYX", [yaw, pitch, roll])
+    after = turned_on(tuple(before.as_quat(scalar_first=True)), rates_rps, 0.033)
+    expected = before * Rotation.from_rotvec(np.array(rates_rps) * 0.033)
+    assert (Rotation.from_quat(after, scalar_first=True).inv() * expected).magnitude() < 3e-4
 
 
 @given(st.floats(-10.0, 10.0))

@@ -1,6 +1,6 @@
 """From messages to the state: heights, sigmas, health, and what is missing."""
 
-from math import cos, radians, sin
+from math import atan2, cos, pi, radians, sin
 
 import pytest
 
@@ -22,7 +22,7 @@ from agent.vehicle.messages import (
 from agent.vehicle.telemetry import FRESH_S, LOST_S, Telemetry
 
 HOLD, OFFBOARD = 0x3040000, 0x60000
-LEVEL = Attitude(0, 1.0, 0.0, 0.0, 0.0)
+STILL = (0.0, 0.0, 0.0)
 SENSORS = 0x1000_0027
 ON_GROUND: tuple[Message, ...] = (
     Heartbeat(0x1D, HOLD, 3),
@@ -30,7 +30,7 @@ ON_GROUND: tuple[Message, ...] = (
     SystemStatus(SENSORS, SENSORS, SENSORS, 90),
     HomePosition(0, 0),
     GlobalOrigin(473977420, 85455940, 488000),
-    LEVEL,
+    Attitude(0, 1.0, 0.0, 0.0, 0.0, *STILL),
 )
 
 
@@ -48,12 +48,13 @@ class Rig:
             state = self.telemetry.receive(message, round(self.now_s * 1e9), self.now_s) or state
         return state
 
-    def position(
-        self, x: float = 0.0, y: float = 0.0, z: float | None = 0.0, attitude: Attitude | None = LEVEL
-    ) -> VehicleState | None:
+    def attitude(self, w: float | None = 1.0, x: float = 0.0, rates_rps: tuple[float, float, float] = STILL) -> None:
+        self.give(Attitude(round(self.now_s * 1e3), w, x, 0.0, 0.0, *rates_rps))
+
+    def position(self, x: float = 0.0, y: float = 0.0, z: float | None = 0.0, level: bool = True) -> VehicleState | None:
         self.now_s += 1 / 30
-        if attitude is not None:
-            self.give(attitude)
+        if level:
+            self.attitude()
         return self.give(LocalPosition(round(self.now_s * 1e3), x, y, z, 0.1, 0.2, 0.3))
 
 
@@ -93,10 +94,11 @@ def test_there_is_no_state_without_heartbeat_landed_state_or_origin(missing: int
 def test_there_is_no_state_with_a_stale_attitude_or_half_a_position() -> None:
     rig = launched()
     assert rig.position(z=None) is None
-    assert rig.position(attitude=Attitude(0, None, 0.0, 0.0, 0.0)) is None
+    rig.attitude(w=None)
+    assert rig.position(level=False) is None
     state_of(rig)
     rig.now_s += FRESH_S
-    assert rig.position(attitude=None) is None
+    assert rig.position(level=False) is None
 
 
 def test_what_keeps_it_from_arming_is_told() -> None:
@@ -140,7 +142,8 @@ def test_height_is_by_the_rangefinder_when_it_is_fresh_and_within_its_limits() -
 def test_the_rangefinder_tilts_with_the_body() -> None:
     rig = launched(Heartbeat(0x91, OFFBOARD, 4), ExtendedState(2), DistanceSensor(10, 1500, 1000, 25))
     half = radians(30.0) / 2
-    state = rig.position(attitude=Attitude(0, cos(half), sin(half), 0.0, 0.0))
+    rig.attitude(cos(half), sin(half))
+    state = rig.position(level=False)
     assert state is not None
     assert state.height_m == pytest.approx(10.0 * cos(radians(30.0)))
 
@@ -159,3 +162,12 @@ def test_a_lost_link_is_told_and_nothing_else() -> None:
     problems = rig.telemetry.problems(rig.now_s + LOST_S + 3.0)
     assert len(problems) == 1
     assert "lost" in problems[0]
+
+
+def test_the_attitude_is_that_of_the_positions_time() -> None:
+    rig = launched()
+    rig.attitude(rates_rps=(0.0, 0.0, 0.6))  # clockwise, from north
+    state = rig.position(level=False)
+    assert state is not None
+    w, _, _, z = state.quaternion
+    assert 2.0 * atan2(z, w) == pytest.approx(pi / 2 - 0.6 / 30, abs=1e-3)  # from east, counter-clockwise; stamps are in whole ms
