@@ -15,6 +15,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from agent.config import MissionConfig
 from protocol.session import MeshConfig
 from sim.course import Course
 from sim.livereport import LiveReport
@@ -23,6 +24,7 @@ from sim.processes import Child
 from sim.result import Flight
 from sim.runfolder import LOCAL, RunFolder, drone_config, free_ports, live_mission
 from sim.scenario import Scenario
+from sim.vehicle.px4.config import Address
 from sim.worldlink import WorldConfig
 from sim.worldprocess import WorldProcess
 
@@ -33,19 +35,27 @@ FIRST_FEED_PORT, MAVLINK_PORT = 5600, 14540
 
 
 @dataclass(frozen=True, slots=True)
-class Elsewhere:
-    """Agents that somebody else starts: in containers, or on drones.
+class Places:
+    """Where a swarm's links are.
 
-    Vehicle i sends its MAVLink to ``hosts[i]``:14540, its camera's feed listens on ``bind``:5600+i; ``mesh``: agents' endpoints.
+    onboard: where vehicle 1, 2, ... sends its MAVLink. mesh: the agents' endpoints. bind, feed_ports: where the cameras' feeds
+    listen; empty: at free ports.
     """
 
-    hosts: tuple[str, ...]
+    onboard: tuple[Address, ...]
     mesh: tuple[str, ...]
-    bind: str = "0.0.0.0"
+    bind: str
+    feed_ports: tuple[int, ...] = ()
+
+    @classmethod
+    def elsewhere(cls, hosts: Sequence[str], mesh: Sequence[str], bind: str) -> Places:
+        """Agents on one host each, in containers or on drones, with the ports that all of them have."""
+        feeds = range(FIRST_FEED_PORT, FIRST_FEED_PORT + len(hosts))
+        return cls(tuple((host, MAVLINK_PORT) for host in hosts), tuple(mesh), bind, tuple(feeds))
 
 
 async def fly_live(
-    scenario: Scenario, seed: int, folder: Path, elsewhere: Elsewhere | None, view: View
+    scenario: Scenario, seed: int, folder: Path, elsewhere: Places | None, view: View
 ) -> tuple[Flight, LiveReport]:
     """Fly one mission with real agents; whatever happens, what was started is ended.
 
@@ -53,7 +63,7 @@ async def fly_live(
         scenario: the mission and the truth it meets.
         seed: of the world's randomness; what follows from it differs from flight to flight as real time does.
         folder: for the files of the run, see ``RunFolder``.
-        elsewhere: agents that others start; none: they are started here.
+        elsewhere: of agents that others start; none: they are started here.
         view: is told what happens.
 
     Raises:
@@ -61,53 +71,53 @@ async def fly_live(
         ConfigError: the scenario cannot be flown.
         ProtocolError: the mesh cannot be joined.
     """
-    files = RunFolder(folder)
+    files = RunFolder(folder, agents_here=elsewhere is None)
     scenario = replace(scenario, mission=live_mission(scenario, seed))
     files.write_mission(scenario.mission)
+    places = elsewhere or _places_here(scenario.mission)
     async with AsyncExitStack() as stack:
+        view.say("starting the world")
+        config = WorldConfig(
+            scenario=scenario,
+            seed=seed,
+            onboard=places.onboard,
+            feed_host=places.bind,
+            feed_ports=places.feed_ports,
+            calibrations=tuple(str(files.calibration(drone.id)) for drone in scenario.mission.drones),
+        )
+        world = await WorldProcess.start(config, files.world_file)
+        stack.push_async_callback(world.stop)
         agents: list[Child] = []
         if elsewhere is None:
-            world, mesh = await _start_here(scenario, seed, files, agents, stack, view)
+            view.say(f"starting {len(places.onboard)} agents; files and logs in {folder}")
+            stack.push_async_callback(_stop_all, agents)
+            await _start_agents(scenario, files, places, world.feed_ports, agents)
         else:
-            view.say(f"starting the world; the agents are expected at {', '.join(elsewhere.mesh)}")
-            feeds = tuple(range(FIRST_FEED_PORT, FIRST_FEED_PORT + len(elsewhere.hosts)))
-            config = WorldConfig(
-                scenario=scenario, seed=seed, onboard=tuple((host, MAVLINK_PORT) for host in elsewhere.hosts),
-                feed_host=elsewhere.bind, feed_ports=feeds,
-            )  # fmt: skip
-            world, mesh = await WorldProcess.start(config, files.world_file), elsewhere.mesh
-            stack.push_async_callback(world.stop)
+            view.say(f"the agents are expected at {', '.join(places.mesh)}")
         course = Course(scenario, seed, world, agents, view)
-        await course.join(MeshConfig(connect=mesh), stack)
+        await course.join(MeshConfig(connect=places.mesh), stack)
         return await course.fly(READY_S if elsewhere is None else ELSEWHERE_READY_S)
 
 
-async def _start_here(
-    scenario: Scenario, seed: int, files: RunFolder, agents: list[Child], stack: AsyncExitStack, view: View
-) -> tuple[WorldProcess, tuple[str, ...]]:
-    """World and agents on this machine, on ports that are free; returns the world and the agents' endpoints."""
+def _places_here(mission: MissionConfig) -> Places:
+    """On this machine, at ports that are free."""
+    count = len(mission.drones)
+    onboard = tuple((LOCAL, port) for port in free_ports(count, socket.SOCK_DGRAM))
+    return Places(onboard, tuple(f"tcp/{LOCAL}:{port}" for port in free_ports(count, socket.SOCK_STREAM)), LOCAL)
+
+
+async def _start_agents(
+    scenario: Scenario, files: RunFolder, places: Places, feed_ports: Sequence[int], agents: list[Child]
+) -> None:
+    """Start all agents of the mission on this machine; adds each to ``agents`` as it comes."""
     drones = [drone.id for drone in scenario.mission.drones]
-    links = free_ports(len(drones), socket.SOCK_DGRAM)
-    calibrated = scenario.source is not None and scenario.camera.calibration_spread > 0.0
-    config = WorldConfig(
-        scenario=scenario, seed=seed, onboard=tuple((LOCAL, port) for port in links), feed_host=LOCAL,
-        calibrations=tuple(str(files.calibration(drone)) for drone in drones) if calibrated else (),
-    )  # fmt: skip
-    view.say("starting the world")
-    world = await WorldProcess.start(config, files.world_file)
-    stack.push_async_callback(world.stop)
-    ports = free_ports(len(drones), socket.SOCK_STREAM)
-    mesh = {drone: f"tcp/{LOCAL}:{port}" for drone, port in zip(drones, ports, strict=True)}
-    view.say(f"starting {len(drones)} agents; files and logs in {files.folder}")
-    feeds: Sequence[int | None] = world.feed_ports or (None,) * len(drones)
-    for drone, link, feed in zip(drones, links, feeds, strict=True):
-        files.write_drone(drone_config(scenario, drone, calibrated, link, feed, mesh))
-    stack.push_async_callback(_stop_all, agents)
+    mesh = dict(zip(drones, places.mesh, strict=True))
+    feeds: Sequence[int | None] = feed_ports or (None,) * len(drones)
     program = Path(sysconfig.get_path("scripts")) / "radron-agent"
-    for drone in drones:
+    for drone, (_, mavlink), feed in zip(drones, places.onboard, feeds, strict=True):
+        files.write_drone(drone_config(scenario, drone, files.calibration(drone).is_dir(), mavlink, feed, mesh))
         command = [str(program), "run", "--config", str(files.drone_file(drone))]
         agents.append(await Child.start(drone, command, log=files.log_file(drone)))
-    return world, tuple(mesh.values())
 
 
 async def _stop_all(agents: list[Child]) -> None:

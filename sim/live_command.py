@@ -19,7 +19,7 @@ from sim.runfile import make_folder, write_text
 if TYPE_CHECKING:
     from collections.abc import Coroutine
 
-    from sim.live import Elsewhere
+    from sim.live import Places
     from sim.livereport import LiveReport
     from sim.result import Flight
 
@@ -90,18 +90,18 @@ def live(
             say(f"written to {out}: {', '.join(path.name for path in written)}; recordings in {out}/agents")
 
 
-def _elsewhere(external: bool, hosts: str | None, mesh: str | None, bind: str, drones: int) -> Elsewhere | None:
+def _elsewhere(external: bool, agent_hosts: str | None, mesh: str | None, bind: str, drones: int) -> Places | None:
     """Where others run the agents; None where they are started here."""
     if not external:
         return None
-    from sim.live import Elsewhere  # noqa: PLC0415
+    from sim.live import Places  # noqa: PLC0415
 
-    places, endpoints = _listed(hosts), _listed(mesh)
-    if len(places) != drones:
-        raise ConfigError(f"--agent-hosts: {len(places)} given for {drones} drones; give one for each, separated by commas")
+    hosts, endpoints = _listed(agent_hosts), _listed(mesh)
+    if len(hosts) != drones:
+        raise ConfigError(f"--agent-hosts: {len(hosts)} given for {drones} drones; give one for each, separated by commas")
     if not endpoints:
         raise ConfigError("--external needs --mesh with the endpoints of the agents, such as tcp/10.7.1.11:7447")
-    return Elsewhere(places, endpoints, bind)
+    return Places.elsewhere(hosts, endpoints, bind)
 
 
 def _listed(text: str | None) -> tuple[str, ...]:

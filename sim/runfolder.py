@@ -23,17 +23,19 @@ LOCAL = "127.0.0.1"
 
 
 class RunFolder:
-    """Where a live flight keeps its files; what an earlier flight left for its agents is removed.
+    """Where a live flight keeps its files.
 
     ``mission.toml``; ``agents/{drone}/`` with ``drone.toml``, ``agent.log``, ``calibration/``, ``flight/`` (the recordings) and
     ``state/``; ``world.json``.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, agents_here: bool) -> None:
+        """``agents_here``: they run on this machine, and what an earlier flight left of them is removed."""
         self.folder = folder
         self.mission_file = folder / "mission.toml"
         self.world_file = folder / "world.json"
-        shutil.rmtree(folder / "agents", ignore_errors=True)
+        if agents_here:
+            shutil.rmtree(folder / "agents", ignore_errors=True)
         make_folder(folder / "agents")
 
     def agent(self, drone: str) -> Path:

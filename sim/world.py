@@ -19,6 +19,7 @@ import numpy as np
 from shapely import Polygon
 
 from agent.config import DroneConfig, MissionConfig
+from agent.errors import RadronError
 from sim.cameras import Cameras
 from sim.feed import FeedServer
 from sim.frame import LocalFrames
@@ -82,7 +83,7 @@ class World:
     async def start(self) -> Ready:
         """Open the links and the feeds, and write the cameras' calibrations."""
         config = self._config
-        if self._cameras is not None and config.calibrations:
+        if self._cameras is not None and config.calibrations and config.scenario.camera.calibration_spread > 0.0:
             self._cameras.write_calibrations([Path(folder) for folder in config.calibrations])
         ports = config.feed_ports or (0,) * len(self._feeds)
         found = [await feed.start(config.feed_host, port) for feed, port in zip(self._feeds, ports, strict=False)]
@@ -192,7 +193,11 @@ def main() -> None:
     """Run the world of a configuration file."""
     config = msgspec.json.decode(Path(sys.argv[1]).read_bytes(), type=WorldConfig)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher's affair
-    asyncio.run(_live(config))
+    try:
+        asyncio.run(_live(config))
+    except (RadronError, OSError) as error:
+        sys.exit(f"radron-sim: the world: {error}")
+    os._exit(0)  # all is closed; the interpreter takes another second to clear away the compiled code
 
 
 if __name__ == "__main__":

@@ -1,0 +1,46 @@
+"""A whole flight of three real agents, from the first process to the last."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from live_run import live_run
+
+from agent.flight.replay import replay
+from sim.result import RunResult
+
+FLIGHT_S = 150.0  # of which 60 s are flown; the machine is shared
+
+
+@pytest.mark.slow
+def test_three_agents_find_the_source_agree_and_leave_nothing_behind(tmp_path: Path) -> None:
+    options = ("--seed", "1", "--set", "mission.track.duration_s=12", "--json", str(tmp_path / "run.json"))
+    with live_run(tmp_path, "demo", *options) as run:
+        run.process.wait(FLIGHT_S)
+        assert run.process.returncode == 0, run.said
+        run.until(lambda: not run.processes() and not run.busy_ports(), 5.0)
+    result = json.loads((tmp_path / "run.json").read_text())
+    assert list(result) == list(RunResult.__struct_fields__)
+    assert result["time_to_x0_s"] is not None
+    assert result["time_to_x0_s"] < 60.0
+    assert not result["lost"]
+    assert result["error_median_m"] < 10.0
+    assert result["fence_breaches"] == 0
+    assert result["min_separation_m"] > 2.0  # separation 3 m by estimated positions, less their errors
+    assert result["realtime_factor"] == pytest.approx(1.0, abs=0.05)
+    report = json.loads((tmp_path / "agents.json").read_text())
+    agents = report["agents"]
+    assert report["agreed"], run.said
+    assert [agent["stage"] for agent in agents] == ["landed"] * 3
+    assert len({agent["digest"] for agent in agents}) == 1
+    assert len({tuple(agent["position_m"]) for agent in agents}) == 1
+    assert all(agent["computed_setpoints"] > 100 for agent in agents)
+    assert (tmp_path / "map.png").stat().st_size > 10_000
+    for drone in run.drones():
+        replayed = replay(tmp_path / "agents" / drone.id / "flight")
+        assert replayed.identical, replayed.first
+        assert not replayed.truncated
+        assert replayed.compared["out/command"] > 100
+        assert replayed.compared["out/hypothesis"] > 10
