@@ -78,6 +78,7 @@ def test_two_agents_with_one_id_both_say_so(tmp_path: Path, vehicles: Vehicles) 
         problems_of(tmp_path, "d1", "another agent is running as d1", connect=(listen,))
 
 
+@pytest.mark.slow
 def test_preflight_and_a_clean_end_in_flight(tmp_path: Path, vehicles: Vehicles) -> None:
     (tmp_path / "mission.toml").write_text(
         (tmp_path / "mission.toml").read_text().replace(', { id = "d2", origin_m = [11, 5, 0] }', "")
@@ -90,9 +91,14 @@ def test_preflight_and_a_clean_end_in_flight(tmp_path: Path, vehicles: Vehicles)
     with closing(d1):
         until(lambda: command(tmp_path, "start", "--anyway").returncode == 0, SAID_S + BUSY_S, "a start that is obeyed")
         until(lambda: vehicles.now(0)["mode"] == "offboard", 20.0 + BUSY_S, "offboard")
+        for action, mode in (("hold", "hold"), ("resume", "offboard")):
+            assert command(tmp_path, action).returncode == 0
+            until(lambda mode=mode: vehicles.now(0)["mode"] == mode, 5.0, mode)
         asked_s = time.monotonic()
         d1.process.terminate()
         assert d1.ended(5.0) == 0
         assert time.monotonic() - asked_s < 2.0
         until(lambda: vehicles.now(0)["mode"] == "return", 3.0, "the vehicle's own way home")
-        assert [event["stage"] for event in d1.events() if event["event"] == "stage"] == ["preflight", "takeoff", "survey"]
+        assert [event["stage"] for event in d1.events() if event["event"] == "stage"] == [
+            "preflight", "takeoff", "survey", "hold", "survey",
+        ]  # fmt: skip

@@ -51,6 +51,10 @@ def stop_both(agent: Agent) -> None:
     os.killpg(agent.process.pid, signal.SIGSTOP)
 
 
+def fail_in_the_step(agent: Agent) -> None:
+    os.kill(agent.child, signal.SIGHUP)
+
+
 RUINS: list[tuple[Ruin, int]] = [  # and the exit code of the watchdog
     (stop_child, HUNG),
     (block_the_loop, HUNG),
@@ -58,6 +62,7 @@ RUINS: list[tuple[Ruin, int]] = [  # and the exit code of the watchdog
     (kill_child, 128 + 9),
     (kill_parent, -9),
     (stop_both, HUNG),
+    (fail_in_the_step, HUNG),
 ]
 
 
@@ -101,7 +106,9 @@ class Flight:
         """Start the first agent anew, and see it take up the flight."""
         self.agents["d1"].close()
         self.agents["d1"] = Agent(self.folder, "d1", hanging=True)
+        started_s = time.monotonic()
         until(lambda: self.vehicles.now(0)["mode"] == "offboard", 30.0, "the restarted agent back in offboard")
+        print(f"back in offboard {time.monotonic() - started_s:.1f} s after the start of the agent")
         until(lambda: not self.vehicles.now(0)["failsafe"], 5.0, "the end of the failsafe")
 
     def log_of(self, drone: str) -> set[EntryId]:

@@ -1,5 +1,5 @@
-"""The agent with a camera driver that hangs when told to: SIGUSR1 blocks the event loop, SIGUSR2 native code that keeps the
-interpreter's lock. Otherwise as ``agent/__main__.py``.
+"""The agent with a camera driver that ruins it when told to: SIGUSR1 blocks the event loop, SIGUSR2 native code that keeps the
+interpreter's lock, SIGHUP has the pilot's next step fail. Otherwise as ``agent/__main__.py``.
 """
 
 import asyncio
@@ -12,8 +12,13 @@ from collections.abc import AsyncIterator
 
 from agent.beat import BEAT_FD, Beat, die_with
 from agent.detector.readout import Readout
+from agent.pilot import Pilot
 
 HANG_S = 60
+
+
+def fail(pilot: Pilot, now_ns: int) -> None:
+    raise ArithmeticError("told to")
 
 
 class HangingCamera:
@@ -25,6 +30,7 @@ class HangingCamera:
         loop = asyncio.get_running_loop()
         loop.add_signal_handler(signal.SIGUSR1, time.sleep, HANG_S)
         loop.add_signal_handler(signal.SIGUSR2, ctypes.PyDLL(None).sleep, HANG_S)  # a PyDLL keeps the lock during its calls
+        loop.add_signal_handler(signal.SIGHUP, setattr, Pilot, "step", fail)
         await asyncio.Event().wait()
         for readout in ():
             yield readout
