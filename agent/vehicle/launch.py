@@ -16,6 +16,8 @@ _SAME_M = 0.01
 class LaunchSurvey:
     """The mean of the autopilot's local position over the last seconds on the ground, frozen as soon as it is armed.
 
+    Once flown it stays for good, also after a landing elsewhere: what is measured there belongs to the same frame.
+
     An agent that starts with the vehicle armed has nothing to average: it goes by the place that was stored, provided that the
     autopilot's frame still has the same geodetic origin.
     """
@@ -24,6 +26,7 @@ class LaunchSurvey:
         self.place: LaunchPlace | None = None
         self.problem: str | None = None
         self._stored = stored
+        self._flown = False
         self._samples: deque[tuple[float, Vector3]] = deque()
         self._origin: tuple[float, float, float] | None = None
 
@@ -36,14 +39,15 @@ class LaunchSurvey:
         """Take the geodetic origin of the autopilot's local frame."""
         self._origin = (origin.latitude * 1e-7, origin.longitude * 1e-7, origin.altitude * 1e-3)
 
-    def observe(self, now_s: float, position_m: Vector3, on_ground: bool) -> None:
-        """Take the autopilot's local position (NED). ``on_ground``: disarmed and landed."""
+    def observe(self, now_s: float, position_m: Vector3, armed: bool, in_air: bool) -> None:
+        """Take the autopilot's local position (NED)."""
         if self._origin is None:
             self.problem = "the autopilot has not yet said where the origin of its local frame lies (no position fix?)"
-        elif on_ground:
-            self._average(now_s, position_m, self._origin)
-        else:
+        elif armed or in_air or self._flown:
             self._hold(self._origin)
+            self._flown = self._flown or (in_air and self.place is not None)
+        else:
+            self._average(now_s, position_m, self._origin)
 
     def _average(self, now_s: float, position_m: Vector3, origin: tuple[float, float, float]) -> None:
         samples = self._samples

@@ -97,9 +97,10 @@ class Px4Vehicle:
             problems.append(self._refusal[0])
         if problems:
             problems += [f"the autopilot says: {text}" for text in self._texts.recent(now_s)]
-        problems += [
-            f"parameter {finding.name} {finding.text}" for finding in self._parameters.findings() if finding.verdict == "failed"
-        ]
+        parameters = self._parameters.findings()
+        problems += [f"parameter {finding.name} {finding.text}" for finding in parameters if finding.verdict == "failed"]
+        if any(finding.verdict == "not yet" for finding in parameters):
+            problems.append("the autopilot's parameters are being read")
         return tuple(problems)
 
     async def findings(self) -> list[Finding]:

@@ -155,7 +155,7 @@ class Telemetry:
             self._position_s = arrival_s
         if seen is None or place_m is None or velocity_mps is None:
             return None
-        self.launch.observe(arrival_s, place_m, on_ground=not seen.armed and not seen.in_air)
+        self.launch.observe(arrival_s, place_m, seen.armed, seen.in_air)
         launch, attitude = self.launch.place, self._attitude
         if launch is None or attitude is None or arrival_s - attitude.arrival_s > FRESH_S:
             return None

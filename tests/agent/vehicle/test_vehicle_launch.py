@@ -8,6 +8,8 @@ from agent.vehicle.launch import WINDOW_S, LaunchSurvey
 from agent.vehicle.messages import GlobalOrigin
 
 ORIGIN = GlobalOrigin(473977420, 85455940, 488123)
+ON_GROUND = {"armed": False, "in_air": False}
+FLYING = {"armed": True, "in_air": True}
 STORED = LaunchPlace(
     north_m=1.0, east_m=2.0, down_m=3.0, origin_latitude_deg=47.397742, origin_longitude_deg=8.545594, origin_altitude_m=488.123
 )
@@ -18,7 +20,7 @@ def surveyed(seconds: float, stored: LaunchPlace | None = None, origin: GlobalOr
     if origin is not None:
         survey.take_origin(origin)
     for step in range(round(seconds * 30)):
-        survey.observe(step / 30, (10.0 + 0.5 * (-1) ** step, -20.0, 0.3), on_ground=True)
+        survey.observe(step / 30, (10.0 + 0.5 * (-1) ** step, -20.0, 0.3), **ON_GROUND)
     return survey
 
 
@@ -40,24 +42,43 @@ def test_it_is_frozen_when_the_vehicle_is_armed() -> None:
     survey = surveyed(3.0)
     before = survey.place
     for step in range(100):
-        survey.observe(3.0 + step / 30, (50.0, 50.0, -30.0), on_ground=False)
+        survey.observe(3.0 + step / 30, (50.0, 50.0, -30.0), **FLYING)
     assert survey.place == before
     assert survey.problem is None
 
 
-def test_after_a_landing_the_next_launch_place_is_measured_anew() -> None:
+def test_once_flown_it_stays_after_a_landing_elsewhere() -> None:
     survey = surveyed(3.0)
-    survey.observe(4.0, (50.0, 50.0, 0.0), on_ground=False)
+    before = survey.place
+    survey.observe(4.0, (50.0, 50.0, -3.0), **FLYING)
     for step in range(200):
-        survey.observe(20.0 + step / 30, (60.0, 70.0, 0.0), on_ground=True)
+        survey.observe(20.0 + step / 30, (60.0, 70.0, 0.0), **ON_GROUND)
+    assert survey.place == before
+
+
+def test_one_that_was_armed_but_not_flown_may_be_carried_elsewhere() -> None:
+    survey = surveyed(3.0)
+    survey.observe(4.0, (10.0, -20.0, 0.3), armed=True, in_air=False)
+    for step in range(200):
+        survey.observe(20.0 + step / 30, (60.0, 70.0, 0.0), **ON_GROUND)
     assert survey.place is not None
     assert survey.place.north_m == pytest.approx(60.0)
+
+
+def test_a_flying_vehicle_without_launch_place_gets_one_when_it_has_landed() -> None:
+    survey = LaunchSurvey()
+    survey.take_origin(ORIGIN)
+    survey.observe(0.0, (5.0, 5.0, -5.0), **FLYING)
+    for step in range(60):
+        survey.observe(20.0 + step / 30, (60.0, 70.0, 0.0), **ON_GROUND)
+    assert survey.place is not None
+    assert survey.problem is None
 
 
 def test_it_follows_a_drift_on_the_ground() -> None:
     survey = surveyed(1.0)
     for step in range(round(2 * WINDOW_S * 30)):
-        survey.observe(1.0 + step / 30, (12.0, -20.0, 0.3), on_ground=True)
+        survey.observe(1.0 + step / 30, (12.0, -20.0, 0.3), **ON_GROUND)
     assert survey.place is not None
     assert survey.place.north_m == pytest.approx(12.0)
 
@@ -67,7 +88,7 @@ def test_an_agent_restarted_in_flight_goes_by_what_was_stored() -> None:
     assert survey.to_keep == STORED  # before it is confirmed it must not get lost
     assert survey.place is None
     survey.take_origin(ORIGIN)
-    survey.observe(0.0, (5.0, 5.0, -5.0), on_ground=False)
+    survey.observe(0.0, (5.0, 5.0, -5.0), **FLYING)
     assert survey.place == STORED
     assert survey.problem is None
 
@@ -75,7 +96,7 @@ def test_an_agent_restarted_in_flight_goes_by_what_was_stored() -> None:
 def test_what_was_stored_for_another_origin_is_not_used() -> None:
     survey = LaunchSurvey(replace(STORED, origin_longitude_deg=8.5456))
     survey.take_origin(ORIGIN)
-    survey.observe(0.0, (5.0, 5.0, -5.0), on_ground=False)
+    survey.observe(0.0, (5.0, 5.0, -5.0), **FLYING)
     assert survey.place is None
     assert "origin" in str(survey.problem)
 
@@ -83,7 +104,7 @@ def test_what_was_stored_for_another_origin_is_not_used() -> None:
 def test_without_anything_stored_an_armed_vehicle_has_no_launch_place() -> None:
     survey = LaunchSurvey()
     survey.take_origin(ORIGIN)
-    survey.observe(0.0, (5.0, 5.0, -5.0), on_ground=False)
+    survey.observe(0.0, (5.0, 5.0, -5.0), **FLYING)
     assert survey.place is None
     assert "land" in str(survey.problem)
 
@@ -97,5 +118,5 @@ def test_on_the_ground_what_was_stored_is_void() -> None:
 def test_an_origin_that_moves_in_flight_is_a_problem() -> None:
     survey = surveyed(3.0)
     survey.take_origin(GlobalOrigin(473977520, 85455940, 488123))
-    survey.observe(4.0, (50.0, 50.0, 0.0), on_ground=False)
+    survey.observe(4.0, (50.0, 50.0, 0.0), **FLYING)
     assert "origin" in str(survey.problem)
