@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter, deque
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from threading import Event, Thread
 from typing import NamedTuple
@@ -150,8 +151,6 @@ class FlightRecorder:
 
     def _abandon_segment(self) -> None:
         segment, self._segment = self._segment, None
-        try:
-            if segment is not None:
+        if segment is not None:
+            with suppress(OSError):  # the reason why it is abandoned
                 segment.close()
-        except OSError:  # the reason why it is abandoned
-            pass

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -37,7 +38,9 @@ class Segment:
         try:
             self._begin(header, number)
         except OSError:
-            self._file.close()
+            with suppress(OSError):  # closing writes what is buffered
+                self._file.close()
+            path.unlink(missing_ok=True)
             raise
 
     def _begin(self, header: FlightHeader, number: int) -> None:

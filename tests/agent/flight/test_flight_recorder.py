@@ -98,6 +98,16 @@ def test_a_full_disk_is_reported_and_the_recording_goes_on_when_there_is_room(tm
     assert "records are lacking" in flight.flaw
 
 
+def test_a_file_that_cannot_be_begun_is_not_left_behind(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Segment, "flush", refuse)
+    with pytest.raises(FlightRecordError, match="No space left on device"):
+        FlightRecorder(tmp_path, 100, HEADER)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_stalled_disk_costs_records_but_no_time_and_no_memory(tmp_path, monkeypatch):
     monkeypatch.setattr(agent.flight.recorder, "MOST_WAITING_BYTES", 1_000_000)
     monkeypatch.setattr(agent.flight.recorder, "WRITE_S", 60.0)  # a writer that does not come round

@@ -19,6 +19,8 @@ from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.flight.replay import replay
 
+ZSTD_FRAME = b"\x28\xb5\x2f\xfd"  # what a compressed chunk begins with
+
 
 @pytest.fixture(scope="module")
 def flights(tmp_path_factory):
@@ -114,13 +116,16 @@ def test_lost_records_end_the_comparison_and_say_so(segment, tmp_path, capsys):
 
 
 def test_damaged_bytes_on_the_disk_are_noticed(segment, tmp_path):
-    damaged = bytearray(segment.read_bytes())
-    damaged[len(damaged) * 9 // 10] ^= 0xFF  # in a chunk: the calibration comes first
+    content = segment.read_bytes()
+    chunks = [place for place in range(len(content)) if content.startswith(ZSTD_FRAME, place)]
+    damaged = bytearray(content)
+    damaged[chunks[len(chunks) // 2] + 1000] ^= 0xFF
     target = tmp_path / segment.name
     target.write_bytes(damaged)
     report = replay(target)
     assert "damaged" in report.flaw
     assert not report.differing
+    assert report.calls[topics.STEP] > 10
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.9, 0.999])
