@@ -40,7 +40,7 @@ class Px4Face:
     ) -> None:
         """Standing at ``place``, its own first estimate, with its heading ``yaw_rad``, local ENU."""
         system_id = index + 1
-        parameters = Parameters(system_id, config.parameters)
+        self.parameters = parameters = Parameters(system_id, config.parameters)
         faults = config.faults
         self.setpoints = SetpointLog()
         self.commander = Commander(parameters, place.position_enu_m, yaw_rad, step_s, self._say, faults.unhealthy)
