@@ -24,8 +24,8 @@ ZSTD_FRAME = b"\x28\xb5\x2f\xfd"  # what a compressed chunk begins with
 
 @pytest.fixture(scope="module")
 def flights(tmp_path_factory):
-    """Three drones find the source and follow it for 10 s."""
-    return fly_recorded(tmp_path_factory.mktemp("flights"), mission__track__duration_s=10.0)
+    """Three drones find the source and follow it for 5 s."""
+    return fly_recorded(tmp_path_factory.mktemp("flights"), mission__track__duration_s=5.0)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_every_drones_flight_comes_out_identical(flights):
         report = replay(folder)
         assert report.identical
         assert not report.truncated
-        assert report.compared["out/hypothesis"] > 50
+        assert report.compared["out/hypothesis"] > 30
         assert report.compared["out/command"] == report.calls["call/step"] > 400
         assert report.compared["out/publication"] > 400
         assert report.calls["call/advance"] == report.calls["in/message"] > 400
@@ -72,7 +72,7 @@ def flip_cone(which, place=-20):
     return change
 
 
-@pytest.mark.parametrize("place", [-1, -20, -200])
+@pytest.mark.parametrize("place", [-1, -200])
 def test_a_flipped_bit_in_a_cone_is_found(segment, tmp_path, place, capsys):
     changed = rewritten(segment, tmp_path / segment.name, flip_cone(5, place))
     report = replay(changed)
@@ -128,7 +128,7 @@ def test_damaged_bytes_on_the_disk_are_noticed(segment, tmp_path):
     assert report.calls[topics.STEP] > 10
 
 
-@pytest.mark.parametrize("share", [0.3, 0.5, 0.9, 0.999])
+@pytest.mark.parametrize("share", [0.3, 0.9, 0.999])
 def test_a_file_that_was_cut_off_is_identical_as_far_as_it_goes(segment, tmp_path, share):
     content = segment.read_bytes()
     target = tmp_path / segment.name
