@@ -58,6 +58,11 @@ class Vehicles:
         self.reports: list[tuple[float, list[dict[str, Any]]]] = []
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
+        try:
+            until(lambda: self.reports, 60.0, "emulated vehicles")
+        except BaseException:
+            self.close()
+            raise
 
     def _read(self) -> None:
         assert self._process.stdout is not None
