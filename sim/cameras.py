@@ -10,7 +10,7 @@ import numpy as np
 from agent.config import DroneConfig
 from agent.detector.readout import PixelHits, Readout
 from sim.frame import CameraMount
-from sim.radiation.camera import Camera, CameraTruth
+from sim.radiation.camera import Camera, CameraTruth, SourceView
 from sim.scenario import SourceTruth
 from sim.vehicle.multirotor import Multirotors
 
@@ -32,11 +32,14 @@ class Cameras:
         self._cameras = [Camera(truth, source.nuclide, rng, clock_ns) for rng in rngs]
         self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
 
-    def expose(self, start_ns: int, end_ns: int, motion: Multirotors, source: tuple[float, float]) -> None:
-        """Take [start_ns, end_ns), UTC, all of it seen from where the vehicles are now."""
+    def expose(self, start_ns: int, end_ns: int, motion: Multirotors, source: tuple[float, float] | None) -> None:
+        """Take [start_ns, end_ns), UTC, all of it seen from where the vehicles are now; no source: background alone."""
         for drone, camera in enumerate(self._cameras):
-            view = self._mounts[drone].view(motion.position_m[drone], motion.quaternion(drone), source, self._activity_bq)
-            self._exposed[drone].append(camera.expose(start_ns, end_ns, (view,)))
+            views: tuple[SourceView, ...] = ()
+            if source is not None:
+                place, attitude = motion.position_m[drone], motion.quaternion(drone)
+                views = (self._mounts[drone].view(place, attitude, source, self._activity_bq),)
+            self._exposed[drone].append(camera.expose(start_ns, end_ns, views))
 
     def read_out(self) -> list[Readout]:
         """What each camera saw since the last call; there must have been an exposure."""

@@ -118,9 +118,12 @@ class World:
                     self._cameras = None
 
     def _source(self) -> tuple[float, float] | None:
-        """Where the source is; it waits for the mission's beginning."""
-        since_s = self._steps * STEP_S - self._went_s if self._went_s is not None else 0.0
-        return self._path(since_s) if self._path is not None else None
+        """Where the source is. It is brought when the mission begins: however long the agents take to get ready, they find out
+        as little before as in lockstep.
+        """
+        if self._path is None or self._went_s is None:
+            return None
+        return self._path(self._steps * STEP_S - self._went_s)
 
     def _step(self, out: asyncio.WriteTransport) -> None:
         self._sense()
@@ -130,12 +133,11 @@ class World:
             self._tell(out)
 
     def _sense(self) -> None:
-        source = self._source()
-        if self._cameras is None or source is None:
+        if self._cameras is None:
             return
         if self._steps % EXPOSE_STEPS == EXPOSE_STEPS // 2:
             middle_ns, half_ns = self._began_ns + self._steps * STEP_NS, EXPOSE_STEPS * STEP_NS // 2
-            self._cameras.expose(middle_ns - half_ns, middle_ns + half_ns, self._motion, source)
+            self._cameras.expose(middle_ns - half_ns, middle_ns + half_ns, self._motion, self._source())
         if self._steps % READ_STEPS == 0 and self._steps > 0:
             for feed, readout in zip(self._feeds, self._cameras.read_out(), strict=True):
                 feed.send(readout)

@@ -36,7 +36,7 @@ class WorldConfig(Struct, frozen=True, kw_only=True):
 class Order(StrEnum):
     """What the launcher tells the world, a line each on its standard input. The end of that stream ends the world."""
 
-    GO = "go"  # the mission begins: the source starts to move
+    GO = "go"  # the mission begins: the source is there, and moves
     CAMERAS_OFF = "cameras off"  # no more readouts
 
 
