@@ -14,11 +14,17 @@ from sim.localization import Localization, LocalizationTruth
 from sim.vehicle.multirotor import Multirotors, MultirotorTruth
 from sim.vehicle.px4.config import Px4Config
 from sim.vehicle.px4.fleet import Px4Fleet
+from sim.vehicle.px4.streams import ONBOARD_HZ
 
 STEP_S = 0.01
 UTC_NS = 1_767_225_600_000_000_000
 PERFECT = LocalizationTruth(horizontal_m=0.0, vertical_m=0.0, height_m=0.0, yaw_deg=0.0, tilt_deg=0.0, velocity_mps=0.0)
 NAN = float("nan")
+_LOOKED_AT = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+}
 _OF_THE_FLEET = {"places", "localization", "gust_mps2", "frame_yaw_rad", "datum"}
 
 
@@ -87,16 +93,22 @@ class Companion:
 class Flight:
     """One vehicle, stepped by hand; the companion is on its onboard link, and if wanted a station on the other."""
 
-    def __init__(self, station=False, **options):
+    def __init__(self, station=False, quiet=False, **options):
+        """``quiet``: without the messages that the tests of flight modes do not look at; it flies on in less time."""
         self.companion, self.station = Companion(), Companion(system=255)
         others = {
             key: options.pop(key) for key in ("places", "localization", "gust_mps2", "frame_yaw_rad", "datum") if key in options
         }
         config = Px4Config(onboard=self.companion.address, ground_station=self.station.address if station else None, **options)
+        self._quiet = quiet
         self.fleet, self.motion = new_fleet([config], clock_ns=self._clock_ns, **others)
 
     async def __aenter__(self):
         await self.fleet.start()
+        if self._quiet:
+            schedule = self.fleet.faces[0].links[0].schedule
+            for number in set(ONBOARD_HZ) - _LOOKED_AT:
+                schedule.set_interval(number, -1.0, 0.0)
         await self.run(0.02)
         return self
 

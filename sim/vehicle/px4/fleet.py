@@ -19,7 +19,7 @@ from sim.frame import LocalFrames
 from sim.localization import Localization
 from sim.vehicle.multirotor import Multirotors
 from sim.vehicle.px4.config import Datum, Px4Config
-from sim.vehicle.px4.estimate import Estimator, geodetic
+from sim.vehicle.px4.estimate import Estimator
 from sim.vehicle.px4.face import Px4Face
 
 ORIGIN_OFFSET_M = (40.0, 40.0, 3.0)  # at most, of a local frame's origin from where the vehicle starts
@@ -72,7 +72,7 @@ class Px4Fleet:
         self._estimator = Estimator(motion, error, self._frames, datum, step_s)
         self._ground_m = np.minimum(motion.position_m[:, 2], 0.0)
         headings = (motion.yaw_rad + error.yaw_error_rad - self._frames.yaw_rad).tolist()
-        places = zip(configs, self._estimator.step(), headings, geodetic(origins, datum), strict=True)
+        places = zip(configs, self._estimator.step(), headings, self._estimator.origins, strict=True)
         self.faces = [
             Px4Face(index, config, place, yaw, origin, error.position_sigma_m, step_s, rng, clock_ns)
             for index, (config, place, yaw, origin) in enumerate(places)

@@ -17,7 +17,7 @@ def flown(scenario, height_m=5.0, **options):
     """Run a scenario with a vehicle that has just taken off."""
 
     async def fly():
-        async with Flight(**options) as flight:
+        async with Flight(quiet=True, **options) as flight:
             await flight.airborne(height_m)
             await scenario(flight)
 
@@ -69,7 +69,7 @@ def test_takeoff_and_landing_take_their_time_and_show_their_states():
 
 def test_an_armed_vehicle_that_does_nothing_disarms_after_ten_seconds():
     async def fly():
-        async with Flight() as flight:
+        async with Flight(quiet=True) as flight:
             await flight.run(5.0)
             assert await flight.ask(ARM, 1.0, 0.0) == [ACCEPTED]
             assert await flight.until(lambda: not flight.report.armed, 15.0) == pytest.approx(10.0, abs=0.2)
@@ -165,7 +165,7 @@ def test_a_lost_ground_station_is_minded_only_where_the_parameter_says_so():
         assert not flight.report.failsafe
 
     async def fly(scenario, action):
-        async with Flight() as flight:
+        async with Flight(quiet=True) as flight:
             await flight.airborne(3.0)
             flight.companion.send(param_set("NAV_DLL_ACT", int_bits(action), mavlink.MAV_PARAM_TYPE_INT32))
             await flight.run(0.05, beat(flight))

@@ -8,6 +8,7 @@ import pymap3d
 import pytest
 from emulated_px4 import Companion, Flight, new_fleet, position_target
 from pymavlink.dialects.v20 import common as mavlink
+from scipy.spatial.transform import Rotation
 
 from sim.localization import LocalizationTruth
 from sim.vehicle.px4.config import Datum, Px4Config
@@ -139,6 +140,30 @@ def test_a_turned_local_frame_and_its_targets_belong_together():
             await flight.run(12.0, lambda: flight.companion.send(target))
             moved = flight.position - start
             assert moved == pytest.approx([-10.0 * np.sin(0.7), 10.0 * np.cos(0.7), 0.0], abs=0.3)
+
+    asyncio.run(fly())
+
+
+def test_the_attitude_is_the_true_one_in_ned_and_frd():
+    ned_from_enu = Rotation.from_matrix([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    flu_from_frd = Rotation.from_euler("x", 180.0, degrees=True)
+
+    async def fly():
+        async with Flight() as flight:
+            await flight.airborne(4.0)
+            local = flight.last("LOCAL_POSITION_NED")
+            await flight.offboard(position_target((local.x + 20.0, local.y + 12.0, local.z), yaw=0.6))
+            for _ in range(8):
+                await flight.run(0.1)
+                w, x, y, z = flight.motion.quaternion(0)
+                right = ned_from_enu * Rotation.from_quat([x, y, z, w]) * flu_from_frd
+                said, euler = flight.last("ATTITUDE_QUATERNION"), flight.last("ATTITUDE")
+                found = Rotation.from_quat([said.q2, said.q3, said.q4, said.q1])
+                # The messages are older than the truth by up to two steps, while it turns by up to 1.5 rad/s.
+                assert (right * found.inv()).magnitude() < 0.05
+                assert (found * Rotation.from_euler("ZYX", [euler.yaw, euler.pitch, euler.roll]).inv()).magnitude() < 0.03
+            assert right.magnitude() > 0.3
+            assert np.hypot(euler.roll, euler.pitch) > 0.1
 
     asyncio.run(fly())
 
