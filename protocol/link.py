@@ -12,11 +12,12 @@ import re
 import socket
 import struct
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 import zenoh
 from msgspec import Struct
+from zenoh.handlers import Callback
 
 from protocol.errors import MeshError
 
@@ -67,7 +68,7 @@ async def open_session(config: MeshConfig, dial_all: bool) -> zenoh.Session:
     for path, value in {**_SETTINGS, **await _settings_of(config, dial_all)}.items():
         settings.insert_json5(path, json.dumps(value))
     os.environ.setdefault("ZENOH_RUNTIME", _RUNTIME)  # read when the first session opens
-    opening = in_thread(lambda: zenoh.open(settings))
+    opening = in_thread(lambda: _open(settings))
     try:
         return await asyncio.wait_for(asyncio.shield(opening), OPEN_S)
     except asyncio.CancelledError:
@@ -78,6 +79,12 @@ async def open_session(config: MeshConfig, dial_all: bool) -> zenoh.Session:
         raise MeshError(f"mesh: the Zenoh session does not open within {OPEN_S:g} s; see whether the network is up") from None
     except zenoh.ZError as error:
         raise MeshError(_explain(str(error), config)) from None
+
+
+def _open(settings: zenoh.Config) -> zenoh.Session:
+    session = zenoh.open(settings)
+    session.info.declare_link_events_listener(Callback(_on_link, indirect=False), history=True)
+    return session
 
 
 def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
@@ -100,34 +107,39 @@ async def close_session(session: zenoh.Session) -> None:
 
     What takes longer is left to a thread; a process that ends before that thread does may abort instead.
     """
-    _do_not_linger(session)
     with contextlib.suppress(TimeoutError, zenoh.ZError):
+        _do_not_linger(session.info.links())  # those that are younger than what the listener has seen
         await asyncio.wait_for(in_thread(session.close), CLOSE_S)
 
 
-def _do_not_linger(session: zenoh.Session) -> None:
-    """Let the kernel deliver what is still to be sent, in the background.
+def _on_link(event: zenoh.LinkEvent) -> None:
+    _do_not_linger((event.link,))
 
-    Zenoh gives its sockets a linger time of 10 s, for which close() waits when a peer has stopped reading.
+
+def _do_not_linger(links: Iterable[zenoh.Link]) -> None:
+    """Let the kernel deliver in the background what is still to be sent when a link is closed.
+
+    Zenoh gives its sockets a linger time of 10 s: for so long a link to a peer that stopped reading would hold up close(), and,
+    when such a peer is given up, a receive thread with whatever waits there for its turn.
     """
-    links = {(link.src, link.dst) for link in session.info.links()}
+    ends = {(link.src.partition("/")[2], link.dst.partition("/")[2]) for link in links}
     for name in os.listdir("/proc/self/fd"):
         with contextlib.suppress(OSError):  # no socket, not connected, closed meanwhile
             link = socket.socket(fileno=int(name))
             try:
-                if link.family in (socket.AF_INET, socket.AF_INET6) and _ends(link) in links:
+                if link.family in (socket.AF_INET, socket.AF_INET6) and _ends(link) in ends:
                     link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
             finally:
                 link.detach()
 
 
 def _ends(link: socket.socket) -> tuple[str, str]:
-    return _locator(link.getsockname()), _locator(link.getpeername())
+    return _host_port(link.getsockname()), _host_port(link.getpeername())
 
 
-def _locator(address: tuple[str, int]) -> str:
+def _host_port(address: tuple[str, int]) -> str:
     host, port = address[:2]
-    return f"tcp/[{host}]:{port}" if ":" in host else f"tcp/{host}:{port}"
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 async def _settings_of(config: MeshConfig, dial_all: bool) -> dict[str, object]:
@@ -157,7 +169,7 @@ async def _numeric(where: str, endpoint: str) -> str:
     address = ipaddress.ip_address(str(found[0][4][0]).partition("%")[0])
     if address.is_unspecified:
         raise MeshError(f"{where}: {endpoint!r} is no address of one interface; peers must be able to dial it: name one")
-    return _locator((str(address), port))
+    return f"tcp/{_host_port((str(address), port))}"
 
 
 def _explain(text: str, config: MeshConfig) -> str:
