@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
 from collections.abc import Callable, Coroutine
 from typing import ParamSpec, TypeVar
 
 from agent.logs import Logger
 
+AGAIN_S = 1.0
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -31,12 +33,16 @@ class Guard:
 
         return guarded
 
-    async def work(self, kind: str, work: Coroutine[None, None, None]) -> None:
-        """The same work, but if it fails it is over without an exception."""
-        try:
-            await work
-        except Exception:
-            self._failed(kind)
+    async def work(self, kind: str, work: Callable[[], Coroutine[None, None, None]]) -> None:
+        """Do some work to its end; where it fails, do it anew after a pause."""
+        while True:
+            try:
+                await work()
+            except Exception:
+                self._failed(kind)
+            else:
+                return
+            await asyncio.sleep(AGAIN_S)
 
     @property
     def problems(self) -> tuple[str, ...]:

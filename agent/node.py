@@ -16,6 +16,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable, Coroutine
+from functools import partial
 
 from agent.beat import Beat
 from agent.config import DetectorConfig, DroneConfig, MissionConfig
@@ -115,8 +116,8 @@ class Node:
         await self._vehicle.connect()
         self._log.info("vehicle is connected", address=self._drone.vehicle.address)
         if self._detector is not None:
-            self._start("the camera", self._read(self._detector))
-        self._start("recovery of the log", self._recover())
+            self._start("the camera", partial(self._read, self._detector))
+        self._start("recovery of the log", self._recover)
         self._send_command = guarded("commands", self._vehicle.command, None)
         self._publish = guarded("publications", self._mesh.publish, None)
         gc.collect()
@@ -203,7 +204,7 @@ class Node:
         phase = members.index(self._drone.id) / len(members)
         await recover(lambda: self._mesh.alive & set(members), self._pilot.log_summary, self._mesh.ask, phase)
 
-    def _start(self, kind: str, work: Coroutine[None, None, None]) -> None:
+    def _start(self, kind: str, work: Callable[[], Coroutine[None, None, None]]) -> None:
         self._tasks.append(asyncio.create_task(self._guard.work(kind, work), name=kind))
 
     def _look(self, now_s: float) -> None:

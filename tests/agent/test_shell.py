@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import structlog
 
+from agent import guard
 from agent.guard import Guard
 from agent.keeper import Keeper
 from agent.logs import Logger, UnblockingStream
@@ -83,8 +84,21 @@ def test_a_folder_that_takes_no_state_is_a_problem_and_no_failure(tmp_path: Path
 
 
 def test_a_handler_that_fails_ends_nothing(log: Logger) -> None:
-    guard = Guard(log)
-    divide = guard.call("numbers", lambda divisor: 6 // divisor, -1)
+    keeping = Guard(log)
+    divide = keeping.call("numbers", lambda divisor: 6 // divisor, -1)
     assert [divide(3), divide(0), divide(0), divide(2)] == [2, -1, -1, 3]
-    assert guard.failures == {"numbers": 2}
-    assert guard.problems == ("the agent fails in handling numbers: see its log",)
+    assert keeping.failures == {"numbers": 2}
+    assert keeping.problems == ("the agent fails in handling numbers: see its log",)
+
+
+def test_work_that_fails_is_done_anew(log: Logger, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "AGAIN_S", 0.0)
+    attempts: list[int] = []
+
+    async def work() -> None:
+        attempts.append(len(attempts))
+        if len(attempts) < 3:
+            raise ValueError("not yet")
+
+    asyncio.run(asyncio.wait_for(Guard(log).work("work", work), 5.0))
+    assert attempts == [0, 1, 2]
