@@ -1,0 +1,124 @@
+"""What the live swarm costs: CPU and memory of each agent, of the world and of the launcher, and how evenly setpoints come.
+
+Flies ``radron-sim live`` and watches its processes. Agent: the node and its watchdog together, over the last 30 s of tracking.
+
+Run: python benchmarks/live_cost.py [--drones 3 10] [--seconds 60] [--busy 2] [--json OUT]
+``--busy``: so many endless loops run beside it, at normal priority, during the flight.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import mean
+
+from rich.console import Console
+from rich.table import Table
+
+sys.path.append(str(Path(__file__).parent / "support"))
+
+from live_flight import Seen, flights, fly, messages, tracking
+
+from agent.flight import topics
+from agent.flight.reader import RecordedFlight
+
+WINDOW_S = 30.0
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--scenario", default="demo")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--drones", type=int, nargs="+", default=[3, 10])
+    parser.add_argument("--seconds", type=float, default=45.0, help="of tracking")
+    parser.add_argument("--busy", type=int, default=0)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rows = []
+    for drones in options.drones:
+        with tempfile.TemporaryDirectory(prefix="radron-cost-") as folder, _busy(options.busy):
+            arguments = [options.scenario, "--seed", str(options.seed), "--drones", str(drones)]
+            seen = fly(Path(folder), [*arguments, "--set", f"mission.track.duration_s={options.seconds:g}"])
+            rows.append({"drones": drones, **_cost(Path(folder), seen)})
+    _print(rows)
+    if options.json is not None:
+        options.json.write_text(json.dumps({"live_cost": rows}, indent=1) + "\n")
+
+
+@contextmanager
+def _busy(number: int) -> Iterator[None]:
+    """Endless loops beside the flight."""
+    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(number)]
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+def _cost(folder: Path, seen: dict[int, Seen]) -> dict[str, float]:
+    """CPU in percent of a core over the end of tracking, memory in MB at its largest."""
+    found = flights(folder)
+    stretches = [stretch for flight in found.values() if (stretch := tracking(flight)) is not None]
+    if len(stretches) < len(found):
+        sys.exit(f"only {len(stretches)} of {len(found)} agents tracked; see {folder}/live.log")
+    end_s = min(end for _, end in stretches)
+    start_s = max(end_s - WINDOW_S, *(start for start, _ in stretches))
+    agents = {pid: one for pid, one in seen.items() if one.kind == "agent"}
+    cpu = [100.0 * (one.share(start_s, end_s) + seen[one.parent].share(start_s, end_s)) for one in agents.values()]
+    parts = {kind: [one for one in seen.values() if one.kind == kind] for kind in ("world", "launcher")}
+    return {
+        "agents": len(agents),
+        "window_s": end_s - start_s,
+        "agent_cpu_percent": mean(cpu),
+        "agent_cpu_percent_most": max(cpu),
+        "agent_uss_mb": max(one.uss_mb + seen[one.parent].uss_mb for one in agents.values()),
+        "agent_rss_mb": max(one.rss_mb + seen[one.parent].rss_mb for one in agents.values()),
+        **{f"{kind}_cpu_percent": 100.0 * sum(one.share(start_s, end_s) for one in ones) for kind, ones in parts.items()},
+        "mesh_s": _mesh_s(found, min(seen[one.parent].began_s for one in agents.values())),
+    }
+
+
+def _mesh_s(found: dict[str, RecordedFlight], began_s: float) -> float:
+    """Until every agent has heard every other one, from the start of the first agent's process."""
+    last_s = began_s
+    for drone, flight in found.items():
+        missing = set(found) - {drone}
+        for record, sender, _, _ in messages(flight, topics.MESSAGE):
+            missing.discard(sender)
+            if not missing:
+                last_s = max(last_s, record.publish_ns * 1e-9)
+                break
+        else:
+            sys.exit(f"{drone} never heard {', '.join(sorted(missing))}")
+    return last_s - began_s
+
+
+def _print(rows: list[dict[str, float]]) -> None:
+    table = Table(title="Cost, live")
+    table.add_column("")
+    heads = {
+        "agent_cpu_percent": "an agent, % of a core",
+        "agent_cpu_percent_most": "the dearest agent, %",
+        "agent_uss_mb": "its own memory, MB",
+        "agent_rss_mb": "resident memory, MB",
+        "world_cpu_percent": "world, %",
+        "launcher_cpu_percent": "launcher, %",
+        "mesh_s": "start to full mesh, s",
+    }
+    for row in rows:
+        table.add_column(f"{row['drones']:g} drones", justify="right")
+    for key, head in heads.items():
+        table.add_row(head, *(f"{row[key]:.1f}" for row in rows))
+    Console(width=100).print(table)
+
+
+if __name__ == "__main__":
+    main()

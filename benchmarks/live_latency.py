@@ -1,0 +1,128 @@
+"""From the publication of a cone to the hypothesis with it in every other agent, beside Zenoh's own put -> callback.
+
+Flies ``radron-sim live`` (real agents, real Zenoh, real MAVLink) and reads the agents' flight records: the wall time of the
+publication at the publisher, and those at which a receiver's pilot was given the cone and had the hypothesis that rests on it.
+Meanwhile two processes of their own exchange payloads of a cone's size over Zenoh.
+
+Run: python benchmarks/live_latency.py [--scenario demo] [--drones 3] [--flight DIR of an earlier flight] [--json OUT]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+sys.path.append(str(Path(__file__).parent / "support"))
+
+from live_flight import flights, fly, messages
+from raw_zenoh import RawProbe
+
+from agent.flight import topics
+from agent.flight.reader import RecordedFlight
+from protocol.keys import parse_key
+
+CONE_BYTES = 406  # as published in the demo
+RAW_PERIOD_S = 0.2  # as often as a swarm of three publishes cones
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--scenario", default="demo")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--drones", type=int)
+    parser.add_argument("--set", action="append", default=[], dest="settings")
+    parser.add_argument("--flight", type=Path, help="read this flight instead of flying; without raw Zenoh beside it")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    raw: list[float] = []
+    with tempfile.TemporaryDirectory(prefix="radron-latency-") as folder:
+        if options.flight is None:
+            raw = _flown(Path(folder), options)
+        delays = _delays(flights(options.flight or Path(folder)))
+    if not delays["cone to hypothesis"]:
+        sys.exit("no cone came from one agent to another while there was a hypothesis; fly longer")
+    delays["raw Zenoh put to callback"] = raw
+    figures = {name: _figures(values) for name, values in delays.items() if values}
+    _print(figures)
+    if options.json is not None:
+        options.json.write_text(json.dumps({"live_latency": figures}, indent=1) + "\n")
+
+
+def _flown(folder: Path, options: argparse.Namespace) -> list[float]:
+    """Fly; returns the latencies of raw Zenoh meanwhile, in ms."""
+    arguments = [options.scenario, "--seed", str(options.seed)]
+    if options.drones is not None:
+        arguments += ["--drones", str(options.drones)]
+    for setting in options.settings:
+        arguments += ["--set", setting]
+    with RawProbe(CONE_BYTES, RAW_PERIOD_S) as probe:
+        fly(folder, arguments)
+    return probe.latencies_ms
+
+
+def _delays(found: dict[str, RecordedFlight]) -> dict[str, list[float]]:
+    """Delays in ms of every cone at every other agent, once it had a hypothesis."""
+    published: dict[bytes, int] = {}
+    for flight in found.values():
+        for record, _, kind, payload in messages(flight, topics.PUBLICATION):
+            if kind == "cone":
+                published[payload] = record.publish_ns
+    delays: dict[str, list[float]] = {"cone to pilot": [], "pilot to hypothesis": [], "cone to hypothesis": []}
+    for flight in found.values():
+        for sent_ns, given_ns, had_ns in _arrivals(flight, published):
+            delays["cone to pilot"].append((given_ns - sent_ns) * 1e-6)
+            delays["pilot to hypothesis"].append((had_ns - given_ns) * 1e-6)
+            delays["cone to hypothesis"].append((had_ns - sent_ns) * 1e-6)
+    return delays
+
+
+def _arrivals(flight: RecordedFlight, published: dict[bytes, int]) -> list[tuple[int, int, int]]:
+    """Wall times of a cone's publication, of its coming to this pilot, and of the first hypothesis made after that."""
+    arrivals: list[tuple[int, int, int]] = []
+    waiting: dict[bytes, int] = {}
+    known: set[bytes] = set()
+    has_hypothesis = False
+    for record in flight.records():
+        if record.topic == topics.MESSAGE:
+            key, payload = topics.decode_message(record.data)
+            if parse_key(key).kind == "cone" and payload in published and payload not in known:
+                known.add(payload)
+                waiting[payload] = record.publish_ns
+        elif record.topic == topics.HYPOTHESIS:
+            if has_hypothesis:  # the first one of a flight has to wait for its ten cones
+                arrivals += [(published[payload], given_ns, record.publish_ns) for payload, given_ns in waiting.items()]
+            waiting.clear()
+            has_hypothesis = record.data != b"null"
+    return arrivals
+
+
+def _figures(values: list[float]) -> dict[str, float]:
+    p50, p99 = np.percentile(values, [50, 99])
+    return {"count": len(values), "p50_ms": float(p50), "p99_ms": float(p99), "max_ms": max(values)}
+
+
+def _print(figures: dict[str, dict[str, float]]) -> None:
+    table = Table(title="Latency, live")
+    for head in ("", "number", "p50 ms", "p99 ms", "largest ms"):
+        table.add_column(head, justify="left" if not head else "right")
+    for name, values in figures.items():
+        numbers = (f"{values[key]:.2f}" for key in ("p50_ms", "p99_ms", "max_ms"))
+        table.add_row(name, str(values["count"]), *numbers)
+    console = Console(width=100)
+    console.print(table)
+    raw = figures.get("raw Zenoh put to callback")
+    if raw is not None:
+        ours = figures["cone to hypothesis"]
+        ratio = ours["p50_ms"] / raw["p50_ms"]
+        console.print(f"p50: {ratio:.2f} times raw Zenoh's (wanted: at most 2); p99: {ours['p99_ms']:.1f} ms (wanted: under 20)")
+
+
+if __name__ == "__main__":
+    main()

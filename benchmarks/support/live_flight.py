@@ -1,0 +1,119 @@
+"""A live flight as a benchmark sees it: its processes while they run, its agents' records afterwards."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psutil
+
+from agent.flight import topics
+from agent.flight.reader import FlightRecord, RecordedFlight
+from protocol.codec import decode_from
+from protocol.keys import parse_key
+from protocol.messages import Stage, Status
+
+SAMPLE_S = 1.0
+_FULL_SAMPLES = 10  # of so many samples one counts a process's own memory, which is dear
+LIMIT_S = 900.0  # of a flight beyond what it is asked to last
+
+
+@dataclass
+class Seen:
+    """One process: samples of (wall time s, CPU s so far), and the largest memory."""
+
+    kind: str  # agent, watchdog, world, launcher
+    parent: int
+    began_s: float
+    cpu: list[tuple[float, float]] = field(default_factory=list)
+    rss_mb: float = 0.0
+    uss_mb: float = 0.0
+
+    def share(self, start_s: float, end_s: float) -> float:
+        """Part of a core that it took between two times, as far as it was there."""
+        inside = [sample for sample in self.cpu if start_s <= sample[0] <= end_s]
+        if len(inside) < 2:
+            return 0.0
+        return (inside[-1][1] - inside[0][1]) / (inside[-1][0] - inside[0][0])
+
+
+def fly(folder: Path, arguments: list[str], limit_s: float = LIMIT_S) -> dict[int, Seen]:
+    """Run ``radron-sim live`` with its results in ``folder``; returns its processes by their ids.
+
+    Raises:
+        SystemExit: it fails or does not end; what it printed is in ``folder``/live.log.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    command = [str(Path(sys.executable).with_name("radron-sim")), "live", *arguments, "--out", str(folder)]
+    with (folder / "live.log").open("w") as log:
+        launcher = psutil.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        seen: dict[int, Seen] = {}
+        end_s = time.monotonic() + limit_s
+        try:
+            while launcher.poll() is None and time.monotonic() < end_s:
+                _sample(launcher, seen)
+                time.sleep(SAMPLE_S)
+        finally:
+            if launcher.poll() is None:
+                launcher.terminate()
+                launcher.wait(10.0)
+    if launcher.returncode != 0:
+        text = (folder / "live.log").read_text().strip().splitlines()
+        sys.exit(f"{' '.join(command)}: ended with {launcher.returncode}: {text[-1] if text else 'no output'}")
+    return seen
+
+
+def _sample(launcher: psutil.Process, seen: dict[int, Seen]) -> None:
+    for process in [launcher, *launcher.children(recursive=True)]:
+        try:
+            with process.oneshot():
+                kind = "launcher" if process.pid == launcher.pid else _kind(process.cmdline())
+                one = seen.setdefault(process.pid, Seen(kind, process.ppid(), process.create_time()))
+                one.kind = kind  # a process may become another one
+                times = process.cpu_times()
+                one.cpu.append((time.time(), times.user + times.system))
+                one.rss_mb = max(one.rss_mb, process.memory_info().rss / 1e6)
+                if len(one.cpu) % _FULL_SAMPLES == 0:
+                    one.uss_mb = max(one.uss_mb, process.memory_full_info().uss / 1e6)
+        except psutil.Error:  # it has just ended
+            continue
+
+
+def _kind(command: list[str]) -> str:
+    modules = {"agent.supervisor": "watchdog", "agent": "agent", "sim.world": "world"}
+    return next((modules[word] for word in command if word in modules), "other")
+
+
+def flights(folder: Path) -> dict[str, RecordedFlight]:
+    """The agents' flights below ``folder``, by drone; one of each drone."""
+    found: dict[str, RecordedFlight] = {}
+    for file in sorted(folder.rglob("*-0000.mcap")):
+        flight = RecordedFlight(file)
+        found[flight.header.drone.id] = flight
+    if not found:
+        sys.exit(f"{folder}: no flight records")
+    return found
+
+
+def messages(flight: RecordedFlight, topic: str) -> Iterator[tuple[FlightRecord, str, str, bytes]]:
+    """(record, sender, kind, payload) of the messages that an agent heard (``topics.MESSAGE``) or published."""
+    for record in flight.records():
+        if record.topic == topic:
+            key, payload = topics.decode_message(record.data)
+            address = parse_key(key)
+            yield record, address.sender, address.kind, payload
+
+
+def tracking(flight: RecordedFlight) -> tuple[float, float] | None:
+    """Wall times, s, between which this agent said that it was tracking."""
+    times = []
+    for record, sender, kind, payload in messages(flight, topics.PUBLICATION):
+        if kind == "status":
+            status = decode_from(f"radron/1/{flight.header.mission.swarm}/{sender}/{kind}", payload)
+            if isinstance(status, Status) and status.stage is Stage.TRACK:
+                times.append(record.publish_ns * 1e-9)
+    return (times[0], times[-1]) if times else None
