@@ -23,10 +23,10 @@ class PathFollower:
         """``path``: (M, 2) with M >= 1; repeated points do no harm."""
         if path.ndim != 2 or path.shape[1] != 2 or len(path) == 0:
             raise ValueError(f"a path needs the shape (M, 2) with M >= 1, this one has {path.shape}")
-        steps = np.hypot(*np.diff(path, axis=0).T)
-        moved = np.concatenate([[True], steps > 0.0])
+        lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+        moved = np.concatenate([[True], np.diff(lengths) > 0.0])  # lanes that meet are apart by less than the sum resolves
         self._points = path[moved]
-        self._lengths = np.concatenate([[0.0], np.cumsum(steps[steps > 0.0])])
+        self._lengths = lengths[moved]
         self._x, self._y = np.ascontiguousarray(self._points[:, 0]), np.ascontiguousarray(self._points[:, 1])
         self._legs: list[tuple[float, float, float, float, float]] = [  # start, unit vector, length
             (x, y, (x_next - x) / length, (y_next - y) / length, length)

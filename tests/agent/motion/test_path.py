@@ -104,3 +104,10 @@ def test_neither_end_is_cut_short_when_the_position_is_noisy() -> None:
     far_end = np.hypot(*(np.array(trail) - LANES[-1]).T).min()
     near_end = np.hypot(*(np.array(trail[len(trail) // 2 :]) - LANES[0]).T).min()
     assert max(far_end, near_end) < 1.5
+
+
+def test_points_that_are_apart_by_less_than_the_length_resolves_are_one() -> None:
+    follower = PathFollower(np.array([(0.0, 0.0), (100.0, 0.0), (100.0, 1e-15), (100.0, 10.0)]))
+    assert follower.length_m == 110.0
+    assert follower.at(np.array([50.0, 105.0])).tolist() == [[50.0, 0.0], [100.0, 5.0]]
+    assert follower.advance(99.0, (100.0, 0.5)) == pytest.approx(100.5)
