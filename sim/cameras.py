@@ -4,15 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agent.config import DroneConfig
 from agent.detector.readout import PixelHits, Readout
 from sim.frame import CameraMount
 from sim.radiation.camera import Camera, CameraTruth, SourceView
 from sim.scenario import SourceTruth
-from sim.vehicle.multirotor import Multirotors
+
+Array = NDArray[np.float64]
+
+
+class Motion(Protocol):
+    """The true motion of N vehicles in the world (ENU)."""
+
+    @property
+    def position_m(self) -> Array:
+        """(N, 3)."""
+
+    @property
+    def velocity_mps(self) -> Array:
+        """(N, 3)."""
+
+    def quaternion(self, drone: int) -> tuple[float, float, float, float]:
+        """World-from-body attitude (w, x, y, z)."""
 
 
 class Cameras:
@@ -32,7 +50,7 @@ class Cameras:
         self._cameras = [Camera(truth, source.nuclide, rng, clock_ns) for rng in rngs]
         self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
 
-    def expose(self, start_ns: int, end_ns: int, motion: Multirotors, source: tuple[float, float] | None) -> None:
+    def expose(self, start_ns: int, end_ns: int, motion: Motion, source: tuple[float, float] | None) -> None:
         """Take [start_ns, end_ns), UTC, all of it seen from where the vehicles are now; no source: background alone."""
         for drone, camera in enumerate(self._cameras):
             views: tuple[SourceView, ...] = ()

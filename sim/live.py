@@ -31,7 +31,7 @@ from sim.worldprocess import WorldProcess
 READY_S = 60.0  # in which agents on this machine are ready
 ELSEWHERE_READY_S = 300.0  # others may have to be started first
 STOP_S = 3.0  # an agent ends in 2 s
-FIRST_FEED_PORT, MAVLINK_PORT = 5600, 14540
+FIRST_FEED_PORT, MAVLINK_PORT, GROUND_STATION_PORT = 5600, 14540, 14550
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,19 +39,21 @@ class Places:
     """Where a swarm's links are.
 
     onboard: where vehicle 1, 2, ... sends its MAVLink. mesh: the agents' endpoints. bind, feed_ports: where the cameras' feeds
-    listen; empty: at free ports.
+    listen; empty: at free ports. ground_station: where vehicles that are not emulated are listened to; none: they are emulated.
     """
 
     onboard: tuple[Address, ...]
     mesh: tuple[str, ...]
     bind: str
     feed_ports: tuple[int, ...] = ()
+    ground_station: Address | None = None
 
     @classmethod
-    def elsewhere(cls, hosts: Sequence[str], mesh: Sequence[str], bind: str) -> Places:
+    def elsewhere(cls, hosts: Sequence[str], mesh: Sequence[str], bind: str, emulated: bool = True) -> Places:
         """Agents on one host each, in containers or on drones, with the ports that all of them have."""
         feeds = range(FIRST_FEED_PORT, FIRST_FEED_PORT + len(hosts))
-        return cls(tuple((host, MAVLINK_PORT) for host in hosts), tuple(mesh), bind, tuple(feeds))
+        station = None if emulated else (bind, GROUND_STATION_PORT)
+        return cls(tuple((host, MAVLINK_PORT) for host in hosts), tuple(mesh), bind, tuple(feeds), station)
 
 
 async def fly_live(
@@ -80,7 +82,9 @@ async def fly_live(
         config = WorldConfig(
             scenario=scenario,
             seed=seed,
+            vehicles="emulated" if places.ground_station is None else "mavlink",
             onboard=places.onboard,
+            ground_station=places.ground_station,
             feed_host=places.bind,
             feed_ports=places.feed_ports,
             calibrations=tuple(str(files.calibration(drone.id)) for drone in scenario.mission.drones),

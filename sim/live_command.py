@@ -7,7 +7,7 @@ import signal
 import tempfile
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import typer
@@ -54,6 +54,10 @@ def live(
             envvar="RADRON_SIM_BIND", help="With --external: where the cameras' feeds 1, 2, ... listen, ports 5600, ..."
         ),
     ] = "0.0.0.0",
+    vehicles: Annotated[
+        Literal["emulated", "mavlink"],
+        typer.Option(help="mavlink (with --external): others fly them, such as PX4's own simulation, and tell UDP port 14550."),
+    ] = "emulated",
 ) -> None:
     """Fly one mission with real agents: a process for each drone, real Zenoh between them, real MAVLink to emulated vehicles."""
     from sim.console import err, say  # noqa: PLC0415  (heavy imports wait until they are needed)
@@ -62,7 +66,7 @@ def live(
     settings = [*(settings or []), *([] if drones is None else [f"drones={drones}"])]
     case = checked([scenario], {}, settings, [estimator] if estimator else [], law)[0]
     check_json(json)
-    elsewhere = _elsewhere(external, agent_hosts, mesh, bind, len(case.scenario.mission.drones))
+    elsewhere = _elsewhere(external, agent_hosts, mesh, bind, vehicles, len(case.scenario.mission.drones))
     if out is not None:
         make_folder(out)
 
@@ -90,9 +94,11 @@ def live(
             say(f"written to {out}: {', '.join(path.name for path in written)}; recordings in {out}/agents")
 
 
-def _elsewhere(external: bool, agent_hosts: str | None, mesh: str | None, bind: str, drones: int) -> Places | None:
+def _elsewhere(external: bool, agent_hosts: str | None, mesh: str | None, bind: str, vehicles: str, drones: int) -> Places | None:
     """Where others run the agents; None where they are started here."""
     if not external:
+        if vehicles != "emulated":
+            raise ConfigError("--vehicles mavlink: only with --external")
         return None
     from sim.live import Places  # noqa: PLC0415
 
@@ -101,7 +107,7 @@ def _elsewhere(external: bool, agent_hosts: str | None, mesh: str | None, bind: 
         raise ConfigError(f"--agent-hosts: {len(hosts)} given for {drones} drones; give one for each, separated by commas")
     if not endpoints:
         raise ConfigError("--external needs --mesh with the endpoints of the agents, such as tcp/10.7.1.11:7447")
-    return Places.elsewhere(hosts, endpoints, bind)
+    return Places.elsewhere(hosts, endpoints, bind, emulated=vehicles == "emulated")
 
 
 def _listed(text: str | None) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
+_OVERRIDES = "RADRON_"  # what somebody has set for another agent is not for ours: they have their files
 _PRCTL = ctypes.CDLL(None, use_errno=True).prctl
 KILL_S = 2.0  # what was killed is gone by then, or stuck in the kernel
 
@@ -36,9 +37,16 @@ class Child:
             piped: its standard input and output are ``stdin`` and ``stdout``; else it has none.
         """
         pipe = asyncio.subprocess.PIPE if piped else asyncio.subprocess.DEVNULL
+        environment = {name: value for name, value in os.environ.items() if not name.startswith(_OVERRIDES)}
         with log.open("wb") if log is not None else open(os.dup(2), "wb") as errors:
             process = await asyncio.create_subprocess_exec(
-                *command, stdin=pipe, stdout=pipe, stderr=errors, start_new_session=True, preexec_fn=_dies_with(os.getpid())
+                *command,
+                stdin=pipe,
+                stdout=pipe,
+                stderr=errors,
+                env=environment,
+                start_new_session=True,
+                preexec_fn=_dies_with(os.getpid()),
             )
         return cls(name, process, log)
 

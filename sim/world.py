@@ -13,6 +13,7 @@ import time
 from collections.abc import Sequence
 from math import ceil, hypot
 from pathlib import Path
+from typing import Protocol
 
 import msgspec
 import numpy as np
@@ -20,17 +21,17 @@ from shapely import Polygon
 
 from agent.config import DroneConfig, MissionConfig
 from agent.errors import RadronError
-from sim.cameras import Cameras
+from sim.cameras import Array, Cameras, Motion
 from sim.feed import FeedServer
-from sim.frame import LocalFrames
 from sim.launch import launch_places
 from sim.localization import Localization
 from sim.recorder import LONGEST_START_S
 from sim.source import source_path
-from sim.streams import streams
+from sim.streams import Streams, streams
 from sim.vehicle.multirotor import Multirotors
 from sim.vehicle.px4.config import Px4Config
-from sim.vehicle.px4.fleet import Px4Fleet
+from sim.vehicle.px4.fleet import Px4Fleet, VehicleReport
+from sim.vehicle.px4.ground_station import GroundStation
 from sim.worldlink import Order, Ready, Truth, WorldConfig, pack
 
 STEP_S = 0.01
@@ -43,30 +44,32 @@ _FENCE_SPARE_M = 10.0  # the autopilot's own fence is a circle around its home, 
 _BACKLOG_BYTES = 1 << 20  # of truths that the launcher has not taken
 
 
+class Vehicles(Protocol):
+    """Whoever flies the vehicles."""
+
+    async def start(self) -> None:
+        """Open the links on the running loop."""
+
+    def step(self) -> None:
+        """Advance by one step."""
+
+    def reports(self) -> list[VehicleReport]:
+        """What an observer sees of each, beside its motion."""
+
+    def close(self) -> None:
+        """Close the links."""
+
+
 class World:
     """Everything that is, at one instant. Same seed, same random streams as in lockstep."""
 
     def __init__(self, config: WorldConfig) -> None:
         self._config = config
         scenario, mission = config.scenario, config.scenario.mission
-        count = len(mission.drones)
-        random = streams(config.seed, count)
+        random = streams(config.seed, len(mission.drones))
         self._began_ns = time.time_ns()
-        frames = LocalFrames([(drone.origin_m, drone.yaw_deg) for drone in mission.drones])
         position = launch_places(scenario.start, mission, random.start)
-        self._motion = Multirotors(scenario.vehicle, position, np.zeros(count), STEP_S, random.vehicle)
-        error = Localization(scenario.localization, count, STEP_S, random.localization)
-        self._fleet = Px4Fleet(
-            [
-                Px4Config(onboard=onboard, ground_station=config.ground_station, parameters=crew_parameters(mission, place))
-                for onboard, place in zip(config.onboard, position.tolist(), strict=True)
-            ],
-            self._motion,
-            error,
-            STEP_S,
-            random.radio,  # the radio is a real one; its stream is free for what else the vehicles draw
-            frame_yaw_rad=frames.yaw_rad.tolist(),
-        )
+        self._vehicles, self._motion = _vehicles(config, position, random)
         self._cameras: Cameras | None = None
         self._path = None
         if scenario.source is not None:
@@ -87,7 +90,7 @@ class World:
             self._cameras.write_calibrations([Path(folder) for folder in config.calibrations])
         ports = config.feed_ports or (0,) * len(self._feeds)
         found = [await feed.start(config.feed_host, port) for feed, port in zip(self._feeds, ports, strict=False)]
-        await self._fleet.start()
+        await self._vehicles.start()
         return Ready(tuple(found))
 
     async def run(self, out: asyncio.WriteTransport, orders: asyncio.StreamReader) -> None:
@@ -105,7 +108,7 @@ class World:
 
     async def close(self) -> None:
         """Close everything."""
-        self._fleet.close()
+        self._vehicles.close()
         for feed in self._feeds:
             await feed.close()
 
@@ -127,7 +130,7 @@ class World:
 
     def _step(self, out: asyncio.WriteTransport) -> None:
         self._sense()
-        self._fleet.step()
+        self._vehicles.step()
         self._steps += 1
         if self._steps % TRUTH_STEPS == 0:
             self._tell(out)
@@ -154,13 +157,36 @@ class World:
                     position_m=tuple(map(tuple, self._motion.position_m.tolist())),
                     velocity_mps=tuple(map(tuple, self._motion.velocity_mps.tolist())),
                     source_m=self._source(),
-                    vehicles=tuple(self._fleet.reports()),
+                    vehicles=tuple(self._vehicles.reports()),
                     late_s=self._late_s,
                     dropped=self._dropped,
                 )
             )
         )
         self._late_s, self._dropped = 0.0, 0
+
+
+def _vehicles(config: WorldConfig, position: Array, random: Streams) -> tuple[Vehicles, Motion]:
+    """The vehicles at their launch places (N, 3), and what is to be seen of their motion."""
+    scenario, mission = config.scenario, config.scenario.mission
+    if config.vehicles == "mavlink":
+        assert config.ground_station is not None
+        others = GroundStation(position, config.ground_station)
+        return others, others
+    count = len(position)
+    motion = Multirotors(scenario.vehicle, position, np.zeros(count), STEP_S, random.vehicle)
+    fleet = Px4Fleet(
+        [
+            Px4Config(onboard=onboard, ground_station=config.ground_station, parameters=crew_parameters(mission, place))
+            for onboard, place in zip(config.onboard, position.tolist(), strict=True)
+        ],
+        motion,
+        Localization(scenario.localization, count, STEP_S, random.localization),
+        STEP_S,
+        random.radio,  # the radio is a real one; its stream is free for what else the vehicles draw
+        frame_yaw_rad=np.radians([drone.yaw_deg for drone in mission.drones]).tolist(),
+    )
+    return fleet, motion
 
 
 def crew_parameters(mission: MissionConfig, place: Sequence[float]) -> dict[str, float]:

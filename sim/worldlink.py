@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from enum import StrEnum
+from typing import Literal
 
 import msgspec
 from msgspec import Struct
@@ -19,13 +20,16 @@ _LENGTH_BYTES = 4
 class WorldConfig(Struct, frozen=True, kw_only=True):
     """What a world is made of.
 
-    onboard: where each vehicle sends its onboard MAVLink link. ground_station: likewise, all of them.
+    vehicles: emulated here; or flown by somebody else, and followed by their ground-station links.
+    onboard: where each emulated vehicle sends its onboard MAVLink link.
+    ground_station: where the ground-station links end: the emulated vehicles send to it, others are listened to there.
     feed_host, feed_ports: where each camera's feed listens; port 0 takes a free one.
     calibrations: folders for the files of each camera's own calibration; empty: nobody reads them.
     """
 
     scenario: Scenario
     seed: int
+    vehicles: Literal["emulated", "mavlink"] = "emulated"
     onboard: tuple[Address, ...]
     ground_station: Address | None = None
     feed_host: str = "127.0.0.1"

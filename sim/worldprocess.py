@@ -79,6 +79,11 @@ class WorldProcess:
         """Tell it something."""
         self._child.stdin.write(f"{order}\n".encode())
 
+    @property
+    def exit_code(self) -> int | None:
+        """None while it runs."""
+        return self._child.exit_code
+
     async def stop(self) -> None:
         """End it."""
         await self._child.stop(STOP_S)

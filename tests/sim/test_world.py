@@ -1,0 +1,112 @@
+"""The world process: in real time, with the truth for its launcher and hits for the agents."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from agent.detector.readout import Readout
+from agent.detector.wire import Unpacker
+from sim.scenario import load_scenario, override
+from sim.worldlink import Order, Ready, Truth, WorldConfig, pack, read
+from sim.worldprocess import LiveError, WorldProcess
+
+NOBODY = ("127.0.0.1", 9)
+
+
+def world_config(**settings: str | float) -> WorldConfig:
+    scenario = override(load_scenario("demo"), {"drones": 1.0, "source.start_m": "[20.0, 4.0]", **settings})
+    return WorldConfig(scenario=scenario, seed=1, onboard=(NOBODY,))
+
+
+def test_messages_pass_the_pipe_in_pieces_and_end_with_it() -> None:
+    async def course() -> None:
+        stream = asyncio.StreamReader()
+        truth = Truth(
+            time_s=1.5,
+            position_m=((1.0, 2.0, 3.0),),
+            velocity_mps=((0.0, 0.0, 0.0),),
+            source_m=None,
+            vehicles=(),
+            late_s=0.0,
+            dropped=2,
+        )
+        data = pack(Ready((1, 2))) + pack(truth)
+        for start in range(0, len(data), 7):
+            stream.feed_data(data[start : start + 7])
+        stream.feed_data(data[:5])  # the world was killed in the middle of a message
+        stream.feed_eof()
+        assert await read(stream) == Ready((1, 2))
+        assert await read(stream) == truth
+        assert await read(stream) is None
+
+    asyncio.run(course())
+
+
+def test_a_world_runs_in_real_time_and_obeys(tmp_path: Path) -> None:
+    async def course() -> None:
+        truths: list[Truth] = []
+        readouts: list[Readout] = []
+        world = await WorldProcess.start(world_config(), tmp_path / "world.json")
+        watching = asyncio.create_task(world.watch(truths.append))
+        reader, writer = await asyncio.open_connection("127.0.0.1", world.feed_ports[0])
+        unpacker = Unpacker()
+
+        async def listen() -> None:
+            while data := await reader.read(65_536):
+                readouts.extend(unpacker.feed(data))
+
+        async def until(condition: object) -> None:
+            async with asyncio.timeout(20.0):
+                while not condition():  # type: ignore[operator]
+                    assert not watching.done()
+                    await asyncio.sleep(0.01)
+
+        listening = asyncio.create_task(listen())
+        try:
+            await until(lambda: len(readouts) >= 3)
+            assert truths[-1].source_m is None
+            before = len(readouts)
+            world.order(Order.GO)
+            await until(lambda: truths[-1].source_m is not None)
+            assert truths[-1].source_m == (20.0, 4.0)
+            began, began_s = truths[-1].time_s, time.monotonic()
+            await until(lambda: truths[-1].time_s >= began + 1.5)
+            assert time.monotonic() - began_s == pytest.approx(1.5, abs=0.5)
+            assert [round((b.time_s - a.time_s) * 100.0) for a, b in pairwise(truths)] == [5] * (len(truths) - 1)
+            await until(lambda: len(readouts) >= before + 8)
+            assert all(a.end_ns == b.start_ns for a, b in pairwise(readouts))
+            assert abs(readouts[-1].end_ns - time.time_ns()) < 1e9
+            assert sum(len(readout.hits) for readout in readouts[-5:]) > 10 * sum(len(r.hits) for r in readouts[:before])
+            world.order(Order.CAMERAS_OFF)
+            moment = truths[-1].time_s
+            await until(lambda: truths[-1].time_s > moment + 0.5)
+            silent = len(readouts)
+            moment = truths[-1].time_s
+            await until(lambda: truths[-1].time_s > moment + 0.5)
+            assert len(readouts) == silent
+            assert world.dropped == 0
+        finally:
+            watching.cancel()
+            listening.cancel()
+            writer.close()
+            await world.stop()
+        assert world.exit_code == 0
+
+    asyncio.run(course())
+
+
+def test_a_world_that_cannot_be_says_why(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    async def course() -> None:
+        config = WorldConfig(scenario=world_config().scenario, seed=1, onboard=(("no-such-host.invalid", 14540),))
+        with pytest.raises(LiveError, match="the world ended before it was up"):
+            await WorldProcess.start(config, tmp_path / "world.json")
+
+    asyncio.run(course())
+    said = capfd.readouterr().err
+    assert "no-such-host.invalid" in said
+    assert "Traceback" not in said
