@@ -1,6 +1,5 @@
 #!/bin/sh
-# In the image build: what never runs goes (pip, tests, type stubs, headers, unused MAVLink dialects); the rest is compiled,
-# because a container with a read-only root cannot keep what it compiles.
+# In the image build: what never runs goes: pip, tests, type stubs, headers, MAVLink dialects that nobody speaks here.
 set -eu
 cd /opt/radron/lib/python3*/site-packages
 
