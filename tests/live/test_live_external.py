@@ -1,0 +1,45 @@
+"""Agents that somebody else starts: the launcher brings the world and the start command."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sysconfig
+from pathlib import Path
+
+from live_run import live_run
+
+from agent.config import DetectorConfig, DroneConfig, PeerMeshConfig, VehicleConfig
+from sim.runfolder import as_toml
+
+AGENT = Path(sysconfig.get_path("scripts")) / "radron-agent"
+
+
+def test_an_agent_elsewhere_is_waited_for_and_started(tmp_path: Path) -> None:
+    pid = os.getpid()
+    host = f"127.{1 + pid % 250}.{1 + pid // 250 % 250}.{1 + pid // 62_500 % 250}"  # ports are fixed: so no other test's address
+    links = ("--agent-hosts", host, "--mesh", f"tcp/{host}:7447", "--bind", host)
+    drone = DroneConfig(
+        id="d1",
+        mission=str(tmp_path / "mission.toml"),
+        mesh=PeerMeshConfig(endpoints={"d1": f"tcp/{host}:7447"}),
+        vehicle=VehicleConfig(address=f"udpin://{host}:14540"),
+        detector=DetectorConfig(driver="feed", address=f"{host}:5600"),
+    )
+    file, log = tmp_path / "elsewhere.toml", tmp_path / "elsewhere.log"
+    file.write_text(as_toml(drone))
+    with live_run(tmp_path, "demo", "--drones", "1", "--external", *links) as run:
+        run.until(lambda: "waiting: d1: not in the mesh yet" in run.said, 60.0)
+        assert (tmp_path / "mission.toml").exists()
+        with log.open("wb") as stderr:
+            agent = subprocess.Popen([AGENT, "run", "--config", file], stderr=stderr)
+        try:
+            run.until(lambda: "all agents are ready" in run.said, 60.0)
+            run.until(lambda: '"stage": "takeoff"' in log.read_text(), 10.0)
+            run.process.send_signal(signal.SIGINT)
+            assert run.process.wait(8.0) == 128 + signal.SIGINT
+            assert agent.poll() is None  # it is not ours to end
+        finally:
+            agent.terminate()
+            agent.wait(10.0)
