@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from math import hypot, isfinite
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from agent.vehicle.interface import Vector3
-from sim.vehicle.guidance import ARRIVED_M, Guidance, Target
+from sim.vehicle.guidance import Guidance, Target
 from sim.vehicle.px4.failsafe import Failsafes, Fallback
 from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
 from sim.vehicle.px4.setpoint import OffboardTarget
+from sim.vehicle.px4.steering import Steering
 
 ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 TEMPORARILY_REJECTED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
@@ -25,12 +25,7 @@ DENIED: int = mavlink.MAV_RESULT_DENIED
 CRITICAL, INFO = mavlink.MAV_SEVERITY_CRITICAL, mavlink.MAV_SEVERITY_INFO
 HEADING_STABLE_S = 4.7  # after the start
 LIFTOFF_S = 1.0  # after the rotors have spun up
-TAKEOFF_MPS = 0.6  # to 5 m within 10 s of arming
-CRAWL_BELOW_M, CRAWL_MPS = 1.0, 0.3
 LANDED_S = 1.0  # of contact, coming down
-DEEP_M = -1000.0  # a descent ends at the ground, wherever that is
-FALL_MPS = 10.0
-DRAG, TRIM_S = 0.2, 20.0  # of velocity targets: on a circle of 12 m at 3 m/s a real one flies 2.6 m too small
 FORCE = 21196.0
 
 Reply = Callable[[int], None]
@@ -51,6 +46,7 @@ class Commander:
         self._after_disarming = Mode.HOLD
         self._parameters = parameters
         self._guidance = Guidance(place, yaw_rad, step_s)
+        self._steering = Steering(parameters, self._guidance, step_s)
         self._failsafes = Failsafes(parameters)
         self._say = say
         self._unhealthy = unhealthy
@@ -61,12 +57,8 @@ class Commander:
         self._airborne_for_s = 0.0  # lifting, or in the air
         self._contact_for_s = 0.0
         self._landed_s = 0.0
-        self._landing = False  # on the last leg of a return, or in land mode
-        self._takeoff_m = 0.0
         self._flown = False  # since it was armed
-        self._offboard: OffboardTarget | None = None
         self._offboard_s = float("-inf")
-        self._trim_mps = (0.0, 0.0)
         self._at_the_sticks = False
         self._waiting: deque[tuple[Callable[[], int], Reply]] = deque()
 
@@ -78,7 +70,7 @@ class Commander:
 
     def follow(self, target: OffboardTarget) -> None:
         """A new offboard target; it counts for the stream in every mode, and is flown in offboard."""
-        self._offboard, self._offboard_s = target, self._time_s
+        self._steering.offboard, self._offboard_s = target, self._time_s
 
     def hear_ground_station(self, silent_s: float | None) -> None:
         """For how long no ground station has been heard; none: there never was one."""
@@ -104,7 +96,7 @@ class Commander:
 
     def take_off(self, height_m: float | None) -> int:
         """To ``height_m`` above where it stands, or as MIS_TAKEOFF_ALT says; once it is armed."""
-        self._takeoff_m = self._parameters["MIS_TAKEOFF_ALT"] if height_m is None else height_m
+        self._steering.takeoff_m = self._parameters["MIS_TAKEOFF_ALT"] if height_m is None else height_m
         self._choose(Mode.TAKEOFF)
         return ACCEPTED
 
@@ -168,7 +160,7 @@ class Commander:
             return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
         if self.mode is Mode.TAKEOFF:
             return int(mavlink.MAV_LANDED_STATE_TAKEOFF)
-        return int(mavlink.MAV_LANDED_STATE_LANDING if self._landing else mavlink.MAV_LANDED_STATE_IN_AIR)
+        return int(mavlink.MAV_LANDED_STATE_LANDING if self._steering.landing else mavlink.MAV_LANDED_STATE_IN_AIR)
 
     @property
     def home(self) -> Vector3:
@@ -213,8 +205,7 @@ class Commander:
         if mode is self.mode:
             return
         self.mode = mode
-        self._landing = mode is Mode.LAND
-        self._guidance.stay(self._position)
+        self._steering.begin(mode, self._position)
 
     def _watch_failsafes(self) -> None:
         if not self.armed:
@@ -238,7 +229,7 @@ class Commander:
         coming_down = not self.armed or not self.target.velocity[2] > 0.0
         self._contact_for_s = self._contact_for_s + self._step_s if contact and coming_down else 0.0
         if not self.landed and self._contact_for_s > LANDED_S:
-            self.landed, self._airborne_for_s, self._landing = True, 0.0, False
+            self.landed, self._airborne_for_s, self._steering.landing = True, 0.0, False
             self._landed_s = self._time_s
         if self.armed and self.landed and self._airborne_for_s == 0.0:
             self._disarm_when_idle()
@@ -260,84 +251,13 @@ class Commander:
         """Rotors spun up, and something to climb to."""
         if not self.landed:
             return True
-        if self._time_s - self._armed_s < self._parameters["COM_SPOOLUP_TIME"]:
-            return False
-        if self.mode is Mode.TAKEOFF:
-            return True
-        if self.mode is Mode.OFFBOARD and self._offboard is not None:
-            up = self._offboard.position_m[2]
-            return up > self._position[2] + ARRIVED_M if isfinite(up) else self._offboard.velocity_mps[2] > 0.0
-        return False
+        spun_up = self._time_s - self._armed_s >= self._parameters["COM_SPOOLUP_TIME"]
+        return spun_up and self._steering.wants_up(self.mode, self._position)
 
     def _fly(self) -> None:
         if self.grounded:
             return
         if not self.armed:
-            self._fall()
-        elif self.mode is Mode.TAKEOFF:
-            self._climb()
-        elif self.mode is Mode.OFFBOARD and self._offboard is not None:
-            self._obey(self._offboard)
-        elif self.mode is Mode.RETURN:
-            self._return()
-        elif self.mode is Mode.LAND:
-            self._land()
-
-    def _climb(self) -> None:
-        self._guidance.climb(self._takeoff_m, TAKEOFF_MPS)
-        if self._position[2] > self._guidance.home[2] + self._takeoff_m - ARRIVED_M:
+            self._steering.fall(self._position)
+        elif self._steering.fly(self.mode, self._position):
             self._choose(Mode.HOLD)
-
-    def _return(self) -> None:
-        value = self._parameters
-        if self._landing:
-            self._land()
-        elif self._guidance.go_home(value["RTL_RETURN_ALT"], value["MPC_Z_V_AUTO_UP"], value["MPC_XY_CRUISE"]):
-            descended_m = value["RTL_DESCEND_ALT"]
-            self._guidance.descend(value["MPC_Z_V_AUTO_DN"], min(descended_m, self._position[2] - self._guidance.home[2]))
-            if self._position[2] - self._guidance.home[2] < descended_m + ARRIVED_M:
-                self._landing = value["RTL_LAND_DELAY"] >= 0.0
-
-    def _land(self) -> None:
-        low = self._position[2] - self._guidance.home[2] < CRAWL_BELOW_M
-        self._guidance.descend(CRAWL_MPS if low else self._parameters["MPC_LAND_SPEED"], DEEP_M)
-
-    def _obey(self, asked: OffboardTarget) -> None:
-        yaw = self.target.yaw
-        if isfinite(asked.yaw_rad):
-            yaw = asked.yaw_rad
-        elif isfinite(asked.yaw_rate_rps):
-            yaw += asked.yaw_rate_rps * self._step_s
-        vx, vy, vz = (v if isfinite(v) else 0.0 for v in asked.velocity_mps)
-        vx, vy = self._against_drag(vx, vy, steered=isfinite(asked.position_m[0]))
-        x, y, z = (
-            p if isfinite(p) or isfinite(v) else now
-            for p, v, now in zip(asked.position_m, asked.velocity_mps, self.target.position, strict=True)
-        )
-        self._guidance.target = Target(self._within_reach((x, y, z)), (vx, vy, vz), yaw)
-
-    def _against_drag(self, vx: float, vy: float, steered: bool) -> tuple[float, float]:
-        """Without a position to keep, the velocity falls short until the integrator has made up for the drag."""
-        if steered:
-            self._trim_mps = (vx, vy)
-            return vx, vy
-        share = self._step_s / TRIM_S
-        tx, ty = self._trim_mps
-        self._trim_mps = (tx + share * (vx - tx), ty + share * (vy - ty))
-        return vx - DRAG * (vx - tx), vy - DRAG * (vy - ty)
-
-    def _within_reach(self, position: Vector3) -> Vector3:
-        """The point on the way to ``position`` that asks for no more than the highest speeds; PX4 limits these themselves."""
-        value, (x0, y0, z0) = self._parameters, self._position
-        dx, dy, dz = position[0] - x0, position[1] - y0, position[2] - z0
-        far = hypot(dx, dy) * value["MPC_XY_P"] / value["MPC_XY_VEL_MAX"]
-        if far > 1.0:  # not where a coordinate is NaN
-            dx, dy = dx / far, dy / far
-        if isfinite(dz):
-            gain = value["MPC_Z_P"]
-            dz = max(-value["MPC_Z_VEL_MAX_DN"] / gain, min(dz, value["MPC_Z_VEL_MAX_UP"] / gain))
-        return (x0 + dx, y0 + dy, z0 + dz)
-
-    def _fall(self) -> None:
-        x, y, _ = self._position
-        self._guidance.target = Target((x, y, float("nan")), (0.0, 0.0, -FALL_MPS), self.target.yaw)

@@ -16,8 +16,9 @@ from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
 from sim.vehicle.px4.requests import Requests
 from sim.vehicle.px4.setpoint import SetpointLog
+from sim.vehicle.px4.state import State
+from sim.vehicle.px4.status import gps_global_origin
 from sim.vehicle.px4.streams import GROUND_STATION_HZ, ONBOARD_HZ, Schedule
-from sim.vehicle.px4.telemetry import State, gps_global_origin
 
 HOME_JUMP_M, HOME_JUMP_S = 1.0, 2.0  # in flight, the home altitude is somewhere within +-1 m of the right one, anew every 2 s
 _GROUND_STATION_GONE_S = 3.0  # without its heartbeat a link gets no texts any more

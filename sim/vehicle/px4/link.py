@@ -10,8 +10,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from agent.errors import VehicleError
 from sim.vehicle.px4.config import Address
+from sim.vehicle.px4.state import Message, State
 from sim.vehicle.px4.streams import Schedule
-from sim.vehicle.px4.telemetry import Message, State
 
 _LONGEST = 65_536
 _TEXT_CHUNK = 50

@@ -13,8 +13,8 @@ from sim.vehicle.px4.link import Link
 from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
 from sim.vehicle.px4.setpoint import SetpointLog, offboard_target
+from sim.vehicle.px4.state import Message, State
 from sim.vehicle.px4.streams import BUILDERS
-from sim.vehicle.px4.telemetry import Message, State
 
 _UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
 _OWN_COMPONENTS = (0, mavlink.MAV_COMP_ID_AUTOPILOT1)

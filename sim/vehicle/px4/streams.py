@@ -6,35 +6,35 @@ from collections.abc import Iterator
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.px4 import telemetry as tell
-from sim.vehicle.px4.telemetry import Builder
+from sim.vehicle.px4 import status, telemetry
+from sim.vehicle.px4.state import Builder
 
 BUILDERS: dict[int, Builder] = {
-    mavlink.MAVLINK_MSG_ID_HEARTBEAT: tell.heartbeat,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE: tell.attitude,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: tell.attitude_quaternion,
-    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: tell.local_position,
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: tell.global_position,
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: tell.gps_raw,
-    mavlink.MAVLINK_MSG_ID_ODOMETRY: tell.odometry,
-    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: tell.highres_imu,
-    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: tell.scaled_pressure,
-    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: tell.distance_sensor,
-    mavlink.MAVLINK_MSG_ID_ALTITUDE: tell.altitude,
-    mavlink.MAVLINK_MSG_ID_VFR_HUD: tell.vfr_hud,
-    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: tell.servo_output,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: tell.attitude_target,
-    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: tell.position_target,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: tell.extended_sys_state,
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: tell.sys_status,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: tell.battery_status,
-    mavlink.MAVLINK_MSG_ID_HOME_POSITION: tell.home_position,
-    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: tell.gps_global_origin,
-    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: tell.estimator_status,
-    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: tell.system_time,
-    mavlink.MAVLINK_MSG_ID_TIMESYNC: tell.timesync,
-    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: tell.mission_current,
-    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: tell.autopilot_version,
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: status.heartbeat,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: telemetry.attitude,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: telemetry.attitude_quaternion,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: telemetry.local_position,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: telemetry.global_position,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: telemetry.gps_raw,
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: telemetry.odometry,
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: telemetry.highres_imu,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: telemetry.scaled_pressure,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: telemetry.distance_sensor,
+    mavlink.MAVLINK_MSG_ID_ALTITUDE: telemetry.altitude,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: telemetry.vfr_hud,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: telemetry.servo_output,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: telemetry.attitude_target,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: telemetry.position_target,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: status.extended_sys_state,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: status.sys_status,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: status.battery_status,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: status.home_position,
+    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: status.gps_global_origin,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: status.estimator_status,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: status.system_time,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: status.timesync,
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: status.mission_current,
+    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: status.autopilot_version,
 }
 
 ONBOARD_HZ: dict[int, float] = {

@@ -172,7 +172,7 @@ def test_a_lost_ground_station_is_minded_only_where_the_parameter_says_so():
             await scenario(flight)
 
     async def ignored(flight):
-        await flight.run(18.0)
+        await flight.run(14.0)
         assert flight.report.mode == "hold"
         assert not flight.report.failsafe
 
