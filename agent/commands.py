@@ -66,11 +66,11 @@ def command(
     anyway: Annotated[bool, typer.Option("--anyway", help="Start those that can though drones report problems.")] = False,
 ) -> None:
     """Command a swarm, and see it done. Exit code 2 where a drone refuses, with its reasons."""
-    from agent import operator  # noqa: PLC0415
+    from agent import commander  # noqa: PLC0415
 
     names = tuple(name for name in drones.split(",") if name)
-    order = operator.Order(action, swarm, tuple(connect), names, anyway)
-    asyncio.run(operator.command(order, print))
+    order = commander.Order(action, swarm, tuple(connect), names, anyway)
+    asyncio.run(commander.command(order, print))
 
 
 def _table(drone: str, findings: list[Finding]) -> Table:

@@ -8,8 +8,8 @@ from contextlib import AsyncExitStack, asynccontextmanager
 import pytest
 from live_agents import free_ports
 
-from agent import operator
-from agent.operator import CommandError, Order
+from agent import commander
+from agent.commander import CommandError, Order
 from protocol.codec import decode, encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command, Stage, Status
@@ -59,9 +59,9 @@ class Drone:
 
 @pytest.fixture(autouse=True)
 def _quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(operator, "LISTEN_S", 1.5)
-    monkeypatch.setattr(operator, "FIND_S", 3.0)
-    monkeypatch.setattr(operator, "OBEY_S", 2.0)
+    monkeypatch.setattr(commander, "LISTEN_S", 1.5)
+    monkeypatch.setattr(commander, "FIND_S", 3.0)
+    monkeypatch.setattr(commander, "OBEY_S", 2.0)
 
 
 def order(action: Action, *drones: Drone, only: tuple[str, ...] = (), anyway: bool = False) -> list[str]:
@@ -74,7 +74,7 @@ def order(action: Action, *drones: Drone, only: tuple[str, ...] = (), anyway: bo
             for drone in drones:
                 await stack.enter_async_context(drone.running(endpoints))
                 endpoints += (drone.endpoint,)
-            await operator.command(Order(action, "test", endpoints, only, anyway), said.append)
+            await commander.command(Order(action, "test", endpoints, only, anyway), said.append)
 
     asyncio.run(run())
     return said
