@@ -1,8 +1,9 @@
 """What the live swarm costs: CPU and memory of each agent, of the world and of the launcher, and how evenly setpoints come.
 
 Flies ``radron-sim live`` and watches its processes. Agent: the node and its watchdog together, over the last 30 s of tracking.
+Setpoints: those that say something new, as they come in at the vehicle, over the whole flight.
 
-Run: python benchmarks/live_cost.py [--drones 3 10] [--seconds 60] [--busy 2] [--json OUT]
+Run: python benchmarks/live_cost.py [--drones 3 10] [--seconds 45] [--busy 2] [--json OUT]
 ``--busy``: so many endless loops run beside it, at normal priority, during the flight.
 """
 
@@ -18,6 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from statistics import mean
 
+import msgspec
 from rich.console import Console
 from rich.table import Table
 
@@ -27,6 +29,7 @@ from live_flight import Seen, flights, fly, messages, tracking
 
 from agent.flight import topics
 from agent.flight.reader import RecordedFlight
+from agent.vehicle.interface import Request, VehicleCommand
 
 WINDOW_S = 30.0
 
@@ -83,7 +86,25 @@ def _cost(folder: Path, seen: dict[int, Seen]) -> dict[str, float]:
         "agent_rss_mb": max(one.rss_mb + seen[one.parent].rss_mb for one in agents.values()),
         **{f"{kind}_cpu_percent": 100.0 * sum(one.share(start_s, end_s) for one in ones) for kind, ones in parts.items()},
         "mesh_s": _mesh_s(found, min(seen[one.parent].began_s for one in agents.values())),
+        **_setpoints(folder, found),
     }
+
+
+def _setpoints(folder: Path, found: dict[str, RecordedFlight]) -> dict[str, float]:
+    """Newly computed setpoints as the vehicles saw them: the lowest rate and the largest gap of all."""
+    agents = json.loads((folder / "agents.json").read_text())["agents"]
+    rates = [agent["computed_setpoints"] / _offboard_s(found[agent["drone"]]) for agent in agents]
+    return {"setpoint_hz": min(rates), "setpoint_gap_ms": 1e3 * max(agent["largest_gap_s"] for agent in agents)}
+
+
+def _offboard_s(flight: RecordedFlight) -> float:
+    """For how long this agent gave setpoints."""
+    given = [
+        record.publish_ns
+        for record in flight.records()
+        if record.topic == topics.COMMAND and msgspec.json.decode(record.data, type=VehicleCommand).request is Request.OFFBOARD
+    ]
+    return (given[-1] - given[0]) * 1e-9
 
 
 def _mesh_s(found: dict[str, RecordedFlight], began_s: float) -> float:
@@ -112,6 +133,8 @@ def _print(rows: list[dict[str, float]]) -> None:
         "world_cpu_percent": "world, %",
         "launcher_cpu_percent": "launcher, %",
         "mesh_s": "start to full mesh, s",
+        "setpoint_hz": "new setpoints, lowest rate, Hz",
+        "setpoint_gap_ms": "largest gap between two, ms",
     }
     for row in rows:
         table.add_column(f"{row['drones']:g} drones", justify="right")
