@@ -66,6 +66,8 @@ def live(scenario: str, seed: int) -> Figures:
         flight, report = asyncio.run(fly_live(load_scenario(scenario), seed, Path(folder), None, View()))
     if not report.agreed:
         print(f"seed {seed}: the agents did not agree in the end", file=sys.stderr)
+    for agent in report.agents:
+        print(f"{agent.drone}: {agent.failsafes} failsafes, largest gap {agent.largest_gap_s:.2f} s", file=sys.stderr)
     return figures(flight)
 
 

@@ -117,7 +117,11 @@ class Course:
 
     def _see(self, truth: Truth) -> None:
         """Take a truth: the recorder samples it, whoever looks on sees it."""
+        failsafes = [agent.failsafes for agent in self._observer.agents]
         self._observer.look(truth.vehicles, self._mesh.alive)
+        for agent, before in zip(self._observer.agents, failsafes, strict=True):
+            if agent.failsafes > before:
+                self._view.say(f"{agent.drone}: its autopilot's failsafe has taken over")
         time_s = 0.0
         if self._went_s is not None:
             time_s = truth.time_s - self._went_s

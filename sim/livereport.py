@@ -15,7 +15,7 @@ class AgentEnd(Struct, frozen=True, kw_only=True):
     """One agent at the end of a flight: what it believes, from which log, and what it counted.
 
     position_m: mission frame; None without a hypothesis. setpoints: position targets that its vehicle received;
-    computed_setpoints: of them those that differ from the one before; largest_gap_s: between two of these in offboard.
+    computed_setpoints: of them those that differ from the one before; largest_gap_s: between two of these in offboard. failsafes: how often the autopilot took over.
     """
 
     drone: str
@@ -28,6 +28,7 @@ class AgentEnd(Struct, frozen=True, kw_only=True):
     setpoints: int
     computed_setpoints: int
     largest_gap_s: float
+    failsafes: int
     counters: dict[str, int]
     problems: tuple[str, ...]
 
@@ -84,6 +85,7 @@ def _end_of(agent: ObservedAgent, vehicle: VehicleReport) -> AgentEnd:
         setpoints=vehicle.setpoints,
         computed_setpoints=vehicle.computed_setpoints,
         largest_gap_s=vehicle.largest_gap_s,
+        failsafes=agent.failsafes,
         counters=dict(counters),
         problems=agent.problems,
     )

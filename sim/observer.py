@@ -40,6 +40,8 @@ class ObservedAgent:
         self._belief: Belief | None = None
         self._believed_s = -np.inf
         self._flew = self._down = False
+        self._failsafe = False
+        self.failsafes = 0  # how often the autopilot took over from it
 
     @property
     def stage(self) -> Stage:
@@ -81,6 +83,9 @@ class ObservedAgent:
         self.alive = alive
         self._flew = self._flew or vehicle.armed
         self._down = self._flew and not vehicle.armed
+        if vehicle.failsafe and not self._failsafe:
+            self.failsafes += 1
+        self._failsafe = vehicle.failsafe
         if self._belief is not None and alive and now_s - self._believed_s > SILENT_S:
             self._belief = None
 
