@@ -7,13 +7,16 @@ DEV := .venv/.dev
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 export OMP_NUM_THREADS = 1
 
-.PHONY: demo test bench table lint clean
+.PHONY: demo test docker-test bench table lint clean
 
 demo: $(SIM)  ## one flight of three drones that find a source; results/demo/
 	$(BIN)/radron-sim run demo --seed 1 --out results/demo
 
 test: $(DEV)  ## all tests
 	$(BIN)/pytest -n 2
+
+docker-test: $(DEV)  ## the swarm in containers; needs a docker engine, or root to start one
+	deploy/docker/test.sh
 
 bench: $(SIM)  ## all measurements of speed, one after another
 	@set -e; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file; done
