@@ -48,7 +48,7 @@ class Px4Face:
         battery = Battery(parameters["BAT1_CAPACITY"], int(parameters["BAT1_N_CELLS"]), step_s)
         self._state = State(self.commander, battery, origin, position_sigma_m, system_id, estimate=place)
         self._state.home_altitude_m = place.place.altitude_m
-        requests = Requests(system_id, self._state, parameters, self.setpoints, self._boot_ns, clock_ns)
+        requests = Requests(system_id, self._state, parameters, self.setpoints, self._boot_ns)
         addresses = [(config.onboard, ONBOARD_HZ), (config.ground_station, GROUND_STATION_HZ)]
         self.links = [
             Link(address, system_id, Schedule(rates, 0.0), requests.receive)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import struct
 from collections.abc import Callable
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -14,6 +15,8 @@ from sim.vehicle.px4.state import Message, State
 from sim.vehicle.px4.streams import Schedule
 
 _LONGEST = 65_536
+_SO_TIMESTAMPNS = 35  # Linux: each datagram carries the time at which the kernel had it
+_TIMESPEC = struct.Struct("=qq")
 _TEXT_CHUNK = 50
 Receiver = Callable[["Link", Message], None]
 
@@ -25,6 +28,7 @@ class Link:
         self.schedule = schedule
         self.ground_station_s: float | None = None  # when one was heard last, vehicle's clock
         self.cut = False  # nothing passes, either way
+        self.arrived_ns = 0  # UTC, of the message that is being received: when it was here, however late it is read
         self.refused = 0  # datagrams that were not MAVLink, or whose checksum was wrong
         self._remote = remote
         self._receive = receive
@@ -48,6 +52,7 @@ class Link:
         self._remote = (str(found[0][4][0]), port)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         self._socket.bind(("", 0))
         loop.add_reader(self._socket, self._read, self._socket)
 
@@ -90,11 +95,13 @@ class Link:
     def _read(self, opened: socket.socket) -> None:
         while True:
             try:
-                data = opened.recv(_LONGEST)
+                data, ancillary, _, _ = opened.recvmsg(_LONGEST, socket.CMSG_SPACE(_TIMESPEC.size))
             except OSError:
                 return
             if self.cut:
                 continue
+            seconds, nanoseconds = _TIMESPEC.unpack(ancillary[0][2])
+            self.arrived_ns = seconds * 1_000_000_000 + nanoseconds
             for message in self._mavlink.parse_buffer(data) or ():
                 if message.get_type() == "BAD_DATA":
                     self.refused += 1

@@ -22,7 +22,7 @@ _CUSTOM_MODE = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
 class Requests:
-    """The ears of one vehicle. ``boot_ns`` and ``arrival_ns``: its own clock now, and UTC."""
+    """The ears of one vehicle. ``boot_ns``: its own clock now."""
 
     def __init__(
         self,
@@ -31,14 +31,13 @@ class Requests:
         parameters: Parameters,
         log: SetpointLog,
         boot_ns: Callable[[], int],
-        arrival_ns: Callable[[], int],
     ) -> None:
         self._system_id = system_id
         self._state = state
         self._commander: Commander = state.commander
         self._parameters = parameters
         self._log = log
-        self._boot_ns, self._arrival_ns = boot_ns, arrival_ns
+        self._boot_ns = boot_ns
         self._handlers: dict[str, Callable[[Link, Message], None]] = {
             "HEARTBEAT": self._heartbeat,
             "COMMAND_LONG": self._command,
@@ -157,7 +156,7 @@ class Requests:
         if target is None:
             link.send_text(mavlink.MAV_SEVERITY_CRITICAL, "SET_POSITION_TARGET_LOCAL_NED invalid")
             return
-        self._log.add(message.get_payload(), self._arrival_ns(), self._commander.mode is Mode.OFFBOARD)
+        self._log.add(message.get_payload(), link.arrived_ns, self._commander.mode is Mode.OFFBOARD)
         self._commander.follow(target)
 
     # Parameters
