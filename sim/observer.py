@@ -45,9 +45,11 @@ class ObservedAgent:
 
     @property
     def stage(self) -> Stage:
-        """What it says that it is doing; where it has died and the autopilot has brought the vehicle down, landed."""
-        if self._down and not self.alive:
+        """What it says that it is doing; where it has died, what the autopilot does: bring the vehicle home, and down."""
+        if not self.alive and self._down:
             return Stage.LANDED
+        if not self.alive and self._failsafe:
+            return Stage.RETURN
         return self.status.stage if self.status is not None else Stage.PREFLIGHT
 
     @property
@@ -79,14 +81,14 @@ class ObservedAgent:
             self._believed_s = now_s
 
     def look(self, vehicle: VehicleReport, now_s: float, alive: bool) -> None:
-        """See the vehicle itself. An agent that goes on speaking without an estimate has taken its hypothesis back."""
+        """See the vehicle itself. An agent without an estimate for a while has died, or has taken its hypothesis back."""
         self.alive = alive
         self._flew = self._flew or vehicle.armed
         self._down = self._flew and not vehicle.armed
         if vehicle.failsafe and not self._failsafe:
             self.failsafes += 1
         self._failsafe = vehicle.failsafe
-        if self._belief is not None and alive and now_s - self._believed_s > SILENT_S:
+        if self._belief is not None and now_s - self._believed_s > SILENT_S:
             self._belief = None
 
     def obstacle(self, mission_id: str, now_s: float) -> str | None:

@@ -23,8 +23,8 @@ class Clock:
         return self.now_s
 
 
-def vehicle(armed: bool) -> VehicleReport:
-    return VehicleReport("hold", armed, armed, False, 0, 0, 0.0)
+def vehicle(armed: bool, failsafe: bool = False) -> VehicleReport:
+    return VehicleReport("hold", armed, armed, failsafe, 0, 0, 0.0)
 
 
 def status(
@@ -75,20 +75,24 @@ def test_a_drone_whose_agent_has_died_has_landed_when_its_vehicle_is_down(observ
     assert agent.stage is Stage.TRACK
     observer.look([vehicle(armed=True)] * 3, NAMES - {"d1"})
     assert agent.stage is Stage.TRACK
+    observer.look([vehicle(armed=True, failsafe=True)] * 3, NAMES - {"d1"})
+    assert (agent.stage, agent.failsafes) == (Stage.RETURN, 1)
     observer.look([vehicle(armed=False)] * 3, NAMES - {"d1"})
     assert agent.stage is Stage.LANDED
 
 
-def test_a_drone_that_goes_on_speaking_without_an_estimate_has_taken_it_back(observer: Observer, clock: Clock) -> None:
+def test_an_estimate_that_is_not_repeated_is_no_hypothesis_any_more(observer: Observer, clock: Clock) -> None:
     hear(observer, estimate("d1", 1.5), estimate("d2", 1.5))
-    assert observer.agents[0].hypothesis is not None
-    assert observer.agents[0].hypothesis.position.tolist() == [1.5, 2.0, 0.0]
-    assert observer.agents[0].hypothesis.covariance[1, 1] == 9.0
+    observer.look([vehicle(armed=True)] * 3, NAMES)
+    belief = observer.agents[0].hypothesis
+    assert belief is not None
+    assert belief.position.tolist() == [1.5, 2.0, 0.0]
+    assert belief.covariance[1, 1] == 9.0
     clock.now_s += 10.0
-    hear(observer, status("d1"))
-    observer.look([vehicle(armed=True)] * 3, NAMES - {"d2"})
+    hear(observer, estimate("d2", 1.5), status("d1"))
+    observer.look([vehicle(armed=True)] * 3, NAMES)
     assert observer.agents[0].hypothesis is None
-    assert observer.agents[1].hypothesis is not None  # it is gone, and said nothing else
+    assert observer.agents[1].hypothesis is not None
 
 
 def test_agents_agree_by_digest_and_by_every_bit_of_the_position(observer: Observer) -> None:
