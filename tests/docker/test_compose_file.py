@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from agent.overrides import load_drone
-from sim.scenario import load_scenario
+from sim.scenario import load_scenario, override
 
 ROOT = Path(__file__).resolve().parents[2]
 AGENTS = {f"agent-{i}": i for i in range(1, 11)}
@@ -47,12 +47,13 @@ def test_what_flies_has_few_rights(services: dict[str, Any], name: str) -> None:
 @pytest.mark.parametrize(("name", "number"), AGENTS.items())
 def test_an_agent_is_configured_as_its_addresses_say(services: dict[str, Any], tmp_path: Path, name: str, number: int) -> None:
     service = services[name]
-    members = "".join(f'[[drones]]\nid = "d{i}"\n' for i in range(1, 11))
+    ids = [drone.id for drone in override(load_scenario("demo"), {"drones": 10}).mission.drones]
+    members = "".join(f'[[drones]]\nid = "{drone}"\n' for drone in ids)
     (tmp_path / "mission.toml").write_text(f'name = "ten"\n{members}[area]\npolygon_m = [[0, 0], [9, 0], [9, 9]]\n')
     environment = {key: str(value) for key, value in service["environment"].items()}
     drone, _ = load_drone(ROOT / "deploy/compose/drone.toml", {**environment, "RADRON_MISSION": str(tmp_path / "mission.toml")})
 
-    assert drone.id == f"d{number}"
+    assert drone.id == ids[number - 1]
     assert drone.mesh.endpoints[drone.id] == f"tcp/{service['networks']['mesh']['ipv4_address']}:7447"
     # The simulation's conventions: it sends vehicle i's MAVLink to the i-th host, and serves camera i at port 5600 + i, i from 0.
     assert service["networks"]["vehicle"]["ipv4_address"] == f"10.7.2.{10 + number}"
