@@ -14,8 +14,9 @@ from sim.vehicle.px4.fleet import VehicleReport
 class AgentEnd(Struct, frozen=True, kw_only=True):
     """One agent at the end of a flight: what it believes, from which log, and what it counted.
 
-    position_m: mission frame; None without a hypothesis. setpoints: position targets that its vehicle received;
-    computed_setpoints: of them those that differ from the one before; largest_gap_s: between two of these in offboard. failsafes: how often the autopilot took over.
+    position_m: mission frame; None without a hypothesis. setpoints: position targets that its vehicle received (none are seen of
+    a vehicle that is not emulated); computed_setpoints: of them those that differ from the one before; largest_gap_s: between two
+    of these in offboard. failsafes: how often the autopilot took over.
     """
 
     drone: str
