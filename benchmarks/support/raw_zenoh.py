@@ -6,6 +6,7 @@ import asyncio
 import multiprocessing
 import socket
 import time
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 
@@ -17,35 +18,39 @@ KEY = "benchmark/raw"
 
 
 class RawProbe:
-    """Two processes, one of which puts ``payload_bytes`` every ``period_s``; use as a context, then read ``latencies_ms``."""
+    """A process that puts ``payload_bytes`` every ``period_s``, and ``receivers`` others that get them.
 
-    def __init__(self, payload_bytes: int, period_s: float) -> None:
+    Use it as a context, then read ``latencies_ms``, those of all receivers.
+    """
+
+    def __init__(self, payload_bytes: int, period_s: float, receivers: int = 1) -> None:
         self.latencies_ms: list[float] = []
         self._payload_bytes = payload_bytes
         self._period_s = period_s
+        self._receivers = receivers
         self._processes: list[BaseProcess] = []
         self._pipes: list[Connection] = []
 
     def __enter__(self) -> RawProbe:
-        spawn = multiprocessing.get_context("spawn")
-        endpoint = f"tcp/127.0.0.1:{_free_port()}"
-        arguments = ((_receive, (endpoint,)), (_put, (endpoint, self._payload_bytes, self._period_s)))
-        for target, values in arguments:
-            ours, theirs = spawn.Pipe()
-            process = spawn.Process(target=target, args=(theirs, *values), daemon=True)
-            process.start()
-            ours.recv()  # it is ready
-            self._processes.append(process)
-            self._pipes.append(ours)
+        endpoints = tuple(f"tcp/127.0.0.1:{_free_port()}" for _ in range(self._receivers))
+        for endpoint in endpoints:
+            self._start(_receive, endpoint)
+        self._start(_put, endpoints, self._payload_bytes, self._period_s)
         return self
 
+    def _start(self, target: Callable[..., None], *values: object) -> None:
+        spawn = multiprocessing.get_context("spawn")
+        ours, theirs = spawn.Pipe()
+        process = spawn.Process(target=target, args=(theirs, *values), daemon=True)
+        process.start()
+        ours.recv()  # it is ready
+        self._processes.append(process)
+        self._pipes.append(ours)
+
     def __exit__(self, *_: object) -> None:
-        receiver, sender = self._pipes
-        sender.send("stop")
-        self._processes[1].join(5.0)
-        receiver.send("stop")
-        self.latencies_ms = receiver.recv()
-        for process in self._processes:
+        for process, pipe in reversed(list(zip(self._processes, self._pipes, strict=True))):  # the sender first
+            pipe.send("stop")
+            self.latencies_ms += pipe.recv()
             process.join(5.0)
             process.kill()
 
@@ -73,11 +78,12 @@ def _receive(pipe: Connection, endpoint: str) -> None:
     pipe.send(latencies_ms[1:])  # the first one opens the way
 
 
-def _put(pipe: Connection, endpoint: str, payload_bytes: int, period_s: float) -> None:
-    session = asyncio.run(open_session(MeshConfig(connect=(endpoint,)), dial_all=False))
+def _put(pipe: Connection, endpoints: tuple[str, ...], payload_bytes: int, period_s: float) -> None:
+    session = asyncio.run(open_session(MeshConfig(connect=endpoints), dial_all=False))
     publisher = session.declare_publisher(KEY)
     rest = bytes(max(payload_bytes - 8, 0))
     pipe.send("ready")
     while not pipe.poll(period_s):
         publisher.put(time.time_ns().to_bytes(8, "little") + rest)
     session.close()
+    pipe.send([])
