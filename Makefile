@@ -9,8 +9,8 @@ export OMP_NUM_THREADS = 1
 
 .PHONY: demo test docker-test bench table lint clean
 
-demo: $(SIM)  ## one flight of three drones that find a source; results/demo/
-	$(BIN)/radron-sim run demo --seed 1 --out results/demo
+demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two minutes; results/demo/
+	$(BIN)/radron-sim live demo --seed 1 --out results/demo
 
 test: $(DEV)  ## all tests
 	$(BIN)/pytest -n 2
