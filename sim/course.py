@@ -49,6 +49,7 @@ class Course:
         self._recorder = Recorder(scenario, self._observer.agents, frames, TRUTH_S)
         self._went_s: float | None = None  # the world's time when the mission began
         self._over = False
+        self._late_s, self._dropped = 0.0, 0
         self._mesh: Mesh
         self._watching: asyncio.Task[None]
 
@@ -79,8 +80,8 @@ class Course:
         return flight, LiveReport(
             agreed=agreed,
             ready_s=ready_s,
-            world_late_s=self._world.late_s,
-            truths_dropped=self._world.dropped,
+            world_late_s=self._late_s,
+            truths_dropped=self._dropped,
             mesh=dict(self._mesh.counters),
             agents=ends_of(self._observer.agents, self._world.truth.vehicles),
         )
@@ -125,6 +126,7 @@ class Course:
         time_s = 0.0
         if self._went_s is not None:
             time_s = truth.time_s - self._went_s
+            self._late_s, self._dropped = max(self._late_s, truth.late_s), self._dropped + truth.dropped
             if not self._over:
                 position, velocity = np.array(truth.position_m), np.array(truth.velocity_mps)
                 self._over = self._recorder.sample(time_s, position, velocity, truth.source_m)

@@ -38,8 +38,8 @@ class LiveReport(Struct, frozen=True, kw_only=True):
     """One live flight.
 
     agreed: all living agents ended with the same digest and, bit for bit, the same position. ready_s: from the start of the
-    agents until all could be started. world_late_s: by how much the world was behind the clock at worst. truths_dropped: moments
-    that the launcher missed. mesh: counters of the launcher's station.
+    agents until all could be started. world_late_s: by how much the world was behind the clock at worst, and
+    truths_dropped: moments that the launcher missed, both since the start command. mesh: counters of the launcher's station.
     """
 
     agreed: bool

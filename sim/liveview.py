@@ -11,6 +11,7 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
+from protocol.messages import Stage
 from sim.console import Every, err, say
 from sim.observer import SILENT_S, ObservedAgent
 from sim.worldlink import Truth
@@ -78,8 +79,11 @@ def _with_error(agent: ObservedAgent, truth: Truth) -> str:
 
 
 def _with_trouble(agent: ObservedAgent) -> str:
+    """What is wrong; a vehicle that has landed is not ready for the next flight, which is nobody's trouble."""
     if not agent.alive:
         return " (gone)"
+    if agent.stage is Stage.LANDED:
+        return ""
     return f" ({agent.problems[0]})" if agent.problems else ""
 
 
@@ -99,7 +103,7 @@ def _table(title: str, truth: Truth, agents: Sequence[ObservedAgent]) -> Table:
             "-" if belief is None else f"{belief.position[0]:.1f} {belief.position[1]:.1f}",
             "-" if error_m is None else f"{error_m:.1f}",
             _link(agent, now_s),
-            escape("; ".join(agent.problems)),
+            escape("; ".join(agent.problems) if agent.stage is not Stage.LANDED else ""),
         )
     return table
 

@@ -24,15 +24,13 @@ class LiveError(RadronError):
 
 
 class WorldProcess:
-    """A running world. ``truth``: the newest one. ``late_s``: by how much it was behind the clock at worst, so far."""
+    """A running world. ``truth``: the newest one."""
 
     def __init__(self, child: Child, ready: Ready, truth: Truth) -> None:
         """Use :meth:`start`."""
         self._child = child
         self.feed_ports = ready.feed_ports
         self.truth = truth
-        self.late_s = 0.0
-        self.dropped = 0
 
     @classmethod
     async def start(cls, config: WorldConfig, file: Path) -> WorldProcess:
@@ -71,8 +69,6 @@ class WorldProcess:
             if not isinstance(truth, Truth):
                 raise LiveError("the world has ended in the middle of the flight")
             self.truth = truth
-            self.late_s = max(self.late_s, truth.late_s)
-            self.dropped += truth.dropped
             see(truth)
 
     def order(self, order: Order) -> None:
