@@ -102,6 +102,8 @@ class Mission:
     def _refusal(self, action: Action, stamp_ns: int, situation: Situation) -> str | None:
         if stamp_ns <= self._obeyed_ns and action not in (Action.LAND, Action.ABORT):
             return f"{action}: older than a command carried out"
+        if stamp_ns == self._obeyed_ns and action is Action.LAND and self.stage is Stage.LANDING:
+            return "land: a copy of the command carried out"  # meanwhile a human pilot may have the vehicle
         if action is Action.START:
             if self.stage is not Stage.PREFLIGHT:
                 return "start: already started"

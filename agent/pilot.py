@@ -274,7 +274,7 @@ class Pilot:
         if request is not Request.OFFBOARD or vehicle is None:
             self._navigator.rest()
             return VehicleCommand(request, takeoff_height_m=height_m)
-        if now_ns - vehicle.stamp_ns > TELEMETRY_AGE_NS:
+        if abs(now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:  # of the future: this computer's clock was set back
             self._navigator.rest()
             self.counters["held_without_telemetry"] += 1
             return VehicleCommand(Request.HOLD)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from agent.vehicle.interface import VehicleState
 from protocol.messages import Status
 
-TELEMETRY_AGE_NS = 1_000_000_000  # older telemetry cannot be flown by
+TELEMETRY_AGE_NS = 1_000_000_000  # telemetry further from now cannot be flown by
 TWIN_NS = 10_000_000_000  # another agent with the same id is forgotten after so long
 MOST_PROBLEMS = 32  # of a status message, as is the length
 LONGEST_PROBLEM = 256
@@ -35,7 +35,7 @@ class Problems:
         problems = []
         if vehicle is None:
             problems.append("no telemetry from the vehicle yet")
-        elif now_ns - vehicle.stamp_ns > TELEMETRY_AGE_NS:
+        elif abs(now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:
             problems.append("no new telemetry from the vehicle")
         elif not vehicle.healthy:
             problems.append("the vehicle is not healthy")

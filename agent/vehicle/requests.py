@@ -3,6 +3,9 @@
 Acknowledgements are not believed (PX4 acknowledges a mode change before it has decided): whatever the heartbeat does not show
 is asked for again. A mode that was reached, or that stood when the request came, and then gave way to another one has been
 changed by somebody else, a human pilot or a failsafe: it is not asked for again until there is a new request.
+
+A human pilot who took over from one request keeps the vehicle from the next one too, until the pilot program has seen it and
+released the vehicle: only what is wanted after that is wanted knowing that a human flies.
 """
 
 from __future__ import annotations
@@ -56,7 +59,7 @@ class Requests:
         self._request = Request.STAY
         self._asked_s = float("-inf")
         self._last: Act | None = None
-        self._begin(Request.STAY)
+        self._begin(Request.STAY, taken_over=False)
 
     def step(self, now_s: float, request: Request, seen: Seen, streaming: bool, altitude_set: bool) -> Act | None:
         """What to ask for now, if anything.
@@ -69,7 +72,7 @@ class Requests:
             altitude_set: the autopilot knows the height to take off to.
         """
         if request is not self._request:
-            self._begin(request)
+            self._begin(request, self._is_taken_over(seen))
         if request not in _TARGETS:
             return None
         if seen.heartbeat_s > self._asked_s + SETTLE_S:
@@ -80,11 +83,17 @@ class Requests:
         self._last, self._asked_s = act, now_s
         return act
 
-    def _begin(self, request: Request) -> None:
+    def _begin(self, request: Request, taken_over: bool) -> None:
         self._request = request
         self._last = None
         self._mode_before: FlightMode | None = None
-        self._was_armed = self._reached = self._yielded = False
+        self._was_armed = self._reached = False
+        self._yielded = taken_over and request in _TARGETS  # not once it is released
+
+    def _is_taken_over(self, seen: Seen) -> bool:
+        """Whether a human pilot has taken the vehicle from the present request."""
+        had_it = self._reached or self._yielded or self._mode_before not in (None, FlightMode.MANUAL)
+        return seen.armed and seen.mode is FlightMode.MANUAL and had_it
 
     def _judge(self, seen: Seen) -> None:
         """Whether the request has been reached, or somebody else has chosen otherwise."""
@@ -94,7 +103,7 @@ class Requests:
         self._was_armed = True
         if seen.mode is _TARGETS[self._request]:
             self._reached = True
-        elif seen.failsafe:
+        elif seen.failsafe and seen.mode is not FlightMode.MANUAL:
             return  # offboard loss: the autopilot comes back by itself once setpoints stream again
         elif self._reached or self._mode_before not in (None, seen.mode):
             self._yielded = True

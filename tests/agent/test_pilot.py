@@ -213,6 +213,34 @@ def test_older_telemetry_does_not_replace_newer():
     assert one.counters["telemetry_older_than_known"] == 1
 
 
+def test_a_clock_that_is_set_back_makes_the_drone_hold_instead_of_flying_by_frozen_telemetry():
+    one = started()
+    for tick in range(20):
+        now_ns = START_NS + tick * TICK_NS
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD))
+        assert one.step(now_ns).command.request is Request.OFFBOARD
+    set_back_ns = START_NS - 5 * SECOND
+    one.observe_vehicle(state(set_back_ns, FlightMode.OFFBOARD))
+    assert one.step(set_back_ns).command.request is Request.HOLD
+
+
+def test_a_copy_of_a_landing_command_does_not_take_the_vehicle_from_a_human_pilot():
+    one = started()
+    landing = command(Action.LAND, stamp_ns=START_NS + SECOND)
+    one.observe_vehicle(state(START_NS + SECOND, FlightMode.LAND))
+    one.receive(*landing, START_NS + SECOND)
+    assert one.step(START_NS + SECOND).command.request is Request.LAND
+    for tick in range(21, 60):
+        now_ns = START_NS + tick * TICK_NS
+        one.observe_vehicle(state(now_ns, FlightMode.MANUAL))
+        step = one.step(now_ns)
+    assert step.command.request is Request.RELEASE
+    one.receive(*landing, now_ns)
+    assert one.step(now_ns).command.request is Request.RELEASE
+    one.receive(*command(Action.LAND, stamp_ns=now_ns), now_ns)  # a new one is what the operator wants now
+    assert one.step(now_ns).command.request is Request.LAND
+
+
 def test_a_drone_whose_frame_is_not_known_holds():
     one = started()
     now_ns = START_NS + TICK_NS

@@ -100,6 +100,24 @@ def test_a_new_request_is_carried_out_at_once_and_from_any_mode() -> None:
     assert desk.run(Request.RETURN, 0.05) == [Act.RETURN]
 
 
+def test_a_human_pilot_keeps_the_vehicle_until_the_takeover_has_been_seen() -> None:
+    desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD))
+    desk.run(Request.OFFBOARD, 1.0)
+    desk.seen = replace(FLYING, mode=FlightMode.MANUAL)
+    assert desk.run(Request.OFFBOARD, 0.5) == []
+    assert desk.run(Request.HOLD, 10.0) == []  # wanted for lack of telemetry: nobody has looked at the mode yet
+    assert desk.run(Request.OFFBOARD, 10.0) == []
+    assert desk.run(Request.RELEASE, 1.0) == []
+    assert desk.run(Request.LAND, 0.05) == [Act.LAND]  # an operator wants it who can see that a human flies
+
+
+def test_a_human_pilot_keeps_the_vehicle_in_a_failsafe_too() -> None:
+    desk = Desk(FLYING)
+    desk.run(Request.HOLD, 1.0)
+    desk.seen = replace(FLYING, mode=FlightMode.MANUAL, failsafe=True)
+    assert desk.run(Request.HOLD, 10.0) == []
+
+
 def test_a_heartbeat_from_before_the_request_does_not_count_as_its_success() -> None:
     desk = Desk(replace(FLYING, mode=FlightMode.OFFBOARD), beat_s=1.0)
     desk.run(Request.OFFBOARD, 2.0)
