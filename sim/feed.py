@@ -65,3 +65,5 @@ class FeedServer:
         for writer in self._clients:
             writer.transport.abort()
         await self._server.wait_closed()
+        while self._clients:  # a handler that the loop's end cuts short would leave a traceback
+            await asyncio.sleep(0.0)

@@ -39,6 +39,7 @@ def test_an_agent_elsewhere_is_waited_for_and_started(tmp_path: Path) -> None:
             run.until(lambda: '"stage": "takeoff"' in log.read_text(), 10.0)
             run.process.send_signal(signal.SIGINT)
             assert run.process.wait(8.0) == 128 + signal.SIGINT
+            assert "Traceback" not in run.said
             assert agent.poll() is None  # it is not ours to end
         finally:
             agent.terminate()
