@@ -21,7 +21,7 @@ from functools import partial
 from agent.beat import Beat
 from agent.config import DetectorConfig, DroneConfig, MissionConfig
 from agent.detector.drivers import open_detector
-from agent.detector.readout import Detector
+from agent.detector.readout import Detector, first_hits
 from agent.errors import ConfigError, FlightRecordError
 from agent.flight.header import FlightHeader
 from agent.flight.recorded import RecordedPilot
@@ -41,6 +41,7 @@ LOOK_S = 0.5  # between two looks at what is wrong
 LATE_STEP_S = 0.2  # by which a step must be late to be reported; the autopilot's patience is 1 s
 LATE_S = 5.0  # for which it is reported
 CLOSE_S = 1.2
+MOST_HITS = 20_000  # of a readout; ten times as many, as a noisy camera can deliver, keep the loop from stepping for too long
 COUNTERS_S = 10.0
 DetectorOf = Callable[[DetectorConfig], Detector | None]
 
@@ -197,7 +198,7 @@ class Node:
     async def _read(self, detector: Detector) -> None:
         observe = self._guard.call("readouts", self._pilot.observe_detector, None)
         async for readout in detector.readouts():
-            observe(readout)
+            observe(first_hits(readout, MOST_HITS))
 
     async def _recover(self) -> None:
         members = [member.id for member in self._mission.drones]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -46,6 +46,21 @@ class Readout:
     live_time_s: float
     hits: PixelHits
     lost_hits: int = 0
+
+
+def first_hits(readout: Readout, most: int) -> Readout:
+    """The readout with no more than its first ``most`` hits. The others count as lost, and the time from them on as dead."""
+    hits = readout.hits
+    if len(hits) <= most:
+        return readout
+    cut_ns = readout.clock_ns + int(hits.tick[most]) * 25 // 16
+    seen_ns = min(max(cut_ns - readout.start_ns, 0), readout.end_ns - readout.start_ns)
+    return replace(
+        readout,
+        live_time_s=readout.live_time_s * seen_ns / max(1, readout.end_ns - readout.start_ns),
+        hits=PixelHits(hits.tick[:most], hits.index[:most], hits.tot[:most]),
+        lost_hits=readout.lost_hits + len(hits) - most,
+    )
 
 
 class Detector(Protocol):
