@@ -25,14 +25,14 @@ LOCAL = "127.0.0.1"
 class RunFolder:
     """Where a live flight keeps its files.
 
-    ``mission.toml``; ``agents/{drone}/`` with ``drone.toml``, ``agent.log``, ``calibration/``, ``flight/`` (the recordings) and
-    ``state/``; ``world.json``.
+    ``agents/``: all that the agents get: ``mission.toml``; for each ``{drone}/`` with ``drone.toml``, ``agent.log``,
+    ``calibration/``, ``flight/`` (the recordings) and ``state/``. ``world.json``: the truth, which they never see.
     """
 
     def __init__(self, folder: Path, agents_here: bool) -> None:
         """``agents_here``: they run on this machine, and what an earlier flight left of them is removed."""
         self.folder = folder
-        self.mission_file = folder / "mission.toml"
+        self.mission_file = folder / "agents" / "mission.toml"
         self.world_file = folder / "world.json"
         if agents_here:
             shutil.rmtree(folder / "agents", ignore_errors=True)
@@ -90,7 +90,7 @@ def drone_config(
     error = scenario.localization
     return DroneConfig(
         id=drone,
-        mission="../../mission.toml",
+        mission="../mission.toml",
         state="state",
         calibration="calibration" if calibrated else None,
         vehicle_lag_s=scenario.vehicle_lag_s,

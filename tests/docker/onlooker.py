@@ -24,7 +24,7 @@ FRESH_S = 2.5  # a status comes each second
 
 
 async def look_on() -> None:
-    mission = load_mission(Path("/results/mission.toml"))
+    mission = load_mission(Path("/results/agents/mission.toml"))
     members = {drone.id: drone for drone in mission.drones}
     endpoints = tomllib.loads(f"all = {os.environ['RADRON_MESH__ENDPOINTS']}")["all"]
     stages: dict[str, tuple[float, str]] = {}

@@ -22,7 +22,7 @@ def test_an_agent_elsewhere_is_waited_for_and_started(tmp_path: Path) -> None:
     links = ("--agent-hosts", host, "--mesh", f"tcp/{host}:7447", "--bind", host)
     drone = DroneConfig(
         id="d1",
-        mission=str(tmp_path / "mission.toml"),
+        mission=str(tmp_path / "agents" / "mission.toml"),
         mesh=PeerMeshConfig(endpoints={"d1": f"tcp/{host}:7447"}),
         vehicle=VehicleConfig(address=f"udpin://{host}:14540"),
         detector=DetectorConfig(driver="feed", address=f"{host}:5600"),
@@ -31,7 +31,7 @@ def test_an_agent_elsewhere_is_waited_for_and_started(tmp_path: Path) -> None:
     file.write_text(as_toml(drone))
     with live_run(tmp_path, "demo", "--drones", "1", "--external", *links) as run:
         run.until(lambda: "waiting: d1: not in the mesh yet" in run.said, 60.0)
-        assert (tmp_path / "mission.toml").exists()
+        assert (tmp_path / "agents" / "mission.toml").exists()
         with log.open("wb") as stderr:
             agent = subprocess.Popen([AGENT, "run", "--config", file], stderr=stderr)
         try:
