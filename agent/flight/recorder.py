@@ -77,14 +77,21 @@ class FlightRecorder:
     @property
     def problems(self) -> tuple[str, ...]:
         """What is wrong now, a line each."""
-        return (self._problem,) if self._problem is not None else ()
+        problem = self._problem
+        if problem is None and self._is_full:
+            problem = f"flight records are being lost: the disk is too slow ({self._folder})"
+        return (problem,) if problem is not None else ()
+
+    @property
+    def _is_full(self) -> bool:
+        return self._put_bytes - self._taken_bytes > MOST_WAITING_BYTES
 
     def write(self, topic: str, data: bytes, log_ns: int | None = None) -> None:
         """Keep a record; ``log_ns``: its time, None: now. Never raises, never waits."""
         now_ns = self._clock_ns()
         record = _Record(topic, data, now_ns if log_ns is None else max(0, log_ns), now_ns, self._sequence)
         self._sequence += 1
-        if self._put_bytes - self._taken_bytes > MOST_WAITING_BYTES:
+        if self._is_full:
             self.counters["records_lost"] += 1
             return
         self._put_bytes += len(data)

@@ -116,7 +116,9 @@ def test_a_stalled_disk_costs_records_but_no_time_and_no_memory(tmp_path, monkey
         recorder.write(topics.MESSAGE, NOISE[:100_000])
     assert recorder.counters["records_lost"] > 80
     assert sum(len(record.data) for record in recorder._waiting) < 1_200_000
+    assert recorder.problems == (f"flight records are being lost: the disk is too slow ({tmp_path})",)
     recorder.close()
+    assert recorder.problems == ()
 
 
 def test_closing_takes_no_time_and_ends_the_thread(tmp_path):
