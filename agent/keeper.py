@@ -16,7 +16,7 @@ class Keeper:
     def __init__(self, folder: str | None, drone: str, log: Logger) -> None:
         self._file = None if folder is None else StateFile(folder, drone)
         self._log = log
-        self._saved = State()
+        self._saved: State | None = None  # what is in the file; None: not known, so that the next state is written in any case
         self._saving: asyncio.Task[None] | None = None
         self.problem: str | None = None
 
@@ -24,10 +24,10 @@ class Keeper:
         """The state of the agent that ran before; an empty one where there is none, or none that can be read."""
         if self._file is not None:
             try:
-                self._saved = self._file.load()
+                return self._file.load()
             except (OSError, msgspec.MsgspecError) as error:
                 self._log.error("state file not readable: a flight that was on is not taken up again", error=str(error))
-        return self._saved
+        return State()
 
     def keep(self, state: State) -> None:
         """Have a state written, unless it is written already. A write that is under way is waited for by the next call."""
@@ -40,5 +40,5 @@ class Keeper:
             await asyncio.to_thread(file.save, state)
             self.problem = None
         except OSError as error:
-            self._saved = State()
+            self._saved = None
             self.problem = f"state not saved ({error.strerror}): an agent that is restarted in flight stays out of it"

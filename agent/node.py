@@ -212,7 +212,9 @@ class Node:
         """Tell the pilot what is wrong, where that has changed, and keep what must survive a restart."""
         self._tell("warning", self._warnings(now_s), self._pilot.warn)
         self._tell("problem", self._vehicle.problems + self._unrecorded, self._pilot.block)
-        self._keeper.keep(State(memory=self._pilot.memory, launch=self._vehicle.launch))
+        memory = self._pilot.memory
+        # On the ground the launch place changes with every look, and nobody needs it.
+        self._keeper.keep(State(memory=memory, launch=self._vehicle.launch if memory is not None else None))
 
     def _tell(self, event: str, problems: tuple[str, ...], tell: Callable[[tuple[str, ...]], None]) -> None:
         before = self._told[event]

@@ -73,7 +73,7 @@ def test_a_folder_that_takes_no_state_is_a_problem_and_no_failure(tmp_path: Path
 
     async def keep() -> str | None:
         keeper = Keeper(str(tmp_path / "taken"), "d1", log)
-        keeper.keep(STATE)
+        keeper.keep(State())  # on the ground, where there is still time to mend it
         while keeper.problem is None:
             await asyncio.sleep(0.01)
         return keeper.problem
