@@ -19,7 +19,8 @@ LISTEN_S = 2.5  # a drone tells its status each second
 FIND_S = 8.0  # for which a swarm is looked for
 OBEY_S = 5.0
 REPEAT_S = 1.0  # the same command again: whoever has obeyed it refuses the copy
-FRESH_NS = 3_000_000_000
+FRESH_S = 3.0
+CLOCKS_S = 3.0  # by which a drone's clock may differ from this one before that is told; commands have a time, too
 
 _AIRBORNE = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 _DONE: dict[Action, tuple[Stage, ...]] = {
@@ -79,6 +80,8 @@ class _Statuses:
 
     def __init__(self) -> None:
         self._newest: dict[str, Status] = {}
+        self._heard_s: dict[str, float] = {}  # by this computer: what its clock or a drone's says stands against no landing
+        self._ahead_s: dict[str, float] = {}
 
     def receive(self, key: str, payload: bytes) -> None:
         try:
@@ -89,13 +92,27 @@ class _Statuses:
             return
         if isinstance(message, Status):
             self._newest[message.drone] = message
+            self._heard_s[message.drone] = time.monotonic()
+            self._ahead_s[message.drone] = (message.stamp_ns - time.time_ns()) * 1e-9
 
     def __getitem__(self, drone: str) -> Status:
         return self._newest[drone]
 
     def heard(self) -> list[str]:
-        oldest_ns = time.time_ns() - FRESH_NS
-        return sorted(name for name, status in self._newest.items() if status.stamp_ns > oldest_ns)
+        """The drones that are there."""
+        oldest_s = time.monotonic() - FRESH_S
+        return sorted(name for name, heard_s in self._heard_s.items() if heard_s > oldest_s)
+
+    def why(self, action: Action, drone: str) -> str:
+        """What a drone that does not obey says of itself, in one line."""
+        status = self._newest[drone]
+        if drone not in self.heard():
+            return f"{drone}: not heard any more"
+        if abs(self._ahead_s[drone]) > CLOCKS_S:
+            return f"{drone}: its clock is {self._ahead_s[drone]:+.1f} s off this computer's: set both by one time server"
+        if action is Action.START and status.stage is Stage.PREFLIGHT and status.problems:
+            return f"{drone}: {', '.join(status.problems)}"
+        return f"{drone}: {action} is not possible in {status.stage}"
 
 
 async def _find(order: Order, statuses: _Statuses) -> list[str]:
@@ -138,17 +155,8 @@ async def _send_until_done(mesh: Mesh, order: Order, message: Command, drones: l
             return
         now_s = time.monotonic()
         if now_s > deadline_s:
-            raise CommandError("; ".join(_why(order.action, statuses[name]) for name in waiting))
+            raise CommandError("; ".join(statuses.why(order.action, name) for name in waiting))
         if now_s >= due_s:
             due_s = now_s + REPEAT_S
             mesh.publish(key, payload)
         await asyncio.sleep(0.05)
-
-
-def _why(action: Action, status: Status) -> str:
-    """What a drone that does not obey says of itself, in one line."""
-    if status.stamp_ns < time.time_ns() - FRESH_NS:
-        return f"{status.drone}: not heard any more"
-    if action is Action.START and status.stage is Stage.PREFLIGHT and status.problems:
-        return f"{status.drone}: {', '.join(status.problems)}"
-    return f"{status.drone}: {action} is not possible in {status.stage}"

@@ -21,8 +21,11 @@ MISSION = "0123456789abcdef"
 class Drone:
     """Says what it is, and starts when told to unless it is ``lame``."""
 
-    def __init__(self, name: str, mission: str = MISSION, problems: tuple[str, ...] = (), lame: bool = False) -> None:
+    def __init__(
+        self, name: str, mission: str = MISSION, problems: tuple[str, ...] = (), lame: bool = False, ahead_s: float = 0.0
+    ) -> None:
         self.name = name
+        self.ahead_s = ahead_s
         self.mission = mission
         self.problems = problems
         self.lame = lame
@@ -40,7 +43,7 @@ class Drone:
     async def tell(self, mesh: Mesh) -> None:
         while True:
             status = Status(
-                stamp_ns=time.time_ns(), drone=self.name, mission=self.mission, boot="0" * 16,
+                stamp_ns=time.time_ns() + round(self.ahead_s * 1e9), drone=self.name, mission=self.mission, boot="0" * 16,
                 stage=self.stage, problems=self.problems,
             )  # fmt: skip
             mesh.publish(key_of("test", status), encode(status))
@@ -109,6 +112,15 @@ def test_those_that_can_start_anyway_and_the_other_says_why_not() -> None:
     d1, d2 = Drone("d1"), Drone("d2", problems=("the vehicle is not healthy",), lame=True)
     assert refused(Action.START, d1, d2, anyway=True) == "d2: the vehicle is not healthy"
     assert d1.stage is Stage.TAKEOFF
+
+
+@pytest.mark.parametrize("ahead_s", [-8.0, 8.0])
+def test_a_drone_whose_clock_is_off_can_be_commanded_all_the_same(ahead_s: float) -> None:
+    assert order(Action.HOLD, Drone("d1", ahead_s=ahead_s))[-1] == "hold: d1 hold"
+
+
+def test_a_clock_that_is_off_is_told_where_a_drone_does_not_obey() -> None:
+    assert f"d1: its clock is {-20.0:+.1f} s off" in refused(Action.HOLD, Drone("d1", lame=True, ahead_s=-20.0))
 
 
 def test_drones_of_different_missions_get_no_command() -> None:
