@@ -44,21 +44,21 @@ def main() -> None:
     parser.add_argument("--flight", type=Path, help="read this flight instead of flying; without raw Zenoh beside it")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    raw: dict[str, list[float]] = {}
+    raw: dict[str, list[tuple[float, float]]] = {}
     with tempfile.TemporaryDirectory(prefix="radron-latency-") as folder:
         if options.flight is None:
             raw = _flown(Path(folder), options)
-        delays = _delays(flights(options.flight or Path(folder)))
-    if not delays["cone to hypothesis"]:
-        sys.exit("no cone came from one agent to another while there was a hypothesis; fly longer")
-    figures = {name: _figures(values) for name, values in {**delays, **raw}.items()}
+        delays, (start_s, end_s) = _delays(flights(options.flight or Path(folder)))
+    for name, samples in raw.items():  # while cones were on their way, not while agents start or pictures are drawn
+        delays[name] = [latency_ms for time_s, latency_ms in samples if start_s <= time_s <= end_s]
+    figures = {name: _figures(values) for name, values in delays.items()}
     _print(figures)
     if options.json is not None:
         options.json.write_text(json.dumps({"live_latency": figures}, indent=1) + "\n")
 
 
-def _flown(folder: Path, options: argparse.Namespace) -> dict[str, list[float]]:
-    """Fly; returns the latencies of raw Zenoh meanwhile, in ms."""
+def _flown(folder: Path, options: argparse.Namespace) -> dict[str, list[tuple[float, float]]]:
+    """Fly; returns the samples of raw Zenoh meanwhile."""
     arguments = [options.scenario, "--seed", str(options.seed)]
     if options.drones is not None:
         arguments += ["--drones", str(options.drones)]
@@ -66,23 +66,26 @@ def _flown(folder: Path, options: argparse.Namespace) -> dict[str, list[float]]:
         arguments += ["--set", setting]
     with RawProbe(CONE_BYTES, RAW_PERIOD_S) as one, RawProbe(CONE_BYTES, RAW_PERIOD_S, options.drones or 3) as many:
         fly(folder, arguments)
-    return {RAW: one.latencies_ms, RAW_TO_ALL: many.latencies_ms}
+    return {RAW: one.samples, RAW_TO_ALL: many.samples}
 
 
-def _delays(found: dict[str, RecordedFlight]) -> dict[str, list[float]]:
-    """Delays in ms of every cone at every other agent, once it had a hypothesis."""
+def _delays(found: dict[str, RecordedFlight]) -> tuple[dict[str, list[float]], tuple[float, float]]:
+    """Delays in ms of every cone at every other agent, once it had a hypothesis; wall times of the first and the last, s."""
     published: dict[bytes, int] = {}
     for flight in found.values():
         for record, _, kind, payload in messages(flight, topics.PUBLICATION):
             if kind == "cone":
                 published[payload] = record.publish_ns
     delays: dict[str, list[float]] = {"cone to pilot": [], "pilot to hypothesis": [], "cone to hypothesis": []}
-    for flight in found.values():
-        for sent_ns, given_ns, had_ns in _arrivals(flight, published):
-            delays["cone to pilot"].append((given_ns - sent_ns) * 1e-6)
-            delays["pilot to hypothesis"].append((had_ns - given_ns) * 1e-6)
-            delays["cone to hypothesis"].append((had_ns - sent_ns) * 1e-6)
-    return delays
+    arrivals = [arrival for flight in found.values() for arrival in _arrivals(flight, published)]
+    if not arrivals:
+        sys.exit("no cone came from one agent to another while there was a hypothesis; fly longer")
+    for sent_ns, given_ns, had_ns in arrivals:
+        delays["cone to pilot"].append((given_ns - sent_ns) * 1e-6)
+        delays["pilot to hypothesis"].append((had_ns - given_ns) * 1e-6)
+        delays["cone to hypothesis"].append((had_ns - sent_ns) * 1e-6)
+    had = [had_ns * 1e-9 for _, _, had_ns in arrivals]
+    return delays, (min(had), max(had))
 
 
 def _arrivals(flight: RecordedFlight, published: dict[bytes, int]) -> list[tuple[int, int, int]]:

@@ -20,11 +20,11 @@ KEY = "benchmark/raw"
 class RawProbe:
     """A process that puts ``payload_bytes`` every ``period_s``, and ``receivers`` others that get them.
 
-    Use it as a context, then read ``latencies_ms``, those of all receivers.
+    Use it as a context, then read ``samples``, those of all receivers: the wall time of the callback, s, and the latency, ms.
     """
 
     def __init__(self, payload_bytes: int, period_s: float, receivers: int = 1) -> None:
-        self.latencies_ms: list[float] = []
+        self.samples: list[tuple[float, float]] = []
         self._payload_bytes = payload_bytes
         self._period_s = period_s
         self._receivers = receivers
@@ -50,7 +50,7 @@ class RawProbe:
     def __exit__(self, *_: object) -> None:
         for process, pipe in reversed(list(zip(self._processes, self._pipes, strict=True))):  # the sender first
             pipe.send("stop")
-            self.latencies_ms += pipe.recv()
+            self.samples += pipe.recv()
             process.join(5.0)
             process.kill()
 
@@ -63,11 +63,12 @@ def _free_port() -> int:
 
 
 def _receive(pipe: Connection, endpoint: str) -> None:
-    latencies_ms: list[float] = []
+    samples: list[tuple[float, float]] = []
 
     def take(sample: object) -> None:
         now_ns = time.time_ns()
-        latencies_ms.append((now_ns - int.from_bytes(sample.payload.to_bytes()[:8], "little")) * 1e-6)  # type: ignore[attr-defined]
+        sent_ns = int.from_bytes(sample.payload.to_bytes()[:8], "little")  # type: ignore[attr-defined]
+        samples.append((now_ns * 1e-9, (now_ns - sent_ns) * 1e-6))
 
     session = asyncio.run(open_session(MeshConfig(listen=endpoint), dial_all=False))
     subscriber = session.declare_subscriber(KEY, Callback(take, indirect=False))
@@ -75,7 +76,7 @@ def _receive(pipe: Connection, endpoint: str) -> None:
     pipe.recv()
     subscriber.undeclare()
     session.close()
-    pipe.send(latencies_ms[1:])  # the first one opens the way
+    pipe.send(samples[1:])  # the first one opens the way
 
 
 def _put(pipe: Connection, endpoints: tuple[str, ...], payload_bytes: int, period_s: float) -> None:
