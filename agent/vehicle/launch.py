@@ -19,11 +19,14 @@ class LaunchSurvey:
     Once flown it stays for good, also after a landing elsewhere: what is measured there belongs to the same frame.
 
     An agent that starts with the vehicle armed has nothing to average: it goes by the place that was stored, provided that the
-    autopilot's frame still has the same geodetic origin.
+    autopilot's frame still has the same geodetic origin. An origin that moves sideways in flight takes the place away: by it
+    the vehicle would be steered, and its cones placed, wrong by as much. (Of the origin's altitude the autopilot may think better
+    without moving its frame: that is only told.)
     """
 
     def __init__(self, stored: LaunchPlace | None = None) -> None:
-        self.place: LaunchPlace | None = None
+        self._place: LaunchPlace | None = None
+        self._moved = False  # the autopilot's frame is no longer the place's
         self.problem: str | None = None
         self._stored = stored
         self._flown = False
@@ -31,9 +34,14 @@ class LaunchSurvey:
         self._origin: tuple[float, float, float] | None = None
 
     @property
+    def place(self) -> LaunchPlace | None:
+        """Where the local frame lies in the autopilot's present one; None where that is not known."""
+        return None if self._moved else self._place
+
+    @property
     def to_keep(self) -> LaunchPlace | None:
         """What a restarted agent should be given: the place, or before it is known the one that this agent was given."""
-        return self.place or self._stored
+        return self._place or self._stored
 
     def take_origin(self, origin: GlobalOrigin) -> None:
         """Take the geodetic origin of the autopilot's local frame."""
@@ -45,7 +53,7 @@ class LaunchSurvey:
             self.problem = "the autopilot has not yet said where the origin of its local frame lies (no position fix?)"
         elif armed or in_air or self._flown:
             self._hold(self._origin)
-            self._flown = self._flown or (in_air and self.place is not None)
+            self._flown = self._flown or (in_air and self._place is not None)
         else:
             self._average(now_s, position_m, self._origin)
 
@@ -60,25 +68,26 @@ class LaunchSurvey:
             self.problem = "measuring the launch place"
             return
         north_m, east_m, down_m = (sum(axis) / len(samples) for axis in zip(*(sample for _, sample in samples), strict=True))
-        self.place, self.problem = _place((north_m, east_m, down_m), origin), None
+        self._place, self.problem = _launch_place((north_m, east_m, down_m), origin), None
+        self._moved = False
 
     def _hold(self, origin: tuple[float, float, float]) -> None:
         self._samples.clear()
-        if self.place is None and self._stored is not None and _same_origin(self._stored, origin):
-            self.place = self._stored
-        if self.place is None:
+        if self._place is None and self._stored is not None and _same_origin(self._stored, origin):
+            self._place = self._stored
+        if self._place is None:
             self.problem = (
                 "the vehicle is armed and this agent does not know where it was launched: land and disarm it"
                 if self._stored is None
                 else "the origin of the autopilot's local frame is not the one of the launch: land and disarm the vehicle"
             )
-        elif not _same_origin(self.place, origin):
-            self.problem = "the autopilot has moved the origin of its local frame in flight: land"
-        else:
-            self.problem = None
+            return
+        self._moved = not _same_spot(self._place, origin)
+        same = _same_origin(self._place, origin)
+        self.problem = None if same else "the autopilot has moved the origin of its local frame in flight: land"
 
 
-def _place(position_m: Vector3, origin: tuple[float, float, float]) -> LaunchPlace:
+def _launch_place(position_m: Vector3, origin: tuple[float, float, float]) -> LaunchPlace:
     north_m, east_m, down_m = position_m
     latitude_deg, longitude_deg, altitude_m = origin
     return LaunchPlace(
@@ -92,9 +101,11 @@ def _place(position_m: Vector3, origin: tuple[float, float, float]) -> LaunchPla
 
 
 def _same_origin(place: LaunchPlace, origin: tuple[float, float, float]) -> bool:
-    latitude_deg, longitude_deg, altitude_m = origin
+    return _same_spot(place, origin) and abs(place.origin_altitude_m - origin[2]) < _SAME_M
+
+
+def _same_spot(place: LaunchPlace, origin: tuple[float, float, float]) -> bool:
+    latitude_deg, longitude_deg, _ = origin
     return (
-        abs(place.origin_latitude_deg - latitude_deg) < _SAME_DEG
-        and abs(place.origin_longitude_deg - longitude_deg) < _SAME_DEG
-        and abs(place.origin_altitude_m - altitude_m) < _SAME_M
+        abs(place.origin_latitude_deg - latitude_deg) < _SAME_DEG and abs(place.origin_longitude_deg - longitude_deg) < _SAME_DEG
     )

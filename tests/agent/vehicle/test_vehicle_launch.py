@@ -115,8 +115,23 @@ def test_on_the_ground_what_was_stored_is_void() -> None:
     assert place.north_m == pytest.approx(10.0, abs=0.01)
 
 
-def test_an_origin_that_moves_in_flight_is_a_problem() -> None:
+def test_an_origin_that_moves_in_flight_takes_the_place_away_and_keeps_it_for_a_restart() -> None:
     survey = surveyed(3.0)
+    before = survey.place
     survey.take_origin(GlobalOrigin(473977520, 85455940, 488123))
     survey.observe(4.0, (50.0, 50.0, 0.0), **FLYING)
     assert "origin" in str(survey.problem)
+    assert survey.place is None
+    assert survey.to_keep == before
+    survey.take_origin(ORIGIN)
+    survey.observe(5.0, (50.0, 50.0, 0.0), **FLYING)
+    assert (survey.place, survey.problem) == (before, None)
+
+
+def test_an_origin_whose_altitude_is_corrected_in_flight_is_only_told() -> None:
+    survey = surveyed(3.0)
+    before = survey.place
+    survey.take_origin(GlobalOrigin(473977420, 85455940, 488623))
+    survey.observe(4.0, (50.0, 50.0, 0.0), **FLYING)
+    assert "origin" in str(survey.problem)
+    assert survey.place == before
