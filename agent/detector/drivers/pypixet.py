@@ -20,6 +20,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -85,8 +86,9 @@ class PixetDetector:
 
     async def readouts(self) -> AsyncIterator[Readout]:
         """Readouts of about 0.2 s as they come, until ``close``."""
-        self._worker = threading.Thread(target=self._work, name="pypixet", daemon=True)
-        self._worker.start()
+        if self._worker is None:  # one camera, one worker, however often its readouts are taken up
+            self._worker = threading.Thread(target=self._work, name="pypixet", daemon=True)
+            self._worker.start()
         while not self._closed.is_set():
             for readout in self._reader.read(self._acquisitions, self._utc_ns()):
                 yield readout
@@ -180,8 +182,9 @@ class PixetDetector:
             _done(device, "doAdvancedAcquisition", code)
 
     def _started(self, _event: object) -> None:
-        self._acquisitions[-1].started_ns = self._utc_ns()
-        self._problem = None
+        with suppress(IndexError):  # an event that comes when its acquisition has ended; nothing may be raised here
+            self._acquisitions[-1].started_ns = self._utc_ns()
+            self._problem = None
 
     def _arrived(self, _event: object) -> None:
         """New pixels; called on one of the vendor's threads, where nothing may be raised."""

@@ -178,3 +178,17 @@ def test_the_module_is_found_in_its_folder(tmp_path, monkeypatch):
     (tmp_path / "pypixet.py").write_text("pixet = None\n")
     assert isinstance(open_detector(DetectorConfig(driver="pypixet", pixet_folder=str(tmp_path))), PixetDetector)
     del sys.modules["pypixet"]
+
+
+def test_readouts_that_are_taken_up_again_need_no_second_worker():
+    async def run():
+        detector = PixetDetector(Pypixet())
+        for _ in range(2):
+            reading = asyncio.create_task(anext(detector.readouts()))
+            await asyncio.wait((reading,), timeout=0.2)
+            reading.cancel()
+        working = sum(thread.name == "pypixet" for thread in threading.enumerate())
+        await detector.close()
+        return working
+
+    assert asyncio.run(run()) == 1
