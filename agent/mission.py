@@ -137,14 +137,14 @@ class Mission:
         """Go on with a flight in which this agent was restarted.
 
         Meanwhile an autopilot that lacks setpoints returns or lands by its failsafe (``healthy`` is False then), and goes back to
-        offboard when they come again. A vehicle that a human pilot has in hand, or has sent home, is left alone.
+        offboard when they come again. A vehicle that a human pilot has in hand, has stopped or sent home, is left alone.
         """
         self.started_ns = self._obeyed_ns = memory.started_ns
         self.tracking_since_ns, self.resume = memory.tracking_since_ns, memory.resume
         self._enter(memory.stage, now_ns)
         self._was_armed = self._was_offboard = True
-        sent_away = vehicle.healthy and vehicle.mode in (FlightMode.RETURN, FlightMode.LAND) and self._is_foreign(vehicle)
-        if memory.released or sent_away or vehicle.mode is FlightMode.MANUAL:
+        chosen = vehicle.healthy and self._is_foreign(vehicle)  # by somebody: no failsafe has brought about this mode
+        if memory.released or chosen or vehicle.mode is FlightMode.MANUAL:
             self._release(vehicle.mode, now_ns)
         elif memory.stage in STEERED:
             self._rejoining_until_ns = now_ns + REJOIN_NS

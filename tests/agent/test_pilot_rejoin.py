@@ -106,6 +106,7 @@ def test_a_mode_that_stays_is_somebodys_will():
         {"mode": FlightMode.MANUAL, "healthy": False},
         {"mode": FlightMode.RETURN, "healthy": True},  # no failsafe: sent home
         {"mode": FlightMode.LAND, "healthy": True},
+        {"mode": FlightMode.HOLD, "healthy": True},  # stopped
     ],
 )
 def test_never_wrests_the_vehicle_from_a_human_pilot(vehicle):
