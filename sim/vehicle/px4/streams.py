@@ -106,8 +106,10 @@ class Schedule:
         return -1 if interval_s is None else round(interval_s * 1e6)
 
     def set_interval(self, message: int, interval_us: float, now_s: float) -> bool:
-        """As SET_MESSAGE_INTERVAL asks: -1 off, 0 the usual; False for a message that this vehicle does not have."""
-        if message not in BUILDERS:
+        """As SET_MESSAGE_INTERVAL asks: -1 off, 0 the usual; False for a message that this vehicle does not have, and for
+        the heartbeat, whose rate PX4 lets nobody change.
+        """
+        if message not in BUILDERS or message == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             return False
         interval_s = self._usual.get(message) if interval_us == 0.0 else interval_us * 1e-6
         if interval_s is None or interval_s < 0.0:

@@ -97,6 +97,8 @@ def test_intervals_are_changed_switched_off_and_set_back():
             assert await count(flight, "LOCAL_POSITION_NED") == pytest.approx(30, abs=1)
             assert await count(flight, "EXTENDED_SYS_STATE") == pytest.approx(5, abs=1)
             assert await flight.ask(change, 60_000.0, 0.0) == [mavlink.MAV_RESULT_DENIED]
+            assert await flight.ask(change, mavlink.MAVLINK_MSG_ID_HEARTBEAT, 200_000.0) == [mavlink.MAV_RESULT_DENIED]
+            assert await count(flight, "HEARTBEAT") == pytest.approx(1, abs=0.5)
 
     asyncio.run(fly())
 
