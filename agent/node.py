@@ -196,9 +196,10 @@ class Node:
             self._stage = stage
 
     async def _read(self, detector: Detector) -> None:
-        observe = self._guard.call("readouts", self._pilot.observe_detector, None)
+        observe = self._guard.call("readouts", self._pilot.observe_detector, [])
         async for readout in detector.readouts():
-            observe(first_hits(readout, MOST_HITS))
+            for key, payload in observe(first_hits(readout, MOST_HITS)):
+                self._publish(key, payload)
 
     async def _recover(self) -> None:
         members = [member.id for member in self._mission.drones]

@@ -145,12 +145,13 @@ class Pilot:
         if self._remembered is not None:
             self._rejoin(self._remembered, state)
 
-    def observe_detector(self, readout: Readout) -> None:
-        """Take what the camera saw; it becomes log entries of this drone."""
+    def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
+        """Take what the camera saw. Returns what it becomes, log entries of this drone, to be published at once."""
         for entry in self._observer.observe(self._chain.process(readout)):
             self._record(entry, readout.end_ns)
         self.counters["pixel_hits_lost"] = self._chain.lost_hits
         self.counters["detections_dropped"] = self._observer.dropped
+        return self._outbox.take()
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> None:
         """Take a message from the mesh. Whatever is wrong with it is counted and dropped, never raised."""

@@ -28,12 +28,27 @@ class Supervisor:
         """``command``: the agent's; it gets the supervisor's process id as a last argument, and the pipe as file 3."""
         self._command = [*command, str(os.getpid())]
         self._notifier = Notifier()
+        self._scratch = os.path.join(os.environ.get("TMPDIR", "/tmp"), f"radron-agent-{os.getpid()}")
         self._stopping = False
         self._deadline_s: float | None = None  # when the agent is killed unless it is heard of
         self._verdict: str | None = None  # why it was killed
 
     def run(self) -> int:
-        """Start the agent and watch it. Returns its exit code: 0 where it was stopped by a signal, 70 where it hung."""
+        """Start the agent and watch it. Returns its exit code: 0 where it was stopped by a signal, 70 where it hung.
+
+        What the agent's libraries leave in the folder of temporary files goes with it, also when it was killed: MAVSDK makes a
+        folder there at each start and removes none.
+        """
+        with suppress(OSError):
+            os.mkdir(self._scratch, 0o700)
+        try:
+            return self._watch()
+        finally:
+            import shutil  # noqa: PLC0415  not held in memory during the flight
+
+            shutil.rmtree(self._scratch, ignore_errors=True)
+
+    def _watch(self) -> int:
         wakes, wake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
         for number in (*_STOPS, signal.SIGCHLD):
@@ -56,6 +71,8 @@ class Supervisor:
         """The reading end of the beats' pipe, and the agent's process id."""
         beats, beat = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         environment = {key: value for key, value in (_NUMERICS | os.environ).items() if key not in VARIABLES}
+        if os.path.isdir(self._scratch):
+            environment["TMPDIR"] = self._scratch
         child = os.posix_spawn(
             self._command[0],
             self._command,

@@ -50,21 +50,19 @@ class Cameras:
         self._cameras = [Camera(truth, source.nuclide, rng, clock_ns) for rng in rngs]
         self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
 
-    def expose(self, start_ns: int, end_ns: int, motion: Motion, source: tuple[float, float] | None) -> None:
-        """Take [start_ns, end_ns), UTC, all of it seen from where the vehicles are now; no source: background alone."""
-        for drone, camera in enumerate(self._cameras):
-            views: tuple[SourceView, ...] = ()
-            if source is not None:
-                place, attitude = motion.position_m[drone], motion.quaternion(drone)
-                views = (self._mounts[drone].view(place, attitude, source, self._activity_bq),)
-            self._exposed[drone].append(camera.expose(start_ns, end_ns, views))
+    def expose(self, drone: int, start_ns: int, end_ns: int, motion: Motion, source: tuple[float, float] | None) -> None:
+        """Take [start_ns, end_ns), UTC, all of it seen from where the vehicle is now; no source: background alone."""
+        views: tuple[SourceView, ...] = ()
+        if source is not None:
+            place, attitude = motion.position_m[drone], motion.quaternion(drone)
+            views = (self._mounts[drone].view(place, attitude, source, self._activity_bq),)
+        self._exposed[drone].append(self._cameras[drone].expose(start_ns, end_ns, views))
 
-    def read_out(self) -> list[Readout]:
-        """What each camera saw since the last call; there must have been an exposure."""
-        readouts = [_joined(exposed) for exposed in self._exposed]
-        for exposed in self._exposed:
-            exposed.clear()
-        return readouts
+    def read_out(self, drone: int) -> Readout:
+        """What a camera saw since the last call; there must have been an exposure."""
+        readout = _joined(self._exposed[drone])
+        self._exposed[drone].clear()
+        return readout
 
     def write_calibrations(self, folders: Sequence[Path]) -> None:
         """The files of each camera's own calibration, into its drone's folder."""

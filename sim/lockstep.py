@@ -127,14 +127,14 @@ class _World:
         """Advance by one tick; True when the run has ended."""
         now_ns = EPOCH_NS + self.ticks * TICK_NS
         source = self._source(self.time_s) if self._source is not None else None
-        self._sense(now_ns, source)
+        measured = self._sense(now_ns, source)
         if self.ticks == round(START_S * 1e9 / TICK_NS):
             self._command_start(now_ns)
         for drone, pilot in enumerate(self._pilots):
             for key, payload in self._radio.receive(drone, now_ns):
                 pilot.receive(key, payload, now_ns)
             step = pilot.step(now_ns)
-            for key, payload in step.publications:
+            for key, payload in (*measured[drone], *step.publications):
                 self._radio.send(drone, key, payload, now_ns)
                 self.recorder.hear(drone, key, payload)
             self._autopilots[drone].command(step.command)
@@ -142,16 +142,19 @@ class _World:
         self.ticks += 1
         return self.recorder.sample(self.time_s, self._multirotors.position_m, self._multirotors.velocity_mps, source)
 
-    def _sense(self, now_ns: int, source: tuple[float, float] | None) -> None:
+    def _sense(self, now_ns: int, source: tuple[float, float] | None) -> list[list[tuple[str, bytes]]]:
+        """Telemetry and readouts to the pilots; returns what each publishes of its readout."""
         self._telemetry(now_ns)
+        nothing: list[list[tuple[str, bytes]]] = [[] for _ in self._pilots]
         if source is None or self._cameras is None:
-            return
+            return nothing
         if self.ticks % EXPOSE_TICKS == EXPOSE_TICKS // 2:
             half_ns = EXPOSE_TICKS * TICK_NS // 2
-            self._cameras.expose(now_ns - half_ns, now_ns + half_ns, self._multirotors, source)
-        if self.ticks % READ_TICKS == 0 and self.ticks > 0:
-            for pilot, readout in zip(self._pilots, self._cameras.read_out(), strict=True):
-                pilot.observe_detector(readout)
+            for drone in range(len(self._pilots)):
+                self._cameras.expose(drone, now_ns - half_ns, now_ns + half_ns, self._multirotors, source)
+        if self.ticks % READ_TICKS != 0 or self.ticks == 0:
+            return nothing
+        return [pilot.observe_detector(self._cameras.read_out(drone)) for drone, pilot in enumerate(self._pilots)]
 
     def _telemetry(self, now_ns: int) -> None:
         motion, error, frames = self._multirotors, self._localization, self._frames

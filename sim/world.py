@@ -138,12 +138,13 @@ class World:
     def _sense(self) -> None:
         if self._cameras is None:
             return
-        if self._steps % EXPOSE_STEPS == EXPOSE_STEPS // 2:
-            middle_ns, half_ns = self._began_ns + self._steps * STEP_NS, EXPOSE_STEPS * STEP_NS // 2
-            self._cameras.expose(middle_ns - half_ns, middle_ns + half_ns, self._motion, self._source())
-        if self._steps % READ_STEPS == 0 and self._steps > 0:
-            for feed, readout in zip(self._feeds, self._cameras.read_out(), strict=True):
-                feed.send(readout)
+        now_ns, half_ns = self._began_ns + self._steps * STEP_NS, EXPOSE_STEPS * STEP_NS // 2
+        for drone, feed in enumerate(self._feeds):
+            step = self._steps - drone * READ_STEPS // len(self._feeds)  # nothing synchronises the cameras of a swarm
+            if step > 0 and step % EXPOSE_STEPS == EXPOSE_STEPS // 2:
+                self._cameras.expose(drone, now_ns - half_ns, now_ns + half_ns, self._motion, self._source())
+            if step > 0 and step % READ_STEPS == 0:
+                feed.send(self._cameras.read_out(drone))
 
     def _tell(self, out: asyncio.WriteTransport) -> None:
         """Send the truth; a launcher that does not take it must not hold up the world."""

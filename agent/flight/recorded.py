@@ -59,10 +59,12 @@ class RecordedPilot:
         self._sink.write(topics.VEHICLE, topics.encode_state(state))
         self._run(self._pilot.observe_vehicle, state)
 
-    def observe_detector(self, readout: Readout) -> None:
+    def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
         """See ``Pilot``."""
         self._sink.write(topics.DETECTOR, topics.encode_readout(readout))
-        self._run(self._pilot.observe_detector, readout)
+        publications = self._run(self._pilot.observe_detector, readout)
+        self._tell_publications(publications, readout.end_ns)
+        return publications
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> None:
         """See ``Pilot``."""
@@ -91,8 +93,7 @@ class RecordedPilot:
         step = self._run(self._pilot.step, now_ns)
         self._sink.write(topics.COMMAND, topics.encode_command(step.command), now_ns)
         self._tell_hypothesis(now_ns)
-        for key, payload in step.publications:
-            self._sink.write(topics.PUBLICATION, topics.encode_message(key, payload), now_ns)
+        self._tell_publications(step.publications, now_ns)
         return step
 
     def log_summary(self) -> bytes:
@@ -113,6 +114,10 @@ class RecordedPilot:
         except Exception as error:
             self._sink.write(topics.ERROR, msgspec.json.encode(f"{type(error).__name__}: {error}"))
             raise
+
+    def _tell_publications(self, publications: list[tuple[str, bytes]], now_ns: int) -> None:
+        for key, payload in publications:
+            self._sink.write(topics.PUBLICATION, topics.encode_message(key, payload), now_ns)
 
     def _tell_hypothesis(self, now_ns: int) -> None:
         hypothesis = self._pilot.hypothesis

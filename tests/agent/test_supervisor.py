@@ -153,3 +153,12 @@ def test_it_is_small(start: Start) -> None:
     process = start("runs")
     first_step(process)
     assert psutil.Process(process.pid).memory_info().rss < 15_000_000
+
+
+def test_what_an_agent_leaves_among_the_temporary_files_goes_with_it(start: Start, tmp_path: Path) -> None:
+    process = start("runs", TMPDIR=str(tmp_path))
+    child = first_step(process)
+    assert [path.name for path in tmp_path.glob("*/*")] == ["left"]
+    os.kill(child, signal.SIGKILL)
+    ended(process)
+    assert list(tmp_path.iterdir()) == []

@@ -3,7 +3,9 @@
 import os
 import signal
 import sys
+import tempfile
 import time
+from pathlib import Path
 
 from agent.beat import BEAT_FD, Beat, die_with
 
@@ -19,6 +21,7 @@ def main() -> None:
     if HOW.isdigit():
         sys.exit(int(HOW))
     die_with(PARENT)
+    Path(tempfile.gettempdir(), "left").touch()
     beat = Beat(BEAT_FD)
     if HOW == "slow start":
         time.sleep(1.5)
