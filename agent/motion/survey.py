@@ -116,6 +116,8 @@ def _cut(area: Area, along: NDArray[np.float64], share: float) -> tuple[Area, Ar
         return Polygon([along * x + across * y for x, y in ((low, left), (high, left), (high, right), (low, right))])
 
     def excess(place: float) -> float:
+        if place in (start, end):  # where the line lies on a side of the area, an intersection can come out as nothing
+            return float(place == end) - share
         return float(area.intersection(side(start - 1.0, place)).area / area.area - share)
 
     place = brentq(excess, start, end, xtol=1e-9, rtol=1e-12)

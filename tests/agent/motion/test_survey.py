@@ -199,3 +199,13 @@ def test_lanes_are_flown_in_turn_without_detours(name: str, count: int, length_m
 def test_a_hovering_drone_covers_a_disc() -> None:
     hover = np.array([(50.0, 50.0), (50.0, 50.0)])
     assert uncovered(SQUARE, [(hover, 20.0)]).area == pytest.approx(10_000.0 - 100.0 * math.pi, abs=10.0)
+
+
+def test_a_cut_that_begins_on_a_side_of_the_area() -> None:
+    """All corners but one on one line, as numbers go: the intersection with the half-plane to that line is empty."""
+    corners = [
+        (44.92825291975078, -19.00497830801329),
+        (-23.708364550007467, 4.919341740045567),
+        (-12.083463293746114, -11.195331977231454),
+    ]
+    assert_fair(Polygon(corners), divide(Polygon(corners), drones(2)))
