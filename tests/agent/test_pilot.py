@@ -147,8 +147,9 @@ def test_exposures_follow_each_other_without_gaps():
         now_ns = START_NS + tick * TICK_NS
         one.observe_vehicle(state(now_ns, position=(tick * 0.1, 0.0, 3.0)))
         if tick:
-            one.observe_detector(Readout(now_ns - 4 * TICK_NS, now_ns, START_NS, 0.2, none))
-        found += messages(one.step(now_ns), Exposure)
+            published = one.observe_detector(Readout(now_ns - 4 * TICK_NS, now_ns, START_NS, 0.2, none))
+            found += [decode_from(key, payload) for key, payload in published]
+        assert not messages(one.step(now_ns), Exposure)  # they have left already
     assert len(found) == 16
     assert all(before.end_ns == after.stamp_ns for before, after in pairwise(found))
     assert all(entry.live_time_s == pytest.approx((entry.end_ns - entry.stamp_ns) * 1e-9) for entry in found)

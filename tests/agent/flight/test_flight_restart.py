@@ -45,8 +45,7 @@ class Mortal:
             self.pilot.observe_vehicle(state)
 
     def observe_detector(self, readout):
-        if not self.is_dead(readout.end_ns):
-            self.pilot.observe_detector(readout)
+        return [] if self.is_dead(readout.end_ns) else self.pilot.observe_detector(readout)
 
     def receive(self, key, payload, now_ns):
         if not self.is_dead(now_ns):
