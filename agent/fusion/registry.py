@@ -9,7 +9,6 @@ from shapely import Polygon
 
 from agent.config import MissionConfig
 from agent.errors import ConfigError
-from agent.fusion.bayes.estimator import BayesEstimator
 from agent.fusion.estimator import Estimator
 from agent.fusion.given import GivenEstimator
 from agent.fusion.initial import InitialSearch
@@ -38,6 +37,12 @@ def _paper(mission: MissionConfig, rule: Rule, name: str) -> PaperEstimator:
     return PaperEstimator(mission.fusion.paper, InitialSearch(Polygon(mission.area.polygon_m)), rule, name)
 
 
+def _bayes(mission: MissionConfig) -> Estimator[Any]:
+    from agent.fusion.bayes.estimator import BayesEstimator  # noqa: PLC0415  a drone that flies by another has no memory for it
+
+    return BayesEstimator(mission, Polygon(mission.area.polygon_m).bounds)
+
+
 def _given(mission: MissionConfig) -> GivenEstimator:
     if mission.fusion.given is None:
         raise ConfigError("estimator 'given' needs fusion.given.schedule in the mission")
@@ -47,7 +52,7 @@ def _given(mission: MissionConfig) -> GivenEstimator:
 _MAKERS: dict[str, Callable[[MissionConfig], Estimator[Any]]] = {
     "paper": lambda mission: _paper(mission, "paper", "paper"),
     "paper-geometric": lambda mission: _paper(mission, "geometric", "paper-geometric"),
-    "bayes": lambda mission: BayesEstimator(mission, Polygon(mission.area.polygon_m).bounds),
+    "bayes": _bayes,
     "given": _given,
 }
 ESTIMATORS: tuple[str, ...] = tuple(_MAKERS)
