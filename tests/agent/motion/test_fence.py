@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.config import AreaConfig
@@ -43,9 +43,21 @@ def test_a_convex_fence_is_one_piece(clockwise: bool) -> None:
         assert bool((normals @ (x, y) >= offsets).all()) == fence.contains(x, y, 5.0)
 
 
-@given(st.sampled_from([L_SHAPE, STAR]), st.floats(0.0, 60.0), st.floats(0.0, 60.0))
-def test_a_piece_of_a_non_convex_fence_lies_inside_and_holds_its_place(outline: shapely.Polygon, x: float, y: float) -> None:
-    assume(outline.contains(shapely.Point(x, y)) and outline.boundary.distance(shapely.Point(x, y)) > 1e-3)
+@st.composite
+def places_inside(draw: st.DrawFn) -> tuple[shapely.Polygon, float, float]:
+    """A non-convex outline and a place inside, off its boundary."""
+    outline = draw(st.sampled_from([L_SHAPE, STAR]))
+    triangles = [part for part in shapely.get_parts(shapely.delaunay_triangles(outline)) if outline.covers(part)]
+    a, b, c, _ = shapely.get_coordinates(draw(st.sampled_from(triangles)))
+    u, v = draw(st.floats(0.01, 0.99)), draw(st.floats(0.01, 0.99))
+    x, y = (a + u * (b - a) + v * (1.0 - u) * (c - a)).tolist()
+    return outline, x, y
+
+
+@given(places_inside())
+def test_a_piece_of_a_non_convex_fence_lies_inside_and_holds_its_place(place: tuple[shapely.Polygon, float, float]) -> None:
+    outline, x, y = place
+    assert outline.contains(shapely.Point(x, y))
     normals, offsets = Fence(outline, 1.0, 10.0).half_planes(x, y)
     assert (normals @ (x, y) >= offsets).all()
     piece = shapely.box(-200.0, -200.0, 300.0, 300.0)
