@@ -65,7 +65,7 @@ def test_who_joins_late_gets_the_entries_so_far_and_then_the_new_ones_in_order()
             for i in range(300):
                 d1.publish("cone", b"%d" % i)
             async with member("d2", endpoint(), (first,)) as d2:
-                await until(lambda: len(d2.messages) >= 300)  # what is put while a link comes up, Zenoh can miss: see the log query
+                await until(lambda: len(d2.messages) >= 300)  # Zenoh can miss what is put while a link comes up
                 for i in range(300, 400):
                     d1.publish("cone", b"%d" % i)
                 await until(lambda: len(d2.messages) >= 400)
