@@ -120,5 +120,6 @@ class Reporter:
             velocity_mps=(u, v, w),
             activity_bq=hypothesis.activity_bq,
             activity_sigma_bq=hypothesis.activity_sigma_bq,
+            evidence=hypothesis.evidence,
             cones=hypothesis.cones,
         )

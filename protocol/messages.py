@@ -272,7 +272,10 @@ class Frame(DroneMessage, frozen=True, kw_only=True):
 
 
 class Estimate(DroneMessage, frozen=True, kw_only=True):
-    """The hypothesis (mission frame), and the digest of the log that it follows from."""
+    """The hypothesis (mission frame), and the digest of the log that it follows from.
+
+    ``evidence``: natural logarithm of how much likelier the observations are with a source than by background alone.
+    """
 
     mission: MissionId
     estimator: Identifier
@@ -282,6 +285,7 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
     velocity_mps: Velocity = (0.0, 0.0, 0.0)
     activity_bq: Annotated[float, Meta(ge=0.0, le=1e18)] | None = None
     activity_sigma_bq: Annotated[float, Meta(ge=0.0, le=1e18)] | None = None
+    evidence: Annotated[float, Meta(ge=-1e9, le=1e9)] | None = None
     cones: Count = 0
 
     def flaw(self) -> str | None:

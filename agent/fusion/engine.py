@@ -9,7 +9,7 @@ from typing import Any
 from agent.config import MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
-from agent.fusion.estimator import Estimator, GridStep, Hypothesis
+from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.log import ObservationLog, Outcome, Summary
 from agent.fusion.observation import Observation, observe
 from agent.fusion.registry import estimator_named
@@ -56,6 +56,14 @@ class Fusion:
     def digest(self) -> str:
         """Digest of the log, 32 hex digits."""
         return self.log.digest
+
+    @property
+    def outlook(self) -> Outlook | None:
+        """What is known while there is no hypothesis; None where there is one, or the estimator knows of no such thing."""
+        if self.hypothesis is not None or self._now_step == _NEVER:
+            return None
+        state = next(reversed(self._states.values()), self._base)
+        return self.estimator.outlook(state, self._grid_step(self._now_step))
 
     def start(self, stamp_ns: int) -> None:
         """The mission began: the origin of a ``given`` schedule. Only the first call counts."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -25,11 +27,27 @@ class GridStep:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """Where a drone's own localisation puts the source: what it has to fly to. Mission frame, as if the drone's poses were true.
+
+    The drone's bias (measured minus true) shifts what it sees of itself and of the source alike; so this is known better than
+    where the source is in truth. position: (3,) metres. covariance: (3, 3) m2. yaw_bias_rad: of the drone's heading.
+    """
+
+    position: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    yaw_bias_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
     """Where the source is thought to be at ``stamp_ns``, mission frame. The arrays are read-only.
 
     position: (3,) metres. covariance: (3, 3) m2. velocity: (3,) m/s. cones: how many it follows from.
     x0_stamp_ns: when the first hypothesis was declared. activity_bq: None if the estimator does not know.
+    evidence: natural logarithm of how much likelier the observations are with a source than by background alone; None if the
+    estimator does not know: then ``covariance`` is the filter's own, and need not be calibrated.
+    sights: by drone, where its own localisation puts the source; empty if the estimator knows no biases.
     """
 
     stamp_ns: int
@@ -40,10 +58,37 @@ class Hypothesis:
     x0_stamp_ns: int
     activity_bq: float | None = None
     activity_sigma_bq: float | None = None
+    evidence: float | None = None
+    sights: Mapping[str, Sight] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
         for array in (self.position, self.covariance, self.velocity):
             array.setflags(write=False)
+
+    @property
+    def rms_m(self) -> float:
+        """Horizontal RMS of the posterior, metres."""
+        return math.sqrt(max(0.0, float(self.covariance[0, 0] + self.covariance[1, 1])))
+
+    def sight_of(self, drone: str) -> Sight:
+        """Where the source is for a drone's own localisation; the hypothesis itself where nothing is known of its bias."""
+        return self.sights.get(drone) or Sight(self.position, self.covariance)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outlook:
+    """What is known while no hypothesis is declared: where a source may be, if there is one. Mission frame.
+
+    places: (C, 2) metres. weight: (C,) probabilities of a source being there, adding up to 1 - ``none``. activity_bq: (C,) mean
+    of the activity that a source there would have. none: probability that there is no source.
+    excluded_bq: a source of this activity or more would have been found, wherever in the area; None: nothing is excluded yet.
+    """
+
+    places: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    activity_bq: NDArray[np.float64]
+    none: float
+    excluded_bq: float | None
 
 
 class Estimator(Protocol, Generic[S]):
@@ -68,3 +113,6 @@ class Estimator(Protocol, Generic[S]):
 
     def hypothesis(self, state: S, step: GridStep) -> Hypothesis | None:
         """What the state says as seen from ``step``, which is the step of its last observation or a later one."""
+
+    def outlook(self, state: S, step: GridStep) -> Outlook | None:
+        """What the state says while it has no hypothesis; None where it has one, or the estimator knows of no such thing."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from agent.config import GivenHypothesisConfig
 from agent.errors import ConfigError
-from agent.fusion.estimator import GridStep, Hypothesis
+from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import Observation
 from protocol.messages import AnyEntry
 
@@ -58,3 +58,7 @@ class GivenEstimator:
             cones=0,
             x0_stamp_ns=state + self._offsets_ns[0],
         )
+
+    def outlook(self, state: int | None, step: GridStep) -> Outlook | None:
+        """Nothing is known before there is a hypothesis."""
+        return None

@@ -10,7 +10,7 @@ import numpy as np
 
 from agent.config import PaperEstimatorConfig
 from agent.frames.transform import Vector3
-from agent.fusion.estimator import GridStep, Hypothesis
+from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.initial import InitialSearch
 from agent.fusion.observation import ConeObservation, ConeSurface, Observation
 from agent.fusion.projection import Rule, project
@@ -106,6 +106,10 @@ class PaperEstimator:
             cones=track.cones,
             x0_stamp_ns=track.x0_stamp_ns,
         )
+
+    def outlook(self, state: PaperState, step: GridStep) -> Outlook | None:
+        """Nothing is known before there is a hypothesis."""
+        return None
 
     def _is_near(self, x: float, y: float) -> bool:
         west, south, east, north = self._region

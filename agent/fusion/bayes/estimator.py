@@ -13,7 +13,7 @@ from agent.fusion.bayes.mixture import ACTIVITY, Mixture
 from agent.fusion.bayes.motion import Motion
 from agent.fusion.bayes.response import REFERENCE_BQ
 from agent.fusion.bayes.search import Grid, SearchState
-from agent.fusion.estimator import GridStep, Hypothesis
+from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
 from protocol.messages import AnyEntry, Cone, Exposure
 
@@ -86,6 +86,13 @@ class BayesEstimator:
             activity_bq=activity,
             activity_sigma_bq=activity * float(covariance[ACTIVITY, ACTIVITY]) ** 0.5,
         )
+
+    def outlook(self, state: BayesState, step: GridStep) -> Outlook | None:
+        """The posterior on the grid of the search, while there is one; at first all is possible."""
+        if state.track is not None:
+            return None
+        search = state.search or SearchState.at_first(self._grid, step.start_ns / _NS)
+        return search.later(self._grid, step.start_ns / _NS).outlook(self._grid)
 
     def _taken_in(self, state: BayesState, observation: Observation) -> BayesState:
         time_s = observation.stamp_ns / _NS

@@ -12,11 +12,13 @@ from agent.config import BayesEstimatorConfig
 from agent.frames.transform import Vector3
 from agent.fusion.bayes.cones import Order, cone_likelihood, cone_rate, density
 from agent.fusion.bayes.response import BACKGROUND_PS, REFERENCE_BQ, fit_rate, flux, signal
+from agent.fusion.estimator import Outlook
 
 Array = NDArray[np.float64]
 
 _LEAST_DT_S = 0.4  # motion is carried out in steps of at least so long
 _TINY = 1e-30
+_EXCLUDED = 0.05  # an activity counts as excluded when the observations have made it so much less likely against no source
 _ROUNDS = 2
 
 
@@ -101,6 +103,26 @@ class SearchState:
         cells = cells / cells.sum()
         x, y = float((cells * grid.x).sum()), float((cells * grid.y).sum())
         return x, y, float((cells * ((grid.x - x) ** 2 + (grid.y - y) ** 2)).sum()) ** 0.5
+
+    def outlook(self, grid: Grid) -> Outlook:
+        """What is known of a source that is still searched for."""
+        cells = self.weight.sum(axis=0)  # (A, Y, X)
+        place = cells.sum(axis=0)
+        activity = np.exp((cells * grid.log_activity[:, None, None]).sum(axis=0) / place) * REFERENCE_BQ
+        return Outlook(
+            places=np.column_stack((grid.x.ravel(), grid.y.ravel())),
+            weight=place.ravel(),
+            activity_bq=activity.ravel(),
+            none=self.none,
+            excluded_bq=self._excluded_bq(grid, cells.sum(axis=(1, 2))),
+        )
+
+    def _excluded_bq(self, grid: Grid, levels: Array) -> float | None:
+        """The least activity from which on every level has become so unlikely against no source as to be excluded."""
+        odds = levels * len(levels) / max(self.none, _TINY)  # 1 each at first
+        possible = np.flatnonzero(odds > _EXCLUDED)
+        first = int(possible[-1]) + 1 if len(possible) else 0
+        return float(np.exp(grid.log_activity[first])) * REFERENCE_BQ if first < len(levels) else None
 
 
 def _seen_from(grid: Grid, position: Vector3) -> tuple[Array, Array, Array, float]:
