@@ -14,7 +14,6 @@ from agent.detector.readout import TICK_NS, PixelHits, Readout
 
 _HOLD_NS = 1_000_000  # at most so much of a readout is held back, however dense the hits are
 _AHEAD_NS = 1e9  # hits stamped further ahead of their readout are of a wrong clock
-_NO_HITS = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
 
 
 class DetectorChain:
@@ -41,7 +40,7 @@ class DetectorChain:
         self._threshold_kev = config.cluster_threshold_kev
         self._gap = config.cluster_gap_ns / TICK_NS
         self._reach = max(config.cluster_gap_ns, config.coincidence_window_ns) / TICK_NS
-        self._held = _NO_HITS
+        self._held = PixelHits.none()
         self._start_ns: int | None = None
         self._end_ns = 0
         self._clock_ns = 0
@@ -61,10 +60,10 @@ class DetectorChain:
         self.lost_hits += readout.lost_hits
         hits = readout.hits
         if len(self._held):
-            hits = _join(self._held, hits)
+            hits = PixelHits.joined((self._held, hits))
         if len(hits) == 0:
             return self._detections(readout.end_ns, readout.live_time_s, Tally())
-        hits = _take(hits, hits.tick.argsort(kind="stable"))
+        hits = hits.take(hits.tick.argsort(kind="stable"))
 
         watermark = ((readout.end_ns - readout.clock_ns) * 16 + 24) // 25  # the first tick not before the end
         inside = len(hits) if hits.tick[-1] < watermark else int(np.searchsorted(hits.tick, watermark))
@@ -72,17 +71,17 @@ class DetectorChain:
         end_ns = readout.end_ns
         if done < inside:
             end_ns = min(max(readout.clock_ns + int(hits.tick[done]) * 25 // 16, self._start_ns), end_ns)
-        self._held = _NO_HITS
+        self._held = PixelHits.none()
         if done < len(hits):
             believed = int(np.searchsorted(hits.tick, watermark + _AHEAD_NS / TICK_NS))
             self.lost_hits += len(hits) - believed
-            self._held = _take(hits, slice(done, believed))
-            hits = _take(hits, slice(0, done))
+            self._held = hits.take(slice(done, believed))
+            hits = hits.take(slice(done))
         return self._detections(end_ns, readout.live_time_s, self._evaluate(hits))
 
     def flush(self) -> Detections:
         """What is still held back, at the end of the stream."""
-        held, self._held = self._held, _NO_HITS
+        held, self._held = self._held, PixelHits.none()
         if self._start_ns is None:
             self._start_ns = self._end_ns
         return self._detections(self._end_ns, 0.0, self._evaluate(held))
@@ -115,17 +114,9 @@ class DetectorChain:
         if energy.min() <= 0.0:  # what a pixel's calibration can make of a few counts
             known = energy > 0.0
             self.lost_hits += int(len(hits) - known.sum())
-            hits, energy = _take(hits, known), energy[known]
+            hits, energy = hits.take(known), energy[known]
         if len(hits) <= FEW:
             few = cluster_few(hits.tick, hits.index, energy, self._gap)
             return self._events.read_few([one for one in few if one.energy_kev >= self._threshold_kev], self._clock_ns)
         many = cluster_many(hits.tick, hits.index, energy, self._gap)
         return self._events.read_many(many.take(many.energy_kev >= self._threshold_kev), self._clock_ns)
-
-
-def _join(a: PixelHits, b: PixelHits) -> PixelHits:
-    return PixelHits(np.concatenate((a.tick, b.tick)), np.concatenate((a.index, b.index)), np.concatenate((a.tot, b.tot)))
-
-
-def _take(hits: PixelHits, which: NDArray[np.intp] | NDArray[np.bool_] | slice) -> PixelHits:
-    return PixelHits(hits.tick[which], hits.index[which], hits.tot[which])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -31,6 +31,25 @@ class PixelHits:
     def __len__(self) -> int:
         return len(self.tick)
 
+    @classmethod
+    def none(cls) -> PixelHits:
+        """No hits."""
+        return cls(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
+
+    @classmethod
+    def joined(cls, parts: Iterable[PixelHits]) -> PixelHits:
+        """One after another; none of no parts."""
+        hits = (cls.none(), *parts)
+        return cls(
+            np.concatenate([part.tick for part in hits]),
+            np.concatenate([part.index for part in hits]),
+            np.concatenate([part.tot for part in hits]),
+        )
+
+    def take(self, which: NDArray[np.bool_] | NDArray[np.intp] | slice) -> PixelHits:
+        """Some of them."""
+        return PixelHits(self.tick[which], self.index[which], self.tot[which])
+
 
 @dataclass(frozen=True, slots=True)
 class Readout:
@@ -58,7 +77,7 @@ def first_hits(readout: Readout, most: int) -> Readout:
     return replace(
         readout,
         live_time_s=readout.live_time_s * seen_ns / max(1, readout.end_ns - readout.start_ns),
-        hits=PixelHits(hits.tick[:most], hits.index[:most], hits.tot[:most]),
+        hits=hits.take(slice(most)),
         lost_hits=readout.lost_hits + len(hits) - most,
     )
 

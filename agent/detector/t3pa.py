@@ -19,9 +19,9 @@ from agent.detector.readout import SENSOR_PIXELS, PixelHits, Readout
 from agent.errors import DetectorError
 
 REQUIRED = ("matrix index", "toa", "tot", "ftoa", "overflow")
-LOST_END = 0x75
+LOST_END = 0x75  # matrix index of an overflow row whose ToA is the length of the missing time
 _PIECE_BYTES = 1 << 22
-_DISORDER_NS = 1_000_000  # by which a hit may follow a later one in the file: its time over threshold and the readout's queue
+DISORDER_NS = 1_000_000  # by which a hit may follow a later one: its time over threshold and the readout's queue
 _JUMP = 1 << 13  # 25 ns steps: a ToA further back than this is no disorder
 _TOA_BITS = (14, 30)  # the chip's own counter, and with its extension in the readout
 _SECONDS = 25e-9
@@ -175,7 +175,7 @@ class _Unwrapper:
             if highest < 1 << bits and step > 1 << (bits - 1):
                 self._modulus = 1 << bits
                 return
-        if step * 25 > 100 * _DISORDER_NS:
+        if step * 25 > 100 * DISORDER_NS:
             raise DetectorError(
                 f"{self._path}: line {line[back]}: ToA falls back by {step * _SECONDS:.3g} s, which is no wrap of its counter; "
                 "a file must hold one measurement"
@@ -193,7 +193,7 @@ def readouts(reader: T3paReader, clock_ns: int = 0) -> Iterator[Readout]:
     for piece in reader:
         if len(piece.hits):
             latest = max(latest, int(piece.hits.tick.max()) * 25 // 16)
-        end_ns = max(clock_ns + latest - _DISORDER_NS, start_ns)
+        end_ns = max(clock_ns + latest - DISORDER_NS, start_ns)
         lost_ns += piece.lost_ns
         dead_ns = min(lost_ns, end_ns - start_ns)
         lost_ns -= dead_ns
@@ -202,5 +202,4 @@ def readouts(reader: T3paReader, clock_ns: int = 0) -> Iterator[Readout]:
         start_ns = end_ns
     if last is not None:
         end_ns = max(clock_ns + latest + 1, start_ns)
-        none = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
-        yield Readout(start_ns, end_ns, clock_ns, max(end_ns - start_ns - lost_ns, 0) * 1e-9, none)
+        yield Readout(start_ns, end_ns, clock_ns, max(end_ns - start_ns - lost_ns, 0) * 1e-9, PixelHits.none())

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agent.detector.readout import PixelHits, Readout
+from agent.detector.t3pa import DISORDER_NS, LOST_END
 
 HOLD_NS = 500_000_000  # in which a hit is expected to be delivered; what comes later counts in a later readout
-_DISORDER_NS = 1_000_000
-_LOST_END = 0x75  # matrix index of an overflow row whose ToA is the length of the missing time
 
 
 @dataclass(slots=True)
@@ -68,11 +67,10 @@ class AcquisitionReader:
             self._current, self._start_ns, self._lost_ns = acquisition, max(started_ns, self._start_ns), 0
         blocks = [acquisition.blocks.popleft() for _ in range(len(acquisition.blocks))]
         offset = round((started_ns - self._clock_ns) * 16 / 25)
-        tick = np.concatenate([np.empty(0, np.int64), *(block.hits.tick for block in blocks)]) + offset
-        index = np.concatenate([np.empty(0, np.uint16), *(block.hits.index for block in blocks)])
-        tot = np.concatenate([np.empty(0, np.uint16), *(block.hits.tot for block in blocks)])
-        latest_ns = self._clock_ns + int(tick.max()) * 25 // 16 if len(tick) else 0
-        end_ns = max(latest_ns - _DISORDER_NS, now_ns - HOLD_NS)
+        found = PixelHits.joined(block.hits for block in blocks)
+        hits = replace(found, tick=found.tick + offset)
+        latest_ns = self._clock_ns + int(hits.tick.max()) * 25 // 16 if len(hits) else 0
+        end_ns = max(latest_ns - DISORDER_NS, now_ns - HOLD_NS)
         if ended_ns is not None:
             end_ns = min(ended_ns, started_ns + acquisition.length_ns)
         start_ns, end_ns = self._start_ns, max(min(end_ns, now_ns), self._start_ns)
@@ -83,16 +81,14 @@ class AcquisitionReader:
         dead_ns = min(self._lost_ns, end_ns - start_ns)
         self._lost_ns -= dead_ns
         lost_hits = sum(block.lost_hits for block in blocks)
-        return Readout(
-            start_ns, end_ns, self._clock_ns, (end_ns - start_ns - dead_ns) * 1e-9, PixelHits(tick, index, tot), lost_hits
-        )
+        return Readout(start_ns, end_ns, self._clock_ns, (end_ns - start_ns - dead_ns) * 1e-9, hits, lost_hits)
 
 
 def block_of(columns: list[NDArray[np.int64]]) -> Block:
     """Pixels as Pixet's ``rawPixels`` gives them: matrix index, ToA, overflow, FToA and ToT, each (N,)."""
     index, toa, overflow, ftoa, tot = columns[:5]
     hit = (overflow == 0) & (index >= 0) & (index < 1 << 16)
-    lost_ns = 25 * int(toa[(overflow != 0) & (index == _LOST_END)].sum())
+    lost_ns = 25 * int(toa[(overflow != 0) & (index == LOST_END)].sum())
     tick = 16 * toa[hit] - ftoa[hit]
     hits = PixelHits(tick, index[hit].astype(np.uint16), tot[hit].astype(np.uint16))
     return Block(hits, len(index) - int(np.count_nonzero(hit)), lost_ns)

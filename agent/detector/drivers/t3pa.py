@@ -7,16 +7,12 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 
-import numpy as np
-
 from agent.detector.readout import PixelHits, Readout
-from agent.detector.t3pa import Piece, T3paReader
+from agent.detector.t3pa import DISORDER_NS, Piece, T3paReader
 from agent.errors import DetectorError
 
 SLICE_NS = 200_000_000
 _PIECE_BYTES = 1 << 16  # parsing holds the interpreter: 1 ms a piece
-_DISORDER_NS = 1_000_000  # by which a hit may follow a later one in the file
-_NO_HITS = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
 
 
 class RecordedDetector:
@@ -73,12 +69,12 @@ def playback(reader: T3paReader, start_ns: int, slice_ns: int = SLICE_NS) -> Ite
     """
     pieces = iter(reader)
     clock_ns: int | None = None
-    held = _NO_HITS
+    held = PixelHits.none()
     latest_ns, lost_ns, lost_hits = start_ns, 0, 0
     piece: Piece | None = None
     while True:
         end_ns = start_ns + slice_ns
-        while clock_ns is None or latest_ns - _DISORDER_NS < end_ns:
+        while clock_ns is None or latest_ns - DISORDER_NS < end_ns:
             piece = next(pieces, None)
             if piece is None:
                 break
@@ -89,19 +85,11 @@ def playback(reader: T3paReader, start_ns: int, slice_ns: int = SLICE_NS) -> Ite
             if clock_ns is None:
                 clock_ns = start_ns - int(piece.hits.tick.min()) * 25 // 16
             latest_ns = max(latest_ns, clock_ns + int(piece.hits.tick.max()) * 25 // 16)
-            held = _join(held, piece.hits)
+            held = PixelHits.joined((held, piece.hits))
         if clock_ns is None or (piece is None and not len(held)):
             return
         now = held.tick < ((end_ns - clock_ns) * 16 + 24) // 25
         dead_ns = min(lost_ns, slice_ns)
-        yield Readout(start_ns, end_ns, clock_ns, (slice_ns - dead_ns) * 1e-9, _take(held, now), lost_hits)
-        held = _take(held, ~now)
+        yield Readout(start_ns, end_ns, clock_ns, (slice_ns - dead_ns) * 1e-9, held.take(now), lost_hits)
+        held = held.take(~now)
         lost_ns, lost_hits, start_ns = lost_ns - dead_ns, 0, end_ns
-
-
-def _join(a: PixelHits, b: PixelHits) -> PixelHits:
-    return PixelHits(np.concatenate((a.tick, b.tick)), np.concatenate((a.index, b.index)), np.concatenate((a.tot, b.tot)))
-
-
-def _take(hits: PixelHits, which: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> PixelHits:
-    return PixelHits(hits.tick[which], hits.index[which], hits.tot[which])

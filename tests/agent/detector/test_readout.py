@@ -43,3 +43,13 @@ def test_a_flood_does_not_keep_the_loop_from_its_steps() -> None:
     chain.process(first_hits(flooded(1_000_000), MOST_HITS))
     assert time.process_time() - began_s < LATE_STEP_S
     assert chain.lost_hits >= 1_000_000 - MOST_HITS
+
+
+def test_hits_are_joined_and_taken_column_by_column() -> None:
+    hits = flooded(10).hits
+    parts = [hits.take(slice(4)), PixelHits.none(), hits.take(np.arange(10) >= 4)]
+    joined = PixelHits.joined(parts)
+    for column in ("tick", "index", "tot"):
+        assert getattr(joined, column).tolist() == getattr(hits, column).tolist()
+        assert getattr(joined, column).dtype == getattr(hits, column).dtype == getattr(PixelHits.joined([]), column).dtype
+    assert hits.take(np.array([7, 2])).tick.tolist() == [hits.tick[7], hits.tick[2]]
