@@ -1,4 +1,4 @@
-"""How wrong the vehicles' own localisation is: slowly wandering errors of position and attitude, and noise."""
+"""How wrong the vehicles' own localisation is: biases, slowly wandering errors of position and attitude, and noise."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ Degrees = Annotated[float, Meta(ge=0.0, le=45.0)]
 
 
 class LocalizationTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """1-sigma errors, each slowly varying unless said otherwise. Defaults: a real PX4's EKF against the truth."""
+    """1-sigma errors, each slowly varying unless said otherwise. Defaults: a real PX4's EKF against the truth.
+
+    The biases come on top of what wanders; each vehicle has its own, drawn once for the whole flight. All zero: ideal poses.
+    """
 
     horizontal_m: Metres = 0.13  # of the horizontal distance; each axis has 1/sqrt(2) of it
     vertical_m: Metres = 0.2
@@ -23,15 +26,29 @@ class LocalizationTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     tilt_deg: Degrees = 0.5  # of roll and of pitch
     correlation_s: Annotated[float, Meta(gt=0.0, le=1e6)] = 20.0
     velocity_mps: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.05  # of each axis, white
+    bias_m: Metres = 0.0  # of each horizontal axis, constant
+    bias_yaw_deg: Degrees = 0.0  # constant
+
+    @property
+    def told_horizontal_m(self) -> float:
+        """What an autopilot that knows how good it is tells of its accuracy: 1 sigma of the horizontal distance."""
+        return float(np.hypot(self.horizontal_m, 2.0**0.5 * self.bias_m))
+
+    @property
+    def told_yaw_deg(self) -> float:
+        """The same of its heading."""
+        return float(np.hypot(self.yaw_deg, self.bias_yaw_deg))
 
 
 class Localization:
-    """Errors of N vehicles (estimate minus truth), first-order Gauss-Markov, advanced in fixed steps."""
+    """Errors of N vehicles (estimate minus truth): biases and first-order Gauss-Markov, advanced in fixed steps."""
 
     def __init__(self, truth: LocalizationTruth, count: int, step_s: float, rng: np.random.Generator) -> None:
         horizontal, height = truth.horizontal_m / 2.0**0.5, truth.height_m / 2.0**0.5
         yaw, tilt = np.deg2rad(truth.yaw_deg), np.deg2rad(truth.tilt_deg)
-        self.position_sigma_m = (truth.horizontal_m, truth.vertical_m)  # as the autopilot's own filter would tell them
+        # As the autopilot's own filter would tell them.
+        self.position_sigma_m = (truth.told_horizontal_m, truth.vertical_m)
+        self.yaw_sigma_rad = float(np.deg2rad(truth.told_yaw_deg))
         self._sigma = np.array([horizontal, horizontal, truth.vertical_m, yaw, tilt, tilt, height])
         self._white_sigma = np.array([truth.velocity_mps, truth.velocity_mps, truth.velocity_mps, height])
         self._keep = float(np.exp(-step_s / truth.correlation_s))
@@ -39,11 +56,15 @@ class Localization:
         self._rng = rng
         self._error = self._sigma * rng.standard_normal((count, 7))
         self._white = self._white_sigma * rng.standard_normal((count, 4))
+        # From a stream of their own: the errors that wander are the same with biases and without.
+        bias = np.array([truth.bias_m, truth.bias_m, 0.0, np.deg2rad(truth.bias_yaw_deg)])
+        self._bias = bias * rng.spawn(1)[0].standard_normal((count, 4))
 
     @property
     def position_error_m(self) -> Array:
         """(N, 3), world axes."""
-        return self._error[:, :3]
+        error: Array = self._error[:, :3] + self._bias[:, :3]
+        return error
 
     @property
     def velocity_error_mps(self) -> Array:
@@ -53,7 +74,8 @@ class Localization:
     @property
     def yaw_error_rad(self) -> Array:
         """(N,)."""
-        return self._error[:, 3]
+        error: Array = self._error[:, 3] + self._bias[:, 3]
+        return error
 
     @property
     def tilt_error(self) -> Array:

@@ -96,7 +96,7 @@ def drone_config(
         vehicle_lag_s=scenario.vehicle_lag_s,
         mesh=PeerMeshConfig(endpoints=mesh),
         vehicle=VehicleConfig(
-            address=f"udpin://{LOCAL}:{mavlink}", position_sigma_m=error.horizontal_m, yaw_sigma_deg=error.yaw_deg
+            address=f"udpin://{LOCAL}:{mavlink}", position_sigma_m=error.told_horizontal_m, yaw_sigma_deg=error.told_yaw_deg
         ),
         detector=DetectorConfig() if feed is None else DetectorConfig(driver="feed", address=f"{LOCAL}:{feed}"),
         recorder=RecorderConfig(folder="flight"),
