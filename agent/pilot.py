@@ -21,7 +21,7 @@ from agent.errors import ConfigError
 from agent.exchange import LogExchange
 from agent.frames.graph import FrameGraph
 from agent.fusion.engine import Fusion
-from agent.fusion.estimator import Hypothesis
+from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.registry import estimator_named
 from agent.memory import Memory
 from agent.mission import Mission, Situation
@@ -110,6 +110,11 @@ class Pilot:
     def hypothesis(self) -> Hypothesis | None:
         """Where the source is believed to be; mission frame."""
         return self.fusion.hypothesis
+
+    @property
+    def outlook(self) -> Outlook | None:
+        """What is known while there is no hypothesis."""
+        return self.fusion.outlook
 
     @property
     def digest(self) -> str:

@@ -107,7 +107,7 @@ class Course:
         """From the start command to the end of the run, by the scenario's rules."""
         self._world.order(Order.GO)
         began_s = time.monotonic()
-        self._went_s, self._observer.entry = self._world.truth.time_s, self._recorder.hear
+        self._went_s, self._observer.entry = self._world.truth.time_s, self._recorder.take
         await self._command(Action.START, self._started, None)
         await self._until(lambda: self._over, None)
         result = self._recorder.result(self._seed, time.monotonic() - began_s)

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from agent.config import MissionConfig
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
-from protocol.keys import parse_key
-from protocol.messages import Cone, DroneMessage, Estimate, Stage, Status
+from protocol.messages import AnyDroneMessage, Cone, DroneMessage, Estimate, Stage, Status
 from sim.vehicle.px4.fleet import VehicleReport
 
 SILENT_S = 3.0  # a status comes each second: whoever says nothing for so long is not heard
@@ -25,6 +24,13 @@ class Belief:
 
     position: Array
     covariance: Array
+    activity_bq: float | None = None
+    activity_sigma_bq: float | None = None
+    evidence: float | None = None
+
+    def sight_of(self, drone: str) -> Belief:
+        """An estimate does not tell what each drone sees."""
+        return self
 
 
 class ObservedAgent:
@@ -58,6 +64,11 @@ class ObservedAgent:
         return self._belief
 
     @property
+    def outlook(self) -> None:
+        """What it knows without a hypothesis is not published."""
+        return None
+
+    @property
     def believed_s(self) -> float:
         """When the newest estimate came."""
         return self._believed_s
@@ -77,7 +88,10 @@ class ObservedAgent:
         elif isinstance(message, Estimate):
             xx, xy, xz, yy, yz, zz = message.covariance_m2
             covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            self.estimate, self._belief = message, Belief(np.array(message.position_m), covariance)
+            self.estimate = message
+            self._belief = Belief(
+                np.array(message.position_m), covariance, message.activity_bq, message.activity_sigma_bq, message.evidence
+            )
             self._believed_s = now_s
 
     def look(self, vehicle: VehicleReport, now_s: float, alive: bool) -> None:
@@ -117,23 +131,24 @@ class Observer:
         self._clock_s = clock_s
         self.agents = [ObservedAgent(drone.id) for drone in mission.drones]
         self._places = {drone.id: place for place, drone in enumerate(mission.drones)}
-        self.entry: Callable[[int, str, bytes], None] | None = None  # told of each cone and exposure, with the drone's place
+        self.entry: Callable[[int, AnyDroneMessage], None] | None = None  # told of each message, with the drone's place
         self.refused = 0  # messages that are none
 
     def receive(self, key: str, payload: bytes) -> None:
         """Take a message from the mesh."""
         try:
             message = decode_from(key, payload)
-            sender = parse_key(key).sender
         except ProtocolError:
             self.refused += 1
             return
-        place = self._places.get(sender)
-        if place is None or not isinstance(message, DroneMessage):
+        if not isinstance(message, AnyDroneMessage):
+            return
+        place = self._places.get(message.drone)
+        if place is None:
             return
         self.agents[place].hear(message, self._clock_s())
         if self.entry is not None:
-            self.entry(place, key, payload)
+            self.entry(place, message)
 
     def look(self, vehicles: Sequence[VehicleReport], alive: frozenset[str]) -> None:
         """See the vehicles, and whose liveliness token is there."""

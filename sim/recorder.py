@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from protocol.codec import decode
-from protocol.messages import Cone, Exposure, Stage
+from protocol.messages import AnyMessage, Cone, Exposure, Stage
 from sim.frame import LocalFrames
 from sim.result import ConeTrace, RunResult, Trace
 from sim.safety import OFF_GROUND_M, Safety
@@ -25,12 +25,24 @@ LOST_NO_CONE_S = 20.0
 Array = NDArray[np.float64]
 
 
+class Excluding(Protocol):
+    """What is known without a hypothesis."""
+
+    @property
+    def excluded_bq(self) -> float | None:
+        """A source of this activity or more would have been found; None: nothing is excluded yet."""
+
+
 class Believer(Protocol):
     """An estimator's belief at this moment."""
 
     @property
     def hypothesis(self) -> Belief | None:
         """Where it believes the source to be; None while it has no idea."""
+
+    @property
+    def outlook(self) -> Excluding | None:
+        """What is known while there is no hypothesis; None where there is one, or nothing is known of that."""
 
 
 class Agent(Believer, Protocol):
@@ -60,8 +72,11 @@ class Recorder:
         self._agents = agents
         self.area = Polygon(mission.area.polygon_m)
         self._safety = Safety(mission.area)
-        self._score = Score(mission.fusion.estimator)
-        self._listeners = {name: (Score(name), fusion) for name, fusion in listeners.items()}
+        drones = [drone.id for drone in mission.drones]
+        middle_s = (mission.track.duration_s or scenario.end.track_s) / 2.0
+        self._score = Score(mission.fusion.estimator, drones, middle_s)
+        self._listeners = {name: (Score(name, drones, middle_s), fusion) for name, fusion in listeners.items()}
+        self._estimated = mission.fusion.estimator != "given"
         self._search_began_s: float | None = None
         self._tracking_s = 0.0
         self._last_cone_s = 0.0
@@ -81,10 +96,12 @@ class Recorder:
         return f"{first.stage}{where}"
 
     def hear(self, drone: int, key: str, payload: bytes) -> None:
-        """Listen to what a drone publishes."""
-        if not key.endswith(("/cone", "/exposure")):
-            return
-        message = decode(payload)
+        """Listen to what a drone publishes, as it leaves."""
+        if key.endswith(("/cone", "/exposure")):
+            self.take(drone, decode(payload))
+
+    def take(self, drone: int, message: AnyMessage) -> None:
+        """Take a message of a drone."""
         if isinstance(message, Exposure):
             self._hits += message.counts.hits
         elif isinstance(message, Cone):
@@ -101,36 +118,51 @@ class Recorder:
                 )
             )
 
-    def sample(self, time_s: float, position: Array, velocity: Array, source: tuple[float, float] | None) -> bool:
-        """Look at the world after a tick; True when the run has ended."""
+    def sample(
+        self,
+        time_s: float,
+        position: Array,
+        velocity: Array,
+        source: tuple[float, float] | None,
+        position_error: Array | None = None,
+    ) -> bool:
+        """Look at the world after a tick; True when the run has ended.
+
+        position, velocity: (N, 3), true. position_error: (N, 3), measured minus true; None where it is not known.
+        """
         self._time_s = time_s
         self._ticks += 1
         stages = [agent.stage for agent in self._agents]
         self._safety.sample(position, stages)
         if self._search_began_s is None and any(stage in (Stage.SURVEY, *TRACKING) for stage in stages):
             self._search_began_s = time_s
-        if source is not None:
+        if source is not None or self._estimated:
             self._score.note_x0(time_s, self._agents[0].hypothesis, source)
-            for score, listener in self._listeners.values():
-                score.note_x0(time_s, listener.hypothesis, source)
+        for score, listener in self._listeners.values():
+            score.note_x0(time_s, listener.hypothesis, source)
         if self._ticks % SAMPLE_TICKS == 0 and position[:, 2].max() > OFF_GROUND_M:
-            self._record(time_s, position, velocity, source, stages)
+            self._record(time_s, position, velocity, source, position_error, stages)
         return self._over(time_s, stages)
 
     def _record(
-        self, time_s: float, position: Array, velocity: Array, source: tuple[float, float] | None, stages: list[Stage]
+        self,
+        time_s: float,
+        position: Array,
+        velocity: Array,
+        source: tuple[float, float] | None,
+        position_error: Array | None,
+        stages: list[Stage],
     ) -> None:
         beliefs = [agent.hypothesis for agent in self._agents]
         tracking = stages[0] in TRACKING
         if tracking:
             self._tracking_s += self._sample_s
         if tracking and source is not None:
-            for belief in beliefs:
-                self._score.sample(time_s, belief, source)
+            self._score.sample(self._tracking_s, beliefs, source, position_error)
             if self._scenario.end.lost == "error":
                 self._score.judge_by_error(time_s)
             for score, listener in self._listeners.values():
-                score.sample(time_s, listener.hypothesis, source)
+                score.sample(self._tracking_s, [listener.hypothesis] * len(beliefs), source, position_error)
                 score.judge_by_error(time_s)
         self._rows.append(Row.of(time_s, position, velocity, source, stages, beliefs))
 
@@ -153,21 +185,23 @@ class Recorder:
 
     def result(self, seed: int, wall_s: float) -> RunResult:
         """The record of the swarm's own estimator."""
-        return self._result(self._score, seed, wall_s)
+        return self._result(self._score, self._agents[0], seed, wall_s)
 
     def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
         """The records of the listening estimators."""
-        return {name: self._result(score, seed, wall_s) for name, (score, _) in self._listeners.items()}
+        return {name: self._result(score, fusion, seed, wall_s) for name, (score, fusion) in self._listeners.items()}
 
-    def _result(self, score: Score, seed: int, wall_s: float) -> RunResult:
+    def _result(self, score: Score, believer: Believer, seed: int, wall_s: float) -> RunResult:
         errors = np.array(score.errors_m)
+        sampled, outlook = score.sampled, believer.outlook
+        excluded_bq = outlook.excluded_bq if outlook is not None else None
         sim_s = round(self._time_s, 6)
         return RunResult(
             scenario=self._scenario.name,
             seed=seed,
             estimator=score.estimator,
             drones=len(self._agents),
-            time_to_x0_s=None if score.x0_s is None else round(score.x0_s - (self._search_began_s or 0.0), 6),
+            time_to_x0_s=None if score.x0_s is None else max(0.0, round(score.x0_s - (self._search_began_s or 0.0), 6)),
             x0_error_m=score.x0_error_m,
             tracking_time_s=round(self._tracking_s, 6),
             lost=score.lost,
@@ -182,6 +216,14 @@ class Recorder:
             sim_s=sim_s,
             wall_s=wall_s,
             realtime_factor=sim_s / wall_s,
+            error_relative_median_m=float(np.median(score.relative_m)) if score.relative_m else None,
+            x0_rms_m=score.x0_rms_m,
+            error_sample_m=sampled.error_m if sampled is not None else None,
+            nees_sample=sampled.nees if sampled is not None else None,
+            region=sampled.region if sampled is not None else None,
+            nothing_found=excluded_bq is not None,
+            excluded_bq=excluded_bq,
+            false_hypothesis=self._scenario.source is None and score.x0_s is not None,
         )
 
     def trace(self) -> Trace:

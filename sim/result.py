@@ -12,12 +12,29 @@ from numpy.typing import NDArray
 class RunResult(Struct, frozen=True, kw_only=True):
     """One flight. Errors are horizontal, over all tracking samples, lost runs included; truth is the simulation's.
 
+    time_to_x0_s: from the beginning of the search; 0 where it was declared on the way up.
+
     Safety is judged by true positions at every tick (20 Hz):
         min_separation_m: least horizontal distance of any two drones that are off the ground, climbs and landings included;
             None where no two ever were (a single drone).
         fence_breaches: how often a drone off the ground left the area with its margin or rose above the ceiling, or one that
             follows setpoints (survey, track, reacquire) sank below the floor.
         Off the ground is more than 0.5 m above it. There is no tolerance.
+
+    What the estimator claims against what is true:
+        error_relative_median_m: as error_median_m, but of where each vehicle's own localisation puts the source, which is what it
+            flies to, against the source as that localisation would see it (the truth and the vehicle's position error);
+            None where the position errors are not known.
+        x0_rms_m: horizontal RMS of the posterior when x0 was declared.
+        error_sample_m, nees_sample, region: of the first drone at one instant of the run, half-way through the tracking that the
+            scenario asks for (of a run that ends before: its last tracking sample). region: probability of the smallest region
+            of the posterior, as a Gaussian, that holds the truth: at most 0.9 where the truth is in the 90 % region.
+        bound_median_m: the least that error_median_m could be for the trajectories flown (``sim.bound``).
+
+    Of a flight that finds nothing:
+        nothing_found: what the estimator says in the end: no source, or none that is strong enough.
+        excluded_bq: then a source of this activity or more would have been found, wherever in the area.
+        false_hypothesis: there was a hypothesis although there is no source.
 
     ``wall_s`` and ``realtime_factor`` are the only fields that differ between two runs of one seed.
     """
@@ -41,6 +58,15 @@ class RunResult(Struct, frozen=True, kw_only=True):
     sim_s: float
     wall_s: float
     realtime_factor: float
+    error_relative_median_m: float | None = None
+    x0_rms_m: float | None = None
+    error_sample_m: float | None = None
+    nees_sample: float | None = None
+    region: float | None = None
+    bound_median_m: float | None = None
+    nothing_found: bool = False
+    excluded_bq: float | None = None
+    false_hypothesis: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,10 @@
-"""How good an estimator was: its errors against the truth, and whether it lost the source."""
+"""How good an estimator was: its errors against the truth, whether what it claims of them is true, whether it lost the source."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -10,6 +13,14 @@ from numpy.typing import NDArray
 LOST_ERROR_M = 20.0
 LOST_ERROR_S = 10.0
 Array = NDArray[np.float64]
+
+
+class Seen(Protocol):
+    """Where a drone's own localisation puts the source."""
+
+    @property
+    def position(self) -> Array:
+        """(3,) mission frame, metres."""
 
 
 class Belief(Protocol):
@@ -23,36 +34,96 @@ class Belief(Protocol):
     def covariance(self) -> Array:
         """(3, 3)."""
 
+    @property
+    def activity_bq(self) -> float | None:
+        """None where the estimator does not know."""
+
+    @property
+    def activity_sigma_bq(self) -> float | None:
+        """Of the activity."""
+
+    @property
+    def evidence(self) -> float | None:
+        """Natural logarithm of how much likelier the observations are with a source; None where the estimator does not know."""
+
+    def sight_of(self, drone: str) -> Seen:
+        """Where a drone's own localisation puts the source; the hypothesis itself where nothing is known of its bias."""
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """One tracking sample of the first drone: how far off it was, and the squared error in units of its covariance."""
+
+    error_m: float
+    nees: float | None
+
+    @property
+    def region(self) -> float | None:
+        """Probability of the smallest region of the posterior, a Gaussian over the plane, that still holds the truth.
+
+        A calibrated estimator's are uniform between 0 and 1: the truth is in the 90 % region where this is at most 0.9.
+        """
+        return None if self.nees is None else 1.0 - math.exp(-0.5 * self.nees)
+
 
 class Score:
-    """Errors of one estimator against the truth."""
+    """Errors of one estimator against the truth.
 
-    def __init__(self, estimator: str) -> None:
+    errors_m: horizontal, of all drones and tracking samples. relative_m: the same in each vehicle's own frame: of where it sees
+    the source, against where an error-free camera would see it, namely the truth shifted by the vehicle's position error.
+    sampled: one claim per run, at the first sample after ``sample_after_s`` of tracking; of a run that ends before, the last one.
+    """
+
+    def __init__(self, estimator: str, drones: Sequence[str], sample_after_s: float) -> None:
         self.estimator = estimator
         self.x0_s: float | None = None
         self.x0_error_m: float | None = None
+        self.x0_rms_m: float | None = None
         self.errors_m: list[float] = []
+        self.relative_m: list[float] = []
         self.nees: list[float] = []
+        self.sampled: Claim | None = None
         self.lost = False
+        self._drones = tuple(drones)
+        self._sample_after_s = sample_after_s
+        self._chosen = False
         self._bad_since_s: float | None = None
 
-    def note_x0(self, time_s: float, belief: Belief | None, source: tuple[float, float]) -> None:
-        """Take down when the first hypothesis came, and how good it was."""
-        if self.x0_s is None and belief is not None:
-            self.x0_s = time_s
-            self.x0_error_m = _offset(belief, source)[2]
-
-    def sample(self, time_s: float, belief: Belief | None, source: tuple[float, float]) -> None:
-        """One tracking sample; a believer without hypothesis has none."""
-        if belief is None:
+    def note_x0(self, time_s: float, belief: Belief | None, source: tuple[float, float] | None) -> None:
+        """Take down when the first hypothesis came, and how good it was; without a source there is none to compare with."""
+        if self.x0_s is not None or belief is None:
             return
-        dx, dy, error = _offset(belief, source)
-        self.errors_m.append(error)
-        cov = belief.covariance
-        a, b, c = float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])
-        determinant = a * c - b * b
-        if determinant > 0.0:
-            self.nees.append((c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / determinant)
+        self.x0_s = time_s
+        self.x0_rms_m = rms_m(belief)
+        if source is not None:
+            self.x0_error_m = math.hypot(*_offset(belief, source))
+
+    def sample(
+        self, tracked_s: float, beliefs: Sequence[Belief | None], source: tuple[float, float], position_error: Array | None
+    ) -> None:
+        """One tracking sample.
+
+        Args:
+            tracked_s: time of tracking until now.
+            beliefs: of each drone; a believer without hypothesis has no error.
+            source: true place.
+            position_error: (N, 3) of each vehicle's localisation, measured minus true; None where it is not known.
+        """
+        for place, belief in enumerate(beliefs):
+            if belief is None:
+                continue
+            dx, dy = _offset(belief, source)
+            self.errors_m.append(math.hypot(dx, dy))
+            nees = nees_of(belief, dx, dy)
+            if nees is not None:
+                self.nees.append(nees)
+            if position_error is not None:
+                seen = belief.sight_of(self._drones[place]).position
+                ex, ey = float(position_error[place, 0]), float(position_error[place, 1])
+                self.relative_m.append(math.hypot(float(seen[0]) - source[0] - ex, float(seen[1]) - source[1] - ey))
+            if place == 0 and not self._chosen:
+                self.sampled = Claim(self.errors_m[-1], nees)
+                self._chosen = tracked_s >= self._sample_after_s - 1e-9
 
     def judge_by_error(self, time_s: float) -> None:
         """Lost when the newest error has been above the limit for long."""
@@ -64,6 +135,20 @@ class Score:
             self.lost = True
 
 
-def _offset(belief: Belief, source: tuple[float, float]) -> tuple[float, float, float]:
-    dx, dy = float(belief.position[0]) - source[0], float(belief.position[1]) - source[1]
-    return dx, dy, (dx * dx + dy * dy) ** 0.5
+def rms_m(belief: Belief) -> float:
+    """Horizontal RMS of the posterior, metres."""
+    return math.sqrt(max(0.0, float(belief.covariance[0, 0] + belief.covariance[1, 1])))
+
+
+def nees_of(belief: Belief, dx: float, dy: float) -> float | None:
+    """Squared horizontal error (dx, dy) in units of the covariance; None where that is singular."""
+    cov = belief.covariance
+    a, b, c = float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])
+    determinant = a * c - b * b
+    if determinant <= 0.0:
+        return None
+    return (c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / determinant
+
+
+def _offset(belief: Belief, source: tuple[float, float]) -> tuple[float, float]:
+    return float(belief.position[0]) - source[0], float(belief.position[1]) - source[1]

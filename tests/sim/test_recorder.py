@@ -1,12 +1,14 @@
-"""Every run ends."""
+"""When a run ends, and what its result says of flights that find nothing."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from protocol.messages import Stage
 from sim.frame import LocalFrames
+from sim.observer import Belief
 from sim.recorder import Recorder
 from sim.scenario import load_scenario, override
 
@@ -15,8 +17,7 @@ from sim.scenario import load_scenario, override
 @pytest.mark.parametrize("duration_s", [60.0, 500.0])
 def test_a_drone_that_never_lands_ends_no_run(stage, duration_s):
     scenario = override(load_scenario("demo"), {"mission.track.duration_s": duration_s, "end.search_s": 100.0, "drones": 1})
-    belief = SimpleNamespace(position=np.zeros(3), covariance=np.eye(3))
-    pilot = SimpleNamespace(stage=Stage.SURVEY, hypothesis=belief, listeners={})
+    pilot = SimpleNamespace(stage=Stage.SURVEY, hypothesis=Belief(np.zeros(3), np.eye(3)), outlook=None)
     recorder = Recorder(scenario, [pilot], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05)
     position, velocity = np.array([[0.0, 0.0, 3.0]]), np.zeros((1, 3))
     assert not recorder.sample(1.0, position, velocity, (0.0, 0.0))
@@ -24,3 +25,44 @@ def test_a_drone_that_never_lands_ends_no_run(stage, duration_s):
     longest_s = 100.0 + max(180.0, duration_s) + 300.0
     assert not recorder.sample(1.0 + longest_s, position, velocity, (0.0, 0.0))
     assert recorder.sample(1.05 + longest_s, position, velocity, (0.0, 0.0))
+
+
+class Watched:
+    """An agent that surveys."""
+
+    def __init__(self):
+        self.stage, self.hypothesis, self.outlook = Stage.SURVEY, None, None
+
+
+def flown(agent, recorder, seconds):
+    position = np.array([[0.0, 0.0, 3.0]])
+    for tick in range(1, round(seconds / 0.05)):
+        recorder.sample(0.05 * tick, position, np.zeros((1, 3)), None, np.zeros((1, 3)))
+    return recorder.result(1, 1.0)
+
+
+def without_source(estimator="bayes"):
+    scenario = replace(override(load_scenario("demo"), {"drones": 1, "mission.fusion.estimator": estimator}), source=None)
+    agent = Watched()
+    return agent, Recorder(scenario, [agent], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05)
+
+
+def test_without_a_source_the_result_says_what_would_have_been_found():
+    agent, recorder = without_source()
+    agent.outlook = SimpleNamespace(excluded_bq=None)
+    assert not flown(agent, recorder, 1.0).nothing_found
+    agent.outlook = SimpleNamespace(excluded_bq=4e7)
+    result = flown(agent, recorder, 2.0)
+    assert (result.nothing_found, result.excluded_bq, result.false_hypothesis) == (True, 4e7, False)
+    assert (result.time_to_x0_s, result.error_median_m, result.region) == (None, None, None)
+
+
+def test_a_hypothesis_without_a_source_is_a_false_one_even_when_it_is_taken_back():
+    agent, recorder = without_source()
+    agent.hypothesis = Belief(np.zeros(3), np.eye(3))
+    flown(agent, recorder, 1.0)
+    agent.hypothesis, agent.outlook = None, SimpleNamespace(excluded_bq=4e7)
+    result = flown(agent, recorder, 2.0)
+    assert result.false_hypothesis
+    assert result.x0_rms_m == pytest.approx(2.0**0.5)
+    assert result.x0_error_m is None
