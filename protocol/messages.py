@@ -295,7 +295,7 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
 
 
 class Status(DroneMessage, frozen=True, kw_only=True):
-    """What a drone is doing, what it counted, and what is wrong with it."""
+    """What a drone is doing, what it counted, what is wrong with it, and what its search has ended with, if it has."""
 
     mission: MissionId
     boot: BootId
@@ -303,6 +303,7 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     battery: Probability | None = None
     counters: Annotated[dict[Annotated[str, Meta(max_length=64)], Count], Meta(max_length=64)] = {}
     problems: Annotated[tuple[Annotated[str, Meta(max_length=256)], ...], Meta(max_length=32)] = ()
+    finding: Annotated[str, Meta(max_length=256)] = ""
 
 
 class Command(Message, frozen=True, kw_only=True):
