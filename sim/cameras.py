@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 from agent.config import DroneConfig
 from agent.detector.readout import PixelHits, Readout
 from sim.frame import CameraMount
-from sim.radiation.camera import Camera, CameraTruth, SourceView
-from sim.scenario import SourceTruth
+from sim.radiation.camera import Camera, SourceView
+from sim.scenario import Scenario
+from sim.walls import concrete_m
 
 Array = NDArray[np.float64]
 
@@ -34,20 +36,18 @@ class Motion(Protocol):
 
 
 class Cameras:
-    """One camera on each of N vehicles, all looking at one source."""
+    """One camera on each of N vehicles, all looking at the scenario's source, past its walls; background alone without one."""
 
     def __init__(
-        self,
-        truth: CameraTruth,
-        source: SourceTruth,
-        drones: Sequence[DroneConfig],
-        rngs: Sequence[np.random.Generator],
-        clock_ns: int,
+        self, scenario: Scenario, drones: Sequence[DroneConfig], rngs: Sequence[np.random.Generator], clock_ns: int
     ) -> None:
         """``drones``: how each carries its camera. ``clock_ns``: UTC time at which the cameras' clocks were reset."""
-        self._activity_bq = source.activity_bq
+        source = scenario.source
+        self._activity_bq = 0.0 if source is None else source.activity_bq
+        nuclide = scenario.mission.nuclide if source is None else source.nuclide
+        self._walls = scenario.walls
         self._mounts = [CameraMount(drone.camera_rpy_deg) for drone in drones]
-        self._cameras = [Camera(truth, source.nuclide, rng, clock_ns) for rng in rngs]
+        self._cameras = [Camera(scenario.camera, nuclide, rng, clock_ns) for rng in rngs]
         self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
 
     def expose(self, drone: int, start_ns: int, end_ns: int, motion: Motion, source: tuple[float, float] | None) -> None:
@@ -55,28 +55,22 @@ class Cameras:
         views: tuple[SourceView, ...] = ()
         if source is not None:
             place, attitude = motion.position_m[drone], motion.quaternion(drone)
-            views = (self._mounts[drone].view(place, attitude, source, self._activity_bq),)
+            view = self._mounts[drone].view(place, attitude, source, self._activity_bq)
+            if self._walls:
+                x, y, z = place.tolist()
+                view = replace(view, concrete_m=concrete_m(self._walls, (x, y, z), (*source, 0.0)))
+            views = (view,)
         self._exposed[drone].append(self._cameras[drone].expose(start_ns, end_ns, views))
 
     def read_out(self, drone: int) -> Readout:
-        """What a camera saw since the last call; there must have been an exposure."""
-        readout = _joined(self._exposed[drone])
-        self._exposed[drone].clear()
-        return readout
+        """What a camera saw since the last call, as one readout; there must have been an exposure."""
+        slices, self._exposed[drone] = self._exposed[drone], []
+        first, last = slices[0], slices[-1]
+        live_s, lost = sum(part.live_time_s for part in slices), sum(part.lost_hits for part in slices)
+        hits = PixelHits.joined(part.hits for part in slices)
+        return Readout(first.start_ns, last.end_ns, first.clock_ns, live_s, hits, lost)
 
     def write_calibrations(self, folders: Sequence[Path]) -> None:
         """The files of each camera's own calibration, into its drone's folder."""
         for camera, folder in zip(self._cameras, folders, strict=True):
             camera.calibration.write(folder)
-
-
-def _joined(readouts: Sequence[Readout]) -> Readout:
-    """Consecutive readouts of one camera as one."""
-    hits = PixelHits(
-        np.concatenate([readout.hits.tick for readout in readouts]),
-        np.concatenate([readout.hits.index for readout in readouts]),
-        np.concatenate([readout.hits.tot for readout in readouts]),
-    )
-    first, last = readouts[0], readouts[-1]
-    live_s, lost = sum(readout.live_time_s for readout in readouts), sum(readout.lost_hits for readout in readouts)
-    return Readout(first.start_ns, last.end_ns, first.clock_ns, live_s, hits, lost)

@@ -74,10 +74,9 @@ def live(
     from sim.livereport import agreement  # noqa: PLC0415
     from sim.liveview import console_view  # noqa: PLC0415
     from sim.report import result_json, sentence, write_flight  # noqa: PLC0415
-    from sim.scenario import override  # noqa: PLC0415
+    from sim.scenario import chosen  # noqa: PLC0415
 
-    chosen = {"mission.fusion.estimator": estimator, "mission.encirclement.law": law}
-    flown = override(case.scenario, {key: name for key, name in chosen.items() if name is not None})
+    flown = chosen(case.scenario, estimator, law)
     with tempfile.TemporaryDirectory(prefix="radron-") if out is None else nullcontext(str(out)) as folder:
         with console_view(case.name) as view:
             flight, report = _run(fly_live(flown, seed, Path(folder), elsewhere, view))

@@ -27,7 +27,7 @@ from sim.localization import Localization
 from sim.radio import Radio
 from sim.recorder import LONGEST_START_S, Recorder
 from sim.result import Flight
-from sim.scenario import Scenario, override
+from sim.scenario import Scenario, chosen
 from sim.source import source_path
 from sim.streams import streams
 from sim.vehicle.autopilot import Autopilot
@@ -63,8 +63,7 @@ def fly(
     Raises:
         ConfigError: an estimator or law that is not known, or an estimator where the hypothesis is given.
     """
-    chosen = {"mission.fusion.estimator": estimator, "mission.encirclement.law": law}
-    world = _World(override(scenario, {key: name for key, name in chosen.items() if name is not None}), seed, listen)
+    world = _World(chosen(scenario, estimator, law), seed, listen)
     started = time.perf_counter()
     end = False
     while not end:
@@ -85,12 +84,11 @@ class _World:
         random = streams(seed, count)
         self.ticks = 0
         self._mission = mission
-        self._scenario = scenario
         self._frames = LocalFrames([(drone.origin_m, drone.yaw_deg) for drone in mission.drones])
         configs = [DroneConfig(id=drone.id, vehicle_lag_s=scenario.vehicle_lag_s) for drone in mission.drones]
         self._cameras: Cameras | None = None
-        if scenario.source is not None:
-            self._cameras = Cameras(scenario.camera, scenario.source, configs, random.cameras, EPOCH_NS)
+        if scenario.measured:
+            self._cameras = Cameras(scenario, configs, random.cameras, EPOCH_NS)
         with TemporaryDirectory() as folder:
             if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
                 configs = _calibrated(configs, self._cameras, Path(folder))
@@ -102,7 +100,6 @@ class _World:
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
         self._localization = Localization(scenario.localization, count, TICK_NS * 1e-9, random.localization)
         self._estimated = self._frames.local(position)
-        self._yaw_sigma_rad = float(np.deg2rad(scenario.localization.yaw_deg))
         self._autopilots = [
             Autopilot(home, -yaw, TICK_NS * 1e-9)
             for home, yaw in zip(self._estimated, self._frames.yaw_rad.tolist(), strict=True)
@@ -140,13 +137,14 @@ class _World:
             self._autopilots[drone].command(step.command)
         self._move()
         self.ticks += 1
-        return self.recorder.sample(self.time_s, self._multirotors.position_m, self._multirotors.velocity_mps, source)
+        motion, error = self._multirotors, self._localization
+        return self.recorder.sample(self.time_s, motion.position_m, motion.velocity_mps, source, error.position_error_m)
 
     def _sense(self, now_ns: int, source: tuple[float, float] | None) -> list[list[tuple[str, bytes]]]:
         """Telemetry and readouts to the pilots; returns what each publishes of its readout."""
         self._telemetry(now_ns)
         nothing: list[list[tuple[str, bytes]]] = [[] for _ in self._pilots]
-        if source is None or self._cameras is None:
+        if self._cameras is None:
             return nothing
         if self.ticks % EXPOSE_TICKS == EXPOSE_TICKS // 2:
             half_ns = EXPOSE_TICKS * TICK_NS // 2
@@ -173,8 +171,8 @@ class _World:
                     velocity_mps=velocities[drone],
                     quaternion=attitude(yaws[drone], *accelerations[drone]),
                     height_m=heights[drone],
-                    position_sigma_m=self._scenario.localization.horizontal_m,
-                    yaw_sigma_rad=self._yaw_sigma_rad,
+                    position_sigma_m=error.position_sigma_m[0],
+                    yaw_sigma_rad=error.yaw_sigma_rad,
                     mode=autopilot.mode,
                     armed=autopilot.armed,
                     in_air=autopilot.in_air,

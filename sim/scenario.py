@@ -12,7 +12,7 @@ import msgspec
 from msgspec import Meta, Struct
 from shapely import Polygon
 
-from agent.config import MissionConfig, Point2, convert
+from agent.config import MissionConfig, Point2, convert, read_toml
 from agent.errors import ConfigError
 from sim.launch import StartTruth
 from sim.localization import LocalizationTruth
@@ -20,6 +20,7 @@ from sim.radiation.camera import CameraTruth
 from sim.radiation.nuclides import NUCLIDES
 from sim.radio import RadioTruth
 from sim.vehicle.multirotor import MultirotorTruth
+from sim.walls import WallTruth
 
 LONGEST_TRACK_S = 36_000.0
 Duration = Annotated[float, Meta(gt=0.0, le=LONGEST_TRACK_S)]
@@ -89,6 +90,7 @@ class Scenario(_Section, frozen=True, kw_only=True):
     description: str
     mission: MissionConfig
     source: SourceTruth | None = None
+    walls: tuple[WallTruth, ...] = ()
     camera: CameraTruth = CameraTruth()
     vehicle: MultirotorTruth = MultirotorTruth()
     localization: LocalizationTruth = LocalizationTruth()
@@ -97,6 +99,11 @@ class Scenario(_Section, frozen=True, kw_only=True):
     end: EndTruth = EndTruth()
     # What the drone files say of the lag: the 0.38 s of PX4 on a circle and half a setpoint period of 0.05 s.
     vehicle_lag_s: Lag = 0.4
+
+    @property
+    def measured(self) -> bool:
+        """Whether the drones' cameras are read: also where there is no source, but not for a hypothesis that is given."""
+        return self.source is not None or self.mission.fusion.estimator != "given"
 
     def check(self, where: str) -> None:
         """Raise ConfigError where the values contradict each other."""
@@ -108,6 +115,8 @@ class Scenario(_Section, frozen=True, kw_only=True):
             self.source.check(Polygon(self.mission.area.polygon_m), where)
         if (self.mission.track.duration_s or 0.0) > LONGEST_TRACK_S:
             raise ConfigError(f"{where}: mission.track.duration_s: a simulated flight tracks for at most {LONGEST_TRACK_S:g} s")
+        for wall in self.walls:
+            wall.check(where)
         self.vehicle.check(where)
         self.start.check(self.mission, where)
 
@@ -156,6 +165,12 @@ def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:
     return _parse(document, where)
 
 
+def chosen(scenario: Scenario, estimator: str | None, law: str | None) -> Scenario:
+    """The scenario with another estimator and another flocking law, where these are given; errors as of ``override``."""
+    values = {"mission.fusion.estimator": estimator, "mission.encirclement.law": law}
+    return override(scenario, {key: name for key, name in values.items() if name is not None})
+
+
 _SHORT = {
     "radius_m": ("mission.encirclement.radius_m",),
     "speed_mps": ("mission.encirclement.speed_mps", "mission.survey.speed_mps"),
@@ -165,19 +180,19 @@ _SHORT = {
 
 
 def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, object]:
-    """A scenario document; ``base = "other"`` fills what a file does not say itself from a file beside it."""
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from None
-    base = document.pop("base", None)
-    if base is None:
-        return document
-    if not isinstance(base, str) or path in seen:
-        raise ConfigError(f"{path}: base: expected the name of another scenario in the same folder")
-    return _merge(_read(path.with_name(f"{base}.toml"), (*seen, path)), document)
+    """A scenario document. ``base = "other"`` fills what a file does not say itself from a file beside it; of several,
+    ``base = ["one", "other"]``, the later ones count where they say something else.
+    """
+    document = read_toml(path)
+    bases = document.pop("base", [])
+    if isinstance(bases, str):
+        bases = [bases]
+    if path in seen or not isinstance(bases, list) or not all(isinstance(base, str) for base in bases):
+        raise ConfigError(f"{path}: base: expected the name of another scenario in the same folder, or a list of names")
+    whole: dict[str, object] = {}
+    for base in bases:
+        whole = _merge(whole, _read(path.with_name(f"{base}.toml"), (*seen, path)))
+    return _merge(whole, document)
 
 
 def _merge(base: dict[str, object], over: dict[str, object]) -> dict[str, object]:

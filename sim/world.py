@@ -72,9 +72,10 @@ class World:
         self._vehicles, self._motion = _vehicles(config, position, random)
         self._cameras: Cameras | None = None
         self._path = None
-        if scenario.source is not None:
+        if scenario.measured:
             drones = [DroneConfig(id=drone.id) for drone in mission.drones]
-            self._cameras = Cameras(scenario.camera, scenario.source, drones, random.cameras, self._began_ns)
+            self._cameras = Cameras(scenario, drones, random.cameras, self._began_ns)
+        if scenario.source is not None:
             duration_s = LONGEST_START_S + scenario.end.longest_s(mission)
             self._path = source_path(scenario.source, Polygon(mission.area.polygon_m), duration_s, random.source)
         self._feeds = [FeedServer() for _ in mission.drones if self._cameras is not None]

@@ -45,7 +45,7 @@ class Order(StrEnum):
 
 
 class Ready(Struct, frozen=True, tag="ready"):
-    """The world is up. ``feed_ports``: of each vehicle's camera; empty where there is no source."""
+    """The world is up. ``feed_ports``: of each vehicle's camera; empty where nobody reads them."""
 
     feed_ports: tuple[int, ...]
 

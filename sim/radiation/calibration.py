@@ -30,14 +30,18 @@ class PixelCalibration:
 
     @classmethod
     def draw(cls, truth: CameraTruth, rng: np.random.Generator) -> PixelCalibration:
-        """A camera with the truth's spread and error; draws from rng only where these are not zero."""
+        """A camera with the truth's spread, error and gain; draws from rng only where the first two are not zero.
+
+        The gain is drawn from a stream that is split off from rng.
+        """
         count = SENSOR_PIXELS**2
 
         def vary(nominal: float, spread: float) -> FloatArray:
             return np.full(count, nominal) if spread == 0.0 else nominal * (1.0 + spread * rng.standard_normal(count).clip(-4, 4))
 
         a, b, c, t = (vary(value, truth.calibration_spread) for value in (NOMINAL_A, NOMINAL_B, NOMINAL_C, NOMINAL_T))
-        return cls(a, b, c, t, a * vary(1.0, truth.calibration_error))
+        gain = np.exp(truth.energy_gain_spread * rng.spawn(1)[0].standard_normal())
+        return cls(a, b, c, t, a * vary(1.0, truth.calibration_error) * gain)
 
     def write(self, folder: Path) -> None:
         """Write a.txt, b.txt, c.txt and t.txt, 256 lines of 256 numbers, the lowest row first."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 
 import numpy as np
@@ -14,8 +14,10 @@ from agent.detector.readout import Readout
 from sim.radiation._jit import jit
 from sim.radiation.bank import BACKGROUND_BIN, SCATTERED_BIN, near_bin
 from sim.radiation.calibration import PixelCalibration
+from sim.radiation.concrete import concrete_attenuation_per_m
 from sim.radiation.electronics import Electronics
 from sim.radiation.events import KINDS
+from sim.radiation.individual import Individual
 from sim.radiation.materials import air_attenuation_per_m
 from sim.radiation.nuclides import nuclide as nuclide_of
 from sim.radiation.store import load_bank
@@ -29,15 +31,21 @@ _NEAREST_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class SourceView:
-    """A source as a camera sees it at its true pose. direction: unit vector from camera to source, camera frame."""
+    """A source as a camera sees it at its true pose. direction: unit vector from camera to source, camera frame.
+
+    concrete_m: length of concrete between them.
+    """
 
     direction: tuple[float, float, float]
     distance_m: float
     activity_bq: float
+    concrete_m: float = 0.0
 
 
 class Camera:
     """A MiniPIX TPX3 that looks at sources of one nuclide, with background, scatter, air and electronics.
+
+    Concrete and the vehicle's body weaken the direct photons alone: what is scattered comes from everywhere, around them too.
 
     Args:
         truth: what is true of the camera.
@@ -59,9 +67,11 @@ class Camera:
         self._kind = np.ascontiguousarray(np.cumsum(self._bank.area_mm2, axis=1) / total)
         self._attenuation = np.array([air_attenuation_per_m(energy) for energy, _ in lines])
         self._least_attenuation = float(self._attenuation.min())
+        self._concrete = np.array([concrete_attenuation_per_m(energy) for energy, _ in lines])
+        self._own = Individual(truth, rng)
         self._electronics = Electronics(truth, rng, clock_ns)
         # No event, but the compiled functions are then in memory: that takes longer than a second of exposures.
-        self._record(clock_ns, clock_ns, np.empty((0, 5)), [1.0], [BACKGROUND_BIN], [], ())
+        self._record(clock_ns, clock_ns, np.empty((0, 5)), [1.0], [BACKGROUND_BIN], [], np.empty((0, len(lines))))
 
     @property
     def calibration(self) -> PixelCalibration:
@@ -69,29 +79,45 @@ class Camera:
         return self._electronics.calibration
 
     def expose(self, start_ns: int, end_ns: int, views: Sequence[SourceView]) -> Readout:
-        """All hits of [start_ns, end_ns), UTC, with the sources seen as ``views`` all the while; Poisson in number."""
-        rng, truth = self._rng, self._truth
+        """All hits of [start_ns, end_ns), UTC, with the sources seen as ``views`` all the while; Poisson in number.
+
+        A clock that is off shifts all stamps of the readout by the same time.
+        """
+        rng, truth, own = self._rng, self._truth, self._own
         bins: list[int] = []
         symmetries: list[int] = []
         rates: list[float] = []
+        excess = np.empty((len(views), len(self._attenuation)))  # optical depth of each line beyond the least
         scattered = 0.0
-        for view in views:
+        for k, view in enumerate(views):
             distance_m = max(view.distance_m, _NEAREST_M)
             place, symmetry = near_bin(view.direction, rng.random(), rng.random())
             depth = self._least_attenuation * distance_m
             per_mm2 = view.activity_bq * math.exp(-depth) / (4e6 * math.pi * distance_m * distance_m)
-            rate = per_mm2 * self._area_mm2[place]
+            rate = own.sensitivity * per_mm2 * self._area_mm2[place]
+            depths = self._attenuation * distance_m + self._concrete * view.concrete_m
+            least = float(depths.min())
+            excess[k] = depths - least
             bins.append(place)
             symmetries.append(symmetry)
-            rates.append(rate)
+            rates.append(rate * own.past_body(view.direction) * math.exp(depth - least))
             scattered += rate * (truth.scatter_near + truth.scatter_air * depth)
+        span_s = (end_ns - start_ns) * 1e-9
         bins += (SCATTERED_BIN, BACKGROUND_BIN)
-        rates += (scattered, truth.background_hits_per_s)
+        rates += (scattered, truth.background_hits_per_s * own.sensitivity * own.background(span_s))
         cumulative = list(accumulate(rates))
-        count = int(rng.poisson(cumulative[-1] * (end_ns - start_ns) * 1e-9))
+        count = int(rng.poisson(cumulative[-1] * span_s))
         if count == 0:
-            return self._electronics.empty(start_ns, end_ns)
-        return self._record(start_ns, end_ns, rng.random((count, 5)), cumulative, bins, symmetries, views)
+            return self._stamped(self._electronics.empty(start_ns, end_ns))
+        return self._stamped(self._record(start_ns, end_ns, rng.random((count, 5)), cumulative, bins, symmetries, excess))
+
+    def _stamped(self, readout: Readout) -> Readout:
+        """With the times that the camera's own clock gives."""
+        offset_ns = self._own.clock_offset_ns
+        if offset_ns == 0:
+            return readout
+        start_ns, end_ns, clock_ns = (time + offset_ns for time in (readout.start_ns, readout.end_ns, readout.clock_ns))
+        return replace(readout, start_ns=start_ns, end_ns=end_ns, clock_ns=clock_ns)
 
     def _record(
         self,
@@ -101,10 +127,11 @@ class Camera:
         cumulative: list[float],
         bins: list[int],
         symmetries: list[int],
-        views: Sequence[SourceView],
+        excess: NDArray[np.float64],
     ) -> Readout:
         """Hits of as many events as ``u`` (N, 5) has rows of uniform numbers; the lists hold one item for each view, then for
-        scatter and background (without a symmetry, which is drawn for each event)."""
+        scatter and background (without a symmetry, which is drawn for each event). ``excess`` (views, lines): optical depth
+        of what lies between, beyond that of the most penetrating line."""
         bank = self._bank
         first_tick, last_tick = self._electronics.ticks(start_ns, end_ns)
         event, symmetry, tick = _pick(
@@ -112,8 +139,7 @@ class Camera:
             np.array(cumulative),
             np.array(bins),
             np.array(symmetries, np.int64),
-            np.array([view.distance_m for view in views]),
-            self._attenuation,
+            excess,
             self._kind,
             bank.start,
             bank.count,
@@ -130,8 +156,7 @@ def _pick(
     cumulative: NDArray[np.float64],
     bins: NDArray[np.int64],
     symmetries: NDArray[np.int64],
-    distance_m: NDArray[np.float64],
-    attenuation_per_m: NDArray[np.float64],
+    excess: NDArray[np.float64],
     kind_cumulative: NDArray[np.float64],
     start: NDArray[np.int64],
     count: NDArray[np.int64],
@@ -141,12 +166,11 @@ def _pick(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Draw events: (N,) bank indices, symmetries and ticks from (N, 5) uniform numbers.
 
-    The rates count the air's transmission of the most penetrating line; events of other lines are thinned out to theirs.
+    The rates count the transmission of the most penetrating line; events of other lines are thinned out to theirs.
     """
     event = np.empty(len(u), np.int64)
     symmetry = np.empty(len(u), np.int64)
     tick = np.empty(len(u), np.int64)
-    least = attenuation_per_m.min()
     size = 0
     for n in range(len(u)):
         origin = min(np.searchsorted(cumulative, u[n, 0] * cumulative[-1], side="right"), len(bins) - 1)
@@ -158,7 +182,7 @@ def _pick(
             continue
         chosen = start[place, kind] + int(u[n, 2] * count[place, kind])
         if origin < len(symmetries):
-            keep = np.exp((least - attenuation_per_m[line[chosen]]) * distance_m[origin])
+            keep = np.exp(-excess[origin, line[chosen]])
             symmetry[size] = symmetries[origin]
         else:
             keep = 1.0

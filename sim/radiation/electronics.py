@@ -33,7 +33,7 @@ class Electronics:
 
     def empty(self, start_ns: int, end_ns: int) -> Readout:
         """A readout without hits."""
-        return Readout(start_ns, end_ns, self._clock_ns, (end_ns - start_ns) * 1e-9, _NO_HITS)
+        return Readout(start_ns, end_ns, self._clock_ns, (end_ns - start_ns) * 1e-9, PixelHits.none())
 
     def read_out(
         self,
@@ -58,11 +58,8 @@ class Electronics:
         count = len(ticks)
         if count <= capacity:
             return Readout(start_ns, end_ns, self._clock_ns, span_s, PixelHits(ticks, index, tot))
-        kept = PixelHits(ticks[:capacity], index[:capacity], tot[:capacity])
+        kept = PixelHits(ticks, index, tot).take(slice(capacity))
         return Readout(start_ns, end_ns, self._clock_ns, span_s * capacity / count, kept, count - capacity)
-
-
-_NO_HITS = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
 
 
 @jit

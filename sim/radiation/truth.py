@@ -32,6 +32,15 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         background_hits_per_s: hits from the surroundings, without the source.
         scatter_near, scatter_air: hits by photons scattered in ground, mount and air, as a share of the direct ones:
             near + air * mu d, with mu the air's attenuation coefficient and d the distance.
+
+    What nobody on board knows, drawn anew for each camera and flight; all off by default:
+        sensitivity_spread: relative standard deviation of what a camera counts, of the source and of the background alike.
+        energy_gain_spread: relative standard deviation of the slope of its energies from the calibration files'.
+        background_drift: standard deviation of the logarithm of the background's rate, which wanders about the configured one
+            with the correlation time background_drift_s.
+        shadow: share of the direct photons that the vehicle's body takes off along the line through its middle. The body is a
+            ball behind the camera (around -z), seen from it under shadow_half_angle_deg to each side.
+        clock_offset_s: the camera's clock is off from the vehicle's by a constant, drawn evenly from minus to plus this.
     """
 
     drift_ns: Positive = 86.0
@@ -49,3 +58,11 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     background_hits_per_s: Annotated[float, Meta(ge=0.0, le=1e5)] = 1.5
     scatter_near: NonNegative = 0.2
     scatter_air: NonNegative = 0.8
+
+    sensitivity_spread: Annotated[float, Meta(ge=0.0, le=0.3)] = 0.0
+    energy_gain_spread: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.0
+    background_drift: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.0
+    background_drift_s: Annotated[float, Meta(gt=0.0, le=1e6)] = 120.0
+    shadow: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
+    shadow_half_angle_deg: Annotated[float, Meta(gt=0.0, lt=90.0)] = 35.0
+    clock_offset_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0

@@ -1,11 +1,21 @@
+from pathlib import Path
+
+import msgspec
+import numpy as np
 import pytest
+from shapely import Point, Polygon
 
 from agent.errors import ConfigError
+from sim.localization import LocalizationTruth
 from sim.scenario import load_scenario, override, shipped
+from sim.source import source_path
 
 NAMES = {
     "paper-static-solo", "paper-static-swarm", "paper-moving-solo", "paper-moving-swarm", "stabilization",
     "field-179MBq", "field-2GBq", "field-2GBq-moving", "demo",
+    "ideal-static-solo", "ideal-static-swarm", "ideal-moving-solo", "ideal-moving-swarm",
+    "biased-static-solo", "biased-static-swarm", "biased-moving-solo", "biased-moving-swarm",
+    "fast-2mps", "fast-3mps", "weak-179MBq", "empty", "empty-bright",
 }  # fmt: skip
 
 
@@ -20,8 +30,55 @@ def test_solo_and_swarm_differ_in_the_number_of_drones():
     assert len(load_scenario("paper-static-swarm").mission.drones) == 3
 
 
+@pytest.mark.parametrize("kind", ["static-solo", "static-swarm", "moving-solo", "moving-swarm"])
+def test_ideal_scenarios_are_the_papers_but_for_the_poses_and_who_estimates(kind):
+    paper, ideal = load_scenario(f"paper-{kind}"), load_scenario(f"ideal-{kind}")
+    perfect = LocalizationTruth(horizontal_m=0, vertical_m=0, height_m=0, yaw_deg=0, tilt_deg=0, velocity_mps=0)
+    assert ideal.localization == perfect
+    assert ideal.end.lost == "error"
+    mission = override(paper, {"mission.fusion.estimator": "bayes"}).mission
+    same = {"name": ideal.name, "description": ideal.description, "localization": perfect, "end": ideal.end}
+    assert ideal == msgspec.structs.replace(paper, mission=mission, **same)
+
+
+def test_biased_scenarios_add_to_the_ideal_ones_what_nobody_on_board_knows():
+    ideal, biased = load_scenario("ideal-moving-solo"), load_scenario("biased-moving-solo")
+    assert (biased.localization.bias_m, biased.localization.bias_yaw_deg) == (1.0, 3.0)
+    assert biased.mission == ideal.mission
+    assert biased.source == ideal.source
+    assert biased.camera != ideal.camera
+
+
+@pytest.mark.parametrize(("name", "speed_mps"), [("fast-2mps", 2.0), ("fast-3mps", 3.0)])
+def test_a_fast_source_always_moves_at_its_speed(name, speed_mps):
+    scenario = load_scenario(name)
+    area = Polygon(scenario.mission.area.polygon_m)
+    path = source_path(scenario.source, area, 100.0, np.random.default_rng(1))
+    track = np.array([path(t) for t in np.arange(0.0, 100.0, 0.1)])
+    np.testing.assert_allclose(np.hypot(*np.diff(track, axis=0).T) / 0.1, speed_mps, rtol=0.01)
+    assert all(area.contains(Point(xy)) for xy in track)
+
+
+def test_a_scenario_on_several_others_takes_what_the_later_ones_say(tmp_path):
+    path = write(tmp_path, "")
+    (tmp_path / "one.toml").write_text('base = "base"\n[source]\nactivity_bq = 2e9\nmotion = "circle"\n[radio]\nloss = 0.1')
+    (tmp_path / "other.toml").write_text("[source]\nactivity_bq = 3e9\n[end]\nsearch_s = 5.0")
+    Path(path).write_text('base = ["one", "other"]\n[end]\ntrack_s = 6.0')
+    found = load_scenario(path)
+    assert (found.source.activity_bq, found.source.motion, found.radio.loss) == (3e9, "circle", 0.1)
+    assert (found.end.search_s, found.end.track_s) == (5.0, 6.0)
+
+
+@pytest.mark.parametrize("base", ["3", "[3]", '"scenario"', '["base", "scenario"]'])
+def test_a_base_that_is_none(tmp_path, base):
+    path = write(tmp_path, "")
+    Path(path).write_text(f"base = {base}")
+    with pytest.raises(ConfigError, match=r"scenario.toml: base: expected the name of another scenario"):
+        load_scenario(path)
+
+
 def test_unknown_name_lists_the_shipped_ones():
-    with pytest.raises(ConfigError, match="unknown scenario 'nope'; shipped: demo, field-179MBq"):
+    with pytest.raises(ConfigError, match=r"unknown scenario 'nope'; shipped: biased-moving-solo, .*paper-static-swarm"):
         load_scenario("nope")
 
 

@@ -18,7 +18,6 @@ from sim.vehicle.px4.config import Address
 from sim.vehicle.px4.fleet import VehicleReport
 from sim.vehicle.px4.modes import Mode
 
-PORT = 14550
 HEARTBEAT_S = 1.0
 _SYSTEM_ID = 255
 _LONGEST = 65_536

@@ -1,0 +1,47 @@
+"""What sets one simulated camera apart from what is assumed of it: sensitivity, drift of the background, shadow, clock."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sim.radiation.truth import CameraTruth
+
+
+class Individual:
+    """One camera's own. Drawn from a stream of its own: what is switched on here draws nothing else of a flight anew.
+
+    sensitivity: factor of all that it counts. clock_offset_ns: its clock's time minus the vehicle's.
+    """
+
+    def __init__(self, truth: CameraTruth, rng: np.random.Generator) -> None:
+        """``rng``: the camera's; a stream is split off from it, and it is left as it was."""
+        self._truth = truth
+        self._rng = rng.spawn(1)[0]
+        self.sensitivity = math.exp(truth.sensitivity_spread * self._rng.standard_normal())
+        self.clock_offset_ns = round(self._rng.uniform(-1.0, 1.0) * truth.clock_offset_s * 1e9)
+        self._log_background = truth.background_drift * self._rng.standard_normal()
+        self._least_cosine = math.cos(math.radians(truth.shadow_half_angle_deg))
+
+    def background(self, span_s: float) -> float:
+        """Factor of the background's rate, after so much time has passed: first-order Gauss-Markov in its logarithm."""
+        truth = self._truth
+        if truth.background_drift == 0.0:
+            return 1.0
+        keep = math.exp(-span_s / truth.background_drift_s)
+        kick = truth.background_drift * math.sqrt(1.0 - keep * keep)
+        self._log_background = keep * self._log_background + kick * self._rng.standard_normal()
+        return math.exp(self._log_background)
+
+    def past_body(self, direction: tuple[float, float, float]) -> float:
+        """Share of the photons from a direction (unit vector, camera frame) that the vehicle's body lets pass.
+
+        The body is a ball, so the way through it at an angle a off its middle is sqrt(1 - (sin a / sin A)^2) of that through
+        the middle, with A the half angle under which it is seen.
+        """
+        cosine = -direction[2]
+        if self._truth.shadow == 0.0 or cosine <= self._least_cosine:
+            return 1.0
+        way = math.sqrt(max(0.0, 1.0 - (1.0 - cosine * cosine) / (1.0 - self._least_cosine**2)))
+        return float((1.0 - self._truth.shadow) ** way)
