@@ -12,7 +12,8 @@ from sim.scenario import EDGE_M, SourceTruth
 
 Place = tuple[float, float]
 Path = Callable[[float], Place]  # time in seconds -> x, y in the mission frame
-_STRETCH_S = (4.0, 12.0)  # a wandering source keeps speed and curvature for so long
+STRETCH_S = (4.0, 12.0)  # a wandering source keeps speed and curvature for so long
+TURN_RPS = 0.3  # at most, of a curved stretch
 _WANDER_STEP_S = 0.1
 
 
@@ -58,9 +59,9 @@ def _wander(source: SourceTruth, area: Polygon, start: Place, duration_s: float,
     for step in range(steps):
         track[step] = x, y
         if left_s <= 0.0:
-            left_s = float(rng.uniform(*_STRETCH_S))
+            left_s = float(rng.uniform(*STRETCH_S))
             speed = source.speed_mps * float(rng.uniform(source.slowest, 1.0))
-            turn = 0.0 if rng.random() < 0.5 else float(rng.uniform(-0.3, 0.3))
+            turn = 0.0 if rng.random() < 0.5 else float(rng.uniform(-TURN_RPS, TURN_RPS))
         if not inner.contains(Point(x, y)):
             inward = float(np.arctan2(middle.y - y, middle.x - x))
             error = (inward - heading + pi) % (2.0 * pi) - pi
