@@ -44,19 +44,35 @@ class AreaConfig(_Section, frozen=True, kw_only=True):
 
 
 class SurveyConfig(_Section, frozen=True, kw_only=True):
-    """The search before there is a hypothesis (paper, Sec. V-A)."""
+    """The search before there is a hypothesis.
+
+    ``strategy``: ``information`` flies to where most is learnt, at ``search_speed_mps``; ``lanes`` covers the area, at
+    ``speed_mps`` (paper, Sec. V-A), and is flown in any case where the estimator has no outlook, and by the flocking law ``paper``.
+    Nothing is found once every source of ``least_activity_bq`` or more is excluded (none: never), or when the search has lasted
+    ``duration_s`` (none: as long as it takes). ``then`` the swarm returns, or goes on searching.
+    """
 
     height_m: Positive = 3.0
     speed_mps: Positive = 3.0
     lane_spacing_m: Annotated[float, Meta(ge=0.5, le=1000.0)] = 10.0
     yaw_rate_rps: Annotated[float, Meta(ge=-6.3, le=6.3)] = 0.5
+    strategy: Literal["information", "lanes"] = "information"
+    search_speed_mps: Positive = 5.5
+    least_activity_bq: Activity | None = 1e8
+    duration_s: Positive | None = None
+    then: Literal["return", "continue"] = "return"
 
 
 class EncirclementConfig(_Section, frozen=True, kw_only=True):
-    """The circular flight around the hypothesis (paper, Sec. V-C). ``law``: the paper's, or the smooth one."""
+    """The circular flight around the hypothesis (paper, Sec. V-C). ``law``: the paper's, or the smooth one.
+
+    By the smooth law, and with an estimator that knows how sure it is, the radius is ``nearest_m`` and the hypothesis' RMS
+    together, ``radius_m`` at most, and the height is in proportion to it, ``height_m`` at ``radius_m``.
+    """
 
     law: Literal["paper", "smooth"] = "smooth"
     radius_m: Positive = 12.0
+    nearest_m: Positive = 5.0
     speed_mps: Positive = 3.0
     height_m: Positive = 3.0
     steps: Annotated[int, Meta(ge=2, le=63)] = 30  # K
@@ -137,10 +153,14 @@ class DetectionConfig(_Section, frozen=True, kw_only=True):
 
 
 class TrackConfig(_Section, frozen=True, kw_only=True):
-    """When tracking ends: after ``duration_s`` the swarm returns; after ``no_cone_timeout_s`` without a cone it searches
-    again, outward from where the source was last believed to be, the circle growing by ``widening_mps``.
+    """When tracking ends: after ``duration_s`` the swarm returns.
+
+    When the source counts as lost: by an estimator that knows how sure it is, where the hypothesis' RMS is above ``lost_rms_m``;
+    then the swarm encircles what is left of it as widely as that. By any other one, after ``no_cone_timeout_s`` without a cone;
+    then it searches outward from where the source was last believed to be, the circle growing by ``widening_mps``.
     """
 
+    lost_rms_m: Positive = 15.0
     no_cone_timeout_s: Positive | None = 20.0
     widening_mps: NonNegative = 0.5
     duration_s: Positive | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from agent.config import TrackConfig
+from agent.config import SurveyConfig, TrackConfig
 from agent.memory import REFRESH_NS, Memory
 from agent.vehicle.interface import FlightMode, Request, Vector3, VehicleState
 from protocol.messages import Action, Stage
@@ -13,6 +13,7 @@ SEARCHING = (Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 STEERED = (*SEARCHING, Stage.RETURN)  # the stages that fly by setpoints, keeping clear of each other
 FLYING = (*STEERED, Stage.TAKEOFF, Stage.HOLD, Stage.LANDING, Stage.ABORT)
 TAKEOVER_NS = 1_500_000_000  # a heartbeat is up to 1 s old: wait longer before believing that somebody took over
+_FOUND_AGAIN = 0.7  # of the RMS at which the source counts as lost: it is not lost and found in turns
 REJOIN_NS = 5_000_000_000  # the time that a restarted agent has to get the vehicle out of its failsafe
 
 _REQUESTS = {
@@ -47,6 +48,8 @@ class Situation(Struct, frozen=True):
     """What a decision rests on. ``last_cone_ns``: newest cone in the log, of whomever; 0 where there is none.
 
     ``at_home``: the drone hovers over the place where it took off. ``problems``: what stands against a start.
+    ``rms_m``: of the hypothesis, by an estimator that knows how sure it is; else None. ``nothing_found``: there is no source, as
+    far as the team wants to know.
     """
 
     now_ns: int
@@ -55,23 +58,27 @@ class Situation(Struct, frozen=True):
     last_cone_ns: int
     at_home: bool
     problems: tuple[str, ...] = ()
+    rms_m: float | None = None
+    nothing_found: bool = False
 
 
 class Mission:
     """The stage of one drone and its history."""
 
-    def __init__(self, track: TrackConfig, can_lose: bool = True) -> None:
-        """``can_lose``: the hypothesis rests on cones, and is doubted when they stay away."""
+    def __init__(self, track: TrackConfig, survey: SurveyConfig | None = None, can_lose: bool = True) -> None:
+        """``can_lose``: the hypothesis rests on measurements, and is doubted when they stay away."""
         self.stage = Stage.PREFLIGHT
         self.since_ns = 0  # when the present stage began
         self.started_ns = 0  # stamp of the start command
         self.tracking_since_ns: int | None = None
         self._track = track
-        self._timeout_s = track.no_cone_timeout_s if can_lose else None
+        self._gives_up = survey is not None and survey.then == "return"
+        self._can_lose = can_lose
         self.resume = Stage.SURVEY  # where a hold leads on to
         self.released = False  # somebody else has taken over
         self._foreign_since_ns: int | None = None
         self._rejoining_until_ns = 0
+        self._search_since_ns: int | None = None
         self._was_armed = self._was_offboard = False
         self._obeyed_ns = -1
 
@@ -117,6 +124,10 @@ class Mission:
         if action is Action.HOLD and self.stage not in (Stage.TAKEOFF, *STEERED):
             return f"hold: not possible in {self.stage}"
         return None
+
+    def searched_s(self, now_ns: int) -> float:
+        """How long the present search has lasted, holds included; 0 before it."""
+        return (now_ns - self._search_since_ns) * 1e-9 if self._search_since_ns is not None else 0.0
 
     def memory(self, mission_id: str, home_m: Vector3 | None, now_ns: int) -> Memory | None:
         """What a restarted agent must know to go on; None on the ground."""
@@ -176,19 +187,32 @@ class Mission:
         if self.stage is Stage.SURVEY:
             if situation.has_hypothesis:
                 self._enter(Stage.TRACK, now_ns)
+            elif situation.nothing_found and self._gives_up:
+                self._enter(Stage.RETURN, now_ns)
             return
         if not situation.has_hypothesis:  # a late entry can take the hypothesis back
             self._enter(Stage.SURVEY, now_ns)
             return
         assert self.tracking_since_ns is not None
-        duration_s, timeout_s = self._track.duration_s, self._timeout_s
+        duration_s = self._track.duration_s
         if duration_s is not None and now_ns - self.tracking_since_ns > duration_s * 1e9:
             self._enter(Stage.RETURN, now_ns)
-        elif timeout_s is not None:
-            lost = now_ns - max(situation.last_cone_ns, self.tracking_since_ns) > timeout_s * 1e9
-            stage = Stage.REACQUIRE if lost else Stage.TRACK
-            if stage is not self.stage:
-                self._enter(stage, now_ns)
+            return
+        stage = Stage.REACQUIRE if self._is_lost(situation) else Stage.TRACK
+        if stage is not self.stage:
+            self._enter(stage, now_ns)
+
+    def _is_lost(self, situation: Situation) -> bool:
+        """By the posterior where it is known, whatever the cones do; otherwise by how long there has been none."""
+        if not self._can_lose:
+            return False
+        if situation.rms_m is not None:
+            share = _FOUND_AGAIN if self.stage is Stage.REACQUIRE else 1.0
+            return situation.rms_m > share * self._track.lost_rms_m
+        timeout_s = self._track.no_cone_timeout_s
+        if timeout_s is None or self.tracking_since_ns is None:
+            return False
+        return situation.now_ns - max(situation.last_cone_ns, self.tracking_since_ns) > timeout_s * 1e9
 
     def _watch_takeover(self, vehicle: VehicleState, now_ns: int) -> None:
         """Give way when the autopilot stays in a mode that was not asked for: its failsafe, or a human pilot."""
@@ -230,5 +254,9 @@ class Mission:
         if stage not in STEERED or self.stage not in STEERED:
             self._was_offboard, self._foreign_since_ns = False, None
         self.stage, self.since_ns = stage, now_ns
+        if stage is Stage.TRACK:
+            self._search_since_ns = None
+        elif stage is Stage.SURVEY and self._search_since_ns is None:
+            self._search_since_ns = now_ns
         if stage is Stage.TRACK and self.tracking_since_ns is None:
             self.tracking_since_ns = now_ns

@@ -13,11 +13,12 @@ from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis
 from agent.motion.encirclement import Encirclement
 from agent.motion.fence import Fence
+from agent.motion.orbit import Orbit
 from agent.motion.reference import PeerState, Reference
 from agent.motion.tracker import Tracker
 from agent.neighbours import Neighbour, neighbours
 from agent.peers import Peers
-from agent.search import Search
+from agent.search import InformedSearch, Search
 from agent.vehicle.interface import Setpoint, Vector3, VehicleState
 from protocol.messages import Plan, Stage
 
@@ -26,6 +27,9 @@ STEP_S = 0.2  # of the tracker's horizon
 HORIZON = 20
 AT_HOME_M = 0.5
 AT_HOME_MPS = 0.3
+_SPEED_SHARE = 0.85  # of the limit, for the circle's speed and the source's together
+_LONGEST_LEAD_S = 1.0  # by which a source is led: a hypothesis that is older is not carried on further
+_DOUBT_SIGMAS = 2.0  # as in agent.motion.separation
 
 
 class Moment(Struct, frozen=True):
@@ -51,12 +55,15 @@ class Moment(Struct, frozen=True):
 class Navigator:
     """Plans one drone's flight while it searches, tracks or returns."""
 
-    def __init__(self, mission: MissionConfig, drone: DroneConfig, frames: FrameGraph, search: Search) -> None:
+    def __init__(
+        self, mission: MissionConfig, drone: DroneConfig, frames: FrameGraph, search: Search, informed: InformedSearch
+    ) -> None:
         self._config = mission
         self._id = drone.id
         self._lag_s = drone.vehicle_lag_s
         self._frames = frames
-        self._search = search
+        self._search, self._informed = search, informed
+        self._orbit = Orbit(mission.encirclement, mission.area.floor_m)
         self._encirclement = Encirclement(mission.encirclement, mission.limits)
         self._tracker: Tracker | None = None
         self._virtual = PeerState((0.0, 0.0, 0.0))  # the tracker's own state, or the vehicle's where it begins
@@ -95,7 +102,7 @@ class Navigator:
             self._tracker = self._begin(moment)
         elif moment.now_ns >= self._due_ns:
             self._virtual = self._tracker.state(moment.now_ns)
-        centre = self._centre(moment.hypothesis)
+        centre = self._centre(moment)
         if moment.now_ns >= self._due_ns:
             self._due_ns = moment.now_ns + REPLAN_NS
             plan = self._replan(self._tracker, moment, centre, peers)
@@ -122,12 +129,19 @@ class Navigator:
         self._epoch, self._due_ns = vehicle.epoch, 0
         return tracker
 
-    def _centre(self, hypothesis: Hypothesis | None) -> tuple[Vector3, Vector3] | None:
-        """The hypothesis and its velocity in the local frame."""
+    def _centre(self, moment: Moment) -> tuple[Vector3, Vector3] | None:
+        """Where the source is now and its velocity, in the local frame and as this drone's own localisation has it."""
+        hypothesis = moment.hypothesis
         if hypothesis is None:
             return None
-        x, y, z = hypothesis.position.tolist()
+        x, y, z = hypothesis.sight_of(self._id).position.tolist()
         u, v, w = hypothesis.velocity.tolist()
+        if hypothesis.evidence is not None:  # of the others, none knows where the source goes
+            limit = max(0.0, _SPEED_SHARE * self._config.limits.speed_mps - self._config.encirclement.speed_mps)
+            share = min(1.0, limit / max(hypot(u, v), 1e-9))
+            u, v, w = share * u, share * v, 0.0
+            lead_s = min(max(0.0, (moment.now_ns - hypothesis.stamp_ns) * 1e-9), _LONGEST_LEAD_S)
+            x, y = x + lead_s * u, y + lead_s * v
         return self._local_from_mission.apply_point((x, y, z)), self._local_from_mission.rotate_direction((u, v, w))
 
     def _replan(self, tracker: Tracker, moment: Moment, centre: tuple[Vector3, Vector3] | None, peers: Peers) -> Plan:
@@ -153,9 +167,14 @@ class Navigator:
         )
 
     def _survey(self, moment: Moment, partners: list[Neighbour]) -> Reference:
-        x, y, _ = self._mission_from_local.apply_point(self._virtual.position)
-        active = sorted([self._id, *(partner.id for partner in partners)])
-        positions, velocities = self._search.reference(active, (x, y), HORIZON, STEP_S)
+        here = self._mission_from_local.apply_point(self._virtual.position)[:2]
+        moves = self._mission_from_local.rotate_direction(self._virtual.velocity)[:2]
+        others = [self._mission_from_local.apply_point(partner.plan.state(moment.now_ns).position)[:2] for partner in partners]
+        found = self._informed.reference(moment.now_ns, here, moves, others, HORIZON, STEP_S)
+        if found is None:
+            active = sorted([self._id, *(partner.id for partner in partners)])
+            found = self._search.reference(active, here, HORIZON, STEP_S)
+        positions, velocities = found
         level = np.zeros(HORIZON + 1)
         placed = self._local_from_mission.apply(np.column_stack((positions, level)))
         moving = self._local_from_mission.rotate(np.column_stack((velocities, level)))
@@ -163,9 +182,19 @@ class Navigator:
         return Reference(placed, moving, STEP_S)
 
     def _circle(self, moment: Moment, centre: tuple[Vector3, Vector3], partners: list[Neighbour]) -> Reference:
-        """Around the hypothesis; on ever wider circles where the source has to be found again."""
-        radius_m = self._config.encirclement.radius_m
-        if moment.stage is Stage.REACQUIRE:
+        """Around the hypothesis: as near as it is known, by an estimator that says so and the smooth law.
+
+        Otherwise on the configured circle, and on ever wider ones where the source has to be found again.
+        """
+        config, hypothesis = self._config.encirclement, moment.hypothesis
+        radius_m, height_m, doubt_m = config.radius_m, config.height_m, 0.0
+        if config.law == "smooth" and hypothesis is not None and hypothesis.evidence is not None:
+            covariance = hypothesis.sight_of(self._id).covariance
+            rms_m = float(max(0.0, covariance[0, 0] + covariance[1, 1])) ** 0.5
+            self._orbit.update(moment.now_ns, rms_m, hypothesis.activity_bq, moment.stage is Stage.REACQUIRE)
+            radius_m, height_m = self._orbit.radius_m, self._orbit.height_m
+            doubt_m = _DOUBT_SIGMAS * max((partner.plan.sigma_m for partner in partners), default=0.0)
+        elif moment.stage is Stage.REACQUIRE:
             radius_m += self._config.track.widening_mps * moment.stage_s
         (x, y, _), velocity = centre
         return self._encirclement.reference(
@@ -175,6 +204,8 @@ class Navigator:
             center=(x, y, moment.ground_m),
             center_velocity=velocity,
             radius_m=radius_m,
+            height_m=height_m,
+            doubt_m=doubt_m,
         )
 
     def _way_home(self, moment: Moment) -> Reference:

@@ -29,8 +29,8 @@ from agent.navigator import Moment, Navigator
 from agent.observer import Observer
 from agent.peers import Peers
 from agent.problems import TELEMETRY_AGE_NS, TWIN_NS, Problems
-from agent.reporter import Outbox, Reporter
-from agent.search import CoverageLog, Search
+from agent.reporter import Condition, Outbox, Reporter
+from agent.search import CoverageLog, InformedSearch, Prospect, Search, conclusion
 from agent.vehicle.interface import Request, VehicleCommand, VehicleState
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
@@ -80,7 +80,7 @@ class Pilot:
         self._id = drone.id
         self._boot = boot
         self._mission_id = mission.mission_id
-        self._mission = Mission(mission.track, can_lose=mission.fusion.estimator != "given")
+        self._mission = Mission(mission.track, mission.survey, can_lose=mission.fusion.estimator != "given")
         frames = FrameGraph.from_launch_layout(mission)
         self.fusion = Fusion(mission, frames)
         self.listeners = {name: Fusion(mission, frames, estimator_named(name, mission)) for name in listeners}
@@ -90,7 +90,9 @@ class Pilot:
         self._peers = Peers([name for name in ids if name != drone.id])
         self._search = Search(mission, drone.id, frames, lambda: self.fusion.log.entries(Coverage))
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
-        self._navigator = Navigator(mission, drone, frames, self._search)
+        self._prospect = Prospect(lambda: self.fusion.outlook)
+        self._navigator = Navigator(mission, drone, frames, self._search, InformedSearch(mission, self._prospect))
+        self._finding = ""
         self._vehicle: VehicleState | None = None
         self._last_cone_ns = 0
         self._remembered = memory  # until telemetry has shown what it is worth
@@ -186,6 +188,7 @@ class Pilot:
         """Decide: fold the log, move on in the mission, plan, and report. To be called at 20 Hz or more."""
         self.advance(now_ns)
         before = self._mission.stage
+        self._conclude(now_ns)
         self._mission.step(self._situation(now_ns))
         if self._mission.stage is not before:
             self._reporter.hurry(now_ns)
@@ -269,8 +272,26 @@ class Pilot:
     def _situation(self, now_ns: int) -> Situation:
         vehicle = self._vehicle
         at_home = self._mission.stage is Stage.RETURN and vehicle is not None and self._navigator.at_home(vehicle)
-        has_hypothesis = self.hypothesis is not None
-        return Situation(now_ns, vehicle, has_hypothesis, self._last_cone_ns, at_home)
+        hypothesis = self.hypothesis
+        return Situation(
+            now_ns,
+            vehicle,
+            hypothesis is not None,
+            self._last_cone_ns,
+            at_home,
+            rms_m=hypothesis.rms_m if hypothesis is not None and hypothesis.evidence is not None else None,
+            nothing_found=self._finding != "",
+        )
+
+    def _conclude(self, now_ns: int) -> None:
+        """Say that nothing was found once that is so, and until something is."""
+        if self.hypothesis is not None:
+            self._finding = ""
+        elif self._mission.stage is Stage.SURVEY:
+            found = conclusion(self._config.survey, self._mission.searched_s(now_ns), self._prospect.at(now_ns))
+            if found and not self._finding:
+                self._reporter.hurry(now_ns)
+            self._finding = found or self._finding
 
     def _command(self, now_ns: int) -> VehicleCommand:
         """What the autopilot is to do. A drone that does not know where it is, or in which frame, holds."""
@@ -303,12 +324,12 @@ class Pilot:
 
     def _report(self, now_ns: int) -> None:
         believed = (self.hypothesis, self.fusion.digest) if self.hypothesis is not None else None
-        for message in self._reporter.due(now_ns, self._vehicle, believed, lambda: self._status(now_ns)):
+        for message in self._reporter.due(now_ns, self._vehicle, believed, lambda: self._condition(now_ns)):
             self._outbox.put(message)
 
-    def _status(self, now_ns: int) -> tuple[Stage, dict[str, int], tuple[str, ...]]:
+    def _condition(self, now_ns: int) -> Condition:
         problems = self._problems.all(now_ns, self._vehicle, self._peers.statuses(now_ns))
-        return self._mission.stage, dict(self.counters), problems
+        return Condition(self._mission.stage, dict(self.counters), problems, self._finding)
 
 
 def _plausible(state: VehicleState) -> bool:

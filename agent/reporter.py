@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 
+from msgspec import Struct
+
 from agent.fusion.estimator import Hypothesis
 from agent.vehicle.interface import VehicleState
 from protocol.codec import encode
@@ -15,6 +17,15 @@ from protocol.messages import Estimate, Message, Pose, Stage, Status
 POSE_NS = 100_000_000  # 10 Hz
 ESTIMATE_NS = 500_000_000
 STATUS_NS = 1_000_000_000
+
+
+class Condition(Struct, frozen=True):
+    """What a status says besides the battery: stage, counters, problems, and what the search has ended with ("": it has not)."""
+
+    stage: Stage
+    counters: dict[str, int]
+    problems: tuple[str, ...]
+    finding: str = ""
 
 
 class Outbox:
@@ -60,7 +71,7 @@ class Reporter:
         now_ns: int,
         vehicle: VehicleState | None,
         believed: tuple[Hypothesis, str] | None,
-        status: Callable[[], tuple[Stage, dict[str, int], tuple[str, ...]]],
+        condition: Callable[[], Condition],
     ) -> Iterator[Message]:
         """What is due now.
 
@@ -68,23 +79,24 @@ class Reporter:
             now_ns: UTC.
             vehicle: newest telemetry.
             believed: the hypothesis and the digest of the log that it follows from.
-            status: gives stage, counters and problems; asked only when a status is due.
+            condition: asked for only when a status is due.
         """
         if vehicle is not None and self._is_due(POSE_NS, now_ns):
             yield self._pose(vehicle)
         if believed is not None and self._is_due(ESTIMATE_NS, now_ns):
             yield self._estimate(now_ns, *believed)
         if self._is_due(STATUS_NS, now_ns):
-            stage, counters, problems = status()
+            now = condition()
             yield Status(
                 stamp_ns=now_ns,
                 drone=self._drone,
                 mission=self._mission_id,
                 boot=self._boot,
-                stage=stage,
+                stage=now.stage,
                 battery=vehicle.battery if vehicle is not None else None,
-                counters=counters,
-                problems=problems,
+                counters=now.counters,
+                problems=now.problems,
+                finding=now.finding,
             )
 
     def _is_due(self, period_ns: int, now_ns: int) -> bool:

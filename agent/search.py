@@ -1,4 +1,4 @@
-"""The survey as one drone flies it: what the swarm has covered, this drone's path, and its own coverage entries."""
+"""The survey as one drone flies it: lanes over what the swarm has not covered, or to where most is learnt; coverage entries."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from agent.config import MissionConfig
+from agent.config import MissionConfig, SurveyConfig
 from agent.frames.graph import FrameGraph
+from agent.fusion.estimator import Outlook
+from agent.motion.detour import Detours
+from agent.motion.informative import Belief, Waypoints
 from agent.motion.path import PathFollower
 from agent.motion.survey import Swath, survey_paths
 from protocol.messages import Coverage
@@ -17,6 +20,8 @@ from protocol.messages import Coverage
 Point2 = tuple[float, float]
 COVERAGE_S = 5.0  # a drone reports what it has covered this often
 POINT_M = 1.0  # distance between the points of a coverage path
+LOOK_NS = 1_000_000_000  # the outlook is asked for, and a waypoint chosen, this often
+_TURN_SHARE = 0.75  # of the acceleration limit, that turns are reckoned with
 
 
 class Search:
@@ -76,6 +81,81 @@ class Search:
         if len(path) == 0:  # all is covered and nothing was found: once more from the beginning
             path = survey_paths(self._area, active, [], spacing_m, ends)[self._drone]
         return PathFollower(np.vstack([position, path]))  # the way to the first lane is part of the path
+
+
+class Prospect:
+    """The outlook, asked for once a second: it costs some work."""
+
+    def __init__(self, outlook: Callable[[], Outlook | None]) -> None:
+        self._outlook = outlook
+        self._known: Outlook | None = None
+        self._due_ns = 0
+
+    def at(self, now_ns: int) -> Outlook | None:
+        """What is known now; None where there is a hypothesis, or the estimator has no outlook."""
+        if now_ns >= self._due_ns or self._due_ns - now_ns > LOOK_NS:
+            self._due_ns = now_ns + LOOK_NS
+            self._known = self._outlook()
+        return self._known
+
+
+class InformedSearch:
+    """To where most is learnt of the source, again and again. Mission frame throughout."""
+
+    def __init__(self, mission: MissionConfig, prospect: Prospect) -> None:
+        survey, area = mission.survey, Polygon(mission.area.polygon_m)
+        self._chosen = survey.strategy == "information" and mission.encirclement.law != "paper"
+        self._prospect = prospect
+        self._detours = Detours(area)
+        self._speed_mps = min(survey.search_speed_mps, mission.limits.speed_mps)
+        acceleration_mps2 = _TURN_SHARE * mission.limits.acceleration_mps2
+        self._waypoints = Waypoints(area, survey.height_m, self._speed_mps, acceleration_mps2)
+        self._follower: PathFollower | None = None
+        self._progress = 0.0
+        self._due_ns = 0
+
+    def reference(
+        self, now_ns: int, position: Point2, velocity: Point2, others: Sequence[Point2], steps: int, step_s: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Positions and velocities (steps + 1, 2) to follow from here; None where lanes are to be flown instead.
+
+        Args:
+            now_ns: UTC.
+            position: where this drone is.
+            velocity: its velocity.
+            others: where the drones are with whom it searches.
+            steps: of the reference.
+            step_s: between its points.
+        """
+        outlook = self._prospect.at(now_ns) if self._chosen else None
+        if outlook is None:
+            self._follower = None
+            return None
+        if self._follower is None or now_ns >= self._due_ns:
+            self._due_ns, self._progress = now_ns + LOOK_NS, 0.0
+            self._follower = self._way(outlook, position, velocity, others)
+        length_m = self._follower.length_m
+        self._progress = min(self._follower.advance(self._progress, position), length_m)
+        travelled = self._progress + self._speed_mps * step_s * np.arange(steps + 2.0)
+        points = self._follower.at(np.minimum(travelled, length_m))  # and there it waits for the next waypoint
+        return points[:-1], np.diff(points, axis=0) / step_s
+
+    def _way(self, outlook: Outlook, position: Point2, velocity: Point2, others: Sequence[Point2]) -> PathFollower:
+        belief = Belief(outlook.places, outlook.weight, outlook.activity_bq, outlook.none)
+        start, end = np.array(position), np.array(self._waypoints.choose(belief, position, velocity, others))
+        return PathFollower(np.vstack([start, self._detours.between(start, end), end]))
+
+
+def conclusion(survey: SurveyConfig, searched_s: float, outlook: Outlook | None) -> str:
+    """What the search has ended with: "" while it has not, else that nothing was found, and what would have been."""
+    excluded_bq = outlook.excluded_bq if outlook is not None else None
+    least_bq = survey.least_activity_bq
+    enough = excluded_bq is not None and least_bq is not None and excluded_bq <= least_bq
+    if not enough and (survey.duration_s is None or searched_s < survey.duration_s):
+        return ""
+    if excluded_bq is None:
+        return f"nothing found in {searched_s:.0f} s; nothing can be said of what would have been"
+    return f"nothing found; a source of {excluded_bq:.2g} Bq or more would have been"
 
 
 class CoverageLog:

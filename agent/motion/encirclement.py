@@ -45,6 +45,7 @@ class Encirclement:
         self._limits = limits
         self._spacing_m = limits.separation_m + margin_m
         self._times: Array = config.step_s * np.arange(config.steps + 1, dtype=np.float64)
+        self._height_m = config.height_m
         self._radius = 0.0  # of the circle along which the terms below go
         self._terms: Array = np.empty((0, 4))  # (K + 1, 4): cosine and sine of the angle flown, time, 1
 
@@ -57,14 +58,18 @@ class Encirclement:
         center: Vector3,
         center_velocity: Vector3 = (0.0, 0.0, 0.0),
         radius_m: float | None = None,
+        height_m: float | None = None,
+        doubt_m: float = 0.0,
     ) -> Reference:
         """The arc to fly now, by the configured law.
 
         ``me`` is best the tracker's own state, ``others`` the states in the peers' plans (poses serve too); stale peers must
-        not be passed. ``center``: hypothesis; its z is the ground, and the flight is at z + height_m. ``radius_m``: instead of
-        the configured one. The radius is never below what the separation of all drones needs.
+        not be passed. ``center``: hypothesis; its z is the ground, and the flight is at z + height_m. ``radius_m``, ``height_m``:
+        instead of the configured ones. The radius is never below what the separation of all drones needs, who keep away from
+        each other by ``doubt_m`` more for not knowing quite where they are.
         """
-        radius = max(radius_m or self._config.radius_m, minimum_radius(len(others) + 1, self._spacing_m))
+        radius = max(radius_m or self._config.radius_m, minimum_radius(len(others) + 1, self._spacing_m + doubt_m))
+        self._height_m = height_m or self._config.height_m
         if self._config.law == "paper":
             return self._paper(me, others, center, radius)
         offset = self._offset_from_slot(me, others, my_id, center, center_velocity)
@@ -108,7 +113,7 @@ class Encirclement:
                 (radius * c, radius * s, 0.0, -speed * s, speed * c, 0.0),
                 (-radius * s, radius * c, 0.0, -speed * c, -speed * s, 0.0),
                 (u, v, 0.0, 0.0, 0.0, 0.0),
-                (x, y, z + self._config.height_m, u, v, 0.0),
+                (x, y, z + self._height_m, u, v, 0.0),
             )
         )
         return Reference(states[:, :3], states[:, 3:], self._config.step_s)

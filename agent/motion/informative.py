@@ -1,0 +1,133 @@
+"""Where to measure next while the source is searched for: the waypoint that promises to teach most on the way and there.
+
+How much a count of T seconds teaches of where a source is: 4 T Var(sqrt(lambda)) over what is held possible, lambda being the
+expected rate (the square root of a Poisson count has a variance of 1/4, whatever the rate). Where all that is held possible would
+count alike there is nothing to learn: far away, or where a source has been excluded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil, sqrt
+
+import numpy as np
+import shapely
+from msgspec import Struct
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from agent.motion.reference import Array
+
+Point2 = tuple[float, float]
+Indices = NDArray[np.intp]
+
+# Rough figures are enough to plan with: one camera's hits per second at 1 m from 1 Bq, those without any source, and attenuation in
+# air (of Cs-137 at 662 keV: 15.8 mm2 x 0.851 / 4 pi, 1.5 hits/s, 0.00934 per m).
+HITS_PER_BQ = 1.07e-6
+BACKGROUND_PS = 1.5
+_AIR_PER_M = 0.00934
+_MOST_BLOCKS = 300  # that a belief is pooled into
+_MOST_NODES = 200  # of the lattice of waypoints
+_SAMPLES = 12  # of what is learnt on the way to a waypoint
+_HORIZON_S = 15.0  # for so long it is looked at what is learnt
+_STAY = 0.5  # staying at a place teaches less and less
+_LEFT = 0.2  # weight of what is left to the others
+
+
+class Belief(Struct, frozen=True):
+    """Where a source may be. places (C, 2) metres, a regular grid; weight (C,), adding up to 1 - none; activity_bq (C,)."""
+
+    places: Array
+    weight: Array
+    activity_bq: Array
+    none: float
+
+
+class Waypoints:
+    """Chooses waypoints inside one area."""
+
+    def __init__(self, area: Polygon, height_m: float, speed_mps: float, acceleration_mps2: float) -> None:
+        """``height_m``: above the ground, where the source lies. Speed and acceleration are those flown with."""
+        self._height_m, self._speed_mps, self._turn_mps2 = height_m, speed_mps, acceleration_mps2
+        west, south, east, north = area.bounds
+        self._step_m = max(sqrt((east - west) * (north - south) / _MOST_NODES), 2.0)
+        columns, rows = (max(1, ceil(side / self._step_m)) for side in (east - west, north - south))
+        self._shape = rows, columns
+        self._corner = (west, south)
+        self._pitch = ((east - west) / columns, (north - south) / rows)
+        x, y = np.meshgrid(west + self._pitch[0] * (np.arange(columns) + 0.5), south + self._pitch[1] * (np.arange(rows) + 0.5))
+        self._nodes: Array = np.column_stack((x.ravel(), y.ravel()))  # (W, 2)
+        inside = shapely.contains_xy(area, self._nodes[:, 0], self._nodes[:, 1])
+        if not inside.any():  # a sliver of an area
+            middle = area.representative_point()
+            self._candidates: Array = np.array([[middle.x, middle.y]])
+        else:
+            self._candidates = self._nodes[inside]
+        self._places: Array | None = None  # of the belief that the following are for
+        self._blocks: Indices = np.empty(0, np.intp)  # (C,) which block a place belongs to
+        self._centres: Array = np.empty((0, 2))
+        self._gain: Array = np.empty((0, 0))  # (W, blocks) hits per second and Bq
+
+    def choose(self, belief: Belief, position: Point2, velocity: Point2, others: Sequence[Point2] = ()) -> Point2:
+        """The waypoint to fly to next.
+
+        Args:
+            belief: where a source may be.
+            position: this drone's; the frame of the area.
+            velocity: this drone's.
+            others: where those are with whom the search is shared; what is nearer to them is mostly left to them.
+        """
+        rates = self._teaching(*self._pooled(belief), position, others)
+        away = self._candidates - position
+        distance = np.hypot(away[:, 0], away[:, 1])
+        ahead = away / np.maximum(distance, 1e-6)[:, None]
+        change = np.hypot(*(self._speed_mps * ahead - velocity).T)
+        arrival_s = distance / self._speed_mps + change / (2.0 * self._turn_mps2)  # half of the turn's time is lost
+        share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+        on_way = rates[self._node_at(np.asarray(position) + away[:, None] * share[:, None])].mean(axis=1)
+        flown_s = np.minimum(arrival_s, _HORIZON_S)
+        learnt = flown_s * on_way + (_HORIZON_S - flown_s) * rates[self._node_at(self._candidates)] * _STAY
+        x, y = self._candidates[int(learnt.argmax())].tolist()
+        return x, y
+
+    def _pooled(self, belief: Belief) -> tuple[Array, Array, float]:
+        """Weights (B,) and activities (B,) of the belief in blocks, and the weight of no source."""
+        if self._places is None or not np.array_equal(belief.places, self._places):
+            self._lay_out(belief.places)
+        self._places = belief.places
+        count = len(self._centres)
+        weight = np.bincount(self._blocks, belief.weight, count).astype(np.float64)
+        activity = np.bincount(self._blocks, belief.weight * belief.activity_bq, count) / np.maximum(weight, 1e-300)
+        return weight, activity, belief.none
+
+    def _lay_out(self, places: Array) -> None:
+        low, high = places.min(axis=0), places.max(axis=0)
+        block_m = max(sqrt(max(float(np.prod(high - low)), 1.0) / _MOST_BLOCKS), 1.0)
+        cells = ((places - low) / block_m).astype(np.intp)
+        _, self._blocks = np.unique(cells[:, 0] * 1_000_003 + cells[:, 1], return_inverse=True)
+        size = np.bincount(self._blocks)
+        self._centres = np.column_stack([np.bincount(self._blocks, places[:, axis]) / size for axis in (0, 1)])
+        apart = self._nodes[:, None] - self._centres
+        squared = np.einsum("wbx,wbx->wb", apart, apart) + self._height_m**2 + block_m**2 / 6.0
+        self._gain = HITS_PER_BQ * np.exp(-_AIR_PER_M * np.sqrt(squared)) / squared
+
+    def _teaching(self, weight: Array, activity: Array, none: float, position: Point2, others: Sequence[Point2]) -> Array:
+        """4 Var(sqrt(lambda)) (W,) for counts at each node, per second."""
+        if others:
+            mine = np.hypot(*(self._centres - position).T)
+            nearest = np.min([np.hypot(*(self._centres - other).T) for other in others], axis=0)
+            weight = weight * np.where(mine <= nearest, 1.0, _LEFT)
+        total = float(weight.sum()) + none
+        weight, none = weight / total, none / total
+        signal = self._gain * activity
+        mean = signal @ weight + BACKGROUND_PS
+        root = np.sqrt(signal + BACKGROUND_PS) @ weight + none * sqrt(BACKGROUND_PS)
+        found: Array = 4.0 * np.maximum(mean - root * root, 0.0)
+        return found
+
+    def _node_at(self, points: Array) -> Indices:
+        """Numbers (...) of the nodes nearest to points (..., 2)."""
+        columns = np.clip(((points[..., 0] - self._corner[0]) / self._pitch[0]).astype(np.intp), 0, self._shape[1] - 1)
+        rows = np.clip(((points[..., 1] - self._corner[1]) / self._pitch[1]).astype(np.intp), 0, self._shape[0] - 1)
+        numbers: Indices = rows * self._shape[1] + columns
+        return numbers
