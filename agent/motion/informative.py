@@ -21,8 +21,8 @@ from agent.motion.reference import Array
 Point2 = tuple[float, float]
 Indices = NDArray[np.intp]
 
-# Rough figures are enough to plan with: one camera's hits per second at 1 m from 1 Bq, those without any source, and attenuation in
-# air (of Cs-137 at 662 keV: 15.8 mm2 x 0.851 / 4 pi, 1.5 hits/s, 0.00934 per m).
+# Rough figures are enough to plan with: one camera's hits per second at 1 m from 1 Bq, those without any source, and attenuation
+# in air (of Cs-137 at 662 keV: 15.8 mm2 x 0.851 / 4 pi, 1.5 hits/s, 0.00934 per m).
 HITS_PER_BQ = 1.07e-6
 BACKGROUND_PS = 1.5
 _AIR_PER_M = 0.00934
