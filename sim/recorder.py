@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from types import MappingProxyType
 from typing import Protocol
 
@@ -12,6 +13,7 @@ from shapely import Polygon
 
 from protocol.codec import decode
 from protocol.messages import AnyMessage, Cone, Exposure, Stage
+from sim.bound import Bound, bound_of
 from sim.frame import LocalFrames
 from sim.result import ConeTrace, RunResult, Trace
 from sim.safety import OFF_GROUND_M, Safety
@@ -193,6 +195,7 @@ class Recorder:
 
     def _result(self, score: Score, believer: Believer, seed: int, wall_s: float) -> RunResult:
         errors = np.array(score.errors_m)
+        bound_m, bound_relative_m = self._bounds_m()
         sampled, outlook = score.sampled, believer.outlook
         excluded_bq = outlook.excluded_bq if outlook is not None else None
         sim_s = round(self._time_s, 6)
@@ -221,26 +224,61 @@ class Recorder:
             error_sample_m=sampled.error_m if sampled is not None else None,
             nees_sample=sampled.nees if sampled is not None else None,
             region=sampled.region if sampled is not None else None,
+            bound_median_m=bound_m,
+            bound_relative_median_m=bound_relative_m,
             nothing_found=excluded_bq is not None,
             excluded_bq=excluded_bq,
             false_hypothesis=self._scenario.source is None and score.x0_s is not None,
         )
 
+    @cached_property
+    def _bound(self) -> Bound | None:
+        """Of what has been flown, once the run is over; None where there is no source."""
+        truth, (west, south, east, north) = self._scenario, self.area.bounds
+        rows = [row for row in self._rows if not np.isnan(row.source[0])]
+        if truth.source is None or not rows:
+            return None
+        return bound_of(
+            truth.source,
+            truth.camera,
+            truth.localization,
+            (east - west, north - south),
+            np.array([row.time_s for row in rows]),
+            np.array([row.position for row in rows]),
+            np.array([row.source for row in rows]),
+        )
+
+    def _bounds_m(self) -> tuple[float | None, float | None]:
+        """Medians of the bound while tracking, in the true frame and in the vehicles' own."""
+        bound = self._bound
+        if bound is None:
+            return None, None
+        times = [row.time_s for row in self._rows if row.stages[0] in TRACKING]
+        during = np.isin(bound.time_s, times)
+        return bound.median_m(during), bound.own_median_m(during)
+
     def trace(self) -> Trace:
         """The time series; raises ValueError where nobody ever flew."""
         if not self._rows:
             raise ValueError("nobody flew: there is nothing to show")
-        rows = self._rows
+        rows, source = self._rows, self._scenario.source
+        time_s = np.array([row.time_s for row in rows])
         return Trace(
-            time_s=np.array([row.time_s for row in rows]),
+            time_s=time_s,
             position_m=np.array([row.position for row in rows]),
             velocity_mps=np.array([row.velocity for row in rows]),
             stage=np.array([[str(stage) for stage in row.stages] for row in rows]),
             source_m=np.array([row.source for row in rows]),
             hypothesis_m=np.array([row.hypothesis for row in rows]),
             sigma_m=np.array([row.sigma_m for row in rows]),
+            covariance_m2=np.array([row.covariance for row in rows]),
+            activity_bq=np.array([row.activity_bq for row in rows]),
+            activity_sigma_bq=np.array([row.activity_sigma_bq for row in rows]),
+            evidence=np.array([row.evidence for row in rows]),
+            bound_m=np.full(time_s.shape, np.nan) if self._bound is None else self._bound.over(time_s),
             spacing_error_deg=np.array([row.spacing_error_deg for row in rows]),
             cones=tuple(self._cones),
             area_m=np.array(self._mission.area.polygon_m, dtype=np.float64),
             drones=tuple(drone.id for drone in self._mission.drones),
+            source_bq=None if source is None else source.activity_bq,
         )

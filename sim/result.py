@@ -29,7 +29,8 @@ class RunResult(Struct, frozen=True, kw_only=True):
         error_sample_m, nees_sample, region: of the first drone at one instant of the run, half-way through the tracking that the
             scenario asks for (of a run that ends before: its last tracking sample). region: probability of the smallest region
             of the posterior, as a Gaussian, that holds the truth: at most 0.9 where the truth is in the 90 % region.
-        bound_median_m: the least that error_median_m could be for the trajectories flown (``sim.bound``).
+        bound_median_m, bound_relative_median_m: what error_median_m and error_relative_median_m could be at best for the
+            trajectories flown (``sim.bound``).
 
     Of a flight that finds nothing:
         nothing_found: what the estimator says in the end: no source, or none that is strong enough.
@@ -64,6 +65,7 @@ class RunResult(Struct, frozen=True, kw_only=True):
     nees_sample: float | None = None
     region: float | None = None
     bound_median_m: float | None = None
+    bound_relative_median_m: float | None = None
     nothing_found: bool = False
     excluded_bq: float | None = None
     false_hypothesis: bool = False
@@ -89,7 +91,10 @@ class Trace:
     stage: (T, N) of protocol Stage strings.
     source_m: (T, 3), true; NaN where there is no source.
     hypothesis_m: (T, N, 3) of each drone, NaN where it has none.
-    sigma_m: (T,) horizontal RMS of the first drone's posterior, NaN where it has none.
+    covariance_m2: (T, 2, 2) of the first drone's posterior, NaN where it has none; sigma_m: (T,) its RMS.
+    activity_bq, activity_sigma_bq, evidence: (T,) of the first drone's hypothesis, NaN where the estimator does not know.
+    bound_m: (T,) least median error for the trajectories flown so far (``sim.bound``), NaN where there is no source.
+    source_bq: true activity, None where there is no source.
     spacing_error_deg: (T, N), signed deviation from 360/N of the gap to the next drone, counter-clockwise around the hypothesis;
     NaN before tracking.
     """
@@ -101,10 +106,16 @@ class Trace:
     source_m: NDArray[np.float64]
     hypothesis_m: NDArray[np.float64]
     sigma_m: NDArray[np.float64]
+    covariance_m2: NDArray[np.float64]
+    activity_bq: NDArray[np.float64]
+    activity_sigma_bq: NDArray[np.float64]
+    evidence: NDArray[np.float64]
+    bound_m: NDArray[np.float64]
     spacing_error_deg: NDArray[np.float64]
     cones: tuple[ConeTrace, ...]
     area_m: NDArray[np.float64]  # (P, 2) corners of the searched area
     drones: tuple[str, ...]
+    source_bq: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.messages import Stage
-from sim.score import Belief
+from sim.score import Belief, rms_m
 
 TRACKING = (Stage.TRACK, Stage.REACQUIRE)
 Array = NDArray[np.float64]
@@ -17,7 +17,10 @@ Array = NDArray[np.float64]
 class Row:
     """One sample of the trace."""
 
-    __slots__ = ("hypothesis", "position", "sigma_m", "source", "spacing_error_deg", "stages", "time_s", "velocity")
+    __slots__ = (
+        "activity_bq", "activity_sigma_bq", "covariance", "evidence", "hypothesis", "position", "sigma_m", "source",
+        "spacing_error_deg", "stages", "time_s", "velocity",
+    )  # fmt: skip
 
     def __init__(self, time_s: float, position: Array, velocity: Array, stages: list[Stage]) -> None:
         self.time_s = time_s
@@ -26,7 +29,8 @@ class Row:
         self.stages = stages
         self.source = np.full(3, np.nan)
         self.hypothesis = np.full(position.shape, np.nan)
-        self.sigma_m = np.nan
+        self.sigma_m = self.activity_bq = self.activity_sigma_bq = self.evidence = np.nan
+        self.covariance = np.full((2, 2), np.nan)
         self.spacing_error_deg = np.full(len(position), np.nan)
 
     @staticmethod
@@ -43,8 +47,11 @@ class Row:
                 row.hypothesis[drone] = belief.position
         first = beliefs[0]
         if first is not None:
-            cov = first.covariance
-            row.sigma_m = float(np.sqrt(max(0.0, cov[0, 0] + cov[1, 1])))
+            row.sigma_m = rms_m(first)
+            row.covariance[:] = first.covariance[:2, :2]
+            row.activity_bq = np.nan if first.activity_bq is None else first.activity_bq
+            row.activity_sigma_bq = np.nan if first.activity_sigma_bq is None else first.activity_sigma_bq
+            row.evidence = np.nan if first.evidence is None else first.evidence
         if first is not None and all(stage in TRACKING for stage in stages):
             row.spacing_error_deg[:] = spacing_error_deg(position, first.position)
         return row

@@ -134,10 +134,16 @@ def synthetic_flight(drones: int = 3, moving: bool = False, steps: bool = False,
         source_m=source,
         hypothesis_m=np.repeat(hypothesis[:, None], drones, axis=1),
         sigma_m=np.where(tracking, 1.5 + 10.0 * decay, np.nan),
+        covariance_m2=np.where(tracking, (1.5 + 10.0 * decay) ** 2, np.nan)[:, None, None] * np.array([[0.7, 0.3], [0.3, 0.3]]),
+        activity_bq=np.where(tracking, 3e9 * (1.0 + 0.5 * decay), np.nan),
+        activity_sigma_bq=np.where(tracking, 3e9 * (0.05 + 0.5 * decay), np.nan),
+        evidence=np.where(tracking, 20.0 + time_s, np.nan),
+        bound_m=np.where(np.isfinite(source[:, 0]), 5.0 / np.sqrt(time_s), np.nan),
         spacing_error_deg=spacing,
         cones=cones,
         area_m=np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]]),
         drones=tuple(f"d{k + 1}" for k in range(drones)),
+        source_bq=None if steps else 3e9,
     )
     return Flight(synthetic_result("near", seed if found else 6, drones=drones), trace, {})
 

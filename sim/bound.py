@@ -1,0 +1,215 @@
+"""How good any estimator could be on a flight: the posterior Cramer-Rao bound for the trajectories flown.
+
+Tichavsky, Muravchik, Nehorai, "Posterior Cramer-Rao bounds for discrete-time nonlinear filtering", IEEE Trans. Signal Processing
+46 (1998): with linear motion x' = F x + noise of covariance Q and information G_k from the measurements of a step, the bound
+obeys P_k|k-1 = F P_k-1 F' + Q, P_k = (P_k|k-1^-1 + G_k)^-1.
+
+State: x, y, vx, vy of the source, the logarithm of its activity, and the errors (x, y, yaw) of every vehicle's localisation.
+What is measured: counts (Poisson) and cones, their order unknown, by ``sim.information``, seen from the true places. Known are
+the line, the areas, the background, the kind of the source's motion, and how large the localisation's errors are; nothing of the
+activity. G is taken at the truth of this one flight, not on average over flights. Tilt, clocks, gains and shadows do not enter.
+
+Motion: a source that rests has no noise. One that moves has the Ornstein-Uhlenbeck velocity of the same variance and time of
+turning: for ``circle`` v^2 / 2 along each axis and radius / v; for ``wander`` see ``_wandering``. Such a source could go
+anywhere; an estimator that knew the circle could do better.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import erf
+
+from sim.information import camera_of
+from sim.localization import LocalizationTruth
+from sim.radiation.truth import CameraTruth
+from sim.scenario import SourceTruth
+from sim.source import STRETCH_S, TURN_RPS
+
+Array = NDArray[np.float64]
+
+STEP_S = 1.0
+LOG_ACTIVITY_SIGMA = 3.0  # before anything is measured: a factor of 20 up or down
+_SOURCE = 5  # dimensions of the state before the vehicles' errors
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """Least covariances after each of K steps, m2.
+
+    time_s: (K,). true: (K, 2, 2) of where the source is. own: (K, N, 2, 2) of where it is for each vehicle's own localisation,
+    which is the source's place and the vehicle's error together.
+    """
+
+    time_s: Array
+    true: Array
+    own: Array
+
+    def over(self, time_s: Array) -> Array:
+        """Median error that a Gaussian of the true frame's covariance has, at other times (T,); NaN before the first step."""
+        if not len(self.time_s):
+            return np.full(time_s.shape, np.nan)
+        return np.interp(time_s, self.time_s, median_error(self.true), left=np.nan)
+
+    def median_m(self, during: NDArray[np.bool_]) -> float | None:
+        """Median over some of the steps, (K,), of the median error that a Gaussian of this covariance has."""
+        return float(np.median(median_error(self.true[during]))) if during.any() else None
+
+    def own_median_m(self, during: NDArray[np.bool_]) -> float | None:
+        """The same for the vehicles' own frames, over all vehicles."""
+        return float(np.median(median_error(self.own[during]))) if during.any() else None
+
+
+def bound_of(
+    source: SourceTruth,
+    camera: CameraTruth,
+    localization: LocalizationTruth,
+    sides_m: tuple[float, float],
+    time_s: Array,
+    position_m: Array,
+    source_m: Array,
+) -> Bound:
+    """The bound along a flight.
+
+    Args:
+        source, camera, localization: the truth.
+        sides_m: of the area in which the source may be.
+        time_s: (T,) evenly spaced.
+        position_m: (T, N, 3) of the vehicles.
+        source_m: (T, 3) of the source.
+    """
+    sample_s = float(time_s[1] - time_s[0]) if len(time_s) > 1 else STEP_S
+    block = max(1, round(STEP_S / sample_s))
+    steps = len(time_s) // block
+    used = slice(0, steps * block)
+    information = _information(source, camera, position_m[used], source_m[used]) * sample_s
+    information = information.reshape(steps, block, *information.shape[1:]).sum(axis=1)
+    model = _Model.of(source, localization, position_m.shape[1], sides_m, sample_s * block)
+    gained = np.einsum("nia,knij,njb->kab", model.seen, information, model.seen)
+    covariance = model.prior
+    identity = np.eye(len(covariance))
+    true, own = np.empty((steps, 2, 2)), np.empty((steps, position_m.shape[1], 2, 2))
+    for step in range(steps):
+        covariance = model.step @ covariance @ model.step.T + model.noise
+        covariance = np.linalg.solve(identity + covariance @ gained[step], covariance)
+        covariance = 0.5 * (covariance + covariance.T)
+        true[step] = covariance[:2, :2]
+        own[step] = model.seen[:, :2] @ covariance @ model.seen[:, :2].transpose(0, 2, 1)
+    return Bound(time_s[block - 1 : steps * block : block], true, own)
+
+
+@dataclass(frozen=True, slots=True)
+class _Model:
+    """step, noise, prior: (d, d). seen: (N, 4, d), from the state to x, y, log activity, heading as each vehicle has them."""
+
+    step: Array
+    noise: Array
+    prior: Array
+    seen: Array
+
+    @staticmethod
+    def of(source: SourceTruth, errors: LocalizationTruth, vehicles: int, sides_m: tuple[float, float], step_s: float) -> _Model:
+        variance, turning_s = _motion(source)
+        keep = math.exp(-step_s / turning_s)
+        moved = turning_s * (1.0 - keep)
+        # The exact integral of the Ornstein-Uhlenbeck process over a step.
+        place = variance * turning_s * (2.0 * step_s - turning_s * (3.0 - 4.0 * keep + keep**2))
+        both = variance * turning_s * (1.0 - keep) ** 2
+        kinds = [
+            (errors.bias_m, math.radians(errors.bias_yaw_deg), 1.0),
+            (errors.horizontal_m / 2.0**0.5, math.radians(errors.yaw_deg), math.exp(-step_s / errors.correlation_s)),
+        ]
+        kinds = [kind for kind in kinds if kind[0] > 0.0 or kind[1] > 0.0]
+        size = _SOURCE + 3 * vehicles * len(kinds)
+        step, noise, prior = np.eye(size), np.zeros((size, size)), np.zeros((size, size))
+        for axis in range(2):
+            speed = axis + 2
+            step[axis, speed], step[speed, speed] = moved, keep
+            noise[axis, axis], noise[speed, speed] = place, variance * (1.0 - keep**2)
+            noise[axis, speed] = noise[speed, axis] = both
+            prior[axis, axis], prior[speed, speed] = sides_m[axis] ** 2 / 12.0, variance
+        prior[4, 4] = LOG_ACTIVITY_SIGMA**2
+        seen = np.zeros((vehicles, 4, size))
+        seen[:, (0, 1, 2), (0, 1, 4)] = 1.0
+        for number, (position, yaw, kept) in enumerate(kinds):
+            for vehicle in range(vehicles):
+                first = _SOURCE + 3 * (vehicle * len(kinds) + number)
+                own = np.arange(first, first + 3)
+                prior[own, own] = position**2, position**2, yaw**2
+                step[own, own] = kept
+                noise[own, own] = (1.0 - kept**2) * prior[own, own]
+                seen[vehicle, (0, 1, 3), own] = 1.0
+        return _Model(step, noise, prior, seen)
+
+
+def _motion(source: SourceTruth) -> tuple[float, float]:
+    """Variance of the velocity along each axis, m2/s2, and its correlation time, s."""
+    if source.motion == "static" or source.speed_mps == 0.0:
+        return 0.0, 1.0
+    if source.motion == "circle":
+        return source.speed_mps**2 / 2.0, source.circle_radius_m / source.speed_mps
+    return _wandering(source)
+
+
+def _wandering(source: SourceTruth) -> tuple[float, float]:
+    """Speeds are even between a share s of v and v: mean square v2 (1 + s + s2) / 3. Half of the stretches turn, at an even rate
+    of up to w, for a time T: the heading spreads by w2 E[T2] / 6 a stretch of E[T], and the velocity forgets itself in the time
+    2 E[T] / (w2 E[T2] / 6). That the speed jumps between stretches is left out: it adds a tenth of that noise.
+    """
+    low, high = STRETCH_S
+    mean_s, square_s2 = (low + high) / 2.0, (low**2 + low * high + high**2) / 3.0
+    spread = TURN_RPS**2 * square_s2 / 6.0
+    s = source.slowest
+    return source.speed_mps**2 * (1.0 + s + s * s) / 6.0, 2.0 * mean_s / spread
+
+
+def _information(source: SourceTruth, camera: CameraTruth, position_m: Array, source_m: Array) -> Array:
+    """(T, N, 4, 4): Fisher information per second of each camera about x, y, log activity and heading as its vehicle has them."""
+    counting = camera_of(camera, source.nuclide)
+    line = source_m[:, None, :] - position_m
+    distance = np.maximum(np.linalg.norm(line, axis=2), 0.1)
+    unit = line / distance[..., None]
+    result = np.zeros((*distance.shape, 4, 4))
+    far, both, strength = counting.counts(source.activity_bq, distance)
+    along = unit[..., :2]
+    result[..., :2, :2] = far[..., None, None] * along[..., :, None] * along[..., None, :]
+    result[..., :2, 2] = result[..., 2, :2] = both[..., None] * along
+    result[..., 2, 2] = strength
+    # How the direction to the source turns, in the frame of the camera's vehicle: (T, N, 3, 3) by x, y and heading.
+    turns = np.zeros((*distance.shape, 3, 3))
+    turns[..., :2] = (np.eye(3) - unit[..., :, None] * unit[..., None, :])[..., :2] / distance[..., None, None]
+    turns[..., 0, 2], turns[..., 1, 2] = -unit[..., 1], unit[..., 0]
+    cones = counting.cones(source.activity_bq, distance)[..., None, None] * (np.swapaxes(turns, -1, -2) @ turns)
+    rows, columns = np.ix_((0, 1, 3), (0, 1, 3))
+    result[..., rows, columns] += cones
+    return result
+
+
+def median_error(covariance: Array) -> Array:
+    """(...): median length of a Gaussian error of covariance (..., 2, 2)."""
+    variances = np.maximum(np.linalg.eigvalsh(covariance), 0.0)
+    large = variances[..., 1]
+    ratio = np.divide(variances[..., 0], large, out=np.zeros_like(large), where=large > 0.0)
+    result: Array = np.sqrt(large) * np.interp(ratio, *_medians())
+    return result
+
+
+@cache
+def _medians() -> tuple[Array, Array]:
+    """Median length of a Gaussian error with variances 1 and q, by q from 0 to 1."""
+    ratios = np.linspace(0.0, 1.0, 41) ** 2
+
+    def beyond(length: float, ratio: float) -> float:
+        """Probability of a shorter error, less one half: over the first component, that the second is small enough."""
+        angle = np.linspace(0.0, np.pi / 2.0, 400)
+        first, left = length * np.sin(angle), length * np.cos(angle)
+        shorter = erf(left / math.sqrt(2.0 * ratio)) if ratio > 0.0 else np.ones_like(left)
+        inside = np.trapezoid(math.sqrt(2.0 / math.pi) * np.exp(-0.5 * first**2) * shorter * left, angle)
+        return float(inside) - 0.5
+
+    return ratios, np.array([brentq(beyond, 0.1, 3.0, args=(ratio,)) for ratio in ratios.tolist()])

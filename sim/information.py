@@ -1,0 +1,132 @@
+"""How much a camera tells of where a source is, by what it counts and by its cones: Fisher information per second.
+
+Areas, attenuation, scatter and background are the simulation's own; nothing here is taken from the agent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.coneinformation import cone_information
+from sim.radiation.bank import BACKGROUND_BIN, DIRECTION_BINS, EventBank, bin_centres
+from sim.radiation.events import COMPLETE, KINDS
+from sim.radiation.materials import air_attenuation_per_m
+from sim.radiation.nuclides import nuclide as nuclide_of
+from sim.radiation.store import load_bank
+from sim.radiation.truth import CameraTruth
+
+Array = NDArray[np.float64]
+
+WINDOW = 0.1  # relative to the line: so near to it an event has all of the photon's energy
+USABLE = 0.5  # of the two-cluster events of full energy: 0.53 mm2 of usable cones (reference, table) of the bank's 1.05
+CONE_BACKGROUND_PS = 0.005  # coincidences in the energy window (reference, "Detector")
+ASTRAY = 0.12  # share of the source's cones that do not point to it (reference, "Beyond")
+_ASTRAY = (ASTRAY, 0.2, 0.4, 0.6, 0.8, 0.95)  # with those of the background
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """What a camera counts of a source: photons of all lines and of all directions together.
+
+    full_mm2, other_mm2: effective areas times photons per decay, for events with all of a photon's energy and with less.
+    cones_mm2: of those that make usable cones, among the first. full_ps, other_ps: the background's rates.
+    scatter_near, scatter_air: events by scattered photons, with less energy, relative to all direct ones: near + air * mu d.
+    air_per_m: mu. astray, information: Fisher information (rad^-2) of a cone about the angle between its axis and the source,
+    by the share of the cones that point nowhere.
+    """
+
+    full_mm2: float
+    other_mm2: float
+    cones_mm2: float
+    full_ps: float
+    other_ps: float
+    scatter_near: float
+    scatter_air: float
+    air_per_m: float
+    astray: Array
+    information: Array
+
+    def counts(self, activity_bq: float, distance_m: Array) -> tuple[Array, Array, Array]:
+        """Fisher information per second of the counts about (distance in m, log activity): three arrays as ``distance_m``.
+
+        The entries of its matrix: distance-distance, distance-activity, activity-activity. Poisson counts of two channels.
+        """
+        direct = _fluence(activity_bq, distance_m) * np.exp(-self.air_per_m * distance_m)
+        fall = -2.0 / distance_m - self.air_per_m
+        depth = self.air_per_m * distance_m
+        scatter = self.scatter_near + self.scatter_air * depth
+        area = self.full_mm2 + self.other_mm2
+        other = self.other_mm2 + scatter * area
+        full_signal, other_signal = self.full_mm2 * direct, other * direct
+        other_fall = fall + self.scatter_air * self.air_per_m * area / other
+        full = full_signal**2 / (full_signal + self.full_ps)
+        rest = other_signal**2 / (other_signal + self.other_ps)
+        return full * fall**2 + rest * other_fall**2, full * fall + rest * other_fall, full + rest
+
+    def cones(self, activity_bq: float, distance_m: Array) -> Array:
+        """Fisher information per second of the cones about the direction to the source, rad^-2 along each of the two angles."""
+        signal = self.cones_mm2 * _fluence(activity_bq, distance_m) * np.exp(-self.air_per_m * distance_m)
+        rate = signal + CONE_BACKGROUND_PS
+        astray = (ASTRAY * signal + CONE_BACKGROUND_PS) / rate
+        # The azimuth of a cone's axis around the line of sight is even: half of the information goes to each angle.
+        result: Array = 0.5 * rate * np.interp(astray, self.astray, self.information)
+        return result
+
+
+def camera_of(truth: CameraTruth, nuclide: str) -> Camera:
+    """What a camera counts of a nuclide. Takes the bank from its store, a moment later from memory."""
+    return _camera(truth, nuclide)
+
+
+@cache
+def _camera(truth: CameraTruth, name: str) -> Camera:
+    lines = np.array([energy for energy, _ in nuclide_of(name).lines])
+    bank = load_bank(name, truth)
+    areas = _mean_area(bank)
+    source, background = _full_shares(bank, lines)
+    full = float(areas @ source)
+    return Camera(
+        full_mm2=full,
+        other_mm2=float(areas.sum()) - full,
+        cones_mm2=USABLE * float(areas[COMPLETE]),
+        full_ps=truth.background_hits_per_s * background,
+        other_ps=truth.background_hits_per_s * (1.0 - background),
+        scatter_near=truth.scatter_near,
+        scatter_air=truth.scatter_air,
+        air_per_m=min(air_attenuation_per_m(energy) for energy in lines.tolist()),
+        astray=np.array([*_ASTRAY, 1.0]),
+        information=np.array([*cone_information(float(lines[0]), _ASTRAY), 0.0]),
+    )
+
+
+def _fluence(activity_bq: float, distance_m: Array) -> Array:
+    """Decays per second over the sphere's surface at a distance, per mm2."""
+    result: Array = activity_bq / (4e6 * np.pi * distance_m**2)
+    return result
+
+
+def _mean_area(bank: EventBank) -> Array:
+    """(KINDS,): effective areas times photons per decay, mm2, as a mean over all directions."""
+    z = bin_centres()[:, 2]
+    _, row, columns = np.unique(z.round(9), return_inverse=True, return_counts=True)
+    weight = np.sqrt(1.0 - z * z) / columns[row]
+    result: Array = weight @ bank.area_mm2[:DIRECTION_BINS] / weight.sum()
+    return result
+
+
+def _full_shares(bank: EventBank, lines_kev: Array) -> tuple[Array, float]:
+    """Share of the events that have a photon's full energy: (KINDS,) of the source's, and of the background's."""
+    until = np.concatenate(([0.0], np.cumsum(bank.pixels["energy_kev"], dtype=np.float64)))
+    energy = until[bank.first[1:]] - until[bank.first[:-1]]
+    full = np.any(np.abs(energy[:, None] / lines_kev - 1.0) <= WINDOW, axis=1)
+    bins, kind = (index.ravel() for index in np.indices(bank.count.shape))
+    bins, kind = np.repeat(bins, bank.count.ravel()), np.repeat(kind, bank.count.ravel())
+    direct = bins < DIRECTION_BINS
+    source = np.array([np.mean(full[direct & (kind == k)]) for k in range(KINDS)])
+    area = bank.area_mm2[BACKGROUND_BIN]
+    shares = np.array([np.mean(full[(bins == BACKGROUND_BIN) & (kind == k)]) for k in range(KINDS)])
+    return source, float(area @ shares / area.sum())
