@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agent.detector.detection import ConeEvent
-from agent.detector.response import DOPPLER_MOMENTUM, ELECTRON_KEV, POSITION_MM, attenuation_per_mm, energy_variance
+from agent.detector.response import DOPPLER_MOMENTUM, ELECTRON_KEV, attenuation_per_mm, energy_variance, position_variance
 
 ORDER_FLOOR = 0.03  # of each order's probability: what the weights do not know of
 SIGMA_MAX_RAD = 0.35
@@ -123,8 +123,8 @@ def _reading(line: Line, electron_kev: float, variance: float, length_mm: float)
     slope = ELECTRON_KEV / (photon_kev * photon_kev * max(math.sin(theta), 1e-3))
     edge = compton_edge_kev(line.energy_kev)
     blur = variance + doppler_kev(line.energy_kev, max(photon_kev, line.energy_kev - edge), max(cosine, -1.0)) ** 2
-    tilt = POSITION_MM / length_mm
-    spread = min(blur * slope * slope + 2.0 * tilt * tilt, SIGMA_MAX_RAD * SIGMA_MAX_RAD)
+    tilt = (position_variance(electron_kev) + position_variance(photon_kev)) / (length_mm * length_mm)
+    spread = min(blur * slope * slope + tilt, SIGMA_MAX_RAD * SIGMA_MAX_RAD)
     sigma = math.sqrt(spread + SIGMA_FLOOR_RAD * SIGMA_FLOOR_RAD)
 
     photo, total = attenuation_per_mm(photon_kev)

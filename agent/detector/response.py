@@ -18,7 +18,10 @@ MM_PER_TICK = SENSOR_THICKNESS_MM / DRIFT_NS * TICK_NS  # depth for one step of 
 NOISE_KEV = 2.5  # of a cluster's energy, constant part ...
 RELATIVE_NOISE = 0.02  # ... and the part that grows with the energy
 DOPPLER_MOMENTUM = 4.2 / 137.036  # of the bound electrons along the photon's change of momentum, in m c; 68 % are within it
-POSITION_MM = 0.064  # 1 sigma of a cluster's centre of charge against the point of interaction, in each direction
+# 1 sigma of a cluster's centre of charge against the point of interaction, in each direction: pixels, drift times and the way of
+# fluorescence, and the electron's track, whose length grows with its energy; from transported electrons of 50 to 1100 keV.
+PIXELS_MM = 0.045
+TRACK_MM, TRACK_KEV, TRACK_POWER = 0.064, 411.0, 1.2
 
 # CdTe, cm2/g: photoelectric (Kissel) and total attenuation, from xraylib 4.3; the two K edges (Cd 26.711, Te 31.814 keV)
 # have a row on each side. Beyond 800 keV xraylib gives no total: the Compton part was scaled by Klein-Nishina.
@@ -54,6 +57,11 @@ _LOG_TOTAL = tuple(math.log(row[2]) for row in _CDTE)
 def energy_variance(energy_kev: float) -> float:
     """Variance in keV2 of a cluster's energy (reference: sigma_E = sqrt(2.5^2 + (0.02 E)^2) keV)."""
     return NOISE_KEV * NOISE_KEV + (RELATIVE_NOISE * energy_kev) ** 2
+
+
+def position_variance(energy_kev: float) -> float:
+    """Variance in mm2, in each direction, of a cluster's place; its energy is that of one electron."""
+    return PIXELS_MM * PIXELS_MM + (TRACK_MM * (energy_kev / TRACK_KEV) ** TRACK_POWER) ** 2
 
 
 def attenuation_per_mm(energy_kev: float) -> tuple[float, float]:

@@ -1,0 +1,157 @@
+"""What a camera counts beside a known source: ``python -m benchmarks.channel_response [NUCLIDE ...]``.
+
+The simulated camera looks at a source from several distances, its heading turning evenly as in flight, the source 5 to 45 degrees
+below the horizon; its hits go through the chain of agent.detector with the default configuration. A channel's rate over the
+unscattered photons per mm2 and second is fitted by area x (direct + scattered x depth), depth = attenuation x distance: the area
+without scatter in the surroundings, the rest with it. The numbers stand in agent/fusion/bayes/response.py.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.config import DetectionConfig
+from agent.detector.calibration import Calibration
+from agent.detector.chain import DetectorChain
+from sim.radiation.camera import Camera, SourceView
+from sim.radiation.materials import air_attenuation_per_m
+from sim.radiation.nuclides import nuclide
+from sim.radiation.truth import CameraTruth
+
+Array = NDArray[np.float64]
+
+NUCLIDES = ("Cs-137", "Co-60", "I-131", "Ir-192", "Na-22")
+CHANNELS = ("hits", "photopeak", "coincidences", "cones")
+DISTANCES_M = (2.0, 5.0, 10.0, 20.0, 35.0, 60.0)
+EVENTS = 400_000  # at each distance, about
+EVENTS_PS = 2000.0  # so few that chance coincidences are 0.1 % of the true ones and less
+STEP_NS = 10_000_000
+VIEWS = 8  # headings in a step
+REFERENCE_BQ = 1e9
+HEADINGS_DEG = (0.0, 30.0, 60.0, 80.0, 90.0, 100.0, 120.0, 150.0, 180.0)
+ALONE = CameraTruth(background_hits_per_s=0.0)
+QUIET = CameraTruth(background_hits_per_s=0.0, scatter_near=0.0, scatter_air=0.0)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A nuclide for the agent: photons per decay of all its lines above 100 keV, and one attenuation for all."""
+
+    name: str
+    photons_per_decay: float
+    air_per_m: float
+
+    @classmethod
+    def of(cls, name: str) -> Source:
+        """The attenuation is the lines' mean, weighed by their photons."""
+        lines = [line for line in nuclide(name).lines if line[0] > 100.0]
+        photons = sum(intensity for _, intensity in lines)
+        mean = sum(intensity * air_attenuation_per_m(energy) for energy, intensity in lines) / photons
+        return cls(name, photons, mean)
+
+    def flux(self, distance_m: float) -> float:
+        """Unscattered photons per mm2 and s from REFERENCE_BQ."""
+        per_mm2 = REFERENCE_BQ * self.photons_per_decay / (4e6 * math.pi * distance_m**2)
+        return per_mm2 * math.exp(-self.air_per_m * distance_m)
+
+
+def directions(count: int, rng: np.random.Generator) -> list[tuple[float, float, float]]:
+    """Towards the source, camera frame: z along the heading, y up."""
+    heading = rng.uniform(0.0, 2.0 * math.pi, count)
+    below = np.deg2rad(rng.uniform(5.0, 45.0, count))
+    x, z = np.cos(below) * np.sin(heading), np.cos(below) * np.cos(heading)
+    return [(float(a), float(b), float(c)) for a, b, c in zip(x, -np.sin(below), z, strict=True)]
+
+
+def counted(camera: Camera, name: str, views: list[tuple[SourceView, ...]], step_ns: int) -> tuple[Array, float]:
+    """Counts (4,) of CHANNELS, one step with each of the views, and the time in s."""
+    chain = DetectorChain(DetectionConfig(), name, Calibration.nominal())
+    counts, live_s = np.zeros(len(CHANNELS)), 0.0
+    now_ns = 0
+    for view in views:
+        found = chain.process(camera.expose(now_ns, now_ns + step_ns, view))
+        counts += (found.hits, found.photopeak, found.coincidences, len(found.cones))
+        live_s += found.live_time_s
+        now_ns += step_ns
+    return counts, live_s
+
+
+def per_photon(source: Source, truth: CameraTruth, distance_m: float, seed: int) -> Array:
+    """Effective areas (4,) in mm2: rates over the unscattered photons, background not in it."""
+    rng = np.random.default_rng([seed, round(distance_m)])
+    camera = Camera(truth, source.name, rng, 0)
+    area_mm2 = 20.0  # roughly, of any nuclide: it only sets how strong the source is
+    gain = EVENTS_PS / (area_mm2 * source.flux(distance_m))
+    steps = round(EVENTS / (EVENTS_PS * VIEWS * STEP_NS * 1e-9))
+    views = [
+        tuple(SourceView(one, distance_m, gain * REFERENCE_BQ / VIEWS) for one in directions(VIEWS, rng)) for _ in range(steps)
+    ]
+    counts, live_s = counted(camera, source.name, views, VIEWS * STEP_NS)
+    return counts / (live_s * gain * source.flux(distance_m))
+
+
+def background_ps(name: str) -> Array:
+    """Rates (4,) without a source; taken from as many events at a hundred times the rate."""
+    many = 100.0
+    truth = CameraTruth(background_hits_per_s=CameraTruth().background_hits_per_s * many)
+    camera = Camera(truth, name, np.random.default_rng(3), 0)
+    step_ns = 1_000_000_000
+    counts, live_s = counted(camera, name, [()] * round(EVENTS / truth.background_hits_per_s), step_ns)
+    return counts / live_s / many
+
+
+def around(source: Source) -> Array:
+    """Areas (H, 4) without scatter by HEADINGS_DEG, the source 10 m away and 20 degrees below the horizon."""
+    flux, step_ns = source.flux(10.0), 100_000_000
+    gain = EVENTS_PS / (20.0 * flux)
+    steps = round(0.25 * EVENTS / (EVENTS_PS * step_ns * 1e-9))
+    rows = []
+    for heading_deg in HEADINGS_DEG:
+        polar, below = math.radians(heading_deg), math.radians(20.0)
+        unit = (math.cos(below) * math.sin(polar), -math.sin(below), math.cos(below) * math.cos(polar))
+        views = [(SourceView(unit, 10.0, gain * REFERENCE_BQ),)] * steps
+        camera = Camera(QUIET, source.name, np.random.default_rng(4), 0)
+        counts, live_s = counted(camera, source.name, views, step_ns)
+        rows.append(counts / (live_s * gain * flux))
+    return np.array(rows)
+
+
+def fitted(source: Source) -> tuple[Array, Array, Array, Array]:
+    """Of each channel (4,): area in mm2, direct, scattered, and the fit's largest relative error up to 35 m."""
+    distance = np.array(DISTANCES_M)
+    direct = np.array([per_photon(source, QUIET, d, 1) for d in DISTANCES_M])  # (D, 4)
+    total = np.array([per_photon(source, ALONE, d, 2) for d in DISTANCES_M])
+    area = direct[distance <= 20.0].mean(axis=0)  # beyond, air has changed the mixture of a nuclide's lines
+    depth = source.air_per_m * distance
+    design = np.stack((np.ones(len(depth)), depth), axis=1)
+    near = distance <= 35.0
+    (constant, slope), *_ = np.linalg.lstsq(design[near], total[near] / area, rcond=None)
+    error = np.abs(design @ np.stack((constant, slope)) * area / total - 1.0)[near].max(axis=0)
+    return area, constant, slope, error
+
+
+def main() -> None:
+    for name in sys.argv[1:] or NUCLIDES:
+        source = Source.of(name)
+        area, direct, scattered, error = fitted(source)
+        background = background_ps(name)
+        print(f"{name}: {source.photons_per_decay:.4g} photons per decay, {source.air_per_m:.5f} 1/m in air")
+        print(f"{'channel':14}{'area mm2':>10}{'direct':>8}{'scattered':>11}{'background 1/s':>16}{'fit within':>12}")
+        for k, channel in enumerate(CHANNELS):
+            print(
+                f"{channel:14}{area[k]:10.3g}{direct[k]:8.2f}{scattered[k]:11.2f}{background[k]:16.3g}{100.0 * error[k]:10.1f} %"
+            )
+        rows = around(source)
+        print("area / mean by heading: " + "  ".join(f"{deg:g}" for deg in HEADINGS_DEG) + " deg")
+        for k, channel in enumerate(CHANNELS):
+            print(f"{channel:14}" + "".join(f"{value:7.2f}" for value in rows[:, k] / area[k]))
+        print(flush=True)
+
+
+if __name__ == "__main__":
+    main()
