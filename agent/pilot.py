@@ -119,6 +119,11 @@ class Pilot:
         return self.fusion.outlook
 
     @property
+    def finding(self) -> str:
+        """What the search has ended with, where it has found nothing; else empty."""
+        return self._finding
+
+    @property
     def digest(self) -> str:
         """Digest of the log, 32 hex digits."""
         return self.fusion.digest

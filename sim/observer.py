@@ -69,6 +69,11 @@ class ObservedAgent:
         return None
 
     @property
+    def finding(self) -> str:
+        """What its search has ended with, where it has found nothing; else empty."""
+        return self.status.finding if self.status is not None else ""
+
+    @property
     def believed_s(self) -> float:
         """When the newest estimate came."""
         return self._believed_s

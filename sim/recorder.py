@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,46 +12,19 @@ from shapely import Polygon
 
 from protocol.codec import decode
 from protocol.messages import AnyMessage, Cone, Exposure, Stage
+from sim.believers import Agent, Believer
 from sim.bound import Bound, bound_of
 from sim.frame import LocalFrames
 from sim.result import ConeTrace, RunResult, Trace
 from sim.safety import OFF_GROUND_M, Safety
 from sim.samples import TRACKING, Row
 from sim.scenario import Scenario
-from sim.score import Belief, Score
+from sim.score import Score
 
 SAMPLE_TICKS = 4  # 5 Hz
 LONGEST_START_S = 120.0  # without a search: they do not start at all
 LOST_NO_CONE_S = 20.0
 Array = NDArray[np.float64]
-
-
-class Excluding(Protocol):
-    """What is known without a hypothesis."""
-
-    @property
-    def excluded_bq(self) -> float | None:
-        """A source of this activity or more would have been found; None: nothing is excluded yet."""
-
-
-class Believer(Protocol):
-    """An estimator's belief at this moment."""
-
-    @property
-    def hypothesis(self) -> Belief | None:
-        """Where it believes the source to be; None while it has no idea."""
-
-    @property
-    def outlook(self) -> Excluding | None:
-        """What is known while there is no hypothesis; None where there is one, or nothing is known of that."""
-
-
-class Agent(Believer, Protocol):
-    """What is to be seen of an agent: its pilot in lockstep, what it publishes in a live flight."""
-
-    @property
-    def stage(self) -> Stage:
-        """What it is doing."""
 
 
 class Recorder:
@@ -187,17 +159,26 @@ class Recorder:
 
     def result(self, seed: int, wall_s: float) -> RunResult:
         """The record of the swarm's own estimator."""
-        return self._result(self._score, self._agents[0], seed, wall_s)
+        first = self._agents[0]
+        return self._result(self._score, first, first.finding != "", seed, wall_s)
 
     def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
         """The records of the listening estimators."""
-        return {name: self._result(score, fusion, seed, wall_s) for name, (score, fusion) in self._listeners.items()}
+        return {
+            name: self._result(score, fusion, self._concludes(fusion), seed, wall_s)
+            for name, (score, fusion) in self._listeners.items()
+        }
 
-    def _result(self, score: Score, believer: Believer, seed: int, wall_s: float) -> RunResult:
+    def _concludes(self, listener: Believer) -> bool:
+        """Whether a mission that went by this estimator would say that there is nothing."""
+        least_bq = self._mission.survey.least_activity_bq
+        excluded_bq = _excluded_bq(listener)
+        return least_bq is not None and excluded_bq is not None and excluded_bq <= least_bq
+
+    def _result(self, score: Score, believer: Believer, nothing_found: bool, seed: int, wall_s: float) -> RunResult:
         errors = np.array(score.errors_m)
         bound_m, bound_relative_m = self._bounds_m()
-        sampled, outlook = score.sampled, believer.outlook
-        excluded_bq = outlook.excluded_bq if outlook is not None else None
+        sampled = score.sampled
         sim_s = round(self._time_s, 6)
         return RunResult(
             scenario=self._scenario.name,
@@ -226,8 +207,8 @@ class Recorder:
             region=sampled.region if sampled is not None else None,
             bound_median_m=bound_m,
             bound_relative_median_m=bound_relative_m,
-            nothing_found=excluded_bq is not None,
-            excluded_bq=excluded_bq,
+            nothing_found=nothing_found,
+            excluded_bq=_excluded_bq(believer),
             false_hypothesis=self._scenario.source is None and score.x0_s is not None,
         )
 
@@ -282,3 +263,8 @@ class Recorder:
             drones=tuple(drone.id for drone in self._mission.drones),
             source_bq=None if source is None else source.activity_bq,
         )
+
+
+def _excluded_bq(believer: Believer) -> float | None:
+    outlook = believer.outlook
+    return outlook.excluded_bq if outlook is not None else None

@@ -17,7 +17,7 @@ from sim.scenario import load_scenario, override
 @pytest.mark.parametrize("duration_s", [60.0, 500.0])
 def test_a_drone_that_never_lands_ends_no_run(stage, duration_s):
     scenario = override(load_scenario("demo"), {"mission.track.duration_s": duration_s, "end.search_s": 100.0, "drones": 1})
-    pilot = SimpleNamespace(stage=Stage.SURVEY, hypothesis=Belief(np.zeros(3), np.eye(3)), outlook=None)
+    pilot = SimpleNamespace(stage=Stage.SURVEY, hypothesis=Belief(np.zeros(3), np.eye(3)), outlook=None, finding="")
     recorder = Recorder(scenario, [pilot], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05)
     position, velocity = np.array([[0.0, 0.0, 3.0]]), np.zeros((1, 3))
     assert not recorder.sample(1.0, position, velocity, (0.0, 0.0))
@@ -31,7 +31,7 @@ class Watched:
     """An agent that surveys."""
 
     def __init__(self):
-        self.stage, self.hypothesis, self.outlook = Stage.SURVEY, None, None
+        self.stage, self.hypothesis, self.outlook, self.finding = Stage.SURVEY, None, None, ""
 
 
 def flown(agent, recorder, seconds):
@@ -51,7 +51,7 @@ def test_without_a_source_the_result_says_what_would_have_been_found():
     agent, recorder = without_source()
     agent.outlook = SimpleNamespace(excluded_bq=None)
     assert not flown(agent, recorder, 1.0).nothing_found
-    agent.outlook = SimpleNamespace(excluded_bq=4e7)
+    agent.outlook, agent.finding = SimpleNamespace(excluded_bq=4e7), "nothing found"
     result = flown(agent, recorder, 2.0)
     assert (result.nothing_found, result.excluded_bq, result.false_hypothesis) == (True, 4e7, False)
     assert (result.time_to_x0_s, result.error_median_m, result.region) == (None, None, None)
@@ -66,3 +66,14 @@ def test_a_hypothesis_without_a_source_is_a_false_one_even_when_it_is_taken_back
     assert result.false_hypothesis
     assert result.x0_rms_m == pytest.approx(2.0**0.5)
     assert result.x0_error_m is None
+
+
+def test_an_estimator_that_only_listened_finds_nothing_once_it_excludes_what_the_mission_is_after():
+    scenario = replace(override(load_scenario("demo"), {"drones": 1, "mission.survey.least_activity_bq": 1e8}), source=None)
+    agent, listener = Watched(), SimpleNamespace(hypothesis=None, outlook=SimpleNamespace(excluded_bq=2e8))
+    recorder = Recorder(scenario, [agent], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05, {"bayes": listener})
+    flown(agent, recorder, 1.0)
+    assert not recorder.listened(1, 1.0)["bayes"].nothing_found
+    listener.outlook.excluded_bq = 5e7
+    heard = recorder.listened(1, 1.0)["bayes"]
+    assert (heard.nothing_found, heard.excluded_bq) == (True, 5e7)
