@@ -15,7 +15,7 @@ from agent.detector.readout import PixelHits, Readout
 from sim.frame import CameraMount
 from sim.radiation.camera import Camera, SourceView
 from sim.scenario import Scenario
-from sim.walls import concrete_m
+from sim.walls import Walls
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class Cameras:
         source = scenario.source
         self._activity_bq = 0.0 if source is None else source.activity_bq
         nuclide = scenario.mission.nuclide if source is None else source.nuclide
-        self._walls = scenario.walls
+        self._walls = Walls(scenario.walls) if scenario.walls else None
         self._mounts = [CameraMount(drone.camera_rpy_deg) for drone in drones]
         self._cameras = [Camera(scenario.camera, nuclide, rng, clock_ns) for rng in rngs]
         self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
@@ -56,9 +56,8 @@ class Cameras:
         if source is not None:
             place, attitude = motion.position_m[drone], motion.quaternion(drone)
             view = self._mounts[drone].view(place, attitude, source, self._activity_bq)
-            if self._walls:
-                x, y, z = place.tolist()
-                view = replace(view, concrete_m=concrete_m(self._walls, (x, y, z), (*source, 0.0)))
+            if self._walls is not None:
+                view = replace(view, concrete_m=self._walls.concrete_m(place, np.array([*source, 0.0])))
             views = (view,)
         self._exposed[drone].append(self._cameras[drone].expose(start_ns, end_ns, views))
 

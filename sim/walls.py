@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
 from typing import Annotated
 
+import numpy as np
 from msgspec import Meta, Struct
+from numpy.typing import NDArray
 
 from agent.config import Point2
 from agent.errors import ConfigError
 
-Vector3 = tuple[float, float, float]
+Array = NDArray[np.float64]
+_PARALLEL = 1e-12  # stands for no way along an axis at all: the line is then inside a wall's faces everywhere, or nowhere
 
 
 class WallTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -27,28 +29,28 @@ class WallTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         if self.from_m == self.to_m:
             raise ConfigError(f"{where}: walls: from_m and to_m are both {list(self.from_m)}; give two different ends")
 
-    def crossed_m(self, start: Vector3, end: Vector3) -> float:
-        """Length of the part of a straight line, from start to end, that lies in the wall."""
-        (west, south), (east, north) = self.from_m, self.to_m
-        length = hypot(east - west, north - south)
-        ux, uy = (east - west) / length, (north - south) / length
-        dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
-        rx, ry = start[0] - 0.5 * (west + east), start[1] - 0.5 * (south + north)
-        enters, leaves = 0.0, 1.0
-        for place, way, low, high in (
-            (rx * ux + ry * uy, dx * ux + dy * uy, -0.5 * length, 0.5 * length),
-            (ry * ux - rx * uy, dy * ux - dx * uy, -0.5 * self.thickness_m, 0.5 * self.thickness_m),
-            (start[2], dz, 0.0, self.height_m),
-        ):
-            if way == 0.0:
-                if not low <= place <= high:
-                    return 0.0
-                continue
-            one, other = (low - place) / way, (high - place) / way
-            enters, leaves = max(enters, min(one, other)), min(leaves, max(one, other))
-        return max(0.0, leaves - enters) * hypot(dx, dy, dz)
 
+class Walls:
+    """W walls, ready to be looked through."""
 
-def concrete_m(walls: Sequence[WallTruth], start: Vector3, end: Vector3) -> float:
-    """Length of concrete on a straight line; where walls overlap, it counts for each."""
-    return sum(wall.crossed_m(start, end) for wall in walls)
+    def __init__(self, walls: Sequence[WallTruth]) -> None:
+        ends = np.array([(wall.from_m, wall.to_m) for wall in walls]).reshape(-1, 2, 2)
+        size = np.array([(wall.thickness_m, wall.height_m) for wall in walls]).reshape(-1, 2)
+        along = ends[:, 1] - ends[:, 0]
+        length = np.hypot(along[:, 0], along[:, 1])
+        x, y = along.T / length
+        none = np.zeros_like(x)
+        self._turn = np.stack((x, y, none, -y, x, none, none, none, none + 1.0), axis=-1).reshape(-1, 3, 3)
+        self._middle = np.column_stack((ends.mean(axis=1), 0.5 * size[:, 1]))
+        self._half = 0.5 * np.column_stack((length, size))
+
+    def concrete_m(self, start: Array, end: Array) -> float:
+        """Length of concrete on the straight line between two points (3,), mission frame; where walls overlap, of each."""
+        way = end - start
+        place = np.einsum("wij,wj->wi", self._turn, start - self._middle)
+        ways = self._turn @ way
+        ways = np.where(ways == 0.0, _PARALLEL, ways)
+        middle, half = -place / ways, self._half / np.abs(ways)
+        enters = np.maximum((middle - half).max(axis=1), 0.0)
+        leaves = np.minimum((middle + half).min(axis=1), 1.0)
+        return float(np.maximum(leaves - enters, 0.0).sum() * np.linalg.norm(way))

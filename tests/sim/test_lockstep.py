@@ -105,13 +105,53 @@ def test_a_single_drone_flies_too():
 
 
 def test_without_a_source_nothing_is_found_and_the_search_ends():
-    scenario = override(load_scenario("demo"), {"source.activity_bq": 1.0, "end.search_s": 40.0})
-    result = fly(scenario, seed=1).result
+    result = fly(override(load_scenario("empty"), {"end.search_s": 20.0}), seed=1, estimator="paper").result
     assert result.time_to_x0_s is None
     assert result.x0_error_m is None
     assert result.error_median_m is None
-    assert 40.0 < result.sim_s < 60.0
-    assert result.hits > 0  # the background
+    assert 20.0 < result.sim_s < 40.0
+    # Three cameras with 1.5 hits/s of background each, to four sigmas of the Poisson number.
+    assert result.hits / result.sim_s == pytest.approx(4.5, rel=0.4)
+
+
+def test_nobody_reads_cameras_where_the_hypothesis_is_given():
+    assert fly(override(load_scenario("stabilization"), {"end.track_s": 2.0}), seed=1).result.hits == 0
+
+
+def test_biases_and_clock_offsets_reach_the_pilots(monkeypatch):
+    def told(values):
+        """First position, sigmas, and the clock of the first readout, of each drone."""
+        states, clocks = {}, {}
+
+        class Listening(Pilot):
+            def observe_vehicle(self, state):
+                states.setdefault(id(self), state)
+                super().observe_vehicle(state)
+
+            def observe_detector(self, readout):
+                clocks.setdefault(id(self), readout.clock_ns)
+                return super().observe_detector(readout)
+
+        with monkeypatch.context() as patched:
+            patched.setattr("sim.lockstep.Pilot", Listening)
+            fly(override(load_scenario("empty"), {"end.search_s": 0.5} | values), seed=2)
+        return list(states.values()), list(clocks.values())
+
+    (ideal, clocks), (biased, shifted) = told({}), told({
+        "localization.bias_m": 1.0, "localization.bias_yaw_deg": 3.0, "camera.clock_offset_s": 0.05,
+    })  # fmt: skip
+    origin = [drone.origin_m for drone in load_scenario("empty").mission.drones]
+    assert len(ideal) == len(biased) == len(shifted) == len(origin) == 3
+    for exact, off in zip(ideal, biased, strict=True):
+        assert exact.position_m == (0.0, 0.0, 0.0)
+        assert (exact.position_sigma_m, exact.yaw_sigma_rad) == (0.0, 0.0)
+        assert 0.01 < np.hypot(*off.position_m[:2]) < 4.0
+        assert off.position_m[2] == 0.0
+        assert off.position_sigma_m == pytest.approx(2.0**0.5)
+        assert off.yaw_sigma_rad == pytest.approx(np.deg2rad(3.0))
+    offsets = np.array(shifted) - np.array(clocks)
+    assert len(set(offsets)) == 3
+    assert np.abs(offsets).max() <= 50_000_000
 
 
 def test_local_frames_do_not_matter():

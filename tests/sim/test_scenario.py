@@ -9,6 +9,7 @@ from agent.errors import ConfigError
 from sim.localization import LocalizationTruth
 from sim.scenario import load_scenario, override, shipped
 from sim.source import source_path
+from sim.walls import Walls
 
 NAMES = {
     "paper-static-solo", "paper-static-swarm", "paper-moving-solo", "paper-moving-swarm", "stabilization",
@@ -16,6 +17,8 @@ NAMES = {
     "ideal-static-solo", "ideal-static-swarm", "ideal-moving-solo", "ideal-moving-swarm",
     "biased-static-solo", "biased-static-swarm", "biased-moving-solo", "biased-moving-swarm",
     "fast-2mps", "fast-3mps", "weak-179MBq", "empty", "empty-bright",
+    "mismatch-gain", "mismatch-background", "mismatch-buildup", "mismatch-shadow", "mismatch-resolution", "mismatch-clocks",
+    "mismatch-walls",
 }  # fmt: skip
 
 
@@ -47,6 +50,22 @@ def test_biased_scenarios_add_to_the_ideal_ones_what_nobody_on_board_knows():
     assert biased.mission == ideal.mission
     assert biased.source == ideal.source
     assert biased.camera != ideal.camera
+
+
+@pytest.mark.parametrize("name", sorted(name for name in NAMES if name.startswith("mismatch-")))
+def test_a_mismatch_is_the_ideal_swarm_but_for_one_thing_that_no_drone_knows(name):
+    ideal, mismatch = load_scenario("ideal-static-swarm"), load_scenario(name)
+    changed = {key for key in ideal.__struct_fields__ if getattr(mismatch, key) != getattr(ideal, key)}
+    assert changed - {"name", "description"} == {"walls" if name == "mismatch-walls" else "camera"}
+
+
+def test_walls_stand_in_the_way():
+    walls, rng = Walls(load_scenario("mismatch-walls").walls), np.random.default_rng(1)
+    shares = []
+    for x, y, turn in rng.uniform((0.0, 0.0, 0.0), (100.0, 100.0, 6.3), (1000, 3)):
+        there = np.array([x + 12.0 * np.cos(turn), y + 12.0 * np.sin(turn), 3.0])
+        shares.append(np.exp(-17.9 * walls.concrete_m(there, np.array([x, y, 0.0]))))
+    assert np.mean(np.array(shares) < 0.5) == pytest.approx(0.2, abs=0.04)  # three sigmas
 
 
 @pytest.mark.parametrize(("name", "speed_mps"), [("fast-2mps", 2.0), ("fast-3mps", 3.0)])
@@ -137,6 +156,8 @@ activity_bq = 1e9
         ("[start]\ncentre_m = [1e9, 0.0]", r"start.centre_m\[0\]: expected `float` <= 100000.0"),
         ("[end]\nsearch_s = 1e12", r"end.search_s: expected `float` <= 36000.0"),
         ("[mission.track]\nduration_s = 1e6", r"mission.track.duration_s: a simulated flight tracks for at most 36000 s"),
+        ("walls = [{ from_m = [0.0, 0.0], to_m = [0.0, 0.0] }]", r"walls: from_m and to_m are both \[0.0, 0.0\]"),
+        ("[camera]\nshadow = 1.0", r"camera.shadow: expected `float` < 1.0"),
         ("vehicle_lag_s = -1.0", r"vehicle_lag_s: expected `float` >= 0.0"),
     ],
 )

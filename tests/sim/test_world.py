@@ -100,6 +100,25 @@ def test_a_world_runs_in_real_time_and_obeys(tmp_path: Path) -> None:
     asyncio.run(course())
 
 
+def test_cameras_of_a_world_without_a_source_see_the_background(tmp_path: Path) -> None:
+    async def course() -> None:
+        scenario = override(load_scenario("empty"), {"drones": 1.0, "camera.background_hits_per_s": 500.0})
+        world = await WorldProcess.start(WorldConfig(scenario=scenario, seed=1, onboard=(NOBODY,)), tmp_path / "world.json")
+        try:
+            reader, writer = await asyncio.open_connection("127.0.0.1", world.feed_ports[0])
+            unpacker = Unpacker()
+            readouts: list[Readout] = []
+            async with asyncio.timeout(20.0):
+                while len(readouts) < 2:
+                    readouts.extend(unpacker.feed(await reader.read(65_536)))
+            writer.close()
+        finally:
+            await world.stop()
+        assert all(len(readout.hits) > 100 for readout in readouts)  # 100 events in 0.2 s, of some pixels each
+
+    asyncio.run(course())
+
+
 def test_a_world_that_cannot_be_says_why(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     async def course() -> None:
         config = WorldConfig(scenario=world_config().scenario, seed=1, onboard=(("no-such-host.invalid", 14540),))
