@@ -52,6 +52,7 @@ class Recorder:
         self._listeners = {name: (Score(name, drones, middle_s), fusion) for name, fusion in listeners.items()}
         self._estimated = mission.fusion.estimator != "given"
         self._search_began_s: float | None = None
+        self._excluded_bq: float | None = None  # when the search of the first drone ended with nothing
         self._tracking_s = 0.0
         self._last_cone_s = 0.0
         self._cones: list[ConeTrace] = []
@@ -108,6 +109,7 @@ class Recorder:
         self._ticks += 1
         stages = [agent.stage for agent in self._agents]
         self._safety.sample(position, stages)
+        self._note_finding()
         if self._search_began_s is None and any(stage in (Stage.SURVEY, *TRACKING) for stage in stages):
             self._search_began_s = time_s
         if source is not None or self._estimated:
@@ -140,6 +142,14 @@ class Recorder:
                 score.judge_by_error(time_s)
         self._rows.append(Row.of(time_s, position, velocity, source, stages, beliefs))
 
+    def _note_finding(self) -> None:
+        """Take down what is excluded when the first drone's search ends with nothing; what it finds later makes that void."""
+        first = self._agents[0]
+        if not first.finding:
+            self._excluded_bq = None
+        elif self._excluded_bq is None:
+            self._excluded_bq = _excluded_bq(first)
+
     def _over(self, time_s: float, stages: list[Stage]) -> bool:
         end = self._scenario.end
         if all(stage is Stage.LANDED for stage in stages):
@@ -160,22 +170,22 @@ class Recorder:
     def result(self, seed: int, wall_s: float) -> RunResult:
         """The record of the swarm's own estimator."""
         first = self._agents[0]
-        return self._result(self._score, first, first.finding != "", seed, wall_s)
+        excluded_bq = self._excluded_bq or _excluded_bq(first)
+        return self._result(self._score, first.finding != "", excluded_bq, seed, wall_s)
 
     def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
         """The records of the listening estimators."""
         return {
-            name: self._result(score, fusion, self._concludes(fusion), seed, wall_s)
+            name: self._result(score, self._enough(_excluded_bq(fusion)), _excluded_bq(fusion), seed, wall_s)
             for name, (score, fusion) in self._listeners.items()
         }
 
-    def _concludes(self, listener: Believer) -> bool:
-        """Whether a mission that went by this estimator would say that there is nothing."""
+    def _enough(self, excluded_bq: float | None) -> bool:
+        """Whether all that the mission is after is excluded."""
         least_bq = self._mission.survey.least_activity_bq
-        excluded_bq = _excluded_bq(listener)
         return least_bq is not None and excluded_bq is not None and excluded_bq <= least_bq
 
-    def _result(self, score: Score, believer: Believer, nothing_found: bool, seed: int, wall_s: float) -> RunResult:
+    def _result(self, score: Score, nothing_found: bool, excluded_bq: float | None, seed: int, wall_s: float) -> RunResult:
         errors = np.array(score.errors_m)
         bound_m, bound_relative_m = self._bounds_m()
         sampled = score.sampled
@@ -208,7 +218,7 @@ class Recorder:
             bound_median_m=bound_m,
             bound_relative_median_m=bound_relative_m,
             nothing_found=nothing_found,
-            excluded_bq=_excluded_bq(believer),
+            excluded_bq=excluded_bq,
             false_hypothesis=self._scenario.source is None and score.x0_s is not None,
         )
 

@@ -15,7 +15,7 @@ from sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
 from sim.figures.error import error_figure
 from sim.figures.map import last_tracking, map_figure
 from sim.figures.spacing import spacing_figure
-from sim.figures.style import metres, save, seconds
+from sim.figures.style import becquerels, metres, save, seconds
 from sim.result import Flight, RunResult, Trace
 from sim.runfile import json_line, write_text
 from sim.statistics import Summary, summarise
@@ -26,18 +26,28 @@ def sentence(result: RunResult, trace: Trace) -> str:
     end = last_tracking(trace)
     estimate, source = trace.hypothesis_m[end, 0], trace.source_m[end]
     if not np.isfinite(estimate).all():
-        return (
-            f"The swarm did not find the source: {result.cones} cones in {result.sim_s:.0f} s of flight "
-            "were not enough for a first estimate."
-        )
+        return _without_estimate(result, bool(np.isfinite(source).all()))
     where = f"({estimate[0]:.1f}, {estimate[1]:.1f}) m east and north of the mission's origin"
     if not np.isfinite(source).all():
-        return f"The hypothesis was given, at the end at {where}; there is no source in this scenario."
+        whose = "The swarm believes in a source" if result.false_hypothesis else "The hypothesis was given"
+        return f"{whose}, at the end at {where}; there is no source in this scenario."
     error = float(np.hypot(*(estimate - source)[:2]))
     lost = ", so it lost the source" if result.lost else ""
     return (
         f"The source is at {where}, says the swarm, sure to {_length(float(trace.sigma_m[end]))} (1-sigma radius); "
         f"that is {_length(error)} from the truth{lost}."
+    )
+
+
+def _without_estimate(result: RunResult, there: bool) -> str:
+    """``there``: there is a source."""
+    excluded = "" if result.excluded_bq is None else f"{becquerels(result.excluded_bq)} or more would have been found anywhere"
+    if result.nothing_found or not there:
+        truth = "though there is one" if there else "and there is none"
+        return f"The swarm found no source, {truth}{f'; one of {excluded}' if excluded else ''}."
+    return (
+        f"The swarm did not find the source: {result.cones} cones in {result.sim_s:.0f} s of flight "
+        "were not enough for a first estimate."
     )
 
 

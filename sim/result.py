@@ -35,8 +35,8 @@ class RunResult(Struct, frozen=True, kw_only=True):
     Of a flight that finds nothing:
         nothing_found: what the mission says in the end: no source, or none that is strong enough (of an estimator that only
             listened: it excludes what the mission is after).
-        excluded_bq: in the end, a source of this activity or more would have been found, wherever in the area; None where there
-            is a hypothesis, or nothing is excluded.
+        excluded_bq: a source of this activity or more would have been found, wherever in the area, as known when the mission said
+            that there was nothing, else in the end; None where there is a hypothesis, or nothing is excluded.
         false_hypothesis: there was a hypothesis although there is no source.
 
     ``wall_s`` and ``realtime_factor`` are the only fields that differ between two runs of one seed.

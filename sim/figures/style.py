@@ -91,6 +91,14 @@ def metres(value: float | None) -> str:
     return "unknown" if value is None or not np.isfinite(value) else f"{value:.2f} m" if value < 10.0 else f"{value:.0f} m"
 
 
+def becquerels(value: float) -> str:
+    """An activity in words."""
+    for unit, name in ((1e9, "GBq"), (1e6, "MBq"), (1e3, "kBq")):
+        if value >= 0.9995 * unit:
+            return f"{value / unit:.3g} {name}"
+    return f"{value:.3g} Bq"
+
+
 def wrapped(parts: Sequence[str], width: int = 90) -> str:
     """Join the parts of a title by semicolons, on as many lines as they need."""
     lines = [""]

@@ -61,6 +61,24 @@ def test_the_sentence_where_nothing_was_found_or_nothing_was_there() -> None:
     assert "no source in this scenario" in sentence(given.result, given.trace)
 
 
+def test_the_sentence_says_what_a_search_for_nothing_excludes() -> None:
+    nothing = synthetic.synthetic_flight(found=False)
+    result = msgspec.structs.replace(nothing.result, nothing_found=True, excluded_bq=8.04e7)
+    assert sentence(result, nothing.trace) == (
+        "The swarm found no source, though there is one; one of 80.4 MBq or more would have been found anywhere."
+    )
+    nothing.trace.source_m[:] = np.nan
+    assert "and there is none; one of 80.4 MBq" in sentence(result, nothing.trace)
+
+
+def test_the_sentence_calls_a_hypothesis_without_a_source_what_it_is() -> None:
+    false = synthetic.synthetic_flight()
+    false.trace.source_m[:] = np.nan
+    said = sentence(msgspec.structs.replace(false.result, false_hypothesis=True), false.trace)
+    assert said.startswith("The swarm believes in a source, at the end at (")
+    assert said.endswith("there is no source in this scenario.")
+
+
 def test_the_result_is_one_flat_object_on_one_line() -> None:
     result = synthetic.synthetic_result("near", 1)
     text = result_json(result)
