@@ -61,6 +61,11 @@ class Localization:
         self._bias = bias * rng.spawn(1)[0].standard_normal((count, 4))
 
     @property
+    def position_bias_m(self) -> Array:
+        """(N, 3), world axes: the part of the position error that stays."""
+        return self._bias[:, :3]
+
+    @property
     def position_error_m(self) -> Array:
         """(N, 3), world axes."""
         error: Array = self._error[:, :3] + self._bias[:, :3]

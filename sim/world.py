@@ -176,14 +176,17 @@ def _vehicles(config: WorldConfig, position: Array, random: Streams) -> tuple[Ve
         others = GroundStation(position, config.ground_station)
         return others, others
     count = len(position)
-    motion = Multirotors(scenario.vehicle, position, np.zeros(count), STEP_S, random.vehicle)
+    error = Localization(scenario.localization, count, STEP_S, random.localization)
+    # A live agent takes where it stands at the start for its launch place, and a constant bias of its positions would be gone.
+    # It stays as the error of the place where the vehicle was put down.
+    motion = Multirotors(scenario.vehicle, position - error.position_bias_m, np.zeros(count), STEP_S, random.vehicle)
     fleet = Px4Fleet(
         [
             Px4Config(onboard=onboard, ground_station=config.ground_station, parameters=crew_parameters(mission, place))
             for onboard, place in zip(config.onboard, position.tolist(), strict=True)
         ],
         motion,
-        Localization(scenario.localization, count, STEP_S, random.localization),
+        error,
         STEP_S,
         random.radio,  # the radio is a real one; its stream is free for what else the vehicles draw
         frame_yaw_rad=np.radians([drone.yaw_deg for drone in mission.drones]).tolist(),

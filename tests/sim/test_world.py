@@ -7,11 +7,14 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from agent.detector.readout import Readout
 from agent.detector.wire import Unpacker
+from sim.localization import Localization, LocalizationTruth
 from sim.scenario import load_scenario, override
+from sim.streams import streams
 from sim.worldlink import Order, Ready, Truth, WorldConfig, pack, read
 from sim.worldprocess import LiveError, WorldProcess
 
@@ -115,6 +118,26 @@ def test_cameras_of_a_world_without_a_source_see_the_background(tmp_path: Path) 
         finally:
             await world.stop()
         assert all(len(readout.hits) > 100 for readout in readouts)  # 100 events in 0.2 s, of some pixels each
+
+    asyncio.run(course())
+
+
+def test_a_constant_bias_is_the_error_of_the_place_where_a_vehicle_is_put_down(tmp_path: Path) -> None:
+    """A live agent's frame begins where it stands, so that a bias of the autopilot's own positions would cancel."""
+
+    async def starts(values: dict[str, str | float]) -> list[tuple[float, ...]]:
+        scenario = override(load_scenario("empty"), values)
+        world = await WorldProcess.start(WorldConfig(scenario=scenario, seed=1, onboard=(NOBODY,) * 3), tmp_path / "world.json")
+        await world.stop()
+        return list(world.truth.position_m)
+
+    async def course() -> None:
+        ideal, biased = await starts({}), await starts({"localization.bias_m": 1.0})
+        assert ideal == [drone.origin_m for drone in load_scenario("empty").mission.drones]
+        off = np.subtract(biased, ideal)
+        expected = Localization(LocalizationTruth(bias_m=1.0), 3, 0.01, streams(1, 3).localization).position_bias_m
+        np.testing.assert_allclose(off, -expected, atol=1e-12)
+        assert np.abs(expected[:, :2]).min() > 0.0
 
     asyncio.run(course())
 
