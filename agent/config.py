@@ -58,7 +58,7 @@ class SurveyConfig(_Section, frozen=True, kw_only=True):
     yaw_rate_rps: Annotated[float, Meta(ge=-6.3, le=6.3)] = 0.5
     strategy: Literal["information", "lanes"] = "information"
     search_speed_mps: Positive = 5.5
-    least_activity_bq: Activity | None = 1e8
+    least_activity_bq: Activity | None = 5e7
     duration_s: Positive | None = None
     then: Literal["return", "continue"] = "return"
 
@@ -108,14 +108,16 @@ class PaperEstimatorConfig(_Section, frozen=True, kw_only=True):
 class BayesEstimatorConfig(_Section, frozen=True, kw_only=True):
     """Parameters of the Bayesian estimator: what is held possible of the source beforehand, and of the vehicles' poses."""
 
+    grid_s: Annotated[float, Meta(ge=0.05, le=1.0)] = 0.1
     activity_bq: tuple[Activity, Activity] = (3e7, 3e10)
     activity_levels: Annotated[int, Meta(ge=2, le=64)] = 8
     velocity_mps: Positive = 0.8  # 1 sigma of each axis of a source that moves
     velocity_s: Positive = 40.0  # correlation time of that velocity
-    switch_ps: Positive = 0.01  # rate at which a source at rest begins to move, or a moving one stops
-    bias_m: Positive = 0.15  # 1 sigma of each axis of a vehicle's position
-    bias_yaw_deg: Positive = 1.0
-    bias_s: Positive = 60.0  # correlation time of these
+    switch_ps: Positive = 0.0005  # rate at which a source at rest begins to move, or a moving one stops
+    bias_drift_m: NonNegative = 0.03  # by which a vehicle's position error wanders in a second (as the root of the time)
+    bias_yaw_drift_deg: NonNegative = 0.3
+    gain_sigma: NonNegative = 0.05  # relative, of what a camera counts against the others
+    gain_drift: NonNegative = 0.003
     cell_m: Annotated[float, Meta(ge=0.5, le=100.0)] = 2.5  # of the grid of the search, at least
     most_cells: Annotated[int, Meta(ge=16, le=100_000)] = 4096
     search_diffusion_m2ps: Positive = 2.0  # of a moving source while it is searched for

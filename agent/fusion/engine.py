@@ -23,7 +23,8 @@ _NEVER = -1  # before every step
 class Fusion:
     """Keeps the log of one agent and the hypothesis that follows from it.
 
-    Step k of the grid is [k g, (k+1) g) UTC. The hypothesis is a pure function of the log's content, of the frames known, and of
+    Step k of the grid is [k g, (k+1) g) UTC, g the estimator's width or else the mission's. An observation belongs to the step of
+    its stamp. The hypothesis is a pure function of the log's content, of the frames known, and of
     the grid step in which now lies: entries up to the end of that step are in it, later ones (another clock is ahead) wait. The
     way there (order of arrival, duplicates, delay, how the work was sliced) leaves no trace.
 
@@ -39,13 +40,14 @@ class Fusion:
         self.hypothesis: Hypothesis | None = None
         self.pending = False  # a replay is under way, the hypothesis is older than the log
         self.estimator = estimator or estimator_named(mission.fusion.estimator, mission)
-        self._grid_ns = round(mission.fusion.grid_s * 1e9)
+        self._grid_ns = round((self.estimator.grid_s or mission.fusion.grid_s) * 1e9)
         self._keep_ns = round(mission.fusion.horizon_s * 1e9)
         self._frames = frames
         self._revision = frames.revision
         self._used: dict[tuple[str, int], Transform | None] = {}  # by drone and epoch: the transforms in the timeline
         self._timeline: dict[int, dict[EntryId, Observation]] = {}  # step -> its observations, never empty
         self._steps: list[int] = []  # the timeline's keys, ascending
+        self._step_of: dict[EntryId, int] = {}  # where in the timeline an entry's observation is
         self._base: Any = self.estimator.initial(None)  # state before the first step of the timeline
         self._states: dict[int, Any] = {}  # checkpoints after their steps; ascending: the last one is the chain's end
         self._start_ns: int | None = None
@@ -121,7 +123,8 @@ class Fusion:
             del self._states[step]
         kept = bisect_right(self._steps, last)
         for step in self._steps[:kept]:
-            del self._timeline[step]
+            for identity in self._timeline.pop(step):
+                del self._step_of[identity]
         del self._steps[:kept]
         self.log.compact((last + 1) * self._grid_ns)
 
@@ -134,7 +137,8 @@ class Fusion:
         observation = None if transform is None else observe(entry, transform)
         if observation is None:
             return
-        step = entry.stamp_ns // self._grid_ns
+        step = observation.stamp_ns // self._grid_ns
+        self._step_of[entry.entry_id] = step
         if step not in self._timeline:
             self._timeline[step] = {}
             insort(self._steps, step)
@@ -143,10 +147,11 @@ class Fusion:
 
     def _displace(self, identity: EntryId) -> None:
         """Take an entry's observation, if there is one, out of the timeline."""
-        step = identity.stamp_ns // self._grid_ns
-        slot = self._timeline.get(step, {})
-        if slot.pop(identity, None) is None:
+        step = self._step_of.pop(identity, None)
+        if step is None:
             return
+        slot = self._timeline[step]
+        del slot[identity]
         if not slot:
             del self._timeline[step]
             del self._steps[bisect_left(self._steps, step)]

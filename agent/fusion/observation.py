@@ -41,6 +41,16 @@ class ConeObservation:
     entry: Cone
 
     @property
+    def position_sigma_m(self) -> float:
+        """1 sigma of the horizontal distance by which the drone's position may be wrong, as it says itself."""
+        return self.entry.apex_sigma_m
+
+    @property
+    def yaw_sigma_rad(self) -> float:
+        """1 sigma of its heading."""
+        return self.entry.yaw_sigma_rad
+
+    @property
     def apex(self) -> Vector3:
         """Where it was measured, mission frame."""
         return self.readings[0].apex
@@ -58,13 +68,27 @@ class ConeObservation:
 
 @dataclass(frozen=True, slots=True)
 class CountObservation:
-    """What a camera counted in an exposure, from the place where it was in its middle, mission frame."""
+    """What a camera counted in an exposure, from the place where it was in its middle, mission frame.
 
-    stamp_ns: int  # of the middle
+    ``stamp_ns`` is the exposure's end: earlier nobody knows of it.
+    """
+
+    stamp_ns: int
+    middle_ns: int
     position: Vector3
     live_time_s: float
     counts: NDArray[np.float64]  # (3,) hits, full-energy events, coincidences
     entry: Exposure
+
+    @property
+    def position_sigma_m(self) -> float:
+        """As of a cone."""
+        return self.entry.position_sigma_m
+
+    @property
+    def yaw_sigma_rad(self) -> float:
+        """As of a cone."""
+        return self.entry.yaw_sigma_rad
 
 
 Observation = ConeObservation | CountObservation
@@ -90,7 +114,7 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform) -> CountO
     pose = min(exposure.poses, key=lambda sample: abs(exposure.stamp_ns + sample.offset_ns - middle_ns))
     counts = np.array([exposure.counts.hits, exposure.counts.photopeak, exposure.counts.coincidences], dtype=np.float64)
     position = mission_from_local.apply_point(pose.position_m)
-    return CountObservation(middle_ns, position, exposure.live_time_s, counts, exposure)
+    return CountObservation(exposure.end_ns, middle_ns, position, exposure.live_time_s, counts, exposure)
 
 
 def _observe_cone(cone: Cone, mission_from_local: Transform) -> ConeObservation | None:

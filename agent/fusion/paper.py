@@ -61,6 +61,7 @@ class PaperEstimator:
     """
 
     reads: tuple[type[AnyEntry], ...] = (Cone,)
+    grid_s: float | None = None
 
     def __init__(self, config: PaperEstimatorConfig, search: InitialSearch, rule: Rule, name: str = "paper") -> None:
         self.name = name

@@ -6,14 +6,11 @@ Each of the cone's two orders has an angular error that is a mixture of a narrow
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.frames.transform import Vector3
-from agent.fusion.bayes.response import CONE_AREA_MM2, CONE_BACKGROUND_PS
 from agent.fusion.observation import ConeObservation
 
 Array = NDArray[np.float64]
@@ -23,47 +20,48 @@ WIDTHS: Array = np.array([0.9, 2.8])  # in units of the cone's own sigma
 ASTRAY = 0.12  # share of the cones of a source that do not point to it
 _LEAST_SINE = 0.15
 _LEAST_SIGMA_RAD = 0.02
+_TWO_PI = 2.0 * np.pi
 
 
-@dataclass(frozen=True, slots=True)
-class Order:
-    """One order of a cone: axis in the mission frame, opening angle, variances (2,) and log weights (2,) of its Gaussians."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Orders:
+    """The K possible orders of a cone: axes (K, 3) in the mission frame, opening angles (K,), variances (K, 2) and weights (K, 2)
+    of their Gaussians.
+    """
 
-    axis: Vector3
-    theta_rad: float
+    axis: Array
+    theta_rad: Array
     variance: Array
     weight: Array
 
-
-def orders_of(cone: ConeObservation) -> tuple[Order, ...]:
-    """The orders that are possible."""
-    return tuple(
-        Order(
-            reading.axis,
-            reading.theta_rad,
-            (max(reading.sigma_rad, _LEAST_SIGMA_RAD) * WIDTHS) ** 2,
-            # The density per solid angle, relative to one that is the same in all directions.
-            (1.0 - ASTRAY) * 2.0 * reading.probability * SHARES / max(math.sin(reading.theta_rad), _LEAST_SINE),
+    @staticmethod
+    def of(cone: ConeObservation) -> Orders:
+        """The orders of a cone that are possible."""
+        readings = cone.readings
+        theta = np.array([reading.theta_rad for reading in readings])
+        sigma = np.array([reading.sigma_rad for reading in readings])
+        probability = np.array([reading.probability for reading in readings])
+        # The density per solid angle, relative to one that is the same in all directions.
+        density = (1.0 - ASTRAY) * 2.0 * probability / np.maximum(np.sin(theta), _LEAST_SINE)
+        return Orders(
+            np.array([reading.axis for reading in readings]),
+            theta,
+            (np.maximum(sigma, _LEAST_SIGMA_RAD)[:, None] * WIDTHS) ** 2,
+            density[:, None] * SHARES,
         )
-        for reading in cone.readings
-    )
+
+    def density(self, delta_rad: Array, variance: Array) -> tuple[Array, Array]:
+        """The Gaussians' parts of the density, and their total variances, (..., K, 2) each, at angular errors (..., K) whose own
+        variances are (..., K).
+        """
+        total = variance[..., None] + self.variance
+        exponent = (delta_rad * delta_rad)[..., None] / total
+        return self.weight * np.exp(-0.5 * exponent) / np.sqrt(_TWO_PI * total), total
 
 
-def density(order: Order, delta_rad: Array, variance: Array) -> Array:
-    """(..., 2): the two Gaussians' parts of an order's density at angular errors (...) whose own variance is (...)."""
-    total = variance[..., None] + order.variance
-    result: Array = order.weight * np.exp(-0.5 * (delta_rad * delta_rad)[..., None] / total) / np.sqrt(2.0 * np.pi * total)
-    return result
-
-
-def cone_rate(fluence_ps: Array) -> Array:
-    """Cones per second from photons per mm2 and second."""
-    return CONE_AREA_MM2 * fluence_ps
-
-
-def cone_likelihood(rate_ps: Array, directed: Array) -> Array:
+def cone_likelihood(rate_ps: Array, directed: Array, background_ps: float) -> Array:
     """Likelihood of a cone, relative to a world without a source: of which source and background have their share.
 
     rate_ps (...): of the source's cones. directed (...): the orders' densities together.
     """
-    return (rate_ps * (directed + ASTRAY) + CONE_BACKGROUND_PS) / (rate_ps + CONE_BACKGROUND_PS)
+    return (rate_ps * (directed + ASTRAY) + background_ps) / (rate_ps + background_ps)

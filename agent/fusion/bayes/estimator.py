@@ -6,55 +6,68 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agent.config import BayesEstimatorConfig, MissionConfig
-from agent.fusion.bayes.cones import orders_of
-from agent.fusion.bayes.mixture import ACTIVITY, Mixture
-from agent.fusion.bayes.motion import Motion
-from agent.fusion.bayes.response import REFERENCE_BQ
+from agent.fusion.bayes.cones import Orders
+from agent.fusion.bayes.mixture import Mixture
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, Motion
+from agent.fusion.bayes.response import REFERENCE_BQ, response_of
 from agent.fusion.bayes.search import Grid, SearchState
-from agent.fusion.estimator import GridStep, Hypothesis, Outlook
+from agent.fusion.estimator import GridStep, Hypothesis, Outlook, Sight
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
 from protocol.messages import AnyEntry, Cone, Exposure
+
+Array = NDArray[np.float64]
 
 _NS = 1e9
 _SITE_SHARE = 0.45  # sigma of a site that stands for a cell, in cells
 _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
+_MOST_TRUST = 40.0  # log likelihood that is remembered in a track's favour: so much must speak against it to give it up
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BayesState:
-    """Either a search or a track, once there is one."""
+    """Either a search or a track, once there is one.
+
+    evidence: log likelihood of all observations with the source against none. trust: the same, but never above _MOST_TRUST: a
+    source that is no longer where the track has it makes it fall.
+    """
 
     search: SearchState | None = None
     track: Mixture | None = None
     cones: int = 0
     x0_stamp_ns: int = 0
+    evidence: float = 0.0
+    trust: float = 0.0
 
 
 class BayesEstimator:
     """The posterior of where a source is, given all cones and counts.
 
-    ``step`` folds all observations of a grid step in the order of their times, whoever made them.
+    ``step`` folds the observations of a grid step in the order of their times, whoever made them.
     """
 
     name = "bayes"
     reads: tuple[type[AnyEntry], ...] = (Cone, Exposure)
+    grid_s: float | None
 
     def __init__(self, mission: MissionConfig, bounds: tuple[float, float, float, float]) -> None:
-        """``bounds``: west, south, east, north of the area."""
+        """``bounds``: west, south, east, north of the area.
+
+        Raises:
+            ConfigError: the response to the mission's nuclide is not known.
+        """
         config = mission.fusion.bayes
         self._config: BayesEstimatorConfig = config
+        self.grid_s = config.grid_s
         self._grid = Grid(bounds, config)
-        self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
-        bias = [config.bias_m**2, config.bias_m**2, np.deg2rad(config.bias_yaw_deg) ** 2]
-        self._motion = Motion(
-            config.velocity_mps**2,
-            config.velocity_s,
-            config.switch_ps,
-            np.array(bias * len(self._vehicles)),
-            config.bias_s,
-        )
+        self._response = response_of(mission.nuclide)
+        self._drones = tuple(drone.id for drone in mission.drones)
+        self._vehicles = {drone: number for number, drone in enumerate(self._drones)}
+        self._gain_variance = config.gain_sigma**2
+        drift = [config.bias_drift_m**2, config.bias_drift_m**2, np.deg2rad(config.bias_yaw_drift_deg) ** 2, config.gain_drift**2]
+        self._motion = Motion(config.velocity_mps**2, config.velocity_s, config.switch_ps, np.array(drift))
 
     def initial(self, start_ns: int | None) -> BayesState:
         """Nothing known."""
@@ -62,10 +75,11 @@ class BayesEstimator:
 
     def step(self, state: BayesState, step: GridStep, observations: Sequence[Observation]) -> BayesState:
         """Take the step's cones and counts in, in the order of their times."""
-        for observation in sorted(observations, key=lambda o: o.stamp_ns):
-            state = self._taken_in(state, observation)
+        ordered = sorted(observations, key=lambda o: o.stamp_ns)
         if state.track is not None:
-            return replace(state, track=state.track.reduced())
+            return self._tracked(state, state.track, step, ordered)
+        for observation in ordered:
+            state = self._searched(state, observation)
         return self._declared(state, step)
 
     def hypothesis(self, state: BayesState, step: GridStep) -> Hypothesis | None:
@@ -74,17 +88,17 @@ class BayesEstimator:
             return None
         mean, covariance = state.track.later(self._motion, step.start_ns / _NS).moments()
         activity = float(np.exp(mean[ACTIVITY])) * REFERENCE_BQ
-        place = np.zeros((3, 3))
-        place[:2, :2] = covariance[:2, :2]
         return Hypothesis(
             stamp_ns=step.start_ns,
             position=np.array([mean[0], mean[1], 0.0]),
-            covariance=place,
+            covariance=_on_ground(covariance[:2, :2]),
             velocity=np.array([mean[2], mean[3], 0.0]),
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns,
             activity_bq=activity,
             activity_sigma_bq=activity * float(covariance[ACTIVITY, ACTIVITY]) ** 0.5,
+            evidence=state.evidence,
+            sights={drone: _sight(mean, covariance, number) for drone, number in self._vehicles.items()},
         )
 
     def outlook(self, state: BayesState, step: GridStep) -> Outlook | None:
@@ -94,23 +108,43 @@ class BayesEstimator:
         search = state.search or SearchState.at_first(self._grid, step.start_ns / _NS)
         return search.later(self._grid, step.start_ns / _NS).outlook(self._grid)
 
-    def _taken_in(self, state: BayesState, observation: Observation) -> BayesState:
+    def _tracked(self, state: BayesState, track: Mixture, step: GridStep, observations: Sequence[Observation]) -> BayesState:
+        time_s = step.start_ns / _NS
+        track = track.later(self._motion, time_s)
+        evidence, trust, cones = state.evidence, state.trust, state.cones
+        for observation in observations:
+            vehicle = self._vehicles[observation.entry.drone]
+            track = track.with_vehicle(vehicle, self._bias_variance(observation))
+            if isinstance(observation, CountObservation):
+                age_s = (step.start_ns - observation.middle_ns) / _NS
+                track, gained = track.after_counts(
+                    self._response, vehicle, observation.position, observation.live_time_s, observation.counts, age_s
+                )
+            else:
+                age_s = (step.start_ns - observation.stamp_ns) / _NS
+                track, gained = track.after_cone(self._response, vehicle, observation.apex, Orders.of(observation), age_s)
+                cones += 1
+            evidence, trust = evidence + gained, min(trust + gained, _MOST_TRUST)
+        if trust < 0.0:
+            return BayesState(SearchState.at_first(self._grid, time_s), None, cones, state.x0_stamp_ns)
+        return BayesState(None, track.reduced(), cones, state.x0_stamp_ns, evidence, trust)
+
+    def _bias_variance(self, observation: Observation) -> tuple[float, ...]:
+        """What a vehicle's own localisation says of its errors: an autopilot's sigma is that of the horizontal distance."""
+        axis = observation.position_sigma_m**2 / 2.0
+        return axis, axis, observation.yaw_sigma_rad**2, self._gain_variance
+
+    def _searched(self, state: BayesState, observation: Observation) -> BayesState:
         time_s = observation.stamp_ns / _NS
         cones = state.cones + isinstance(observation, ConeObservation)
-        if state.track is not None:
-            track = state.track.later(self._motion, time_s)
-            vehicle = self._vehicles[observation.entry.drone]
-            if isinstance(observation, CountObservation):
-                track = track.after_counts(vehicle, observation.position, observation.live_time_s, observation.counts)
-            else:
-                track = track.after_cone(vehicle, observation.apex, orders_of(observation))
-            return replace(state, track=track, cones=cones)
         search = state.search or SearchState.at_first(self._grid, time_s)
         search = search.later(self._grid, time_s)
         if isinstance(observation, CountObservation):
-            search = search.after_counts(self._grid, observation.position, observation.live_time_s, observation.counts)
+            search = search.after_counts(
+                self._grid, self._response, observation.position, observation.live_time_s, observation.counts
+            )
         else:
-            search = search.after_cone(self._grid, observation.apex, orders_of(observation))
+            search = search.after_cone(self._grid, self._response, observation.apex, Orders.of(observation))
         return replace(state, search=search, cones=cones)
 
     def _declared(self, state: BayesState, step: GridStep) -> BayesState:
@@ -120,7 +154,8 @@ class BayesEstimator:
             return state
         if search.place(self._grid)[2] > self._config.declared_rms_m:
             return state
-        return BayesState(None, self._sites(search), state.cones, step.start_ns)
+        trust = min(search.evidence, _MOST_TRUST)
+        return BayesState(None, self._sites(search), state.cones, state.x0_stamp_ns or step.start_ns, search.evidence, trust)
 
     def _sites(self, search: SearchState) -> Mixture:
         grid = self._grid
@@ -140,4 +175,19 @@ class BayesEstimator:
             mean,
             np.sqrt(variance),
             self._motion,
+            len(self._drones),
         ).reduced()
+
+
+def _on_ground(covariance: Array) -> Array:
+    """(2, 2) -> (3, 3)."""
+    place = np.zeros((3, 3))
+    place[:2, :2] = covariance
+    return place
+
+
+def _sight(mean: Array, covariance: Array, vehicle: int) -> Sight:
+    """Where a vehicle's own localisation puts the source: the source's position plus the vehicle's bias."""
+    b = BIASES + BIAS * vehicle
+    together = covariance[:2, :2] + covariance[:2, b : b + 2] + covariance[b : b + 2, :2] + covariance[b : b + 2, b : b + 2]
+    return Sight(np.array([mean[0] + mean[b], mean[1] + mean[b + 1], 0.0]), _on_ground(together), float(mean[b + 2]))

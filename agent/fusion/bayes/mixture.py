@@ -1,155 +1,188 @@
-"""The track: a Gaussian sum over where the source is, how it moves, how strong it is, and the biases of the vehicles' poses.
+"""The track: a Gaussian sum over where the source is, how it moves, how strong it is, and the biases of the vehicles.
 
 Each site of the sum is a pair of Gaussians, for a source at rest and one that moves (an interacting-multiple-model filter). State
-of a Gaussian, dimension d = 5 + 3 V: x, y (mission frame, m), their velocities (m/s), log activity (of REFERENCE_BQ), and for
-each of the V vehicles the biases of its position (x, y, m) and heading (rad): measured minus true.
+of a Gaussian, dimension d = 5 + 4 V: x, y (mission frame, m), their velocities (m/s), log activity (of REFERENCE_BQ), and for
+each of the V vehicles the biases of its position (x, y, m) and heading (rad), measured minus true, and of its camera (logarithm
+of how much more it counts than the others).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agent.frames.transform import Vector3
-from agent.fusion.bayes.cones import ASTRAY, Order, cone_likelihood, cone_rate, density
-from agent.fusion.bayes.motion import Motion
-from agent.fusion.bayes.response import AIR_PER_M, BACKGROUND_PS, CONE_BACKGROUND_PS, fit_rate, flux, signal
+from agent.fusion.bayes.cones import ASTRAY, Orders, cone_likelihood
+from agent.fusion.bayes.counts import MODEL_VARIANCE, fit_rate, log_nothing
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, Motion
+from agent.fusion.bayes.response import Response
 
 Array = NDArray[np.float64]
 
-ACTIVITY = 4  # place of the log activity in the state
-BIASES = 5  # and of the first vehicle's
-_ROUNDS = 4
+_ROUNDS = 6
+_MIX_S = 0.5  # the modes are mixed this often
 _LEAST_WEIGHT = 1e-4  # relative to the heaviest site
 _NEAR = 0.5  # sites nearer than this share of their sigma are one
+_NEAREST_SINE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixture:
-    """weight: (S, 2), mean: (S, 2, d), covariance: (S, 2, d, d); the second index is 0 at rest, 1 moving."""
+    """weight: (S, 2), mean: (S, 2, d), covariance: (S, 2, d, d); the second index is 0 at rest, 1 moving.
+
+    bias_variance: (4 V,) of the vehicles' biases at all times; 0 of vehicles that nothing was heard of.
+    """
 
     time_s: float
+    mixed_s: float
     weight: Array
     mean: Array
     covariance: Array
+    bias_variance: Array
 
     @staticmethod
     def of_sites(
-        time_s: float, weight: Array, x: Array, y: Array, sigma_m: float, log_activity: Array, log_sigma: Array, motion: Motion
-    ) -> Mixture:
+        time_s: float, weight: Array, x: Array, y: Array, sigma_m: float, log_activity: Array, log_sigma: Array,
+        motion: Motion, vehicles: int,
+    ) -> Mixture:  # fmt: skip
         """From places (S,) of some weight, all with the same sigma, and what is known of the activity there.
 
         weight: (S, 2). log_activity, log_sigma: (S,).
         """
-        d = BIASES + len(motion.bias_variance)
+        d = BIASES + BIAS * vehicles
         mean = np.zeros((len(x), 2, d))
         mean[..., 0], mean[..., 1], mean[..., ACTIVITY] = x[:, None], y[:, None], log_activity[:, None]
         variance = np.zeros((len(x), 2, d))
         variance[..., :2] = sigma_m**2
         variance[:, 1, 2:4] = motion.velocity_variance
         variance[..., ACTIVITY] = (log_sigma**2)[:, None]
-        variance[..., BIASES:] = motion.bias_variance
-        return Mixture(time_s, weight / weight.sum(), mean, variance[..., None] * np.eye(d))
+        covariance = variance[..., None] * np.eye(d)
+        return Mixture(time_s, time_s, weight / weight.sum(), mean, covariance, np.zeros(BIAS * vehicles))
 
     def later(self, motion: Motion, time_s: float) -> Mixture:
         """The same at a later time; earlier ones are taken as now."""
         dt_s = time_s - self.time_s
         if dt_s <= 0.0:
             return self
-        return Mixture(time_s, *motion.predict(self.weight, self.mean, self.covariance, dt_s))
+        weight, mean, covariance, mixed_s = self.weight, self.mean, self.covariance, self.mixed_s
+        if time_s - mixed_s >= _MIX_S:
+            weight, mean, covariance = motion.switch(weight, mean, covariance, time_s - mixed_s)
+            mixed_s = time_s
+        mean, covariance = motion.predict(mean, covariance, self.bias_variance, dt_s)
+        return Mixture(time_s, mixed_s, weight, mean, covariance, self.bias_variance)
 
-    def after_counts(self, vehicle: int, position: Vector3, live_time_s: float, counts: Array) -> Mixture:
-        """After an exposure of a vehicle (by its place among the biases) with counts (3,), mission frame.
+    def with_vehicle(self, vehicle: int, variance: tuple[float, ...]) -> Mixture:
+        """Take what a vehicle says of itself: the variances (BIAS,) of its biases at all times."""
+        b = BIAS * vehicle
+        known = self.bias_variance[b : b + BIAS]
+        if tuple(known.tolist()) == variance:
+            return self
+        priors = self.bias_variance.copy()
+        priors[b : b + BIAS] = variance
+        if known.any():
+            return replace(self, bias_variance=priors)
+        covariance = self.covariance.copy()
+        places = np.arange(BIASES + b, BIASES + b + BIAS)
+        covariance[..., places, places] = variance
+        return replace(self, covariance=covariance, bias_variance=priors)
 
+    def after_counts(
+        self, response: Response, vehicle: int, position: Vector3, live_time_s: float, counts: Array, age_s: float
+    ) -> tuple[Mixture, float]:
+        """After an exposure of a vehicle (by its place among the biases) with counts (3,) at a position (mission frame).
+
+        age_s: how long before ``time_s`` its middle was. Also returns the log likelihood against there being no source.
         The logarithm of the rate is linear in the state near each mean; along that direction the counts are fitted.
         """
-        x, y, distance = self._seen_from(vehicle, position)
-        slope = -(2.0 / distance + AIR_PER_M) / distance
-        gain, variance = self._along(vehicle, slope * x, slope * y, activity=1.0)
-        expected = signal(flux(distance) * np.exp(self.mean[..., ACTIVITY]) * live_time_s, distance)
-        shift, after, likelihood = fit_rate(counts, expected, BACKGROUND_PS * live_time_s, variance, _ROUNDS)
+        x, y, distance = self._seen_from(vehicle, position, age_s)
+        slope = -(2.0 / distance + response.air_per_m) / distance
+        gradient = self._gradient(vehicle, slope * x, slope * y, age_s)
+        gradient[..., ACTIVITY] = 1.0
+        gradient[..., BIASES + BIAS * vehicle + 3] = 1.0
+        gain = (self.covariance @ gradient[..., None])[..., 0]
+        variance = np.maximum((gain * gradient).sum(axis=-1), 0.0) + MODEL_VARIANCE
+        strength = np.exp(self.mean[..., ACTIVITY] + self.mean[..., BIASES + BIAS * vehicle + 3])
+        expected = response.signal(response.flux(distance) * strength * live_time_s, distance)
+        background = response.background_ps * live_time_s
+        shift, after, likelihood = fit_rate(counts, expected, background, variance, _ROUNDS)
         mean = self.mean + gain * (shift / variance)[..., None]
         shrink = (1.0 - after / variance) / variance
-        covariance = self.covariance - shrink[..., None, None] * _outer(gain)
-        return self._weighed(np.exp(likelihood - likelihood.max()), mean, covariance)
+        covariance = self.covariance - (shrink[..., None] * gain)[..., :, None] * gain[..., None, :]
+        return self._weighed(likelihood - log_nothing(counts, background), mean, covariance)
 
-    def after_cone(self, vehicle: int, apex: Vector3, orders: tuple[Order, ...]) -> Mixture:
+    def after_cone(self, response: Response, vehicle: int, apex: Vector3, orders: Orders, age_s: float) -> tuple[Mixture, float]:
         """After a cone: each Gaussian becomes a mixture of what each order says and of the cone saying nothing, and is replaced
-        by the Gaussian of the same moments.
+        by the Gaussian of the same moments. Returns and age_s as for counts.
         """
-        x, y, distance = self._seen_from(vehicle, apex)
-        rate = cone_rate(flux(distance) * np.exp(self.mean[..., ACTIVITY]))
-        unit = x / distance, y / distance, -apex[2] / distance
-        parts = [self._order(vehicle, order, unit, distance) for order in orders]
-        directed = sum((part.sum(axis=-1) for part, *_ in parts), np.zeros(rate.shape))
-        likelihood = cone_likelihood(rate, directed)
-        share = (1.0 / (directed + ASTRAY)) * (1.0 - _background_share(rate, directed))
-        moved = np.zeros(self.mean.shape)
-        widened = np.zeros(self.covariance.shape)
-        for part, gain, delta, variance in parts:
-            pull = delta[..., None] / variance
-            moved -= gain * (share * np.sum(part * pull, axis=-1))[..., None]
-            widened += _outer(gain) * (share * np.sum(part * (pull * pull - 1.0 / variance), axis=-1))[..., None, None]
-        return self._weighed(likelihood, self.mean + moved, self.covariance + widened - _outer(moved))
+        x, y, distance = self._seen_from(vehicle, apex, age_s)
+        directions = np.stack((x, y, np.full(x.shape, -apex[2])), axis=-1) / distance[..., None]  # (S, 2, 3)
+        axes = self._turned(vehicle, orders.axis)  # (S, 2, K, 3)
+        cosine = np.minimum(np.maximum((axes * directions[..., None, :]).sum(axis=-1), -1.0), 1.0)
+        sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _NEAREST_SINE)
+        delta = np.arccos(cosine) - orders.theta_rad
+        across = (distance[..., None] * sine)[..., None]
+        slope = (cosine[..., None] * directions[..., None, :2] - axes[..., :2]) / across  # (S, 2, K, 2)
+        gradient = self._gradient(vehicle, slope[..., 0], slope[..., 1], age_s)  # (S, 2, K, d)
+        turn = axes[..., 0] * directions[..., None, 1] - axes[..., 1] * directions[..., None, 0]
+        gradient[..., BIASES + BIAS * vehicle + 2] = turn / sine
+        gain = gradient @ self.covariance  # (S, 2, K, d)
+        density, total = orders.density(delta, np.maximum((gain * gradient).sum(axis=-1), 0.0))  # (S, 2, K, 2)
+        directed = density.sum(axis=(-2, -1))
+        rate = response.cone_area_mm2 * response.flux(distance) * np.exp(self.mean[..., ACTIVITY])
+        likelihood = cone_likelihood(rate, directed, response.cone_background_ps)
+        share = density * (rate / (rate * (directed + ASTRAY) + response.cone_background_ps))[..., None, None]
+        pull = delta[..., None] / total
+        first = (share * pull).sum(axis=-1)[..., None]  # (S, 2, K, 1)
+        second = (share * (pull * pull - 1.0 / total)).sum(axis=-1)[..., None]
+        moved = -(gain * first).sum(axis=-2)
+        widened = (gain * second).swapaxes(-1, -2) @ gain - moved[..., :, None] * moved[..., None, :]
+        return self._weighed(np.log(likelihood), self.mean + moved, self.covariance + widened)
 
-    def _order(
-        self, vehicle: int, order: Order, unit: tuple[Array, Array, Array], distance: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Density (S, 2, 2), gain (S, 2, d), angular error (S, 2), its variance with the order's (S, 2, 2)."""
-        sx, sy, sz = unit
-        heading = self.mean[..., BIASES + 3 * vehicle + 2]
-        ax, ay, az = order.axis
-        cos, sin = np.cos(heading), np.sin(heading)
-        ux, uy = ax * cos + ay * sin, ay * cos - ax * sin
-        c = np.clip(ux * sx + uy * sy + az * sz, -0.999999, 0.999999)
-        sine = np.sqrt(1.0 - c * c)
-        delta = np.arccos(c) - order.theta_rad
-        across = distance * sine
-        gain, variance = self._along(
-            vehicle, -(ux - c * sx) / across, -(uy - c * sy) / across, heading=(ux * sy - uy * sx) / sine
-        )
-        return density(order, delta, variance), gain, delta, variance[..., None] + order.variance
-
-    def _seen_from(self, vehicle: int, position: Vector3) -> tuple[Array, Array, Array]:
-        """x and y from the camera to each mean, and the distance; (S, 2) each."""
-        b = BIASES + 3 * vehicle
-        x = self.mean[..., 0] - position[0] + self.mean[..., b]
-        y = self.mean[..., 1] - position[1] + self.mean[..., b + 1]
+    def _seen_from(self, vehicle: int, position: Vector3, age_s: float) -> tuple[Array, Array, Array]:
+        """x and y from the camera to where each mean was age_s ago, and the distance; (S, 2) each."""
+        b = BIASES + BIAS * vehicle
+        there = self.mean[..., :2] + self.mean[..., b : b + 2] - age_s * self.mean[..., 2:4]
+        x, y = there[..., 0] - position[0], there[..., 1] - position[1]
         return x, y, np.sqrt(x * x + y * y + position[2] ** 2)
 
-    def _along(
-        self, vehicle: int, x: Array, y: Array, activity: float = 0.0, heading: Array | None = None
-    ) -> tuple[Array, Array]:
-        """P h (S, 2, d) and h P h (S, 2) for the gradient h of a measurement of a vehicle.
+    def _turned(self, vehicle: int, axes: Array) -> Array:
+        """Axes (K, 3) as a camera of the right heading would have them, by each Gaussian's bias; (S, 2, K, 3)."""
+        heading = self.mean[..., BIASES + BIAS * vehicle + 2]
+        cos, sin = np.cos(heading), np.sin(heading)
+        turned = np.empty((*heading.shape, *axes.shape))
+        turned[..., 0] = cos[..., None] * axes[:, 0] + sin[..., None] * axes[:, 1]
+        turned[..., 1] = cos[..., None] * axes[:, 1] - sin[..., None] * axes[:, 0]
+        turned[..., 2] = axes[:, 2]
+        return turned
 
-        The source's position and the vehicle's bias enter alike: (x, y). Then log activity and heading.
+    def _gradient(self, vehicle: int, x: Array, y: Array, age_s: float) -> Array:
+        """Gradients (..., d) of measurements whose slopes along the source's position are x and y (...).
+
+        The vehicle's bias enters like the position, and the velocity by how old the measurement is.
         """
-        p, b = self.covariance, BIASES + 3 * vehicle
-        gain = x[..., None] * (p[..., 0, :] + p[..., b, :]) + y[..., None] * (p[..., 1, :] + p[..., b + 1, :])
-        if activity:
-            gain = gain + activity * p[..., ACTIVITY, :]
-        if heading is not None:
-            gain = gain + heading[..., None] * p[..., b + 2, :]
-        variance = x * (gain[..., 0] + gain[..., b]) + y * (gain[..., 1] + gain[..., b + 1])
-        if activity:
-            variance = variance + activity * gain[..., ACTIVITY]
-        if heading is not None:
-            variance = variance + heading * gain[..., b + 2]
-        return gain, np.maximum(variance, 1e-12)
+        b = BIASES + BIAS * vehicle
+        gradient = np.zeros((*x.shape, self.mean.shape[-1]))
+        gradient[..., 0] = gradient[..., b] = x
+        gradient[..., 1] = gradient[..., b + 1] = y
+        gradient[..., 2], gradient[..., 3] = -age_s * x, -age_s * y
+        return gradient
 
-    def _weighed(self, likelihood: Array, mean: Array, covariance: Array) -> Mixture:
-        weight = self.weight * likelihood
-        return Mixture(self.time_s, weight / weight.sum(), mean, covariance)
+    def _weighed(self, log_likelihood: Array, mean: Array, covariance: Array) -> tuple[Mixture, float]:
+        most = float(log_likelihood.max())
+        weight = self.weight * np.exp(log_likelihood - most)
+        total = float(weight.sum())
+        after = Mixture(self.time_s, self.mixed_s, weight / total, mean, covariance, self.bias_variance)
+        return after, most + float(np.log(total))
 
     def reduced(self) -> Mixture:
         """Without sites of hardly any weight, and with sites that lie close together made one (of the same moments)."""
+        if len(self.weight) == 1:
+            return self
         total = self.weight.sum(axis=1)
         kept = np.flatnonzero(total > _LEAST_WEIGHT * total.max())
         order = kept[np.argsort(-total[kept], kind="stable")]
-        if len(order) == 1 == len(total):
-            return self
         place = np.sum(self.weight[..., None] * self.mean[..., :2], axis=1) / np.maximum(total, 1e-300)[:, None]
         sigma = np.sqrt(0.5 * np.trace(self.covariance[..., :2, :2], axis1=-2, axis2=-1).max(axis=1))
         groups: list[NDArray[np.intp]] = []
@@ -164,17 +197,13 @@ class Mixture:
             return self
         merged = [_moments(self.weight[group], self.mean[group], self.covariance[group]) for group in groups]
         weight = np.array([part[0] for part in merged])
-        return Mixture(
-            self.time_s, weight / weight.sum(), np.array([part[1] for part in merged]), np.array([part[2] for part in merged])
-        )
+        mean, covariance = np.array([part[1] for part in merged]), np.array([part[2] for part in merged])
+        return replace(self, weight=weight / weight.sum(), mean=mean, covariance=covariance)
 
     def moments(self) -> tuple[Array, Array]:
         """Mean (d,) and covariance (d, d) of all."""
-        _, mean, covariance = _moments(
-            self.weight.ravel(),
-            self.mean.reshape(-1, self.mean.shape[-1]),
-            self.covariance.reshape(-1, *self.covariance.shape[-2:]),
-        )
+        d = self.mean.shape[-1]
+        _, mean, covariance = _moments(self.weight.ravel(), self.mean.reshape(-1, d), self.covariance.reshape(-1, d, d))
         return mean, covariance
 
 
@@ -183,17 +212,6 @@ def _moments(weight: Array, mean: Array, covariance: Array) -> tuple[Array, Arra
     total = np.maximum(weight.sum(axis=0), 1e-300)
     share = weight / total
     middle = np.sum(share[..., None] * mean, axis=0)
-    spread = covariance + _outer(mean - middle)
+    apart = mean - middle
+    spread = covariance + apart[..., :, None] * apart[..., None, :]
     return total, middle, np.sum(share[..., None, None] * spread, axis=0)
-
-
-def _outer(vector: Array) -> Array:
-    """(..., d) -> (..., d, d)."""
-    result: Array = vector[..., :, None] * vector[..., None, :]
-    return result
-
-
-def _background_share(rate: Array, directed: Array) -> Array:
-    """Probability that a cone is background."""
-    background: Array = CONE_BACKGROUND_PS / (rate * (directed + ASTRAY) + CONE_BACKGROUND_PS)
-    return background

@@ -42,46 +42,34 @@ CONE_AREA_MM2 = 0.55
 CONE_BACKGROUND_PS = 0.004
 
 
-def flux(distance_m: Array) -> Array:
-    """Unscattered photons per mm2 and second at a distance from REFERENCE_BQ; any shape."""
-    result: Array = REFERENCE_BQ * PHOTONS_PER_DECAY / (4e6 * np.pi) * np.exp(-AIR_PER_M * distance_m) / distance_m**2
-    return result
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What a camera counts of one nuclide."""
+
+    channels: tuple[Channel, ...]
+    air_per_m: float
+    photons_per_decay: float
+    cone_area_mm2: float
+    cone_background_ps: float
+
+    @property
+    def background_ps(self) -> Array:
+        """(3,) of the channels."""
+        return np.array([c.background_ps for c in self.channels])
+
+    def flux(self, distance_m: Array) -> Array:
+        """Unscattered photons per mm2 and second at a distance from REFERENCE_BQ; any shape."""
+        result: Array = (
+            REFERENCE_BQ * self.photons_per_decay / (4e6 * np.pi) * np.exp(-self.air_per_m * distance_m) / distance_m**2
+        )
+        return result
+
+    def signal(self, fluence: Array, distance_m: Array) -> Array:
+        """Expected counts (..., 3) of the channels from photons per mm2 (...) that came from a distance (...)."""
+        depth = self.air_per_m * distance_m
+        return np.stack([c.area_mm2 * (c.direct + c.scattered * depth) * fluence for c in self.channels], axis=-1)
 
 
-def signal(fluence: Array, distance_m: Array) -> Array:
-    """Expected counts (..., 3) of the channels from photons per mm2 (...) that came from a distance (...)."""
-    depth = AIR_PER_M * distance_m
-    return np.stack([c.area_mm2 * (c.direct + c.scattered * depth) * fluence for c in CHANNELS], axis=-1)
-
-
-BACKGROUND_PS: Array = np.array([c.background_ps for c in CHANNELS])
-TRUST: Array = np.array([c.trust for c in CHANNELS])
-
-
-def fit_rate(counts: Array, expected: Array, background: Array, variance: Array, rounds: int) -> tuple[Array, Array, Array]:
-    """Fit the factor e^z by which a source counts more than expected, where log z ~ N(0, variance) beforehand.
-
-    Args:
-        counts: (3,) what was counted.
-        expected: (..., 3) signal for z = 0.
-        background: (3,).
-        variance: (...) of z before the counts.
-        rounds: of Fisher scoring.
-
-    Returns:
-        z (...), its variance afterwards (...), and the log likelihood (...) by Laplace's method, without the terms that are the
-        same for every source.
-    """
-    z = np.zeros(variance.shape)
-    weight = TRUST * counts
-    for _ in range(rounds):
-        s = expected * np.exp(z)[..., None]
-        share = s / (s + background)
-        slope = np.sum(weight * share - TRUST * s, axis=-1) - z / variance
-        curvature = np.sum(TRUST * s * share, axis=-1) + 1.0 / variance
-        z = z + np.clip(slope / curvature, -1.5, 1.5)
-    s = expected * np.exp(z)[..., None]
-    total = s + background
-    after = 1.0 / (np.sum(TRUST * s * s / total, axis=-1) + 1.0 / variance)
-    likelihood = np.sum(weight * np.log(total) - TRUST * total, axis=-1) - 0.5 * z * z / variance + 0.5 * np.log(after / variance)
-    return z, after, likelihood
+def response_of(nuclide: str) -> Response:
+    """Response."""
+    return Response(CHANNELS, AIR_PER_M, PHOTONS_PER_DECAY, CONE_AREA_MM2, CONE_BACKGROUND_PS)

@@ -10,16 +10,18 @@ from scipy.ndimage import gaussian_filter
 
 from agent.config import BayesEstimatorConfig
 from agent.frames.transform import Vector3
-from agent.fusion.bayes.cones import Order, cone_likelihood, cone_rate, density
-from agent.fusion.bayes.response import BACKGROUND_PS, REFERENCE_BQ, fit_rate, flux, signal
+from agent.fusion.bayes.cones import Orders, cone_likelihood
+from agent.fusion.bayes.counts import fit_rate, log_nothing
+from agent.fusion.bayes.response import REFERENCE_BQ, Response
 from agent.fusion.estimator import Outlook
 
 Array = NDArray[np.float64]
 
-_LEAST_DT_S = 0.4  # motion is carried out in steps of at least so long
+_MOVE_S = 0.5  # motion is carried out in steps of at least so long
 _TINY = 1e-30
+_ROUNDS = 3
+_DISTANCES = 64  # at which the likelihood of counts is worked out; between them it is interpolated
 _EXCLUDED = 0.05  # an activity counts as excluded when the observations have made it so much less likely against no source
-_ROUNDS = 2
 
 
 class Grid:
@@ -53,10 +55,15 @@ class SearchState:
         shape = (2, len(grid.log_activity), *grid.x.shape)
         return SearchState(time_s, np.full(shape, 0.5 / np.prod(shape)), 0.5)
 
+    @property
+    def evidence(self) -> float:
+        """Log of how much likelier the observations are with a source than without."""
+        return float(np.log((1.0 - self.none + _TINY) / self.none))
+
     def later(self, grid: Grid, time_s: float) -> SearchState:
         """The same after the source has had time to move."""
         dt_s = time_s - self.time_s
-        if dt_s < _LEAST_DT_S:
+        if dt_s < _MOVE_S:
             return self
         rest, moving = self.weight
         changed = -np.expm1(-grid.switch_ps * dt_s)
@@ -65,29 +72,32 @@ class SearchState:
         moving = gaussian_filter(moving, (0.0, blur, blur), mode="reflect", truncate=3.0)
         return SearchState(time_s, np.stack([rest, moving]), self.none)
 
-    def after_counts(self, grid: Grid, position: Vector3, live_time_s: float, counts: Array) -> SearchState:
+    def after_counts(self, grid: Grid, response: Response, position: Vector3, live_time_s: float, counts: Array) -> SearchState:
         """After an exposure at a place (mission frame) with counts (3,)."""
-        distance, _, _, _ = _seen_from(grid, position)
-        expected = signal(flux(distance) * live_time_s, distance) * np.exp(grid.log_activity)[:, None, None, None]
+        far = _seen_from(grid, position)[0]
+        distance = np.geomspace(float(far.min()) * 0.999, float(far.max()) * 1.001, _DISTANCES)
+        fluence = response.flux(distance) * np.exp(grid.log_activity)[:, None] * live_time_s
         # What a cell leaves open: its activities, and its places, which differ in distance.
         spread = grid.activity_variance + (2.0 * grid.cell_m / np.maximum(distance, grid.cell_m)) ** 2 / 12.0
-        background = BACKGROUND_PS * live_time_s
-        variance = np.broadcast_to(spread, expected.shape[:-1])
-        _, _, likelihood = fit_rate(counts, expected, background, variance, _ROUNDS)
-        _, _, nothing = fit_rate(counts, np.zeros(3), background, np.ones(()), 0)
-        return self._weighed(likelihood - float(nothing))
+        background = response.background_ps * live_time_s
+        variance = np.broadcast_to(spread, fluence.shape)
+        _, _, likelihood = fit_rate(counts, response.signal(fluence, distance), background, variance, _ROUNDS)
+        place = np.log(far / distance[0]) * ((_DISTANCES - 1) / np.log(distance[-1] / distance[0]))
+        before = place.astype(np.intp)
+        part = place - before
+        interpolated = likelihood[:, before] * (1.0 - part) + likelihood[:, before + 1] * part
+        return self._weighed(interpolated - log_nothing(counts, background))
 
-    def after_cone(self, grid: Grid, apex: Vector3, orders: tuple[Order, ...]) -> SearchState:
+    def after_cone(self, grid: Grid, response: Response, apex: Vector3, orders: Orders) -> SearchState:
         """After a cone."""
         distance, x, y, z = _seen_from(grid, apex)
-        within = grid.cell_m**2 / 12.0 / distance**2
-        directed = np.zeros(distance.shape)
-        for order in orders:
-            u, v, w = order.axis
-            angle = np.arccos(np.clip((u * x + v * y + w * z) / distance, -1.0, 1.0))
-            directed += density(order, angle - order.theta_rad, within).sum(axis=-1)
-        rate = cone_rate(flux(distance)) * np.exp(grid.log_activity)[:, None, None]
-        return self._weighed(np.log(cone_likelihood(rate, directed)))
+        u, v, w = orders.axis.T
+        cosine = (x[..., None] * u + y[..., None] * v + z * w) / distance[..., None]
+        delta = np.arccos(np.clip(cosine, -1.0, 1.0)) - orders.theta_rad
+        within = np.broadcast_to((grid.cell_m**2 / 12.0 / distance**2)[..., None], delta.shape)
+        directed = orders.density(delta, within)[0].sum(axis=(-2, -1))
+        rate = response.cone_area_mm2 * response.flux(distance) * np.exp(grid.log_activity)[:, None, None]
+        return self._weighed(np.log(cone_likelihood(rate, directed, response.cone_background_ps)))
 
     def _weighed(self, log_likelihood: Array) -> SearchState:
         """``log_likelihood``: (A, Y, X), relative to no source."""

@@ -58,7 +58,7 @@ def test_impossible_orders_or_no_axis_say_nothing(cone):
 def test_an_exposure_counts_from_the_place_in_its_middle(kit):
     exposure = kit.exposure_entry(kit.mission_of(), 0.0, (1.0, 0.0, 3.0), duration_s=0.4)
     seen = observe(exposure, Transform(math.pi / 2, (10.0, 20.0, 1.0)))
-    assert seen.stamp_ns == exposure.stamp_ns + 200_000_000
+    assert (seen.middle_ns, seen.stamp_ns) == (exposure.stamp_ns + 200_000_000, exposure.end_ns)
     assert seen.position == pytest.approx((10.0, 21.0, 4.0))
     assert (seen.live_time_s, seen.counts.tolist()) == (0.4, [5.0, 0.0, 1.0])
 
