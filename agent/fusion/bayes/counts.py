@@ -1,0 +1,55 @@
+"""How likely counts are, given what a source is expected to add to the background.
+
+Poisson, with an unknown factor on the source's part.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Power to which a channel's likelihood is taken. Hits by scattered photons are modelled least well.
+TRUST: Array = np.array([0.3, 1.0, 1.0])
+MODEL_VARIANCE = 0.03**2  # of the logarithm of a camera's rate, in each exposure: its area differs a little from side to side
+_LARGEST_SHIFT = 1.5  # of one round
+_SETTLED = 1e-3
+
+
+def log_nothing(counts: Array, background: Array) -> float:
+    """Log likelihood of counts (3,) of background alone, but for terms that are the same for every source."""
+    return float(np.dot(TRUST, counts * np.log(background) - background))
+
+
+def fit_rate(counts: Array, expected: Array, background: Array, variance: Array, rounds: int) -> tuple[Array, Array, Array]:
+    """Fit the factor e^z by which a source counts more than expected, where z ~ N(0, variance) beforehand.
+
+    Args:
+        counts: (3,) what was counted.
+        expected: (..., 3) signal for z = 0.
+        background: (3,).
+        variance: (...) of z before the counts.
+        rounds: of Fisher scoring, at most.
+
+    Returns:
+        z (...), its variance afterwards (...), and the log likelihood (...) by Laplace's method, without the terms that are the
+        same for every source.
+    """
+    weight = TRUST * counts
+    precision = 1.0 / variance
+    z = np.zeros(variance.shape)
+    signal = expected
+    for _ in range(rounds):
+        share = signal / (signal + background)
+        slope = share @ weight - signal @ TRUST - z * precision
+        shift = slope / ((signal * share) @ TRUST + precision)
+        shift = np.minimum(np.maximum(shift, -_LARGEST_SHIFT), _LARGEST_SHIFT)
+        z = z + shift
+        signal = expected * np.exp(z)[..., None]
+        if np.abs(shift).max() < _SETTLED:
+            break
+    total = signal + background
+    after = 1.0 / ((signal * signal / total) @ TRUST + precision)
+    likelihood = np.log(total) @ weight - total @ TRUST - 0.5 * z * z * precision + 0.5 * np.log(after * precision)
+    return z, after, likelihood
