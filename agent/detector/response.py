@@ -61,7 +61,8 @@ def energy_variance(energy_kev: float) -> float:
 
 def position_variance(energy_kev: float) -> float:
     """Variance in mm2, in each direction, of a cluster's place; its energy is that of one electron."""
-    return PIXELS_MM * PIXELS_MM + (TRACK_MM * (energy_kev / TRACK_KEV) ** TRACK_POWER) ** 2
+    track_mm: float = TRACK_MM * (energy_kev / TRACK_KEV) ** TRACK_POWER
+    return PIXELS_MM * PIXELS_MM + track_mm * track_mm
 
 
 def attenuation_per_mm(energy_kev: float) -> tuple[float, float]:

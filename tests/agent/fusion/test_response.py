@@ -1,0 +1,41 @@
+"""What the estimator expects a camera to count, held against a simulated camera beside a source."""
+
+import numpy as np
+import pytest
+
+from agent.config import DetectionConfig
+from agent.detector.calibration import Calibration
+from agent.detector.chain import DetectorChain
+from agent.errors import ConfigError
+from agent.fusion.bayes.response import REFERENCE_BQ, RESPONSES, response_of
+
+beam = pytest.importorskip("sim.radiation.beam")
+camera = pytest.importorskip("sim.radiation.camera")
+truth = pytest.importorskip("sim.radiation.truth")
+
+DISTANCE_M = 15.0
+LIVE_S = 10.0
+EVENTS_PS = 3000.0
+AREA_MM2 = 20.0
+
+
+@pytest.mark.parametrize("nuclide", RESPONSES)
+def test_counts_are_those_of_a_camera_beside_a_source(nuclide):
+    response = response_of(nuclide)
+    fluence_ps = EVENTS_PS / AREA_MM2
+    activity_bq = REFERENCE_BQ * fluence_ps / float(response.flux(np.array(DISTANCE_M)))
+    view = camera.SourceView((0.6, -0.36, 0.714), DISTANCE_M, activity_bq)
+    readout = beam.BeamCamera(truth.CameraTruth(), nuclide, view, np.random.default_rng(3), 0).expose(0, int(LIVE_S * 1e9))
+    found = DetectorChain(DetectionConfig(), nuclide, Calibration.nominal()).process(readout)
+    counted = np.array([found.hits, found.photopeak, found.coincidences])
+    fluence = np.array(fluence_ps * LIVE_S)
+    expected = response.signal(fluence, np.array(DISTANCE_M)) + response.background_ps * LIVE_S
+    # Areas from one side differ by up to 10 % from the mean of all; four times the noise besides.
+    assert (np.abs(counted - expected) < 0.1 * expected + 4.0 * np.sqrt(expected)).all()
+    cones = float(response.cone_area_mm2 * fluence + response.cone_background_ps * LIVE_S)
+    assert abs(len(found.cones) - cones) < 0.2 * cones + 4.0 * cones**0.5
+
+
+def test_a_nuclide_that_was_not_measured_is_refused_by_name():
+    with pytest.raises(ConfigError, match=r"nuclide 'Am-241'.*Cs-137, Co-60, I-131, Ir-192"):
+        response_of("Am-241")
