@@ -117,6 +117,9 @@ def fly_campaign(
             runs.append(_line(outcome.job, outcome.result))
         done += 1
         watch(done, len(jobs), outcome)
+    told = {(outcome.job.case.key, outcome.job.seed) for outcome in failures}
+    told |= {(_case_key(line, campaign.parameters), line["seed"]) for line in runs.lines}
+    failures += [Outcome(job, error="nobody told what became of it") for job in waiting if (job.case.key, job.seed) not in told]
     place = {case.key: index for index, case in enumerate(campaign.in_order())}
     runs.sort(lambda line: (place[_case_key(line, campaign.parameters)], line["seed"]))
     failures.sort(key=lambda outcome: (place[outcome.job.case.key], outcome.job.seed))

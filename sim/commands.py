@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +14,9 @@ from agent.errors import ConfigError
 from sim.runfile import make_folder, write_text
 from sim.sweep import Case, Value, cases, parse_settings, parse_sweep
 from sim.workers import Executor, Outcome, cores, in_processes, on_dask
+
+if TYPE_CHECKING:
+    from sim.result import RunResult
 
 Estimator = Annotated[str | None, typer.Option(help="paper, paper-geometric, ...; else the scenario's own.")]
 Law = Annotated[str | None, typer.Option(help="Flocking law, paper or smooth; else the scenario's own.")]
@@ -47,19 +50,14 @@ def run(
         make_folder(out)
 
     from sim.lockstep import fly  # noqa: PLC0415
-    from sim.report import error_of, result_json, sentence, write_flight  # noqa: PLC0415
+    from sim.report import error_of, sentence, write_flight  # noqa: PLC0415
 
     with flight_progress(case.name) as progress:
         flight = fly(case.scenario, seed, estimator=estimator, listen=listen or (), law=law, progress=progress)
     say(sentence(flight.result, flight.trace), err if json == "-" else stdout)
     for name, heard in flight.listened.items():
         say(f"{name}, which only listened, was {error_of(heard)} (the swarm's own {error_of(flight.result)}).")
-    if json is not None:
-        text = "".join(map(result_json, (flight.result, *flight.listened.values())))
-        if json == "-":
-            typer.echo(text, nl=False)
-        else:
-            write_text(Path(json), text)
+    write_json(json, flight.result, *flight.listened.values())
     if out is not None:
         written = write_flight(out, flight)
         say(f"written to {out}: {', '.join(path.name for path in written)}")
@@ -99,13 +97,13 @@ def campaign(
 def table(
     *,
     runs: Annotated[int, typer.Option(help="Flights of each scenario.")] = 50,
-    estimators: Annotated[str, typer.Option(help="Separated by commas; a column for each.")] = "paper",
+    estimators: Annotated[str, typer.Option(help="Separated by commas; a column for each.")] = "paper,bayes",
     field: Annotated[bool, typer.Option("--field", help="The table of the field experiments too.")] = False,
     workers: Workers = None,
     dask: Dask = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Keep the runs; write text, CSV and Markdown.")] = None,
 ) -> None:
-    """The paper's table beside ours: four scenarios, solo and swarm, static and moving source."""
+    """The paper's table beside ours: four scenarios, solo and swarm, static and moving source; how near we are to the bound."""
     from sim.console import campaign_progress, say  # noqa: PLC0415
     from sim.console import out as stdout  # noqa: PLC0415
     from sim.table import FIELD, NOTE, SIMULATIONS, as_rich, as_text, blocks, fly_study  # noqa: PLC0415
@@ -163,6 +161,19 @@ def check_json(json: str | None) -> None:
     """Refuse a --json file whose folder is not there."""
     if json not in (None, "-") and not Path(json).parent.is_dir():
         raise ConfigError(f"--json {json}: the folder {Path(json).parent} is not there; make it first")
+
+
+def write_json(json: str | None, *results: RunResult) -> None:
+    """What --json asks for: a flat object and line for each result, in a file or on the output."""
+    if json is None:
+        return
+    from sim.report import result_json  # noqa: PLC0415
+
+    text = "".join(map(result_json, results))
+    if json == "-":
+        typer.echo(text, nl=False)
+    else:
+        write_text(Path(json), text)
 
 
 def _exit_on(failures: Sequence[Outcome], out: Path | None) -> None:

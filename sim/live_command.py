@@ -13,7 +13,7 @@ import msgspec
 import typer
 
 from agent.errors import ConfigError
-from sim.commands import Estimator, Law, Settings, check_json, checked
+from sim.commands import Estimator, Law, Settings, check_json, checked, write_json
 from sim.runfile import make_folder, write_text
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def live(
     from sim.live import fly_live  # noqa: PLC0415
     from sim.livereport import agreement  # noqa: PLC0415
     from sim.liveview import console_view  # noqa: PLC0415
-    from sim.report import result_json, sentence, write_flight  # noqa: PLC0415
+    from sim.report import sentence, write_flight  # noqa: PLC0415
     from sim.scenario import chosen  # noqa: PLC0415
 
     flown = chosen(case.scenario, estimator, law)
@@ -83,10 +83,7 @@ def live(
         to = err if json == "-" else stdout
         say(sentence(flight.result, flight.trace), to)
         say(agreement(report), to)
-        if json == "-":
-            typer.echo(result_json(flight.result), nl=False)
-        elif json is not None:
-            write_text(Path(json), result_json(flight.result))
+        write_json(json, flight.result)
         if out is not None:
             written = [*write_flight(out, flight), out / "agents.json"]
             write_text(written[-1], msgspec.json.format(msgspec.json.encode(report).decode(), indent=2) + "\n")

@@ -92,7 +92,7 @@ def write_campaign(folder: Path, flown: Flown) -> list[Path]:
         return []
     rows = [({"scenario": case.name, **dict(case.point)}, summarise(runs)) for case, runs in groups]
     write_text(folder / "summary.csv", summary_csv(rows))
-    write_text(folder / "summary.md", summary_markdown(rows))
+    write_text(folder / "summary.md", summary_markdown(rows) + failed_note(flown))
     estimators = ", ".join(sorted({run.estimator for _, runs in groups for run in runs}))
     title = f"estimator {estimators}, seeds from {flown.campaign.seed_base}"
     figures = {"boxes.png": boxes_figure(groups, title), "ecdf.png": ecdf_figure(groups, title)}
@@ -101,6 +101,14 @@ def write_campaign(folder: Path, flown: Flown) -> list[Path]:
     for name, figure in figures.items():
         save(figure, folder / name)
     return [folder / name for name in ("summary.csv", "summary.md", *figures)]
+
+
+def failed_note(flown: Flown) -> str:
+    """Which flights are in no number, in Markdown; nothing where all came through."""
+    if not flown.failures:
+        return ""
+    named = ", ".join(outcome.job.label for outcome in flown.failures)
+    return f"\n{len(flown.failures)} flights failed and are in none of these numbers: {named}.\n"
 
 
 def case_sentence(label: str, runs: Sequence[RunResult]) -> str:

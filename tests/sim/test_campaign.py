@@ -21,6 +21,7 @@ import synthetic  # noqa: E402
 
 from agent.errors import ConfigError  # noqa: E402
 from sim.campaign import Campaign, fly_campaign, result_of  # noqa: E402
+from sim.report import write_campaign  # noqa: E402
 from sim.workers import Fly, Job, Outcome, attempt, in_processes, on_dask  # noqa: E402
 
 WALL = ("wall_s", "realtime_factor")
@@ -194,6 +195,17 @@ def test_a_failed_flight_is_recorded_and_the_others_go_on(tmp_path: Path) -> Non
     assert [line["seed"] for line in lines(tmp_path)] == [0, 1, 2, 3, 4]
     assert not flown.failures
     assert not (tmp_path / "failures.jsonl").exists()
+
+
+def test_a_flight_of_which_nothing_is_heard_is_a_failed_one(tmp_path: Path) -> None:
+    def forgetful(jobs: Iterable[Job], fly: Fly) -> Iterator[Outcome]:
+        return (attempt(fly, job) for job in jobs if job.seed != 3)
+
+    flown = fly_campaign(Campaign((synthetic.case(),), 5), tmp_path, forgetful, synthetic.fly_failing)
+    assert [outcome.job.seed for outcome in flown.failures] == [2, 3]
+    assert len((tmp_path / "failures.jsonl").read_text().splitlines()) == 2
+    write_campaign(tmp_path, flown)
+    assert "2 flights failed and are in none of these numbers: near seed 2, near seed 3." in (tmp_path / "summary.md").read_text()
 
 
 def test_a_flight_that_kills_its_process_is_found_out_and_the_others_go_on(tmp_path: Path) -> None:

@@ -166,11 +166,13 @@ def test_failed_flights_end_a_campaign_with_code_1_and_are_named(
     assert len((tmp_path / "runs.jsonl").read_text().splitlines()) == 2
 
 
-def test_the_table_flies_the_papers_law(tmp_path: Path, radron_sim: Call, flown: list[dict[str, Any]]) -> None:
+def test_the_table_flies_paper_by_the_papers_law_and_bayes_as_the_scenario_says(
+    tmp_path: Path, radron_sim: Call, flown: list[dict[str, Any]]
+) -> None:
     code, out, _ = radron_sim("table", "--runs", 2, "--field", "--out", tmp_path)
     assert code == 0
-    assert {call["law"] for call in flown} == {"paper"}
-    assert len(flown) == 2 * (4 + 3)
+    assert {(call["estimator"], call["law"]) for call in flown} == {("paper", "paper"), ("bayes", None)}
+    assert len(flown) == 2 * 2 * (4 + 3)
     assert {"table.txt", "table.csv", "table.md", "field.txt", "field.csv", "field.md"} <= {
         path.name for path in tmp_path.iterdir()
     }

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 
 from sim.result import RunResult
-from sim.statistics import ecdf, hypothesis_steps, mean, median, median_interval, settling_times, summarise
+from sim.statistics import ecdf, hypothesis_steps, mean, median, median_interval, settling_times, share_interval, summarise
 
 
 def run(seed: int = 0, **changes: object) -> RunResult:
@@ -141,3 +141,41 @@ def test_settling_is_when_all_are_back_for_good() -> None:
     assert math.isnan(settling_times(time, error, np.array([30.0]), 5.0)[0])
     assert settling_times(time, np.zeros((20, 2)), np.array([5.0]), 5.0).tolist() == [0.0]
     assert settling_times(time, np.full((20, 2), np.nan), np.array([5.0]), 5.0).tolist() == [math.inf]
+
+
+def test_coverage_counts_the_runs_whose_region_holds_the_truth() -> None:
+    regions = [0.1, 0.5, 0.6, 0.9, 0.95, None]
+    summary = summarise([run(seed, region=region) for seed, region in enumerate(regions)])
+    assert (summary.sampled, summary.in_50, summary.in_90) == (5, 2, 4)
+
+
+def test_the_ratio_to_the_bound_is_taken_run_by_run() -> None:
+    errors_bounds = [(1.0, 0.5), (6.0, 2.0), (4.0, 4.0), (9.0, None), (None, 1.0)]
+    summary = summarise([run(k, error_median_m=e, bound_median_m=b) for k, (e, b) in enumerate(errors_bounds)])
+    assert summary.error_over_bound == 2.0
+    assert summary.bound_median_m == 1.5
+
+
+def test_flights_without_a_source_are_counted() -> None:
+    found_nothing = run(0, nothing_found=True, excluded_bq=5e7, **NOTHING)
+    summary = summarise([found_nothing, run(1, false_hypothesis=True), run(2, nothing_found=True, excluded_bq=7e7, **NOTHING)])
+    assert (summary.nothing_found, summary.false_hypotheses, summary.excluded_median_bq) == (2, 1, 6e7)
+
+
+def test_nine_tenths_of_the_errors_of_x0() -> None:
+    summary = summarise([run(k, x0_error_m=float(k), x0_rms_m=5.0 + k) for k in range(11)])
+    assert (summary.x0_error_p90_m, summary.x0_rms_median_m, summary.x0_rms_max_m) == (9.0, 10.0, 15.0)
+
+
+@pytest.mark.parametrize(("hits", "of"), [(0, 20), (7, 20), (180, 200), (200, 200)])
+def test_the_interval_of_a_share_leaves_so_much_beyond_each_end(hits: int, of: int) -> None:
+    interval = share_interval(hits, of)
+    assert interval is not None
+    low, high = interval
+    assert low <= hits / of <= high
+    assert binom.sf(hits - 1, of, low) == pytest.approx(0.025 if hits else 1.0)
+    assert binom.cdf(hits, of, high) == pytest.approx(0.025 if hits < of else 1.0)
+
+
+def test_no_trial_has_no_interval() -> None:
+    assert share_interval(0, 0) is None

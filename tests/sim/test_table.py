@@ -64,6 +64,9 @@ def test_published_and_ours_stand_side_by_side(study: Study, tmp_path: Path) -> 
     assert cells["error, median (m)"][1] == f"{ours.error_median_m:.2f}"
     assert cells["separation, least (m)"] == (None, f"{ours.min_separation_m:.2f}")
     assert cells["fence breaches"] == (None, "0")
+    assert cells["bound, median (m)"] == (None, f"{ours.bound_median_m:.2f}")
+    assert cells["error / bound, median"] == (None, f"{ours.error_over_bound:.2f}")
+    assert cells["in the 90 % region (%)"] == (None, f"{100 * ours.in_90 / ours.sampled:.0f}")
 
 
 def test_every_estimator_has_its_column_and_the_papers_fly_the_papers_law(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ def synthetic_result(name: str, seed: int, radius_m: float = 12.0, drones: int =
     rng = np.random.default_rng([seed, len(name), int(10 * radius_m)])
     found = seed % 7 != 6
     error = float(rng.lognormal(0.5, 0.4) * radius_m / 12.0)
+    nees = float(np.random.default_rng([seed, len(name)]).chisquare(2))
     wall_s = time.perf_counter()
     return RunResult(
         scenario=name,
@@ -53,6 +54,13 @@ def synthetic_result(name: str, seed: int, radius_m: float = 12.0, drones: int =
         sim_s=250.0,
         wall_s=wall_s,
         realtime_factor=250.0 / wall_s,
+        error_relative_median_m=0.9 * error if found else None,
+        x0_rms_m=2.5 * error if found else None,
+        error_sample_m=1.1 * error if found else None,
+        nees_sample=nees if found else None,
+        region=1.0 - float(np.exp(-0.5 * nees)) if found else None,
+        bound_median_m=error / (1.2 + 0.02 * seed) if found else None,
+        bound_relative_median_m=0.8 * error if found else None,
     )
 
 
