@@ -21,7 +21,10 @@ _AREA_INTERACTIONS = 30_000  # the effective area to 0.6 % or better
 
 
 class BeamCamera:
-    """A camera that looks at one source that does not move; arguments and errors as of Camera."""
+    """A camera that looks at one source that does not move; arguments and errors as of Camera.
+
+    Of what sets cameras apart it has the energy gain alone: no other sensitivity, drift, shadow or clock.
+    """
 
     def __init__(self, truth: CameraTruth, nuclide: str, view: SourceView, rng: np.random.Generator, clock_ns: int) -> None:
         source = nuclide_of(nuclide)
