@@ -37,18 +37,11 @@ class Orders:
     @staticmethod
     def of(cone: ConeObservation) -> Orders:
         """The orders of a cone that are possible."""
-        readings = cone.readings
-        theta = np.array([reading.theta_rad for reading in readings])
-        sigma = np.array([reading.sigma_rad for reading in readings])
-        probability = np.array([reading.probability for reading in readings])
+        readings = np.array([(*r.axis, r.theta_rad, r.sigma_rad, r.probability) for r in cone.readings])
+        theta, sigma, probability = readings[:, 3], readings[:, 4:5], readings[:, 5]
         # The density per solid angle, relative to one that is the same in all directions.
         density = (1.0 - ASTRAY) * 2.0 * probability / np.maximum(np.sin(theta), _LEAST_SINE)
-        return Orders(
-            np.array([reading.axis for reading in readings]),
-            theta,
-            (np.maximum(sigma, _LEAST_SIGMA_RAD)[:, None] * WIDTHS) ** 2,
-            density[:, None] * SHARES,
-        )
+        return Orders(readings[:, :3], theta, (np.maximum(sigma, _LEAST_SIGMA_RAD) * WIDTHS) ** 2, density[:, None] * SHARES)
 
     def density(self, delta_rad: Array, variance: Array) -> tuple[Array, Array]:
         """The Gaussians' parts of the density, and their total variances, (..., K, 2) each, at angular errors (..., K) whose own

@@ -67,6 +67,12 @@ class BayesEstimator:
         self._vehicles = {drone: number for number, drone in enumerate(self._drones)}
         self._gain_variance = config.gain_sigma**2
         drift = [config.bias_drift_m**2, config.bias_drift_m**2, np.deg2rad(config.bias_yaw_drift_deg) ** 2, config.gain_drift**2]
+        count = len(self._drones)
+        self._seeing: Array = np.zeros((2 * count, BIASES + BIAS * count))  # the state -> x, then y, as seen by each vehicle
+        for axis in (0, 1):
+            own = np.arange(count)
+            self._seeing[axis * count + own, axis] = 1.0
+            self._seeing[axis * count + own, BIASES + BIAS * own + axis] = 1.0
         self._motion = Motion(config.velocity_mps**2, config.velocity_s, config.switch_ps, np.array(drift))
 
     def initial(self, start_ns: int | None) -> BayesState:
@@ -86,7 +92,7 @@ class BayesEstimator:
         """Mean and covariance of the track at the beginning of ``step``."""
         if state.track is None:
             return None
-        mean, covariance = state.track.later(self._motion, step.start_ns / _NS).moments()
+        mean, covariance = state.track.seen_at(self._motion, step.start_ns / _NS)
         activity = float(np.exp(mean[ACTIVITY])) * REFERENCE_BQ
         return Hypothesis(
             stamp_ns=step.start_ns,
@@ -98,7 +104,7 @@ class BayesEstimator:
             activity_bq=activity,
             activity_sigma_bq=activity * float(covariance[ACTIVITY, ACTIVITY]) ** 0.5,
             evidence=state.evidence,
-            sights={drone: _sight(mean, covariance, number) for drone, number in self._vehicles.items()},
+            sights=self._sights(mean, covariance),
         )
 
     def outlook(self, state: BayesState, step: GridStep) -> Outlook | None:
@@ -107,6 +113,15 @@ class BayesEstimator:
             return None
         search = state.search or SearchState.at_first(self._grid, step.start_ns / _NS)
         return search.later(self._grid, step.start_ns / _NS).outlook(self._grid)
+
+    def _sights(self, mean: Array, covariance: Array) -> dict[str, Sight]:
+        """Where each vehicle's own localisation puts the source: at its position plus the vehicle's bias."""
+        x, y = (self._seeing @ mean).reshape(2, -1).tolist()
+        spread = (self._seeing @ covariance @ self._seeing.T).reshape(2, len(x), 2, len(x))
+        own = np.zeros((len(x), 3, 3))
+        own[:, :2, :2] = np.moveaxis(np.diagonal(spread, axis1=1, axis2=3), -1, 0)
+        yaw = mean[BIASES + 2 :: BIAS].tolist()
+        return {drone: Sight(np.array([x[k], y[k], 0.0]), own[k], yaw[k]) for k, drone in enumerate(self._drones)}
 
     def _tracked(self, state: BayesState, track: Mixture, step: GridStep, observations: Sequence[Observation]) -> BayesState:
         time_s = step.start_ns / _NS
@@ -184,10 +199,3 @@ def _on_ground(covariance: Array) -> Array:
     place = np.zeros((3, 3))
     place[:2, :2] = covariance
     return place
-
-
-def _sight(mean: Array, covariance: Array, vehicle: int) -> Sight:
-    """Where a vehicle's own localisation puts the source: the source's position plus the vehicle's bias."""
-    b = BIASES + BIAS * vehicle
-    together = covariance[:2, :2] + covariance[:2, b : b + 2] + covariance[b : b + 2, :2] + covariance[b : b + 2, b : b + 2]
-    return Sight(np.array([mean[0] + mean[b], mean[1] + mean[b + 1], 0.0]), _on_ground(together), float(mean[b + 2]))

@@ -22,10 +22,11 @@ from agent.fusion.bayes.response import Response
 Array = NDArray[np.float64]
 
 _ROUNDS = 6
-_MIX_S = 0.5  # the modes are mixed this often
+_MIX_S = 1.0  # the modes are mixed this often
 _LEAST_WEIGHT = 1e-4  # relative to the heaviest site
 _NEAR = 0.5  # sites nearer than this share of their sigma are one
 _NEAREST_SINE = 1e-3
+_SHORTLY_S = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,14 +64,14 @@ class Mixture:
 
     def later(self, motion: Motion, time_s: float) -> Mixture:
         """The same at a later time; earlier ones are taken as now."""
-        dt_s = time_s - self.time_s
-        if dt_s <= 0.0:
+        dt_ms = round(1e3 * (time_s - self.time_s))
+        if dt_ms <= 0:
             return self
         weight, mean, covariance, mixed_s = self.weight, self.mean, self.covariance, self.mixed_s
         if time_s - mixed_s >= _MIX_S:
             weight, mean, covariance = motion.switch(weight, mean, covariance, time_s - mixed_s)
             mixed_s = time_s
-        mean, covariance = motion.predict(mean, covariance, self.bias_variance, dt_s)
+        mean, covariance = motion.predict(mean, covariance, self.bias_variance, dt_ms)
         return Mixture(time_s, mixed_s, weight, mean, covariance, self.bias_variance)
 
     def with_vehicle(self, vehicle: int, variance: tuple[float, ...]) -> Mixture:
@@ -200,10 +201,16 @@ class Mixture:
         mean, covariance = np.array([part[1] for part in merged]), np.array([part[2] for part in merged])
         return replace(self, weight=weight / weight.sum(), mean=mean, covariance=covariance)
 
-    def moments(self) -> tuple[Array, Array]:
-        """Mean (d,) and covariance (d, d) of all."""
+    def seen_at(self, motion: Motion, time_s: float) -> tuple[Array, Array]:
+        """Mean (d,) and covariance (d, d) of all at a time that is not earlier."""
+        if time_s - self.time_s > _SHORTLY_S:
+            return self.later(motion, time_s).seen_at(motion, time_s)
         d = self.mean.shape[-1]
         _, mean, covariance = _moments(self.weight.ravel(), self.mean.reshape(-1, d), self.covariance.reshape(-1, d, d))
+        dt_s = max(0.0, time_s - self.time_s)  # too short for the velocity to change
+        mean[:2] += dt_s * mean[2:4]
+        covariance[:2] += dt_s * covariance[2:4]
+        covariance[:, :2] += dt_s * covariance[:, 2:4]
         return mean, covariance
 
 
