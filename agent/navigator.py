@@ -13,6 +13,7 @@ from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis
 from agent.motion.encirclement import Encirclement
 from agent.motion.fence import Fence
+from agent.motion.leading import Leading
 from agent.motion.orbit import Orbit
 from agent.motion.reference import PeerState, Reference
 from agent.motion.tracker import Tracker
@@ -28,7 +29,7 @@ HORIZON = 20
 AT_HOME_M = 0.5
 AT_HOME_MPS = 0.3
 _SPEED_SHARE = 0.85  # of the limit, for the circle's speed and the source's together
-_LONGEST_LEAD_S = 1.0  # by which a source is led: a hypothesis that is older is not carried on further
+_ROOM_M = 3.0  # between the circle and the fence
 _DOUBT_SIGMAS = 2.0  # as in agent.motion.separation
 
 
@@ -64,6 +65,8 @@ class Navigator:
         self._frames = frames
         self._search, self._informed = search, informed
         self._orbit = Orbit(mission.encirclement, mission.area.floor_m)
+        most_mps = _SPEED_SHARE * mission.limits.speed_mps - mission.encirclement.speed_mps
+        self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + _ROOM_M)
         self._encirclement = Encirclement(mission.encirclement, mission.limits)
         self._tracker: Tracker | None = None
         self._virtual = PeerState((0.0, 0.0, 0.0))  # the tracker's own state, or the vehicle's where it begins
@@ -136,12 +139,8 @@ class Navigator:
             return None
         x, y, z = hypothesis.sight_of(self._id).position.tolist()
         u, v, w = hypothesis.velocity.tolist()
-        if hypothesis.evidence is not None:  # of the others, none knows where the source goes
-            limit = max(0.0, _SPEED_SHARE * self._config.limits.speed_mps - self._config.encirclement.speed_mps)
-            share = min(1.0, limit / max(hypot(u, v), 1e-9))
-            u, v, w = share * u, share * v, 0.0
-            lead_s = min(max(0.0, (moment.now_ns - hypothesis.stamp_ns) * 1e-9), _LONGEST_LEAD_S)
-            x, y = x + lead_s * u, y + lead_s * v
+        if hypothesis.evidence is not None:  # no other estimator knows where the source goes
+            (x, y), (u, v) = self._leading.centre(moment.now_ns, hypothesis.stamp_ns, (x, y), (u, v))
         return self._local_from_mission.apply_point((x, y, z)), self._local_from_mission.rotate_direction((u, v, w))
 
     def _replan(self, tracker: Tracker, moment: Moment, centre: tuple[Vector3, Vector3] | None, peers: Peers) -> Plan:
