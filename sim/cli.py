@@ -9,6 +9,7 @@ import typer
 from agent.errors import RadronError
 from protocol.errors import ProtocolError
 from sim.commands import campaign, run, table
+from sim.consistency_command import consistency
 from sim.live_command import live
 from sim.radiation.hits import hits
 
@@ -19,6 +20,7 @@ app.command()(live)
 app.command()(run)
 app.command()(campaign)
 app.command()(table)
+app.command()(consistency)
 app.command()(hits)
 
 

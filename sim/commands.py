@@ -82,7 +82,7 @@ def campaign(
     from sim.console import out as stdout  # noqa: PLC0415
     from sim.report import case_sentence, write_campaign  # noqa: PLC0415
 
-    execute = _executor(workers, dask)
+    execute = executor(workers, dask)
     chosen = checked(scenario, parse_sweep(sweep or []), settings, [estimator] if estimator else [], law)
     plan = Campaign(chosen, runs, estimator, law, seed_base)
     with campaign_progress("campaign") as watch:
@@ -91,7 +91,7 @@ def campaign(
     for case in plan.in_order():
         say(case_sentence(case.label, flown.of(case)), stdout)
     say(f"written to {out}: {', '.join(['runs.jsonl', *(path.name for path in written)])}")
-    _exit_on(flown.failures, out)
+    exit_on(flown.failures, out)
 
 
 def table(
@@ -108,7 +108,7 @@ def table(
     from sim.console import out as stdout  # noqa: PLC0415
     from sim.table import FIELD, NOTE, SIMULATIONS, as_rich, as_text, blocks, fly_study  # noqa: PLC0415
 
-    execute = _executor(workers, dask)
+    execute = executor(workers, dask)
     names = [name.strip() for name in estimators.split(",") if name.strip()]
     if not names or len(set(names)) < len(names):
         raise ConfigError(f"--estimators {estimators}: name each once, separated by commas, such as paper,paper-geometric")
@@ -127,10 +127,11 @@ def table(
     stdout.print(NOTE)
     if out is not None:
         say(f"written to {out}")
-    _exit_on(failures, out)
+    exit_on(failures, out)
 
 
-def _executor(workers: int | None, dask: str | None) -> Executor:
+def executor(workers: int | None, dask: str | None) -> Executor:
+    """What flies: processes on this machine, or a Dask cluster."""
     if dask is None:
         return in_processes(cores() if workers is None else workers)
     if workers is not None:
@@ -176,7 +177,7 @@ def write_json(json: str | None, *results: RunResult) -> None:
         write_text(Path(json), text)
 
 
-def _exit_on(failures: Sequence[Outcome], out: Path | None) -> None:
+def exit_on(failures: Sequence[Outcome], out: Path | None) -> None:
     """Runs that failed end the command with code 1, and are named such that they can be repeated."""
     if not failures:
         return

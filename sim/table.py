@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -109,12 +109,16 @@ FIELD = Study(
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A finished table. ``columns``: (scenario's head, whose numbers); cells are None where there is no number."""
+    """A finished table. ``columns``: (scenario's head, whose numbers); cells are None where there is no number.
+
+    ``note``: what the numbers mean.
+    """
 
     title: str
     columns: tuple[tuple[str, str], ...]
     rows: tuple[tuple[str, tuple[str | None, ...]], ...]
-    above: int  # rows that the paper has too
+    above: int  # rows before the line; in the paper's tables those that the paper has too
+    note: str
 
 
 def law_of(estimator: str) -> str | None:
@@ -144,9 +148,16 @@ def fly_study(
         flown.append(fly_campaign(campaign, place, execute, fly, watch))
         write_campaign(place, flown[-1])
     table = make_table(study, dict(zip(estimators, flown, strict=True)))
-    for suffix, text in (("txt", as_text(table)), ("csv", as_csv(table)), ("md", as_markdown(table))):
-        write_text(folder / f"{study.name}.{suffix}", text)
+    write_table(folder, study.name, table)
     return table, tuple(flown)
+
+
+def write_table(folder: Path, name: str, table: Table) -> list[Path]:
+    """Write a table as ``{name}.txt``, ``.csv`` and ``.md``; returns what was written."""
+    texts = {f"{name}.txt": as_text(table), f"{name}.csv": as_csv(table), f"{name}.md": as_markdown(table)}
+    for file, text in texts.items():
+        write_text(folder / file, text)
+    return [folder / file for file in texts]
 
 
 def make_table(study: Study, flown: Mapping[str, Flown]) -> Table:
@@ -164,7 +175,7 @@ def make_table(study: Study, flown: Mapping[str, Flown]) -> Table:
             cells.append([_text(row.of(summary), row.digits) for row in (*study.rows, *BELOW)])
     labels = [row.label for row in (*study.rows, *BELOW)]
     rows = tuple((label, tuple(column[index] for column in cells)) for index, label in enumerate(labels))
-    return Table(study.title, tuple(columns), rows, len(study.rows))
+    return Table(study.title, tuple(columns), rows, len(study.rows), NOTE)
 
 
 def blocks(table: Table, width: int) -> list[Table]:
@@ -200,7 +211,7 @@ def as_text(table: Table) -> str:
 
 def _part(table: Table, columns: Sequence[int]) -> Table:
     rows = tuple((label, tuple(cells[index] for index in columns)) for label, cells in table.rows)
-    return Table(table.title, tuple(table.columns[index] for index in columns), rows, table.above)
+    return replace(table, columns=tuple(table.columns[index] for index in columns), rows=rows)
 
 
 def _width(table: Table) -> int:
@@ -221,7 +232,7 @@ def as_markdown(table: Table) -> str:
     """A table for a README."""
     lines = [["", *(f"{head}, {whose}" for head, whose in table.columns)], ["---", *("---:" for _ in table.columns)]]
     lines += [[label, *(cell or "" for cell in cells)] for label, cells in table.rows]
-    return f"**{table.title}**\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines) + f"\n{NOTE}\n"
+    return f"**{table.title}**\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines) + f"\n{table.note}\n"
 
 
 NOTE = (

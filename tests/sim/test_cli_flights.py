@@ -196,3 +196,23 @@ def test_errors_of_the_simulation_that_the_user_can_mend_are_one_line(radron_sim
 
     monkeypatch.setattr(sim.lockstep, "fly", fly)
     assert radron_sim("run", "demo")[::2] == (2, "radron-sim: the scenario cannot be flown\n")
+
+
+def test_consistency_holds_claims_against_the_truth_and_goes_on(
+    tmp_path: Path, radron_sim: Call, flown: list[dict[str, Any]]
+) -> None:
+    code, out, err = radron_sim("consistency", "ideal-static-swarm", "demo", "--runs", 4, "--out", tmp_path)
+    assert code == 0
+    assert "in the 90 % region (%)" in out
+    assert "Clopper" in out
+    assert {(call["scenario"].name, call["estimator"]) for call in flown} == {("ideal-static-swarm", "bayes"), ("demo", "bayes")}
+    assert "consistency.png" in err
+    assert radron_sim("consistency", "ideal-static-swarm", "demo", "--runs", 4, "--out", tmp_path)[0] == 0
+    assert len(flown) == 8
+
+
+def test_consistency_of_failed_flights_ends_with_code_1(radron_sim: Call, flown: list[dict[str, Any]]) -> None:
+    code, out, err = radron_sim("consistency", "demo", "--runs", 2, "--seed-base", 12)
+    assert code == 1
+    assert "demo seed 13" in err
+    assert "1 flights failed" in out
