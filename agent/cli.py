@@ -24,7 +24,7 @@ app.command()(command)
 def cones(
     file: Annotated[Path, typer.Argument(metavar="FILE.t3pa", help="A Timepix3 measurement, as Advacam's software exports it.")],
     csv: Annotated[Path, typer.Option(metavar="OUT", help="Where to write the cones, one per line.")],
-    nuclide: Annotated[str, typer.Option(help="Whose lines to look for.")] = "Cs-137",
+    nuclide: Annotated[str, typer.Option(help="Whose lines to look for; auto: those that the spectrum shows.")] = "Cs-137",
     calibration: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder with a.txt, b.txt, c.txt, t.txt; else typical constants.")
     ] = None,

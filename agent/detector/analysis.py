@@ -18,6 +18,7 @@ from agent.detector.chain import DetectorChain
 from agent.detector.detection import ConeEvent, Detections
 from agent.detector.imaging import Direction, DirectionScan
 from agent.detector.lines import lines_of
+from agent.detector.recognition import CANDIDATES, Recogniser, Recognition
 from agent.detector.t3pa import T3paReader, readouts
 from agent.errors import DetectorError
 
@@ -41,6 +42,7 @@ CSV_COLUMNS = (
 )
 _BIN_KEV = 2.0
 _BINS = 1000
+_SURE = 100.0  # evidence at which the rest of a file cannot change the nuclide
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +68,7 @@ class Summary:
     coincidences: int
     cones: int
     peak: Peak | None
+    recognised: Recognition | None
     direction: Direction | None
 
 
@@ -85,9 +88,11 @@ def analyse(
         ConfigError: an unknown nuclide.
     """
     spectrum = np.zeros(_BINS, np.int64)
+    recogniser = Recogniser()
 
     def count(energies_kev: Sequence[float] | NDArray[np.float64]) -> None:
         spectrum[:] += np.histogram(energies_kev, _BINS, (0.0, _BINS * _BIN_KEV))[0]
+        recogniser.add(energies_kev)
 
     chain = DetectorChain(config, nuclide, calibration, on_energies=count)
     scan = DirectionScan()
@@ -117,8 +122,39 @@ def analyse(
         coincidences=sum(part.coincidences for part in parts),
         cones=cones,
         peak=find_peak(spectrum, lines_of(nuclide)),
+        recognised=recogniser.best(),
         direction=scan.best(),
     )
+
+
+def recognise(
+    reader: T3paReader,
+    config: DetectionConfig,
+    calibration: Calibration,
+    *,
+    progress: Callable[[int], None] = lambda position_bytes: None,
+) -> Recognition:
+    """Which nuclide a file is of; reads as much of it as is needed to be sure.
+
+    Raises:
+        DetectorError: the file is not readable so far, or nothing stands out.
+    """
+    recogniser = Recogniser()
+    chain = DetectorChain(config, None, calibration, on_energies=recogniser.add)
+    for readout in readouts(reader):
+        chain.process(readout)
+        progress(reader.position_bytes)
+        found = recogniser.best()
+        if found is not None and found.evidence >= _SURE:
+            return found
+    chain.flush()
+    found = recogniser.best()
+    if found is None:
+        raise DetectorError(
+            f"no nuclide stands out among {recogniser.events} events of the file; known are {', '.join(CANDIDATES)}; "
+            "name one with --nuclide"
+        )
+    return found
 
 
 def find_peak(spectrum: NDArray[np.int64], lines_kev: Iterable[float]) -> Peak | None:

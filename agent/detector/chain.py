@@ -26,11 +26,11 @@ class DetectorChain:
     def __init__(
         self,
         config: DetectionConfig,
-        nuclide: str,
+        nuclide: str | None,
         calibration: Calibration,
         on_energies: EnergySink | None = None,
     ) -> None:
-        """``on_energies`` is shown the energies in keV of all events, for a spectrum.
+        """``nuclide`` None: hits and coincidences only. ``on_energies`` is shown the energies in keV of all events.
 
         Raises:
             ConfigError: the nuclide is not known.

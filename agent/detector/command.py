@@ -10,21 +10,36 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeR
 from rich.table import Table
 
 from agent.config import DetectionConfig
-from agent.detector.analysis import Summary, analyse
+from agent.detector.analysis import Summary, analyse, recognise
 from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.lines import lines_of
+from agent.detector.recognition import Recognition
 from agent.detector.t3pa import T3paReader
+
+AUTO = "auto"
 
 
 def run_cones(file: Path, csv: Path, nuclide: str, calibration: Path | None, toa_bits: int | None) -> None:
-    """Analyse a file, with a progress bar on stderr and the summary on stdout. Raises RadronError."""
-    lines_of(nuclide)
+    """Analyse a file, with a progress bar on stderr and the summary on stdout. Raises RadronError.
+
+    ``nuclide``: AUTO recognises it from the file's spectrum first.
+    """
+    if nuclide != AUTO:
+        lines_of(nuclide)
     constants = Calibration.nominal() if calibration is None else load_calibration(calibration)
     reader = T3paReader(file, toa_bits)
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
     terminal = Console(stderr=True)
     with Progress(*columns, console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
         task = progress.add_task(file.name, total=reader.size_bytes)
+        if nuclide == AUTO:
+            found = recognise(
+                T3paReader(file, toa_bits),
+                DetectionConfig(),
+                constants,
+                progress=lambda position: progress.update(task, completed=position),
+            )
+            nuclide = found.nuclide
         summary = analyse(
             reader,
             DetectionConfig(),
@@ -57,6 +72,7 @@ def summary_table(name: str, nuclide: str, summary: Summary) -> Table:
         peak = summary.peak
         width = 100.0 * peak.fwhm_kev / peak.line_kev
         table.add_row("peak", f"{peak.centre_kev:.1f} keV for the line of {peak.line_kev:g} keV, FWHM {width:.1f} %")
+    table.add_row("recognised", _recognised(summary.recognised, nuclide))
     if summary.direction is not None:
         found = summary.direction
         table.add_row(
@@ -65,3 +81,10 @@ def summary_table(name: str, nuclide: str, summary: Summary) -> Table:
             f"+- {np.rad2deg(found.sigma_rad):.1f} deg ({found.cones:,} cones)",
         )
     return table
+
+
+def _recognised(found: Recognition | None, nuclide: str) -> str:
+    if found is None:
+        return "no nuclide stands out"
+    other = "" if found.nuclide == nuclide else f", not {nuclide}"
+    return f"{found.nuclide}{other} (evidence {found.evidence:.0f}, {found.peak_events:,.0f} events in its peaks)"

@@ -34,11 +34,11 @@ class Tally:
 class EventReader:
     """Reads events: which hold a line's full energy, which are coincidences, and which of these make a cone."""
 
-    def __init__(self, config: DetectionConfig, nuclide: str, on_energies: EnergySink | None = None) -> None:
-        """Raises ConfigError where the nuclide is not known."""
+    def __init__(self, config: DetectionConfig, nuclide: str | None, on_energies: EnergySink | None = None) -> None:
+        """``nuclide`` None: no event has a full energy, none makes a cone. Raises ConfigError where it is not known."""
         self._windows = tuple(
             (energy, config.energy_window * energy, Line.of(energy, config.maximum_electron_kev, config.minimum_photon_kev))
-            for energy in lines_of(nuclide)
+            for energy in (() if nuclide is None else lines_of(nuclide))
         )
         self._window_ticks = config.coincidence_window_ns / TICK_NS
         self._minimum_pixels = config.minimum_pixels

@@ -4,8 +4,56 @@ from __future__ import annotations
 
 from agent.errors import ConfigError
 
-# keV; the lines of a few percent and more that a CdTe camera of 2 mm can use, from the evaluated decay data of the
-# Decay Data Evaluation Project (http://www.lnhb.fr/nuclear-data/), rounded to 10 eV.
+# keV and photons per decay, from the evaluated decay data of the Decay Data Evaluation Project
+# (http://www.lnhb.fr/nuclear-data/), rounded to 10 eV; lines above 50 keV. Na-22's annihilation photons: 2 x 0.90.
+GAMMAS: dict[str, tuple[tuple[float, float], ...]] = {
+    "Am-241": ((59.54, 0.359),),
+    "Ba-133": (
+        (53.16, 0.0214),
+        (79.61, 0.0263),
+        (81.00, 0.333),
+        (160.61, 0.0064),
+        (223.24, 0.0045),
+        (276.40, 0.0713),
+        (302.85, 0.1831),
+        (356.01, 0.6205),
+        (383.85, 0.0894),
+    ),
+    "Co-60": ((1173.23, 0.9985), (1332.49, 0.9998)),
+    "Cs-137": ((661.66, 0.850),),
+    "Eu-152": (
+        (121.78, 0.2841),
+        (244.70, 0.0755),
+        (344.28, 0.2659),
+        (411.12, 0.0224),
+        (443.96, 0.0312),
+        (778.90, 0.1297),
+        (867.38, 0.0424),
+        (964.06, 0.1450),
+        (1085.84, 0.1013),
+        (1089.74, 0.0173),
+        (1112.08, 0.1341),
+        (1212.95, 0.0142),
+        (1299.14, 0.0163),
+        (1408.01, 0.2085),
+    ),
+    "I-131": ((80.19, 0.0261), (284.31, 0.0606), (364.49, 0.812), (636.99, 0.0726), (722.91, 0.0180)),
+    "Ir-192": (
+        (205.79, 0.0334),
+        (295.96, 0.2872),
+        (308.46, 0.2968),
+        (316.51, 0.8275),
+        (468.07, 0.4781),
+        (484.58, 0.0319),
+        (588.58, 0.0452),
+        (604.41, 0.0820),
+        (612.46, 0.0534),
+    ),
+    "K-40": ((1460.82, 0.1055),),
+    "Na-22": ((511.00, 1.80), (1274.54, 0.9994)),
+}
+
+# Those that a CdTe camera of 2 mm can use for full-energy events and cones, keV.
 LINES_KEV: dict[str, tuple[float, ...]] = {
     "Am-241": (59.54,),
     "Ba-133": (81.00, 276.40, 302.85, 356.01, 383.85),

@@ -19,9 +19,11 @@ def measurement(tmp_path, make_compton_event, make_hits, blob):
             blob(time, (*rng.uniform(-6, 6, 2), 1.0), rng.normal(661.66, 10.0), 15)
         ]
         time += 50_000.0
-    hits = make_hits(blobs)
+    return write(tmp_path / "measured.t3pa", make_hits(blobs))
+
+
+def write(path, hits):
     toa = -(-hits.tick // 16)
-    path = tmp_path / "measured.t3pa"
     with path.open("w") as file:
         file.write("Index\tMatrix Index\tToA\tToT\tFToA\tOverflow\n")
         for number, row in enumerate(zip(hits.index, toa, hits.tot, 16 * toa - hits.tick, strict=True)):
@@ -58,6 +60,31 @@ def test_a_file_becomes_a_table_of_cones(measurement):
     assert polar == pytest.approx(np.rad2deg(np.arccos(0.6)), abs=3.0)
     stamps = [int(row["stamp_ns"]) for row in rows]
     assert stamps == sorted(stamps)
+
+
+def test_the_nuclide_is_taken_from_the_spectrum(measurement):
+    named, found = measurement.with_name("named.csv"), measurement.with_name("found.csv")
+    assert run(measurement, "--csv", named, "--nuclide", "Cs-137").returncode == 0
+    done = run(measurement, "--csv", found, "--nuclide", "auto")
+    assert done.returncode == 0, done.stderr
+    assert "measured.t3pa, Cs-137" in done.stdout
+    assert found.read_bytes() == named.read_bytes()
+
+
+def test_a_nuclide_that_the_spectrum_contradicts_is_said(measurement):
+    done = run(measurement, "--csv", measurement.with_name("cones.csv"), "--nuclide", "I-131")
+    assert done.returncode == 0, done.stderr
+    assert "Cs-137, not I-131" in done.stdout
+
+
+def test_where_no_nuclide_stands_out_one_must_be_named(tmp_path, make_hits, blob):
+    rng = np.random.default_rng(6)
+    blobs = [blob(50_000.0 * n, (*rng.uniform(-6, 6, 2), 1.0), rng.uniform(60.0, 900.0), 15) for n in range(1, 200)]
+    done = run(write(tmp_path / "flat.t3pa", make_hits(blobs)), "--csv", tmp_path / "cones.csv", "--nuclide", "auto")
+    assert done.returncode == 2
+    assert "no nuclide stands out among" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "cones.csv").exists()
 
 
 @pytest.mark.parametrize(
