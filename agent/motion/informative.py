@@ -103,7 +103,9 @@ class Waypoints:
     def _lay_out(self, places: Array) -> None:
         low, high = places.min(axis=0), places.max(axis=0)
         block_m = max(sqrt(max(float(np.prod(high - low)), 1.0) / _MOST_BLOCKS), 1.0)
-        cells = ((places - low) / block_m).astype(np.intp)
+        sides = np.maximum(high - low, 1e-6)
+        count = np.ceil(sides / block_m)
+        cells = np.minimum((places - low) / sides * count, count - 1.0).astype(np.intp)
         _, self._blocks = np.unique(cells[:, 0] * 1_000_003 + cells[:, 1], return_inverse=True)
         size = np.bincount(self._blocks)
         self._centres = np.column_stack([np.bincount(self._blocks, places[:, axis]) / size for axis in (0, 1)])

@@ -13,7 +13,7 @@ _RADIUS_MPS = 2.0  # at most; the tracker follows, and neighbours that change at
 _HEIGHT_MPS = 0.5
 _TIME_S = 1.5  # time constant in the end
 _LONGEST_S = 1.0  # without an update; as if it had been so long
-_OVER_FLOOR_M = 0.7  # the tracker's own margin is 0.5 m
+_OVER_FLOOR_M = 0.8  # what gusts and turns take is up to 0.5 m
 _WIDEST_M = 40.0
 _CLEAR_OF_BACKGROUND = 4.0  # times the background: what a source should count at least
 

@@ -1,7 +1,7 @@
 import pytest
 from msgspec.structs import replace
 
-from agent.config import TrackConfig
+from agent.config import SurveyConfig, TrackConfig
 from agent.mission import TAKEOVER_NS, Mission, Situation
 from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Action, Stage
@@ -82,6 +82,49 @@ def test_searches_again_without_cones_and_tracks_again_with_one():
     assert mission.stage is Stage.REACQUIRE
     mission.step(at(31.0, has_hypothesis=True, last_cone_ns=31 * SECOND))
     assert mission.stage is Stage.TRACK
+
+
+def test_whoever_knows_how_sure_it_is_loses_the_source_by_that_and_not_for_want_of_cones():
+    mission = tracking(no_cone_timeout_s=20.0, lost_rms_m=15.0)
+    mission.step(at(500.0, has_hypothesis=True, last_cone_ns=10 * SECOND, rms_m=14.9))
+    assert mission.stage is Stage.TRACK
+    mission.step(at(501.0, has_hypothesis=True, last_cone_ns=501 * SECOND, rms_m=15.1))
+    assert mission.stage is Stage.REACQUIRE
+    mission.step(at(502.0, has_hypothesis=True, last_cone_ns=501 * SECOND, rms_m=14.0))
+    assert mission.stage is Stage.REACQUIRE  # not lost and found in turns
+    mission.step(at(503.0, has_hypothesis=True, last_cone_ns=501 * SECOND, rms_m=9.0))
+    assert mission.stage is Stage.TRACK
+
+
+@pytest.mark.parametrize(("then", "stage"), [("return", Stage.RETURN), ("continue", Stage.SURVEY)])
+def test_when_nothing_is_found_it_does_as_configured(then, stage):
+    mission = Mission(TrackConfig(), SurveyConfig(then=then))
+    mission.command(Action.START, SECOND, CALM)
+    mission.step(at(2.0, VEHICLE))
+    mission.step(at(300.0))
+    assert mission.stage is Stage.SURVEY
+    mission.step(at(301.0, nothing_found=True))
+    assert mission.stage is stage
+
+
+def test_a_source_that_is_found_counts_more_than_that_nothing_was():
+    mission = Mission(TrackConfig(), SurveyConfig())
+    mission.command(Action.START, SECOND, CALM)
+    mission.step(at(2.0, VEHICLE))
+    mission.step(at(300.0, nothing_found=True, has_hypothesis=True))
+    assert mission.stage is Stage.TRACK
+
+
+def test_a_search_lasts_through_a_hold_and_begins_anew_after_a_source_was_tracked():
+    mission = surveying()
+    assert mission.searched_s(62 * SECOND) == pytest.approx(60.0)
+    mission.command(Action.HOLD, 70 * SECOND, at(70.0))
+    mission.command(Action.RESUME, 80 * SECOND, at(80.0))
+    assert mission.searched_s(92 * SECOND) == pytest.approx(90.0)
+    mission.step(at(100.0, has_hypothesis=True))
+    assert mission.searched_s(110 * SECOND) == 0.0
+    mission.step(at(120.0, has_hypothesis=False))
+    assert mission.searched_s(130 * SECOND) == pytest.approx(10.0)
 
 
 def test_a_given_hypothesis_is_never_lost():

@@ -24,7 +24,7 @@ from one_pilot import (
     tracking,
 )
 
-from agent.config import DroneConfig, MissionConfig
+from agent.config import DroneConfig, FusionConfig, MissionConfig, SurveyConfig
 from agent.detector.readout import PixelHits, Readout
 from agent.errors import ConfigError
 from agent.pilot import Pilot
@@ -282,3 +282,30 @@ def test_a_cone_from_the_future_does_not_hide_a_loss():
         one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD))
         one.step(now_ns)
     assert one.stage is Stage.REACQUIRE
+
+
+def searching(survey, seconds):
+    """A pilot that flies by ``bayes`` and counts nothing but a bare background, and its last status."""
+    one, statuses = pilot(mission=replace(MISSION, fusion=FusionConfig(estimator="bayes"), survey=survey)), []
+    one.observe_vehicle(state(START_NS))
+    one.receive(*command(mission=one._config), START_NS)
+    one.step(START_NS)  # in the air and holding already
+    for tick in range(1, seconds * 20):
+        now_ns = START_NS + tick * TICK_NS
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD))
+        statuses += messages(one.step(now_ns), Status)
+    return one, statuses
+
+
+def test_a_search_that_has_lasted_long_enough_ends_with_a_finding_and_the_way_home():
+    one, statuses = searching(SurveyConfig(duration_s=5.0), 8)
+    assert statuses[3].finding == ""
+    assert statuses[3].stage is Stage.SURVEY
+    assert statuses[-1].finding.startswith("nothing found in 5 s")
+    assert one.stage is Stage.LANDING  # the vehicle has stayed over its home
+
+
+def test_a_search_that_is_to_continue_tells_its_finding_and_goes_on():
+    one, statuses = searching(SurveyConfig(duration_s=5.0, then="continue"), 8)
+    assert statuses[-1].finding.startswith("nothing found")
+    assert one.stage is Stage.SURVEY

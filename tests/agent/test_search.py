@@ -2,11 +2,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from shapely import LineString, Polygon
 
-from agent.config import AreaConfig, DroneInMission, MissionConfig, SurveyConfig
+from agent.config import AreaConfig, DroneInMission, EncirclementConfig, MissionConfig, SurveyConfig
 from agent.frames.graph import FrameGraph
-from agent.search import COVERAGE_S, CoverageLog, Search
+from agent.fusion.estimator import Outlook
+from agent.search import COVERAGE_S, CoverageLog, InformedSearch, Prospect, Search, conclusion
 from protocol.messages import Coverage
 
 SQUARE = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
@@ -108,3 +110,91 @@ def test_coverage_is_reported_every_few_seconds_without_a_gap():
             reports.append(report)
     assert len(reports) == int(20.0 / COVERAGE_S) - 1
     assert all(before[1][-1] == after[1][0] for before, after in pairwise(reports))
+
+
+X, Y = np.meshgrid(np.arange(1.0, 40.0, 2.0), np.arange(1.0, 40.0, 2.0))
+PLACES = np.column_stack((X.ravel(), Y.ravel()))
+
+
+def outlook(weight=None, none=0.5, excluded_bq=None):
+    weight = np.ones(len(PLACES)) if weight is None else weight
+    return Outlook(PLACES, (1.0 - none) * weight / weight.sum(), np.full(len(PLACES), 1e9), none, excluded_bq)
+
+
+def informed(known, mission=MISSION):
+    return InformedSearch(mission, Prospect(lambda: known))
+
+
+def led(search, seconds, position=(20.0, 2.0)):
+    """Where a drone comes to that follows the reference exactly, and the fastest it goes."""
+    velocity, fastest = (0.0, 0.0), 0.0
+    for tick in range(round(seconds / STEP_S)):
+        found = search.reference(tick * int(STEP_S * 1e9), position, velocity, [], 20, STEP_S)
+        positions, velocities = found
+        assert positions.shape == velocities.shape == (21, 2)
+        assert np.diff(positions, axis=0) == pytest.approx(velocities[:-1] * STEP_S)
+        fastest = max(fastest, float(np.hypot(*velocities.T).max()))
+        velocity, position = tuple(velocities[0].tolist()), tuple(positions[1].tolist())
+    return position, fastest
+
+
+def test_it_flies_to_what_is_probable_at_the_searchs_speed_and_waits_there():
+    near = np.exp(-((PLACES[:, 0] - 30.0) ** 2 + (PLACES[:, 1] - 33.0) ** 2) / 20.0)
+    position, fastest = led(informed(outlook(near)), 15.0)
+    assert np.hypot(position[0] - 30.0, position[1] - 33.0) < 4.0
+    assert fastest == pytest.approx(MISSION.survey.search_speed_mps)
+
+
+@pytest.mark.parametrize(
+    "mission",
+    [
+        replace(MISSION, survey=SurveyConfig(strategy="lanes")),
+        replace(MISSION, encirclement=EncirclementConfig(law="paper")),
+    ],
+)
+def test_lanes_are_flown_where_they_are_asked_for(mission):
+    assert informed(outlook(), mission).reference(0, (1.0, 1.0), (0.0, 0.0), [], 20, STEP_S) is None
+
+
+def test_lanes_are_flown_without_an_outlook():
+    assert informed(None).reference(0, (1.0, 1.0), (0.0, 0.0), [], 20, STEP_S) is None
+
+
+def test_its_way_goes_around_the_corner_of_an_area():
+    corner = ((0.0, 0.0), (40.0, 0.0), (40.0, 12.0), (12.0, 12.0), (12.0, 40.0), (0.0, 40.0))
+    mission = replace(MISSION, area=AreaConfig(polygon_m=corner))
+    upper = ((PLACES[:, 0] < 10.0) & (PLACES[:, 1] > 30.0)).astype(float)
+    search = informed(outlook(upper), mission)
+    position, inside = (38.0, 6.0), Polygon(corner).buffer(0.5)
+    for tick in range(60):
+        positions, _ = search.reference(tick * int(STEP_S * 1e9), position, (0.0, 0.0), [], 20, STEP_S)
+        assert inside.covers(LineString(positions))
+        position = tuple(positions[1].tolist())
+    assert position[1] > 25.0
+
+
+def test_the_outlook_is_asked_for_once_a_second():
+    asked = []
+    prospect = Prospect(lambda: asked.append(1) or outlook())
+    for tick in range(100):
+        prospect.at(1_000_000_000 * tick // 20)
+    assert len(asked) == 5
+
+
+@pytest.mark.parametrize(
+    ("survey", "searched_s", "known", "words"),
+    [
+        (SurveyConfig(least_activity_bq=1e8), 60.0, outlook(excluded_bq=1.2e8), ""),
+        (SurveyConfig(least_activity_bq=1e8), 60.0, outlook(), ""),
+        (SurveyConfig(least_activity_bq=1e8), 1e6, None, ""),
+        (SurveyConfig(least_activity_bq=1e8), 60.0, outlook(excluded_bq=8e7), "a source of 8e+07 Bq or more would have been"),
+        (SurveyConfig(least_activity_bq=None), 1e6, outlook(excluded_bq=3e7), ""),
+        (SurveyConfig(duration_s=300.0), 299.0, outlook(excluded_bq=8e8), ""),
+        (SurveyConfig(duration_s=300.0), 300.0, outlook(excluded_bq=8e8), "a source of 8e+08 Bq or more would have been"),
+        (SurveyConfig(duration_s=300.0), 300.0, None, "nothing found in 300 s; nothing can be said of what would have been"),
+    ],
+)
+def test_the_search_ends_with_what_would_have_been_found(survey, searched_s, known, words):
+    found = conclusion(survey, searched_s, known)
+    assert bool(found) == bool(words)
+    assert words in found

@@ -1,0 +1,111 @@
+"""Where a drone flies around a source of which its estimator knows how well it is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from one_pilot import MISSION, SECOND, START_NS, TICK_NS, state
+
+from agent.config import DroneConfig, EncirclementConfig, MissionConfig
+from agent.frames.graph import FrameGraph
+from agent.fusion.estimator import Hypothesis, Sight
+from agent.navigator import Moment, Navigator
+from agent.peers import Peers
+from agent.search import InformedSearch, Prospect, Search
+from agent.vehicle.interface import FlightMode
+from protocol.messages import Stage
+
+PLACE = np.array([25.0, 25.0, 0.0])
+
+
+def hypothesis(stamp_ns: int, rms_m: float = 0.2, evidence: float | None = 20.0, velocity=(0.0, 0.0), place=PLACE, **values):
+    covariance = np.diag([0.5 * rms_m**2, 0.5 * rms_m**2, 0.0])
+    return Hypothesis(
+        stamp_ns=stamp_ns,
+        position=np.array(place),
+        covariance=covariance,
+        velocity=np.array([*velocity, 0.0]),
+        cones=10,
+        x0_stamp_ns=START_NS,
+        evidence=evidence,
+        activity_bq=3e9,
+        **values,
+    )
+
+
+def flown(believed, seconds: float = 40.0, mission: MissionConfig = MISSION, stage: Stage = Stage.TRACK):
+    """Places (T, 3) in the mission frame of a vehicle without a lag, which flies turns wide as the tracker expects it to.
+
+    believed: the hypothesis by the time.
+    """
+    frames = FrameGraph.from_launch_layout(mission)
+    search = Search(mission, "d1", frames, lambda: [])
+    navigator = Navigator(
+        mission, DroneConfig(id="d1", vehicle_lag_s=0.0), frames, search, InformedSearch(mission, Prospect(lambda: None))
+    )
+    mission_from_local = frames.mission_from_local("d1", 0)
+    local = mission_from_local.inverse()
+    position, velocity, places = local.apply_point((35.0, 25.0, 3.0)), (0.0, 0.0, 0.0), []
+    for tick in range(round(seconds * SECOND / TICK_NS)):
+        now_ns = START_NS + tick * TICK_NS
+        vehicle = replace(state(now_ns, FlightMode.OFFBOARD, position), velocity_mps=velocity)
+        setpoint, _ = navigator.step(Moment(now_ns, stage, START_NS, vehicle, believed(now_ns)), Peers([]))
+        (x, y, z), (ax, ay, _), velocity = setpoint.position_m, setpoint.acceleration_mps2, setpoint.velocity_mps
+        position = (x - 1.1 * ax, y - 1.1 * ay, z)
+        places.append(mission_from_local.apply_point(position))
+    return np.array(places)
+
+
+def radii(places, centre=PLACE):
+    return np.hypot(*(places[:, :2] - np.asarray(centre)[..., :2]).T)
+
+
+def test_a_source_that_is_known_well_is_encircled_nearly_and_low():
+    places = flown(hypothesis)[-200:]
+    assert radii(places) == pytest.approx(np.full(200, 5.2), abs=0.1)
+    assert places[:, 2] == pytest.approx(np.full(200, 2.3), abs=0.02)
+
+
+def test_a_source_that_is_known_badly_is_encircled_from_further_away():
+    assert np.median(radii(flown(lambda now_ns: hypothesis(now_ns, rms_m=5.0))[-200:])) == pytest.approx(10.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "encirclement"), [(None, EncirclementConfig()), (20.0, EncirclementConfig(law="paper"))], ids=["paper", "law"]
+)
+def test_the_baseline_keeps_its_circle(evidence, encirclement):
+    mission = replace(MISSION, encirclement=encirclement)
+    places = flown(lambda now_ns: hypothesis(now_ns, evidence=evidence), mission=mission)[-200:]
+    assert np.median(radii(places)) == pytest.approx(12.0, abs=0.1)
+    assert places[:, 2] == pytest.approx(np.full(200, 3.0), abs=0.02)
+
+
+def test_it_encircles_what_its_own_localisation_sees():
+    sight = Sight(np.array([28.0, 25.0, 0.0]), np.diag([0.01, 0.01, 0.0]))
+    places = flown(lambda now_ns: hypothesis(now_ns, sights={"d1": sight}))[-210:]  # one round at 3 m/s
+    assert places[:, :2].mean(axis=0) == pytest.approx([28.0, 25.0], abs=0.5)
+
+
+def test_the_centre_of_its_circle_stays_over_a_fast_source():
+    """3 m/s, told every half a second and half a second late: without a lead the circle would be 2 m behind."""
+
+    def source(now_ns):
+        return np.array([-10.0 + 3.0 * (now_ns - START_NS) / SECOND, 25.0, 0.0])
+
+    def believed(now_ns):
+        known_ns = now_ns - now_ns % (SECOND // 2) - SECOND // 2
+        return hypothesis(known_ns, velocity=(3.0, 0.0), place=source(known_ns))
+
+    mission = replace(MISSION, area=replace(MISSION.area, fence_margin_m=200.0))
+    places = flown(believed, mission=mission)
+    late = np.arange(len(places))[-220:]  # one round relative to the source
+    relative = places[late, :2] - np.array([source(START_NS + tick * TICK_NS)[:2] for tick in late])
+    assert relative.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.6)
+    speeds = np.hypot(*np.diff(places[:, :2], axis=0).T) * SECOND / TICK_NS
+    assert speeds[200:].max() < MISSION.limits.speed_mps
+
+
+def test_what_was_lost_is_encircled_where_the_posterior_is():
+    places = flown(lambda now_ns: hypothesis(now_ns, rms_m=18.0), seconds=60.0, stage=Stage.REACQUIRE)
+    assert np.median(radii(places[-400:])) == pytest.approx(18.0, abs=0.2)
