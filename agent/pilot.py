@@ -17,6 +17,7 @@ from agent.config import DroneConfig, MissionConfig
 from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.readout import Readout
+from agent.detector.recognition import NuclideWatch
 from agent.errors import ConfigError
 from agent.exchange import LogExchange
 from agent.frames.graph import FrameGraph
@@ -85,7 +86,8 @@ class Pilot:
         self.fusion = Fusion(mission, frames)
         self.listeners = {name: Fusion(mission, frames, estimator_named(name, mission)) for name in listeners}
         calibration = load_calibration(Path(drone.calibration)) if drone.calibration else Calibration.nominal()
-        self._chain = DetectorChain(mission.detection, mission.nuclide, calibration)
+        self._watch = NuclideWatch(mission.nuclide)
+        self._chain = DetectorChain(mission.detection, mission.nuclide, calibration, self._watch.add)
         self._observer = Observer(drone, self._mission_id, boot)
         self._peers = Peers([name for name in ids if name != drone.id])
         self._search = Search(mission, drone.id, frames, lambda: self.fusion.log.entries(Coverage))
@@ -161,6 +163,8 @@ class Pilot:
         """Take what the camera saw. Returns what it becomes, log entries of this drone, to be published at once."""
         for entry in self._observer.observe(self._chain.process(readout)):
             self._record(entry, readout.end_ns)
+        self._watch.look(readout.end_ns)
+        self._problems.noticed = self._watch.problems
         self.counters["pixel_hits_lost"] = self._chain.lost_hits
         self.counters["detections_dropped"] = self._observer.dropped
         return self._outbox.take()
@@ -334,7 +338,7 @@ class Pilot:
 
     def _condition(self, now_ns: int) -> Condition:
         problems = self._problems.all(now_ns, self._vehicle, self._peers.statuses(now_ns))
-        return Condition(self._mission.stage, dict(self.counters), problems, self._finding)
+        return Condition(self._mission.stage, dict(self.counters), problems, self._finding, self._watch.message)
 
 
 def _plausible(state: VehicleState) -> bool:

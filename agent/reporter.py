@@ -12,7 +12,7 @@ from agent.vehicle.interface import VehicleState
 from protocol.codec import encode
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
-from protocol.messages import Estimate, Message, Pose, Stage, Status
+from protocol.messages import Estimate, Message, Pose, Recognised, Stage, Status
 
 POSE_NS = 100_000_000  # 10 Hz
 ESTIMATE_NS = 500_000_000
@@ -20,12 +20,15 @@ STATUS_NS = 1_000_000_000
 
 
 class Condition(Struct, frozen=True):
-    """What a status says besides the battery: stage, counters, problems, and what the search has ended with ("": it has not)."""
+    """What a status says besides the battery: stage, counters, problems, what the search has ended with ("": it has not), and the
+    nuclide that the spectrum shows.
+    """
 
     stage: Stage
     counters: dict[str, int]
     problems: tuple[str, ...]
     finding: str = ""
+    recognised: Recognised | None = None
 
 
 class Outbox:
@@ -97,6 +100,7 @@ class Reporter:
                 counters=now.counters,
                 problems=now.problems,
                 finding=now.finding,
+                recognised=now.recognised,
             )
 
     def _is_due(self, period_ns: int, now_ns: int) -> bool:

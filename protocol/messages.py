@@ -34,6 +34,7 @@ from protocol.units import (
     KiloElectronvolt,
     Metres,
     MissionId,
+    Nuclide,
     PlanStepNs,
     Position,
     PositiveMetres,
@@ -294,6 +295,16 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
         return flaw_of_covariance([(xx, xy, xz), (xy, yy, yz), (xz, yz, zz)])
 
 
+class Recognised(Struct, frozen=True, array_like=True):
+    """The nuclide that a camera's spectrum shows.
+
+    ``evidence``: natural logarithm of how much likelier the spectrum is with that nuclide than without it, or with any other.
+    """
+
+    nuclide: Nuclide
+    evidence: Annotated[float, Meta(ge=0.0, le=1e9)]
+
+
 class Status(DroneMessage, frozen=True, kw_only=True):
     """What a drone is doing, what it counted, what is wrong with it, and what its search has ended with, if it has."""
 
@@ -304,6 +315,7 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     counters: Annotated[dict[Annotated[str, Meta(max_length=64)], Count], Meta(max_length=64)] = {}
     problems: Annotated[tuple[Annotated[str, Meta(max_length=256)], ...], Meta(max_length=32)] = ()
     finding: Annotated[str, Meta(max_length=256)] = ""
+    recognised: Recognised | None = None  # none: no nuclide stands out (yet)
 
 
 class Command(Message, frozen=True, kw_only=True):

@@ -17,6 +17,7 @@ Identifier = Annotated[str, Meta(pattern=IDENTIFIER)]
 DroneId = Annotated[str, Meta(pattern=rf"^(?!{STATION}\Z)[a-z0-9][a-z0-9-]{{0,31}}\Z")]
 MissionId = Annotated[str, Meta(pattern=HEX_16)]
 BootId = Annotated[str, Meta(pattern=HEX_16)]
+Nuclide = Annotated[str, Meta(pattern=r"^[A-Z][a-z]?-[0-9]{1,3}m?\Z")]  # such as Cs-137
 Digest = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
 StampNs = Annotated[int, Meta(ge=0, le=2**63 - 1)]  # until the year 2262
 PlanStepNs = Annotated[int, Meta(ge=10_000_000, le=10_000_000_000)]

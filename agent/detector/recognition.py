@@ -20,6 +20,7 @@ from scipy.special import erf
 from agent.detector.cones import compton_edge_kev, klein_nishina_recoil
 from agent.detector.lines import GAMMAS
 from agent.detector.response import attenuation_per_mm, energy_variance
+from protocol.messages import Recognised
 
 Array = NDArray[np.float64]
 
@@ -121,6 +122,12 @@ class NuclideWatch:
         elif now_ns - self._looked_ns >= LOOK_NS:
             self._looked_ns = now_ns
             self.recognised = self._recogniser.best()
+
+    @property
+    def message(self) -> Recognised | None:
+        """For a status."""
+        found = self.recognised
+        return None if found is None else Recognised(found.nuclide, found.evidence)
 
     @property
     def problems(self) -> tuple[str, ...]:
