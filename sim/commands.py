@@ -36,7 +36,9 @@ def run(
     json: Annotated[
         str | None, typer.Option(metavar="OUT", help="Write the result as one flat object; '-': to the output.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write result.json, map.png, error.png, spacing.png.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write result.json, and pictures: map, error, posterior, spacing.")
+    ] = None,
 ) -> None:
     """Fly one mission, and say where the source is, how sure the swarm is, and how far that is from the truth."""
     from sim.console import err, flight_progress, say  # noqa: PLC0415  (heavy imports wait until they are needed)

@@ -14,6 +14,7 @@ from sim.campaign import Flown
 from sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
 from sim.figures.error import error_figure
 from sim.figures.map import last_tracking, map_figure
+from sim.figures.posterior import posterior_figure
 from sim.figures.spacing import spacing_figure
 from sim.figures.style import becquerels, metres, save, seconds
 from sim.result import Flight, RunResult, Trace
@@ -64,9 +65,11 @@ def result_json(result: RunResult) -> str:
 
 
 def write_flight(folder: Path, flight: Flight) -> list[Path]:
-    """Write ``result.json`` (``result-{estimator}.json`` for those that listened), ``map.png``, ``error.png``, ``spacing.png``.
+    """Write ``result.json`` (``result-{estimator}.json`` for those that listened), ``map.png``, ``spacing.png``,
+    ``error.png`` and ``posterior.png``.
 
-    A scenario without a source has no error to draw. Returns what was written, in a folder that exists.
+    A scenario without a source has no error to draw: the last two are not there. Returns what was written, into a folder that
+    exists.
     """
     result, trace = flight.result, flight.trace
     results = {"result.json": result, **{f"result-{name}.json": heard for name, heard in flight.listened.items()}}
@@ -79,6 +82,7 @@ def write_flight(folder: Path, flight: Flight) -> list[Path]:
     }
     if np.isfinite(trace.source_m).any():
         figures["error.png"] = error_figure(trace, (title, *_course(result)))
+        figures["posterior.png"] = posterior_figure(trace, (f"{title}, estimator {result.estimator}", *_course(result)))
     for name, figure in figures.items():
         save(figure, folder / name)
     return [folder / name for name in (*results, *figures)]
@@ -182,7 +186,7 @@ def _course(result: RunResult) -> list[str]:
 
 
 def _length(value_m: float) -> str:
-    return f"{value_m:.1f} m" if value_m < 100.0 else f"{value_m:.0f} m"
+    return f"{value_m:.{2 if value_m < 1.0 else 1 if value_m < 100.0 else 0}f} m"
 
 
 def _unit(value: float | None, unit: str, digits: int) -> str:

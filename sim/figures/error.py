@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.figures.style import DRONES, ESTIMATE, dress, new_figure, stage_bands, swarm_stage, wrapped
+from sim.figures.style import DRONES, ESTIMATE, TRUTH, dress, new_figure, stage_bands, swarm_stage, wrapped
 from sim.result import Trace
 
 
 def error_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
-    """Horizontal error of the hypothesis over time, its 1-sigma radius beside it, the stages behind, the cones as ticks."""
+    """Horizontal error of the hypothesis over time, its 1-sigma radius and the bound beside it; stages behind, cones as ticks."""
     figure = new_figure(9.0, 4.5)
     axes = figure.add_subplot()
     time_s = trace.time_s
@@ -21,6 +21,9 @@ def error_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
         axes.plot(time_s, errors[:, drone], color=ESTIMATE, linewidth=0.7, alpha=0.35)
     axes.plot(time_s, errors[:, 0], color=ESTIMATE, linewidth=1.6, label=f"error ({trace.drones[0]}; thin: the others)")
     axes.plot(time_s, trace.sigma_m, color=DRONES[0], linewidth=1.3, linestyle="--", label="1-sigma radius, as claimed")
+    bound = np.where(np.isfinite(trace.sigma_m), trace.bound_m, np.nan)
+    if np.isfinite(bound).any():
+        axes.plot(time_s, bound, color=TRUTH, linewidth=1.0, linestyle=":", label="bound of the median error")
     if trace.cones:
         times = np.array([cone.time_s for cone in trace.cones])
         axes.plot(

@@ -6,10 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Polygon
+from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from sim.figures.cones import ground_curve
+from sim.figures.ellipse import draw_regions
 from sim.figures.style import CONE, ESTIMATE, TRUTH, dress, drone_colour, new_figure, swarm_stage, wrapped
 from sim.result import Trace
 
@@ -20,7 +21,7 @@ _TRACKING = ("track", "reacquire")
 def map_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
     """The flight from above, at the end of the tracking: tracks, the newest cones, the estimate with its uncertainty.
 
-    The rings are circles: the trace keeps the RMS radius. ``title``: the parts of the title.
+    The ellipses are the regions that hold the source with 50 % and 90 %. ``title``: the parts of the title.
     """
     figure = new_figure(8.0, 8.0)
     axes = figure.add_subplot()
@@ -88,10 +89,8 @@ def _draw_estimate(axes: Axes, trace: Trace, end: int) -> None:
         return
     axes.plot(estimate[:, 0], estimate[:, 1], color=ESTIMATE, linewidth=0.9, alpha=0.5, zorder=4)
     centre = (float(estimate[end, 0]), float(estimate[end, 1]))
-    for factor, alpha in ((2.0, 0.07), (1.0, 0.13)):
-        radius = factor * float(trace.sigma_m[end])
-        axes.add_patch(Circle(centre, radius, facecolor=ESTIMATE, alpha=alpha, edgecolor="none", zorder=3))
-        axes.add_patch(Circle(centre, radius, fill=False, edgecolor=ESTIMATE, linewidth=0.9, zorder=5))
+    if np.isfinite(trace.covariance_m2[end]).all():
+        draw_regions(axes, centre, trace.covariance_m2[end])
     axes.plot(*centre, marker="X", color=ESTIMATE, markersize=11, markeredgecolor="white", zorder=7)
 
 
@@ -108,7 +107,7 @@ def _legend(axes: Axes, trace: Trace) -> None:
         for k, name in enumerate(trace.drones)
     ]
     if np.isfinite(trace.hypothesis_m[:, 0, 0]).any():
-        entries.append(Line2D([], [], color=ESTIMATE, marker="X", markeredgecolor="white", label="estimate, 1 and 2 sigma"))
+        entries.append(Line2D([], [], color=ESTIMATE, marker="X", markeredgecolor="white", label="estimate, 50 and 90 %"))
     if np.isfinite(trace.source_m).any():
         entries.append(Line2D([], [], color=TRUTH, marker="*", markersize=11, linestyle=(0, (1, 1.5)), label="true source"))
     if trace.cones:

@@ -73,7 +73,9 @@ def test_run_says_one_sentence_and_writes_what_was_asked_for(
     assert code == 0
     assert out.startswith("The source is at (")
     assert out.count("\n") == 1
-    assert {path.name for path in (tmp_path / "o").iterdir()} == {"result.json", "map.png", "error.png", "spacing.png"}
+    assert {path.name for path in (tmp_path / "o").iterdir()} == {
+        "result.json", "map.png", "error.png", "posterior.png", "spacing.png",
+    }  # fmt: skip
     assert (tmp_path / "o" / "result.json").read_text() == (tmp_path / "r.json").read_text()
     assert json.loads((tmp_path / "r.json").read_text())["seed"] == 3
     assert (flown[0]["scenario"].name, flown[0]["seed"], flown[0]["law"]) == ("paper-static-swarm", 3, None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import json
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from matplotlib.patches import Ellipse
 
 sys.path.insert(0, str(Path(__file__).parent / "fakes"))
 
@@ -19,9 +21,11 @@ import synthetic
 from sim.campaign import Campaign, Flown, fly_campaign
 from sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
 from sim.figures.cones import ground_curve
+from sim.figures.ellipse import draw_regions
 from sim.figures.map import CONES_SHOWN, last_tracking, map_figure
+from sim.figures.posterior import INSTANTS, posterior_figure
 from sim.figures.spacing import spacing_figure
-from sim.figures.style import ESTIMATE
+from sim.figures.style import ESTIMATE, new_figure
 from sim.report import case_sentence, result_json, sentence, write_campaign, write_flight
 from sim.statistics import median
 from sim.workers import attempt
@@ -42,7 +46,7 @@ def test_the_sentence_says_where_how_sure_and_how_far_off() -> None:
     said = sentence(flight.result, flight.trace)
     assert f"({x:.1f}, {y:.1f}) m" in said
     assert f"sure to {flight.trace.sigma_m[-1]:.1f} m" in said
-    assert f"{off:.1f} m from the truth" in said
+    assert f"{off:.2f} m from the truth" in said if off < 1.0 else f"{off:.1f} m from the truth" in said
     assert "\n" not in said
 
 
@@ -101,7 +105,7 @@ def test_a_flight_is_written_whatever_came_of_it(tmp_path: Path, kind: dict[str,
     flight = synthetic.synthetic_flight(**kind)  # type: ignore[arg-type]
     flight.listened["bayes"] = synthetic.synthetic_result("near", 1, estimator="bayes")
     written = write_flight(tmp_path, flight)  # type: ignore[arg-type]
-    figures = {"map.png", "spacing.png"} | ({"error.png"} if error_too else set())
+    figures = {"map.png", "spacing.png"} | ({"error.png", "posterior.png"} if error_too else set())
     assert {path.name for path in written} == {path.name for path in tmp_path.iterdir()}
     assert {path.name for path in written} == {"result.json", "result-bayes.json"} | figures
     assert all(is_png(tmp_path / name) for name in figures)
@@ -114,11 +118,37 @@ def test_the_map_shows_tracks_estimate_and_few_cones() -> None:
     x, y = flight.trace.hypothesis_m[-1, 0, :2]
     marks = [line for line in axes.lines if line.get_marker() == "X"]
     assert [(line.get_xdata()[0], line.get_ydata()[0]) for line in marks] == [(x, y)]
-    radii = sorted({round(patch.get_radius(), 6) for patch in axes.patches if hasattr(patch, "get_radius")})
-    assert radii == pytest.approx([flight.trace.sigma_m[-1], 2.0 * flight.trace.sigma_m[-1]])
+    assert {patch.center for patch in axes.patches if isinstance(patch, Ellipse)} == {(x, y)}
     assert marks[0].get_color() == ESTIMATE
     assert len(flight.trace.cones) > CONES_SHOWN
     assert sum(len(line.get_xdata()) == 361 for line in axes.lines) == CONES_SHOWN
+
+
+def test_the_regions_hold_what_they_say() -> None:
+    """Points drawn from the posterior: half of them are in the smaller ellipse, nine tenths in the larger."""
+    axes = new_figure(4.0, 4.0).add_subplot()
+    covariance = np.array([[4.0, -1.5], [-1.5, 1.0]])
+    draw_regions(axes, (3.0, -2.0), covariance)
+    points = np.random.default_rng(1).multivariate_normal([3.0, -2.0], covariance, 40_000)
+    filled = sorted((patch for patch in axes.patches if patch.get_fill()), key=lambda patch: patch.width)
+    shares = [
+        float(np.mean(patch.get_path().contains_points(patch.get_patch_transform().inverted().transform(points))))
+        for patch in filled
+    ]
+    assert shares == pytest.approx([0.5, 0.9], abs=0.01)
+
+
+def test_the_posterior_figure_shows_what_the_estimator_knows() -> None:
+    trace = synthetic.synthetic_flight().trace
+    whole = posterior_figure(trace, ("title",))
+    labels = [axes.get_ylabel() for axes in whole.axes if axes.get_ylabel()]
+    assert labels == ["distance (m)", "activity (Bq)", "source : none (ln)"]
+    errors = next(axes for axes in whole.axes if axes.get_ylabel() == "distance (m)")
+    assert [line.get_label() for line in errors.lines] == ["error (d1)", "RMS, as claimed", "bound (median)"]
+    assert sum(any(isinstance(patch, Ellipse) for patch in axes.patches) for axes in whole.axes) == INSTANTS
+    nothing = np.full(trace.time_s.shape, np.nan)
+    plain = posterior_figure(dataclasses.replace(trace, activity_bq=nothing, evidence=nothing), ("title",))
+    assert [axes.get_ylabel() for axes in plain.axes if axes.get_ylabel()] == ["distance (m)"]
 
 
 def test_the_stabilisation_figure_has_a_line_at_every_step_and_says_how_fast() -> None:

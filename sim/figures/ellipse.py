@@ -1,0 +1,32 @@
+"""The regions of a Gaussian posterior over the plane that hold the source with some probability."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Ellipse
+from numpy.typing import NDArray
+
+from sim.figures.style import ESTIMATE
+
+REGIONS = ((0.9, 0.10), (0.5, 0.18))  # probability, and how strongly it is filled
+
+
+def draw_regions(axes: Axes, centre: tuple[float, float], covariance: NDArray[np.float64]) -> None:
+    """The 50 % and the 90 % region around ``centre``; covariance: (2, 2)."""
+    variances, vectors = np.linalg.eigh(covariance)
+    angle_deg = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
+    for probability, alpha in REGIONS:
+        across, along = 2.0 * np.sqrt(-2.0 * np.log(1.0 - probability) * np.maximum(variances, 0.0))
+        for filled in (True, False):
+            axes.add_patch(
+                Ellipse(
+                    centre, float(along), float(across), angle=angle_deg, fill=filled, facecolor=ESTIMATE,
+                    edgecolor="none" if filled else ESTIMATE, alpha=alpha if filled else 1.0, linewidth=0.9, zorder=3,
+                )
+            )  # fmt: skip
+
+
+def reach_m(covariance: NDArray[np.float64]) -> float:
+    """How far the 90 % region extends from its centre."""
+    return float(np.sqrt(-2.0 * np.log(0.1) * max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0)))
