@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -23,15 +24,16 @@ Array = NDArray[np.float64]
 _NS = 1e9
 _SITE_SHARE = 0.45  # sigma of a site that stands for a cell, in cells
 _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
-_MOST_TRUST = 40.0  # log likelihood that is remembered in a track's favour: so much must speak against it to give it up
+_MOST_TRUST = 40.0  # log likelihood that is remembered in a track's favour
+_TRUST_S = 10.0  # and for how long; so a track that nothing speaks for is given up
+_LEAST_TRUST = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BayesState:
     """Either a search or a track, once there is one.
 
-    evidence: log likelihood of all observations with the source against none. trust: the same, but never above _MOST_TRUST: a
-    source that is no longer where the track has it makes it fall.
+    evidence: log likelihood of all observations with the source against none. trust: the same of the last seconds only.
     """
 
     search: SearchState | None = None
@@ -66,14 +68,13 @@ class BayesEstimator:
         self._drones = tuple(drone.id for drone in mission.drones)
         self._vehicles = {drone: number for number, drone in enumerate(self._drones)}
         self._gain_variance = config.gain_sigma**2
-        drift = [config.bias_drift_m**2, config.bias_drift_m**2, np.deg2rad(config.bias_yaw_drift_deg) ** 2, config.gain_drift**2]
         count = len(self._drones)
         self._seeing: Array = np.zeros((2 * count, BIASES + BIAS * count))  # the state -> x, then y, as seen by each vehicle
         for axis in (0, 1):
             own = np.arange(count)
             self._seeing[axis * count + own, axis] = 1.0
             self._seeing[axis * count + own, BIASES + BIAS * own + axis] = 1.0
-        self._motion = Motion(config.velocity_mps**2, config.velocity_s, config.switch_ps, np.array(drift))
+        self._motion = _motion(config)
 
     def initial(self, start_ns: int | None) -> BayesState:
         """Nothing known."""
@@ -125,8 +126,9 @@ class BayesEstimator:
 
     def _tracked(self, state: BayesState, track: Mixture, step: GridStep, observations: Sequence[Observation]) -> BayesState:
         time_s = step.start_ns / _NS
+        trust = state.trust * math.exp(min(0.0, track.time_s - time_s) / _TRUST_S)
         track = track.later(self._motion, time_s)
-        evidence, trust, cones = state.evidence, state.trust, state.cones
+        evidence, cones = state.evidence, state.cones
         for observation in observations:
             vehicle = self._vehicles[observation.entry.drone]
             track = track.with_vehicle(vehicle, self._bias_variance(observation))
@@ -140,7 +142,7 @@ class BayesEstimator:
                 track, gained = track.after_cone(self._response, vehicle, observation.apex, Orders.of(observation), age_s)
                 cones += 1
             evidence, trust = evidence + gained, min(trust + gained, _MOST_TRUST)
-        if trust < 0.0:
+        if trust < _LEAST_TRUST:
             return BayesState(SearchState.at_first(self._grid, time_s), None, cones, state.x0_stamp_ns)
         return BayesState(None, track.reduced(), cones, state.x0_stamp_ns, evidence, trust)
 
@@ -183,7 +185,7 @@ class BayesEstimator:
         variance = np.sum(share * (grid.log_activity[:, None] - mean) ** 2, axis=0) + grid.activity_variance
         return Mixture.of_sites(
             search.time_s,
-            cells[:, heavy].T,
+            _modes(cells[:, heavy].T),
             grid.x[heavy],
             grid.y[heavy],
             _SITE_SHARE * grid.cell_m,
@@ -192,6 +194,21 @@ class BayesEstimator:
             self._motion,
             len(self._drones),
         ).reduced()
+
+
+def _motion(config: BayesEstimatorConfig) -> Motion:
+    velocity = (0.0, config.velocity_mps, config.fast_velocity_mps)
+    change_ps = np.full((3, 3), config.switch_ps)
+    change_ps[1, 2] = change_ps[2, 1] = config.hurry_ps
+    drift = (config.bias_drift_m, config.bias_drift_m, np.deg2rad(config.bias_yaw_drift_deg), config.gain_drift)
+    np.fill_diagonal(change_ps, 0.0)
+    correlation_s = np.array([1e9, config.velocity_s, config.fast_velocity_s])
+    return Motion(np.array(velocity) ** 2, correlation_s, change_ps, np.array(drift) ** 2)
+
+
+def _modes(weight: Array) -> Array:
+    """(S, 2) at rest or moving -> (S, 3) at rest, walking, running."""
+    return np.column_stack((weight[:, 0], 0.5 * weight[:, 1], 0.5 * weight[:, 1]))
 
 
 def _on_ground(covariance: Array) -> Array:

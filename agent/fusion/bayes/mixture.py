@@ -1,7 +1,6 @@
 """The track: a Gaussian sum over where the source is, how it moves, how strong it is, and the biases of the vehicles.
 
-Each site of the sum is a pair of Gaussians, for a source at rest and one that moves (an interacting-multiple-model filter). State
-of a Gaussian, dimension d = 5 + 4 V: x, y (mission frame, m), their velocities (m/s), log activity (of REFERENCE_BQ), and for
+Each site of the sum has a Gaussian for each of the M modes of motion (an interacting-multiple-model filter). State of a Gaussian, dimension d = 5 + 4 V: x, y (mission frame, m), their velocities (m/s), log activity (of REFERENCE_BQ), and for
 each of the V vehicles the biases of its position (x, y, m) and heading (rad), measured minus true, and of its camera (logarithm
 of how much more it counts than the others).
 """
@@ -22,7 +21,7 @@ from agent.fusion.bayes.response import Response
 Array = NDArray[np.float64]
 
 _ROUNDS = 6
-_MIX_S = 1.0  # the modes are mixed this often
+_MIX_S = 0.5  # the modes are mixed this often
 _LEAST_WEIGHT = 1e-4  # relative to the heaviest site
 _NEAR = 0.5  # sites nearer than this share of their sigma are one
 _NEAREST_SINE = 1e-3
@@ -31,7 +30,7 @@ _SHORTLY_S = 0.6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixture:
-    """weight: (S, 2), mean: (S, 2, d), covariance: (S, 2, d, d); the second index is 0 at rest, 1 moving.
+    """weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d); the second index is the mode of motion.
 
     bias_variance: (4 V,) of the vehicles' biases at all times; 0 of vehicles that nothing was heard of.
     """
@@ -50,14 +49,14 @@ class Mixture:
     ) -> Mixture:  # fmt: skip
         """From places (S,) of some weight, all with the same sigma, and what is known of the activity there.
 
-        weight: (S, 2). log_activity, log_sigma: (S,).
+        weight: (S, M). log_activity, log_sigma: (S,).
         """
         d = BIASES + BIAS * vehicles
-        mean = np.zeros((len(x), 2, d))
+        mean = np.zeros((len(x), motion.modes, d))
         mean[..., 0], mean[..., 1], mean[..., ACTIVITY] = x[:, None], y[:, None], log_activity[:, None]
-        variance = np.zeros((len(x), 2, d))
+        variance = np.zeros(mean.shape)
         variance[..., :2] = sigma_m**2
-        variance[:, 1, 2:4] = motion.velocity_variance
+        variance[..., 2:4] = motion.velocity_variance[:, None]
         variance[..., ACTIVITY] = (log_sigma**2)[:, None]
         covariance = variance[..., None] * np.eye(d)
         return Mixture(time_s, time_s, weight / weight.sum(), mean, covariance, np.zeros(BIAS * vehicles))
@@ -118,38 +117,38 @@ class Mixture:
         by the Gaussian of the same moments. Returns and age_s as for counts.
         """
         x, y, distance = self._seen_from(vehicle, apex, age_s)
-        directions = np.stack((x, y, np.full(x.shape, -apex[2])), axis=-1) / distance[..., None]  # (S, 2, 3)
-        axes = self._turned(vehicle, orders.axis)  # (S, 2, K, 3)
+        directions = np.stack((x, y, np.full(x.shape, -apex[2])), axis=-1) / distance[..., None]  # (S, M, 3)
+        axes = self._turned(vehicle, orders.axis)  # (S, M, K, 3)
         cosine = np.minimum(np.maximum((axes * directions[..., None, :]).sum(axis=-1), -1.0), 1.0)
         sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _NEAREST_SINE)
         delta = np.arccos(cosine) - orders.theta_rad
         across = (distance[..., None] * sine)[..., None]
-        slope = (cosine[..., None] * directions[..., None, :2] - axes[..., :2]) / across  # (S, 2, K, 2)
-        gradient = self._gradient(vehicle, slope[..., 0], slope[..., 1], age_s)  # (S, 2, K, d)
+        slope = (cosine[..., None] * directions[..., None, :2] - axes[..., :2]) / across  # (S, M, K, 2)
+        gradient = self._gradient(vehicle, slope[..., 0], slope[..., 1], age_s)  # (S, M, K, d)
         turn = axes[..., 0] * directions[..., None, 1] - axes[..., 1] * directions[..., None, 0]
         gradient[..., BIASES + BIAS * vehicle + 2] = turn / sine
-        gain = gradient @ self.covariance  # (S, 2, K, d)
-        density, total = orders.density(delta, np.maximum((gain * gradient).sum(axis=-1), 0.0))  # (S, 2, K, 2)
+        gain = gradient @ self.covariance  # (S, M, K, d)
+        density, total = orders.density(delta, np.maximum((gain * gradient).sum(axis=-1), 0.0))  # (S, M, K, 2)
         directed = density.sum(axis=(-2, -1))
         rate = response.cone_area_mm2 * response.flux(distance) * np.exp(self.mean[..., ACTIVITY])
         likelihood = cone_likelihood(rate, directed, response.cone_background_ps)
         share = density * (rate / (rate * (directed + ASTRAY) + response.cone_background_ps))[..., None, None]
         pull = delta[..., None] / total
-        first = (share * pull).sum(axis=-1)[..., None]  # (S, 2, K, 1)
+        first = (share * pull).sum(axis=-1)[..., None]  # (S, M, K, 1)
         second = (share * (pull * pull - 1.0 / total)).sum(axis=-1)[..., None]
         moved = -(gain * first).sum(axis=-2)
         widened = (gain * second).swapaxes(-1, -2) @ gain - moved[..., :, None] * moved[..., None, :]
         return self._weighed(np.log(likelihood), self.mean + moved, self.covariance + widened)
 
     def _seen_from(self, vehicle: int, position: Vector3, age_s: float) -> tuple[Array, Array, Array]:
-        """x and y from the camera to where each mean was age_s ago, and the distance; (S, 2) each."""
+        """x and y from the camera to where each mean was age_s ago, and the distance; (S, M) each."""
         b = BIASES + BIAS * vehicle
         there = self.mean[..., :2] + self.mean[..., b : b + 2] - age_s * self.mean[..., 2:4]
         x, y = there[..., 0] - position[0], there[..., 1] - position[1]
         return x, y, np.sqrt(x * x + y * y + position[2] ** 2)
 
     def _turned(self, vehicle: int, axes: Array) -> Array:
-        """Axes (K, 3) as a camera of the right heading would have them, by each Gaussian's bias; (S, 2, K, 3)."""
+        """Axes (K, 3) as a camera of the right heading would have them, by each Gaussian's bias; (S, M, K, 3)."""
         heading = self.mean[..., BIASES + BIAS * vehicle + 2]
         cos, sin = np.cos(heading), np.sin(heading)
         turned = np.empty((*heading.shape, *axes.shape))
