@@ -84,6 +84,7 @@ class Consistency(Struct, frozen=True, kw_only=True):
     uniform_p: float | None
     error: Spread
     bound_median_m: float | None
+    bound_relative_median_m: float | None
     over_bound: Spread
     relative: Spread
     x0_error: Spread
@@ -111,6 +112,7 @@ def consistency_of(label: str, runs: Sequence[RunResult]) -> Consistency:
         uniform_p=float(kstest(regions, "uniform").pvalue) if regions else None,
         error=Spread.of([run.error_median_m for run in runs if run.error_median_m is not None]),
         bound_median_m=summary.bound_median_m,
+        bound_relative_median_m=summary.bound_relative_median_m,
         over_bound=Spread.of([ratio for ratio in map(error_over_bound, runs) if ratio is not None]),
         relative=Spread.of([run.error_relative_median_m for run in runs if run.error_relative_median_m is not None]),
         x0_error=Spread.of(x0_errors),
@@ -146,7 +148,7 @@ def consistency_table(found: Sequence[Consistency], failed: str = "") -> Table:
             *_covered(one.in_50, 0.5), *_covered(one.in_90, 0.9),
             _number(one.nees_mean), _interval(one.nees_low, one.nees_high), _number(one.uniform_p),
             _number(one.error.median), _number(one.bound_median_m), _number(one.over_bound.median), _number(one.over_bound.p90),
-            _number(one.relative.median),
+            _number(one.relative.median), _number(one.bound_relative_median_m),
             _number(one.x0_error.median), _number(one.x0_error.p90), _number(one.x0_error.largest),
             _number(100.0 * one.x0_within.hits / one.x0_within.of if one.x0_within.of else None, 0),
             _number(one.x0_rms.median), _number(one.x0_rms.largest),
@@ -160,9 +162,11 @@ def consistency_table(found: Sequence[Consistency], failed: str = "") -> Table:
 
 
 _LABELS = (
-    "runs", "runs lost", "in the 50 % region (%)", "95 % interval", "agrees", "in the 90 % region (%)", "95 % interval", "agrees",
+    "runs", "runs lost",
+    "in the 50 % region (%)", "95 % interval", "agrees", "in the 90 % region (%)", "95 % interval", "agrees",
     "NEES, mean (ideal: 2)", "calibrated: 95 % in", "p of even regions",
-    "error, median (m)", "bound, median (m)", "error / bound, median", "error / bound, 90 %", "own frames, error (m)",
+    "error, median (m)", "bound, median (m)", "error / bound, median", "error / bound, 90 %",
+    "own frames, error (m)", "own frames, bound (m)",
     "error of x0, median (m)", "error of x0, 90 % (m)", "error of x0, largest (m)", f"x0 within {X0_ERROR_M:g} m (%)",
     "RMS of x0, median (m)", "RMS of x0, largest (m)",
 )  # fmt: skip

@@ -121,7 +121,14 @@ def case_sentence(label: str, runs: Sequence[RunResult]) -> str:
         return f"{label}: no run came through"
     s = summarise(runs)
     found = f"x0 after {seconds(s.time_to_x0_median_s)} (in {s.found} of {s.runs} runs)"
-    return f"{label}: {found}, {metres(s.error_median_m)} off (medians); lost in {s.lost}"
+    bound = "" if s.error_over_bound is None else f", {s.error_over_bound:.2f} times the bound"
+    parts = [f"{label}: {found}, {metres(s.error_median_m)} off{bound} (medians)", f"lost in {s.lost}"]
+    if s.nothing_found:
+        excluded = "" if s.excluded_median_bq is None else f", {becquerels(s.excluded_median_bq)} or more excluded (median)"
+        parts.append(f"nothing found in {s.nothing_found}{excluded}")
+    if s.false_hypotheses:
+        parts.append(f"a false hypothesis in {s.false_hypotheses}")
+    return "; ".join(parts)
 
 
 Row = tuple[Mapping[str, object], Summary]
@@ -141,7 +148,8 @@ def summary_markdown(rows: Sequence[Row]) -> str:
     """The same for people: a rounded selection, and how it is meant."""
     head = [
         *rows[0][0], "runs", "found", "lost", "time to x0, median (95 %)", "max", "tracking time, mean", "error, median (95 %)",
-        "error, mean", "NEES", "least separation", "fence breaches",
+        "error, mean", "bound, median", "error / bound", "error in own frames", "in the 50 % region", "in the 90 % region",
+        "NEES", "x0 RMS", "x0 error, 90 %", "nothing found", "false hypotheses", "least separation", "fence breaches",
     ]  # fmt: skip
     lines = [" | ".join(head), " | ".join("---" for _ in head)]
     for case, s in rows:
@@ -150,7 +158,10 @@ def summary_markdown(rows: Sequence[Row]) -> str:
             _with_interval((s.time_to_x0_median_s, s.time_to_x0_low_s, s.time_to_x0_high_s), "s", 1),
             _unit(s.time_to_x0_max_s, "s", 1), _unit(s.tracking_time_mean_s, "s", 1),
             _with_interval((s.error_median_m, s.error_low_m, s.error_high_m), "m", 2),
-            _unit(s.error_mean_m, "m", 2), _unit(s.nees_median, "", 2), _unit(s.min_separation_m, "m", 2), str(s.fence_breaches),
+            _unit(s.error_mean_m, "m", 2), _unit(s.bound_median_m, "m", 2), _unit(s.error_over_bound, "", 2),
+            _unit(s.error_relative_median_m, "m", 2), f"{s.in_50} of {s.sampled}", f"{s.in_90} of {s.sampled}",
+            _unit(s.nees_median, "", 2), _unit(s.x0_rms_median_m, "m", 2), _unit(s.x0_error_p90_m, "m", 2),
+            str(s.nothing_found), str(s.false_hypotheses), _unit(s.min_separation_m, "m", 2), str(s.fence_breaches),
         ]  # fmt: skip
         lines.append(" | ".join(cells))
     return "\n".join(f"| {line} |" for line in lines) + NOTE
@@ -161,6 +172,8 @@ NOTE = """
 Errors are horizontal. Of each run: the median (mean) over all its tracking samples; here: the median (mean) of these over the
 runs that tracked, lost ones included. A run that never declared x0 counts as slower than any other in the median time to x0
 and as 0 s of tracking. NEES: median over the runs of their means; 2 is ideal. In brackets: 95 % interval of the median.
+Bound: posterior Cramer-Rao bound for each run's trajectories, as a median error. Own frames: of where each vehicle's localisation
+puts the source. In a region of the posterior: the truth, at one sample per run, half-way through the tracking.
 """
 
 

@@ -77,3 +77,35 @@ def test_an_estimator_that_only_listened_finds_nothing_once_it_excludes_what_the
     listener.outlook.excluded_bq = 5e7
     heard = recorder.listened(1, 1.0)["bayes"]
     assert (heard.nothing_found, heard.excluded_bq) == (True, 5e7)
+
+
+def test_the_result_has_errors_and_bounds_of_the_flight_in_the_true_frame_and_the_vehicles():
+    """A circle around a source at rest; the estimate is exact for the vehicle, whose localisation is off by (0.6, 0.8) m."""
+    scenario = override(load_scenario("biased-static-solo"), {"end.track_s": 20.0})
+    source, offset = (40.0, 50.0), np.array([[0.6, 0.8, 0.0]])
+    agent = Watched()
+    recorder = Recorder(scenario, [agent], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05)
+    seen = np.array([40.6, 50.8, 0.0])
+    over, tick = False, 0
+    while not over:
+        tick += 1
+        if tick == 40:
+            agent.stage, agent.hypothesis = Stage.TRACK, Belief(seen, np.diag([2.0, 1.0, 0.0]))
+        angle = 0.3 * 0.05 * tick
+        position = np.array([[source[0] + 10.0 * np.cos(angle), source[1] + 10.0 * np.sin(angle), 3.0]])
+        over = recorder.sample(0.05 * tick, position, np.zeros((1, 3)), source, offset)
+    result, trace = recorder.result(1, 1.0), recorder.trace()
+    assert result.error_median_m == pytest.approx(1.0)
+    assert result.error_relative_median_m == pytest.approx(0.0, abs=1e-9)
+    assert (result.error_sample_m, result.nees_sample) == pytest.approx((1.0, 0.36 / 2.0 + 0.64))
+    assert result.x0_rms_m == pytest.approx(3.0**0.5)
+    # The vehicle's own bias of 1 m along each axis stays; of what it sees from there, 20 s tell a lot.
+    assert result.bound_median_m is not None
+    assert result.bound_relative_median_m is not None
+    assert result.bound_median_m > 1.177
+    assert 0.1 < result.bound_relative_median_m < 1.0
+    tracked = trace.stage[:, 0] == "track"
+    assert np.isfinite(trace.bound_m[tracked]).all()
+    assert trace.source_bq == scenario.source.activity_bq
+    assert trace.covariance_m2[tracked][0].tolist() == [[2.0, 0.0], [0.0, 1.0]]
+    assert np.isnan(trace.covariance_m2[~tracked]).all()

@@ -244,4 +244,9 @@ def test_a_case_in_one_line() -> None:
     assert said.startswith("near radius_m=8: x0 after ")
     assert "(in 6 of 7 runs)" in said
     assert said.endswith("lost in 1")
+    searched = [msgspec.structs.replace(runs[6], lost=False, nothing_found=True, excluded_bq=1e8 * k) for k in (1, 2, 3)]
+    said = case_sentence("empty", [*searched, msgspec.structs.replace(runs[0], false_hypothesis=True)])
+    assert said.endswith("nothing found in 3, 200 MBq or more excluded (median); a false hypothesis in 1")
+    said = case_sentence("near", runs)
+    assert "times the bound (medians)" in said
     assert case_sentence("near", []) == "near: no run came through"
