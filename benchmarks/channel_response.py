@@ -1,4 +1,4 @@
-"""What a camera counts beside a known source: ``python -m benchmarks.channel_response [NUCLIDE ...]``.
+"""What a camera counts beside a known source: ``python -m benchmarks.channel_response --events 400000 Cs-137 Co-60 ...``.
 
 The simulated camera looks at a source from several distances, its heading turning evenly as in flight, the source 5 to 45 degrees
 below the horizon; its hits go through the chain of agent.detector with the default configuration. A channel's rate over the
@@ -9,10 +9,11 @@ without scatter in the surroundings, the rest with it. The numbers stand in agen
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+import typer
 from numpy.typing import NDArray
 
 from agent.config import DetectionConfig
@@ -25,10 +26,8 @@ from sim.radiation.truth import CameraTruth
 
 Array = NDArray[np.float64]
 
-NUCLIDES = ("Cs-137", "Co-60", "I-131", "Ir-192", "Na-22")
 CHANNELS = ("hits", "photopeak", "coincidences", "cones")
 DISTANCES_M = (2.0, 5.0, 10.0, 20.0, 35.0, 60.0)
-EVENTS = 400_000  # at each distance, about
 EVENTS_PS = 2000.0  # so few that chance coincidences are 0.1 % of the true ones and less
 STEP_NS = 10_000_000
 VIEWS = 8  # headings in a step
@@ -81,13 +80,13 @@ def counted(camera: Camera, name: str, views: list[tuple[SourceView, ...]], step
     return counts, live_s
 
 
-def per_photon(source: Source, truth: CameraTruth, distance_m: float, seed: int) -> Array:
+def per_photon(source: Source, truth: CameraTruth, distance_m: float, events: int, seed: int) -> Array:
     """Effective areas (4,) in mm2: rates over the unscattered photons, background not in it."""
     rng = np.random.default_rng([seed, round(distance_m)])
     camera = Camera(truth, source.name, rng, 0)
     area_mm2 = 20.0  # roughly, of any nuclide: it only sets how strong the source is
     gain = EVENTS_PS / (area_mm2 * source.flux(distance_m))
-    steps = round(EVENTS / (EVENTS_PS * VIEWS * STEP_NS * 1e-9))
+    steps = round(events / (EVENTS_PS * VIEWS * STEP_NS * 1e-9))
     views = [
         tuple(SourceView(one, distance_m, gain * REFERENCE_BQ / VIEWS) for one in directions(VIEWS, rng)) for _ in range(steps)
     ]
@@ -95,21 +94,21 @@ def per_photon(source: Source, truth: CameraTruth, distance_m: float, seed: int)
     return counts / (live_s * gain * source.flux(distance_m))
 
 
-def background_ps(name: str) -> Array:
+def background_ps(name: str, events: int) -> Array:
     """Rates (4,) without a source; taken from as many events at a hundred times the rate."""
     many = 100.0
     truth = CameraTruth(background_hits_per_s=CameraTruth().background_hits_per_s * many)
     camera = Camera(truth, name, np.random.default_rng(3), 0)
     step_ns = 1_000_000_000
-    counts, live_s = counted(camera, name, [()] * round(EVENTS / truth.background_hits_per_s), step_ns)
+    counts, live_s = counted(camera, name, [()] * round(events / truth.background_hits_per_s), step_ns)
     return counts / live_s / many
 
 
-def around(source: Source) -> Array:
+def around(source: Source, events: int) -> Array:
     """Areas (H, 4) without scatter by HEADINGS_DEG, the source 10 m away and 20 degrees below the horizon."""
     flux, step_ns = source.flux(10.0), 100_000_000
     gain = EVENTS_PS / (20.0 * flux)
-    steps = round(0.25 * EVENTS / (EVENTS_PS * step_ns * 1e-9))
+    steps = round(0.25 * events / (EVENTS_PS * step_ns * 1e-9))
     rows = []
     for heading_deg in HEADINGS_DEG:
         polar, below = math.radians(heading_deg), math.radians(20.0)
@@ -121,11 +120,11 @@ def around(source: Source) -> Array:
     return np.array(rows)
 
 
-def fitted(source: Source) -> tuple[Array, Array, Array, Array]:
+def fitted(source: Source, events: int) -> tuple[Array, Array, Array, Array]:
     """Of each channel (4,): area in mm2, direct, scattered, and the fit's largest relative error up to 35 m."""
     distance = np.array(DISTANCES_M)
-    direct = np.array([per_photon(source, QUIET, d, 1) for d in DISTANCES_M])  # (D, 4)
-    total = np.array([per_photon(source, ALONE, d, 2) for d in DISTANCES_M])
+    direct = np.array([per_photon(source, QUIET, d, events, 1) for d in DISTANCES_M])  # (D, 4)
+    total = np.array([per_photon(source, ALONE, d, events, 2) for d in DISTANCES_M])
     area = direct[distance <= 20.0].mean(axis=0)  # beyond, air has changed the mixture of a nuclide's lines
     depth = source.air_per_m * distance
     design = np.stack((np.ones(len(depth)), depth), axis=1)
@@ -135,18 +134,21 @@ def fitted(source: Source) -> tuple[Array, Array, Array, Array]:
     return area, constant, slope, error
 
 
-def main() -> None:
-    for name in sys.argv[1:] or NUCLIDES:
+def main(
+    nuclides: Annotated[list[str] | None, typer.Argument(help="By default Cs-137.")] = None,
+    events: Annotated[int, typer.Option(help="At each distance, about.")] = 20_000,
+) -> None:
+    for name in nuclides or ["Cs-137"]:
         source = Source.of(name)
-        area, direct, scattered, error = fitted(source)
-        background = background_ps(name)
+        area, direct, scattered, error = fitted(source, events)
+        background = background_ps(name, events)
         print(f"{name}: {source.photons_per_decay:.4g} photons per decay, {source.air_per_m:.5f} 1/m in air")
         print(f"{'channel':14}{'area mm2':>10}{'direct':>8}{'scattered':>11}{'background 1/s':>16}{'fit within':>12}")
         for k, channel in enumerate(CHANNELS):
             print(
                 f"{channel:14}{area[k]:10.3g}{direct[k]:8.2f}{scattered[k]:11.2f}{background[k]:16.3g}{100.0 * error[k]:10.1f} %"
             )
-        rows = around(source)
+        rows = around(source, events)
         print("area / mean by heading: " + "  ".join(f"{deg:g}" for deg in HEADINGS_DEG) + " deg")
         for k, channel in enumerate(CHANNELS):
             print(f"{channel:14}" + "".join(f"{value:7.2f}" for value in rows[:, k] / area[k]))
@@ -154,4 +156,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

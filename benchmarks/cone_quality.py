@@ -1,9 +1,10 @@
-"""How well the agent's cones fit what truly happened, line by line: ``python -m benchmarks.cone_quality [NUCLIDE ...]``.
+"""How well the agent's cones fit what truly happened, line by line:
+``python -m benchmarks.cone_quality --interactions 1000000 Cs-137 Co-60 ...``.
 
 Photons of a nuclide from all sides go through the simulated sensor and the chain of agent.detector, whose widths and
 probabilities (agent/detector/cones.py) were first set at 662 keV. For each line as which a cone is read:
 
-- cones: of a million interactions; other: share of them that another line's photons made;
+- cones: their number; other: share of them that another line's photons made;
 - right: of the rest, share whose energies are those of the photon's first scatter; of these
 - ARM 68 %: angle of the true order, degrees; pull 68 %, 95 %: the same in units of the cone's own sigma (agent/fusion/bayes takes
   it for a mixture with 1.13 and 4.2);
@@ -12,9 +13,10 @@ probabilities (agent/detector/cones.py) were first set at 662 keV. For each line
 
 from __future__ import annotations
 
-import sys
+from typing import Annotated
 
 import numpy as np
+import typer
 
 from agent.config import DetectionConfig
 from agent.detector.calibration import NOMINAL, Calibration
@@ -27,8 +29,6 @@ from sim.radiation.nuclides import nuclide
 from sim.radiation.timepix3 import response
 from sim.radiation.truth import CameraTruth
 
-NUCLIDES = ("Cs-137", "Co-60", "I-131", "Ir-192", "Na-22")
-INTERACTIONS = 1_000_000
 SPACING_NS = 100_000
 SPACING = SPACING_NS * 16 // 25
 RIGHT_KEV = 40.0
@@ -66,13 +66,16 @@ def readings(events: Events, cones: tuple[ConeEvent, ...], name: str) -> np.ndar
     return np.array(rows)
 
 
-def main() -> None:
+def main(
+    nuclides: Annotated[list[str] | None, typer.Argument(help="By default Cs-137.")] = None,
+    interactions: Annotated[int, typer.Option(help="Photons that interact.")] = 200_000,
+) -> None:
     names = ("line keV", "cones", "other", "right", "ARM 68 %", "pull 68 %", "95 %", "order", "bits")
     print(" " * 8 + "".join(f"{name:>10}" for name in names))
-    for name in sys.argv[1:] or NUCLIDES:
-        quota = (0, INTERACTIONS, INTERACTIONS)  # single deposits make no cone
+    for name in nuclides or ["Cs-137"]:
+        quota = (0, interactions, interactions)  # single deposits make no cone
         camera = response(CameraTruth())
-        events = simulate(nuclide(name).lines, INTERACTIONS, camera, np.random.default_rng(8), quota=quota)
+        events = simulate(nuclide(name).lines, interactions, camera, np.random.default_rng(8), quota=quota)
         table = readings(events, detected(events, name), name)
         for line in lines_of(name):
             part = table[table[:, 0] == line]
@@ -88,4 +91,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)
