@@ -111,11 +111,11 @@ class BayesEstimatorConfig(_Section, frozen=True, kw_only=True):
     grid_s: Annotated[float, Meta(ge=0.05, le=1.0)] = 0.1
     activity_bq: tuple[Activity, Activity] = (3e7, 3e10)
     activity_levels: Annotated[int, Meta(ge=2, le=64)] = 8
-    velocity_mps: Positive = 0.8  # 1 sigma of each axis of a source that moves
-    velocity_s: Positive = 40.0  # correlation time of that velocity
+    velocity_mps: Positive = 0.7  # 1 sigma of each axis of a source that moves
+    velocity_s: Positive = 80.0  # correlation time of that velocity
     fast_velocity_mps: Positive = 2.0  # the same of one that moves fast
     fast_velocity_s: Positive = 5.0
-    hurry_ps: Positive = 0.02  # rate at which a moving source becomes a fast one, or a fast one slow
+    hurry_ps: Positive = 0.005  # rate at which a moving source becomes a fast one, or a fast one slow
     switch_ps: Positive = 0.0005  # rate at which one at rest begins to move, or a moving one stops
     bias_drift_m: NonNegative = 0.03  # by which a vehicle's position error wanders in a second (as the root of the time)
     bias_yaw_drift_deg: NonNegative = 0.3

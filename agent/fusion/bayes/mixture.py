@@ -1,8 +1,9 @@
 """The track: a Gaussian sum over where the source is, how it moves, how strong it is, and the biases of the vehicles.
 
-Each site of the sum has a Gaussian for each of the M modes of motion (an interacting-multiple-model filter). State of a Gaussian, dimension d = 5 + 4 V: x, y (mission frame, m), their velocities (m/s), log activity (of REFERENCE_BQ), and for
-each of the V vehicles the biases of its position (x, y, m) and heading (rad), measured minus true, and of its camera (logarithm
-of how much more it counts than the others).
+Each site of the sum has a Gaussian for each of the M modes of motion (an interacting-multiple-model filter). State of a Gaussian,
+dimension d = 5 + 4 V: x, y (mission frame, m), their velocities (m/s), log activity (of REFERENCE_BQ), and for each of the V
+vehicles the biases of its position (x, y, m) and heading (rad), measured minus true, and of its camera (logarithm of how much
+more it counts than the others).
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from agent.frames.transform import Vector3
 from agent.fusion.bayes.cones import ASTRAY, Orders, cone_likelihood
-from agent.fusion.bayes.counts import MODEL_VARIANCE, fit_rate, log_nothing
+from agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TRUST, fit_rate, log_nothing
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, Motion
 from agent.fusion.bayes.response import Response
 
@@ -106,11 +107,11 @@ class Mixture:
         strength = np.exp(self.mean[..., ACTIVITY] + self.mean[..., BIASES + BIAS * vehicle + 3])
         expected = response.signal(response.flux(distance) * strength * live_time_s, distance)
         background = response.background_ps * live_time_s
-        shift, after, likelihood = fit_rate(counts, expected, background, variance, _ROUNDS)
+        shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TRUST, _ROUNDS)
         mean = self.mean + gain * (shift / variance)[..., None]
         shrink = (1.0 - after / variance) / variance
         covariance = self.covariance - (shrink[..., None] * gain)[..., :, None] * gain[..., None, :]
-        return self._weighed(likelihood - log_nothing(counts, background), mean, covariance)
+        return self._weighed(likelihood - log_nothing(counts, background, TRACK_TRUST), mean, covariance)
 
     def after_cone(self, response: Response, vehicle: int, apex: Vector3, orders: Orders, age_s: float) -> tuple[Mixture, float]:
         """After a cone: each Gaussian becomes a mixture of what each order says and of the cone saying nothing, and is replaced

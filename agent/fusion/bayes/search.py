@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from agent.config import BayesEstimatorConfig
 from agent.frames.transform import Vector3
 from agent.fusion.bayes.cones import Orders, cone_likelihood
-from agent.fusion.bayes.counts import fit_rate, log_nothing
+from agent.fusion.bayes.counts import SEARCH_TRUST, fit_rate, log_nothing
 from agent.fusion.bayes.response import REFERENCE_BQ, Response
 from agent.fusion.estimator import Outlook
 
@@ -81,12 +81,12 @@ class SearchState:
         spread = grid.activity_variance + (2.0 * grid.cell_m / np.maximum(distance, grid.cell_m)) ** 2 / 12.0
         background = response.background_ps * live_time_s
         variance = np.broadcast_to(spread, fluence.shape)
-        _, _, likelihood = fit_rate(counts, response.signal(fluence, distance), background, variance, _ROUNDS)
+        _, _, likelihood = fit_rate(counts, response.signal(fluence, distance), background, variance, SEARCH_TRUST, _ROUNDS)
         place = np.log(far / distance[0]) * ((_DISTANCES - 1) / np.log(distance[-1] / distance[0]))
         before = place.astype(np.intp)
         part = place - before
         interpolated = likelihood[:, before] * (1.0 - part) + likelihood[:, before + 1] * part
-        return self._weighed(interpolated - log_nothing(counts, background))
+        return self._weighed(interpolated - log_nothing(counts, background, SEARCH_TRUST))
 
     def after_cone(self, grid: Grid, response: Response, apex: Vector3, orders: Orders) -> SearchState:
         """After a cone."""
