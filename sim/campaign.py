@@ -29,7 +29,8 @@ Watch = Callable[[int, int, Outcome | None], None]  # runs done, runs in all, th
 class Campaign:
     """``runs`` flights of each case, with the seeds ``seed_base``, ``seed_base + 1``, ..., the same for every case.
 
-    The cases' points all have the same parameters. ``estimator`` and ``law``: None for the scenario's own.
+    The cases' points all have the same parameters. ``estimator`` and ``law``: None for the scenario's own. ``listen``: the
+    results are those of an estimator that hears the flights without flying them; None: of the one that flies.
     """
 
     cases: tuple[Case, ...]
@@ -37,6 +38,7 @@ class Campaign:
     estimator: str | None = None
     law: str | None = None
     seed_base: int = 0
+    listen: str | None = None
 
     def __post_init__(self) -> None:
         if self.runs < 1:
@@ -58,7 +60,7 @@ class Campaign:
     def jobs(self) -> list[Job]:
         """All flights; seed by seed, so that the time so far says something about the time to come."""
         seeds = range(self.seed_base, self.seed_base + self.runs)
-        return [Job(case, seed, self.estimator, self.law) for seed in seeds for case in self.in_order()]
+        return [Job(case, seed, self.estimator, self.law, self.listen) for seed in seeds for case in self.in_order()]
 
     def manifest(self) -> dict[str, Any]:
         """What must be the same for a campaign to go on in a folder that it began in."""
@@ -71,6 +73,7 @@ class Campaign:
             "content": content.hexdigest(),
             "estimator": self.estimator,
             "law": self.law,
+            "listen": self.listen,
             "runs": self.runs,
             "seed_base": self.seed_base,
         }

@@ -71,6 +71,7 @@ def campaign(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where runs, summary and figures go; to go on, the same again.")],
     runs: Annotated[int, typer.Option(help="Flights of each scenario at each point of the sweep.")] = 50,
     estimator: Estimator = None,
+    listen: Annotated[str | None, typer.Option(help="Results of this estimator, which hears the flights but flies none.")] = None,
     law: Law = None,
     seed_base: Annotated[int, typer.Option(help="The first seed.")] = 0,
     sweep: Annotated[list[str] | None, typer.Option(help="Values of a parameter: radius_m=8,10,12; repeated: a grid.")] = None,
@@ -85,8 +86,8 @@ def campaign(
     from sim.report import case_sentence, write_campaign  # noqa: PLC0415
 
     execute = executor(workers, dask)
-    chosen = checked(scenario, parse_sweep(sweep or []), settings, [estimator] if estimator else [], law)
-    plan = Campaign(chosen, runs, estimator, law, seed_base)
+    chosen = checked(scenario, parse_sweep(sweep or []), settings, [name for name in (estimator, listen) if name], law)
+    plan = Campaign(chosen, runs, estimator, law, seed_base, listen)
     with campaign_progress("campaign") as watch:
         flown = fly_campaign(plan, out, execute, watch=watch)
     written = write_campaign(out, flown)
@@ -100,6 +101,9 @@ def table(
     *,
     runs: Annotated[int, typer.Option(help="Flights of each scenario.")] = 50,
     estimators: Annotated[str, typer.Option(help="Separated by commas; a column for each.")] = "paper,bayes",
+    listen: Annotated[
+        str | None, typer.Option(help="A column more: this estimator on the flights of the first, hearing the same cones.")
+    ] = None,
     field: Annotated[bool, typer.Option("--field", help="The table of the field experiments too.")] = False,
     workers: Workers = None,
     dask: Dask = None,
@@ -108,19 +112,20 @@ def table(
     """The paper's table beside ours: four scenarios, solo and swarm, static and moving source; how near we are to the bound."""
     from sim.console import campaign_progress, say  # noqa: PLC0415
     from sim.console import out as stdout  # noqa: PLC0415
-    from sim.table import FIELD, NOTE, SIMULATIONS, as_rich, as_text, blocks, fly_study  # noqa: PLC0415
+    from sim.table import FIELD, NOTE, SIMULATIONS, Pilot, as_rich, as_text, blocks, fly_study  # noqa: PLC0415
 
     execute = executor(workers, dask)
     names = [name.strip() for name in estimators.split(",") if name.strip()]
     if not names or len(set(names)) < len(names):
         raise ConfigError(f"--estimators {estimators}: name each once, separated by commas, such as paper,paper-geometric")
+    pilots = [*map(Pilot, names), *([Pilot(names[0], listen)] if listen else [])]
     studies = [SIMULATIONS, FIELD] if field else [SIMULATIONS]
-    chosen = [checked(list(study.heads), {}, None, names, None) for study in studies]
+    chosen = [checked(list(study.heads), {}, None, [*names, *([listen] if listen else [])], None) for study in studies]
     failures: list[Outcome] = []
     with tempfile.TemporaryDirectory() if out is None else nullcontext(str(out)) as folder:
         for study, scenarios in zip(studies, chosen, strict=True):
             with campaign_progress(study.name) as watch:
-                finished, flown = fly_study(study, scenarios, names, runs, Path(folder), execute=execute, watch=watch)
+                finished, flown = fly_study(study, scenarios, pilots, runs, Path(folder), execute=execute, watch=watch)
             if stdout.is_terminal:
                 stdout.print(finished.title, *map(as_rich, blocks(finished, stdout.width)), sep="\n")
             else:

@@ -121,6 +121,23 @@ class Table:
     note: str
 
 
+class Pilot(NamedTuple):
+    """Who flies, and who else listens and is judged instead."""
+
+    estimator: str
+    listen: str | None = None
+
+    @property
+    def folder(self) -> str:
+        """Part of a folder's name."""
+        return self.estimator if self.listen is None else f"{self.estimator}-heard-by-{self.listen}"
+
+    @property
+    def head(self) -> str:
+        """Over a column."""
+        return f"our {self.estimator}" if self.listen is None else f"{self.listen} on {self.estimator}'s"
+
+
 def law_of(estimator: str) -> str | None:
     """The paper's estimators fly the paper's law; others what the scenario says."""
     return "paper" if estimator.startswith("paper") else None
@@ -129,7 +146,7 @@ def law_of(estimator: str) -> str | None:
 def fly_study(
     study: Study,
     cases: Sequence[Case],
-    estimators: Sequence[str],
+    pilots: Sequence[Pilot],
     runs: int,
     folder: Path,
     *,
@@ -137,17 +154,17 @@ def fly_study(
     watch: Watch,
     fly: Fly = fly_job,
 ) -> tuple[Table, tuple[Flown, ...]]:
-    """Fly a study's scenarios with each estimator (a resumable campaign each, in a folder of its own), and set up the table.
+    """Fly a study's scenarios with each pilot (a resumable campaign each, in a folder of its own), and set up the table.
 
     Writes ``{study}.txt``, ``{study}.csv`` and ``{study}.md`` into the folder. Raises what ``fly_campaign`` does.
     """
     flown: list[Flown] = []
-    for estimator in estimators:
-        campaign = Campaign(tuple(cases), runs, estimator, law_of(estimator))
-        place = folder / f"{study.name}-{estimator}"
+    for pilot in pilots:
+        campaign = Campaign(tuple(cases), runs, pilot.estimator, law_of(pilot.estimator), listen=pilot.listen)
+        place = folder / f"{study.name}-{pilot.folder}"
         flown.append(fly_campaign(campaign, place, execute, fly, watch))
         write_campaign(place, flown[-1])
-    table = make_table(study, dict(zip(estimators, flown, strict=True)))
+    table = make_table(study, dict(zip(pilots, flown, strict=True)))
     write_table(folder, study.name, table)
     return table, tuple(flown)
 
@@ -160,18 +177,18 @@ def write_table(folder: Path, name: str, table: Table) -> list[Path]:
     return [folder / file for file in texts]
 
 
-def make_table(study: Study, flown: Mapping[str, Flown]) -> Table:
-    """The published numbers and ours, by estimator, side by side."""
+def make_table(study: Study, flown: Mapping[Pilot, Flown]) -> Table:
+    """The published numbers and ours, side by side."""
     columns: list[tuple[str, str]] = []
     cells: list[list[str | None]] = []
     for scenario, head in study.heads.items():
         columns.append((head, PUBLISHED))
         numbers = study.published[scenario]
         cells.append([_text(number, row.digits) for number, row in zip(numbers, study.rows, strict=True)] + [None] * len(BELOW))
-        for estimator, campaign in flown.items():
+        for pilot, campaign in flown.items():
             case = next(case for case in campaign.campaign.cases if case.name == scenario)
             summary = summarise(campaign.of(case))
-            columns.append((head, f"our {estimator}"))
+            columns.append((head, pilot.head))
             cells.append([_text(row.of(summary), row.digits) for row in (*study.rows, *BELOW)])
     labels = [row.label for row in (*study.rows, *BELOW)]
     rows = tuple((label, tuple(column[index] for column in cells)) for index, label in enumerate(labels))

@@ -26,12 +26,16 @@ _ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS",
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One flight of a campaign. The scenario travels with it: workers on other machines need no files."""
+    """One flight of a campaign. The scenario travels with it: workers on other machines need no files.
+
+    ``listen``: its result is that of an estimator that hears the flight without flying it.
+    """
 
     case: Case
     seed: int
     estimator: str | None = None  # None: the scenario's own
     law: str | None = None
+    listen: str | None = None
 
     @property
     def label(self) -> str:
@@ -57,7 +61,9 @@ def fly_job(job: Job) -> RunResult:
     """Fly a job in the simulation."""
     from sim.lockstep import fly  # noqa: PLC0415  (only the workers need the physics)
 
-    return fly(job.case.scenario, job.seed, estimator=job.estimator, law=job.law).result
+    listeners = () if job.listen is None else (job.listen,)
+    flight = fly(job.case.scenario, job.seed, estimator=job.estimator, law=job.law, listen=listeners)
+    return flight.result if job.listen is None else flight.listened[job.listen]
 
 
 def attempt(fly: Fly, job: Job) -> Outcome:

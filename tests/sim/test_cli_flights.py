@@ -156,6 +156,16 @@ def test_a_campaign_prints_its_summary_and_goes_on(tmp_path: Path, radron_sim: C
     assert len(flown) == 6
 
 
+def test_a_campaign_can_judge_an_estimator_that_only_listens(
+    tmp_path: Path, radron_sim: Call, flown: list[dict[str, Any]]
+) -> None:
+    code, _, _ = radron_sim("campaign", "demo", "--runs", 2, "--estimator", "paper", "--listen", "bayes", "--out", tmp_path)
+    assert code == 0
+    assert {(call["estimator"], call["listen"]) for call in flown} == {("paper", ("bayes",))}
+    lines = [json.loads(line) for line in (tmp_path / "runs.jsonl").read_text().splitlines()]
+    assert [line["estimator"] for line in lines] == ["bayes", "bayes"]
+
+
 def test_failed_flights_end_a_campaign_with_code_1_and_are_named(
     tmp_path: Path, radron_sim: Call, flown: list[dict[str, Any]]
 ) -> None:

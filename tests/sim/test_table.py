@@ -14,21 +14,21 @@ sys.path.insert(0, str(Path(__file__).parent / "fakes"))
 import synthetic
 
 from sim.statistics import summarise
-from sim.table import FIELD, SIMULATIONS, Study, Table, as_csv, as_markdown, as_text, blocks, fly_study, law_of
+from sim.table import FIELD, SIMULATIONS, Pilot, Study, Table, as_csv, as_markdown, as_text, blocks, fly_study, law_of
 from sim.workers import Job, attempt
 
 STUDIES = pytest.mark.parametrize("study", [SIMULATIONS, FIELD], ids=["simulations", "field"])
 
 
-def fly(study: Study, folder: Path, estimators: tuple[str, ...] = ("paper",), seen: list[Job] | None = None) -> Table:
+def fly(study: Study, folder: Path, pilots: tuple[Pilot, ...] = (Pilot("paper"),), seen: list[Job] | None = None) -> Table:
     def one(job: Job) -> synthetic.RunResult:
         (seen if seen is not None else []).append(job)
-        return synthetic.synthetic_result(job.case.name, job.seed, estimator=job.estimator or "")
+        return synthetic.synthetic_result(job.case.name, job.seed, estimator=job.listen or job.estimator or "")
 
     cases = [synthetic.case(name) for name in study.heads]
     folder.mkdir(exist_ok=True)
     table, flown = fly_study(
-        study, cases, estimators, 5, folder,
+        study, cases, pilots, 5, folder,
         execute=lambda jobs, fly_: (attempt(fly_, job) for job in jobs), watch=lambda done, total, outcome: None, fly=one,
     )  # fmt: skip
     assert not any(campaign.failures for campaign in flown)
@@ -71,11 +71,19 @@ def test_published_and_ours_stand_side_by_side(study: Study, tmp_path: Path) -> 
 
 def test_every_estimator_has_its_column_and_the_papers_fly_the_papers_law(tmp_path: Path) -> None:
     seen: list[Job] = []
-    table = fly(SIMULATIONS, tmp_path, ("paper", "paper-geometric", "bayes"), seen)
+    table = fly(SIMULATIONS, tmp_path, tuple(map(Pilot, ("paper", "paper-geometric", "bayes"))), seen)
     assert [whose for _, whose in table.columns[:4]] == ["published", "our paper", "our paper-geometric", "our bayes"]
     assert {(job.estimator, job.law) for job in seen} == {("paper", "paper"), ("paper-geometric", "paper"), ("bayes", None)}
     assert len(seen) == 4 * 5 * 3
     assert law_of("paper") == "paper"
+
+
+def test_a_listener_has_a_column_on_the_flights_of_another(tmp_path: Path) -> None:
+    seen: list[Job] = []
+    table = fly(SIMULATIONS, tmp_path, (Pilot("paper"), Pilot("paper", "bayes")), seen)
+    assert [whose for _, whose in table.columns[:3]] == ["published", "our paper", "bayes on paper's"]
+    assert {(job.estimator, job.law, job.listen) for job in seen} == {("paper", "paper", None), ("paper", "paper", "bayes")}
+    assert (tmp_path / "table-paper-heard-by-bayes" / "runs.jsonl").exists()
 
 
 def test_the_table_is_written_as_text_csv_and_markdown(tmp_path: Path) -> None:
@@ -103,7 +111,7 @@ def test_no_number_is_a_dash_not_a_zero(tmp_path: Path) -> None:
         return synthetic.synthetic_result(job.case.name, 6)
 
     table, _ = fly_study(
-        SIMULATIONS, cases, ["paper"], 1, tmp_path,
+        SIMULATIONS, cases, [Pilot("paper")], 1, tmp_path,
         execute=lambda jobs, fly_: (attempt(fly_, job) for job in jobs), watch=lambda done, total, outcome: None, fly=never,
     )  # fmt: skip
     cells = dict(table.rows)
