@@ -11,7 +11,7 @@ import msgspec
 from agent.detector.readout import Readout
 from agent.flight import topics
 from agent.flight.topics import Sink
-from agent.fusion.estimator import Hypothesis
+from agent.fusion.estimator import Hypothesis, Outlook
 from agent.memory import Memory
 from agent.pilot import Pilot, Step
 from agent.vehicle.interface import VehicleState
@@ -38,6 +38,16 @@ class RecordedPilot:
     def hypothesis(self) -> Hypothesis | None:
         """Where the source is believed to be; mission frame."""
         return self._pilot.hypothesis
+
+    @property
+    def outlook(self) -> Outlook | None:
+        """What is known while there is no hypothesis."""
+        return self._pilot.outlook
+
+    @property
+    def finding(self) -> str:
+        """What the search has ended with, where it has found nothing; else empty."""
+        return self._pilot.finding
 
     @property
     def digest(self) -> str:

@@ -38,6 +38,8 @@ class Mortal:
 
     stage = property(lambda self: self.bare.stage)
     hypothesis = property(lambda self: self.bare.hypothesis)
+    outlook = property(lambda self: self.bare.outlook)
+    finding = property(lambda self: self.bare.finding)
 
     def observe_vehicle(self, state):
         self.modes.append(state.mode)
