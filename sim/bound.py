@@ -52,9 +52,16 @@ class Bound:
 
     def over(self, time_s: Array) -> Array:
         """Median error that a Gaussian of the true frame's covariance has, at other times (T,); NaN before the first step."""
+        return self._interpolated(time_s, self.true)
+
+    def own_over(self, time_s: Array) -> Array:
+        """The same for the first vehicle's own frame."""
+        return self._interpolated(time_s, self.own[:, 0])
+
+    def _interpolated(self, time_s: Array, covariance: Array) -> Array:
         if not len(self.time_s):
             return np.full(time_s.shape, np.nan)
-        return np.interp(time_s, self.time_s, median_error(self.true), left=np.nan)
+        return np.interp(time_s, self.time_s, median_error(covariance), left=np.nan)
 
     def median_m(self, during: NDArray[np.bool_]) -> float | None:
         """Median over some of the steps, (K,), of the median error that a Gaussian of this covariance has."""

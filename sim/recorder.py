@@ -19,7 +19,7 @@ from sim.result import ConeTrace, RunResult, Trace
 from sim.safety import OFF_GROUND_M, Safety
 from sim.samples import TRACKING, Row
 from sim.scenario import Scenario
-from sim.score import Score
+from sim.score import Score, own_error_m
 
 SAMPLE_TICKS = 4  # 5 Hz
 LONGEST_START_S = 120.0  # without a search: they do not start at all
@@ -140,7 +140,11 @@ class Recorder:
             for score, listener in self._listeners.values():
                 score.sample(self._tracking_s, [listener.hypothesis] * len(beliefs), source, position_error)
                 score.judge_by_error(time_s)
-        self._rows.append(Row.of(time_s, position, velocity, source, stages, beliefs))
+        row = Row.of(time_s, position, velocity, source, stages, beliefs)
+        first = beliefs[0]
+        if first is not None and source is not None and position_error is not None:
+            row.own_error_m = own_error_m(first, self._mission.drones[0].id, source, position_error[0])
+        self._rows.append(row)
 
     def _note_finding(self) -> None:
         """Take down what is excluded when the first drone's search ends with nothing; what it finds later makes that void."""
@@ -254,6 +258,7 @@ class Recorder:
             raise ValueError("nobody flew: there is nothing to show")
         rows, source = self._rows, self._scenario.source
         time_s = np.array([row.time_s for row in rows])
+        bound, unknown = self._bound, np.full(time_s.shape, np.nan)
         return Trace(
             time_s=time_s,
             position_m=np.array([row.position for row in rows]),
@@ -266,7 +271,9 @@ class Recorder:
             activity_bq=np.array([row.activity_bq for row in rows]),
             activity_sigma_bq=np.array([row.activity_sigma_bq for row in rows]),
             evidence=np.array([row.evidence for row in rows]),
-            bound_m=np.full(time_s.shape, np.nan) if self._bound is None else self._bound.over(time_s),
+            bound_m=unknown if bound is None else bound.over(time_s),
+            own_error_m=np.array([row.own_error_m for row in rows]),
+            own_bound_m=unknown if bound is None else bound.own_over(time_s),
             spacing_error_deg=np.array([row.spacing_error_deg for row in rows]),
             cones=tuple(self._cones),
             area_m=np.array(self._mission.area.polygon_m, dtype=np.float64),

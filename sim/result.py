@@ -96,6 +96,7 @@ class Trace:
     covariance_m2: (T, 2, 2) of the first drone's posterior, NaN where it has none; sigma_m: (T,) its RMS.
     activity_bq, activity_sigma_bq, evidence: (T,) of the first drone's hypothesis, NaN where the estimator does not know.
     bound_m: (T,) least median error for the trajectories flown so far (``sim.bound``), NaN where there is no source.
+    own_error_m, own_bound_m: (T,) error in the first vehicle's own frame, NaN where it is not known; what it could be at best.
     source_bq: true activity, None where there is no source.
     spacing_error_deg: (T, N), signed deviation from 360/N of the gap to the next drone, counter-clockwise around the hypothesis;
     NaN before tracking.
@@ -113,6 +114,8 @@ class Trace:
     activity_sigma_bq: NDArray[np.float64]
     evidence: NDArray[np.float64]
     bound_m: NDArray[np.float64]
+    own_error_m: NDArray[np.float64]
+    own_bound_m: NDArray[np.float64]
     spacing_error_deg: NDArray[np.float64]
     cones: tuple[ConeTrace, ...]
     area_m: NDArray[np.float64]  # (P, 2) corners of the searched area

@@ -18,8 +18,8 @@ class Row:
     """One sample of the trace."""
 
     __slots__ = (
-        "activity_bq", "activity_sigma_bq", "covariance", "evidence", "hypothesis", "position", "sigma_m", "source",
-        "spacing_error_deg", "stages", "time_s", "velocity",
+        "activity_bq", "activity_sigma_bq", "covariance", "evidence", "hypothesis", "own_error_m", "position", "sigma_m",
+        "source", "spacing_error_deg", "stages", "time_s", "velocity",
     )  # fmt: skip
 
     def __init__(self, time_s: float, position: Array, velocity: Array, stages: list[Stage]) -> None:
@@ -29,7 +29,7 @@ class Row:
         self.stages = stages
         self.source = np.full(3, np.nan)
         self.hypothesis = np.full(position.shape, np.nan)
-        self.sigma_m = self.activity_bq = self.activity_sigma_bq = self.evidence = np.nan
+        self.sigma_m = self.activity_bq = self.activity_sigma_bq = self.evidence = self.own_error_m = np.nan
         self.covariance = np.full((2, 2), np.nan)
         self.spacing_error_deg = np.full(len(position), np.nan)
 

@@ -118,9 +118,7 @@ class Score:
             if nees is not None:
                 self.nees.append(nees)
             if position_error is not None:
-                seen = belief.sight_of(self._drones[place]).position
-                ex, ey = float(position_error[place, 0]), float(position_error[place, 1])
-                self.relative_m.append(math.hypot(float(seen[0]) - source[0] - ex, float(seen[1]) - source[1] - ey))
+                self.relative_m.append(own_error_m(belief, self._drones[place], source, position_error[place]))
             if place == 0 and not self._chosen:
                 self.sampled = Claim(self.errors_m[-1], nees)
                 self._chosen = tracked_s >= self._sample_after_s - 1e-9
@@ -138,6 +136,12 @@ class Score:
 def rms_m(belief: Belief) -> float:
     """Horizontal RMS of the posterior, metres."""
     return math.sqrt(max(0.0, float(belief.covariance[0, 0] + belief.covariance[1, 1])))
+
+
+def own_error_m(belief: Belief, drone: str, source: tuple[float, float], position_error: Array) -> float:
+    """Horizontal error of where a drone's own localisation puts the source; position_error: (3,) measured minus true."""
+    x, y = (belief.sight_of(drone).position - position_error)[:2].tolist()
+    return math.hypot(x - source[0], y - source[1])
 
 
 def nees_of(belief: Belief, dx: float, dy: float) -> float | None:

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from scipy.stats import beta, binom, chi2
 
-from sim.figures.style import DRONES, ESTIMATE, GRID, TRUTH, dress, new_figure, wrapped
+from sim.figures.style import DRONES, ESTIMATE, GRID, TRUTH, dress, new_figure, plain_log, wrapped
 from sim.result import RunResult
 
 _BINS = 10
@@ -72,9 +71,7 @@ def _bounds(axes: Axes, runs: Sequence[RunResult]) -> None:
         axes.loglog(bound, error, ".", color=ESTIMATE, markersize=5)
         for axis, limit in ((axes.xaxis, axes.set_xlim), (axes.yaxis, axes.set_ylim)):
             limit(*ends)
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if ends[1] < 300.0 * ends[0] else (1.0,)))
-            axis.set_major_formatter(FormatStrFormatter("%g"))
-            axis.set_minor_formatter(NullFormatter())
+            plain_log(axis, *ends)
         axes.legend(fontsize=8, frameon=False)
         axes.set_title(f"error / bound {np.median(error / bound):.2f} (median)", loc="right", fontsize=9)
     dress(axes, "", "bound (m)", "median error of a run (m)")

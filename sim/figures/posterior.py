@@ -17,6 +17,7 @@ from sim.figures.style import (
     dress,
     metres,
     new_figure,
+    plain_log,
     seconds,
     stage_bands,
     swarm_stage,
@@ -27,6 +28,7 @@ from sim.result import Trace
 Array = NDArray[np.float64]
 INSTANTS = 5
 _LEAST_M = 0.01
+_CLEARLY = 0.8
 
 
 def posterior_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
@@ -86,14 +88,29 @@ def _regions(axes: Axes, trace: Trace, instant: int | None) -> None:
 def _errors(axes: Axes, trace: Trace) -> None:
     error = np.linalg.norm((trace.hypothesis_m[:, 0] - trace.source_m)[:, :2], axis=1)
     lines = [error, trace.sigma_m, trace.bound_m]
+    if _apart(trace):
+        lines += [trace.own_error_m, trace.own_bound_m]
     axes.semilogy(trace.time_s, np.maximum(error, _LEAST_M), color=ESTIMATE, linewidth=1.4, label=f"error ({trace.drones[0]})")
     axes.semilogy(trace.time_s, trace.sigma_m, color=DRONES[0], linewidth=1.3, linestyle="--", label="RMS, as claimed")
     shown = np.where(np.isfinite(trace.sigma_m), trace.bound_m, np.nan)
     axes.semilogy(trace.time_s, shown, color=TRUTH, linewidth=1.0, linestyle=":", label="bound (median)")
+    if _apart(trace):
+        label = f"error in {trace.drones[0]}'s own frame"
+        axes.semilogy(trace.time_s, np.maximum(trace.own_error_m, _LEAST_M), color=DRONES[1], linewidth=1.1, label=label)
+        own = np.where(np.isfinite(trace.sigma_m), trace.own_bound_m, np.nan)
+        axes.semilogy(trace.time_s, own, color=DRONES[1], linewidth=1.0, linestyle=":", label="bound of that")
     finite = np.concatenate([line[np.isfinite(trace.sigma_m) & np.isfinite(line)] for line in lines])
     if finite.size:
-        axes.set_ylim(max(_LEAST_M, 0.7 * float(np.quantile(finite, 0.005))), 1.6 * float(finite.max()))
+        ends = max(_LEAST_M, 0.7 * float(np.quantile(finite, 0.005))), 1.6 * float(finite.max())
+        axes.set_ylim(*ends)
+        plain_log(axes.yaxis, *ends)
     dress(axes, "", "", "distance (m)")
+
+
+def _apart(trace: Trace) -> bool:
+    """Whether the vehicle's own frame is so wrong that the source is known clearly better in it than in the true one."""
+    both = np.isfinite(trace.own_bound_m) & np.isfinite(trace.bound_m) & np.isfinite(trace.own_error_m)
+    return bool(both.any()) and bool(np.median(trace.own_bound_m[both] / trace.bound_m[both]) < _CLEARLY)
 
 
 def _activity(axes: Axes, trace: Trace) -> None:

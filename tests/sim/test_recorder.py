@@ -106,6 +106,8 @@ def test_the_result_has_errors_and_bounds_of_the_flight_in_the_true_frame_and_th
     assert 0.1 < result.bound_relative_median_m < 1.0
     tracked = trace.stage[:, 0] == "track"
     assert np.isfinite(trace.bound_m[tracked]).all()
+    assert trace.own_error_m[tracked] == pytest.approx(0.0, abs=1e-9)
+    assert (trace.own_bound_m[tracked] < trace.bound_m[tracked]).all()
     assert trace.source_bq == scenario.source.activity_bq
     assert trace.covariance_m2[tracked][0].tolist() == [[2.0, 0.0], [0.0, 1.0]]
     assert np.isnan(trace.covariance_m2[~tracked]).all()

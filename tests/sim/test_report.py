@@ -144,11 +144,14 @@ def test_the_posterior_figure_shows_what_the_estimator_knows() -> None:
     labels = [axes.get_ylabel() for axes in whole.axes if axes.get_ylabel()]
     assert labels == ["distance (m)", "activity (Bq)", "source : none (ln)"]
     errors = next(axes for axes in whole.axes if axes.get_ylabel() == "distance (m)")
-    assert [line.get_label() for line in errors.lines] == ["error (d1)", "RMS, as claimed", "bound (median)"]
+    assert [line.get_label() for line in errors.lines] == [
+        "error (d1)", "RMS, as claimed", "bound (median)", "error in d1's own frame", "bound of that",
+    ]  # fmt: skip
     assert sum(any(isinstance(patch, Ellipse) for patch in axes.patches) for axes in whole.axes) == INSTANTS
     nothing = np.full(trace.time_s.shape, np.nan)
-    plain = posterior_figure(dataclasses.replace(trace, activity_bq=nothing, evidence=nothing), ("title",))
-    assert [axes.get_ylabel() for axes in plain.axes if axes.get_ylabel()] == ["distance (m)"]
+    plain = posterior_figure(dataclasses.replace(trace, activity_bq=nothing, evidence=nothing, own_error_m=nothing), ("title",))
+    (errors,) = (axes for axes in plain.axes if axes.get_ylabel())
+    assert len(errors.lines) == 3
 
 
 def test_the_stabilisation_figure_has_a_line_at_every_step_and_says_how_fast() -> None:
