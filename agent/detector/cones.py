@@ -20,6 +20,7 @@ SIGMA_FLOOR_RAD = 0.02
 # Beyond the Compton edge: the share, and the width in 1 sigma of the core, of what the inner shells' Doppler broadening and
 # several scatters in one cluster put there. Set with transported Cs-137 events so that the probabilities are frequencies.
 TAIL, TAIL_WIDTH = 0.15, 7.0
+BELOW_EDGE = 1.0  # mean of what transported Cs-137 and I-131 events near the edge and beyond it truly were, in 1 sigma
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +62,11 @@ def klein_nishina_recoil(energy_kev: float, electron_kev: float) -> float:
     s = electron_kev / energy_kev
     q = s / (1.0 - s)
     return (2.0 + q * q / (alpha * alpha) + q * (s - 2.0 / alpha)) / (alpha * alpha)
+
+
+def _cosine(energy_kev: float, photon_kev: float) -> float:
+    """Of the scattering angle; below -1 where the photon has less energy than scattering can leave it."""
+    return 1.0 + ELECTRON_KEV * (1.0 / energy_kev - 1.0 / photon_kev)
 
 
 def doppler_kev(energy_kev: float, photon_kev: float, cosine: float) -> float:
@@ -115,14 +121,16 @@ def _reading(line: Line, electron_kev: float, variance: float, length_mm: float)
     """Opening angle, its 1 sigma (ARM) in rad and the weight of one order; the energies add up to the line.
 
     Weight: Klein-Nishina for the recoil energy, times the chance that the scattered photon is absorbed at this distance; beyond
-    the Compton edge a Gaussian of the resolution.
+    the Compton edge a Gaussian of the resolution. Near the edge and beyond, the energy tells no more than that the photon went
+    back, and few directions lie straight behind: the angle is that of BELOW_EDGE of the resolution below the edge.
     """
     photon_kev = line.energy_kev - electron_kev
-    cosine = 1.0 + ELECTRON_KEV * (1.0 / line.energy_kev - 1.0 / photon_kev)
-    theta = math.acos(max(cosine, -1.0))
-    slope = ELECTRON_KEV / (photon_kev * photon_kev * max(math.sin(theta), 1e-3))
     edge = compton_edge_kev(line.energy_kev)
-    blur = variance + doppler_kev(line.energy_kev, max(photon_kev, line.energy_kev - edge), max(cosine, -1.0)) ** 2
+    cosine = max(_cosine(line.energy_kev, photon_kev), -1.0)
+    blur = variance + doppler_kev(line.energy_kev, max(photon_kev, line.energy_kev - edge), cosine) ** 2
+    likely_kev = max(photon_kev, line.energy_kev - edge + BELOW_EDGE * math.sqrt(blur))
+    theta = math.acos(max(_cosine(line.energy_kev, likely_kev), -1.0))
+    slope = ELECTRON_KEV / (likely_kev * likely_kev * max(math.sin(theta), 1e-3))
     tilt = (position_variance(electron_kev) + position_variance(photon_kev)) / (length_mm * length_mm)
     spread = min(blur * slope * slope + tilt, SIGMA_MAX_RAD * SIGMA_MAX_RAD)
     sigma = math.sqrt(spread + SIGMA_FLOOR_RAD * SIGMA_FLOOR_RAD)

@@ -14,8 +14,8 @@ class ConeEvent:
 
     Row 0 of each array takes cluster 1 for the recoil electron, row 1 cluster 2.
     axis: (2, 3) unit vectors from the absorbed photon to the electron; the source lies at angle theta from it.
-    theta_rad, sigma_rad, probability: (2,); the probabilities add up to 1. A reading beyond the Compton edge has theta = pi and
-    the probability that the resolution and the Doppler broadening put it there: seldom 0.
+    theta_rad, sigma_rad, probability: (2,); the probabilities add up to 1. A reading beyond the Compton edge has the theta of
+    those just below it, and the probability that the resolution and the Doppler broadening put it there: seldom 0.
     energies_kev, energy_sigmas_kev: (2,) of clusters 1 and 2.
     """
 

@@ -84,6 +84,15 @@ def test_sigma_is_the_width_of_the_cone(readings, degrees):
     assert np.quantile(pull, 0.95) < 3.5
 
 
+def test_a_reading_beyond_the_edge_points_where_such_events_come_from(readings):
+    """Resolution and Doppler broadening put them there; by the energy alone all would have scattered straight back."""
+    _, arm, sigma, theta, energy_error, _ = readings.T
+    beyond = (np.rad2deg(theta) > 150.0) & (np.abs(energy_error) < 40.0)
+    assert beyond.sum() > 300
+    assert abs(np.rad2deg(np.median(arm[beyond]))) < 4.0
+    assert np.quantile(np.abs(arm[beyond]) / sigma[beyond], 0.68) == pytest.approx(1.0, abs=0.2)
+
+
 def test_probabilities_are_frequencies(readings):
     """In each tenth of the stated probability, the share of cones whose first order is true."""
     order, probability = readings[:, 0], readings[:, 5]
@@ -125,7 +134,7 @@ def test_sigma_grows_with_the_tracks_of_energetic_electrons():
         event = cone.stamp_ns // SPACING_NS
         first, second = simulated.sites[event]
         order = 0 if cone.axis[0] @ (first[:3] - second[:3]) > 0.0 else 1
-        if abs(cone.energies_kev[order] - first[3]) < 40.0 and cone.theta_rad[order] < np.deg2rad(150):
+        if abs(cone.energies_kev[order] - first[3]) < 40.0:
             arm = np.arccos(np.clip(cone.axis[order] @ simulated.source[event], -1, 1)) - cone.theta_rad[order]
             pull.append(abs(arm) / cone.sigma_rad[order])
     assert len(pull) > 1000
