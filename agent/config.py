@@ -123,7 +123,8 @@ class BayesEstimatorConfig(_Section, frozen=True, kw_only=True):
     gain_drift: NonNegative = 0.003
     cell_m: Annotated[float, Meta(ge=0.5, le=100.0)] = 2.5  # of the grid of the search, at least
     most_cells: Annotated[int, Meta(ge=16, le=100_000)] = 4096
-    search_diffusion_m2ps: Positive = 2.0  # of a moving source while it is searched for
+    motion_prior: tuple[Positive, Positive, Positive] = (0.5, 0.3, 0.2)  # at rest, moving, moving fast
+    search_diffusion_m2ps: tuple[Positive, Positive] = (2.0, 20.0)  # of a moving source and a fast one while it is searched for
     declared_rms_m: Positive = 5.0  # the posterior's, for the source to count as found
     doubt: Annotated[float, Meta(gt=0.0, lt=1.0)] = 1e-3  # probability that there is none, at most
 

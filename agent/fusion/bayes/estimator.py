@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,12 +68,6 @@ class BayesEstimator:
         self._drones = tuple(drone.id for drone in mission.drones)
         self._vehicles = {drone: number for number, drone in enumerate(self._drones)}
         self._gain_variance = config.gain_sigma**2
-        count = len(self._drones)
-        self._seeing: Array = np.zeros((2 * count, BIASES + BIAS * count))  # the state -> x, then y, as seen by each vehicle
-        for axis in (0, 1):
-            own = np.arange(count)
-            self._seeing[axis * count + own, axis] = 1.0
-            self._seeing[axis * count + own, BIASES + BIAS * own + axis] = 1.0
         self._motion = _motion(config)
 
     def initial(self, start_ns: int | None) -> BayesState:
@@ -105,7 +99,7 @@ class BayesEstimator:
             activity_bq=activity,
             activity_sigma_bq=activity * float(covariance[ACTIVITY, ACTIVITY]) ** 0.5,
             evidence=state.evidence,
-            sights=self._sights(mean, covariance),
+            sights=_Sights(self._vehicles, mean, covariance),
         )
 
     def outlook(self, state: BayesState, step: GridStep) -> Outlook | None:
@@ -114,15 +108,6 @@ class BayesEstimator:
             return None
         search = state.search or SearchState.at_first(self._grid, step.start_ns / _NS)
         return search.later(self._grid, step.start_ns / _NS).outlook(self._grid)
-
-    def _sights(self, mean: Array, covariance: Array) -> dict[str, Sight]:
-        """Where each vehicle's own localisation puts the source: at its position plus the vehicle's bias."""
-        x, y = (self._seeing @ mean).reshape(2, -1).tolist()
-        spread = (self._seeing @ covariance @ self._seeing.T).reshape(2, len(x), 2, len(x))
-        own = np.zeros((len(x), 3, 3))
-        own[:, :2, :2] = np.moveaxis(np.diagonal(spread, axis1=1, axis2=3), -1, 0)
-        yaw = mean[BIASES + 2 :: BIAS].tolist()
-        return {drone: Sight(np.array([x[k], y[k], 0.0]), own[k], yaw[k]) for k, drone in enumerate(self._drones)}
 
     def _tracked(self, state: BayesState, track: Mixture, step: GridStep, observations: Sequence[Observation]) -> BayesState:
         time_s = step.start_ns / _NS
@@ -176,7 +161,7 @@ class BayesEstimator:
 
     def _sites(self, search: SearchState) -> Mixture:
         grid = self._grid
-        cells = search.weight.sum(axis=1)  # (2, Y, X)
+        cells = search.weight.sum(axis=1)  # (M, Y, X)
         total = cells.sum(axis=0)
         heavy = total > _LEAST_SHARE * total.max()
         levels = search.weight.sum(axis=0)[:, heavy]  # (A, S)
@@ -185,7 +170,7 @@ class BayesEstimator:
         variance = np.sum(share * (grid.log_activity[:, None] - mean) ** 2, axis=0) + grid.activity_variance
         return Mixture.of_sites(
             search.time_s,
-            _modes(cells[:, heavy].T),
+            cells[:, heavy].T,
             grid.x[heavy],
             grid.y[heavy],
             _SITE_SHARE * grid.cell_m,
@@ -196,6 +181,24 @@ class BayesEstimator:
         ).reduced()
 
 
+class _Sights(Mapping[str, Sight]):
+    """Where each vehicle's own localisation puts the source: at its position plus the vehicle's bias. Worked out when asked for."""
+
+    def __init__(self, vehicles: Mapping[str, int], mean: Array, covariance: Array) -> None:
+        self._vehicles, self._mean, self._covariance = vehicles, mean, covariance
+
+    def __len__(self) -> int:
+        return len(self._vehicles)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._vehicles)
+
+    def __getitem__(self, drone: str) -> Sight:
+        mean, p, b = self._mean, self._covariance, BIASES + BIAS * self._vehicles[drone]
+        together = p[:2, :2] + p[:2, b : b + 2] + p[b : b + 2, :2] + p[b : b + 2, b : b + 2]
+        return Sight(np.array([mean[0] + mean[b], mean[1] + mean[b + 1], 0.0]), _on_ground(together), float(mean[b + 2]))
+
+
 def _motion(config: BayesEstimatorConfig) -> Motion:
     velocity = (0.0, config.velocity_mps, config.fast_velocity_mps)
     change_ps = np.full((3, 3), config.switch_ps)
@@ -204,11 +207,6 @@ def _motion(config: BayesEstimatorConfig) -> Motion:
     np.fill_diagonal(change_ps, 0.0)
     correlation_s = np.array([1e9, config.velocity_s, config.fast_velocity_s])
     return Motion(np.array(velocity) ** 2, correlation_s, change_ps, np.array(drift) ** 2)
-
-
-def _modes(weight: Array) -> Array:
-    """(S, 2) at rest or moving -> (S, 3) at rest, walking, running."""
-    return np.column_stack((weight[:, 0], 0.5 * weight[:, 1], 0.5 * weight[:, 1]))
 
 
 def _on_ground(covariance: Array) -> Array:

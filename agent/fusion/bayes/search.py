@@ -38,12 +38,12 @@ class Grid:
         self.log_activity = np.linspace(least, most, config.activity_levels)
         self.activity_variance = ((most - least) / (config.activity_levels - 1)) ** 2 / 12.0
         self.diffusion_m2ps = config.search_diffusion_m2ps
-        self.switch_ps = config.switch_ps
+        self.prior: Array = np.array(config.motion_prior)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchState:
-    """weight: (2, A, Y, X) of a source at rest and of one that moves; ``none``: of no source. They add up to 1."""
+    """weight: (M, A, Y, X) of a source by its mode of motion; ``none``: of no source. They add up to 1."""
 
     time_s: float
     weight: Array
@@ -51,9 +51,10 @@ class SearchState:
 
     @staticmethod
     def at_first(grid: Grid, time_s: float) -> SearchState:
-        """Nothing known: with or without a source, anywhere, any activity, at rest or moving."""
-        shape = (2, len(grid.log_activity), *grid.x.shape)
-        return SearchState(time_s, np.full(shape, 0.5 / np.prod(shape)), 0.5)
+        """Nothing known: with or without a source, anywhere, any activity, however it moves."""
+        shape = (len(grid.log_activity), *grid.x.shape)
+        share = np.full(shape, 0.5 / np.prod(shape))
+        return SearchState(time_s, grid.prior[:, None, None, None] * share, 0.5)
 
     @property
     def evidence(self) -> float:
@@ -65,12 +66,11 @@ class SearchState:
         dt_s = time_s - self.time_s
         if dt_s < _MOVE_S:
             return self
-        rest, moving = self.weight
-        changed = -np.expm1(-grid.switch_ps * dt_s)
-        rest, moving = rest + changed * (moving - rest), moving + changed * (rest - moving)
-        blur = (grid.diffusion_m2ps * dt_s) ** 0.5 / grid.cell_m
-        moving = gaussian_filter(moving, (0.0, blur, blur), mode="reflect", truncate=3.0)
-        return SearchState(time_s, np.stack([rest, moving]), self.none)
+        modes = [self.weight[0]]
+        for weight, diffusion_m2ps in zip(self.weight[1:], grid.diffusion_m2ps, strict=True):
+            blur = (diffusion_m2ps * dt_s) ** 0.5 / grid.cell_m
+            modes.append(gaussian_filter(weight, (0.0, blur, blur), mode="reflect", truncate=3.0))
+        return SearchState(time_s, np.stack(modes), self.none)
 
     def after_counts(self, grid: Grid, response: Response, position: Vector3, live_time_s: float, counts: Array) -> SearchState:
         """After an exposure at a place (mission frame) with counts (3,)."""
