@@ -47,7 +47,8 @@ class SurveyConfig(_Section, frozen=True, kw_only=True):
     """The search before there is a hypothesis.
 
     ``strategy``: ``information`` flies to where most is learnt, at ``search_speed_mps``; ``lanes`` covers the area, at
-    ``speed_mps`` (paper, Sec. V-A), and is flown where the estimator has no outlook, and by the flocking law ``paper``.
+    ``speed_mps`` (paper, Sec. V-A), and is flown where the estimator has no outlook, by the flocking law ``paper``, and in areas
+    whose bounds enclose more than 9 ha.
     Nothing is found once every source of ``least_activity_bq`` or more is excluded (none: never), or when the search has lasted
     ``duration_s`` (none: as long as it takes). ``then`` the swarm returns, or goes on searching.
     """

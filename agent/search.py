@@ -12,7 +12,7 @@ from agent.config import MissionConfig, SurveyConfig
 from agent.frames.graph import FrameGraph
 from agent.fusion.estimator import Outlook
 from agent.motion.detour import Detours
-from agent.motion.informative import Belief, Waypoints
+from agent.motion.informative import LARGEST_M2, Belief, Waypoints
 from agent.motion.path import PathFollower
 from agent.motion.survey import Swath, survey_paths
 from protocol.messages import Coverage
@@ -104,7 +104,12 @@ class InformedSearch:
 
     def __init__(self, mission: MissionConfig, prospect: Prospect) -> None:
         survey, area = mission.survey, Polygon(mission.area.polygon_m)
-        self._chosen = survey.strategy == "information" and mission.encirclement.law != "paper"
+        west, south, east, north = area.bounds
+        self._chosen = (
+            survey.strategy == "information"
+            and mission.encirclement.law != "paper"
+            and (east - west) * (north - south) <= LARGEST_M2
+        )
         self._prospect = prospect
         self._detours = Detours(area)
         self._speed_mps = min(survey.search_speed_mps, mission.limits.speed_mps)

@@ -26,8 +26,10 @@ Indices = NDArray[np.intp]
 HITS_PER_BQ = 1.07e-6
 BACKGROUND_PS = 1.5
 _AIR_PER_M = 0.00934
-_MOST_BLOCKS = 300  # that a belief is pooled into
-_MOST_NODES = 200  # of the lattice of waypoints
+_BLOCKS = 300  # that a belief is pooled into, more where they would become too large
+_NODES = 200  # of the lattice of waypoints, likewise
+_COARSEST_M = 12.0  # of both; a weak source shows within about as much
+LARGEST_M2 = 90_000.0  # of the rectangle around an area, for the work to stay within a few ms
 _SAMPLES = 12  # of what is learnt on the way to a waypoint
 _HORIZON_S = 15.0  # for so long it is looked at what is learnt
 _STAY = 0.5  # staying at a place teaches less and less
@@ -44,14 +46,14 @@ class Belief(Struct, frozen=True):
 
 
 class Waypoints:
-    """Chooses waypoints inside one area."""
+    """Chooses waypoints inside one area, whose bounds enclose no more than LARGEST_M2."""
 
     def __init__(self, area: Polygon, height_m: float, speed_mps: float, acceleration_mps2: float) -> None:
         """``height_m``: above the ground, where the source lies. Speed and acceleration are those flown with."""
         self._height_m, self._speed_mps, self._turn_mps2 = height_m, speed_mps, acceleration_mps2
         west, south, east, north = area.bounds
-        self._step_m = max(sqrt((east - west) * (north - south) / _MOST_NODES), 2.0)
-        columns, rows = (max(1, ceil(side / self._step_m)) for side in (east - west, north - south))
+        pitch_m = min(max(sqrt((east - west) * (north - south) / _NODES), 2.0), _COARSEST_M)
+        columns, rows = (max(1, ceil(side / pitch_m)) for side in (east - west, north - south))
         self._shape = rows, columns
         self._corner = (west, south)
         self._pitch = ((east - west) / columns, (north - south) / rows)
@@ -102,7 +104,7 @@ class Waypoints:
 
     def _lay_out(self, places: Array) -> None:
         low, high = places.min(axis=0), places.max(axis=0)
-        block_m = max(sqrt(max(float(np.prod(high - low)), 1.0) / _MOST_BLOCKS), 1.0)
+        block_m = min(max(sqrt(max(float(np.prod(high - low)), 1.0) / _BLOCKS), 1.0), _COARSEST_M)
         sides = np.maximum(high - low, 1e-6)
         count = np.ceil(sides / block_m)
         cells = np.minimum((places - low) / sides * count, count - 1.0).astype(np.intp)

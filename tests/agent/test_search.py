@@ -150,7 +150,9 @@ def test_it_flies_to_what_is_probable_at_the_searchs_speed_and_waits_there():
     [
         replace(MISSION, survey=SurveyConfig(strategy="lanes")),
         replace(MISSION, encirclement=EncirclementConfig(law="paper")),
+        replace(MISSION, area=AreaConfig(polygon_m=((0.0, 0.0), (400.0, 0.0), (400.0, 300.0), (0.0, 300.0)))),
     ],
+    ids=["strategy", "law", "area"],
 )
 def test_lanes_are_flown_where_they_are_asked_for(mission):
     assert informed(outlook(), mission).reference(0, (1.0, 1.0), (0.0, 0.0), [], 20, STEP_S) is None
