@@ -58,7 +58,7 @@ class SurveyConfig(_Section, frozen=True, kw_only=True):
     lane_spacing_m: Annotated[float, Meta(ge=0.5, le=1000.0)] = 10.0
     yaw_rate_rps: Annotated[float, Meta(ge=-6.3, le=6.3)] = 0.5
     strategy: Literal["information", "lanes"] = "information"
-    search_speed_mps: Positive = 5.5
+    search_speed_mps: Positive = 6.5
     least_activity_bq: Activity | None = 5e7
     duration_s: Positive | None = None
     then: Literal["return", "continue"] = "return"
