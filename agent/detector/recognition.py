@@ -73,8 +73,8 @@ class Recogniser:
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
         """Take the energies of events: single clusters, and sums over the clusters of one photon."""
-        place = np.searchsorted(_EDGES_KEV, energies_kev) - 1
-        np.add.at(self._counts, place[(place >= 0) & (place < len(self._counts))], 1.0)
+        place = np.searchsorted(_EDGES_KEV, energies_kev)  # 0 and the last are beyond the ends
+        self._counts += np.bincount(place, minlength=len(_EDGES_KEV) + 1)[1:-1]
 
     @property
     def events(self) -> int:
