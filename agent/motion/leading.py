@@ -14,7 +14,9 @@ Point2 = tuple[float, float]
 
 _LONGEST_S = 1.0  # an older hypothesis is not carried on further
 _SMOOTHING_S = 0.7  # time constant of the velocity: what jumps with each measurement drives the circle about
-_FORGET_S = 2.0  # after so long without a look the smoothed velocity is worth nothing
+_CORRECTION_S = 0.5  # time constant of the place where it is not as expected
+_CORRECTION_MPS = 4.0  # at most: neighbours who all turn at once at full speed come too near to each other
+_FORGET_S = 2.0  # after so long without a look what was smoothed is worth nothing
 
 
 class Leading:
@@ -26,7 +28,8 @@ class Leading:
         self._within = Polygon(area.polygon_m).buffer(max(0.0, area.fence_margin_m - room_m))
         shapely.prepare(self._within)
         self._velocity = (0.0, 0.0)
-        self._known_ns: int | None = None
+        self._place: Point2 | None = None
+        self._known_ns = 0
 
     def centre(self, now_ns: int, stamp_ns: int, place: Point2, velocity: Point2) -> tuple[Point2, Point2]:
         """Place and velocity of the centre now.
@@ -37,20 +40,29 @@ class Leading:
             place: where the source was then.
             velocity: of the source.
         """
-        (x, y), (u, v) = place, self._smoothed(now_ns, velocity)
+        elapsed_s = max(0.0, (now_ns - self._known_ns) * 1e-9)
+        self._known_ns = now_ns
+        if elapsed_s > _FORGET_S:
+            self._place = None
+        u, v = self._velocity = self._smoothed(velocity, elapsed_s)
         lead_s = min(max(0.0, (now_ns - stamp_ns) * 1e-9), _LONGEST_S)
-        x, y = x + lead_s * u, y + lead_s * v
+        x, y = self._place = self._moved((place[0] + lead_s * u, place[1] + lead_s * v), elapsed_s)
         if shapely.contains_xy(self._within, x, y):
             return (x, y), (u, v)
         nearest, _ = nearest_points(self._within, Point(x, y))  # a circle out there would lie beyond the fence
         return (nearest.x, nearest.y), (0.0, 0.0)
 
-    def _smoothed(self, now_ns: int, velocity: Point2) -> Point2:
-        u, v = velocity
-        share = min(1.0, self._most_mps / max(hypot(u, v), 1e-9))
-        elapsed_s = _FORGET_S if self._known_ns is None else (now_ns - self._known_ns) * 1e-9
-        self._known_ns = now_ns
-        keep = exp(-max(elapsed_s, 0.0) / _SMOOTHING_S) if elapsed_s < _FORGET_S else 0.0
+    def _smoothed(self, velocity: Point2, elapsed_s: float) -> Point2:
+        share = min(1.0, self._most_mps / max(hypot(*velocity), 1e-9))
+        keep = 0.0 if self._place is None else exp(-elapsed_s / _SMOOTHING_S)
         new = (1.0 - keep) * share
-        self._velocity = keep * self._velocity[0] + new * u, keep * self._velocity[1] + new * v
-        return self._velocity
+        return keep * self._velocity[0] + new * velocity[0], keep * self._velocity[1] + new * velocity[1]
+
+    def _moved(self, wanted: Point2, elapsed_s: float) -> Point2:
+        """From the last centre on with the velocity, and so much nearer to the one wanted as may be."""
+        if self._place is None:
+            return wanted
+        x, y = (place + elapsed_s * speed for place, speed in zip(self._place, self._velocity, strict=True))
+        dx, dy = wanted[0] - x, wanted[1] - y
+        share = min(1.0 - exp(-elapsed_s / _CORRECTION_S), _CORRECTION_MPS * elapsed_s / max(hypot(dx, dy), 1e-9))
+        return x + share * dx, y + share * dy

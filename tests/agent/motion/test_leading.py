@@ -41,6 +41,28 @@ def test_a_velocity_that_jumps_for_a_moment_hardly_moves_the_circle_and_one_that
     assert velocity[0] == pytest.approx(3.0, abs=0.1)
 
 
+def test_a_hypothesis_that_jumps_takes_the_circle_along_in_time() -> None:
+    """Neighbours who all turn at once at full speed come too near to each other."""
+    one = leading()
+    one.centre(0, 0, (50.0, 50.0), (0.0, 0.0))
+    ways = []
+    for tick in range(1, 101):
+        (x, _), _ = one.centre(tick * SECOND // 20, tick * SECOND // 20, (62.0, 50.0), (0.0, 0.0))
+        ways.append(x)
+    assert ways[19] <= 50.0 + 4.0 + 1e-9
+    assert ways[-1] == pytest.approx(62.0, abs=0.1)
+
+
+def test_a_steady_source_is_not_followed_late() -> None:
+    """Told every half a second: the centre is where the source is all the time."""
+    one = leading()
+    for tick in range(200):
+        now_ns = tick * SECOND // 20
+        known_ns = now_ns - now_ns % (SECOND // 2)
+        (x, _), _ = one.centre(now_ns, known_ns, (10.0 + 2.0 * known_ns / SECOND, 50.0), (2.0, 0.0))
+        assert x == pytest.approx(10.0 + 2.0 * now_ns / SECOND, abs=1e-6)
+
+
 def test_after_a_pause_nothing_is_left_of_the_old_velocity() -> None:
     one = leading()
     one.centre(0, 0, (50.0, 50.0), (3.0, 0.0))
