@@ -124,6 +124,8 @@ class BayesEstimatorConfig(_Section, frozen=True, kw_only=True):
     gain_drift: NonNegative = 0.003
     cell_m: Annotated[float, Meta(ge=0.5, le=100.0)] = 2.5  # of the grid of the search, at least
     most_cells: Annotated[int, Meta(ge=16, le=100_000)] = 4096
+    background_levels: Annotated[tuple[Positive, ...], Meta(min_length=1, max_length=16)] = (0.8, 1.0, 1.25, 1.55, 1.95)
+    background_sigma: Positive = 0.3  # of the logarithm of how strong the background is against the configured one
     motion_prior: tuple[Positive, Positive, Positive] = (0.5, 0.3, 0.2)  # at rest, moving, moving fast
     search_diffusion_m2ps: tuple[Positive, Positive] = (2.0, 20.0)  # of a moving source and a fast one while it is searched for
     declared_rms_m: Positive = 5.0  # the posterior's, for the source to count as found

@@ -19,9 +19,10 @@ _LARGEST_SHIFT = 1.5  # of one round
 _SETTLED = 1e-3
 
 
-def log_nothing(counts: Array, background: Array, trust: Array) -> float:
-    """Log likelihood of counts (3,) of background alone, but for terms that are the same for every source."""
-    return float(np.dot(trust, counts * np.log(background) - background))
+def log_nothing(counts: Array, background: Array, trust: Array) -> Array:
+    """Log likelihood (...) of counts (3,) of a background (..., 3) alone, but for terms that are the same for every source."""
+    result: Array = (counts * np.log(background) - background) @ trust
+    return result
 
 
 def fit_rate(
@@ -32,7 +33,7 @@ def fit_rate(
     Args:
         counts: (3,) what was counted.
         expected: (..., 3) signal for z = 0.
-        background: (3,).
+        background: (3,) or more axes, to which the others are broadcast.
         variance: (...) of z before the counts.
         trust: (3,).
         rounds: of Fisher scoring, at most.

@@ -33,7 +33,8 @@ _LEAST_TRUST = 1.0
 class BayesState:
     """Either a search or a track, once there is one.
 
-    evidence: log likelihood of all observations with the source against none. trust: the same of the last seconds only.
+    evidence: log likelihood of all observations with the source against none. trust: the same of the last seconds only. background:
+    how strong it is against the configured one, as the search found.
     """
 
     search: SearchState | None = None
@@ -42,6 +43,7 @@ class BayesState:
     x0_stamp_ns: int = 0
     evidence: float = 0.0
     trust: float = 0.0
+    background: float = 1.0
 
 
 class BayesEstimator:
@@ -119,8 +121,15 @@ class BayesEstimator:
             track = track.with_vehicle(vehicle, self._bias_variance(observation))
             if isinstance(observation, CountObservation):
                 age_s = (step.start_ns - observation.middle_ns) / _NS
+                background = self._response.background_ps * (state.background * observation.live_time_s)
                 track, gained = track.after_counts(
-                    self._response, vehicle, observation.position, observation.live_time_s, observation.counts, age_s
+                    self._response,
+                    background,
+                    vehicle,
+                    observation.position,
+                    observation.live_time_s,
+                    observation.counts,
+                    age_s,
                 )
             else:
                 age_s = (step.start_ns - observation.stamp_ns) / _NS
@@ -128,8 +137,8 @@ class BayesEstimator:
                 cones += 1
             evidence, trust = evidence + gained, min(trust + gained, _MOST_TRUST)
         if trust < _LEAST_TRUST:
-            return BayesState(SearchState.at_first(self._grid, time_s), None, cones, state.x0_stamp_ns)
-        return BayesState(None, track.reduced(), cones, state.x0_stamp_ns, evidence, trust)
+            return BayesState(SearchState.at_first(self._grid, time_s), cones=cones, x0_stamp_ns=state.x0_stamp_ns)
+        return replace(state, track=track.reduced(), cones=cones, evidence=evidence, trust=trust)
 
     def _bias_variance(self, observation: Observation) -> tuple[float, ...]:
         """What a vehicle's own localisation says of its errors: an autopilot's sigma is that of the horizontal distance."""
@@ -157,7 +166,14 @@ class BayesEstimator:
         if search.place(self._grid)[2] > self._config.declared_rms_m:
             return state
         trust = min(search.evidence, _MOST_TRUST)
-        return BayesState(None, self._sites(search), state.cones, state.x0_stamp_ns or step.start_ns, search.evidence, trust)
+        return BayesState(
+            track=self._sites(search),
+            cones=state.cones,
+            x0_stamp_ns=state.x0_stamp_ns or step.start_ns,
+            evidence=search.evidence,
+            trust=trust,
+            background=search.background_factor(self._grid),
+        )
 
     def _sites(self, search: SearchState) -> Mixture:
         grid = self._grid
@@ -182,7 +198,7 @@ class BayesEstimator:
 
 
 class _Sights(Mapping[str, Sight]):
-    """Where each vehicle's own localisation puts the source: at its position plus the vehicle's bias. Worked out when asked for."""
+    """Where each vehicle's own localisation puts the source: at its place plus the bias. Worked out when asked for."""
 
     def __init__(self, vehicles: Mapping[str, int], mean: Array, covariance: Array) -> None:
         self._vehicles, self._mean, self._covariance = vehicles, mean, covariance

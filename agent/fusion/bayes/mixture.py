@@ -90,12 +90,20 @@ class Mixture:
         return replace(self, covariance=covariance, bias_variance=priors)
 
     def after_counts(
-        self, response: Response, vehicle: int, position: Vector3, live_time_s: float, counts: Array, age_s: float
+        self,
+        response: Response,
+        background: Array,
+        vehicle: int,
+        position: Vector3,
+        live_time_s: float,
+        counts: Array,
+        age_s: float,
     ) -> tuple[Mixture, float]:
         """After an exposure of a vehicle (by its place among the biases) with counts (3,) at a position (mission frame).
 
-        age_s: how long before ``time_s`` its middle was. Also returns the log likelihood against there being no source.
-        The logarithm of the rate is linear in the state near each mean; along that direction the counts are fitted.
+        background: (3,) expected. age_s: how long before ``time_s`` the exposure's middle was. Also returns the log likelihood
+        against there being no source. The logarithm of the rate is linear in the state near each mean; along that direction the
+        counts are fitted.
         """
         x, y, distance = self._seen_from(vehicle, position, age_s)
         slope = -(2.0 / distance + response.air_per_m) / distance
@@ -106,12 +114,11 @@ class Mixture:
         variance = np.maximum((gain * gradient).sum(axis=-1), 0.0) + MODEL_VARIANCE
         strength = np.exp(self.mean[..., ACTIVITY] + self.mean[..., BIASES + BIAS * vehicle + 3])
         expected = response.signal(response.flux(distance) * strength * live_time_s, distance)
-        background = response.background_ps * live_time_s
         shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TRUST, _ROUNDS)
         mean = self.mean + gain * (shift / variance)[..., None]
         shrink = (1.0 - after / variance) / variance
         covariance = self.covariance - (shrink[..., None] * gain)[..., :, None] * gain[..., None, :]
-        return self._weighed(likelihood - log_nothing(counts, background, TRACK_TRUST), mean, covariance)
+        return self._weighed(likelihood - float(log_nothing(counts, background, TRACK_TRUST)), mean, covariance)
 
     def after_cone(self, response: Response, vehicle: int, apex: Vector3, orders: Orders, age_s: float) -> tuple[Mixture, float]:
         """After a cone: each Gaussian becomes a mixture of what each order says and of the cone saying nothing, and is replaced

@@ -1,8 +1,12 @@
-"""The search: weights on a grid of places, activities and whether the source moves; and of there being no source at all."""
+"""The search: weights on a grid of places, activities and motions of the source, and of there being no source at all.
+
+For each place and activity, and for there being no source, how strong the background is stays open too: else a background that is
+stronger than configured would in the end look like a source.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +20,7 @@ from agent.fusion.bayes.response import REFERENCE_BQ, Response
 from agent.fusion.estimator import Outlook
 
 Array = NDArray[np.float64]
+Weights = NDArray[np.float32]  # there are many of them, and every checkpoint has its own
 
 _MOVE_S = 0.5  # motion is carried out in steps of at least so long
 _TINY = 1e-30
@@ -25,7 +30,9 @@ _EXCLUDED = 0.05  # an activity counts as excluded when the observations have ma
 
 
 class Grid:
-    """Places and activities that are held possible. x, y: (Y, X) metres. log_activity: (A,), of REFERENCE_BQ."""
+    """What is held possible. x, y: (Y, X) metres. log_activity: (A,), of REFERENCE_BQ. background: (B,) factors of the configured
+    one, and background_prior (B,). motion_prior: (M,) of the modes of motion.
+    """
 
     def __init__(self, bounds: tuple[float, float, float, float], config: BayesEstimatorConfig) -> None:
         """``bounds``: west, south, east, north of the area, mission frame."""
@@ -38,23 +45,36 @@ class Grid:
         self.log_activity = np.linspace(least, most, config.activity_levels)
         self.activity_variance = ((most - least) / (config.activity_levels - 1)) ** 2 / 12.0
         self.diffusion_m2ps = config.search_diffusion_m2ps
-        self.prior: Array = np.array(config.motion_prior)
+        self.motion_prior: Array = np.array(config.motion_prior) / sum(config.motion_prior)
+        self.background: Array = np.array(config.background_levels)
+        prior = np.exp(-0.5 * (np.log(self.background) / config.background_sigma) ** 2)
+        self.background_prior: Array = prior / prior.sum()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchState:
-    """weight: (M, A, Y, X) of a source by its mode of motion; ``none``: of no source. They add up to 1."""
+    """weight: (M, A, Y, X) of a source by its mode of motion; ``none``: of no source. They add up to 1.
+
+    background: (B, A, Y, X) probabilities of the background's levels, if there is a source of that activity at that place;
+    background_alone: (B,) if there is none.
+    """
 
     time_s: float
-    weight: Array
+    weight: Weights
     none: float
+    background: Weights
+    background_alone: Array
 
     @staticmethod
     def at_first(grid: Grid, time_s: float) -> SearchState:
         """Nothing known: with or without a source, anywhere, any activity, however it moves."""
         shape = (len(grid.log_activity), *grid.x.shape)
-        share = np.full(shape, 0.5 / np.prod(shape))
-        return SearchState(time_s, grid.prior[:, None, None, None] * share, 0.5)
+        share = np.full(shape, 0.5 / np.prod(shape), np.float32)
+        weight = grid.motion_prior[:, None, None, None].astype(np.float32) * share
+        background = np.broadcast_to(
+            grid.background_prior[:, None, None, None].astype(np.float32), (len(grid.background), *shape)
+        )
+        return SearchState(time_s, weight, 0.5, background, grid.background_prior)
 
     @property
     def evidence(self) -> float:
@@ -70,7 +90,7 @@ class SearchState:
         for weight, diffusion_m2ps in zip(self.weight[1:], grid.diffusion_m2ps, strict=True):
             blur = (diffusion_m2ps * dt_s) ** 0.5 / grid.cell_m
             modes.append(gaussian_filter(weight, (0.0, blur, blur), mode="reflect", truncate=3.0))
-        return SearchState(time_s, np.stack(modes), self.none)
+        return replace(self, time_s=time_s, weight=np.stack(modes))
 
     def after_counts(self, grid: Grid, response: Response, position: Vector3, live_time_s: float, counts: Array) -> SearchState:
         """After an exposure at a place (mission frame) with counts (3,)."""
@@ -79,14 +99,28 @@ class SearchState:
         fluence = response.flux(distance) * np.exp(grid.log_activity)[:, None] * live_time_s
         # What a cell leaves open: its activities, and its places, which differ in distance.
         spread = grid.activity_variance + (2.0 * grid.cell_m / np.maximum(distance, grid.cell_m)) ** 2 / 12.0
-        background = response.background_ps * live_time_s
-        variance = np.broadcast_to(spread, fluence.shape)
-        _, _, likelihood = fit_rate(counts, response.signal(fluence, distance), background, variance, SEARCH_TRUST, _ROUNDS)
-        place = np.log(far / distance[0]) * ((_DISTANCES - 1) / np.log(distance[-1] / distance[0]))
-        before = place.astype(np.intp)
-        part = place - before
-        interpolated = likelihood[:, before] * (1.0 - part) + likelihood[:, before + 1] * part
-        return self._weighed(interpolated - log_nothing(counts, background, SEARCH_TRUST))
+        background = grid.background[:, None] * (response.background_ps * live_time_s)  # (B, 3)
+        alone = log_nothing(counts, background, SEARCH_TRUST)  # (B,)
+        _, _, table = fit_rate(
+            counts,
+            response.signal(fluence, distance),
+            background[:, None, None, :],
+            np.broadcast_to(spread, fluence.shape),
+            SEARCH_TRUST,
+            _ROUNDS,
+        )
+        most = max(float(table.max()), float(alone.max()))
+        likelihood = _interpolated(np.exp(table - most).astype(np.float32), distance, far)  # (B, A, Y, X)
+        by_level = self.background * likelihood
+        given_source = by_level.sum(axis=0)
+        alone_by_level = self.background_alone * np.exp(alone - most)
+        given_none = float(alone_by_level.sum())
+        weighed = self._weighed(given_source, given_none)
+        return replace(
+            weighed,
+            background=by_level / np.maximum(given_source, np.float32(_TINY)),
+            background_alone=alone_by_level / max(given_none, _TINY),
+        )
 
     def after_cone(self, grid: Grid, response: Response, apex: Vector3, orders: Orders) -> SearchState:
         """After a cone."""
@@ -97,26 +131,31 @@ class SearchState:
         within = np.broadcast_to((grid.cell_m**2 / 12.0 / distance**2)[..., None], delta.shape)
         directed = orders.density(delta, within)[0].sum(axis=(-2, -1))
         rate = response.cone_area_mm2 * response.flux(distance) * np.exp(grid.log_activity)[:, None, None]
-        return self._weighed(np.log(cone_likelihood(rate, directed, response.cone_background_ps)))
+        likelihood = cone_likelihood(rate, directed, response.cone_background_ps)
+        return self._weighed(likelihood.astype(np.float32), 1.0)
 
-    def _weighed(self, log_likelihood: Array) -> SearchState:
-        """``log_likelihood``: (A, Y, X), relative to no source."""
-        most = max(float(log_likelihood.max()), 0.0)
-        weight = self.weight * np.exp(log_likelihood - most) + _TINY
-        none = self.none * float(np.exp(-most)) + _TINY
-        total = float(weight.sum()) + none
-        return SearchState(self.time_s, weight / total, none / total)
+    def _weighed(self, given_source: Weights, given_none: float) -> SearchState:
+        """Likelihoods (A, Y, X) of a source there, and of none."""
+        weight = self.weight * given_source + np.float32(_TINY)
+        none = self.none * given_none + _TINY
+        total = float(weight.sum(dtype=np.float64)) + none
+        return replace(self, weight=weight / np.float32(total), none=none / total)
+
+    def background_factor(self, grid: Grid) -> float:
+        """How strong the background is against the configured one, if there is a source."""
+        level = (self.weight.sum(axis=0) * self.background).sum(axis=(1, 2, 3), dtype=np.float64)
+        return float(level @ grid.background / level.sum())
 
     def place(self, grid: Grid) -> tuple[float, float, float]:
         """Mean x and y of the source, if there is one, and the RMS distance from there."""
-        cells = self.weight.sum(axis=(0, 1))
+        cells = self.weight.sum(axis=(0, 1), dtype=np.float64)
         cells = cells / cells.sum()
         x, y = float((cells * grid.x).sum()), float((cells * grid.y).sum())
         return x, y, float((cells * ((grid.x - x) ** 2 + (grid.y - y) ** 2)).sum()) ** 0.5
 
     def outlook(self, grid: Grid) -> Outlook:
         """What is known of a source that is still searched for."""
-        cells = self.weight.sum(axis=0)  # (A, Y, X)
+        cells = self.weight.sum(axis=0, dtype=np.float64)  # (A, Y, X)
         place = cells.sum(axis=0)
         activity = np.exp((cells * grid.log_activity[:, None, None]).sum(axis=0) / place) * REFERENCE_BQ
         return Outlook(
@@ -133,6 +172,16 @@ class SearchState:
         possible = np.flatnonzero(odds > _EXCLUDED)
         first = int(possible[-1]) + 1 if len(possible) else 0
         return float(np.exp(grid.log_activity[first])) * REFERENCE_BQ if first < len(levels) else None
+
+
+def _interpolated(table: Weights, distance: Array, far: Array) -> Weights:
+    """A table (..., D) over distances in geometric steps, at the distances ``far`` (Y, X): (..., Y, X)."""
+    place = np.log(far / distance[0]) * ((len(distance) - 1) / np.log(distance[-1] / distance[0]))
+    before = place.astype(np.intp)
+    part = (place - before).astype(np.float32)
+    lower = table[..., before]
+    result: Weights = lower + part * (table[..., before + 1] - lower)
+    return result
 
 
 def _seen_from(grid: Grid, position: Vector3) -> tuple[Array, Array, Array, float]:
