@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LEAD_IN_M = 2.0  # nearer to the path than this, the reference lies on the path itself
+_SHORTEST_M = 0.1  # a shorter path is a place to stay at, not a way to go back and forth on
 _REACH_M = 3.0  # more than a drone flies between two looks at its progress, less than the way to a lane nearby
 
 
@@ -20,10 +21,12 @@ class PathFollower:
     """
 
     def __init__(self, path: NDArray[np.float64]) -> None:
-        """``path``: (M, 2) with M >= 1; repeated points do no harm."""
+        """``path``: (M, 2) with M >= 1; repeated points do no harm. One shorter than 0.1 m is its first point."""
         if path.ndim != 2 or path.shape[1] != 2 or len(path) == 0:
             raise ValueError(f"a path needs the shape (M, 2) with M >= 1, this one has {path.shape}")
         lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+        if lengths[-1] < _SHORTEST_M:
+            path, lengths = path[:1], lengths[:1]
         moved = np.concatenate([[True], np.diff(lengths) > 0.0])  # lanes that meet are apart by less than the sum resolves
         self._points = path[moved]
         self._lengths = lengths[moved]

@@ -33,8 +33,8 @@ _LEAST_TRUST = 1.0
 class BayesState:
     """Either a search or a track, once there is one.
 
-    evidence: log likelihood of all observations with the source against none. trust: the same of the last seconds only. background:
-    how strong it is against the configured one, as the search found.
+    evidence: log likelihood of all observations with the source against none. trust: the same of the last seconds only.
+    background: how strong it is against the configured one, as the search found.
     """
 
     search: SearchState | None = None

@@ -111,3 +111,10 @@ def test_points_that_are_apart_by_less_than_the_length_resolves_are_one() -> Non
     assert follower.length_m == 110.0
     assert follower.at(np.array([50.0, 105.0])).tolist() == [[50.0, 0.0], [100.0, 5.0]]
     assert follower.advance(99.0, (100.0, 0.5)) == pytest.approx(100.5)
+
+
+def test_a_path_of_next_to_no_length_is_a_place_to_stay_at():
+    follower = PathFollower(np.array([[3.0, 4.0], [3.0 + 1e-9, 4.0]]))
+    assert follower.length_m == 0.0
+    assert follower.advance(0.0, (3.0, 4.0)) == 0.0  # and not billions of laps
+    np.testing.assert_array_equal(follower.at(np.array([0.0, 5.0])), [[3.0, 4.0], [3.0, 4.0]])
