@@ -113,10 +113,10 @@ class BayesEstimatorConfig(_Section, frozen=True, kw_only=True):
     activity_bq: tuple[Activity, Activity] = (3e7, 3e10)
     activity_levels: Annotated[int, Meta(ge=2, le=64)] = 8
     velocity_mps: Positive = 0.7  # 1 sigma of each axis of a source that moves
-    velocity_s: Positive = 80.0  # correlation time of that velocity
+    velocity_s: Positive = 120.0  # correlation time of that velocity
     fast_velocity_mps: Positive = 2.0  # the same of one that moves fast
     fast_velocity_s: Positive = 5.0
-    hurry_ps: Positive = 0.005  # rate at which a moving source becomes a fast one, or a fast one slow
+    hurry_ps: Positive = 0.003  # rate at which a moving source becomes a fast one, or a fast one slow
     switch_ps: Positive = 0.0005  # rate at which one at rest begins to move, or a moving one stops
     bias_drift_m: NonNegative = 0.03  # by which a vehicle's position error wanders in a second (as the root of the time)
     bias_yaw_drift_deg: NonNegative = 0.3
@@ -128,7 +128,7 @@ class BayesEstimatorConfig(_Section, frozen=True, kw_only=True):
     background_sigma: Positive = 0.3  # of the logarithm of how strong the background is against the configured one
     motion_prior: tuple[Positive, Positive, Positive] = (0.5, 0.3, 0.2)  # at rest, moving, moving fast
     search_diffusion_m2ps: tuple[Positive, Positive] = (2.0, 20.0)  # of a moving source and a fast one while it is searched for
-    declared_rms_m: Positive = 5.0  # the posterior's, for the source to count as found
+    declared_rms_m: Positive = 3.5  # the posterior's, for the source to count as found
     doubt: Annotated[float, Meta(gt=0.0, lt=1.0)] = 1e-3  # probability that there is none, at most
 
 

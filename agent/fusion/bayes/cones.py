@@ -15,9 +15,9 @@ from agent.fusion.observation import ConeObservation
 
 Array = NDArray[np.float64]
 
-SHARES: Array = np.array([0.77, 0.23])
-WIDTHS: Array = np.array([0.9, 2.8])  # in units of the cone's own sigma
-ASTRAY = 0.12  # share of the cones of a source that do not point to it
+SHARES: Array = np.array([0.7, 0.3])
+WIDTHS: Array = np.array([0.95, 1.9])  # in units of the cone's own sigma
+ASTRAY = 0.08  # share of the cones of a source that do not point to it
 _LEAST_SINE = 0.15
 _LEAST_SIGMA_RAD = 0.02
 _TWO_PI = 2.0 * np.pi
