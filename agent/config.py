@@ -73,7 +73,7 @@ class EncirclementConfig(_Section, frozen=True, kw_only=True):
 
     law: Literal["paper", "smooth"] = "smooth"
     radius_m: Positive = 12.0
-    nearest_m: Positive = 5.0
+    nearest_m: Positive = 6.0
     speed_mps: Positive = 3.0
     height_m: Positive = 3.0
     steps: Annotated[int, Meta(ge=2, le=63)] = 30  # K

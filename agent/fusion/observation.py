@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agent.frames.transform import Transform, Vector3
-from protocol.messages import Cone, Entry, Exposure
+from protocol.messages import Cone, Entry, Exposure, PoseSample
 
 _SHORTEST_AXIS = 0.5  # a unit vector as sent; anything this short is no direction
 
@@ -111,10 +112,21 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform) -> CountO
     if exposure.live_time_s <= 0.0:
         return None
     middle_ns = (exposure.stamp_ns + exposure.end_ns) // 2
-    pose = min(exposure.poses, key=lambda sample: abs(exposure.stamp_ns + sample.offset_ns - middle_ns))
     counts = np.array([exposure.counts.hits, exposure.counts.photopeak, exposure.counts.coincidences], dtype=np.float64)
-    position = mission_from_local.apply_point(pose.position_m)
+    position = mission_from_local.apply_point(_position(exposure.poses, middle_ns - exposure.stamp_ns))
     return CountObservation(exposure.end_ns, middle_ns, position, exposure.live_time_s, counts, exposure)
+
+
+def _position(poses: Sequence[PoseSample], offset_ns: int) -> Vector3:
+    """Where the drone was at an offset: between the samples before and after, or at the nearest one; local frame."""
+    after = next((place for place, sample in enumerate(poses) if sample.offset_ns >= offset_ns), len(poses) - 1)
+    late, early = poses[after], poses[max(after - 1, 0)]
+    span_ns = late.offset_ns - early.offset_ns
+    if span_ns <= 0 or late.offset_ns < offset_ns:
+        return late.position_m
+    part = (late.offset_ns - offset_ns) / span_ns
+    (x, y, z), (u, v, w) = late.position_m, early.position_m
+    return (x + part * (u - x), y + part * (v - y), z + part * (w - z))
 
 
 def _observe_cone(cone: Cone, mission_from_local: Transform) -> ConeObservation | None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, state
+from one_pilot import MISSION as ANY_MISSION
+from one_pilot import SECOND, START_NS, TICK_NS, state
 
 from agent.config import DroneConfig, EncirclementConfig, MissionConfig
 from agent.frames.graph import FrameGraph
@@ -16,6 +17,7 @@ from agent.search import InformedSearch, Prospect, Search
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
 
+MISSION = replace(ANY_MISSION, encirclement=EncirclementConfig(nearest_m=5.0))
 PLACE = np.array([25.0, 25.0, 0.0])
 
 

@@ -202,6 +202,7 @@ class _Sights(Mapping[str, Sight]):
 
     def __init__(self, vehicles: Mapping[str, int], mean: Array, covariance: Array) -> None:
         self._vehicles, self._mean, self._covariance = vehicles, mean, covariance
+        self._known: dict[str, Sight] = {}
 
     def __len__(self) -> int:
         return len(self._vehicles)
@@ -210,7 +211,13 @@ class _Sights(Mapping[str, Sight]):
         return iter(self._vehicles)
 
     def __getitem__(self, drone: str) -> Sight:
-        mean, p, b = self._mean, self._covariance, BIASES + BIAS * self._vehicles[drone]
+        known = self._known.get(drone)
+        if known is None:
+            known = self._known[drone] = self._sight(BIASES + BIAS * self._vehicles[drone])
+        return known
+
+    def _sight(self, b: int) -> Sight:
+        mean, p = self._mean, self._covariance
         together = p[:2, :2] + p[:2, b : b + 2] + p[b : b + 2, :2] + p[b : b + 2, b : b + 2]
         return Sight(np.array([mean[0] + mean[b], mean[1] + mean[b + 1], 0.0]), _on_ground(together), float(mean[b + 2]))
 

@@ -22,7 +22,7 @@ from agent.fusion.bayes.response import Response
 Array = NDArray[np.float64]
 
 _ROUNDS = 6
-_MIX_S = 0.5  # the modes are mixed this often
+_MIX_S = 1.0  # the modes are mixed this often
 _LEAST_WEIGHT = 1e-4  # relative to the heaviest site
 _NEAR = 0.5  # sites nearer than this share of their sigma are one
 _NEAREST_SINE = 1e-3

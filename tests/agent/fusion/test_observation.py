@@ -5,7 +5,7 @@ import pytest
 
 from agent.frames.transform import Transform
 from agent.fusion.observation import observe
-from protocol.messages import ConeOrder
+from protocol.messages import ConeOrder, PoseSample
 
 
 @pytest.fixture
@@ -66,3 +66,14 @@ def test_an_exposure_counts_from_the_place_in_its_middle(kit):
 def test_an_exposure_without_live_time_says_nothing(kit):
     exposure = kit.exposure_entry(kit.mission_of(), 0.0, (0.0, 0.0, 3.0))
     assert observe(msgspec.structs.replace(exposure, live_time_s=0.0), Transform()) is None
+
+
+def test_the_place_in_the_middle_lies_between_the_samples_around_it(kit):
+    exposure = kit.exposure_entry(kit.mission_of(), 0.0, (1.0, 0.0, 3.0), duration_s=0.5)
+    poses = tuple(PoseSample(round(k * 1e8), (1.0 + k, 0.0, 3.0), (1.0, 0.0, 0.0, 0.0)) for k in range(6))
+    seen = observe(msgspec.structs.replace(exposure, poses=poses), Transform())
+    assert seen.position == pytest.approx((3.5, 0.0, 3.0))
+    only = observe(msgspec.structs.replace(exposure, poses=poses[:1]), Transform())
+    assert only.position == (1.0, 0.0, 3.0)
+    early = observe(msgspec.structs.replace(exposure, poses=poses[:2]), Transform())
+    assert early.position == (2.0, 0.0, 3.0)  # nothing is known of what came after
