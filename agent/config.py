@@ -141,7 +141,7 @@ class GivenHypothesisConfig(_Section, frozen=True, kw_only=True):
 class FusionConfig(_Section, frozen=True, kw_only=True):
     """Which estimator, and the time grid that it steps on."""
 
-    estimator: Literal["paper", "paper-geometric", "bayes", "given"] = "paper"
+    estimator: Literal["paper", "paper-geometric", "bayes", "given"] = "bayes"
     grid_s: Annotated[float, Meta(ge=0.05, le=10.0)] = 0.5
     horizon_s: Positive = 60.0  # what is older may be compacted once no peer lacks it; no agent does so in flight
     paper: PaperEstimatorConfig = PaperEstimatorConfig()

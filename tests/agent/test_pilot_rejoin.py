@@ -73,7 +73,11 @@ def test_goes_on_from_the_failsafe_by_streaming_setpoints():
 
 def test_surveys_until_the_log_is_back_and_then_tracks_by_the_remembered_times():
     mission = MissionConfig(
-        name="test", area=MISSION.area, drones=MISSION.drones, track=TrackConfig(no_cone_timeout_s=None, duration_s=60.0)
+        name="test",
+        area=MISSION.area,
+        drones=MISSION.drones,
+        fusion=MISSION.fusion,
+        track=TrackConfig(no_cone_timeout_s=None, duration_s=60.0),
     )
     kept = replace(KEPT, mission=mission.mission_id, stage=Stage.TRACK, tracking_since_ns=START_NS + 10 * SECOND)
     one, _ = back(kept, mission)

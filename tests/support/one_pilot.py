@@ -3,7 +3,7 @@
 import numpy as np
 from msgspec.structs import replace
 
-from agent.config import AreaConfig, DroneConfig, DroneInMission, MissionConfig
+from agent.config import AreaConfig, DroneConfig, DroneInMission, FusionConfig, MissionConfig
 from agent.pilot import Pilot
 from agent.vehicle.interface import FlightMode, VehicleState
 from protocol.codec import decode_from, encode
@@ -13,8 +13,11 @@ from protocol.messages import Action, Command, Cone, ConeOrder, Pose, Stage, Sta
 SECOND = 1_000_000_000
 START_NS = 1_800_000_000 * SECOND
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0)))
-MISSION = MissionConfig(
-    name="test", area=AREA, drones=(DroneInMission(id="d1", origin_m=(5.0, 5.0, 0.0), yaw_deg=30.0), DroneInMission(id="d2"))
+MISSION = MissionConfig(  # the paper's estimator: ten cones that fit are enough for it
+    name="test",
+    fusion=FusionConfig(estimator="paper"),
+    area=AREA,
+    drones=(DroneInMission(id="d1", origin_m=(5.0, 5.0, 0.0), yaw_deg=30.0), DroneInMission(id="d2")),
 )
 TICK_NS = SECOND // 20
 

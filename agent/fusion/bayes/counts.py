@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Powers to which the channels' likelihoods are taken. While it is not known from which side the photons come, hits count for less:
-# cameras see 14 % fewer from the edge, and many are of scattered photons.
+# Powers to which the likelihoods of the channels are taken. While it is not known from which side the photons come, hits count
+# for less: cameras see 14 % fewer from the edge, and many are of scattered photons.
 TRACK_TRUST: Array = np.array([1.0, 1.0, 1.0])
 SEARCH_TRUST: Array = np.array([0.3, 1.0, 1.0])
 MODEL_VARIANCE = 0.03**2  # of the logarithm of a camera's rate, in each exposure: its area differs a little from side to side

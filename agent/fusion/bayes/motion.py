@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 Array = NDArray[np.float64]
 
@@ -43,9 +44,7 @@ class Motion:
 
     def switch(self, weight: Array, mean: Array, covariance: Array, dt_s: float) -> tuple[Array, Array, Array]:
         """Mix the Gaussians of each site, of moments alike (interacting multiple models), after dt_s."""
-        chance = self.change_ps * dt_s
-        np.fill_diagonal(chance, 1.0 - chance.sum(axis=1))
-        moved = weight[:, :, None] * chance  # (S, from, to)
+        moved = weight[:, :, None] * _chances(self, round(1e3 * dt_s))  # (S, from, to)
         total = moved.sum(axis=1)
         share = moved / np.maximum(total, 1e-300)[:, None, :]
         means = np.repeat(mean[:, :, None], self.modes, axis=2)  # (S, from, to, d)
@@ -60,6 +59,14 @@ class Motion:
         apart = means - middle[:, None]
         spreads += apart[..., :, None] * apart[..., None, :]
         return total, middle, (share[..., None, None] * spreads).sum(axis=1)
+
+
+@lru_cache(maxsize=256)
+def _chances(motion: Motion, dt_ms: int) -> Array:
+    """Probabilities (M, M) of having gone over from one mode to another."""
+    rates = motion.change_ps - np.diag(motion.change_ps.sum(axis=1))
+    result: Array = expm(1e-3 * dt_ms * rates)
+    return result
 
 
 @lru_cache(maxsize=256)
