@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from agent.config import BayesEstimatorConfig, MissionConfig
 from agent.fusion.bayes.cones import Orders
 from agent.fusion.bayes.mixture import Mixture
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, Motion
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, HEADING, Motion
 from agent.fusion.bayes.response import REFERENCE_BQ, response_of
 from agent.fusion.bayes.search import Grid, SearchState
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook, Sight
@@ -34,7 +34,8 @@ class BayesState:
     """Either a search or a track, once there is one.
 
     evidence: log likelihood of all observations with the source against none. trust: the same of the last seconds only.
-    background: how strong it is against the configured one, as the search found.
+    background: how strong it is against the configured one, as the search found. heard: the vehicles that made the search's
+    observations, with the variances of their biases.
     """
 
     search: SearchState | None = None
@@ -44,6 +45,7 @@ class BayesState:
     evidence: float = 0.0
     trust: float = 0.0
     background: float = 1.0
+    heard: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
 
 
 class BayesEstimator:
@@ -117,8 +119,8 @@ class BayesEstimator:
         track = track.later(self._motion, time_s)
         evidence, cones = state.evidence, state.cones
         for observation in observations:
-            vehicle = self._vehicles[observation.entry.drone]
-            track = track.with_vehicle(vehicle, self._bias_variance(observation))
+            vehicle, variance = self._errors_of(observation)
+            track = track.with_vehicle(vehicle, variance)
             if isinstance(observation, CountObservation):
                 age_s = (step.start_ns - observation.middle_ns) / _NS
                 background = self._response.background_ps * (state.background * observation.live_time_s)
@@ -140,10 +142,14 @@ class BayesEstimator:
             return BayesState(SearchState.at_first(self._grid, time_s), cones=cones, x0_stamp_ns=state.x0_stamp_ns)
         return replace(state, track=track.reduced(), cones=cones, evidence=evidence, trust=trust)
 
-    def _bias_variance(self, observation: Observation) -> tuple[float, ...]:
-        """What a vehicle's own localisation says of its errors: an autopilot's sigma is that of the horizontal distance."""
+    def _errors_of(self, observation: Observation) -> tuple[int, tuple[float, ...]]:
+        """The vehicle, and the variances (BIAS,) of its biases as its own localisation has them.
+
+        An autopilot's sigma is that of the horizontal distance.
+        """
         axis = observation.position_sigma_m**2 / 2.0
-        return axis, axis, observation.yaw_sigma_rad**2, self._gain_variance
+        variance = axis, axis, observation.yaw_sigma_rad**2, self._gain_variance
+        return self._vehicles[observation.entry.drone], variance
 
     def _searched(self, state: BayesState, observation: Observation) -> BayesState:
         time_s = observation.stamp_ns / _NS
@@ -156,7 +162,8 @@ class BayesEstimator:
             )
         else:
             search = search.after_cone(self._grid, self._response, observation.apex, Orders.of(observation))
-        return replace(state, search=search, cones=cones)
+        vehicle, variance = self._errors_of(observation)
+        return replace(state, search=search, cones=cones, heard={**state.heard, vehicle: variance})
 
     def _declared(self, state: BayesState, step: GridStep) -> BayesState:
         """Turn to tracking when there is a source, and it is known well enough where."""
@@ -167,7 +174,7 @@ class BayesEstimator:
             return state
         trust = min(search.evidence, _MOST_TRUST)
         return BayesState(
-            track=self._sites(search),
+            track=self._sites(search, state.heard),
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns or step.start_ns,
             evidence=search.evidence,
@@ -175,8 +182,11 @@ class BayesEstimator:
             background=search.background_factor(self._grid),
         )
 
-    def _sites(self, search: SearchState) -> Mixture:
+    def _sites(self, search: SearchState, heard: Mapping[int, tuple[float, ...]]) -> Mixture:
         grid = self._grid
+        bias_variance = np.zeros((len(self._drones), BIAS))
+        for vehicle, variances in heard.items():
+            bias_variance[vehicle] = variances
         cells = search.weight.sum(axis=1)  # (M, Y, X)
         total = cells.sum(axis=0)
         heavy = total > _LEAST_SHARE * total.max()
@@ -193,7 +203,7 @@ class BayesEstimator:
             mean,
             np.sqrt(variance),
             self._motion,
-            len(self._drones),
+            bias_variance.ravel(),
         ).reduced()
 
 
@@ -219,7 +229,7 @@ class _Sights(Mapping[str, Sight]):
     def _sight(self, b: int) -> Sight:
         mean, p = self._mean, self._covariance
         together = p[:2, :2] + p[:2, b : b + 2] + p[b : b + 2, :2] + p[b : b + 2, b : b + 2]
-        return Sight(np.array([mean[0] + mean[b], mean[1] + mean[b + 1], 0.0]), _on_ground(together), float(mean[b + 2]))
+        return Sight(np.array([mean[0] + mean[b], mean[1] + mean[b + 1], 0.0]), _on_ground(together), float(mean[b + HEADING]))
 
 
 def _motion(config: BayesEstimatorConfig) -> Motion:

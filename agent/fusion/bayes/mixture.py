@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from agent.frames.transform import Vector3
 from agent.fusion.bayes.cones import ASTRAY, Orders, cone_likelihood
 from agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TRUST, fit_rate, log_nothing
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, Motion
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEADING, Motion
 from agent.fusion.bayes.response import Response
 
 Array = NDArray[np.float64]
@@ -46,21 +46,29 @@ class Mixture:
     @staticmethod
     def of_sites(
         time_s: float, weight: Array, x: Array, y: Array, sigma_m: float, log_activity: Array, log_sigma: Array,
-        motion: Motion, vehicles: int,
+        motion: Motion, bias_variance: Array,
     ) -> Mixture:  # fmt: skip
         """From places (S,) of some weight, all with the same sigma, and what is known of the activity there.
 
-        weight: (S, M). log_activity, log_sigma: (S,).
+        Places and activities are as the vehicles see them, whose biases were not asked for: in truth they are off by the mean of
+        the biases.
+
+        weight: (S, M). log_activity, log_sigma: (S,). bias_variance: (BIAS V,), 0 of vehicles that nothing was heard of.
         """
-        d = BIASES + BIAS * vehicles
+        d = BIASES + len(bias_variance)
         mean = np.zeros((len(x), motion.modes, d))
         mean[..., 0], mean[..., 1], mean[..., ACTIVITY] = x[:, None], y[:, None], log_activity[:, None]
         variance = np.zeros(mean.shape)
         variance[..., :2] = sigma_m**2
         variance[..., 2:4] = motion.velocity_variance[:, None]
         variance[..., ACTIVITY] = (log_sigma**2)[:, None]
-        covariance = variance[..., None] * np.eye(d)
-        return Mixture(time_s, time_s, weight / weight.sum(), mean, covariance, np.zeros(BIAS * vehicles))
+        variance[..., BIASES:] = bias_variance
+        truth = np.eye(d)  # what the vehicles see -> what is
+        heard = np.flatnonzero(bias_variance.reshape(-1, BIAS).any(axis=1))
+        for place, bias in ((0, 0), (1, 1), (ACTIVITY, GAIN)):
+            truth[place, BIASES + BIAS * heard + bias] = -1.0 / max(len(heard), 1)
+        covariance = truth @ (variance[..., None] * np.eye(d)) @ truth.T
+        return Mixture(time_s, time_s, weight / weight.sum(), mean, covariance, bias_variance)
 
     def later(self, motion: Motion, time_s: float) -> Mixture:
         """The same at a later time; earlier ones are taken as now."""
@@ -109,10 +117,10 @@ class Mixture:
         slope = -(2.0 / distance + response.air_per_m) / distance
         gradient = self._gradient(vehicle, slope * x, slope * y, age_s)
         gradient[..., ACTIVITY] = 1.0
-        gradient[..., BIASES + BIAS * vehicle + 3] = 1.0
+        gradient[..., BIASES + BIAS * vehicle + GAIN] = 1.0
         gain = (self.covariance @ gradient[..., None])[..., 0]
         variance = np.maximum((gain * gradient).sum(axis=-1), 0.0) + MODEL_VARIANCE
-        strength = np.exp(self.mean[..., ACTIVITY] + self.mean[..., BIASES + BIAS * vehicle + 3])
+        strength = np.exp(self.mean[..., ACTIVITY] + self.mean[..., BIASES + BIAS * vehicle + GAIN])
         expected = response.signal(response.flux(distance) * strength * live_time_s, distance)
         shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TRUST, _ROUNDS)
         mean = self.mean + gain * (shift / variance)[..., None]
@@ -134,7 +142,7 @@ class Mixture:
         slope = (cosine[..., None] * directions[..., None, :2] - axes[..., :2]) / across  # (S, M, K, 2)
         gradient = self._gradient(vehicle, slope[..., 0], slope[..., 1], age_s)  # (S, M, K, d)
         turn = axes[..., 0] * directions[..., None, 1] - axes[..., 1] * directions[..., None, 0]
-        gradient[..., BIASES + BIAS * vehicle + 2] = turn / sine
+        gradient[..., BIASES + BIAS * vehicle + HEADING] = turn / sine
         gain = gradient @ self.covariance  # (S, M, K, d)
         density, total = orders.density(delta, np.maximum((gain * gradient).sum(axis=-1), 0.0))  # (S, M, K, 2)
         directed = density.sum(axis=(-2, -1))
@@ -157,7 +165,7 @@ class Mixture:
 
     def _turned(self, vehicle: int, axes: Array) -> Array:
         """Axes (K, 3) as a camera of the right heading would have them, by each Gaussian's bias; (S, M, K, 3)."""
-        heading = self.mean[..., BIASES + BIAS * vehicle + 2]
+        heading = self.mean[..., BIASES + BIAS * vehicle + HEADING]
         cos, sin = np.cos(heading), np.sin(heading)
         turned = np.empty((*heading.shape, *axes.shape))
         turned[..., 0] = cos[..., None] * axes[:, 0] + sin[..., None] * axes[:, 1]

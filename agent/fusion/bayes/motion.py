@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 ACTIVITY = 4  # place of the log activity in the state
 BIASES = 5  # and of the first vehicle's biases:
 BIAS = 4  # x, y (m), heading (rad), log of the camera's gain
+HEADING, GAIN = 2, 3
 REST = 0  # the first of the modes
 
 

@@ -1,0 +1,62 @@
+"""The Gaussian sum of the Bayesian estimator: what it takes over from the search, and how it changes with time."""
+
+import numpy as np
+import pytest
+
+from agent.fusion.bayes.mixture import Mixture
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, Motion
+
+MOTION = Motion(
+    velocity_variance=np.array([0.0, 0.49, 4.0]),
+    velocity_s=np.array([1e9, 120.0, 5.0]),
+    change_ps=np.array([[0.0, 5e-4, 5e-4], [5e-4, 0.0, 3e-3], [5e-4, 3e-3, 0.0]]),
+    bias_drift=np.array([9e-4, 9e-4, 2.7e-5, 9e-6]),
+)
+SIGMA_M, BIAS_M = 2.0, 1.0
+
+
+def of_one_place(*heard):
+    """Three vehicles, of which those heard have biases of 1 m."""
+    biases = np.zeros((3, BIAS))
+    biases[list(heard)] = [BIAS_M**2, BIAS_M**2, 0.0027, 0.0025]
+    one = np.ones(1)
+    return Mixture.of_sites(
+        100.0, np.array([[0.5, 0.3, 0.2]]), 10 * one, 20 * one, SIGMA_M, 0 * one, 0.3 * one, MOTION, biases.ravel()
+    )
+
+
+@pytest.mark.parametrize("heard", [(0,), (0, 2), (0, 1, 2)])
+def test_a_search_by_biased_vehicles_knows_the_true_place_less_well(heard):
+    """It knows where the vehicles see the source: the true place is off by the mean of their biases."""
+    covariance = of_one_place(*heard).covariance[0, 0]
+    count = len(heard)
+    assert covariance[0, 0] == pytest.approx(SIGMA_M**2 + BIAS_M**2 / count)
+    seen = np.zeros(len(covariance))
+    seen[0] = seen[BIASES + BIAS * heard[0]] = 1.0  # where the first vehicle sees it
+    assert seen @ covariance @ seen == pytest.approx(SIGMA_M**2 + BIAS_M**2 * (1.0 - 1.0 / count))
+    common = np.zeros(len(covariance))
+    common[0] = 1.0
+    common[BIASES + BIAS * np.array(heard)] = 1.0 / count  # and where they see it in the mean
+    assert common @ covariance @ common == pytest.approx(SIGMA_M**2)
+    counted = np.zeros(len(covariance))
+    counted[ACTIVITY] = 1.0
+    counted[BIASES + BIAS * np.array(heard) + GAIN] = 1.0 / count
+    assert counted @ covariance @ counted == pytest.approx(0.09)
+
+
+def test_modes_stay_probabilities_however_long_nothing_is_heard():
+    track = of_one_place(0)
+    for time_s in (101.0, 150.0, 5000.0):
+        track = track.later(MOTION, time_s)
+        assert track.weight.min() >= 0.0
+        assert track.weight.sum() == pytest.approx(1.0)
+        assert np.linalg.eigvalsh(track.covariance).min() > -1e-9
+    assert track.weight[0] == pytest.approx(np.full(3, 1 / 3), abs=0.05)  # the rates are the same both ways
+
+
+def test_what_rests_stays_and_what_runs_may_be_anywhere_near():
+    later = of_one_place(0).later(MOTION, 100.9)  # the modes are not mixed yet
+    spread = later.covariance[0, :, 0, 0]
+    assert spread[0] == pytest.approx(SIGMA_M**2 + BIAS_M**2)
+    assert spread[0] < spread[1] < spread[2]
+    assert spread[2] == pytest.approx(spread[0] + 4.0 * 0.9**2, rel=0.05)
