@@ -22,23 +22,27 @@ def fusion_of(mission):
     return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("bayes", mission))
 
 
-def entries_of(kit, mission, rng, seconds, source_at, activity_bq):
-    """Exposures and cones of drones on lanes 15 m apart, then around the source; ``source_at`` None: background only."""
+def entries_of(kit, mission, rng, seconds, source_at, activity_bq, background=1.0):
+    """Exposures and cones of drones that close in on the source on circles; ``source_at`` None: background only.
+
+    A source at None of ``source_at(time_s)`` has gone. background: how strong it is against the configured one.
+    """
     entries = []
     ids = [drone.id for drone in mission.drones]
     for number in range(int(seconds / 0.5)):
         time_s = number * 0.5
         for index, drone in enumerate(ids):
             phase = time_s * 0.25 + 2.0 * math.pi * index / len(ids)
-            middle = (50.0, 50.0) if source_at is None else source_at(time_s)
+            source = None if source_at is None else source_at(time_s)
+            middle = (50.0, 50.0) if source is None else source
             radius = max(12.0, 45.0 - time_s)
             place = np.array([middle[0] + radius * math.cos(phase), middle[1] + radius * math.sin(phase), 3.0])
             flux, cones = 0.0, 0
-            if source_at is not None:
+            if source is not None:
                 distance = float(np.linalg.norm(np.array([*middle, 0.0]) - place))
                 flux = activity_bq * 0.851 / (4e6 * math.pi * distance**2) * math.exp(-0.0093 * distance)
                 cones = int(rng.poisson(0.55 * flux * 0.5))
-            expected = (AREAS_MM2 * flux + BACKGROUND_PS) * 0.5
+            expected = (AREAS_MM2 * flux + background * BACKGROUND_PS) * 0.5
             counts = Counts(*(int(k) for k in rng.poisson(expected)))
             exposure = kit.exposure_entry(mission, time_s, place, drone=drone, sequence=10 * number, duration_s=0.5)
             entries.append(msgspec.structs.replace(exposure, counts=counts))
@@ -108,10 +112,72 @@ def test_a_moving_source_is_followed_without_lag(kit):
     assert np.median(speeds) == pytest.approx(1.0, abs=0.3)
 
 
-def test_background_alone_is_no_source(kit):
+@pytest.mark.parametrize("background", [0.8, 1.0, 1.4, 2.0])
+def test_background_alone_is_no_source_however_strong_it_is(kit, background):
     mission = kit.mission_of()
-    entries = entries_of(kit, mission, np.random.default_rng(7), 180.0, None, 0.0)
+    entries = entries_of(kit, mission, np.random.default_rng(7), 180.0, None, 0.0, background)
     assert hypotheses(kit, mission, entries, 180.0) == []
+
+
+def test_the_outlook_excludes_what_would_have_shown(kit):
+    mission = kit.mission_of()
+    fusion = fusion_of(mission)
+    fusion.advance(kit.T0_NS)
+    assert fusion.outlook.none == pytest.approx(0.5, abs=0.01)
+    assert fusion.outlook.excluded_bq is None
+    kit.feed(fusion, entries_of(kit, mission, np.random.default_rng(3), 120.0, None, 0.0))
+    kit.settle(fusion, kit.T0_NS + 121_000_000_000)
+    outlook = fusion.outlook
+    assert outlook.none > 0.6
+    assert outlook.weight.sum() + outlook.none == pytest.approx(1.0, abs=1e-3)
+    assert 1e8 < outlook.excluded_bq < 1e10  # it was circled at 12 m and more
+    middle = np.hypot(*(outlook.places - 50.0).T)
+    assert outlook.weight[middle < 12.0].mean() < 0.3 * outlook.weight[middle > 45.0].mean()
+
+
+def test_a_source_that_runs_is_kept(kit):
+    """3 m/s around the corners of a square: it turns on the spot."""
+    mission = kit.mission_of()
+    corners = np.array([[20.0, 20.0], [80.0, 20.0], [80.0, 80.0], [20.0, 80.0], [20.0, 20.0]])
+
+    def source_at(time_s):
+        side, part = divmod(time_s / 20.0 % 4.0, 1.0)
+        return corners[int(side)] * (1.0 - part) + corners[int(side) + 1] * part
+
+    entries = entries_of(kit, mission, np.random.default_rng(2), 120.0, source_at, 3e9)
+    found = hypotheses(kit, mission, entries, 120.0)
+    errors = np.linalg.norm(errors_of(found[-160:], source_at), axis=1)
+    assert np.median(errors) < 2.0  # seen from 12 m, twice as far as it would be flown
+    assert errors.max() < 12.0
+
+
+def test_a_source_that_is_gone_is_given_up(kit):
+    mission = kit.mission_of()
+
+    def source_at(time_s):
+        return (40.0, 60.0) if time_s < 60.0 else None
+
+    entries = entries_of(kit, mission, np.random.default_rng(4), 150.0, source_at, 3e9)
+    times = [time_s for time_s, _ in hypotheses(kit, mission, entries, 150.0)]
+    assert 45.0 < max(times) < 110.0
+
+
+def test_what_the_vehicles_say_of_their_errors_is_believed(kit):
+    """The same flight by vehicles that are good to 0.1 m and to 1.4 m (of the distance)."""
+    mission = kit.mission_of()
+    exact = entries_of(kit, mission, np.random.default_rng(8), 90.0, lambda _: (45.0, 55.0), 3e9)
+    rough = [
+        msgspec.structs.replace(entry, position_sigma_m=2.0**0.5)
+        if hasattr(entry, "position_sigma_m")
+        else msgspec.structs.replace(entry, apex_sigma_m=2.0**0.5)
+        for entry in exact
+    ]
+    _, sure = hypotheses(kit, mission, exact, 90.0)[-1]
+    _, unsure = hypotheses(kit, mission, rough, 90.0)[-1]
+    assert sure.rms_m < 0.3
+    assert unsure.rms_m == pytest.approx((2.0 / len(mission.drones)) ** 0.5, rel=0.2)  # the biases' mean stays unknown
+    sight = unsure.sight_of(mission.drones[0].id)
+    assert np.trace(sight.covariance) < 0.3 * unsure.rms_m**2  # but not where each of them sees the source
 
 
 def test_the_order_of_arrival_leaves_no_trace(kit):
