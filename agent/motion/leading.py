@@ -16,6 +16,7 @@ _LONGEST_S = 1.0  # an older hypothesis is not carried on further
 _SMOOTHING_S = 0.7  # time constant of the velocity: what jumps with each measurement drives the circle about
 _CORRECTION_S = 0.5  # time constant of the place where it is not as expected
 _CORRECTION_MPS = 4.0  # at most: neighbours who all turn at once at full speed come too near to each other
+_SURELY = 0.999  # of a distance from the outline: no rounding makes that too much
 _FORGET_S = 2.0  # after so long without a look what was smoothed is worth nothing
 
 
@@ -27,6 +28,7 @@ class Leading:
         self._most_mps = max(0.0, most_mps)
         self._within = Polygon(area.polygon_m).buffer(max(0.0, area.fence_margin_m - room_m))
         shapely.prepare(self._within)
+        self._clear = (0.0, 0.0, 0.0)  # a place inside, and how far its surroundings are inside too
         self._velocity = (0.0, 0.0)
         self._place: Point2 | None = None
         self._known_ns = 0
@@ -47,10 +49,20 @@ class Leading:
         u, v = self._velocity = self._smoothed(velocity, elapsed_s)
         lead_s = min(max(0.0, (now_ns - stamp_ns) * 1e-9), _LONGEST_S)
         x, y = self._place = self._moved((place[0] + lead_s * u, place[1] + lead_s * v), elapsed_s)
-        if shapely.contains_xy(self._within, x, y):
+        if self._inside(x, y):
             return (x, y), (u, v)
         nearest, _ = nearest_points(self._within, Point(x, y))  # a circle out there would lie beyond the fence
         return (nearest.x, nearest.y), (0.0, 0.0)
+
+    def _inside(self, x: float, y: float) -> bool:
+        """Whether the circle can be there. The outline is looked up only where that is not clear from a place known inside."""
+        known_x, known_y, clear_m = self._clear
+        if hypot(x - known_x, y - known_y) < clear_m:
+            return True
+        inside = bool(shapely.contains_xy(self._within, x, y))
+        if inside:
+            self._clear = (x, y, _SURELY * self._within.boundary.distance(Point(x, y)))
+        return inside
 
     def _smoothed(self, velocity: Point2, elapsed_s: float) -> Point2:
         share = min(1.0, self._most_mps / max(hypot(*velocity), 1e-9))
