@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,16 @@ class BayesState:
     heard: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Folded:
+    """How a step was folded: what it began with, its observations, and the states before them and after each one."""
+
+    begin: BayesState
+    step: int
+    observations: Sequence[Observation]
+    reached: Sequence[BayesState]
+
+
 class BayesEstimator:
     """The posterior of where a source is, given all cones and counts.
 
@@ -73,6 +84,7 @@ class BayesEstimator:
         self._vehicles = {drone: number for number, drone in enumerate(self._drones)}
         self._gain_variance = config.gain_sigma**2
         self._motion = _motion(config)
+        self._last: _Folded | None = None
 
     def initial(self, start_ns: int | None) -> BayesState:
         """Nothing known."""
@@ -81,11 +93,11 @@ class BayesEstimator:
     def step(self, state: BayesState, step: GridStep, observations: Sequence[Observation]) -> BayesState:
         """Take the step's cones and counts in, in the order of their times."""
         ordered = sorted(observations, key=lambda o: o.stamp_ns)
-        if state.track is not None:
-            return self._tracked(state, state.track, step, ordered)
-        for observation in ordered:
-            state = self._searched(state, observation)
-        return self._declared(state, step)
+        reached = self._reached(state, step, ordered)
+        for observation in ordered[len(reached) - 1 :]:
+            reached.append(self._taken(reached[-1], step, observation))
+        self._last = _Folded(state, step.index, ordered, reached)
+        return self._closed(reached[-1], step)
 
     def hypothesis(self, state: BayesState, step: GridStep) -> Hypothesis | None:
         """Mean and covariance of the track at the beginning of ``step``."""
@@ -113,34 +125,55 @@ class BayesEstimator:
         search = state.search or SearchState.at_first(self._grid, step.start_ns / _NS)
         return search.later(self._grid, step.start_ns / _NS).outlook(self._grid)
 
-    def _tracked(self, state: BayesState, track: Mixture, step: GridStep, observations: Sequence[Observation]) -> BayesState:
+    def _reached(self, state: BayesState, step: GridStep, observations: Sequence[Observation]) -> list[BayesState]:
+        """The states before the step's observations and after each one with which the same step began when it was folded last:
+        entries come one after another, and most of them after those that the step has.
+        """
+        last = self._last
+        if last is None or last.begin is not state or last.step != step.index:
+            return [self._begun(state, step)]
+        pairs = zip(last.observations, observations, strict=False)
+        known = sum(1 for _ in takewhile(lambda pair: pair[0] is pair[1], pairs))
+        return list(last.reached[: known + 1])
+
+    def _begun(self, state: BayesState, step: GridStep) -> BayesState:
+        """A track is brought to the step's beginning; a search goes from observation to observation."""
+        if state.track is None:
+            return state
         time_s = step.start_ns / _NS
-        trust = state.trust * math.exp(min(0.0, track.time_s - time_s) / _TRUST_S)
-        track = track.later(self._motion, time_s)
-        evidence, cones = state.evidence, state.cones
-        for observation in observations:
-            vehicle, variance = self._errors_of(observation)
-            track = track.with_vehicle(vehicle, variance)
-            if isinstance(observation, CountObservation):
-                age_s = (step.start_ns - observation.middle_ns) / _NS
-                background = self._response.background_ps * (state.background * observation.live_time_s)
-                track, gained = track.after_counts(
-                    self._response,
-                    background,
-                    vehicle,
-                    observation.position,
-                    observation.live_time_s,
-                    observation.counts,
-                    age_s,
-                )
-            else:
-                age_s = (step.start_ns - observation.stamp_ns) / _NS
-                track, gained = track.after_cone(self._response, vehicle, observation.apex, Orders.of(observation), age_s)
-                cones += 1
-            evidence, trust = evidence + gained, min(trust + gained, _MOST_TRUST)
-        if trust < _LEAST_TRUST:
-            return BayesState(SearchState.at_first(self._grid, time_s), cones=cones, x0_stamp_ns=state.x0_stamp_ns)
-        return replace(state, track=track.reduced(), cones=cones, evidence=evidence, trust=trust)
+        trust = state.trust * math.exp(min(0.0, state.track.time_s - time_s) / _TRUST_S)
+        return replace(state, track=state.track.later(self._motion, time_s), trust=trust)
+
+    def _taken(self, state: BayesState, step: GridStep, observation: Observation) -> BayesState:
+        if state.track is None:
+            return self._searched(state, observation)
+        return self._tracked(state, state.track, step, observation)
+
+    def _closed(self, state: BayesState, step: GridStep) -> BayesState:
+        """The state after a step's last observation."""
+        if state.track is None:
+            return self._declared(state, step)
+        if state.trust < _LEAST_TRUST:
+            search = SearchState.at_first(self._grid, step.start_ns / _NS)
+            return BayesState(search, cones=state.cones, x0_stamp_ns=state.x0_stamp_ns)
+        return replace(state, track=state.track.reduced())
+
+    def _tracked(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
+        vehicle, variance = self._errors_of(observation)
+        track = track.with_vehicle(vehicle, variance)
+        cones = state.cones
+        if isinstance(observation, CountObservation):
+            age_s = (step.start_ns - observation.middle_ns) / _NS
+            background = self._response.background_ps * (state.background * observation.live_time_s)
+            track, gained = track.after_counts(
+                self._response, background, vehicle, observation.position, observation.live_time_s, observation.counts, age_s
+            )
+        else:
+            age_s = (step.start_ns - observation.stamp_ns) / _NS
+            track, gained = track.after_cone(self._response, vehicle, observation.apex, Orders.of(observation), age_s)
+            cones += 1
+        trust = min(state.trust + gained, _MOST_TRUST)
+        return replace(state, track=track, cones=cones, evidence=state.evidence + gained, trust=trust)
 
     def _errors_of(self, observation: Observation) -> tuple[int, tuple[float, ...]]:
         """The vehicle, and the variances (BIAS,) of its biases as its own localisation has them.

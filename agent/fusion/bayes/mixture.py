@@ -133,7 +133,9 @@ class Mixture:
         by the Gaussian of the same moments. Returns and age_s as for counts.
         """
         x, y, distance = self._seen_from(vehicle, apex, age_s)
-        directions = np.stack((x, y, np.full(x.shape, -apex[2])), axis=-1) / distance[..., None]  # (S, M, 3)
+        directions = np.empty((*x.shape, 3))
+        directions[..., 0], directions[..., 1], directions[..., 2] = x, y, -apex[2]
+        directions /= distance[..., None]
         axes = self._turned(vehicle, orders.axis)  # (S, M, K, 3)
         cosine = np.minimum(np.maximum((axes * directions[..., None, :]).sum(axis=-1), -1.0), 1.0)
         sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _NEAREST_SINE)

@@ -54,6 +54,12 @@ class Response:
         """(3,) counts per second of the channels without a source."""
         return np.array([channel.background_ps for channel in self.channels])
 
+    @cached_property
+    def _terms(self) -> tuple[Array, Array, Array]:
+        """Areas, direct and scattered parts of the channels, (3,) each."""
+        area_mm2, direct, scattered = np.array([(c.area_mm2, c.direct, c.scattered) for c in self.channels]).T
+        return area_mm2, direct, scattered
+
     @property
     def cone_area_mm2(self) -> float:
         """Effective area for cones near the source."""
@@ -72,8 +78,10 @@ class Response:
 
     def signal(self, fluence: Array, distance_m: Array) -> Array:
         """Expected counts (..., 3) of the channels from photons per mm2 (...) that came from a distance (...)."""
+        area_mm2, direct, scattered = self._terms
         depth = self.air_per_m * distance_m
-        return np.stack([c.area_mm2 * (c.direct + c.scattered * depth) * fluence for c in self.channels], axis=-1)
+        result: Array = area_mm2 * (direct + scattered * depth[..., None]) * fluence[..., None]
+        return result
 
 
 def _response(nuclide: str, photons_per_decay: float, air_per_m: float, *rows: tuple[float, float, float, float]) -> Response:
