@@ -156,7 +156,8 @@ class BayesEstimator:
         if state.trust < _LEAST_TRUST:
             search = SearchState.at_first(self._grid, step.start_ns / _NS)
             return BayesState(search, cones=state.cones, x0_stamp_ns=state.x0_stamp_ns)
-        return replace(state, track=state.track.reduced())
+        reduced = state.track.reduced()
+        return state if reduced is state.track else replace(state, track=reduced)
 
     def _tracked(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
         vehicle, variance = self._errors_of(observation)
@@ -172,8 +173,8 @@ class BayesEstimator:
             age_s = (step.start_ns - observation.stamp_ns) / _NS
             track, gained = track.after_cone(self._response, vehicle, observation.apex, Orders.of(observation), age_s)
             cones += 1
-        trust = min(state.trust + gained, _MOST_TRUST)
-        return replace(state, track=track, cones=cones, evidence=state.evidence + gained, trust=trust)
+        evidence, trust = state.evidence + gained, min(state.trust + gained, _MOST_TRUST)
+        return BayesState(None, track, cones, state.x0_stamp_ns, evidence, trust, state.background)
 
     def _errors_of(self, observation: Observation) -> tuple[int, tuple[float, ...]]:
         """The vehicle, and the variances (BIAS,) of its biases as its own localisation has them.

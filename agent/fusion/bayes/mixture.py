@@ -235,7 +235,7 @@ def _moments(weight: Array, mean: Array, covariance: Array) -> tuple[Array, Arra
     """Weight, mean and covariance of a mixture along the first axis."""
     total = np.maximum(weight.sum(axis=0), 1e-300)
     share = weight / total
-    middle = np.sum(share[..., None] * mean, axis=0)
+    middle = (share[..., None] * mean).sum(axis=0)
     apart = mean - middle
     spread = covariance + apart[..., :, None] * apart[..., None, :]
-    return total, middle, np.sum(share[..., None, None] * spread, axis=0)
+    return total, middle, (share[..., None, None] * spread).sum(axis=0)
