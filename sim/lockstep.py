@@ -6,6 +6,7 @@ radio; what they know of the world comes as telemetry and pixel hits. The truth 
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -64,13 +65,17 @@ def fly(
         ConfigError: an estimator or law that is not known, or an estimator where the hypothesis is given.
     """
     world = _World(chosen(scenario, estimator, law), seed, listen)
-    started = time.perf_counter()
-    end = False
-    while not end:
-        end = world.tick()
-        if progress is not None and world.ticks % 20 == 0:
-            progress(world.time_s, world.describe())
-    wall_s = time.perf_counter() - started
+    gc.freeze()  # what there is already outlives the flight: full collections need not go through all of it again
+    try:
+        started = time.perf_counter()
+        end = False
+        while not end:
+            end = world.tick()
+            if progress is not None and world.ticks % 20 == 0:
+                progress(world.time_s, world.describe())
+        wall_s = time.perf_counter() - started
+    finally:
+        gc.unfreeze()
     recorder = world.recorder
     return Flight(recorder.result(seed, wall_s), recorder.trace(), recorder.listened(seed, wall_s))
 
