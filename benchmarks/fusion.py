@@ -10,84 +10,110 @@ import math
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 from shapely import Polygon
 
-from agent.config import AreaConfig, DroneInMission, MissionConfig
+from agent.config import AreaConfig, DroneInMission, FusionConfig, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
+from agent.fusion.bayes.response import response_of
 from agent.fusion.engine import Fusion
+from agent.fusion.estimator import GridStep
 from agent.fusion.initial import InitialSearch
-from agent.fusion.observation import observe
+from agent.fusion.observation import ConeObservation, observe
+from agent.fusion.registry import estimator_named
 from protocol.codec import encode
 from protocol.messages import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample
 
 SECONDS = 120
 STEP_NS = 50_000_000  # the pilot calls at 20 Hz
-CONES_PER_S, EXPOSURES_PER_S = 6, 12
+CONES_PER_S, EXPOSURE_S = 6, 0.5  # of all drones together; of each
+SOURCE = np.array([50.0, 50.0, 0.0])
+DRONES = "abc"
 DELAY_NS = 60_000_000  # of the radio
 BOOT = "0" * 16
+Vector = NDArray[np.float64]
 
 
 def main() -> None:
-    mission = MissionConfig(
-        name="benchmark",
-        drones=tuple(DroneInMission(id=name) for name in "abc"),
-        area=AreaConfig(polygon_m=((0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0))),
-    )
-    arrivals = sorted(((entry.stamp_ns + DELAY_NS, entry, encode(entry)) for entry in _entries(mission)), key=lambda a: a[0])
-    parts = (_flight, _replay, _reaction, _initial)
-    print(json.dumps({"fusion": {name: value for part in parts for name, value in part(mission, arrivals).items()}}, indent=1))
+    rows = {}
+    for name in ("paper", "bayes"):
+        mission = MissionConfig(
+            name="benchmark",
+            drones=tuple(DroneInMission(id=drone) for drone in DRONES),
+            area=AreaConfig(polygon_m=((0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0))),
+            fusion=FusionConfig(estimator=name),
+        )
+        entries = _entries(mission)
+        arrivals = sorted(((_known_ns(entry) + DELAY_NS, entry, encode(entry)) for entry in entries), key=lambda a: a[0])
+        parts = (_flight, _replay, _reaction, *((_initial,) if name == "paper" else (_steps,)))
+        rows[name] = {key: value for part in parts for key, value in part(mission, arrivals).items()}
+    print(json.dumps({"fusion": rows}, indent=1))
 
 
 def _entries(mission: MissionConfig) -> list[Entry]:
+    """Cones and exposures of three drones that circle a source of 3 GBq in the middle; rates as the estimator expects them."""
     rng = np.random.default_rng(1)
+    response = response_of(mission.nuclide)
     entries: list[Entry] = []
-    for sequence, time_s in enumerate(np.sort(rng.uniform(0.0, SECONDS, SECONDS * CONES_PER_S))):
-        index = int(rng.integers(3))
-        phase = 0.25 * time_s + index * math.tau / 3
-        apex = np.array([50.0 + 12.0 * math.cos(phase), 50.0 + 12.0 * math.sin(phase), 3.0])
-        line = np.array([50.0, 50.0, 0.0]) - apex
-        axis = line / np.linalg.norm(line) + 0.7 * rng.normal(size=3)
-        axis /= np.linalg.norm(axis)
-        theta = math.acos(float(axis @ line / np.linalg.norm(line)))
-        order = ConeOrder(tuple(axis.tolist()), theta, 0.1, 0.5)
-        entries.append(
-            Cone(
-                mission=mission.mission_id,
-                stamp_ns=round(time_s * 1e9),
-                drone="abc"[index],
-                boot=BOOT,
-                sequence=sequence,
-                epoch=0,
-                apex_m=tuple(apex.tolist()),
-                apex_sigma_m=0.1,
-                yaw_sigma_rad=0.01,
-                orders=(order, order),
-                energies_kev=(200.0, 460.0),
-                energy_sigmas_kev=(5.0, 9.0),
-                separation_mm=1.0,
+    for index, drone in enumerate(DRONES):
+        own = {"mission": mission.mission_id, "drone": drone, "boot": BOOT, "epoch": 0}
+        for number in range(round(SECONDS / EXPOSURE_S)):
+            stamp_ns = round(number * EXPOSURE_S * 1e9)
+            places = [_place(number * EXPOSURE_S + 0.1 * k, index) for k in range(round(EXPOSURE_S / 0.1) + 1)]
+            away = SOURCE - places[len(places) // 2]
+            distance = float(np.linalg.norm(away))
+            fluence = 3.0 * response.flux(np.array(distance))
+            counts = rng.poisson((response.signal(fluence, np.array(distance)) + response.background_ps) * EXPOSURE_S)
+            poses = tuple(PoseSample(round(k * 1e8), tuple(p.tolist()), (1.0, 0.0, 0.0, 0.0)) for k, p in enumerate(places))
+            entries.append(
+                Exposure(
+                    **own,
+                    stamp_ns=stamp_ns,
+                    sequence=100_000 + number,
+                    end_ns=stamp_ns + round(EXPOSURE_S * 1e9),
+                    live_time_s=EXPOSURE_S,
+                    counts=Counts(*counts.tolist()),
+                    poses=poses,
+                    position_sigma_m=0.1,
+                    yaw_sigma_rad=0.01,
+                )
             )
-        )
-    length_ns = round(3e9 / EXPOSURES_PER_S)
-    poses = tuple(PoseSample(round(i * 1e8), (1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0)) for i in range(3))
-    for index in range(SECONDS * EXPOSURES_PER_S):
-        entries.append(
-            Exposure(
-                mission=mission.mission_id,
-                stamp_ns=(index // 3) * length_ns,
-                drone="abc"[index % 3],
-                boot=BOOT,
-                sequence=100_000 + index // 3,
-                epoch=0,
-                end_ns=(index // 3 + 1) * length_ns,
-                live_time_s=length_ns / 1e9,
-                counts=Counts(5, 0, 1),
-                poses=poses,
-                position_sigma_m=0.1,
-                yaw_sigma_rad=0.01,
+        for sequence, time_s in enumerate(np.sort(rng.uniform(0.0, SECONDS, SECONDS * CONES_PER_S // len(DRONES)))):
+            apex = _place(time_s, index)
+            line = (SOURCE - apex) / np.linalg.norm(SOURCE - apex)
+            axis = line + 0.7 * rng.normal(size=3)
+            axis /= np.linalg.norm(axis)
+            theta = math.acos(float(axis @ line))
+            wrong = rng.normal(size=3)
+            orders = (
+                ConeOrder(tuple(axis.tolist()), theta, 0.1, 0.7),
+                ConeOrder(tuple((wrong / np.linalg.norm(wrong)).tolist()), 1.2, 0.1, 0.3),
             )
-        )
+            entries.append(
+                Cone(
+                    **own,
+                    stamp_ns=round(time_s * 1e9),
+                    sequence=sequence,
+                    apex_m=tuple(apex.tolist()),
+                    apex_sigma_m=0.1,
+                    yaw_sigma_rad=0.01,
+                    orders=orders,
+                    energies_kev=(200.0, 460.0),
+                    energy_sigmas_kev=(5.0, 9.0),
+                    separation_mm=1.0,
+                )
+            )
     return entries
+
+
+def _place(time_s: float, index: int) -> Vector:
+    phase = 0.25 * time_s + index * math.tau / len(DRONES)
+    return SOURCE + np.array([12.0 * math.cos(phase), 12.0 * math.sin(phase), 3.0])
+
+
+def _known_ns(entry: Entry) -> int:
+    return entry.end_ns if isinstance(entry, Exposure) else entry.stamp_ns
 
 
 def _flight(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) -> dict[str, float]:
@@ -142,9 +168,26 @@ def _reaction(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) 
     return {"cone_to_hypothesis_us": round(float(np.median(taken)) * 1e6, 1)}
 
 
+def _steps(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) -> dict[str, float]:
+    """What one cone and one exposure cost in a step of their own, once there is a track, and one exposure before."""
+    estimator = estimator_named("bayes", mission)
+    seen = sorted((s for _, entry, _ in arrivals if (s := observe(entry, Transform())) is not None), key=lambda s: s.stamp_ns)
+    state = estimator.initial(None)
+    taken: dict[str, list[float]] = {"search_count_us": [], "track_count_us": [], "track_cone_us": []}
+    for one in seen:
+        index = one.stamp_ns // 100_000_000
+        searching = state.track is None
+        begin = time.perf_counter()
+        state = estimator.step(state, GridStep(index, index * 100_000_000, (index + 1) * 100_000_000), [one])
+        what = "cone" if isinstance(one, ConeObservation) else "count"
+        taken.setdefault(f"{'search' if searching else 'track'}_{what}_us", []).append(time.perf_counter() - begin)
+    return {name: round(float(np.median(times)) * 1e6, 1) for name, times in taken.items()}
+
+
 def _initial(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) -> dict[str, float]:
     search = InitialSearch(Polygon(mission.area.polygon_m))
-    cones = [seen.forward for _, entry, _ in arrivals if (seen := observe(entry, Transform())) is not None]
+    seen = (observe(entry, Transform()) for _, entry, _ in arrivals)
+    cones = [one.forward for one in seen if isinstance(one, ConeObservation)]
     taken = []
     for first in range(0, 200, 10):
         begin = time.perf_counter()

@@ -15,8 +15,8 @@ from agent.fusion.observation import Observation, observe
 from agent.fusion.registry import estimator_named
 from protocol.messages import AnyEntry, Entry, EntryId
 
-SLICE_UNITS = 400  # work per call of advance: well under 10 ms with the estimators there are
-_MOST_CHECKPOINTS = 128
+SLICE_UNITS = 400  # work per call of advance, in the estimators' units: about 10 ms
+_MOST_CHECKPOINTS = 64  # 0.4 MB each while `bayes` searches
 _NEVER = -1  # before every step
 
 
@@ -88,8 +88,7 @@ class Fusion:
     def advance(self, now_ns: int, budget: int = SLICE_UNITS) -> None:
         """Fold what is in the log up to the grid step of ``now_ns``.
 
-        ``budget``: at most so many units of work, one per step and per observation; a step is never split and at least one is
-        folded. ``pending`` tells whether anything is left for the next call. Time never runs back: an earlier now
+        ``budget``: at most so many units of the estimator's work; a step is never split and at least one is folded. ``pending`` tells whether anything is left for the next call. Time never runs back: an earlier now
         is taken as the latest one.
         """
         step = now_ns // self._grid_ns
@@ -170,9 +169,9 @@ class Fusion:
                 self.pending = True
                 return
             slot = self._timeline[index]
+            budget -= self.estimator.work(state, len(slot))
             state = self.estimator.step(state, self._grid_step(index), [slot[identity] for identity in sorted(slot)])
             self._states[index] = state
-            budget -= 1 + len(slot)
         self.pending = self._stale = False
         self.hypothesis = self.estimator.hypothesis(state, self._grid_step(self._now_step))
         if len(self._states) > _MOST_CHECKPOINTS:

@@ -112,6 +112,9 @@ class Estimator(Protocol, Generic[S]):
         estimator to account for, and must not depend on where now is.
         """
 
+    def work(self, state: S, observations: int) -> int:
+        """What a step from this state with so many observations costs, in units of about 25 microseconds."""
+
     def hypothesis(self, state: S, step: GridStep) -> Hypothesis | None:
         """What the state says as seen from ``step``, which is the step of its last observation or a later one."""
 

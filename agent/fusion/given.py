@@ -43,6 +43,10 @@ class GivenEstimator:
         """Reads nothing."""
         return state
 
+    def work(self, state: int | None, observations: int) -> int:
+        """About one unit for the step, and one for each observation."""
+        return 1 + observations
+
     def hypothesis(self, state: int | None, step: GridStep) -> Hypothesis | None:
         """The schedule's place at the beginning of the step, known exactly."""
         if state is None:

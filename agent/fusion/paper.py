@@ -94,6 +94,10 @@ class PaperEstimator:
                     gathered = ()
         return PaperState(gathered, seen, track)
 
+    def work(self, state: PaperState, observations: int) -> int:
+        """About one unit for the step, and one for each observation."""
+        return 1 + observations
+
     def hypothesis(self, state: PaperState, step: GridStep) -> Hypothesis | None:
         """The track, predicted to the beginning of ``step`` (or to its last cone, if that is newer)."""
         if state.track is None:
