@@ -88,8 +88,8 @@ class Fusion:
     def advance(self, now_ns: int, budget: int = SLICE_UNITS) -> None:
         """Fold what is in the log up to the grid step of ``now_ns``.
 
-        ``budget``: at most so many units of the estimator's work; a step is never split and at least one is folded. ``pending`` tells whether anything is left for the next call. Time never runs back: an earlier now
-        is taken as the latest one.
+        ``budget``: at most so many units of the estimator's work; a step is never split and at least one is folded. ``pending``
+        tells whether anything is left for the next call. Time never runs back: an earlier now is taken as the latest one.
         """
         step = now_ns // self._grid_ns
         if step > self._now_step:
@@ -175,7 +175,7 @@ class Fusion:
         self.pending = self._stale = False
         self.hypothesis = self.estimator.hypothesis(state, self._grid_step(self._now_step))
         if len(self._states) > _MOST_CHECKPOINTS:
-            for index in list(self._states)[0 : _MOST_CHECKPOINTS // 2 : 2]:  # so the older they are the fewer they get
+            for index in list(self._states)[1 : _MOST_CHECKPOINTS // 2 : 2]:  # so the older they are the fewer they get
                 del self._states[index]
 
     def _take_new_frames(self) -> None:

@@ -169,7 +169,7 @@ def test_checkpoints_are_thinned_and_old_ones_remain(kit, mission):
         kit.feed(fusion, [cone])
         fusion.advance(cone.stamp_ns)
     assert len(fusion._timeline) > 200
-    assert len(fusion._states) <= 128
+    assert len(fusion._states) <= 64
     assert min(fusion._states) < fusion._steps[80]
     kit.feed(fusion, cones[20:21])
     kit.feed(whole, cones)
