@@ -179,8 +179,10 @@ def _interpolated(table: Weights, distance: Array, far: Array) -> Weights:
     place = np.log(far / distance[0]) * ((len(distance) - 1) / np.log(distance[-1] / distance[0]))
     before = place.astype(np.intp)
     part = (place - before).astype(np.float32)
-    lower = table[..., before]
-    result: Weights = lower + part * (table[..., before + 1] - lower)
+    result: Weights = table.take(before, axis=-1)
+    rise = np.diff(table, axis=-1).take(before, axis=-1)
+    rise *= part
+    result += rise
     return result
 
 
