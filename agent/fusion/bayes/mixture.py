@@ -17,7 +17,7 @@ from agent.frames.transform import Vector3
 from agent.fusion.bayes.cones import ASTRAY, Orders, cone_likelihood
 from agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TRUST, fit_rate, log_nothing
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEADING, Motion
-from agent.fusion.bayes.response import Response
+from agent.fusion.bayes.response import NEAREST_M, Response
 
 Array = NDArray[np.float64]
 
@@ -163,7 +163,7 @@ class Mixture:
         b = BIASES + BIAS * vehicle
         there = self.mean[..., :2] + self.mean[..., b : b + 2] - age_s * self.mean[..., 2:4]
         x, y = there[..., 0] - position[0], there[..., 1] - position[1]
-        return x, y, np.sqrt(x * x + y * y + position[2] ** 2)
+        return x, y, np.maximum(np.sqrt(x * x + y * y + position[2] ** 2), NEAREST_M)
 
     def _turned(self, vehicle: int, axes: Array) -> Array:
         """Axes (K, 3) as a camera of the right heading would have them, by each Gaussian's bias; (S, M, K, 3)."""

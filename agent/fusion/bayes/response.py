@@ -21,6 +21,7 @@ from agent.errors import ConfigError
 Array = NDArray[np.float64]
 
 REFERENCE_BQ = 1e9  # activities are counted in units of it
+NEAREST_M = 0.3  # a camera that seems to be nearer to a source is taken to be so far away
 
 
 @dataclass(frozen=True, slots=True)

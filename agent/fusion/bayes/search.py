@@ -16,7 +16,7 @@ from agent.config import BayesEstimatorConfig
 from agent.frames.transform import Vector3
 from agent.fusion.bayes.cones import Orders, cone_likelihood
 from agent.fusion.bayes.counts import SEARCH_TRUST, fit_rate, log_nothing
-from agent.fusion.bayes.response import REFERENCE_BQ, Response
+from agent.fusion.bayes.response import NEAREST_M, REFERENCE_BQ, Response
 from agent.fusion.estimator import Outlook
 
 Array = NDArray[np.float64]
@@ -189,4 +189,4 @@ def _interpolated(table: Weights, distance: Array, far: Array) -> Weights:
 def _seen_from(grid: Grid, position: Vector3) -> tuple[Array, Array, Array, float]:
     """Distance and x, y, z of the places from a camera."""
     x, y, z = grid.x - position[0], grid.y - position[1], -position[2]
-    return np.sqrt(x * x + y * y + z * z), x, y, z
+    return np.maximum(np.sqrt(x * x + y * y + z * z), NEAREST_M), x, y, z

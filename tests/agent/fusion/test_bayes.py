@@ -197,3 +197,21 @@ def test_the_order_of_arrival_leaves_no_trace(kit):
     kit.settle(pieces, end_ns, 70)
     assert once.digest == pieces.digest
     assert kit.same_bits(once.hypothesis, pieces.hypothesis)
+
+
+@pytest.mark.parametrize("activity_bq", [0.0, 3e9])
+def test_a_camera_on_the_ground_stops_nothing(kit, activity_bq):
+    """Before takeoff, right over the middle of a cell, and later over where the source is believed to be."""
+    mission = kit.mission_of()
+    source_at = None if activity_bq == 0.0 else lambda _: (50.0, 50.0)
+    entries = entries_of(kit, mission, np.random.default_rng(6), 60.0, source_at, activity_bq)
+    place = (48.75, 51.25, 0.0)
+    for time_s, boot in ((0.5, 1), (55.0, 2)):
+        exposure = kit.exposure_entry(mission, time_s, place, drone=mission.drones[0].id, sequence=5000 + boot, duration_s=0.5)
+        entries.append(msgspec.structs.replace(exposure, counts=Counts(100_000, 9000, 9000)))
+        entries.append(
+            kit.cone_entry(mission, time_s + 0.2, place, (0.0, 0.0, -1.0), 0.0, drone=mission.drones[0].id, sequence=6000 + boot)
+        )
+    for _, hypothesis in hypotheses(kit, mission, entries, 60.0):
+        assert np.isfinite(hypothesis.position).all()
+        assert np.isfinite(hypothesis.covariance).all()
