@@ -129,6 +129,7 @@ class BayesEstimatorConfig(_Section, frozen=True, kw_only=True):
     motion_prior: tuple[Positive, Positive, Positive] = (0.5, 0.3, 0.2)  # at rest, moving, moving fast
     search_diffusion_m2ps: tuple[Positive, Positive] = (2.0, 20.0)  # of a moving source and a fast one while it is searched for
     declared_rms_m: Positive = 3.5  # the posterior's, for the source to count as found
+    given_up_rms_m: Positive = 7.0  # above this the source is searched for again, from where the posterior has it
     doubt: Annotated[float, Meta(gt=0.0, lt=1.0)] = 1e-3  # probability that there is none, at most
 
 

@@ -136,7 +136,7 @@ class InformedSearch:
         if outlook is None:
             self._follower = None
             return None
-        if self._follower is None or now_ns >= self._due_ns:
+        if self._follower is None or now_ns >= self._due_ns or self._due_ns - now_ns > LOOK_NS:  # the clock was set back
             self._due_ns, self._progress = now_ns + LOOK_NS, 0.0
             self._follower = self._way(outlook, position, velocity, others)
         length_m = self._follower.length_m

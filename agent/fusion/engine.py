@@ -16,6 +16,7 @@ from agent.fusion.registry import estimator_named
 from protocol.messages import AnyEntry, Entry, EntryId
 
 SLICE_UNITS = 400  # work per call of advance, in the estimators' units: about 10 ms
+BEFORE_START_NS = 60_000_000_000  # what was measured longer before the mission's start says nothing: clocks may be years off
 _MOST_CHECKPOINTS = 64  # 0.4 MB each while `bayes` searches
 _NEVER = -1  # before every step
 
@@ -32,7 +33,8 @@ class Fusion:
     last one before its step; the steps from there on are folded again. That holds for the newest step too, so a cone shows
     in the hypothesis at the next ``advance``. Only while a replay is not finished the hypothesis is an older one.
 
-    Entries of a frame that is not known are in the log and its digest, and join the hypothesis once the frame is known.
+    Entries of a frame that is not known are in the log and its digest, and join the hypothesis once the frame is known. Those
+    measured long before the mission's start are in the log only.
     """
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, estimator: Estimator[Any] | None = None) -> None:
@@ -71,6 +73,7 @@ class Fusion:
         """The mission began: the origin of a ``given`` schedule. Only the first call counts."""
         if self._start_ns is None and not self.log.horizon_ns:
             self._start_ns = stamp_ns
+            self._drop_before(stamp_ns - BEFORE_START_NS)
             self._base = self.estimator.initial(stamp_ns)
             self._rewind(_NEVER)
 
@@ -120,11 +123,7 @@ class Fusion:
         self._base = self._states[last]
         for step in behind:
             del self._states[step]
-        kept = bisect_right(self._steps, last)
-        for step in self._steps[:kept]:
-            for identity in self._timeline.pop(step):
-                del self._step_of[identity]
-        del self._steps[:kept]
+        self._drop_before((last + 1) * self._grid_ns)
         self.log.compact((last + 1) * self._grid_ns)
 
     def _place(self, entry: AnyEntry) -> None:
@@ -136,6 +135,8 @@ class Fusion:
         observation = None if transform is None else observe(entry, transform)
         if observation is None:
             return
+        if self._start_ns is not None and observation.stamp_ns < self._start_ns - BEFORE_START_NS:
+            return
         step = observation.stamp_ns // self._grid_ns
         self._step_of[entry.entry_id] = step
         if step not in self._timeline:
@@ -143,6 +144,14 @@ class Fusion:
             insort(self._steps, step)
         self._timeline[step][entry.entry_id] = observation
         self._rewind(step)
+
+    def _drop_before(self, stamp_ns: int) -> None:
+        """Take out of the timeline what was measured so early; the caller rewinds."""
+        kept = bisect_left(self._steps, -(-stamp_ns // self._grid_ns))
+        for step in self._steps[:kept]:
+            for identity in self._timeline.pop(step):
+                del self._step_of[identity]
+        del self._steps[:kept]
 
     def _displace(self, identity: EntryId) -> None:
         """Take an entry's observation, if there is one, out of the timeline."""

@@ -81,7 +81,8 @@ class Outlook:
 
     places: (C, 2) metres. weight: (C,) probabilities of a source being there, adding up to 1 - ``none``. activity_bq: (C,) mean
     of the activity that a source there would have. none: probability that there is no source.
-    excluded_bq: a source of this activity or more would have been found, wherever in the area; None: nothing is excluded yet.
+    excluded_bq: a source of this activity or more would have shown, in the mean over the places where it may have been; None:
+    nothing is excluded yet.
     """
 
     places: NDArray[np.float64]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from agent.frames.transform import Transform, Vector3
 from protocol.messages import Cone, Entry, Exposure, PoseSample
 
+_SHORTEST_LIVE_S = 1e-3  # an exposure shorter than this tells nothing
 _SHORTEST_AXIS = 0.5  # a unit vector as sent; anything this short is no direction
 
 
@@ -109,7 +110,7 @@ def observe(entry: Entry, mission_from_local: Transform) -> Observation | None:
 
 
 def _observe_counts(exposure: Exposure, mission_from_local: Transform) -> CountObservation | None:
-    if exposure.live_time_s <= 0.0:
+    if exposure.live_time_s < _SHORTEST_LIVE_S:
         return None
     middle_ns = (exposure.stamp_ns + exposure.end_ns) // 2
     counts = np.array([exposure.counts.hits, exposure.counts.photopeak, exposure.counts.coincidences], dtype=np.float64)

@@ -40,7 +40,7 @@ def _paper(mission: MissionConfig, rule: Rule, name: str) -> PaperEstimator:
 def _bayes(mission: MissionConfig) -> Estimator[Any]:
     from agent.fusion.bayes.estimator import BayesEstimator  # noqa: PLC0415  a drone that flies by another has no memory for it
 
-    return BayesEstimator(mission, Polygon(mission.area.polygon_m).bounds)
+    return BayesEstimator(mission, Polygon(mission.area.polygon_m))
 
 
 def _given(mission: MissionConfig) -> GivenEstimator:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, hypot
+from math import exp, hypot, isfinite
 
 import shapely
 from shapely import Point, Polygon
@@ -42,6 +42,8 @@ class Leading:
             place: where the source was then.
             velocity: of the source.
         """
+        if not isfinite(sum(place) + sum(velocity)):
+            return self._place or (0.0, 0.0), (0.0, 0.0)
         elapsed_s = max(0.0, (now_ns - self._known_ns) * 1e-9)
         self._known_ns = now_ns
         if elapsed_s > _FORGET_S:

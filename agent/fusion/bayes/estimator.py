@@ -9,6 +9,7 @@ from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
 
 from agent.config import BayesEstimatorConfig, MissionConfig
 from agent.fusion.bayes.cones import Orders
@@ -27,8 +28,9 @@ _TRACK_UNITS, _SEARCH_UNITS = 8, 60  # of work for an observation
 _SITE_SHARE = 0.45  # sigma of a site that stands for a cell, in cells
 _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
 _MOST_TRUST = 40.0  # log likelihood that is remembered in a track's favour
-_TRUST_S = 10.0  # and for how long; so a track that nothing speaks for is given up
-_LEAST_TRUST = 1.0
+_TRUST_S = 10.0  # and for how long, of exposures; so a track that is spoken against is given up before long
+_LEAST_TRUST = -5.0
+_OUTLIER_COST = 1.0  # log likelihood that an exposure costs which does not fit the track at all
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,8 +72,8 @@ class BayesEstimator:
     reads: tuple[type[AnyEntry], ...] = (Cone, Exposure)
     grid_s: float | None
 
-    def __init__(self, mission: MissionConfig, bounds: tuple[float, float, float, float]) -> None:
-        """``bounds``: west, south, east, north of the area.
+    def __init__(self, mission: MissionConfig, area: Polygon) -> None:
+        """``area``: where the source is searched for, mission frame.
 
         Raises:
             ConfigError: the response to the mission's nuclide is not known.
@@ -79,7 +81,7 @@ class BayesEstimator:
         config = mission.fusion.bayes
         self._config: BayesEstimatorConfig = config
         self.grid_s = config.grid_s
-        self._grid = Grid(bounds, config)
+        self._grid = Grid(area, config)
         self._response = response_of(mission.nuclide)
         self._drones = tuple(drone.id for drone in mission.drones)
         self._vehicles = {drone: number for number, drone in enumerate(self._drones)}
@@ -109,6 +111,8 @@ class BayesEstimator:
         if state.track is None:
             return None
         mean, covariance = state.track.seen_at(self._motion, step.start_ns / _NS)
+        if not np.isfinite(covariance).all():
+            return None
         activity = float(np.exp(mean[ACTIVITY])) * REFERENCE_BQ
         return Hypothesis(
             stamp_ns=step.start_ns,
@@ -145,9 +149,7 @@ class BayesEstimator:
         """A track is brought to the step's beginning; a search goes from observation to observation."""
         if state.track is None:
             return state
-        time_s = step.start_ns / _NS
-        trust = state.trust * math.exp(min(0.0, state.track.time_s - time_s) / _TRUST_S)
-        return replace(state, track=state.track.later(self._motion, time_s), trust=trust)
+        return replace(state, track=state.track.later(self._motion, step.start_ns / _NS))
 
     def _taken(self, state: BayesState, step: GridStep, observation: Observation) -> BayesState:
         if state.track is None:
@@ -158,27 +160,38 @@ class BayesEstimator:
         """The state after a step's last observation."""
         if state.track is None:
             return self._declared(state, step)
-        if state.trust < _LEAST_TRUST:
+        if not state.trust >= _LEAST_TRUST:  # nor if it is no number
             search = SearchState.at_first(self._grid, step.start_ns / _NS)
             return BayesState(search, cones=state.cones, x0_stamp_ns=state.x0_stamp_ns)
         reduced = state.track.reduced()
+        if reduced.rms_m > self._config.given_up_rms_m:
+            return self._given_up(state, reduced)
         return state if reduced is state.track else replace(state, track=reduced)
+
+    def _given_up(self, state: BayesState, track: Mixture) -> BayesState:
+        """Search on from what a track says that has become too wide."""
+        variances = track.bias_variance.reshape(-1, BIAS).tolist()
+        heard = {vehicle: tuple(variance) for vehicle, variance in enumerate(variances) if any(variance)}
+        search = SearchState.of_track(self._grid, track, self._config.doubt)
+        return BayesState(search, cones=state.cones, x0_stamp_ns=state.x0_stamp_ns, heard=heard)
 
     def _tracked(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
         vehicle, variance = self._errors_of(observation)
         track = track.with_vehicle(vehicle, variance)
-        cones = state.cones
+        cones, trust = state.cones, state.trust
         if isinstance(observation, CountObservation):
+            trust *= math.exp(-observation.live_time_s / _TRUST_S)
             age_s = (step.start_ns - observation.middle_ns) / _NS
             background = self._response.background_ps * (state.background * observation.live_time_s)
-            track, gained = track.after_counts(
+            taken = track.after_counts(
                 self._response, background, vehicle, observation.position, observation.live_time_s, observation.counts, age_s
             )
+            track, gained = taken or (track, -_OUTLIER_COST)
         else:
             age_s = (step.start_ns - observation.stamp_ns) / _NS
             track, gained = track.after_cone(self._response, vehicle, observation.apex, Orders.of(observation), age_s)
             cones += 1
-        evidence, trust = state.evidence + gained, min(state.trust + gained, _MOST_TRUST)
+        evidence, trust = state.evidence + gained, min(trust + gained, _MOST_TRUST)
         return BayesState(None, track, cones, state.x0_stamp_ns, evidence, trust, state.background)
 
     def _errors_of(self, observation: Observation) -> tuple[int, tuple[float, ...]]:
@@ -207,9 +220,9 @@ class BayesEstimator:
     def _declared(self, state: BayesState, step: GridStep) -> BayesState:
         """Turn to tracking when there is a source, and it is known well enough where."""
         search = state.search
-        if search is None or search.none > self._config.doubt:
+        if search is None or not search.none <= self._config.doubt:
             return state
-        if search.place(self._grid)[2] > self._config.declared_rms_m:
+        if not search.place(self._grid)[2] <= self._config.declared_rms_m:
             return state
         trust = min(search.evidence, _MOST_TRUST)
         return BayesState(

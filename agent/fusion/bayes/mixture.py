@@ -8,6 +8,7 @@ more it counts than the others).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,7 @@ _MIX_S = 1.0  # the modes are mixed this often
 _LEAST_WEIGHT = 1e-4  # relative to the heaviest site
 _NEAR = 0.5  # sites nearer than this share of their sigma are one
 _NEAREST_SINE = 1e-3
+_FAR_OFF = 5.0  # by so many sigmas of what was expected of the rate, counts do not fit
 _SHORTLY_S = 0.6
 
 
@@ -106,12 +108,12 @@ class Mixture:
         live_time_s: float,
         counts: Array,
         age_s: float,
-    ) -> tuple[Mixture, float]:
+    ) -> tuple[Mixture, float] | None:
         """After an exposure of a vehicle (by its place among the biases) with counts (3,) at a position (mission frame).
 
         background: (3,) expected. age_s: how long before ``time_s`` the exposure's middle was. Also returns the log likelihood
         against there being no source. The logarithm of the rate is linear in the state near each mean; along that direction the
-        counts are fitted.
+        counts are fitted. None where they do not fit at all: a noisy pixel, a burst, or a track that is wrong.
         """
         x, y, distance = self._seen_from(vehicle, position, age_s)
         slope = -(2.0 / distance + response.air_per_m) / distance
@@ -123,6 +125,8 @@ class Mixture:
         strength = np.exp(self.mean[..., ACTIVITY] + self.mean[..., BIASES + BIAS * vehicle + GAIN])
         expected = response.signal(response.flux(distance) * strength * live_time_s, distance)
         shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TRUST, _ROUNDS)
+        if float((self.weight * shift * shift / variance).sum()) > _FAR_OFF**2:
+            return None
         mean = self.mean + gain * (shift / variance)[..., None]
         shrink = (1.0 - after / variance) / variance
         covariance = self.covariance - (shrink[..., None] * gain)[..., :, None] * gain[..., None, :]
@@ -193,6 +197,20 @@ class Mixture:
         total = float(weight.sum())
         after = Mixture(self.time_s, self.mixed_s, weight / total, mean, covariance, self.bias_variance)
         return after, most + float(np.log(total))
+
+    @property
+    def rms_m(self) -> float:
+        """Horizontal RMS of where the vehicles that were heard see the source in the mean."""
+        heard = np.flatnonzero(self.bias_variance.reshape(-1, BIAS).any(axis=1))
+        seeing = np.zeros((2, self.mean.shape[-1]))
+        for axis in (0, 1):
+            seeing[axis, axis] = 1.0
+            seeing[axis, BIASES + BIAS * heard + axis] = 1.0 / max(len(heard), 1)
+        place, own = self.mean @ seeing.T, seeing @ self.covariance @ seeing.T
+        weight = self.weight[..., None]
+        apart = place - (weight * place).sum(axis=(0, 1))
+        squared = float((self.weight * (own[..., 0, 0] + own[..., 1, 1])).sum() + (weight * apart * apart).sum())
+        return math.sqrt(max(squared, 0.0))
 
     def reduced(self) -> Mixture:
         """Without sites of hardly any weight, and with sites that lie close together made one (of the same moments)."""

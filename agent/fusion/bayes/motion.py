@@ -80,12 +80,13 @@ def _transition(motion: Motion, biases: bytes, dt_ms: int) -> tuple[Array, Array
     fade = np.exp(-0.5 * dt_s * drift / np.maximum(bias_variance, 1e-30))
     keep = np.exp(-dt_s / motion.velocity_s)
     kick = motion.velocity_variance * (1.0 - keep * keep)
+    swept = motion.velocity_s * (dt_s - motion.velocity_s * (2.0 * (1.0 - keep) - 0.5 * (1.0 - keep * keep)))
     transition, noise = np.zeros((motion.modes, d, d)), np.zeros((motion.modes, d, d))
     transition[:, [0, 1, ACTIVITY], [0, 1, ACTIVITY]] = 1.0
     for x, v in ((0, 2), (1, 3)):
         transition[:, x, v], transition[:, v, v] = motion.velocity_s * (1.0 - keep), keep
-        noise[:, x, x], noise[:, v, v] = kick * dt_s * dt_s / 3.0, kick
-        noise[:, x, v] = noise[:, v, x] = kick * dt_s / 2.0
+        noise[:, x, x], noise[:, v, v] = 2.0 * motion.velocity_variance * swept, kick
+        noise[:, x, v] = noise[:, v, x] = motion.velocity_variance * motion.velocity_s * (1.0 - keep) ** 2
     transition[REST, :, 2:4] = 0.0
     places = np.arange(BIASES, d)
     transition[:, places, places] = fade

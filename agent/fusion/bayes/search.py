@@ -11,11 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from shapely import Polygon, contains_xy
 
 from agent.config import BayesEstimatorConfig
 from agent.frames.transform import Vector3
 from agent.fusion.bayes.cones import Orders, cone_likelihood
 from agent.fusion.bayes.counts import SEARCH_TRUST, fit_rate, log_nothing
+from agent.fusion.bayes.mixture import Mixture
+from agent.fusion.bayes.motion import ACTIVITY
 from agent.fusion.bayes.response import NEAREST_M, REFERENCE_BQ, Response
 from agent.fusion.estimator import Outlook
 
@@ -23,24 +26,28 @@ Array = NDArray[np.float64]
 Weights = NDArray[np.float32]  # there are many of them, and every checkpoint has its own
 
 _MOVE_S = 0.5  # motion is carried out in steps of at least so long
+_LONGEST_MOVE_S = 60.0  # and counts for so long at most: a stamp may be years off
+_OUTLIERS = 0.01  # share of exposures that say nothing: a noisy pixel, a burst; one of them alone makes no source
 _TINY = 1e-30
 _ROUNDS = 3
 _DISTANCES = 64  # at which the likelihood of counts is worked out; between them it is interpolated
+_FORGOTTEN = 0.05  # share of a track given up that is put anywhere
 _EXCLUDED = 0.05  # an activity counts as excluded when the observations have made it so much less likely against no source
 
 
 class Grid:
-    """What is held possible. x, y: (Y, X) metres. log_activity: (A,), of REFERENCE_BQ. background: (B,) factors of the configured
-    one, and background_prior (B,). motion_prior: (M,) of the modes of motion.
+    """What is held possible. x, y: (Y, X) metres, of which ``inside`` (Y, X) belong to the area. log_activity: (A,), of
+    REFERENCE_BQ. background: (B,) factors of the configured one, and background_prior (B,). motion_prior: (M,) of the modes.
     """
 
-    def __init__(self, bounds: tuple[float, float, float, float], config: BayesEstimatorConfig) -> None:
-        """``bounds``: west, south, east, north of the area, mission frame."""
-        west, south, east, north = bounds
+    def __init__(self, area: Polygon, config: BayesEstimatorConfig) -> None:
+        """``area``: mission frame, metres."""
+        west, south, east, north = area.bounds
         self.cell_m = max(config.cell_m, ((east - west) * (north - south) / config.most_cells) ** 0.5)
         columns = np.arange(west + self.cell_m / 2.0, max(east, west + self.cell_m), self.cell_m)
         rows = np.arange(south + self.cell_m / 2.0, max(north, south + self.cell_m), self.cell_m)
         self.x, self.y = np.meshgrid(columns, rows)
+        self.inside: NDArray[np.bool_] = contains_xy(area.buffer(self.cell_m / 2.0), self.x, self.y)
         least, most = (np.log(value / REFERENCE_BQ) for value in config.activity_bq)
         self.log_activity = np.linspace(least, most, config.activity_levels)
         self.activity_variance = ((most - least) / (config.activity_levels - 1)) ** 2 / 12.0
@@ -69,12 +76,33 @@ class SearchState:
     def at_first(grid: Grid, time_s: float) -> SearchState:
         """Nothing known: with or without a source, anywhere, any activity, however it moves."""
         shape = (len(grid.log_activity), *grid.x.shape)
-        share = np.full(shape, 0.5 / np.prod(shape), np.float32)
+        share = np.broadcast_to(grid.inside * np.float32(0.5 / (shape[0] * max(int(grid.inside.sum()), 1))), shape)
         weight = grid.motion_prior[:, None, None, None].astype(np.float32) * share
         background = np.broadcast_to(
             grid.background_prior[:, None, None, None].astype(np.float32), (len(grid.background), *shape)
         )
         return SearchState(time_s, weight, 0.5, background, grid.background_prior)
+
+    @staticmethod
+    def of_track(grid: Grid, track: Mixture, none: float) -> SearchState:
+        """What a track says that is too wide for Gaussians to stand for it; a little of it is forgotten."""
+        first = SearchState.at_first(grid, track.time_s)
+        own = track.covariance[..., :2, :2] + grid.cell_m**2 / 12.0 * np.eye(2)
+        inverse, density = np.linalg.inv(own), np.zeros(first.weight.shape)
+        spread = track.covariance[..., ACTIVITY, ACTIVITY] + grid.activity_variance
+        for site, mode in np.ndindex(*track.weight.shape):
+            x, y = grid.x - track.mean[site, mode, 0], grid.y - track.mean[site, mode, 1]
+            (xx, xy), (_, yy) = inverse[site, mode]
+            place = np.exp(-0.5 * (xx * x * x + 2.0 * xy * x * y + yy * y * y)) * np.sqrt(xx * yy - xy * xy)
+            away = grid.log_activity - track.mean[site, mode, ACTIVITY]
+            level = np.exp(-0.5 * away * away / spread[site, mode])
+            density[mode] += track.weight[site, mode] * level[:, None, None] / (level.sum() + _TINY) * place
+        density *= grid.inside
+        total = density.sum()
+        kept = (1.0 - _FORGOTTEN) * density / total if total > 0.0 else 0.0
+        weight = (1.0 - none) * (kept + _FORGOTTEN * 2.0 * first.weight)  # half of a search's weight is that of no source
+        weight *= (1.0 - none) / weight.sum()
+        return replace(first, weight=weight.astype(np.float32), none=none)
 
     @property
     def evidence(self) -> float:
@@ -86,6 +114,7 @@ class SearchState:
         dt_s = time_s - self.time_s
         if dt_s < _MOVE_S:
             return self
+        dt_s = min(dt_s, _LONGEST_MOVE_S)
         modes = [self.weight[0]]
         for weight, diffusion_m2ps in zip(self.weight[1:], grid.diffusion_m2ps, strict=True):
             blur = (diffusion_m2ps * dt_s) ** 0.5 / grid.cell_m
@@ -110,16 +139,17 @@ class SearchState:
             _ROUNDS,
         )
         most = max(float(table.max()), float(alone.max()))
-        likelihood = _interpolated(np.exp(table - most).astype(np.float32), distance, far)  # (B, A, Y, X)
+        table = np.exp(table - most) + _OUTLIERS
+        likelihood = _interpolated(table.astype(np.float32), distance, far)  # (B, A, Y, X)
         by_level = self.background * likelihood
         given_source = by_level.sum(axis=0)
-        alone_by_level = self.background_alone * np.exp(alone - most)
+        alone_by_level = self.background_alone * (np.exp(alone - most) + _OUTLIERS)
         given_none = float(alone_by_level.sum())
         weighed = self._weighed(given_source, given_none)
         return replace(
             weighed,
-            background=by_level / np.maximum(given_source, np.float32(_TINY)),
-            background_alone=alone_by_level / max(given_none, _TINY),
+            background=by_level / given_source,
+            background_alone=alone_by_level / given_none,
         )
 
     def after_cone(self, grid: Grid, response: Response, apex: Vector3, orders: Orders) -> SearchState:
@@ -157,7 +187,7 @@ class SearchState:
         """What is known of a source that is still searched for."""
         cells = self.weight.sum(axis=0, dtype=np.float64)  # (A, Y, X)
         place = cells.sum(axis=0)
-        activity = np.exp((cells * grid.log_activity[:, None, None]).sum(axis=0) / place) * REFERENCE_BQ
+        activity = np.exp((cells * grid.log_activity[:, None, None]).sum(axis=0) / np.maximum(place, _TINY)) * REFERENCE_BQ
         return Outlook(
             places=np.column_stack((grid.x.ravel(), grid.y.ravel())),
             weight=place.ravel(),
@@ -167,7 +197,7 @@ class SearchState:
         )
 
     def _excluded_bq(self, grid: Grid, levels: Array) -> float | None:
-        """The least activity from which on every level has become so unlikely against no source as to be excluded."""
+        """The least activity from which on every level has become so unlikely against no source, in the mean over the area."""
         odds = levels * len(levels) / max(self.none, _TINY)  # 1 each at first
         possible = np.flatnonzero(odds > _EXCLUDED)
         first = int(possible[-1]) + 1 if len(possible) else 0

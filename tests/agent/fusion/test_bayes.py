@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from agent.frames.graph import FrameGraph
+from agent.fusion.bayes.search import SearchState
 from agent.fusion.engine import Fusion
+from agent.fusion.estimator import GridStep
 from agent.fusion.registry import estimator_named
 from protocol.messages import ConeOrder, Counts
 
@@ -215,3 +217,82 @@ def test_a_camera_on_the_ground_stops_nothing(kit, activity_bq):
     for _, hypothesis in hypotheses(kit, mission, entries, 60.0):
         assert np.isfinite(hypothesis.position).all()
         assert np.isfinite(hypothesis.covariance).all()
+
+
+def test_one_burst_makes_no_source_and_moves_none(kit):
+    """300 hits more in one exposure, as a noisy pixel gives; photopeak and coincidences as ever."""
+    mission = kit.mission_of()
+    for source_at, activity_bq in ((None, 0.0), (lambda _: (50.0, 50.0), 3e9)):
+        entries = entries_of(kit, mission, np.random.default_rng(11), 60.0, source_at, activity_bq)
+        place = next(k for k, entry in enumerate(entries) if hasattr(entry, "counts") and entry.stamp_ns > kit.T0_NS + 50 * 10**9)
+        counts = entries[place].counts
+        entries[place] = msgspec.structs.replace(entries[place], counts=msgspec.structs.replace(counts, hits=counts.hits + 300))
+        found = hypotheses(kit, mission, entries, 60.0)
+        if source_at is None:
+            assert found == []
+        else:
+            assert np.linalg.norm(errors_of(found[-15:], lambda _: np.array([50.0, 50.0])), axis=1).max() < 1.5
+
+
+@pytest.mark.parametrize("live_time_s", [5e-324, 1e-300])
+def test_an_exposure_of_no_time_says_nothing(kit, live_time_s):
+    mission = kit.mission_of()
+    entries = entries_of(kit, mission, np.random.default_rng(12), 30.0, None, 0.0)
+    entries[7] = msgspec.structs.replace(entries[7], live_time_s=live_time_s, counts=Counts(0, 0, 0))
+    assert hypotheses(kit, mission, entries, 30.0) == []
+
+
+def test_what_lies_long_before_the_start_is_left_out(kit):
+    mission = kit.mission_of()
+    entries = entries_of(kit, mission, np.random.default_rng(13), 40.0, lambda _: (45.0, 55.0), 3e9)
+    old = kit.exposure_entry(mission, -3600.0, (10.0, 10.0, 3.0), drone=mission.drones[0].id, sequence=9000, duration_s=0.5)
+    old = msgspec.structs.replace(old, counts=Counts(400, 40, 30))
+    end_ns = kit.T0_NS + 41_000_000_000
+    results = []
+    for extra, first in (([], True), ([old], True), ([old], False)):
+        fusion = fusion_of(mission)
+        if first:
+            fusion.start(kit.T0_NS)
+        kit.feed(fusion, [*extra, *entries])
+        fusion.start(kit.T0_NS)
+        results.append(kit.settle(fusion, end_ns))
+    assert results[0] is not None
+    assert kit.same_bits(results[0], results[1])
+    assert kit.same_bits(results[0], results[2])
+
+
+def test_an_outlook_after_years_costs_no_more_than_after_a_minute(kit):
+    """One drone's clock stood still at 1970: the motion since then counts as a minute's."""
+    mission = kit.mission_of()
+    estimator = estimator_named("bayes", mission)
+    state = estimator.step(estimator.initial(None), GridStep(0, 0, 100_000_000), [])
+    search = SearchState.at_first(estimator._grid, 0.0)
+    assert np.array_equal(search.later(estimator._grid, 60.0).weight, search.later(estimator._grid, 1.7e9).weight)
+    assert estimator.hypothesis(state, GridStep(1, 100_000_000, 200_000_000)) is None
+
+
+def test_only_the_area_itself_is_searched(kit):
+    mission = kit.mission_of()
+    corner = msgspec.structs.replace(mission.area, polygon_m=((0.0, 0.0), (100.0, 0.0), (0.0, 100.0)))
+    mission = msgspec.structs.replace(mission, area=corner)
+    fusion = fusion_of(mission)
+    fusion.advance(kit.T0_NS)
+    outlook = fusion.outlook
+    beyond = outlook.places.sum(axis=1) > 105.0
+    assert outlook.weight[beyond].sum() == 0.0
+    assert outlook.weight.sum() == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_track_that_has_become_too_wide_is_searched_for_from_where_it_was(kit):
+    """Nothing is heard for a while of a source that moves, then of three drones again."""
+    mission = kit.mission_of()
+
+    def source_at(time_s):
+        return np.array([30.0 + 0.5 * time_s, 50.0])
+
+    entries = entries_of(kit, mission, np.random.default_rng(14), 100.0, source_at, 3e9)
+    silent = [entry for entry in entries if not 45.0 < (entry.stamp_ns - kit.T0_NS) * 1e-9 < 80.0]
+    found = hypotheses(kit, mission, silent, 100.0)
+    times = np.array([time_s for time_s, _ in found])
+    assert (times < 46.0).any()
+    assert np.linalg.norm(errors_of(found[-20:], source_at), axis=1).max() < 2.0
