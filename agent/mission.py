@@ -48,7 +48,7 @@ class Situation(Struct, frozen=True):
     """What a decision rests on. ``last_cone_ns``: newest cone in the log, of whomever; 0 where there is none.
 
     ``at_home``: the drone hovers over the place where it took off. ``problems``: what stands against a start.
-    ``rms_m``: of the hypothesis, by an estimator that knows how sure it is; else None. ``nothing_found``: there is no source, as
+    ``rms_m``: of where the drone sees the source, by an estimator that knows how sure it is; else None. ``nothing_found``: there is no source, as
     far as the team wants to know.
     """
 

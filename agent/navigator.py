@@ -188,8 +188,7 @@ class Navigator:
         config, hypothesis = self._config.encirclement, moment.hypothesis
         radius_m, height_m, doubt_m = config.radius_m, config.height_m, 0.0
         if config.law == "smooth" and hypothesis is not None and hypothesis.evidence is not None:
-            covariance = hypothesis.sight_of(self._id).covariance
-            rms_m = float(max(0.0, covariance[0, 0] + covariance[1, 1])) ** 0.5
+            rms_m = hypothesis.sight_of(self._id).rms_m
             self._orbit.update(moment.now_ns, rms_m, hypothesis.activity_bq, moment.stage is Stage.REACQUIRE)
             radius_m, height_m = self._orbit.radius_m, self._orbit.height_m
             doubt_m = _DOUBT_SIGMAS * max((partner.plan.sigma_m for partner in partners), default=0.0)

@@ -288,7 +288,7 @@ class Pilot:
             hypothesis is not None,
             self._last_cone_ns,
             at_home,
-            rms_m=hypothesis.rms_m if hypothesis is not None and hypothesis.evidence is not None else None,
+            rms_m=hypothesis.sight_of(self._id).rms_m if hypothesis is not None and hypothesis.evidence is not None else None,
             nothing_found=self._finding != "",
         )
 

@@ -108,6 +108,7 @@ class NuclideWatch:
     def __init__(self, expected: str) -> None:
         self._expected = expected
         self._recogniser = Recogniser()
+        _parts()  # worked out now: in flight it would take longer than a step
         self._looked_ns: int | None = None
         self.recognised: Recognition | None = None
 

@@ -26,6 +26,10 @@ class GridStep:
     end_ns: int
 
 
+def _horizontal_rms_m(covariance: NDArray[np.float64]) -> float:
+    return math.sqrt(max(0.0, float(covariance[0, 0] + covariance[1, 1])))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
     """Where a drone's own localisation puts the source: what it has to fly to. Mission frame, as if the drone's poses were true.
@@ -37,6 +41,11 @@ class Sight:
     position: NDArray[np.float64]
     covariance: NDArray[np.float64]
     yaw_bias_rad: float = 0.0
+
+    @property
+    def rms_m(self) -> float:
+        """Horizontal RMS, metres."""
+        return _horizontal_rms_m(self.covariance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +77,7 @@ class Hypothesis:
     @property
     def rms_m(self) -> float:
         """Horizontal RMS of the posterior, metres."""
-        return math.sqrt(max(0.0, float(self.covariance[0, 0] + self.covariance[1, 1])))
+        return _horizontal_rms_m(self.covariance)
 
     def sight_of(self, drone: str) -> Sight:
         """Where the source is for a drone's own localisation; the hypothesis itself where nothing is known of its bias."""
