@@ -48,8 +48,8 @@ class Situation(Struct, frozen=True):
     """What a decision rests on. ``last_cone_ns``: newest cone in the log, of whomever; 0 where there is none.
 
     ``at_home``: the drone hovers over the place where it took off. ``problems``: what stands against a start.
-    ``rms_m``: of where the drone sees the source, by an estimator that knows how sure it is; else None. ``nothing_found``: there is no source, as
-    far as the team wants to know.
+    ``rms_m``: of where the drone sees the source, by an estimator that knows how sure it is; else None. ``nothing_found``: there
+    is no source, as far as the team wants to know.
     """
 
     now_ns: int
