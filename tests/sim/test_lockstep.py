@@ -57,11 +57,14 @@ def test_stages_come_in_order(demo):
 
 
 def test_all_drones_hold_the_same_hypothesis(demo):
+    """Bit for bit, but while an entry is still on its way: of some 13 a second, cones and exposures, 1 % come 0.5 s late to each of
+    two others, so that in about 13 % of the moments somebody lacks one. Equal logs are compared in the next test.
+    """
     hypothesis = demo.trace.hypothesis_m
     known = ~np.isnan(hypothesis).any(axis=(1, 2))
     assert known.sum() > 200
     same = (hypothesis == hypothesis[:, :1]).all(axis=(1, 2))[known]
-    assert same.mean() >= 0.95  # bit for bit, but for the moments when a cone is still on its way (1 % of messages come late)
+    assert same.mean() >= 0.8
 
 
 def test_equal_logs_are_equal_hypotheses(monkeypatch):
