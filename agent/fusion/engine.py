@@ -25,9 +25,9 @@ class Fusion:
     """Keeps the log of one agent and the hypothesis that follows from it.
 
     Step k of the grid is [k g, (k+1) g) UTC, g the estimator's width or else the mission's. An observation belongs to the step of
-    its stamp. The hypothesis is a pure function of the log's content, of the frames known, and of
-    the grid step in which now lies: entries up to the end of that step are in it, later ones (another clock is ahead) wait. The
-    way there (order of arrival, duplicates, delay, how the work was sliced) leaves no trace.
+    its stamp. The hypothesis is a pure function of the log's content, of the frames known, and of the grid step in which now
+    lies: entries up to the end of that step are in it, later ones (another clock is ahead) wait. The way there (order of
+    arrival, duplicates, delay, how the work was sliced) leaves no trace.
 
     The estimator's state after every step that has observations is a checkpoint. An entry takes the chain of states back to the
     last one before its step; the steps from there on are folded again. That holds for the newest step too, so a cone shows

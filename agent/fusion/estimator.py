@@ -35,12 +35,11 @@ class Sight:
     """Where a drone's own localisation puts the source: what it has to fly to. Mission frame, as if the drone's poses were true.
 
     The drone's bias (measured minus true) shifts what it sees of itself and of the source alike; so this is known better than
-    where the source is in truth. position: (3,) metres. covariance: (3, 3) m2. yaw_bias_rad: of the drone's heading.
+    where the source is in truth. position: (3,) metres. covariance: (3, 3) m2.
     """
 
     position: NDArray[np.float64]
     covariance: NDArray[np.float64]
-    yaw_bias_rad: float = 0.0
 
     @property
     def rms_m(self) -> float:

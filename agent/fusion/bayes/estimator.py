@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import takewhile
 
 import numpy as np
@@ -13,8 +13,8 @@ from shapely import Polygon
 
 from agent.config import BayesEstimatorConfig, MissionConfig
 from agent.fusion.bayes.cones import Orders
-from agent.fusion.bayes.mixture import Mixture
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, HEADING, Motion
+from agent.fusion.bayes.mixture import Mixture, with_variance
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, Motion
 from agent.fusion.bayes.response import REFERENCE_BQ, response_of
 from agent.fusion.bayes.search import Grid, SearchState
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook, Sight
@@ -38,8 +38,8 @@ class BayesState:
     """Either a search or a track, once there is one.
 
     evidence: log likelihood of all observations with the source against none. trust: the same of the last seconds only.
-    background: how strong it is against the configured one, as the search found. heard: the vehicles that made the search's
-    observations, with the variances of their biases.
+    background: how strong it is against the configured one, as the search found. bias_variance: (BIAS V,) of the vehicles
+    that made the search's observations; a track has its own.
     """
 
     search: SearchState | None = None
@@ -49,7 +49,7 @@ class BayesState:
     evidence: float = 0.0
     trust: float = 0.0
     background: float = 1.0
-    heard: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
+    bias_variance: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,8 +83,7 @@ class BayesEstimator:
         self.grid_s = config.grid_s
         self._grid = Grid(area, config)
         self._response = response_of(mission.nuclide)
-        self._drones = tuple(drone.id for drone in mission.drones)
-        self._vehicles = {drone: number for number, drone in enumerate(self._drones)}
+        self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._gain_variance = config.gain_sigma**2
         self._motion = _motion(config)
         self._last: _Folded | None = None
@@ -170,10 +169,8 @@ class BayesEstimator:
 
     def _given_up(self, state: BayesState, track: Mixture) -> BayesState:
         """Search on from what a track says that has become too wide."""
-        variances = track.bias_variance.reshape(-1, BIAS).tolist()
-        heard = {vehicle: tuple(variance) for vehicle, variance in enumerate(variances) if any(variance)}
         search = SearchState.of_track(self._grid, track, self._config.doubt)
-        return BayesState(search, cones=state.cones, x0_stamp_ns=state.x0_stamp_ns, heard=heard)
+        return BayesState(search, cones=state.cones, x0_stamp_ns=state.x0_stamp_ns, bias_variance=track.bias_variance)
 
     def _tracked(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
         vehicle, variance = self._errors_of(observation)
@@ -214,19 +211,19 @@ class BayesEstimator:
             )
         else:
             search = search.after_cone(self._grid, self._response, observation.apex, Orders.of(observation))
-        vehicle, variance = self._errors_of(observation)
-        return replace(state, search=search, cones=cones, heard={**state.heard, vehicle: variance})
+        known = np.zeros(BIAS * len(self._vehicles)) if state.bias_variance is None else state.bias_variance
+        return replace(state, search=search, cones=cones, bias_variance=with_variance(known, *self._errors_of(observation)))
 
     def _declared(self, state: BayesState, step: GridStep) -> BayesState:
         """Turn to tracking when there is a source, and it is known well enough where."""
         search = state.search
-        if search is None or not search.none <= self._config.doubt:
+        if search is None or state.bias_variance is None or not search.none <= self._config.doubt:
             return state
         if not search.place(self._grid)[2] <= self._config.declared_rms_m:
             return state
         trust = min(search.evidence, _MOST_TRUST)
         return BayesState(
-            track=self._sites(search, state.heard),
+            track=self._sites(search, state.bias_variance),
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns or step.start_ns,
             evidence=search.evidence,
@@ -234,11 +231,8 @@ class BayesEstimator:
             background=search.background_factor(self._grid),
         )
 
-    def _sites(self, search: SearchState, heard: Mapping[int, tuple[float, ...]]) -> Mixture:
+    def _sites(self, search: SearchState, bias_variance: Array) -> Mixture:
         grid = self._grid
-        bias_variance = np.zeros((len(self._drones), BIAS))
-        for vehicle, variances in heard.items():
-            bias_variance[vehicle] = variances
         cells = search.weight.sum(axis=1)  # (M, Y, X)
         total = cells.sum(axis=0)
         heavy = total > _LEAST_SHARE * total.max()
@@ -255,7 +249,7 @@ class BayesEstimator:
             mean,
             np.sqrt(variance),
             self._motion,
-            bias_variance.ravel(),
+            bias_variance,
         ).reduced()
 
 
@@ -281,7 +275,7 @@ class _Sights(Mapping[str, Sight]):
     def _sight(self, b: int) -> Sight:
         mean, p = self._mean, self._covariance
         together = p[:2, :2] + p[:2, b : b + 2] + p[b : b + 2, :2] + p[b : b + 2, b : b + 2]
-        return Sight(np.array([mean[0] + mean[b], mean[1] + mean[b + 1], 0.0]), _on_ground(together), float(mean[b + HEADING]))
+        return Sight(np.array([mean[0] + mean[b], mean[1] + mean[b + 1], 0.0]), _on_ground(together))
 
 
 def _motion(config: BayesEstimatorConfig) -> Motion:

@@ -66,9 +66,9 @@ class Mixture:
         variance[..., ACTIVITY] = (log_sigma**2)[:, None]
         variance[..., BIASES:] = bias_variance
         truth = np.eye(d)  # what the vehicles see -> what is
-        heard = np.flatnonzero(bias_variance.reshape(-1, BIAS).any(axis=1))
+        share = _shares(bias_variance)
         for place, bias in ((0, 0), (1, 1), (ACTIVITY, GAIN)):
-            truth[place, BIASES + BIAS * heard + bias] = -1.0 / max(len(heard), 1)
+            truth[place, BIASES + bias :: BIAS] = -share
         covariance = truth @ (variance[..., None] * np.eye(d)) @ truth.T
         return Mixture(time_s, time_s, weight / weight.sum(), mean, covariance, bias_variance)
 
@@ -86,13 +86,11 @@ class Mixture:
 
     def with_vehicle(self, vehicle: int, variance: tuple[float, ...]) -> Mixture:
         """Take what a vehicle says of itself: the variances (BIAS,) of its biases at all times."""
-        b = BIAS * vehicle
-        known = self.bias_variance[b : b + BIAS]
-        if tuple(known.tolist()) == variance:
+        priors = with_variance(self.bias_variance, vehicle, variance)
+        if priors is self.bias_variance:
             return self
-        priors = self.bias_variance.copy()
-        priors[b : b + BIAS] = variance
-        if known.any():
+        b = BIAS * vehicle
+        if self.bias_variance[b : b + BIAS].any():
             return replace(self, bias_variance=priors)
         covariance = self.covariance.copy()
         places = np.arange(BIASES + b, BIASES + b + BIAS)
@@ -201,11 +199,10 @@ class Mixture:
     @property
     def rms_m(self) -> float:
         """Horizontal RMS of where the vehicles that were heard see the source in the mean."""
-        heard = np.flatnonzero(self.bias_variance.reshape(-1, BIAS).any(axis=1))
-        seeing = np.zeros((2, self.mean.shape[-1]))
+        seeing, share = np.zeros((2, self.mean.shape[-1])), _shares(self.bias_variance)
         for axis in (0, 1):
             seeing[axis, axis] = 1.0
-            seeing[axis, BIASES + BIAS * heard + axis] = 1.0 / max(len(heard), 1)
+            seeing[axis, BIASES + axis :: BIAS] = share
         place, own = self.mean @ seeing.T, seeing @ self.covariance @ seeing.T
         weight = self.weight[..., None]
         apart = place - (weight * place).sum(axis=(0, 1))
@@ -247,6 +244,22 @@ class Mixture:
         covariance[:2] += dt_s * covariance[2:4]
         covariance[:, :2] += dt_s * covariance[:, 2:4]
         return mean, covariance
+
+
+def with_variance(bias_variance: Array, vehicle: int, variance: tuple[float, ...]) -> Array:
+    """The variances (BIAS V,) with those (BIAS,) of one vehicle; the same array where it has them."""
+    own = slice(BIAS * vehicle, BIAS * (vehicle + 1))
+    if tuple(bias_variance[own].tolist()) == variance:
+        return bias_variance
+    changed = bias_variance.copy()
+    changed[own] = variance
+    return changed
+
+
+def _shares(bias_variance: Array) -> Array:
+    """(V,): the weights of the vehicles in the mean of those that were heard."""
+    heard = bias_variance.reshape(-1, BIAS).any(axis=1)
+    return np.asarray(heard / max(int(heard.sum()), 1), dtype=np.float64)
 
 
 def _moments(weight: Array, mean: Array, covariance: Array) -> tuple[Array, Array, Array]:

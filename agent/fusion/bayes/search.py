@@ -100,7 +100,7 @@ class SearchState:
         density *= grid.inside
         total = density.sum()
         kept = (1.0 - _FORGOTTEN) * density / total if total > 0.0 else 0.0
-        weight = (1.0 - none) * (kept + _FORGOTTEN * 2.0 * first.weight)  # half of a search's weight is that of no source
+        weight = kept + _FORGOTTEN * 2.0 * first.weight  # half of a search's weight is that of no source
         weight *= (1.0 - none) / weight.sum()
         return replace(first, weight=weight.astype(np.float32), none=none)
 
