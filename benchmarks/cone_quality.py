@@ -7,44 +7,39 @@ probabilities (agent/detector/cones.py) were first set at 662 keV. For each line
 - cones: their number; other: share of them that another line's photons made;
 - right: of the rest, share whose energies are those of the photon's first scatter; of these
 - ARM 68 %: angle of the true order, degrees; pull 68 %, 95 %: the same in units of the cone's own sigma (agent/fusion/bayes takes
-  it for a mixture with 1.13 and 4.2);
+  it for a mixture with 1.15 and 2.70);
 - order: share whose more probable order is the true one; bits: what the stated probability is worth (log score, 0 for "either").
 """
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
 from agent.config import DetectionConfig
-from agent.detector.calibration import NOMINAL, Calibration
+from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.detection import ConeEvent
 from agent.detector.lines import lines_of
-from agent.detector.readout import PixelHits, Readout
 from sim.radiation.events import Events, simulate
 from sim.radiation.nuclides import nuclide
 from sim.radiation.timepix3 import response
 from sim.radiation.truth import CameraTruth
 
-SPACING_NS = 100_000
-SPACING = SPACING_NS * 16 // 25
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
+
+from event_readout import SPACING_NS, readout_of
+
 RIGHT_KEV = 40.0
 
 
 def detected(events: Events, name: str) -> tuple[ConeEvent, ...]:
     """Cones of the events, which follow each other at equal intervals."""
-    owner = np.repeat(np.arange(len(events.first) - 1), np.diff(events.first))
-    energy = events.pixels["energy_kev"].astype(float)
-    a, b, c, t = NOMINAL
-    tot = np.clip(np.floor(a * energy + b - c / np.maximum(energy - t, 1e-3) + 0.5), 0, 1022).astype(np.uint16)
-    index = (256 * events.pixels["row"].astype(int) + events.pixels["column"]).astype(np.uint16)
-    tick = owner * SPACING + events.pixels["tick"].astype(np.int64)
-    hits = PixelHits(tick, index, tot).take(tot > 0)
-    end_ns = len(events.first) * SPACING_NS
-    return DetectorChain(DetectionConfig(), name, Calibration.nominal()).process(Readout(0, end_ns, 0, end_ns * 1e-9, hits)).cones
+    return DetectorChain(DetectionConfig(), name, Calibration.nominal()).process(readout_of(events)).cones
 
 
 def nearest(energy_kev: float, lines_kev: tuple[float, ...]) -> float:

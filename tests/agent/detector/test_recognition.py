@@ -6,37 +6,27 @@ import numpy as np
 import pytest
 
 from agent.config import DetectionConfig
-from agent.detector.calibration import NOMINAL, Calibration
+from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.lines import GAMMAS, LINES_KEV
-from agent.detector.readout import PixelHits, Readout
 from agent.detector.recognition import CANDIDATES, LOOK_NS, NuclideWatch, Recogniser
 
 events = pytest.importorskip("sim.radiation.events")
 nuclides = pytest.importorskip("sim.radiation.nuclides")
+event_readout = pytest.importorskip("event_readout")
 surroundings = pytest.importorskip("sim.radiation.surroundings")
 timepix3 = pytest.importorskip("sim.radiation.timepix3")
 truth = pytest.importorskip("sim.radiation.truth")
 
-SPACING_NS = 100_000
 FOUR = ("Cs-137", "Co-60", "I-131", "Ir-192")
 
 
 def energies(lines, interactions):
     """Energies that the chain reads of photons from all sides, in the order of the events."""
     simulated = events.simulate(lines, interactions, timepix3.response(truth.CameraTruth()), np.random.default_rng(4))
-    pixels = simulated.pixels
-    owner = np.repeat(np.arange(len(simulated.first) - 1), np.diff(simulated.first))
-    energy = pixels["energy_kev"].astype(float)
-    a, b, c, t = NOMINAL
-    tot = np.clip(np.floor(a * energy + b - c / np.maximum(energy - t, 1e-3) + 0.5), 0, 1022).astype(np.uint16)
-    index = (256 * pixels["row"].astype(int) + pixels["column"]).astype(np.uint16)
-    tick = owner * (SPACING_NS * 16 // 25) + pixels["tick"].astype(np.int64)
-    end_ns = len(simulated.first) * SPACING_NS
-    hits = PixelHits(tick, index, tot).take(tot > 0)
     found = []
     chain = DetectorChain(DetectionConfig(), None, Calibration.nominal(), on_energies=lambda kev: found.extend(list(kev)))
-    chain.process(Readout(0, end_ns, 0, end_ns * 1e-9, hits))
+    chain.process(event_readout.readout_of(simulated))
     return np.array(found)
 
 

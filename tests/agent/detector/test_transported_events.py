@@ -4,18 +4,16 @@ import numpy as np
 import pytest
 
 from agent.config import DetectionConfig
-from agent.detector.calibration import NOMINAL, Calibration
+from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.imaging import DirectionScan
-from agent.detector.readout import PixelHits, Readout
 
+event_readout = pytest.importorskip("event_readout")
 events = pytest.importorskip("sim.radiation.events")
 timepix3 = pytest.importorskip("sim.radiation.timepix3")
 truth = pytest.importorskip("sim.radiation.truth")
 
 LINE = ((661.657, 0.851),)
-SPACING_NS = 100_000
-SPACING = SPACING_NS * 16 // 25
 
 
 def simulate(interactions, seed, **beam):
@@ -27,17 +25,7 @@ def simulate(interactions, seed, **beam):
 
 def detect(simulated, nuclide="Cs-137"):
     """Detections of the events, which follow each other at equal intervals."""
-    pixels = simulated.pixels
-    owner = np.repeat(np.arange(len(simulated.first) - 1), np.diff(simulated.first))
-    energy = pixels["energy_kev"].astype(float)
-    a, b, c, t = NOMINAL
-    tot = np.clip(np.floor(a * energy + b - c / np.maximum(energy - t, 1e-3) + 0.5), 0, 1022).astype(np.uint16)
-    index = (256 * pixels["row"].astype(int) + pixels["column"]).astype(np.uint16)
-    tick = owner * SPACING + pixels["tick"].astype(np.int64)
-    seen = tot > 0
-    end_ns = len(simulated.first) * SPACING_NS
-    readout = Readout(0, end_ns, 0, end_ns * 1e-9, PixelHits(tick[seen], index[seen], tot[seen]))
-    return DetectorChain(DetectionConfig(), nuclide, Calibration.nominal()).process(readout)
+    return DetectorChain(DetectionConfig(), nuclide, Calibration.nominal()).process(event_readout.readout_of(simulated))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +40,7 @@ def readings(isotropic):
     simulated, cones = isotropic
     rows = []
     for cone in cones:
-        event = cone.stamp_ns // SPACING_NS
+        event = cone.stamp_ns // event_readout.SPACING_NS
         first, second = simulated.sites[event]
         order = 0 if cone.axis[0] @ (first[:3] - second[:3]) > 0.0 else 1
         arm = np.arccos(np.clip(cone.axis[order] @ simulated.source[event], -1, 1)) - cone.theta_rad[order]
@@ -131,7 +119,7 @@ def test_sigma_grows_with_the_tracks_of_energetic_electrons():
     simulated = events.simulate(lines, 300_000, camera, np.random.default_rng(8), quota=(0, 300_000, 300_000))
     pull = []
     for cone in detect(simulated, "Co-60").cones:
-        event = cone.stamp_ns // SPACING_NS
+        event = cone.stamp_ns // event_readout.SPACING_NS
         first, second = simulated.sites[event]
         order = 0 if cone.axis[0] @ (first[:3] - second[:3]) > 0.0 else 1
         if abs(cone.energies_kev[order] - first[3]) < 40.0:
