@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 OPEN_S = 5.0  # a session opens in 0.5 s at most, reachable peers or not
 LOOKUP_S = 1.5
-CLOSE_S = 0.9
+CLOSE_S = 2.0  # 0.8 s when a peer is dialled that is stopped; twice that on a busy machine
 _ENDPOINT = re.compile(r"tcp/(?P<host>[^\s/?#]+):(?P<port>\d{1,5})\Z")
 _RUNTIME = "(rx: (worker_threads: 16))"  # with Zenoh's two, vanished peers stall the reception from healthy ones for 10 s
 
