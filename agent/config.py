@@ -19,7 +19,7 @@ from shapely import Polygon
 from shapely.validation import explain_validity
 
 from agent.errors import ConfigError
-from protocol.units import STATION, DroneId, Identifier
+from protocol.units import STATION, DroneId, Identifier, Latitude, Longitude
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 Activity = Annotated[float, Meta(gt=0.0, le=1e15)]
@@ -177,11 +177,49 @@ class TrackConfig(_Section, frozen=True, kw_only=True):
 
 
 class DroneInMission(_Section, frozen=True, kw_only=True):
-    """A member of the swarm and where its local frame lies: its origin and heading in the mission frame."""
+    """A member of the swarm and where its local frame lies at the start: its origin and heading in the mission frame.
+
+    ``localization``: ``exact``: the frame lies exactly there for the whole flight; else how the vehicle localises itself, by
+    which its frame's place and heading are estimated in flight, beginning with ``origin_sigma_m`` (of each axis) and ``yaw_sigma_deg``
+    (180: the heading is not known at all).
+    """
 
     id: DroneId
     origin_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
     yaw_deg: Degrees = 0.0
+    localization: Literal["exact", "gnss", "rtk", "slam"] = "exact"
+    origin_sigma_m: NonNegative = 1.0
+    yaw_sigma_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 5.0
+
+
+class DatumConfig(_Section, frozen=True, kw_only=True):
+    """Where on Earth the mission frame's origin lies (WGS84, height above the ellipsoid); its axes are east, north, up there."""
+
+    latitude_deg: Latitude
+    longitude_deg: Longitude
+    altitude_m: Coordinate = 0.0
+
+
+class GroundConfig(_Section, frozen=True, kw_only=True):
+    """The ground on which the source lies, in the mission frame: a plane, or an elevation grid.
+
+    ``height_m``: of the plane at the mission frame's origin; ``slope``: its rise per metre east and north. ``grid``: an ESRI
+    ASCII grid or GeoTIFF file instead, from the mission file's folder; georeferenced ones need the mission's ``datum``.
+    """
+
+    height_m: Coordinate = 0.0
+    slope: tuple[Annotated[float, Meta(ge=-2.0, le=2.0)], Annotated[float, Meta(ge=-2.0, le=2.0)]] = (0.0, 0.0)
+    grid: str | None = None
+
+
+class FramesConfig(_Section, frozen=True, kw_only=True):
+    """How the drones' frames are estimated where they are not known exactly; drifts are 1 sigma.
+
+    ``keyframe_s``: from one estimate of all frames to the next; ``settle_s``: how long a keyframe's entries are waited for.
+    """
+
+    keyframe_s: Annotated[float, Meta(ge=0.2, le=10.0)] = 1.0
+    settle_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.7
 
 
 class MissionConfig(_Section, frozen=True, kw_only=True):
@@ -191,7 +229,10 @@ class MissionConfig(_Section, frozen=True, kw_only=True):
     swarm: Identifier = "radron"
     nuclide: str = "Cs-137"
     drones: Annotated[tuple[DroneInMission, ...], Meta(min_length=1, max_length=64)]
+    datum: DatumConfig | None = None  # none: the mission frame has no place on Earth, or nobody needs to know it
     area: AreaConfig
+    ground: GroundConfig = GroundConfig()
+    frames: FramesConfig = FramesConfig()
     survey: SurveyConfig = SurveyConfig()
     encirclement: EncirclementConfig = EncirclementConfig()
     limits: LimitsConfig = LimitsConfig()

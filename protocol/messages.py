@@ -6,7 +6,7 @@ frame. Quaternions are (w, x, y, z), local from body. Times are integer nanoseco
 
 Two families:
 
-- **log entries** (``Cone``, ``Exposure``, ``Sighting``, ``Coverage``): raw observations that every agent keeps for the
+- **log entries** (``Cone``, ``Exposure``, ``Sighting``, ``Fix``, ``Coverage``): raw observations that every agent keeps for the
   whole mission. They have an identity and are judged by their bytes alone, never by the receiver's clock.
 - **news** (``Pose``, ``Plan``, ``Frame``, ``Estimate``, ``Status``, ``Command``): the newest replaces the older.
 """
@@ -32,6 +32,8 @@ from protocol.units import (
     Epoch,
     Identifier,
     KiloElectronvolt,
+    Latitude,
+    Longitude,
     Metres,
     MissionId,
     Nuclide,
@@ -199,23 +201,45 @@ class Exposure(Entry, frozen=True, kw_only=True):
 
 
 class Sighting(Entry, frozen=True, kw_only=True):
-    """Another drone seen from this one: direction (local frame) and, where the sensor gives it, range."""
+    """Another drone as this one's sensors saw it: its direction (local frame), its range, or both.
+
+    ``position_m``: where this drone was. A camera gives a direction, a radio a range; who it is they know from the blinking or
+    the radio's name, and may be wrong.
+    """
 
     epoch: Epoch
     target: DroneId
     position_m: Position
-    direction: Direction
-    direction_sigma_rad: SensorSigmaRadians
+    direction: Direction | None = None
+    direction_sigma_rad: SensorSigmaRadians | None = None
     range_m: PositiveMetres | None = None
     range_sigma_m: SensorSigmaMetres | None = None
 
     def flaw(self) -> str | None:
-        """The direction must be a unit vector, to somebody else; a range and its error come together."""
+        """It is of somebody else, says something, and each thing comes with its error; the direction is a unit vector."""
         if self.target == self.drone:
             return "it is of the drone itself"
         if (self.range_m is None) != (self.range_sigma_m is None):
             return "of range and range_sigma one is missing"
+        if (self.direction is None) != (self.direction_sigma_rad is None):
+            return "of direction and direction_sigma one is missing"
+        if self.direction is None:
+            return "it has neither direction nor range" if self.range_m is None else None
         return None if is_unit(self.direction) else "its direction is no unit vector"
+
+
+class Fix(Entry, frozen=True, kw_only=True):
+    """Where a satellite receiver says that this drone was (WGS84, height above the ellipsoid) when its own localisation said
+    ``position_m``. The sigmas are of the distance, horizontal and vertical, as the receiver tells them.
+    """
+
+    epoch: Epoch
+    position_m: Position
+    latitude_deg: Latitude
+    longitude_deg: Longitude
+    altitude_m: Metres
+    horizontal_sigma_m: SensorSigmaMetres
+    vertical_sigma_m: SensorSigmaMetres
 
 
 class Coverage(Entry, frozen=True, kw_only=True):
@@ -306,7 +330,11 @@ class Recognised(Struct, frozen=True, array_like=True):
 
 
 class Status(DroneMessage, frozen=True, kw_only=True):
-    """What a drone is doing, what it counted, what is wrong with it, and what its search has ended with, if it has."""
+    """What a drone is doing, what it counted, what is wrong with it, and what its search has ended with, if it has.
+
+    ``delays_ns``: for each drone heard, the least difference of late between the own clock at the arrival of its status and the
+    stamp in it. Two drones' clocks differ by half the difference of the two delays that they tell of each other.
+    """
 
     mission: MissionId
     boot: BootId
@@ -316,6 +344,7 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     problems: Annotated[tuple[Annotated[str, Meta(max_length=256)], ...], Meta(max_length=32)] = ()
     finding: Annotated[str, Meta(max_length=256)] = ""
     recognised: Recognised | None = None  # none: no nuclide stands out (yet)
+    delays_ns: Annotated[dict[DroneId, Annotated[int, Meta(ge=-(2**62), le=2**62)]], Meta(max_length=64)] = {}
 
 
 class Command(Message, frozen=True, kw_only=True):
@@ -327,7 +356,7 @@ class Command(Message, frozen=True, kw_only=True):
     drones: Annotated[tuple[DroneId, ...], Meta(max_length=64)] = ()
 
 
-AnyEntry = Cone | Exposure | Sighting | Coverage
+AnyEntry = Cone | Exposure | Sighting | Fix | Coverage
 AnyDroneMessage = AnyEntry | Pose | Plan | Frame | Estimate | Status
 AnyMessage = AnyDroneMessage | Command
 
@@ -335,6 +364,7 @@ DRONE_KINDS: dict[str, type[AnyDroneMessage]] = {
     "cone": Cone,
     "exposure": Exposure,
     "sighting": Sighting,
+    "fix": Fix,
     "coverage": Coverage,
     "pose": Pose,
     "plan": Plan,

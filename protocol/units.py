@@ -25,6 +25,8 @@ DurationNs = Annotated[int, Meta(ge=0, le=60_000_000_000)]
 Epoch = Annotated[int, Meta(ge=0, le=1_000_000)]
 Count = Annotated[int, Meta(ge=0, le=2**40)]
 
+Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
+Longitude = Annotated[float, Meta(ge=-180.0, le=180.0)]
 Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
 PositiveMetres = Annotated[float, Meta(ge=0.0, le=1e5)]
 SwathMetres = Annotated[float, Meta(ge=0.1, le=1e4)]

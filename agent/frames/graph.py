@@ -33,6 +33,6 @@ class FrameGraph:
         self._known[drone, epoch] = mission_from_local
         self.revision += 1
 
-    def mission_from_local(self, drone: str, epoch: int) -> Transform | None:
-        """Transform of a drone's local frame in that epoch, or None as long as nobody knows it."""
+    def mission_from_local(self, drone: str, epoch: int, stamp_ns: int | None = None) -> Transform | None:
+        """Transform of a local frame in that epoch at ``stamp_ns`` (none: now), or None while nobody knows it."""
         return self._known.get((drone, epoch))

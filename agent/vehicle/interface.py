@@ -39,6 +39,28 @@ class VehicleState(Struct, frozen=True, kw_only=True):
     battery: float | None = None  # 0 .. 1
 
 
+class GnssFix(Struct, frozen=True, kw_only=True):
+    """A satellite receiver's position, WGS84, height above the ellipsoid; 1-sigma errors of the distance."""
+
+    stamp_ns: int
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    horizontal_sigma_m: float
+    vertical_sigma_m: float
+
+
+class SeenDrone(Struct, frozen=True, kw_only=True):
+    """Another drone as a sensor on board saw it: direction (unit vector, body FLU), range, or both; 1-sigma errors."""
+
+    stamp_ns: int
+    target: str
+    direction: Vector3 | None = None
+    direction_sigma_rad: float | None = None
+    range_m: float | None = None
+    range_sigma_m: float | None = None
+
+
 class Setpoint(Struct, frozen=True):
     """What the autopilot is to follow now, local ENU."""
 

@@ -79,11 +79,14 @@ def _flyable(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _of_another(values: dict[str, Any]) -> dict[str, Any]:
-    """A sighting of another drone, with a range and its error or with neither."""
+    """A sighting of another drone, with direction, range, or both, each with its error."""
     target = values["target"] if values["target"] != values["drone"] else values["drone"][:31] + "0"
     target = target if target != values["drone"] else values["drone"][:31] + "1"
-    ranged = values["range_m"] is not None and values["range_sigma_m"] is not None
-    return {**values, "target": target, **({} if ranged else {"range_m": None, "range_sigma_m": None})}
+    seen = {**values, "target": target}
+    for thing, error in (("direction", "direction_sigma_rad"), ("range_m", "range_sigma_m")):
+        if seen[thing] is None or seen[error] is None:
+            seen[thing] = seen[error] = None
+    return seen if seen["direction"] or seen["range_m"] is not None else {**seen, "range_m": 1.0, "range_sigma_m": 0.1}
 
 
 def _product(numbers: tuple[float, ...], size: int) -> list[list[float]]:
