@@ -90,6 +90,16 @@ class Transform:
             covariance += inner @ other.covariance @ inner.T
         return Transform(yaw_rad, translation, covariance)
 
+    def sigmas_at(self, point: Vector3) -> tuple[float, float]:
+        """1 sigma of where a point of frame b lies in a (of the horizontal distance, m), and of the yaw (rad); 0 if known exactly."""
+        if self.covariance is None:
+            return 0.0, 0.0
+        turned = np.zeros((2, 4))
+        turned[0, 0] = turned[1, 1] = 1.0
+        turned[:, 3] = self._turned_per_yaw(point)[:2]
+        variance = float(np.trace(turned @ self.covariance @ turned.T))
+        return math.sqrt(max(variance, 0.0)), math.sqrt(max(float(self.covariance[3, 3]), 0.0))
+
     def rotation_matrix(self) -> Array:
         """(3, 3) matrix that turns directions of frame b into frame a."""
         return np.array([[self._cos, -self._sin, 0.0], [self._sin, self._cos, 0.0], [0.0, 0.0, 1.0]])

@@ -35,22 +35,16 @@ class ConeSurface:
 class ConeObservation:
     """A Compton cone with its possible readings, one or two, in the order in which they were published.
 
-    ``entry`` is the cone as published, in the publisher's local frame.
+    ``entry`` is the cone as published, in the publisher's local frame; ``mission_from_local`` brought it here. Sigmas: of the
+    horizontal distance by which the drone's position may be wrong, and of its heading.
     """
 
     stamp_ns: int
     readings: tuple[ConeSurface, ...]
+    position_sigma_m: float
+    yaw_sigma_rad: float
+    mission_from_local: Transform
     entry: Cone
-
-    @property
-    def position_sigma_m(self) -> float:
-        """1 sigma of the horizontal distance by which the drone's position may be wrong, as it says itself."""
-        return self.entry.apex_sigma_m
-
-    @property
-    def yaw_sigma_rad(self) -> float:
-        """1 sigma of its heading."""
-        return self.entry.yaw_sigma_rad
 
     @property
     def apex(self) -> Vector3:
@@ -72,7 +66,7 @@ class ConeObservation:
 class CountObservation:
     """What a camera counted in an exposure, from the place where it was in its middle, mission frame.
 
-    ``stamp_ns`` is the exposure's end: earlier nobody knows of it.
+    ``stamp_ns`` is the exposure's end: earlier nobody knows of it. The rest as of a cone.
     """
 
     stamp_ns: int
@@ -80,17 +74,10 @@ class CountObservation:
     position: Vector3
     live_time_s: float
     counts: NDArray[np.float64]  # (3,) hits, full-energy events, coincidences
+    position_sigma_m: float
+    yaw_sigma_rad: float
+    mission_from_local: Transform
     entry: Exposure
-
-    @property
-    def position_sigma_m(self) -> float:
-        """As of a cone."""
-        return self.entry.position_sigma_m
-
-    @property
-    def yaw_sigma_rad(self) -> float:
-        """As of a cone."""
-        return self.entry.yaw_sigma_rad
 
 
 Observation = ConeObservation | CountObservation
@@ -114,8 +101,20 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform) -> CountO
         return None
     middle_ns = (exposure.stamp_ns + exposure.end_ns) // 2
     counts = np.array([exposure.counts.hits, exposure.counts.photopeak, exposure.counts.coincidences], dtype=np.float64)
-    position = mission_from_local.apply_point(_position(exposure.poses, middle_ns - exposure.stamp_ns))
-    return CountObservation(exposure.end_ns, middle_ns, position, exposure.live_time_s, counts, exposure)
+    place = _position(exposure.poses, middle_ns - exposure.stamp_ns)
+    told = exposure.position_sigma_m, exposure.yaw_sigma_rad
+    sigmas = _sigmas(mission_from_local, place, told)
+    position = mission_from_local.apply_point(place)
+    return CountObservation(
+        exposure.end_ns, middle_ns, position, exposure.live_time_s, counts, *sigmas, mission_from_local, exposure
+    )
+
+
+def _sigmas(mission_from_local: Transform, place: Vector3, told: tuple[float, float]) -> tuple[float, float]:
+    """Of position and heading at a place of the local frame. Where that frame is estimated, its covariance has in it how wrong
+    the drone's own localisation is, whatever the drone tells of itself.
+    """
+    return told if mission_from_local.covariance is None else mission_from_local.sigmas_at(place)
 
 
 def _position(poses: Sequence[PoseSample], offset_ns: int) -> Vector3:
@@ -140,4 +139,7 @@ def _observe_cone(cone: Cone, mission_from_local: Transform) -> ConeObservation 
         x, y, z = mission_from_local.rotate_direction(order.axis)
         axis = (x / length, y / length, z / length)
         readings.append(ConeSurface(cone.stamp_ns, apex, axis, order.theta_rad, order.sigma_rad, order.probability))
-    return ConeObservation(cone.stamp_ns, tuple(readings), cone) if readings else None
+    if not readings:
+        return None
+    sigmas = _sigmas(mission_from_local, cone.apex_m, (cone.apex_sigma_m, cone.yaw_sigma_rad))
+    return ConeObservation(cone.stamp_ns, tuple(readings), *sigmas, mission_from_local, cone)

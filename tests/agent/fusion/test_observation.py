@@ -1,6 +1,7 @@
 import math
 
 import msgspec
+import numpy as np
 import pytest
 
 from agent.frames.transform import Transform
@@ -77,3 +78,17 @@ def test_the_place_in_the_middle_lies_between_the_samples_around_it(kit):
     assert only.position == (1.0, 0.0, 3.0)
     early = observe(msgspec.structs.replace(exposure, poses=poses[:2]), Transform())
     assert early.position == (2.0, 0.0, 3.0)  # nothing is known of what came after
+
+
+def test_the_errors_of_an_estimated_frame_count_instead_of_what_the_drone_tells(cone, kit):
+    exact = observe(cone, Transform(0.3))
+    assert (exact.position_sigma_m, exact.yaw_sigma_rad) == (cone.apex_sigma_m, cone.yaw_sigma_rad)
+    covariance = np.diag([0.09, 0.16, 4.0, 0.01])
+    far = msgspec.structs.replace(cone, apex_m=(30.0, 40.0, 3.0))
+    seen = observe(far, Transform(0.3, (5.0, 0.0, 0.0), covariance))
+    assert seen.position_sigma_m == pytest.approx(
+        math.sqrt(0.25 + (50.0 * 0.1) ** 2)
+    )  # the heading's error turns what is far away
+    assert seen.yaw_sigma_rad == pytest.approx(0.1)
+    exposure = kit.exposure_entry(kit.mission_of(), 0.0, (30.0, 40.0, 3.0))
+    assert observe(exposure, Transform(0.3, (5.0, 0.0, 0.0), covariance)).position_sigma_m == pytest.approx(seen.position_sigma_m)
