@@ -179,9 +179,9 @@ class TrackConfig(_Section, frozen=True, kw_only=True):
 class DroneInMission(_Section, frozen=True, kw_only=True):
     """A member of the swarm and where its local frame lies at the start: its origin and heading in the mission frame.
 
-    ``localization``: ``exact``: the frame lies exactly there for the whole flight; else how the vehicle localises itself, and the
-    frame's place and heading are estimated in flight, beginning with ``origin_sigma_m`` (of each axis) and ``yaw_sigma_deg`` (180:
-    the heading is not known at all).
+    ``localization``: ``exact``: the frame lies exactly there for the whole flight; else how the vehicle localises itself, and
+    the frame's place and heading are estimated in flight, beginning with ``origin_sigma_m`` (of each axis) and ``yaw_sigma_deg``
+    (180: the heading is not known at all).
     """
 
     id: DroneId

@@ -91,7 +91,7 @@ class Transform:
         return Transform(yaw_rad, translation, covariance)
 
     def sigmas_at(self, point: Vector3) -> tuple[float, float]:
-        """1 sigma of where a point of frame b lies in a (of the horizontal distance, m), and of the yaw (rad); 0 if known exactly."""
+        """1 sigma of where a point of b lies in a (of the horizontal distance, m), and of the yaw (rad); 0 if known exactly."""
         if self.covariance is None:
             return 0.0, 0.0
         turned = np.zeros((2, 4))
