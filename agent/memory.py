@@ -16,7 +16,8 @@ class Memory(Struct, frozen=True, kw_only=True):
     """A drone that flies the mission, as of ``stamp_ns`` (UTC, in whole ``REFRESH_NS``: equal memories need no new writing).
 
     ``started_ns``: stamp of the start command. ``home_m``: where a return leads, mission frame; None if it is not known.
-    ``resume``: the stage that a hold goes on to. ``released``: somebody else has taken over the vehicle.
+    ``resume``: the stage that a hold goes on to. ``released``: somebody else has taken over the vehicle. ``epoch_offset``: of
+    the epochs that it has published, over the vehicle's own.
     """
 
     mission: str
@@ -27,6 +28,7 @@ class Memory(Struct, frozen=True, kw_only=True):
     released: bool = False
     tracking_since_ns: int | None = None
     home_m: Vector3 | None = None
+    epoch_offset: int = 0
 
     def fits(self, mission: str, vehicle: VehicleState) -> bool | None:
         """Whether a flight of this mission goes on, by the telemetry; None: not to be told yet (armed, but not in the air)."""

@@ -129,7 +129,7 @@ class Mission:
         """How long the present search has lasted, holds included; 0 before it."""
         return (now_ns - self._search_since_ns) * 1e-9 if self._search_since_ns is not None else 0.0
 
-    def memory(self, mission_id: str, home_m: Vector3 | None, now_ns: int) -> Memory | None:
+    def memory(self, mission_id: str, home_m: Vector3 | None, now_ns: int, epoch_offset: int = 0) -> Memory | None:
         """What a restarted agent must know to go on; None on the ground."""
         if self.stage not in FLYING:
             return None
@@ -142,6 +142,7 @@ class Mission:
             released=self.released,
             tracking_since_ns=self.tracking_since_ns,
             home_m=home_m,
+            epoch_offset=epoch_offset,
         )
 
     def rejoin(self, memory: Memory, vehicle: VehicleState, now_ns: int) -> None:

@@ -2,61 +2,17 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections import deque
+from itertools import count
 
 from scipy.spatial.transform import Rotation
 
 from agent.config import DroneConfig
 from agent.detector.detection import ConeEvent, Detections
-from agent.vehicle.interface import VehicleState
+from agent.poses import HISTORY_NS, PoseHistory, Quaternion, Vector3, turned
 from protocol.messages import Cone, ConeOrder, Counts, Coverage, Entry, Exposure, PoseSample
 
 EXPOSURE_NS = 500_000_000
 SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
-HISTORY_NS = 5_000_000_000
-
-Vector3 = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]  # w, x, y, z
-
-
-class PoseHistory:
-    """The vehicle's last seconds, to be asked for the pose at an event's time (a later pose would look like a yaw bias)."""
-
-    def __init__(self) -> None:
-        self._stamps: deque[int] = deque()
-        self._states: deque[VehicleState] = deque()
-
-    def add(self, state: VehicleState) -> None:
-        """Append telemetry; older than the newest known is ignored."""
-        if self._stamps and state.stamp_ns <= self._stamps[-1]:
-            return
-        self._stamps.append(state.stamp_ns)
-        self._states.append(state)
-        while self._stamps[0] < state.stamp_ns - HISTORY_NS:
-            self._stamps.popleft()
-            self._states.popleft()
-
-    def at(self, stamp_ns: int) -> VehicleState | None:
-        """The telemetry nearest before ``stamp_ns`` (the oldest known, where none is)."""
-        if not self._states:
-            return None
-        return self._states[max(0, bisect_right(self._stamps, stamp_ns) - 1)]
-
-    def pose(self, stamp_ns: int) -> tuple[tuple[float, float, float], Quaternion] | None:
-        """Position and attitude at ``stamp_ns``, linear between neighbours of one epoch, held at the ends."""
-        if not self._states:
-            return None
-        place = bisect_right(self._stamps, stamp_ns)
-        before = self._states[place - 1 if place else 0]
-        after = self._states[place] if place < len(self._states) else before
-        span = after.stamp_ns - before.stamp_ns
-        if span <= 0 or before.epoch != after.epoch:
-            return before.position_m, before.quaternion
-        part = (stamp_ns - before.stamp_ns) / span
-        b, a = before.position_m, after.position_m
-        position = (b[0] + part * (a[0] - b[0]), b[1] + part * (a[1] - b[1]), b[2] + part * (a[2] - b[2]))
-        return position, _blend(before.quaternion, after.quaternion, part)
 
 
 class Observer:
@@ -66,7 +22,7 @@ class Observer:
         self._drone = drone.id
         self._mission = mission_id
         self._boot = boot
-        self._sequence = 0
+        self.numbers = count(1)  # of the entries, whoever makes them
         x, y, z, w = Rotation.from_euler("xyz", drone.camera_rpy_deg, degrees=True).as_quat().tolist()
         self._body_from_camera: Quaternion = (w, x, y, z)
         self.history = PoseHistory()
@@ -84,15 +40,11 @@ class Observer:
             drone=self._drone,
             mission=self._mission,
             boot=self._boot,
-            sequence=self._next_sequence(),
+            sequence=next(self.numbers),
             epoch=epoch,
             path_m=path_m,
             swath_m=swath_m,
         )
-
-    def _next_sequence(self) -> int:
-        self._sequence += 1
-        return self._sequence
 
     def observe(self, detections: Detections) -> list[Entry]:
         """Log entries that a stretch of detections gives; counts are held until an exposure is full.
@@ -125,13 +77,13 @@ class Observer:
         assert state is not None  # observe() saw to it
         assert pose is not None
         position, local_from_body = pose
-        first, second = (_turned(local_from_body, _turned(self._body_from_camera, axis)) for axis in event.axis.tolist())
+        first, second = (turned(local_from_body, turned(self._body_from_camera, axis)) for axis in event.axis.tolist())
         return Cone(
             stamp_ns=event.stamp_ns,
             drone=self._drone,
             mission=self._mission,
             boot=self._boot,
-            sequence=self._next_sequence(),
+            sequence=next(self.numbers),
             epoch=state.epoch,
             apex_m=position,
             apex_sigma_m=state.position_sigma_m,
@@ -163,7 +115,7 @@ class Observer:
                 drone=self._drone,
                 mission=self._mission,
                 boot=self._boot,
-                sequence=self._next_sequence(),
+                sequence=next(self.numbers),
                 epoch=state.epoch,
                 end_ns=self._end_ns,
                 live_time_s=min(live_s, (self._end_ns - start_ns) * 1e-9),
@@ -175,15 +127,6 @@ class Observer:
         ]
 
 
-def _turned(rotation: Quaternion, vector: Vector3) -> Vector3:
-    """A vector (3,) turned by a quaternion, which need not be of unit length."""
-    w, x, y, z = rotation
-    a, b, c = vector
-    double = 2.0 / (w * w + x * x + y * y + z * z)
-    tx, ty, tz = double * (y * c - z * b), double * (z * a - x * c), double * (x * b - y * a)
-    return a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx
-
-
 def _order(event: ConeEvent, axis: Vector3, row: int) -> ConeOrder:
     return ConeOrder(
         axis=axis,
@@ -191,14 +134,3 @@ def _order(event: ConeEvent, axis: Vector3, row: int) -> ConeOrder:
         sigma_rad=float(event.sigma_rad[row]),
         probability=float(event.probability[row]),
     )
-
-
-def _blend(before: Quaternion, after: Quaternion, part: float) -> Quaternion:
-    """Normalised linear interpolation: exact enough between poses 50 ms apart."""
-    bw, bx, by, bz = before
-    aw, ax, ay, az = after
-    if bw * aw + bx * ax + by * ay + bz * az < 0.0:  # the same attitude, by the nearer of its two quaternions
-        aw, ax, ay, az = -aw, -ax, -ay, -az
-    w, x, y, z = bw + part * (aw - bw), bx + part * (ax - bx), by + part * (ay - by), bz + part * (az - bz)
-    size = (w * w + x * x + y * y + z * z) ** 0.5
-    return w / size, x / size, y / size, z / size

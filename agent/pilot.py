@@ -18,6 +18,7 @@ from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.readout import Readout
 from agent.detector.recognition import NuclideWatch
+from agent.epochs import EpochWatch
 from agent.errors import ConfigError
 from agent.exchange import LogExchange
 from agent.frames.graph import FrameGraph
@@ -29,10 +30,11 @@ from agent.mission import Mission, Situation
 from agent.navigator import Moment, Navigator
 from agent.observer import Observer
 from agent.peers import Peers
+from agent.positioning import Positioning
 from agent.problems import TELEMETRY_AGE_NS, TWIN_NS, Problems
 from agent.reporter import Condition, Outbox, Reporter
 from agent.search import CoverageLog, InformedSearch, Prospect, Search, conclusion
-from agent.vehicle.interface import Request, VehicleCommand, VehicleState
+from agent.vehicle.interface import GnssFix, Request, SeenDrone, VehicleCommand, VehicleState
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
@@ -75,8 +77,10 @@ class Pilot:
             DetectorError: its camera's calibration cannot be read.
         """
         ids = [member.id for member in mission.drones]
-        if drone.id not in ids:
+        member = next((member for member in mission.drones if member.id == drone.id), None)
+        if member is None:
             raise ConfigError(f"drone {drone.id!r} is not in the mission; its drones are {', '.join(ids)}")
+        others = [name for name in ids if name != drone.id]
         self._config = mission
         self._id = drone.id
         self._boot = boot
@@ -89,7 +93,7 @@ class Pilot:
         self._watch = NuclideWatch(mission.nuclide)
         self._chain = DetectorChain(mission.detection, mission.nuclide, calibration, self._watch.add)
         self._observer = Observer(drone, self._mission_id, boot)
-        self._peers = Peers([name for name in ids if name != drone.id])
+        self._peers = Peers(others)
         self._search = Search(mission, drone.id, frames, lambda: self.fusion.log.entries(Coverage))
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
         self._prospect = Prospect(lambda: self.fusion.outlook)
@@ -101,6 +105,11 @@ class Pilot:
         self.memory = memory
         self._problems = Problems(drone.id, self._mission_id)
         self.counters: Counter[str] = Counter()
+        history, numbers = self._observer.history, self._observer.numbers
+        self._positioning = Positioning(drone.id, others, self._mission_id, boot, history, numbers, self.counters)
+        self._epochs: EpochWatch | None = None  # a frame that is known exactly does not jump
+        if member.localization != "exact":
+            self._epochs = EpochWatch(mission.limits.speed_mps, memory.epoch_offset if memory is not None else 0)
         self._exchange = LogExchange(mission.swarm, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
         self._reporter = Reporter(drone.id, self._mission_id, boot, mission.fusion.estimator)
@@ -154,6 +163,8 @@ class Pilot:
         if not _plausible(state):
             self.counters["telemetry_implausible"] += 1
             return
+        if self._epochs is not None:
+            state = self._epochs.take(state)
         self._vehicle = state
         self._observer.history.add(state)
         if self._remembered is not None:
@@ -167,6 +178,21 @@ class Pilot:
         self._problems.noticed = self._watch.problems
         self.counters["pixel_hits_lost"] = self._chain.lost_hits
         self.counters["detections_dropped"] = self._observer.dropped
+        return self._outbox.take()
+
+    def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
+        """Take what a satellite receiver says. Returns the log entry that it becomes, to be published at once."""
+        entry = self._positioning.fix(fix)
+        if entry is not None:
+            self._record(entry, entry.stamp_ns)
+        return self._outbox.take()
+
+    def observe_sightings(self, seen: Sequence[SeenDrone]) -> list[tuple[str, bytes]]:
+        """Take what sensors have seen of the other drones. Returns what it becomes, log entries, to be published at once."""
+        for sight in seen:
+            entry = self._positioning.sighting(sight)
+            if entry is not None:
+                self._record(entry, entry.stamp_ns)
         return self._outbox.take()
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> None:
@@ -258,7 +284,8 @@ class Pilot:
     def _remember(self, now_ns: int) -> None:
         """Keep what a restarted agent must know: the same object as long as nothing in it changes."""
         if self._remembered is None:
-            memory = self._mission.memory(self._mission_id, self._navigator.home, now_ns)
+            epoch_offset = self._epochs.offset if self._epochs is not None else 0
+            memory = self._mission.memory(self._mission_id, self._navigator.home, now_ns, epoch_offset)
             if memory != self.memory:
                 self.memory = memory
 

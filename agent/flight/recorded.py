@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ParamSpec, TypeVar
 
 import msgspec
@@ -14,7 +14,7 @@ from agent.flight.topics import Sink
 from agent.fusion.estimator import Hypothesis, Outlook
 from agent.memory import Memory
 from agent.pilot import Pilot, Step
-from agent.vehicle.interface import VehicleState
+from agent.vehicle.interface import GnssFix, SeenDrone, VehicleState
 from protocol.messages import Stage
 
 P = ParamSpec("P")
@@ -74,6 +74,22 @@ class RecordedPilot:
         self._sink.write(topics.DETECTOR, topics.encode_readout(readout))
         publications = self._run(self._pilot.observe_detector, readout)
         self._tell_publications(publications, readout.end_ns)
+        return publications
+
+    def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
+        """See ``Pilot``."""
+        self._sink.write(topics.FIX, topics.encode_given(fix))
+        publications = self._run(self._pilot.observe_fix, fix)
+        self._tell_publications(publications, fix.stamp_ns)
+        return publications
+
+    def observe_sightings(self, seen: Sequence[SeenDrone]) -> list[tuple[str, bytes]]:
+        """See ``Pilot``."""
+        if not seen:
+            return []
+        self._sink.write(topics.SIGHTINGS, topics.encode_given(list(seen)))
+        publications = self._run(self._pilot.observe_sightings, seen)
+        self._tell_publications(publications, seen[-1].stamp_ns)
         return publications
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> None:

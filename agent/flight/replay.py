@@ -199,6 +199,12 @@ def _action(pilot: RecordedPilot, call: FlightRecord) -> Callable[[], object]:
         case topics.DETECTOR:
             readout = topics.decode_readout(data)
             return lambda: pilot.observe_detector(readout)
+        case topics.FIX:
+            fix = topics.decode_fix(data)
+            return lambda: pilot.observe_fix(fix)
+        case topics.SIGHTINGS:
+            seen = topics.decode_sightings(data)
+            return lambda: pilot.observe_sightings(seen)
         case topics.MESSAGE:
             key, payload = topics.decode_message(data)
             return lambda: pilot.receive(key, payload, now_ns)

@@ -18,10 +18,12 @@ from agent.detector.readout import Readout
 from agent.detector.wire import Unpacker, pack
 from agent.errors import DetectorError, FlightRecordError
 from agent.fusion.estimator import Hypothesis
-from agent.vehicle.interface import VehicleCommand, VehicleState
+from agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
 
 VEHICLE = "in/vehicle"  # JSON: telemetry
 DETECTOR = "in/detector"  # readout as in agent/detector/wire.py
+FIX = "in/fix"  # JSON: of a satellite receiver
+SIGHTINGS = "in/sightings"  # JSON: list of what was seen of other drones at once
 MESSAGE = "in/message"  # msgpack: [key, payload]
 QUERY = "in/query"  # a peer's request for what its log lacks: protocol/summary.py
 WARN = "in/warn"  # JSON: list of texts
@@ -55,6 +57,21 @@ def encode_state(state: VehicleState) -> bytes:
 def decode_state(data: bytes) -> VehicleState:
     """Telemetry from JSON; every float comes back with the same bits."""
     return msgspec.convert(json.loads(data), VehicleState)
+
+
+def encode_given(given: GnssFix | list[SeenDrone]) -> bytes:
+    """A fix or sights as JSON, with numbers that JSON does not know as in telemetry."""
+    return json.dumps(msgspec.to_builtins(given)).encode()
+
+
+def decode_fix(data: bytes) -> GnssFix:
+    """A fix from JSON."""
+    return msgspec.convert(json.loads(data), GnssFix)
+
+
+def decode_sightings(data: bytes) -> list[SeenDrone]:
+    """Sights from JSON."""
+    return msgspec.convert(json.loads(data), list[SeenDrone])
 
 
 def encode_readout(readout: Readout) -> bytes:

@@ -1,0 +1,58 @@
+"""The epochs of one vehicle's localisation: its own, and those that begin where it jumps without saying so."""
+
+from __future__ import annotations
+
+from math import dist
+
+from msgspec.structs import replace
+
+from agent.vehicle.interface import VehicleState
+
+JUMP_M = 1.0  # what filters correct at once without having jumped
+_SIGMAS = 3.0
+_TOLD_NS = 60_000_000_000  # for which a jump is told
+
+
+class EpochWatch:
+    """Tells impossible steps from flown ones, and counts epochs of its own on top of the vehicle's.
+
+    ``offset``: how many it has added; a restarted agent goes on with it. ``problem``: the last jump, for a while.
+    """
+
+    def __init__(self, speed_mps: float, offset: int = 0) -> None:
+        """``speed_mps``: no vehicle of this swarm flies faster."""
+        self._speed_mps = speed_mps
+        self.offset = offset
+        self._last: VehicleState | None = None  # as the vehicle told it
+        self._jump_m, self._jump_ns = 0.0, 0
+        self.jumps = 0
+
+    def take(self, state: VehicleState) -> VehicleState:
+        """The telemetry with the epoch in which its position is to be understood; epochs only ever grow."""
+        last, self._last = self._last, state
+        if last is not None:
+            if state.epoch < last.epoch:  # an autopilot that was started again counts from the beginning
+                self.offset += last.epoch - state.epoch + 1
+            elif state.epoch == last.epoch:
+                self._look(last, state)
+        return replace(state, epoch=state.epoch + self.offset) if self.offset else state
+
+    def problem(self, now_ns: int) -> str | None:
+        """The last jump in words; None where there was none of late."""
+        if not self.jumps or not 0 <= now_ns - self._jump_ns < _TOLD_NS:
+            return None
+        return f"its localisation has jumped by {self._jump_m:.0f} m without saying so"
+
+    def _look(self, last: VehicleState, state: VehicleState) -> None:
+        """A step that differs from what the velocities say by more than the vehicle can fly and the sigmas explain is a jump."""
+        step_s = (state.stamp_ns - last.stamp_ns) * 1e-9
+        expected = [
+            place + 0.5 * step_s * (before + after)
+            for place, before, after in zip(last.position_m, last.velocity_mps, state.velocity_mps, strict=True)
+        ]
+        jump_m = dist(expected, state.position_m)
+        sigma_m = max(last.position_sigma_m, state.position_sigma_m)
+        if jump_m > self._speed_mps * step_s + _SIGMAS * sigma_m + JUMP_M:
+            self.offset += 1
+            self.jumps += 1
+            self._jump_m, self._jump_ns = jump_m, state.stamp_ns

@@ -1,0 +1,94 @@
+"""The vehicle's last seconds: where it was, and how it was turned, at the time of an event."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+from typing import NamedTuple
+
+from agent.vehicle.interface import VehicleState
+
+HISTORY_NS = 5_000_000_000
+AHEAD_NS = 300_000_000  # an event may be stamped so much later than the newest telemetry, which is on its way still
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  # w, x, y, z
+
+
+class Placed(NamedTuple):
+    """A pose in the local frame of an epoch."""
+
+    epoch: int
+    position_m: Vector3
+    quaternion: Quaternion
+
+
+class PoseHistory:
+    """The vehicle's last seconds, to be asked for the pose at an event's time (a later pose would look like a yaw bias)."""
+
+    def __init__(self) -> None:
+        self._stamps: deque[int] = deque()
+        self._states: deque[VehicleState] = deque()
+
+    def add(self, state: VehicleState) -> None:
+        """Append telemetry; older than the newest known is ignored."""
+        if self._stamps and state.stamp_ns <= self._stamps[-1]:
+            return
+        self._stamps.append(state.stamp_ns)
+        self._states.append(state)
+        while self._stamps[0] < state.stamp_ns - HISTORY_NS:
+            self._stamps.popleft()
+            self._states.popleft()
+
+    def at(self, stamp_ns: int) -> VehicleState | None:
+        """The telemetry nearest before ``stamp_ns`` (the oldest known, where none is)."""
+        if not self._states:
+            return None
+        return self._states[max(0, bisect_right(self._stamps, stamp_ns) - 1)]
+
+    def pose(self, stamp_ns: int) -> tuple[tuple[float, float, float], Quaternion] | None:
+        """Position and attitude at ``stamp_ns``, linear between neighbours of one epoch, held at the ends."""
+        if not self._states:
+            return None
+        place = bisect_right(self._stamps, stamp_ns)
+        before = self._states[place - 1 if place else 0]
+        after = self._states[place] if place < len(self._states) else before
+        span = after.stamp_ns - before.stamp_ns
+        if span <= 0 or before.epoch != after.epoch:
+            return before.position_m, before.quaternion
+        part = (stamp_ns - before.stamp_ns) / span
+        b, a = before.position_m, after.position_m
+        position = (b[0] + part * (a[0] - b[0]), b[1] + part * (a[1] - b[1]), b[2] + part * (a[2] - b[2]))
+        return position, _blend(before.quaternion, after.quaternion, part)
+
+    def placed(self, stamp_ns: int) -> Placed | None:
+        """Where the vehicle was at ``stamp_ns``; just after the newest telemetry it goes straight on. None where nobody knows."""
+        if not self._states or not self._stamps[0] <= stamp_ns <= self._stamps[-1] + AHEAD_NS:
+            return None
+        pose, state = self.pose(stamp_ns), self.at(stamp_ns)
+        assert pose is not None
+        assert state is not None
+        (x, y, z), quaternion = pose
+        after_s = max(0, stamp_ns - self._stamps[-1]) * 1e-9
+        u, v, w = state.velocity_mps
+        return Placed(state.epoch, (x + after_s * u, y + after_s * v, z + after_s * w), quaternion)
+
+
+def turned(rotation: Quaternion, vector: Vector3) -> Vector3:
+    """A vector (3,) turned by a quaternion, which need not be of unit length."""
+    w, x, y, z = rotation
+    a, b, c = vector
+    double = 2.0 / (w * w + x * x + y * y + z * z)
+    tx, ty, tz = double * (y * c - z * b), double * (z * a - x * c), double * (x * b - y * a)
+    return a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx
+
+
+def _blend(before: Quaternion, after: Quaternion, part: float) -> Quaternion:
+    """Normalised linear interpolation: exact enough between poses 50 ms apart."""
+    bw, bx, by, bz = before
+    aw, ax, ay, az = after
+    if bw * aw + bx * ax + by * ay + bz * az < 0.0:  # the same attitude, by the nearer of its two quaternions
+        aw, ax, ay, az = -aw, -ax, -ay, -az
+    w, x, y, z = bw + part * (aw - bw), bx + part * (ax - bx), by + part * (ay - by), bz + part * (az - bz)
+    size = (w * w + x * x + y * y + z * z) ** 0.5
+    return w / size, x / size, y / size, z / size
