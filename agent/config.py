@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 from msgspec import Meta, Struct
+from msgspec.structs import replace
 from shapely import Polygon
 from shapely.validation import explain_validity
 
@@ -28,6 +29,7 @@ Coordinate = Annotated[float, Meta(ge=-1e5, le=1e5)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 Point2 = tuple[Coordinate, Coordinate]
 T = TypeVar("T")
+GRID_BYTES = 2_000_000  # of an elevation grid: 1 km2 at 1 m, compressed
 
 
 class _Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -204,12 +206,20 @@ class GroundConfig(_Section, frozen=True, kw_only=True):
     """The ground on which the source lies, in the mission frame: a plane, or an elevation grid.
 
     ``height_m``: of the plane at the mission frame's origin; ``slope``: its rise per metre east and north. ``grid``: an ESRI
-    ASCII grid or GeoTIFF file instead, from the mission file's folder; georeferenced ones need the mission's ``datum``.
+    ASCII grid or GeoTIFF file instead, from the mission file's folder.
+
+    ``grid_crs``: of the grid's coordinates: ``mission`` (metres of the mission frame), ``EPSG:4326`` (degrees, WGS84) or the
+    code of a UTM zone (EPSG:32601 .. 32660, 32701 .. 32760); none: what a GeoTIFF says itself, ``mission`` where nothing is said.
+    Georeferenced grids need the mission's ``datum``. ``geoid_m``: their zero above the ellipsoid; they count from the sea mostly.
+    ``grid_data``: the file's content, filled on load: it belongs to the mission, to its id and its records.
     """
 
     height_m: Coordinate = 0.0
     slope: tuple[Annotated[float, Meta(ge=-2.0, le=2.0)], Annotated[float, Meta(ge=-2.0, le=2.0)]] = (0.0, 0.0)
     grid: str | None = None
+    grid_crs: Annotated[str, Meta(pattern=r"^(mission|EPSG:(4326|32[67](0[1-9]|[1-5][0-9]|60)))$")] | None = None
+    geoid_m: Annotated[float, Meta(ge=-200.0, le=200.0)] = 0.0
+    grid_data: Annotated[bytes, Meta(max_length=GRID_BYTES)] | None = None
 
 
 class FramesConfig(_Section, frozen=True, kw_only=True):
@@ -350,10 +360,32 @@ def load_toml(path: Path, kind: type[T]) -> T:
 
 
 def load_mission(path: Path) -> MissionConfig:
-    """Read and check a mission file."""
+    """Read and check a mission file, and read the elevation grid that it names."""
     mission = load_toml(path, MissionConfig)
     mission.check(str(path))
-    return mission
+    return with_ground_grid(mission, path.parent)
+
+
+def with_ground_grid(mission: MissionConfig, folder: Path) -> MissionConfig:
+    """The mission with the content of its elevation grid, read from ``folder`` unless it is there already.
+
+    Raises:
+        ConfigError: the file cannot be read, or is too large.
+    """
+    ground = mission.ground
+    if ground.grid is None or ground.grid_data is not None:
+        return mission
+    path = folder / ground.grid
+    try:
+        with path.open("rb") as file:
+            data = file.read(GRID_BYTES + 1)
+    except OSError as error:
+        raise ConfigError(f"ground.grid: {path}: cannot be read: {error.strerror}") from None
+    if len(data) > GRID_BYTES:
+        raise ConfigError(
+            f"ground.grid: {path}: more than {GRID_BYTES // 1_000_000} MB; crop it to the area, or compress it (GeoTIFF)"
+        )
+    return replace(mission, ground=replace(ground, grid_data=data))
 
 
 def convert(document: object, kind: type[T], where: str) -> T:

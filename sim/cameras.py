@@ -15,6 +15,7 @@ from agent.detector.readout import PixelHits, Readout
 from sim.frame import CameraMount
 from sim.radiation.camera import Camera, SourceView
 from sim.scenario import Scenario
+from sim.terrain import CONCRETE_PER_SOIL, Terrain
 from sim.walls import Walls
 
 Array = NDArray[np.float64]
@@ -46,6 +47,7 @@ class Cameras:
         self._activity_bq = 0.0 if source is None else source.activity_bq
         nuclide = scenario.mission.nuclide if source is None else source.nuclide
         self._walls = Walls(scenario.walls) if scenario.walls else None
+        self._terrain = Terrain(scenario.terrain)
         self._mounts = [CameraMount(drone.camera_rpy_deg) for drone in drones]
         self._cameras = [Camera(scenario.camera, nuclide, rng, clock_ns) for rng in rngs]
         self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
@@ -55,11 +57,18 @@ class Cameras:
         views: tuple[SourceView, ...] = ()
         if source is not None:
             place, attitude = motion.position_m[drone], motion.quaternion(drone)
-            view = self._mounts[drone].view(place, attitude, source, self._activity_bq)
-            if self._walls is not None:
-                view = replace(view, concrete_m=self._walls.concrete_m(place, np.array([*source, 0.0])))
+            target = (*source, self._terrain.height_m(*source))
+            view = self._mounts[drone].view(place, attitude, target, self._activity_bq)
+            concrete_m = self._concrete_m(place, np.array(target))
+            if concrete_m > 0.0:
+                view = replace(view, concrete_m=concrete_m)
             views = (view,)
         self._exposed[drone].append(self._cameras[drone].expose(start_ns, end_ns, views))
+
+    def _concrete_m(self, place: Array, source: Array) -> float:
+        """Length of concrete between camera and source (3,), and of as much of it as stops what the ground between them does."""
+        soil_m = CONCRETE_PER_SOIL * self._terrain.soil_m(place, source)
+        return soil_m if self._walls is None else soil_m + self._walls.concrete_m(place, source)
 
     def read_out(self, drone: int) -> Readout:
         """What a camera saw since the last call, as one readout; there must have been an exposure."""

@@ -53,10 +53,10 @@ class CameraMount:
     def __init__(self, rpy_deg: Vector3) -> None:
         self._camera_from_body: Array = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix().T
 
-    def view(self, position: Array, world_from_body: Quaternion, source: tuple[float, float], activity_bq: float) -> SourceView:
-        """The source on the ground as the camera sees it; position (3,) of the camera in the world."""
+    def view(self, position: Array, world_from_body: Quaternion, source: Vector3, activity_bq: float) -> SourceView:
+        """A source as the camera sees it; position (3,) of the camera, and source, in the world."""
         x, y, z = position.tolist()
-        dx, dy, dz = source[0] - x, source[1] - y, -z
+        dx, dy, dz = source[0] - x, source[1] - y, source[2] - z
         distance = sqrt(dx * dx + dy * dy + dz * dz)
         body = _turn_back(world_from_body, (dx / distance, dy / distance, dz / distance))
         cx, cy, cz = (self._camera_from_body @ body).tolist()

@@ -31,6 +31,7 @@ from sim.result import Flight
 from sim.scenario import Scenario, chosen
 from sim.source import source_path
 from sim.streams import streams
+from sim.terrain import Terrain
 from sim.vehicle.autopilot import Autopilot
 from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, attitude
 
@@ -101,7 +102,8 @@ class _World:
                 Pilot(mission, config, boot=f"{seed & 0xFFFFFFFF:08x}{k:08x}", listeners=listen if k == 0 else ())
                 for k, config in enumerate(configs)
             ]
-        position = launch_places(scenario.start, mission, random.start)
+        self._terrain = Terrain(scenario.terrain)
+        position = self._terrain.on_ground(launch_places(scenario.start, mission, random.start))
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
         self._localization = Localization(scenario.localization, count, TICK_NS * 1e-9, random.localization)
         self._estimated = self._frames.local(position)
@@ -166,7 +168,7 @@ class _World:
         # A wrong attitude looks like another thrust.
         accelerations = frames.turn(motion.acceleration_mps2 + GRAVITY_MPS2 * error.tilt_error)
         yaws = (motion.yaw_rad + error.yaw_error_rad - frames.yaw_rad).tolist()
-        heights = (motion.position_m[:, 2] + error.height_error_m).tolist()
+        heights = (self._terrain.above_ground(motion.position_m)[:, 2] + error.height_error_m).tolist()
         for drone, (pilot, autopilot) in enumerate(zip(self._pilots, self._autopilots, strict=True)):
             pilot.observe_vehicle(
                 VehicleState(
@@ -193,8 +195,9 @@ class _World:
 
     def _move(self) -> None:
         motion, error = self._multirotors, self._localization
-        for autopilot, estimated in zip(self._autopilots, self._estimated, strict=True):
-            autopilot.step(estimated)
+        heights = None if self._terrain.flat else self._terrain.above_ground(motion.position_m)[:, 2].tolist()
+        for drone, (autopilot, estimated) in enumerate(zip(self._autopilots, self._estimated, strict=True)):
+            autopilot.step(estimated, None if heights is None else estimated[2] - heights[drone])
         targets = [autopilot.target for autopilot in self._autopilots]
         setpoints = self._frames.turn_out([(target.position, target.velocity) for target in targets])
         # The autopilot steers its estimate, not its true position.
@@ -202,6 +205,8 @@ class _World:
         yaw_sp = np.array([target.yaw for target in targets]) + self._frames.yaw_rad - error.yaw_error_rad
         grounded = np.array([autopilot.grounded for autopilot in self._autopilots])
         motion.step(position_sp, setpoints[:, 1], yaw_sp, grounded)
+        if not self._terrain.flat:
+            motion.rest_on(self._terrain.on_ground(motion.position_m)[:, 2])
         error.step()
 
 

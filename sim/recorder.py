@@ -20,6 +20,7 @@ from sim.safety import OFF_GROUND_M, Safety
 from sim.samples import TRACKING, Row
 from sim.scenario import Scenario
 from sim.score import Score, own_error_m
+from sim.terrain import Terrain
 
 SAMPLE_TICKS = 4  # 5 Hz
 LONGEST_START_S = 120.0  # without a search: they do not start at all
@@ -46,6 +47,7 @@ class Recorder:
         self._agents = agents
         self.area = Polygon(mission.area.polygon_m)
         self._safety = Safety(mission.area)
+        self._terrain = Terrain(scenario.terrain)
         drones = [drone.id for drone in mission.drones]
         middle_s = (mission.track.duration_s or scenario.end.track_s) / 2.0
         self._score = Score(mission.fusion.estimator, drones, middle_s)
@@ -108,7 +110,8 @@ class Recorder:
         self._time_s = time_s
         self._ticks += 1
         stages = [agent.stage for agent in self._agents]
-        self._safety.sample(position, stages)
+        above = self._terrain.above_ground(position)
+        self._safety.sample(above, stages)
         self._note_finding()
         if self._search_began_s is None and any(stage in (Stage.SURVEY, *TRACKING) for stage in stages):
             self._search_began_s = time_s
@@ -116,7 +119,7 @@ class Recorder:
             self._score.note_x0(time_s, self._agents[0].hypothesis, source)
         for score, listener in self._listeners.values():
             score.note_x0(time_s, listener.hypothesis, source)
-        if self._ticks % SAMPLE_TICKS == 0 and position[:, 2].max() > OFF_GROUND_M:
+        if self._ticks % SAMPLE_TICKS == 0 and above[:, 2].max() > OFF_GROUND_M:
             self._record(time_s, position, velocity, source, position_error, stages)
         return self._over(time_s, stages)
 
@@ -140,7 +143,8 @@ class Recorder:
             for score, listener in self._listeners.values():
                 score.sample(self._tracking_s, [listener.hypothesis] * len(beliefs), source, position_error)
                 score.judge_by_error(time_s)
-        row = Row.of(time_s, position, velocity, source, stages, beliefs)
+        place = None if source is None else (*source, self._terrain.height_m(*source))
+        row = Row.of(time_s, position, velocity, place, stages, beliefs)
         first = beliefs[0]
         if first is not None and source is not None and position_error is not None:
             row.own_error_m = own_error_m(first, self._mission.drones[0].id, source, position_error[0])

@@ -26,7 +26,7 @@ class Safety:
         self._guided: list[list[bool]] = []
 
     def sample(self, position: Array, stages: Sequence[Stage]) -> None:
-        """One tick: true positions (N, 3) in the mission frame, metres, and the drones' stages."""
+        """One tick: true x, y in the mission frame and heights above ground (N, 3), metres, and the drones' stages."""
         self._places.append(position.copy())
         self._guided.append([stage in _BY_SETPOINTS for stage in stages])
 

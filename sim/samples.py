@@ -35,13 +35,13 @@ class Row:
 
     @staticmethod
     def of(
-        time_s: float, position: Array, velocity: Array, source: tuple[float, float] | None, stages: list[Stage],
+        time_s: float, position: Array, velocity: Array, source: tuple[float, float, float] | None, stages: list[Stage],
         beliefs: Sequence[Belief | None],
     ) -> Row:  # fmt: skip
         """The sample of one instant: arrays (N, 3) in the mission frame, stages and beliefs of the N drones."""
         row = Row(time_s, position, velocity, stages)
         if source is not None:
-            row.source[:] = (*source, 0.0)
+            row.source[:] = source
         for drone, belief in enumerate(beliefs):
             if belief is not None:
                 row.hypothesis[drone] = belief.position

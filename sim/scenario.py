@@ -10,15 +10,17 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta, Struct
+from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.config import MissionConfig, Point2, convert, read_toml
+from agent.config import MissionConfig, Point2, convert, read_toml, with_ground_grid
 from agent.errors import ConfigError
 from sim.launch import StartTruth
 from sim.localization import LocalizationTruth
 from sim.radiation.camera import CameraTruth
 from sim.radiation.nuclides import NUCLIDES
 from sim.radio import RadioTruth
+from sim.terrain import TerrainTruth
 from sim.vehicle.multirotor import MultirotorTruth
 from sim.walls import WallTruth
 
@@ -90,6 +92,7 @@ class Scenario(_Section, frozen=True, kw_only=True):
     description: str
     mission: MissionConfig
     source: SourceTruth | None = None
+    terrain: TerrainTruth = TerrainTruth()
     walls: tuple[WallTruth, ...] = ()
     camera: CameraTruth = CameraTruth()
     vehicle: MultirotorTruth = MultirotorTruth()
@@ -126,8 +129,8 @@ def shipped() -> list[str]:
     return sorted(path.stem for path in _FOLDER.glob("*.toml") if not path.stem.endswith("-base"))
 
 
-def load_scenario(name_or_path: str) -> Scenario:
-    """Load a shipped scenario by name, or a scenario file.
+def load_scenario(name_or_path: str, *, with_grid: bool = True) -> Scenario:
+    """Load a shipped scenario by name, or a scenario file; ``with_grid``: and the elevation grid that its mission names.
 
     Raises:
         ConfigError: unknown name, unreadable file, a key or value that does not fit.
@@ -139,7 +142,10 @@ def load_scenario(name_or_path: str) -> Scenario:
                 f"unknown scenario {name_or_path!r}; shipped: {', '.join(shipped())}; or give the path of a .toml file"
             )
         path = _FOLDER / f"{name_or_path}.toml"
-    return _parse(_read(path), str(path))
+    scenario = _parse(_read(path), str(path))
+    if not with_grid:
+        return scenario
+    return replace(scenario, mission=with_ground_grid(scenario.mission, path.parent))
 
 
 def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:

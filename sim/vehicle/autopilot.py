@@ -6,7 +6,7 @@ Positions here are the vehicle's own, estimated, in its local frame (ENU), as PX
 from __future__ import annotations
 
 from agent.vehicle.interface import FlightMode, Request, Vector3, VehicleCommand
-from sim.vehicle.guidance import ARRIVED_M, Guidance, Target
+from sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Target
 
 ARMING_S = 1.0
 TAKEOFF_SPEED_MPS = 1.0
@@ -27,6 +27,7 @@ class Autopilot:
         self.failsafe = False
         self._guidance = Guidance(home, yaw, step_s)
         self._position = home
+        self._ground_m = home[2]
         self._step_s = step_s
         self._armed_for = 0.0
         self._landed_for = 0.0
@@ -61,9 +62,14 @@ class Autopilot:
         elif self.armed and request is Request.LAND and self.mode is not FlightMode.LAND:
             self._switch(FlightMode.LAND)
 
-    def step(self, position: Vector3) -> None:
-        """Advance the mode logic by one step; ``position`` is the vehicle's own estimate."""
+    def step(self, position: Vector3, ground_m: float | None = None) -> None:
+        """Advance the mode logic by one step.
+
+        ``position``: the vehicle's own estimate; ``ground_m``: z of the ground below it (none: as at home), at which its weight
+        comes off the rotors.
+        """
         self._position = position
+        self._ground_m = self._guidance.home[2] if ground_m is None else ground_m
         self._setpoint_age += self._step_s
         self._armed_for = self._armed_for + self._step_s if self.armed else 0.0
         if self.mode is FlightMode.OFFBOARD and self._setpoint_age > OFFBOARD_LOSS_S:
@@ -101,8 +107,8 @@ class Autopilot:
             self.mode = FlightMode.LAND
 
     def _descend(self, position: Vector3) -> None:
-        self._guidance.descend(LANDING_SPEED_MPS)
-        if position[2] < self._guidance.home[2] + ARRIVED_M:
+        self._guidance.descend(LANDING_SPEED_MPS, self._ground_m - self._guidance.home[2] - BELOW_GROUND_M)
+        if position[2] < self._ground_m + ARRIVED_M:
             self._landed_for += self._step_s
             if self._landed_for > DISARM_AFTER_S:
                 self.armed = self.in_air = self.failsafe = False

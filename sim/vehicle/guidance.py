@@ -11,7 +11,7 @@ from math import hypot
 from agent.vehicle.interface import Vector3
 
 ARRIVED_M = 0.3
-_BELOW_GROUND_M = 0.5  # where the target of a descent ends, so that the vehicle surely comes down
+BELOW_GROUND_M = 0.5  # where the target of a descent ends, so that the vehicle surely comes down
 
 
 @dataclass(slots=True)
@@ -55,7 +55,7 @@ class Guidance:
         self._go((x + dx / distance * step, y + dy / distance * step, z))
         return False
 
-    def descend(self, speed_mps: float, height_m: float = -_BELOW_GROUND_M) -> None:
+    def descend(self, speed_mps: float, height_m: float = -BELOW_GROUND_M) -> None:
         """Go down, to ``height_m`` above home at least."""
         x, y, z = self.target.position
         self._go((x, y, max(self.home[2] + height_m, z - speed_mps * self._step_s)))
