@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from math import isfinite
+from math import hypot, isfinite
 from pathlib import Path
 
 from msgspec import Struct
 from msgspec.structs import replace
 
+from agent.clocks import Clocks
 from agent.config import DroneConfig, MissionConfig
 from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.chain import DetectorChain
@@ -94,6 +95,7 @@ class Pilot:
         self._chain = DetectorChain(mission.detection, mission.nuclide, calibration, self._watch.add)
         self._observer = Observer(drone, self._mission_id, boot)
         self._peers = Peers(others)
+        self._clocks = Clocks(drone.id, others)
         self._search = Search(mission, drone.id, frames, lambda: self.fusion.log.entries(Coverage))
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
         self._prospect = Prospect(lambda: self.fusion.outlook)
@@ -165,6 +167,9 @@ class Pilot:
             return
         if self._epochs is not None:
             state = self._epochs.take(state)
+        sigma_m = self._clocks.widened_sigma_m(state.position_sigma_m, hypot(*state.velocity_mps))
+        if sigma_m != state.position_sigma_m:
+            state = replace(state, position_sigma_m=sigma_m)
         self._vehicle = state
         self._observer.history.add(state)
         if self._remembered is not None:
@@ -242,6 +247,8 @@ class Pilot:
             if isinstance(message, Status) and message.boot != self._boot and abs(now_ns - message.stamp_ns) < TWIN_NS:
                 self._problems.hear_twin(now_ns)
             return "own_id"
+        if isinstance(message, Status):
+            self._clocks.hear(message, now_ns)  # however old its stamp seems
         if isinstance(message, _NEWS):
             return self._peers.receive(message, now_ns)
         return "unused"
@@ -364,8 +371,11 @@ class Pilot:
             self._outbox.put(message)
 
     def _condition(self, now_ns: int) -> Condition:
+        jump = self._epochs.problem(now_ns) if self._epochs is not None else None
+        self._problems.seen = tuple(problem for problem in (self._clocks.problem(now_ns), jump) if problem is not None)
         problems = self._problems.all(now_ns, self._vehicle, self._peers.statuses(now_ns))
-        return Condition(self._mission.stage, dict(self.counters), problems, self._finding, self._watch.message)
+        delays_ns = self._clocks.delays_ns(now_ns)
+        return Condition(self._mission.stage, dict(self.counters), problems, self._finding, self._watch.message, delays_ns)
 
 
 def _plausible(state: VehicleState) -> bool:

@@ -16,8 +16,8 @@ LONGEST_PROBLEM = 256
 class Problems:
     """The problems of one drone. A flying drone reports them but flies on.
 
-    ``blocked``, ``warned``: what the shell has found, with and without power to stand against a start. ``noticed``: what the
-    pilot has found, without that power.
+    ``blocked``, ``warned``: what the shell has found, with and without power to stand against a start. ``noticed``, ``seen``:
+    what the pilot has found, without that power, in the camera's spectrum and of clocks, places and frames.
     """
 
     def __init__(self, drone: str, mission_id: str) -> None:
@@ -27,6 +27,7 @@ class Problems:
         self.blocked: tuple[str, ...] = ()
         self.warned: tuple[str, ...] = ()
         self.noticed: tuple[str, ...] = ()
+        self.seen: tuple[str, ...] = ()
 
     def hear_twin(self, now_ns: int) -> None:
         """Another agent speaks under this drone's id."""
@@ -52,7 +53,7 @@ class Problems:
 
     def all(self, now_ns: int, vehicle: VehicleState | None, statuses: Mapping[str, Status]) -> tuple[str, ...]:
         """Everything, what stands against a start first."""
-        return _sendable((*self.against_start(now_ns, vehicle, statuses), *self.warned, *self.noticed))
+        return _sendable((*self.against_start(now_ns, vehicle, statuses), *self.warned, *self.seen, *self.noticed))
 
 
 def _sendable(problems: Iterable[str]) -> tuple[str, ...]:

@@ -20,8 +20,8 @@ STATUS_NS = 1_000_000_000
 
 
 class Condition(Struct, frozen=True):
-    """What a status says besides the battery: stage, counters, problems, what the search has ended with ("": it has not), and the
-    nuclide that the spectrum shows.
+    """What a status says besides the battery: stage, counters, problems, what the search has ended with ("": it has not), the
+    nuclide that the spectrum shows, and the delays of the others' statuses.
     """
 
     stage: Stage
@@ -29,6 +29,7 @@ class Condition(Struct, frozen=True):
     problems: tuple[str, ...]
     finding: str = ""
     recognised: Recognised | None = None
+    delays_ns: dict[str, int] = {}
 
 
 class Outbox:
@@ -101,6 +102,7 @@ class Reporter:
                 problems=now.problems,
                 finding=now.finding,
                 recognised=now.recognised,
+                delays_ns=now.delays_ns,
             )
 
     def _is_due(self, period_ns: int, now_ns: int) -> bool:

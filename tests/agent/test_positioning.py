@@ -13,7 +13,9 @@ from agent.vehicle.interface import GnssFix, SeenDrone
 from protocol.codec import decode_from
 from protocol.messages import Fix, Sighting
 
-SEEN = SeenDrone(stamp_ns=START_NS, target="d2", direction=(0.6, 0.0, 0.8), direction_sigma_rad=0.03, range_m=9.0, range_sigma_m=0.3)
+SEEN = SeenDrone(
+    stamp_ns=START_NS, target="d2", direction=(0.6, 0.0, 0.8), direction_sigma_rad=0.03, range_m=9.0, range_sigma_m=0.3
+)
 FIX = GnssFix(
     stamp_ns=START_NS, latitude_deg=50.0, longitude_deg=14.0, altitude_m=300.0, horizontal_sigma_m=1.2, vertical_sigma_m=2.0
 )
