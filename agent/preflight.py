@@ -8,6 +8,8 @@ import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
+from agent.chrony import NAME as CHRONY
+from agent.chrony import chrony_finding
 from agent.config import DroneConfig, MissionConfig
 from agent.detector.calibration import load_calibration
 from agent.detector.drivers import open_detector
@@ -35,6 +37,7 @@ class Preflight:
         self._mission = mission
         self._vehicle_findings = [Finding("autopilot", "not yet", f"connecting to {drone.vehicle.address}")]
         self._camera = Finding("camera", "not yet", "no readout so far")
+        self._chrony = Finding(CHRONY, "not yet", "asking")
         self._mesh_finding = Finding("mesh", "not yet", "opening")
         self._mesh: Mesh | None = None
         self._statuses: dict[str, tuple[Status, float]] = {}  # with by how much its clock is behind, seconds
@@ -47,6 +50,7 @@ class Preflight:
             self._calibration(),
             self._space(),
             self._clock(),
+            self._chrony,
             self._camera,
             *self._vehicle_findings,
             self._mesh_finding,
@@ -55,7 +59,8 @@ class Preflight:
 
     async def run(self, wait_s: float, show: Callable[[list[Finding]], None]) -> bool:
         """Check until nothing is "not yet" any more, or ``wait_s`` are over. Returns whether all is ok."""
-        tasks = [asyncio.create_task(check()) for check in (self._check_mesh, self._check_vehicle, self._check_camera)]
+        checks = (self._check_mesh, self._check_vehicle, self._check_camera, self._check_chrony)
+        tasks = [asyncio.create_task(check()) for check in checks]
         deadline_s = time.monotonic() + wait_s
         try:
             while time.monotonic() < deadline_s and any(finding.verdict == "not yet" for finding in self.findings):
@@ -127,6 +132,11 @@ class Preflight:
         finally:
             if detector is not None:
                 await detector.close()
+
+    async def _check_chrony(self) -> None:
+        while True:
+            self._chrony = await chrony_finding(alone=len(self._mission.drones) == 1)
+            await asyncio.sleep(1.0)
 
     async def _watch_camera(self, detector: Detector) -> None:
         while True:
