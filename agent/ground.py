@@ -1,0 +1,207 @@
+"""The ground on which the source lies, as the mission has it: a plane, or an elevation grid. Mission frame, metres."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+from shapely import Polygon
+
+from agent.config import AreaConfig, DatumConfig, GroundConfig, MissionConfig
+from agent.elevation import Raster, read_raster
+from agent.errors import ConfigError
+from agent.frames.geodesy import mission_from_geodetics
+from agent.frames.utm import geodetic_from_utm
+
+Array = NDArray[np.float64]
+_BENT_CELLS = 0.1  # by which a grid's lines may deviate from straight in the mission frame
+
+
+class Ground:
+    """Heights of the ground. Outside a grid it goes on level from its edge."""
+
+    def __init__(self, config: GroundConfig, grid: _Grid | None = None) -> None:
+        self._base, (self._east, self._north) = config.height_m, config.slope
+        self._grid = grid
+
+    @classmethod
+    def from_config(cls, mission: MissionConfig) -> Ground:
+        """The ground of a mission as it was loaded (``with_ground_grid``).
+
+        Raises:
+            ConfigError: a grid that is not there, cannot be read, lacks the datum, does not cover the area, or has holes in it.
+        """
+        config = mission.ground
+        if config.grid is None:
+            return cls(config)
+        if config.grid_data is None:
+            raise ConfigError(f"ground.grid: {config.grid}: not read; load the mission with load_mission")
+        return cls(config, _Grid.of(config.grid, config, mission.datum, mission.area))
+
+    @property
+    def level(self) -> bool:
+        """Whether it has the same height everywhere."""
+        return self._grid is None and self._east == self._north == 0.0
+
+    def height_m(self, x: float, y: float) -> float:
+        """Height at one place."""
+        if self._grid is None:
+            return self._base + self._east * x + self._north * y
+        return float(self._grid.heights_m(np.array([[x, y]]))[0])
+
+    def heights_m(self, places: Array) -> Array:
+        """Heights (N,) at places (N, 2)."""
+        if self._grid is None:
+            plane: Array = self._base + places @ np.array([self._east, self._north])
+            return plane
+        return self._grid.heights_m(places)
+
+    def slope(self, x: float, y: float) -> tuple[float, float]:
+        """Rise per metre east and north at one place."""
+        if self._grid is None:
+            return self._east, self._north
+        return self._grid.slope(x, y)
+
+
+class _Grid:
+    """Bilinear between the nodes of a raster that lies in the mission frame.
+
+    heights: (R, C). matrix (2, 2), origin (2,): the place p has column and row ``matrix @ p + origin``.
+    """
+
+    def __init__(self, heights: Array, matrix: Array, origin: Array) -> None:
+        self._heights, self._matrix, self._origin = heights, matrix, origin
+        rows, columns = heights.shape
+        self._last = np.array([columns - 1.0, rows - 1.0])
+
+    @classmethod
+    def of(cls, name: str, config: GroundConfig, datum: DatumConfig | None, area: AreaConfig) -> _Grid:
+        """The part of a file's grid that lies under the area and its fence."""
+        raster = read_raster(name, config.grid_data or b"")
+        crs = config.grid_crs or raster.crs or "mission"
+        if crs != "mission" and datum is None:
+            raise ConfigError(f"ground.grid: {name}: its coordinates are {crs}; that needs the mission's datum: add [datum]")
+        nodes = _nodes(name, raster, crs, datum, config.geoid_m)
+        nodes = _cropped(name, nodes, area)
+        matrix, origin = _straightened(name, nodes)
+        _check_cover(name, matrix, origin, nodes, area)
+        return cls(_filled(name, nodes, area), matrix, origin)
+
+    def heights_m(self, places: Array) -> Array:
+        """Heights (N,) at places (N, 2)."""
+        column, row, across, along = self._cells(places)
+        corners = self._heights
+        near = (1.0 - across) * corners[row, column] + across * corners[row, column + 1]
+        far = (1.0 - across) * corners[row + 1, column] + across * corners[row + 1, column + 1]
+        heights: Array = (1.0 - along) * near + along * far
+        return heights
+
+    def slope(self, x: float, y: float) -> tuple[float, float]:
+        """Rise per metre east and north: that of the cell; none across the edge."""
+        place = np.array([[x, y]])
+        inside = np.abs(self._indices(place)[0] - 0.5 * self._last) <= 0.5 * self._last
+        columns, rows, across, along = self._cells(place)
+        column, row, u, v = int(columns[0]), int(rows[0]), float(across[0]), float(along[0])
+        (a, b), (c, d) = self._heights[row : row + 2, column : column + 2].tolist()
+        per_cell = np.array([(1.0 - v) * (b - a) + v * (d - c), (1.0 - u) * (c - a) + u * (d - b)])
+        east, north = ((per_cell * inside) @ self._matrix).tolist()
+        return east, north
+
+    def _indices(self, places: Array) -> Array:
+        indices: Array = places @ self._matrix.T + self._origin
+        return indices
+
+    def _cells(self, places: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array]:
+        """Column and row (N,) of the cells, and where in them (0 .. 1); places outside count as the nearest ones inside."""
+        indices = np.clip(self._indices(places), 0.0, self._last)
+        first = np.minimum(indices.astype(np.intp), (self._last - 1.0).astype(np.intp))
+        share = indices - first
+        return first[:, 0], first[:, 1], share[:, 0], share[:, 1]
+
+
+def _nodes(name: str, raster: Raster, crs: str, datum: DatumConfig | None, geoid_m: float) -> Array:
+    """(R, C, 3): the nodes in the mission frame; z is NaN where the height is not known."""
+    rows, columns = raster.heights.shape
+    indices = np.stack(np.meshgrid(np.arange(columns, dtype=np.float64), np.arange(rows, dtype=np.float64)), axis=-1)
+    x, y = np.moveaxis(indices @ raster.matrix.T + raster.origin, -1, 0)
+    if crs == "mission" or datum is None:
+        return np.stack((x, y, raster.heights), axis=-1)
+    if crs == "EPSG:4326":
+        longitude, latitude = x, y
+    elif crs[:8] in ("EPSG:326", "EPSG:327"):
+        latitude, longitude = geodetic_from_utm(int(crs[8:]), crs[7] == "7", x, y)
+    else:
+        raise ConfigError(f"ground.grid: {name}: {crs} is not known here; convert it: gdalwarp -t_srs EPSG:4326")
+    if not (np.abs(latitude) <= 90.0).all():
+        raise ConfigError(f"ground.grid: {name}: as {crs} it has latitudes beyond 90 degrees; is ground.grid_crs right?")
+    known = np.where(np.isnan(raster.heights), datum.altitude_m - geoid_m, raster.heights)
+    nodes = mission_from_geodetics(datum, np.stack((latitude, longitude, known + geoid_m), axis=-1))
+    nodes[..., 2] = np.where(np.isnan(raster.heights), np.nan, nodes[..., 2])
+    return nodes
+
+
+def _cropped(name: str, nodes: Array, area: AreaConfig) -> Array:
+    """What of the nodes (R, C, 3) lies under the area and its fence, and a little more."""
+    corners = np.array(area.polygon_m)
+    margin_m = area.fence_margin_m + _cell_m(nodes)
+    low, high = corners.min(axis=0) - margin_m, corners.max(axis=0) + margin_m
+    inside = ((nodes[..., :2] >= low) & (nodes[..., :2] <= high)).all(axis=-1)
+    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    if len(rows) == 0:
+        (west, south), (east, north) = nodes[..., :2].min(axis=(0, 1)).tolist(), nodes[..., :2].max(axis=(0, 1)).tolist()
+        raise ConfigError(
+            f"ground.grid: {name}: it does not cover area.polygon_m: in the mission frame it goes from "
+            f"({west:.0f}, {south:.0f}) to ({east:.0f}, {north:.0f}) m; is the datum right?"
+        )
+    return nodes[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
+
+
+def _cell_m(nodes: Array) -> float:
+    """Diagonal of a cell of nodes (R, C, 3)."""
+    return float(np.linalg.norm(nodes[1, 1, :2] - nodes[0, 0, :2]))
+
+
+def _straightened(name: str, nodes: Array) -> tuple[Array, Array]:
+    """Matrix and origin by which places have columns and rows: over an area, map projections are linear enough."""
+    rows, columns = nodes.shape[:2]
+    indices = np.stack(np.meshgrid(np.arange(columns, dtype=np.float64), np.arange(rows, dtype=np.float64)), axis=-1).reshape(
+        -1, 2
+    )
+    places = np.column_stack((nodes[..., :2].reshape(-1, 2), np.ones(rows * columns)))
+    middle = places.mean(axis=0) * (1.0, 1.0, 0.0)  # the solution is the more accurate for it
+    found = np.linalg.lstsq(places - middle, indices, rcond=None)[0]
+    bent = float(np.abs((places - middle) @ found - indices).max())
+    if bent > _BENT_CELLS:
+        raise ConfigError(f"ground.grid: {name}: its lines are bent in the mission frame by {bent:.2g} cells; give one in UTM")
+    matrix = found[:2].T
+    return matrix, found[2] - matrix @ middle[:2]
+
+
+def _check_cover(name: str, matrix: Array, origin: Array, nodes: Array, area: AreaConfig) -> None:
+    """The middle of the outermost cells may lie half a cell inside the area."""
+    rows, columns = nodes.shape[:2]
+    for x, y in area.polygon_m:
+        column, row = (matrix @ (x, y) + origin).tolist()
+        if not (-0.501 <= column <= columns - 0.499 and -0.501 <= row <= rows - 0.499):
+            raise ConfigError(
+                f"ground.grid: {name}: it does not cover the corner ({x:g}, {y:g}) of area.polygon_m; give a larger one"
+            )
+
+
+def _filled(name: str, nodes: Array, area: AreaConfig) -> Array:
+    """Heights (R, C); beside the area, what is not known is as the nearest that is."""
+    heights = nodes[..., 2]
+    holes = np.isnan(heights)
+    if not holes.any():
+        return heights.copy()
+    within = shapely.contains_xy(Polygon(area.polygon_m).buffer(_cell_m(nodes)), nodes[..., 0], nodes[..., 1])
+    bad = np.argwhere(holes & within)
+    if len(bad):
+        x, y, _ = nodes[tuple(bad[0])]
+        raise ConfigError(
+            f"ground.grid: {name}: {len(bad)} holes in the area, one at ({x:.1f}, {y:.1f}) m; fill them: gdal_fillnodata"
+        )
+    nearest = distance_transform_edt(holes, return_distances=False, return_indices=True)
+    filled: Array = heights[tuple(nearest)]
+    return filled
