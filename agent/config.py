@@ -225,11 +225,26 @@ class GroundConfig(_Section, frozen=True, kw_only=True):
 class FramesConfig(_Section, frozen=True, kw_only=True):
     """How the drones' frames are estimated where they are not known exactly; drifts are 1 sigma.
 
-    ``keyframe_s``: from one estimate of all frames to the next; ``settle_s``: how long a keyframe's entries are waited for.
+    ``keyframe_s``: from one estimate of all frames to the next; ``settle_s``: how long a keyframe's entries are waited for (an
+    exposure is half a second long, and needs its time to arrive). The sigmas are of each axis.
     """
 
     keyframe_s: Annotated[float, Meta(ge=0.2, le=10.0)] = 1.0
-    settle_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.7
+    settle_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.9
+    gnss_sigma_m: Positive = 1.0  # by which a GNSS position wanders
+    rtk_sigma_m: Positive = 0.05
+    gnss_correlation_s: Positive = 60.0  # of both
+    compass_drift_deg: NonNegative = 0.3  # by which the heading of an autopilot with GNSS wanders in a second
+    slam_drift_m: NonNegative = 0.1  # after a metre flown, as the root of the distance: 1 m after 100 m
+    slam_yaw_drift_deg: NonNegative = 0.1  # after a second, as the root of the time
+    wander_m: NonNegative = 0.03  # by which any position wanders in a second, as the root of the time
+    jump_m: NonNegative = 0.2  # by which a jump of the localisation leaves the frame uncertain, and again for each second it took
+    jump_yaw_deg: NonNegative = 2.0
+    window_s: Positive = 30.0  # of sightings by which an unknown frame is found
+    lead: Positive = 10.0  # of the best pose before every other one, in the logarithm of the likelihood, for it to be taken
+    aligned_sigma_m: Positive = 1.5  # the same of its errors, at most
+    aligned_yaw_deg: Positive = 5.0
+    suspect_s: Positive = 30.0  # without a contradiction, for a drone that was contradicted to be believed again
 
 
 class MissionConfig(_Section, frozen=True, kw_only=True):
@@ -289,13 +304,30 @@ class PeerMeshConfig(_Section, frozen=True, kw_only=True):
     listen: str | None = None  # none: its own of ``endpoints``
 
 
+class VisionConfig(_Section, frozen=True, kw_only=True):
+    """Where the poses of a visual or LiDAR SLAM on board come from, a TCP feed ("host:port"); the autopilot gets them."""
+
+    address: str
+
+
 class VehicleConfig(_Section, frozen=True, kw_only=True):
-    """The autopilot's onboard MAVLink link, as a MAVSDK address, and what is assumed of its localisation."""
+    """The autopilot's onboard MAVLink link, as a MAVSDK address, and what is assumed of its localisation.
+
+    ``gnss``: the autopilot flies by satellites; without, it has neither origin nor home, and is guided by vision.
+    """
 
     address: str = "udpin://0.0.0.0:14540"
     connect_timeout_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 5.0
     position_sigma_m: NonNegative = 0.15  # at least; the autopilot's own figure counts where it is larger
     yaw_sigma_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 1.0
+    gnss: bool = True
+    vision: VisionConfig | None = None  # none: there is none, or it goes to the autopilot by itself
+
+
+class SightingsConfig(_Section, frozen=True, kw_only=True):
+    """Where a sensor that sees the other drones (a camera for their lights, a ranging radio) tells of them: a TCP feed."""
+
+    address: str | None = None  # "host:port"; none: there is no such sensor
 
 
 class DetectorConfig(_Section, frozen=True, kw_only=True):
@@ -337,6 +369,7 @@ class DroneConfig(_Section, frozen=True, kw_only=True):
     mesh: PeerMeshConfig = PeerMeshConfig()
     vehicle: VehicleConfig = VehicleConfig()
     detector: DetectorConfig = DetectorConfig()
+    sightings: SightingsConfig = SightingsConfig()
     recorder: RecorderConfig = RecorderConfig()
 
 

@@ -33,3 +33,12 @@ class BootClock:
         while self._offsets[0][0] < arrival_ns - WINDOW_NS:
             self._offsets.popleft()
         return boot_ns + self._offsets[0][1]
+
+    def utc_ns(self, boot_ns: int) -> int | None:
+        """A stamp of this clock in UTC, without learning from it; None before there was any message."""
+        return boot_ns + self._offsets[0][1] if self._offsets else None
+
+    @property
+    def booted_ns(self) -> int | None:
+        """When this clock was 0, UTC."""
+        return self._offsets[0][1] if self._offsets else None

@@ -5,7 +5,7 @@ The agent's local frame has its origin at the launch place; its axes are east, n
 
 from __future__ import annotations
 
-from math import hypot, pi, sqrt
+from math import atan2, hypot, pi, sqrt
 
 from agent.vehicle.interface import LaunchPlace, Vector3
 
@@ -43,6 +43,9 @@ def enu_from_flu(quaternion: Quaternion) -> Quaternion:
     return _HALF * (w + z), _HALF * (x + y), _HALF * (x - y), _HALF * (w - z)
 
 
+frd_from_flu = enu_from_flu  # the attitude NED <- FRD from ENU <- FLU: two half turns, done twice, are none
+
+
 def turned_on(quaternion: Quaternion, rates_rps: Vector3, time_s: float) -> Quaternion:
     """The attitude a short time later, at body rates of the same body frame; to the second order of the angle."""
     w, x, y, z = quaternion
@@ -56,6 +59,14 @@ def up_share(quaternion: Quaternion) -> float:
     """Cosine of the tilt: how much of the body's vertical axis is vertical. Same for NED <- FRD and ENU <- FLU."""
     _, x, y, _ = quaternion
     return 1.0 - 2.0 * (x * x + y * y)
+
+
+def heading(quaternion: Quaternion, rates_rps: Vector3) -> tuple[float, float]:
+    """Heading (rad) of an attitude, and how fast it changes (rad/s) at these body rates; in the attitude's own pair of frames."""
+    w, x, y, z = quaternion
+    yaw_rad = atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    side, up = 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)  # of the vertical, along the body's second and third axis
+    return yaw_rad, (side * rates_rps[1] + up * rates_rps[2]) / max(0.01, side * side + up * up)
 
 
 def ned_yaw(yaw_rad: float) -> float:

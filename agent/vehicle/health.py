@@ -16,7 +16,8 @@ _SENSORS = {
     0x0020_0000: "attitude and position estimate",
     0x0200_0000: "battery",
 }
-_ESSENTIAL = 0x01 | 0x02 | 0x04 | 0x20
+_ESSENTIAL = 0x01 | 0x02 | 0x04
+_GPS = 0x20
 _PREARM = 0x1000_0000
 _WARNING = 4  # MAV_SEVERITY; smaller is worse
 _CHUNK = 50
@@ -24,11 +25,15 @@ TEXT_AGE_S = 15.0
 MOST_TEXTS = 3
 
 
-def not_ready(status: SystemStatus) -> str | None:
-    """What keeps the autopilot from being armed, or None. Its own prearm check decides where it reports one."""
+def not_ready(status: SystemStatus, gnss: bool = True) -> str | None:
+    """What keeps the autopilot from being armed, or None. Its own prearm check decides where it reports one.
+
+    ``gnss``: it flies by satellites.
+    """
     present = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
     failing = present & ~status.onboard_control_sensors_health
-    if not failing & (_PREARM if present & _PREARM else _ESSENTIAL):
+    essential = _ESSENTIAL | _GPS if gnss else _ESSENTIAL
+    if not failing & (_PREARM if present & _PREARM else essential):
         return None
     return ", ".join(name for bit, name in _SENSORS.items() if failing & bit) or "prearm check"
 

@@ -92,16 +92,22 @@ class VehicleCommand(Struct, frozen=True):
 
 
 class LaunchPlace(Struct, frozen=True, kw_only=True):
-    """Where a drone's local frame lies in its autopilot's: the place of the launch in the autopilot's local NED frame, and the
-    geodetic origin of that frame, by which a restarted agent knows that it is still the same one.
+    """Where a drone's local frame lies in its autopilot's: the place of the launch in the autopilot's local NED frame.
+
+    A restarted agent knows that it is still the same frame by its geodetic origin, or, where there is none because the autopilot
+    flies without satellites, by when the autopilot was booted. ``epoch``: of the frame by now; ``resets``: the autopilot's count
+    of its estimator's resets by then (none: it has told none).
     """
 
     north_m: float
     east_m: float
     down_m: float
-    origin_latitude_deg: float
-    origin_longitude_deg: float
-    origin_altitude_m: float
+    origin_latitude_deg: float | None = None
+    origin_longitude_deg: float | None = None
+    origin_altitude_m: float | None = None
+    booted_ns: int | None = None
+    epoch: int = 0
+    resets: int | None = None
 
 
 class Finding(Struct, frozen=True):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 
+from msgspec.structs import replace
+
 from agent.vehicle.interface import LaunchPlace, Vector3
 from agent.vehicle.messages import GlobalOrigin
 
@@ -11,6 +13,8 @@ WINDOW_S = 5.0
 SHORTEST_S = 1.0  # of standing still, before the mean is believed
 _SAME_DEG = 2e-7  # the origin comes in units of 1e-7 degrees
 _SAME_M = 0.01
+_SAME_BOOT_NS = 2_000_000_000  # an autopilot's clock drifts by less in a flight, and a reboot takes longer
+Origin = tuple[float, float, float]  # degrees, degrees, metres
 
 
 class LaunchSurvey:
@@ -22,16 +26,20 @@ class LaunchSurvey:
     autopilot's frame still has the same geodetic origin. An origin that moves sideways in flight takes the place away: by it
     the vehicle would be steered, and its cones placed, wrong by as much. (Of the origin's altitude the autopilot may think better
     without moving its frame: that is only told.)
+
+    An autopilot that flies without satellites (``gnss`` False) has no such origin. Its frame is the same one as long as it has
+    not been booted anew; where one comes after all, because a receiver has found satellites, it does not move the frame.
     """
 
-    def __init__(self, stored: LaunchPlace | None = None) -> None:
+    def __init__(self, stored: LaunchPlace | None = None, gnss: bool = True) -> None:
         self._place: LaunchPlace | None = None
         self._moved = False  # the autopilot's frame is no longer the place's
         self.problem: str | None = None
         self._stored = stored
-        self._flown = False
+        self._gnss = gnss
+        self._flown = self._frozen = False
         self._samples: deque[tuple[float, Vector3]] = deque()
-        self._origin: tuple[float, float, float] | None = None
+        self._origin: Origin | None = None
 
     @property
     def place(self) -> LaunchPlace | None:
@@ -47,17 +55,32 @@ class LaunchSurvey:
         """Take the geodetic origin of the autopilot's local frame."""
         self._origin = (origin.latitude * 1e-7, origin.longitude * 1e-7, origin.altitude * 1e-3)
 
-    def observe(self, now_s: float, position_m: Vector3, armed: bool, in_air: bool) -> None:
-        """Take the autopilot's local position (NED)."""
-        if self._origin is None:
+    def observe(
+        self,
+        now_s: float,
+        position_m: Vector3,
+        armed: bool,
+        in_air: bool,
+        booted_ns: int | None = None,
+        resets: int | None = None,
+    ) -> None:
+        """Take the autopilot's local position (NED), when it was booted (UTC), and its count of resets by then."""
+        self._frozen = armed or in_air or self._flown
+        if self._origin is None and self._gnss:
             self.problem = "the autopilot has not yet said where the origin of its local frame lies (no position fix?)"
-        elif armed or in_air or self._flown:
-            self._hold(self._origin)
+        elif self._frozen:
+            self._hold(booted_ns, resets)
             self._flown = self._flown or (in_air and self._place is not None)
         else:
-            self._average(now_s, position_m, self._origin)
+            self._average(now_s, position_m, booted_ns, resets)
 
-    def _average(self, now_s: float, position_m: Vector3, origin: tuple[float, float, float]) -> None:
+    def jumped(self) -> None:
+        """The autopilot's frame has jumped: in flight a new epoch begins; before it the place is measured anew."""
+        if self._place is not None and self._frozen:
+            self._place = replace(self._place, epoch=self._place.epoch + 1)
+        self._samples.clear()
+
+    def _average(self, now_s: float, position_m: Vector3, booted_ns: int | None, resets: int | None) -> None:
         samples = self._samples
         if samples and now_s - samples[-1][0] > SHORTEST_S:
             samples.clear()
@@ -68,44 +91,60 @@ class LaunchSurvey:
             self.problem = "measuring the launch place"
             return
         north_m, east_m, down_m = (sum(axis) / len(samples) for axis in zip(*(sample for _, sample in samples), strict=True))
-        self._place, self.problem = _launch_place((north_m, east_m, down_m), origin), None
-        self._moved = False
+        latitude_deg, longitude_deg, altitude_m = self._origin or (None, None, None)
+        self._place = LaunchPlace(
+            north_m=north_m,
+            east_m=east_m,
+            down_m=down_m,
+            origin_latitude_deg=latitude_deg,
+            origin_longitude_deg=longitude_deg,
+            origin_altitude_m=altitude_m,
+            booted_ns=booted_ns,
+            resets=resets,
+        )
+        self.problem, self._moved = None, False
 
-    def _hold(self, origin: tuple[float, float, float]) -> None:
+    def _hold(self, booted_ns: int | None, resets: int | None) -> None:
         self._samples.clear()
-        if self._place is None and self._stored is not None and _same_origin(self._stored, origin):
+        if self._place is None and self._stored is not None and self._is_same_frame(self._stored, booted_ns):
             self._place = self._stored
         if self._place is None:
             self.problem = (
                 "the vehicle is armed and this agent does not know where it was launched: land and disarm it"
                 if self._stored is None
-                else "the origin of the autopilot's local frame is not the one of the launch: land and disarm the vehicle"
+                else "the autopilot's local frame is not the one of the launch (another origin, or booted since): "
+                "land and disarm the vehicle"
             )
             return
-        self._moved = not _same_spot(self._place, origin)
-        same = _same_origin(self._place, origin)
+        if resets is not None and resets != self._place.resets:
+            self._place = replace(self._place, resets=resets)
+        origin = _origin_of(self._place)
+        if origin is None or self._origin is None:
+            self.problem = None
+            return
+        self._moved = not _same_spot(origin, self._origin)
+        same = not self._moved and _same_height(origin, self._origin)
         self.problem = None if same else "the autopilot has moved the origin of its local frame in flight: land"
 
-
-def _launch_place(position_m: Vector3, origin: tuple[float, float, float]) -> LaunchPlace:
-    north_m, east_m, down_m = position_m
-    latitude_deg, longitude_deg, altitude_m = origin
-    return LaunchPlace(
-        north_m=north_m,
-        east_m=east_m,
-        down_m=down_m,
-        origin_latitude_deg=latitude_deg,
-        origin_longitude_deg=longitude_deg,
-        origin_altitude_m=altitude_m,
-    )
+    def _is_same_frame(self, stored: LaunchPlace, booted_ns: int | None) -> bool:
+        origin = _origin_of(stored)
+        if origin is not None and self._origin is not None:
+            return _same_spot(origin, self._origin) and _same_height(origin, self._origin)
+        if self._gnss or stored.booted_ns is None or booted_ns is None:
+            return False
+        return abs(stored.booted_ns - booted_ns) < _SAME_BOOT_NS
 
 
-def _same_origin(place: LaunchPlace, origin: tuple[float, float, float]) -> bool:
-    return _same_spot(place, origin) and abs(place.origin_altitude_m - origin[2]) < _SAME_M
+def _origin_of(place: LaunchPlace) -> Origin | None:
+    latitude_deg, longitude_deg, altitude_m = place.origin_latitude_deg, place.origin_longitude_deg, place.origin_altitude_m
+    if latitude_deg is None or longitude_deg is None or altitude_m is None:
+        return None
+    return latitude_deg, longitude_deg, altitude_m
 
 
-def _same_spot(place: LaunchPlace, origin: tuple[float, float, float]) -> bool:
-    latitude_deg, longitude_deg, _ = origin
-    return (
-        abs(place.origin_latitude_deg - latitude_deg) < _SAME_DEG and abs(place.origin_longitude_deg - longitude_deg) < _SAME_DEG
-    )
+def _same_spot(one: Origin, other: Origin) -> bool:
+    return abs(one[0] - other[0]) < _SAME_DEG and abs(one[1] - other[1]) < _SAME_DEG
+
+
+def _same_height(one: Origin, other: Origin) -> bool:
+    return abs(one[2] - other[2]) < _SAME_M

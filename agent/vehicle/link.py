@@ -24,12 +24,12 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, Mav
 from msgspec import Struct
 
 from agent.errors import VehicleError
-from agent.vehicle.messages import DECODERS, Attitude, DistanceSensor, Message
+from agent.vehicle.messages import DECODERS, Attitude, DistanceSensor, Message, Odometry
 
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 COMMANDS_PER_MESSAGE = 7
 MOST_WAITING = 2000  # messages not yet taken by the loop: some seconds
-_PATIENT = (Attitude, DistanceSensor)  # frequent, and of no use before the next position: they do not wake the loop
+_PATIENT = (Attitude, DistanceSensor, Odometry)  # frequent, and of no use before the next position: they do not wake the loop
 _UDP = re.compile(r"(?:udp|udpin)://([^:/]*):(\d+)$")
 
 

@@ -39,6 +39,32 @@ class Attitude(Struct, frozen=True):
     yawspeed: float | None
 
 
+class Odometry(Struct, frozen=True):
+    """ODOMETRY: of all that it says, how often the estimator has been reset by then (modulo 256)."""
+
+    time_usec: int  # since boot
+    reset_counter: int
+
+
+class GpsRaw(Struct, frozen=True):
+    """GPS_RAW_INT: what a satellite receiver says; 1e-7 degrees, millimetres."""
+
+    time_usec: int  # since boot
+    fix_type: int  # GPS_FIX_TYPE: 3 or more is a position
+    lat: int
+    lon: int
+    alt_ellipsoid: int = 0
+    h_acc: int = 0  # 1 sigma; 0 unknown
+    v_acc: int = 0
+
+
+class TimeSync(Struct, frozen=True):
+    """TIMESYNC: nanoseconds; ``tc1`` is 0 in a request."""
+
+    tc1: int
+    ts1: int
+
+
 class ExtendedState(Struct, frozen=True):
     """EXTENDED_SYS_STATE."""
 
@@ -121,6 +147,9 @@ Message = (
     Heartbeat
     | LocalPosition
     | Attitude
+    | Odometry
+    | GpsRaw
+    | TimeSync
     | ExtendedState
     | SystemStatus
     | DistanceSensor
@@ -139,6 +168,9 @@ DECODERS: dict[str, msgspec.json.Decoder[Message]] = {
         "HEARTBEAT": Heartbeat,
         "LOCAL_POSITION_NED": LocalPosition,
         "ATTITUDE_QUATERNION": Attitude,
+        "ODOMETRY": Odometry,
+        "GPS_RAW_INT": GpsRaw,
+        "TIMESYNC": TimeSync,
         "EXTENDED_SYS_STATE": ExtendedState,
         "SYS_STATUS": SystemStatus,
         "DISTANCE_SENSOR": DistanceSensor,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import ctypes
 import time
 from collections.abc import Callable
@@ -11,13 +12,14 @@ from typing import Literal
 from agent.config import VehicleConfig
 from agent.vehicle.frame import ned_from_enu, ned_from_enu_position, ned_yaw
 from agent.vehicle.health import StatusTexts
-from agent.vehicle.interface import Finding, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
+from agent.vehicle.interface import Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
 from agent.vehicle.link import Link, Received
-from agent.vehicle.messages import CommandAck, Heartbeat, LocalPosition, ParameterValue, StatusText
+from agent.vehicle.messages import CommandAck, GpsRaw, Heartbeat, LocalPosition, ParameterValue, StatusText, TimeSync
 from agent.vehicle.modes import CUSTOM_MODES, SET_MODE_FLAGS
-from agent.vehicle.parameters import FLOAT, TAKEOFF_ALTITUDE, Parameters
+from agent.vehicle.parameters import FLOAT, TAKEOFF_ALTITUDE, Parameters, rules_of
 from agent.vehicle.requests import Act, Requests
 from agent.vehicle.telemetry import Telemetry
+from agent.vehicle.vision import Vision
 
 LOCAL_NED = 1  # MAV_FRAME_LOCAL_NED
 USE_ALL = 0  # type_mask: nothing is to be ignored, not position, velocity, acceleration, yaw nor yaw rate
@@ -26,14 +28,15 @@ STREAM_GAP_S = 0.5  # after a longer gap the stream begins anew
 SET_UP_S = 1.0  # between attempts to get what is still missing
 MOST_INTERVAL_ASKS = 5  # a slow link or simulation may never reach the rates
 REFUSAL_S = 5.0  # for so long a refusal counts as a problem
+FIX_S = 0.9  # between two fixes: the errors of those in between are the same ones
 
 _TAKE_OFF, _LAND, _SET_MODE, _ARM, _SET_INTERVAL, _REQUEST = 22, 21, 176, 400, 511, 512  # MAV_CMD
 _WATCHED = {_TAKE_OFF: "to take off", _LAND: "to land", _SET_MODE: "to change its mode", _ARM: "to arm"}
 _RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}  # MAV_RESULT
 _HOME_POSITION, _GLOBAL_ORIGIN = 242, 49
 # Message ids and Hz that are asked for: the rest of the link's streams nobody here reads. (Heartbeats stay at PX4's 1 Hz.)
-_WANTED_HZ = {32: 30.0, 31: 30.0, 132: 10.0, 245: 5.0, 1: 2.0}
-_UNWANTED = (30, 33, 36, 74, 83, 85, 105, 141, 331)
+_WANTED_HZ = {32: 30.0, 31: 30.0, 331: 30.0, 132: 10.0, 245: 5.0, 1: 2.0, 24: 1.0}
+_UNWANTED = (30, 33, 36, 74, 83, 85, 105, 141)
 _FEWEST_POSITIONS_PER_S = 20  # with fewer the intervals are asked for again
 
 
@@ -53,12 +56,17 @@ class Px4Vehicle:
     ) -> None:
         """``launch``: where the local frame lay before a restart in flight; ``clock_ns``: UTC."""
         self._config = config
+        self._clock_ns = clock_ns
         self._link = Link(config.address, clock_ns)
         self._telemetry = Telemetry(config, launch)
         self._texts = StatusTexts()
-        self._parameters = Parameters(mission_ceiling_m)
+        self._parameters = Parameters(mission_ceiling_m, rules_of(config.gnss, config.vision is not None))
         self._requests = Requests()
+        self._vision = Vision(config.vision.address, self._link.send, clock_ns) if config.vision is not None else None
+        self._seeing: asyncio.Task[None] | None = None
         self._callback: Callable[[VehicleState], None] | None = None
+        self._fix_callback: Callable[[GnssFix], None] | None = None
+        self._fix_s = float("-inf")
         self._positions = self._interval_asks = 0  # positions since the last look at what is missing
         self._set_up_s = float("-inf")
         self._stream_from_s = self._setpoint_s = float("-inf")
@@ -76,6 +84,12 @@ class Px4Vehicle:
         except BaseException:
             self._link.close()
             raise
+        if self._vision is not None:
+            self._seeing = asyncio.create_task(self._vision.run(), name="vision")
+
+    def on_fix(self, callback: Callable[[GnssFix], None]) -> None:
+        """Have ``callback`` called with a position of the satellite receiver once a second, while it has one."""
+        self._fix_callback = callback
 
     def on_state(self, callback: Callable[[VehicleState], None]) -> None:
         """Have ``callback`` called with every new state."""
@@ -93,6 +107,7 @@ class Px4Vehicle:
         problems = self._telemetry.problems(now_s)
         if self._telemetry.is_lost(now_s):
             return tuple(problems)
+        problems += self._vision_problems()
         if self._refusal is not None and now_s - self._refusal[1] < REFUSAL_S:
             problems.append(self._refusal[0])
         if problems:
@@ -105,7 +120,8 @@ class Px4Vehicle:
 
     async def findings(self) -> list[Finding]:
         """What a preflight check has to say of the vehicle by now; what is "not yet" will be otherwise some seconds later."""
-        return [self._link_finding(), self._readiness(), self._launch_finding(), *self._parameters.findings()]
+        vision = [] if self._vision is None else [self._vision_finding()]
+        return [self._link_finding(), *vision, self._readiness(), self._launch_finding(), *self._parameters.findings()]
 
     def command(self, command: VehicleCommand) -> None:
         """Carry out one step's command: the setpoint goes out at once, and what the request still needs is asked for."""
@@ -121,7 +137,11 @@ class Px4Vehicle:
 
     async def close(self) -> None:
         """Release the link; the vehicle is left to itself."""
-        self._callback = None
+        self._callback = self._fix_callback = None
+        if self._vision is not None:
+            await self._vision.close()
+        if self._seeing is not None:
+            self._seeing.cancel()
         self._link.close()
 
     def _receive(self, burst: list[Received]) -> None:
@@ -140,11 +160,21 @@ class Px4Vehicle:
                     self._take_ack(message, now_s)
                 case ParameterValue():
                     self._parameters.receive(message)
+                case GpsRaw() if now_s - self._fix_s >= FIX_S:
+                    self._take_fix(message, now_s)
+                case TimeSync(tc1=0) if self._vision is not None:
+                    self._link.send("TIMESYNC", {"tc1": self._clock_ns(), "ts1": message.ts1})
             state = self._telemetry.receive(message, received.arrival_ns, now_s) or state
             if isinstance(message, Heartbeat):
                 self._set_up(now_s)
         if state is not None and self._callback is not None:
             self._callback(state)
+
+    def _take_fix(self, message: GpsRaw, now_s: float) -> None:
+        fix = self._telemetry.fix(message)
+        if fix is not None and self._fix_callback is not None:
+            self._fix_s = now_s
+            self._fix_callback(fix)
 
     def _begin_anew(self) -> None:
         """The link is there for the first time or again: the autopilot may have been restarted, or be another one."""
@@ -153,7 +183,10 @@ class Px4Vehicle:
         self._interval_asks, self._set_up_s = 0, float("-inf")
 
     def _set_up(self, now_s: float) -> None:
-        """Ask for what is still missing: streams, home, origin, parameters. Asked for again until it is there."""
+        """Ask for what is still missing: streams, home, origin, parameters. Asked for again until it is there.
+
+        An autopilot without satellites has neither home nor origin; where it has them after all, it says so by itself.
+        """
         for name in self._parameters.due(now_s):
             self._link.send("PARAM_REQUEST_READ", {"param_id": name, "param_index": -1})
         elapsed_s = now_s - self._set_up_s
@@ -163,9 +196,9 @@ class Px4Vehicle:
         if self._interval_asks == 0 or (too_few and self._interval_asks < MOST_INTERVAL_ASKS):
             self._interval_asks += 1
             self._ask_for_streams()
-        if not self._telemetry.has_home:
+        if self._config.gnss and not self._telemetry.has_home:
             self._link.send_command(_REQUEST, _HOME_POSITION)
-        if not self._telemetry.has_origin:
+        if self._config.gnss and not self._telemetry.has_origin:
             self._link.send_command(_REQUEST, _GLOBAL_ORIGIN)
         self._set_up_s, self._positions = now_s, 0
 
@@ -181,9 +214,13 @@ class Px4Vehicle:
             self._refusal = f"the autopilot refuses {_WATCHED[ack.command]}: {_RESULTS[ack.result]}", now_s
 
     def _stream(self, setpoint: Setpoint | None, now_s: float) -> bool:
-        """Send the setpoint; returns whether setpoints have been streamed for long enough to ask for offboard."""
+        """Send the setpoint; returns whether setpoints have been streamed for long enough to ask for offboard.
+
+        One that was planned before a jump of the frame would lead away by as much: it is kept back for the moment that it takes
+        until the pilot program knows of the new frame.
+        """
         launch = self._telemetry.launch.place
-        if setpoint is None or launch is None:
+        if setpoint is None or launch is None or self._telemetry.frame_in_doubt:
             return False
         position, velocity = ned_from_enu_position(setpoint.position_m, launch), ned_from_enu(setpoint.velocity_mps)
         acceleration, yaw_rad = ned_from_enu(setpoint.acceleration_mps2), ned_yaw(setpoint.yaw_rad)
@@ -227,6 +264,17 @@ class Px4Vehicle:
         if reason is None:
             return Finding("ready to arm", "ok", "")
         return Finding("ready to arm", "not yet", "; ".join((reason, *self._texts.recent(now_s))))
+
+    def _vision_problems(self) -> tuple[str, ...]:
+        if self._vision is None or self._seeing is None:
+            return ()
+        if self._seeing.done() and not self._seeing.cancelled():
+            return (f"the vision's poses are passed on no more: {self._seeing.exception()!r}",)
+        return self._vision.problems
+
+    def _vision_finding(self) -> Finding:
+        problems = self._vision_problems()
+        return Finding("vision", "not yet", problems[0]) if problems else Finding("vision", "ok", "")
 
     def _launch_finding(self) -> Finding:
         launch, problem = self._telemetry.launch.place, self._telemetry.launch.problem

@@ -8,9 +8,17 @@ from msgspec import Struct
 
 from agent.config import VehicleConfig
 from agent.vehicle.clock import BootClock
-from agent.vehicle.frame import Quaternion, enu_from_flu, enu_from_ned, enu_from_ned_position, turned_on, up_share
+from agent.vehicle.frame import (
+    Quaternion,
+    enu_from_flu,
+    enu_from_ned,
+    enu_from_ned_position,
+    heading,
+    turned_on,
+    up_share,
+)
 from agent.vehicle.health import not_ready
-from agent.vehicle.interface import LaunchPlace, Vector3, VehicleState
+from agent.vehicle.interface import GnssFix, LaunchPlace, Vector3, VehicleState
 from agent.vehicle.launch import LaunchSurvey
 from agent.vehicle.messages import (
     Attitude,
@@ -19,20 +27,24 @@ from agent.vehicle.messages import (
     EstimatorStatus,
     ExtendedState,
     GlobalOrigin,
+    GpsRaw,
     Heartbeat,
     HomePosition,
     LocalPosition,
     Message,
+    Odometry,
     SystemStatus,
 )
 from agent.vehicle.modes import ACTIVE, ARMED, CRITICAL, STANDBY, flight_mode, is_in_air
 from agent.vehicle.requests import Seen
+from agent.vehicle.resets import Resets
 
 FRESH_S = 0.5  # older attitudes and ranges do not belong to the position
 MISSING_S = 1.0  # for which a stream of 30 Hz must have failed before it is told
 LOST_S = 2.5  # without a heartbeat: two of 1 Hz have failed to come
 _DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
 _INVALID_SIGNAL = 1  # percent, by the definition of DISTANCE_SENSOR
+_FIX_3D = 3  # GPS_FIX_TYPE
 
 
 class _Turning(Struct, frozen=True):
@@ -48,7 +60,8 @@ class Telemetry:
     """The newest of every message, and what follows from them. Only the newest counts; nothing is queued."""
 
     def __init__(self, config: VehicleConfig, launch: LaunchPlace | None) -> None:
-        self.launch = LaunchSurvey(launch)
+        self.launch = LaunchSurvey(launch, config.gnss)
+        self._resets = Resets(launch.resets if launch is not None else None)
         self._config = config
         self._clock = BootClock()
         self._heartbeat: Heartbeat | None = None
@@ -72,6 +85,10 @@ class Telemetry:
                 return self._state(message, arrival_ns, arrival_s)
             case Attitude():
                 self._attitude = _turning(message, arrival_s)
+            case Odometry():
+                self._resets.take_count(message.reset_counter, message.time_usec * 1e-6)
+            case GpsRaw():
+                self._resets.take_satellites(message.fix_type >= _FIX_3D)
             case Heartbeat():
                 self._heartbeat, self._heartbeat_s = message, arrival_s
             case ExtendedState():
@@ -91,6 +108,25 @@ class Telemetry:
                 self.has_origin = True
                 self.launch.take_origin(message)
         return None
+
+    def fix(self, message: GpsRaw) -> GnssFix | None:
+        """What the satellite receiver says; None where it has no position, or does not say how good it is."""
+        stamp_ns = self._clock.utc_ns(message.time_usec * 1000)
+        if stamp_ns is None or message.fix_type < _FIX_3D or message.h_acc <= 0 or message.v_acc <= 0:
+            return None
+        return GnssFix(
+            stamp_ns=stamp_ns,
+            latitude_deg=message.lat * 1e-7,
+            longitude_deg=message.lon * 1e-7,
+            altitude_m=message.alt_ellipsoid * 1e-3,
+            horizontal_sigma_m=message.h_acc * 1e-3,
+            vertical_sigma_m=message.v_acc * 1e-3,
+        )
+
+    @property
+    def frame_in_doubt(self) -> bool:
+        """Whether the autopilot's frame may have jumped a moment ago: what was planned in the old one should not be flown."""
+        return self._resets.in_doubt
 
     @property
     def seen(self) -> Seen | None:
@@ -140,12 +176,12 @@ class Telemetry:
         """What keeps the autopilot from being armed, or None."""
         if self._status is None or self._heartbeat is None:
             return "its sensors are not known yet"
-        reason = not_ready(self._status)
+        reason = not_ready(self._status, self._config.gnss)
         if reason is not None:
             return reason
         if self._heartbeat.system_status not in (STANDBY, ACTIVE):
             return "it is still starting, calibrating or in a failsafe"
-        return None if self.has_home else "no home position yet"
+        return None if self.has_home or not self._config.gnss else "no home position yet"
 
     def _state(self, message: LocalPosition, arrival_ns: int, arrival_s: float) -> VehicleState | None:
         stamp_ns = self._clock.observe(message.time_boot_ms, arrival_ns)
@@ -155,15 +191,25 @@ class Telemetry:
             self._position_s = arrival_s
         if seen is None or place_m is None or velocity_mps is None:
             return None
-        self.launch.observe(arrival_s, place_m, seen.armed, seen.in_air)
-        launch, attitude = self.launch.place, self._attitude
-        if launch is None or attitude is None or arrival_s - attitude.arrival_s > FRESH_S:
+        attitude = self._attitude
+        if attitude is None or arrival_s - attitude.arrival_s > FRESH_S:
             return None
         quaternion = turned_on(attitude.quaternion, attitude.rates_rps, (message.time_boot_ms - attitude.boot_ms) * 1e-3)
+        yaw_rad, turning_rps = heading(quaternion, attitude.rates_rps)
+        jumped = self._resets.judge(message.time_boot_ms * 1e-3, place_m, velocity_mps, yaw_rad, turning_rps)
+        if jumped is None:
+            return None
+        if jumped:
+            self.launch.jumped()
+        booted_ns, resets = self._clock.booted_ns, self._resets.count
+        self.launch.observe(arrival_s, place_m, seen.armed, seen.in_air, booted_ns, resets)
+        launch = self.launch.place
+        if launch is None:
+            return None
         position_m = enu_from_ned_position(place_m, launch)
         return VehicleState(
             stamp_ns=stamp_ns,
-            epoch=0,
+            epoch=launch.epoch,
             position_m=position_m,
             velocity_mps=enu_from_ned(velocity_mps),
             quaternion=enu_from_flu(quaternion),

@@ -12,6 +12,8 @@ from agent.vehicle.frame import (
     enu_from_flu,
     enu_from_ned,
     enu_from_ned_position,
+    frd_from_flu,
+    heading,
     ned_from_enu,
     ned_from_enu_position,
     ned_yaw,
@@ -63,3 +65,22 @@ def test_a_heading_points_the_same_way_in_both_frames(yaw_rad: float) -> None:
     turned = ned_yaw(yaw_rad)
     assert -pi < turned <= pi
     assert (sin(turned), cos(turned)) == pytest.approx((cos(yaw_rad), sin(yaw_rad)), abs=1e-9)
+
+
+@given(angles, st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.tuples(*[st.floats(-2.0, 2.0)] * 3))
+def test_the_heading_and_its_change_are_those_of_the_attitude(
+    yaw: float, pitch: float, roll: float, rates: tuple[float, ...]
+) -> None:
+    x, y, z, w = Rotation.from_euler("ZYX", (yaw, pitch, roll)).as_quat()
+    found, turning = heading((w, x, y, z), rates)
+    assert sin(found - yaw) == pytest.approx(0.0, abs=1e-6)
+    step_s = 1e-6
+    later, _ = heading(turned_on((w, x, y, z), rates, step_s), rates)
+    assert sin(later - found) / step_s == pytest.approx(turning, abs=1e-3)
+
+
+@given(angles, st.floats(-1.5, 1.5), angles)
+def test_attitudes_go_there_and_back(yaw: float, pitch: float, roll: float) -> None:
+    x, y, z, w = Rotation.from_euler("ZYX", (yaw, pitch, roll)).as_quat()
+    x2, y2, z2, w2 = (frd := frd_from_flu(enu_from_flu((w, x, y, z))))[1:] + frd[:1]
+    assert (Rotation.from_quat((x, y, z, w)).inv() * Rotation.from_quat((x2, y2, z2, w2))).magnitude() < 1e-6

@@ -10,6 +10,7 @@ from agent.vehicle.messages import GlobalOrigin
 ORIGIN = GlobalOrigin(473977420, 85455940, 488123)
 ON_GROUND = {"armed": False, "in_air": False}
 FLYING = {"armed": True, "in_air": True}
+BOOTED_NS = 1_767_225_600_000_000_000
 STORED = LaunchPlace(
     north_m=1.0, east_m=2.0, down_m=3.0, origin_latitude_deg=47.397742, origin_longitude_deg=8.545594, origin_altitude_m=488.123
 )
@@ -135,3 +136,64 @@ def test_an_origin_whose_altitude_is_corrected_in_flight_is_only_told() -> None:
     survey.observe(4.0, (50.0, 50.0, 0.0), **FLYING)
     assert "origin" in str(survey.problem)
     assert survey.place == before
+
+
+def without_satellites(stored: LaunchPlace | None = None) -> LaunchSurvey:
+    return LaunchSurvey(stored, gnss=False)
+
+
+def stand(survey: LaunchSurvey, from_s: float, seconds: float, north_m: float = 10.0) -> None:
+    for step in range(round(seconds * 30)):
+        survey.observe(from_s + step / 30, (north_m, -20.0, 0.3), **ON_GROUND, booted_ns=BOOTED_NS, resets=4)
+
+
+def test_without_satellites_it_needs_no_origin_and_one_that_comes_later_moves_nothing() -> None:
+    survey = without_satellites()
+    stand(survey, 0.0, 3.0)
+    before = survey.place
+    assert before is not None
+    assert (before.origin_latitude_deg, before.booted_ns, before.resets) == (None, BOOTED_NS, 4)
+    survey.observe(4.0, (10.0, -20.0, -3.0), **FLYING, booted_ns=BOOTED_NS, resets=4)
+    survey.take_origin(ORIGIN)
+    survey.observe(5.0, (10.0, -20.0, -3.0), **FLYING, booted_ns=BOOTED_NS, resets=4)
+    assert (survey.place, survey.problem) == (before, None)
+
+
+def test_without_satellites_a_restarted_agent_knows_the_frame_by_when_the_autopilot_was_booted() -> None:
+    survey = without_satellites()
+    stand(survey, 0.0, 3.0)
+    stored = survey.to_keep
+    again = without_satellites(stored)
+    again.observe(0.0, (5.0, 5.0, -5.0), **FLYING, booted_ns=BOOTED_NS + 5_000_000, resets=4)
+    assert again.place == stored
+    for booted_ns in (BOOTED_NS + 60_000_000_000, None):
+        other = without_satellites(stored)
+        other.observe(0.0, (5.0, 5.0, -5.0), **FLYING, booted_ns=booted_ns, resets=4)
+        assert other.place is None
+        assert "land" in str(other.problem)
+
+
+def test_a_jump_in_flight_begins_an_epoch_that_a_restarted_agent_goes_on_from() -> None:
+    survey = without_satellites()
+    stand(survey, 0.0, 3.0)
+    survey.observe(4.0, (10.0, -20.0, -3.0), **FLYING, booted_ns=BOOTED_NS, resets=4)
+    survey.jumped()
+    survey.observe(4.1, (30.0, -20.0, -3.0), **FLYING, booted_ns=BOOTED_NS, resets=5)
+    place = survey.place
+    assert place is not None
+    assert (place.epoch, place.resets, place.north_m) == (1, 5, pytest.approx(10.0))
+    again = without_satellites(survey.to_keep)
+    again.observe(0.0, (30.0, 5.0, -5.0), **FLYING, booted_ns=BOOTED_NS, resets=5)
+    again.jumped()
+    assert again.place == replace(place, epoch=2)
+
+
+def test_a_jump_on_the_ground_begins_the_measurement_anew_and_no_epoch() -> None:
+    survey = without_satellites()
+    stand(survey, 0.0, 3.0)
+    survey.jumped()
+    stand(survey, 3.0, 0.5, north_m=25.0)
+    assert survey.problem == "measuring the launch place"
+    stand(survey, 3.5, 1.0, north_m=25.0)
+    assert survey.place is not None
+    assert (survey.place.epoch, survey.place.north_m) == (0, pytest.approx(25.0))

@@ -6,7 +6,7 @@ import struct
 import pytest
 
 from agent.vehicle.messages import ParameterValue
-from agent.vehicle.parameters import ASK_AGAIN_S, FLOAT, INT32, MOST_ASKS, REFRESH_S, RULES, Parameters, value_of
+from agent.vehicle.parameters import ASK_AGAIN_S, FLOAT, INT32, MOST_ASKS, REFRESH_S, RULES, Parameters, rules_of, value_of
 
 GOOD = {
     "COM_OF_LOSS_T": 1.0,
@@ -87,3 +87,38 @@ def test_a_wrong_value_is_read_again_so_that_mending_it_shows() -> None:
     parameters.receive(message("GF_ACTION", 3))
     assert failed(parameters) == {}
     assert "GF_ACTION" not in parameters.due(10 * REFRESH_S)
+
+
+VISION = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 4, "NAV_RCL_ACT": 3, "EKF2_EV_CTRL": 9, "EKF2_GPS_CTRL": 0}
+VISION |= {"EKF2_HGT_REF": 0, "EKF2_NOAID_TOUT": 1_000_000}
+
+
+def by_vision(gnss: bool, values: dict[str, float], **changed: float) -> Parameters:
+    parameters = Parameters(60.0, rules_of(gnss, vision=True))
+    parameters.due(0.0)
+    for name, value in (values | changed).items():
+        parameters.receive(message(name, value))
+    return parameters
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "advice"),
+    [
+        ("COM_OBL_RC_ACT", 3, "no home"),
+        ("NAV_RCL_ACT", 2, "no home"),
+        ("EKF2_EV_CTRL", 1, "0 and 3"),
+        ("EKF2_GPS_CTRL", 7, "0"),
+        ("EKF2_HGT_REF", 1, "barometer"),
+        ("EKF2_NOAID_TOUT", 10_000_000, "5000000"),
+    ],
+)
+def test_without_satellites_the_vision_must_guide(name: str, value: float, advice: str) -> None:
+    assert {finding.verdict for finding in by_vision(False, VISION).findings()} == {"ok"}  # no fence, no return: it has no home
+    assert advice in failed(by_vision(False, VISION, **{name: value}))[name]
+
+
+def test_a_vehicle_with_satellites_and_vision_needs_both() -> None:
+    both = GOOD | {"EKF2_EV_CTRL": 1, "EKF2_NOAID_TOUT": 5_000_000}
+    assert {finding.verdict for finding in by_vision(True, both).findings()} == {"ok"}
+    assert "bit 0" in failed(by_vision(True, both, EKF2_EV_CTRL=8))["EKF2_EV_CTRL"]
+    assert "EKF2_EV_CTRL" not in {finding.name for finding in Parameters(60.0, rules_of(True, False)).findings()}

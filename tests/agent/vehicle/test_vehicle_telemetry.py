@@ -13,10 +13,12 @@ from agent.vehicle.messages import (
     EstimatorStatus,
     ExtendedState,
     GlobalOrigin,
+    GpsRaw,
     Heartbeat,
     HomePosition,
     LocalPosition,
     Message,
+    Odometry,
     SystemStatus,
 )
 from agent.vehicle.telemetry import FRESH_S, LOST_S, Telemetry
@@ -37,8 +39,8 @@ ON_GROUND: tuple[Message, ...] = (
 class Rig:
     """Telemetry with a clock: each position is 1/30 s later than the one before, with the attitude given."""
 
-    def __init__(self, *messages: Message) -> None:
-        self.telemetry = Telemetry(VehicleConfig(position_sigma_m=0.15), None)
+    def __init__(self, *messages: Message, gnss: bool = True) -> None:
+        self.telemetry = Telemetry(VehicleConfig(position_sigma_m=0.15, gnss=gnss), None)
         self.now_s = 10.0
         self.give(*messages)
 
@@ -171,3 +173,49 @@ def test_the_attitude_is_that_of_the_positions_time() -> None:
     assert state is not None
     w, _, _, z = state.quaternion
     assert 2.0 * atan2(z, w) == pytest.approx(pi / 2 - 0.6 / 30, abs=1e-3)  # from east, counter-clockwise; stamps are in whole ms
+
+
+def count(rig: Rig, resets: int) -> None:
+    rig.give(Odometry(round(rig.now_s * 1e6), resets))
+
+
+def test_a_frame_that_jumps_in_flight_is_another_epoch_from_the_first_state_in_it_on() -> None:
+    rig = launched(Heartbeat(0x91, OFFBOARD, 4), ExtendedState(2))
+    count(rig, 3)
+    assert state_of(rig).epoch == 0
+    count(rig, 4)
+    states = []
+    for _ in range(30):
+        states.append(rig.position(16.0))
+        assert rig.telemetry.frame_in_doubt is (states[-1] is None)
+    told = [state for state in states if state is not None]
+    assert {(state.epoch, round(state.position_m[1], 6)) for state in told} == {(1, 16.0)}
+    assert len(told) >= 25
+    assert rig.telemetry.launch.to_keep is not None
+    assert (rig.telemetry.launch.to_keep.epoch, rig.telemetry.launch.to_keep.resets) == (1, 4)
+
+
+def test_a_fix_is_what_the_receiver_says_at_its_own_time() -> None:
+    rig = launched()
+    place = {"lat": 473977420, "lon": 85455940, "alt_ellipsoid": 535123, "h_acc": 850, "v_acc": 1300}
+    at_us = round(rig.now_s * 1e6) - 150_000
+    fix = rig.telemetry.fix(GpsRaw(at_us, 3, **place))
+    assert fix is not None
+    assert abs(fix.stamp_ns - at_us * 1000) < 1e6
+    assert (fix.latitude_deg, fix.longitude_deg) == pytest.approx((47.397742, 8.545594), abs=1e-9)
+    assert (fix.altitude_m, fix.horizontal_sigma_m, fix.vertical_sigma_m) == pytest.approx((535.123, 0.85, 1.3))
+    assert rig.telemetry.fix(GpsRaw(at_us, 2, **place)) is None
+    assert rig.telemetry.fix(GpsRaw(at_us, 3, **(place | {"h_acc": 0}))) is None
+    assert Rig(*ON_GROUND).telemetry.fix(GpsRaw(at_us, 3, **place)) is None  # its clock is not known yet
+
+
+def test_without_satellites_neither_origin_nor_home_is_missed() -> None:
+    others = [message for message in ON_GROUND if not isinstance(message, HomePosition | GlobalOrigin)]
+    rig = Rig(*others, gnss=False)
+    for _ in range(60):
+        rig.position()
+    assert state_of(rig).healthy
+    assert rig.telemetry.problems(rig.now_s) == []
+    no_prearm = 0x07
+    rig.give(SystemStatus(no_prearm | 0x20, no_prearm | 0x20, no_prearm, 90))  # a receiver without reception
+    assert rig.telemetry.problems(rig.now_s) == []
