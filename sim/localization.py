@@ -1,4 +1,7 @@
-"""How wrong the vehicles' own localisation is: biases, slowly wandering errors of position and attitude, and noise."""
+"""The small errors of the vehicles' localisation: biases, slowly wandering errors of position and attitude, and noise.
+
+How each vehicle localises itself, and so where its local frame lies, is in ``sim.positioning`` and ``sim.movingframes``.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,9 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 from numpy.typing import NDArray
+
+from protocol.units import DroneId
+from sim.positioning import LiarTruth, VehicleTruth
 
 Array = NDArray[np.float64]
 Metres = Annotated[float, Meta(ge=0.0, le=100.0)]
@@ -17,6 +23,7 @@ class LocalizationTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """1-sigma errors, each slowly varying unless said otherwise. Defaults: a real PX4's EKF against the truth.
 
     The biases come on top of what wanders; each vehicle has its own, drawn once for the whole flight. All zero: ideal poses.
+    ``vehicles``: those whose local frames are not simply where the mission has them, and ``liar``: that one of them is far off.
     """
 
     horizontal_m: Metres = 0.13  # of the horizontal distance; each axis has 1/sqrt(2) of it
@@ -28,6 +35,8 @@ class LocalizationTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     velocity_mps: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.05  # of each axis, white
     bias_m: Metres = 0.0  # of each horizontal axis, constant
     bias_yaw_deg: Degrees = 0.0  # constant
+    vehicles: dict[DroneId, VehicleTruth] = {}
+    liar: LiarTruth | None = None
 
     @property
     def told_horizontal_m(self) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable, Sequence
+from math import hypot
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -22,18 +23,20 @@ from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
 from sim.cameras import Cameras
-from sim.frame import LocalFrames
 from sim.launch import launch_places
 from sim.localization import Localization
+from sim.movingframes import MovingFrames
 from sim.radio import Radio
 from sim.recorder import LONGEST_START_S, Recorder
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
+from sim.sightings import Sightings
 from sim.source import source_path
 from sim.streams import streams
 from sim.terrain import Terrain
 from sim.vehicle.autopilot import Autopilot
 from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, attitude
+from sim.walls import Walls
 
 TICK_NS = 50_000_000  # agents and autopilots step at 20 Hz
 EXPOSE_TICKS = 2  # the geometry of a camera's exposure is that of the middle of 0.1 s
@@ -90,7 +93,12 @@ class _World:
         random = streams(seed, count)
         self.ticks = 0
         self._mission = mission
-        self._frames = LocalFrames([(drone.origin_m, drone.yaw_deg) for drone in mission.drones])
+        names, layout = [drone.id for drone in mission.drones], [(drone.origin_m, drone.yaw_deg) for drone in mission.drones]
+        self._frames = MovingFrames(scenario.localization, names, layout, mission.datum, TICK_NS * 1e-9, random)
+        self._sightings: Sightings | None = None
+        if scenario.sightings is not None:
+            walls = Walls(scenario.walls) if scenario.walls else None
+            self._sightings = Sightings(scenario.sightings, names, walls, TICK_NS * 1e-9, random.sightings)
         configs = [DroneConfig(id=drone.id, vehicle_lag_s=scenario.vehicle_lag_s) for drone in mission.drones]
         self._cameras: Cameras | None = None
         if scenario.measured:
@@ -148,18 +156,36 @@ class _World:
         return self.recorder.sample(self.time_s, motion.position_m, motion.velocity_mps, source, error.position_error_m)
 
     def _sense(self, now_ns: int, source: tuple[float, float] | None) -> list[list[tuple[str, bytes]]]:
-        """Telemetry and readouts to the pilots; returns what each publishes of its readout."""
+        """Telemetry, fixes, sightings and readouts to the pilots; returns what each publishes of them."""
         self._telemetry(now_ns)
-        nothing: list[list[tuple[str, bytes]]] = [[] for _ in self._pilots]
+        published: list[list[tuple[str, bytes]]] = [[] for _ in self._pilots]
+        self._localize(now_ns, published)
         if self._cameras is None:
-            return nothing
+            return published
         if self.ticks % EXPOSE_TICKS == EXPOSE_TICKS // 2:
             half_ns = EXPOSE_TICKS * TICK_NS // 2
             for drone in range(len(self._pilots)):
                 self._cameras.expose(drone, now_ns - half_ns, now_ns + half_ns, self._multirotors, source)
         if self.ticks % READ_TICKS != 0 or self.ticks == 0:
-            return nothing
-        return [pilot.observe_detector(self._cameras.read_out(drone)) for drone, pilot in enumerate(self._pilots)]
+            return published
+        for drone, pilot in enumerate(self._pilots):
+            published[drone] += pilot.observe_detector(self._cameras.read_out(drone))
+        return published
+
+    def _localize(self, now_ns: int, published: list[list[tuple[str, bytes]]]) -> None:
+        """What satellites and the others' sight say of where the drones are."""
+        motion = self._multirotors
+        for drone, receiver in enumerate(self._frames.receiver):
+            fix = receiver.fix(now_ns, motion.position_m[drone]) if receiver is not None else None
+            if fix is not None:
+                published[drone] += self._pilots[drone].observe_fix(fix)
+        if self._sightings is None:
+            return
+        if self._sightings.due(self.ticks):
+            attitudes = [motion.quaternion(drone) for drone in range(len(self._pilots))]
+            self._sightings.look(now_ns, motion.position_m, attitudes)
+        for drone, seen in self._sightings.take(now_ns):
+            published[drone] += self._pilots[drone].observe_sightings(seen)
 
     def _telemetry(self, now_ns: int) -> None:
         motion, error, frames = self._multirotors, self._localization, self._frames
@@ -169,16 +195,17 @@ class _World:
         accelerations = frames.turn(motion.acceleration_mps2 + GRAVITY_MPS2 * error.tilt_error)
         yaws = (motion.yaw_rad + error.yaw_error_rad - frames.yaw_rad).tolist()
         heights = (self._terrain.above_ground(motion.position_m)[:, 2] + error.height_error_m).tolist()
+        epochs, told_m = frames.epoch, frames.told_m
         for drone, (pilot, autopilot) in enumerate(zip(self._pilots, self._autopilots, strict=True)):
             pilot.observe_vehicle(
                 VehicleState(
                     stamp_ns=now_ns,
-                    epoch=0,
+                    epoch=epochs[drone],
                     position_m=self._estimated[drone],
                     velocity_mps=velocities[drone],
                     quaternion=attitude(yaws[drone], *accelerations[drone]),
                     height_m=heights[drone],
-                    position_sigma_m=error.position_sigma_m[0],
+                    position_sigma_m=hypot(error.position_sigma_m[0], told_m[drone]),
                     yaw_sigma_rad=error.yaw_sigma_rad,
                     mode=autopilot.mode,
                     armed=autopilot.armed,
@@ -195,7 +222,8 @@ class _World:
 
     def _move(self) -> None:
         motion, error = self._multirotors, self._localization
-        heights = None if self._terrain.flat else self._terrain.above_ground(motion.position_m)[:, 2].tolist()
+        flat = self._terrain.flat and not self._frames.moving  # where a frame sinks or rises, home is not where the ground is
+        heights = None if flat else self._terrain.above_ground(motion.position_m)[:, 2].tolist()
         for drone, (autopilot, estimated) in enumerate(zip(self._autopilots, self._estimated, strict=True)):
             autopilot.step(estimated, None if heights is None else estimated[2] - heights[drone])
         targets = [autopilot.target for autopilot in self._autopilots]
@@ -205,9 +233,13 @@ class _World:
         yaw_sp = np.array([target.yaw for target in targets]) + self._frames.yaw_rad - error.yaw_error_rad
         grounded = np.array([autopilot.grounded for autopilot in self._autopilots])
         motion.step(position_sp, setpoints[:, 1], yaw_sp, grounded)
-        if not self._terrain.flat:
-            motion.rest_on(self._terrain.on_ground(motion.position_m)[:, 2])
+        if not flat:
+            motion.rest_on(motion.position_m[:, 2] - self._terrain.above_ground(motion.position_m)[:, 2])
         error.step()
+        self._frames.step(self.time_s, motion.position_m)
+        for autopilot, reframing in zip(self._autopilots, self._frames.reframing, strict=True):
+            if reframing is not None:
+                autopilot.reframe(reframing)
 
 
 def _calibrated(configs: Sequence[DroneConfig], cameras: Cameras, folder: Path) -> list[DroneConfig]:

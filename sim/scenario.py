@@ -17,9 +17,11 @@ from agent.config import MissionConfig, Point2, convert, read_toml, with_ground_
 from agent.errors import ConfigError
 from sim.launch import StartTruth
 from sim.localization import LocalizationTruth
+from sim.positioning import check_vehicles
 from sim.radiation.camera import CameraTruth
 from sim.radiation.nuclides import NUCLIDES
 from sim.radio import RadioTruth
+from sim.sightings import SightingTruth
 from sim.terrain import TerrainTruth
 from sim.vehicle.multirotor import MultirotorTruth
 from sim.walls import WallTruth
@@ -97,6 +99,7 @@ class Scenario(_Section, frozen=True, kw_only=True):
     camera: CameraTruth = CameraTruth()
     vehicle: MultirotorTruth = MultirotorTruth()
     localization: LocalizationTruth = LocalizationTruth()
+    sightings: SightingTruth | None = None  # none: the drones do not see each other
     radio: RadioTruth = RadioTruth()
     start: StartTruth = StartTruth()
     end: EndTruth = EndTruth()
@@ -121,7 +124,15 @@ class Scenario(_Section, frozen=True, kw_only=True):
         for wall in self.walls:
             wall.check(where)
         self.vehicle.check(where)
+        self._check_localization(where)
         self.start.check(self.mission, where)
+
+    def _check_localization(self, where: str) -> None:
+        truth = self.localization
+        check_vehicles(truth.vehicles, truth.liar, (drone.id for drone in self.mission.drones), where)
+        receivers = [name for name, vehicle in truth.vehicles.items() if vehicle.reception is not None]
+        if receivers and self.mission.datum is None:
+            raise ConfigError(f"{where}: {receivers[0]} has a satellite receiver, but there is no mission.datum")
 
 
 def shipped() -> list[str]:

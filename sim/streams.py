@@ -1,4 +1,7 @@
-"""The random numbers of a run: from its seed one independent stream for each thing that is random."""
+"""The random numbers of a run: from its seed one independent stream for each thing that is random.
+
+A thing that is new gets a stream of its own by a key of its own, so that nothing else of a seed's flight changes.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+_FRAMES, _RECEIVERS, _LIAR, _SIGHTINGS = range(1_000_000, 1_000_004)  # beyond any camera's key
+
 
 class Streams(NamedTuple):
-    """Generators of one seed. ``cameras``: one for each drone."""
+    """Generators of one seed. ``cameras``, ``frames``, ``receivers``: one for each drone."""
 
     source: np.random.Generator
     start: np.random.Generator
@@ -16,6 +21,10 @@ class Streams(NamedTuple):
     localization: np.random.Generator
     radio: np.random.Generator
     cameras: list[np.random.Generator]
+    frames: list[np.random.Generator]
+    receivers: list[np.random.Generator]
+    liar: np.random.Generator
+    sightings: np.random.Generator
 
 
 def streams(seed: int, drones: int) -> Streams:
@@ -23,4 +32,23 @@ def streams(seed: int, drones: int) -> Streams:
     children = np.random.SeedSequence(seed).spawn(5 + drones)
     generators = [np.random.default_rng(child) for child in children]
     source, start, vehicle, localization, radio, *cameras = generators
-    return Streams(source, start, vehicle, localization, radio, cameras)
+    return Streams(
+        source,
+        start,
+        vehicle,
+        localization,
+        radio,
+        cameras,
+        frames=_each(seed, _FRAMES, drones),
+        receivers=_each(seed, _RECEIVERS, drones),
+        liar=_keyed(seed, _LIAR),
+        sightings=_keyed(seed, _SIGHTINGS),
+    )
+
+
+def _keyed(seed: int, *key: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+def _each(seed: int, key: int, drones: int) -> list[np.random.Generator]:
+    return [_keyed(seed, key, drone) for drone in range(drones)]

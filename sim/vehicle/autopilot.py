@@ -6,7 +6,7 @@ Positions here are the vehicle's own, estimated, in its local frame (ENU), as PX
 from __future__ import annotations
 
 from agent.vehicle.interface import FlightMode, Request, Vector3, VehicleCommand
-from sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Target
+from sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Reframing, Target
 
 ARMING_S = 1.0
 TAKEOFF_SPEED_MPS = 1.0
@@ -61,6 +61,10 @@ class Autopilot:
             self._switch(FlightMode.RETURN)
         elif self.armed and request is Request.LAND and self.mode is not FlightMode.LAND:
             self._switch(FlightMode.LAND)
+
+    def reframe(self, frame: Reframing) -> None:
+        """The vehicle's local frame has jumped, and its filter says so."""
+        self._guidance.reframe(frame)
 
     def step(self, position: Vector3, ground_m: float | None = None) -> None:
         """Advance the mode logic by one step.

@@ -6,12 +6,32 @@ The target moves and the vehicle follows it. Positions are the vehicle's own, es
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot
+from math import cos, hypot, sin
+from typing import NamedTuple
 
 from agent.vehicle.interface import Vector3
 
 ARRIVED_M = 0.3
 BELOW_GROUND_M = 0.5  # where the target of a descent ends, so that the vehicle surely comes down
+
+
+class Reframing(NamedTuple):
+    """``new from old`` of a local frame that jumped: yaw about up, then translation, metres."""
+
+    yaw_rad: float
+    translation_m: Vector3
+
+    def point(self, place: Vector3) -> Vector3:
+        """A place of the old frame, in the new one."""
+        x, y, z = self.direction(place)
+        u, v, w = self.translation_m
+        return x + u, y + v, z + w
+
+    def direction(self, vector: Vector3) -> Vector3:
+        """A velocity of the old frame, in the new one."""
+        c, s = cos(self.yaw_rad), sin(self.yaw_rad)
+        x, y, z = vector
+        return c * x - s * y, s * x + c * y, z
 
 
 @dataclass(slots=True)
@@ -34,6 +54,12 @@ class Guidance:
     def stay(self, position: Vector3) -> None:
         """Rest at ``position``, with the heading as it is."""
         self.target = Target(position, (0.0, 0.0, 0.0), self.target.yaw)
+
+    def reframe(self, frame: Reframing) -> None:
+        """The local frame has jumped: what was meant stays where it is in the world."""
+        target = self.target
+        self.home = frame.point(self.home)
+        self.target = Target(frame.point(target.position), frame.direction(target.velocity), target.yaw + frame.yaw_rad)
 
     def climb(self, height_m: float, speed_mps: float) -> None:
         """Go up, to ``height_m`` above home at most."""

@@ -19,6 +19,8 @@ NAMES = {
     "fast-2mps", "fast-3mps", "weak-179MBq", "empty", "empty-bright",
     "mismatch-gain", "mismatch-background", "mismatch-buildup", "mismatch-shadow", "mismatch-resolution", "mismatch-clocks",
     "mismatch-walls",
+    "mixed-frames", "mixed-frames-moving", "no-gnss", "no-gnss-moving", "gnss-lost-midway", "frame-jump", "frame-jump-unannounced",
+    "lying-drone",
 }  # fmt: skip
 
 
