@@ -26,12 +26,12 @@ class Fusion:
 
     Step k of the grid is [k g, (k+1) g) UTC, g the estimator's width or else the mission's. An observation belongs to the step of
     its stamp. The hypothesis is a pure function of the log's content, of the frames known, and of the grid step in which now
-    lies: entries up to the end of that step are in it, later ones (another clock is ahead) wait. The way there (order of
-    arrival, duplicates, delay, how the work was sliced) leaves no trace.
+    lies: entries up to the end of that step, less the estimator's ``hold_steps``, are in it; later ones wait. The way there
+    (order of arrival, duplicates, delay, how the work was sliced) leaves no trace.
 
     The estimator's state after every step that has observations is a checkpoint. An entry takes the chain of states back to the
-    last one before its step; the steps from there on are folded again. That holds for the newest step too, so a cone shows
-    in the hypothesis at the next ``advance``. Only while a replay is not finished the hypothesis is an older one.
+    last one before its step; the steps from there on are folded again. That holds for the newest step too, so without a hold a
+    cone shows in the hypothesis at the next ``advance``. Only while a replay is not finished the hypothesis is an older one.
 
     Entries of a frame that is not known are in the log and its digest, and join the hypothesis once the frame is known. Those
     measured long before the mission's start are in the log only.
@@ -60,6 +60,11 @@ class Fusion:
     def digest(self) -> str:
         """Digest of the log, 32 hex digits."""
         return self.log.digest
+
+    @property
+    def _due_step(self) -> int:
+        """The newest step that is to be folded."""
+        return self._now_step - self.estimator.hold_steps
 
     @property
     def outlook(self) -> Outlook | None:
@@ -169,11 +174,12 @@ class Fusion:
         """Drop every state that knows of the step or a later one."""
         while self._states and next(reversed(self._states)) >= step:
             self._states.popitem()
-        self._stale = True
+        if step <= self._due_step:
+            self._stale = True
 
     def _fold(self, budget: int) -> None:
         end, state = next(reversed(self._states.items()), (_NEVER, self._base))
-        for index in self._steps[bisect_right(self._steps, end) : bisect_right(self._steps, self._now_step)]:
+        for index in self._steps[bisect_right(self._steps, end) : bisect_right(self._steps, self._due_step)]:
             if budget <= 0:
                 self.pending = True
                 return

@@ -28,6 +28,7 @@ class GivenEstimator:
     name = "given"
     reads: tuple[type[AnyEntry], ...] = ()
     grid_s: float | None = None
+    hold_steps = 0
 
     def __init__(self, config: GivenHypothesisConfig) -> None:
         self._offsets_ns = [round(time_s * _NS) for time_s, _, _ in config.schedule]

@@ -7,6 +7,7 @@ Each of the cone's two orders has an angular error that is a mixture of a narrow
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,12 @@ from agent.fusion.observation import ConeObservation
 
 Array = NDArray[np.float64]
 
-SHARES: Array = np.array([0.7, 0.3])
-WIDTHS: Array = np.array([0.95, 1.9])  # in units of the cone's own sigma
 ASTRAY = 0.08  # share of the cones of a source that do not point to it
+_DENSITIES: Array = 2.0 * (1.0 - ASTRAY) * np.array([0.7, 0.3])  # of the narrow and the wide Gaussian
+_WIDTHS_SQUARED: Array = np.array([0.95, 1.9]) ** 2  # in units of the cone's own sigma
 _LEAST_SINE = 0.15
 _LEAST_SIGMA_RAD = 0.02
-_TWO_PI = 2.0 * np.pi
+_PER_TWO_PI = 0.5 / np.pi
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,19 +38,27 @@ class Orders:
     @staticmethod
     def of(cone: ConeObservation) -> Orders:
         """The orders of a cone that are possible."""
-        readings = np.array([(*r.axis, r.theta_rad, r.sigma_rad, r.probability) for r in cone.readings])
-        theta, sigma, probability = readings[:, 3], readings[:, 4:5], readings[:, 5]
-        # The density per solid angle, relative to one that is the same in all directions.
-        density = (1.0 - ASTRAY) * 2.0 * probability / np.maximum(np.sin(theta), _LEAST_SINE)
-        return Orders(readings[:, :3], theta, (np.maximum(sigma, _LEAST_SIGMA_RAD) * WIDTHS) ** 2, density[:, None] * SHARES)
+        table = np.array(
+            [
+                # The density per solid angle, relative to one that is the same in all directions.
+                (
+                    *r.axis,
+                    r.theta_rad,
+                    max(r.sigma_rad, _LEAST_SIGMA_RAD) ** 2,
+                    r.probability / max(sin(r.theta_rad), _LEAST_SINE),
+                )
+                for r in cone.readings
+            ]
+        )
+        return Orders(table[:, :3], table[:, 3], table[:, 4:5] * _WIDTHS_SQUARED, table[:, 5:] * _DENSITIES)
 
     def density(self, delta_rad: Array, variance: Array) -> tuple[Array, Array]:
-        """The Gaussians' parts of the density, and their total variances, (..., K, 2) each, at angular errors (..., K) whose own
+        """The Gaussians' parts of the density, and their precisions, (..., K, 2) each, at angular errors (..., K) whose own
         variances are (..., K).
         """
-        total = variance[..., None] + self.variance
-        exponent = (delta_rad * delta_rad)[..., None] / total
-        return self.weight * np.exp(-0.5 * exponent) / np.sqrt(_TWO_PI * total), total
+        precision = 1.0 / (variance[..., None] + self.variance)
+        exponent = (-0.5 * delta_rad * delta_rad)[..., None] * precision
+        return self.weight * np.exp(exponent) * np.sqrt(_PER_TWO_PI * precision), precision
 
 
 def cone_likelihood(rate_ps: Array, directed: Array, background_ps: float) -> Array:

@@ -24,6 +24,7 @@ from protocol.messages import AnyEntry, Cone, Exposure
 Array = NDArray[np.float64]
 
 _NS = 1e9
+_HOLD_S = 0.3  # until all drones' entries of a moment are mostly there: a camera's readout, the radio, and a step of the grid
 _TRACK_UNITS, _SEARCH_UNITS = 8, 60  # of work for an observation
 _SITE_SHARE = 0.45  # sigma of a site that stands for a cell, in cells
 _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
@@ -71,6 +72,7 @@ class BayesEstimator:
     name = "bayes"
     reads: tuple[type[AnyEntry], ...] = (Cone, Exposure)
     grid_s: float | None
+    hold_steps: int
 
     def __init__(self, mission: MissionConfig, area: Polygon) -> None:
         """``area``: where the source is searched for, mission frame.
@@ -81,6 +83,7 @@ class BayesEstimator:
         config = mission.fusion.bayes
         self._config: BayesEstimatorConfig = config
         self.grid_s = config.grid_s
+        self.hold_steps = round(_HOLD_S / config.grid_s)
         self._grid = Grid(area, config)
         self._response = response_of(mission.nuclide)
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
@@ -110,9 +113,9 @@ class BayesEstimator:
         if state.track is None:
             return None
         mean, covariance = state.track.seen_at(self._motion, step.start_ns / _NS)
-        if not np.isfinite(covariance).all():
+        if not math.isfinite(float(covariance.sum())):
             return None
-        activity = float(np.exp(mean[ACTIVITY])) * REFERENCE_BQ
+        activity = math.exp(float(mean[ACTIVITY])) * REFERENCE_BQ
         return Hypothesis(
             stamp_ns=step.start_ns,
             position=np.array([mean[0], mean[1], 0.0]),
@@ -274,8 +277,8 @@ class _Sights(Mapping[str, Sight]):
 
     def _sight(self, b: int) -> Sight:
         mean, p = self._mean, self._covariance
-        together = p[:2, :2] + p[:2, b : b + 2] + p[b : b + 2, :2] + p[b : b + 2, b : b + 2]
-        return Sight(np.array([mean[0] + mean[b], mean[1] + mean[b + 1], 0.0]), _on_ground(together))
+        rows = p[:2] + p[b : b + 2]
+        return Sight(np.array([mean[0] + mean[b], mean[1] + mean[b + 1], 0.0]), _on_ground(rows[:, :2] + rows[:, b : b + 2]))
 
 
 def _motion(config: BayesEstimatorConfig) -> Motion:

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agent.frames.transform import Vector3
-from agent.fusion.bayes.cones import ASTRAY, Orders, cone_likelihood
+from agent.fusion.bayes.cones import ASTRAY, Orders
 from agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TRUST, fit_rate, log_nothing
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEADING, Motion
 from agent.fusion.bayes.response import NEAREST_M, Response
@@ -139,7 +140,7 @@ class Mixture:
         directions[..., 0], directions[..., 1], directions[..., 2] = x, y, -apex[2]
         directions /= distance[..., None]
         axes = self._turned(vehicle, orders.axis)  # (S, M, K, 3)
-        cosine = np.minimum(np.maximum((axes * directions[..., None, :]).sum(axis=-1), -1.0), 1.0)
+        cosine = np.minimum(np.maximum((axes @ directions[..., None])[..., 0], -1.0), 1.0)
         sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _NEAREST_SINE)
         delta = np.arccos(cosine) - orders.theta_rad
         across = (distance[..., None] * sine)[..., None]
@@ -148,23 +149,25 @@ class Mixture:
         turn = axes[..., 0] * directions[..., None, 1] - axes[..., 1] * directions[..., None, 0]
         gradient[..., BIASES + BIAS * vehicle + HEADING] = turn / sine
         gain = gradient @ self.covariance  # (S, M, K, d)
-        density, total = orders.density(delta, np.maximum((gain * gradient).sum(axis=-1), 0.0))  # (S, M, K, 2)
+        density, precision = orders.density(delta, np.maximum((gain * gradient).sum(axis=-1), 0.0))  # (S, M, K, 2)
         directed = density.sum(axis=(-2, -1))
         rate = response.cone_area_mm2 * response.flux(distance) * np.exp(self.mean[..., ACTIVITY])
-        likelihood = cone_likelihood(rate, directed, response.cone_background_ps)
-        share = density * (rate / (rate * (directed + ASTRAY) + response.cone_background_ps))[..., None, None]
-        pull = delta[..., None] / total
+        heard = rate * (directed + ASTRAY) + response.cone_background_ps
+        share = density * (rate / heard)[..., None, None]
+        pull = delta[..., None] * precision
         first = (share * pull).sum(axis=-1)[..., None]  # (S, M, K, 1)
-        second = (share * (pull * pull - 1.0 / total)).sum(axis=-1)[..., None]
+        second = (share * (pull * pull - precision)).sum(axis=-1)[..., None]
         moved = -(gain * first).sum(axis=-2)
         widened = (gain * second).swapaxes(-1, -2) @ gain - moved[..., :, None] * moved[..., None, :]
-        return self._weighed(np.log(likelihood), self.mean + moved, self.covariance + widened)
+        likelihood = np.log(heard / (rate + response.cone_background_ps))
+        return self._weighed(likelihood, self.mean + moved, self.covariance + widened)
 
     def _seen_from(self, vehicle: int, position: Vector3, age_s: float) -> tuple[Array, Array, Array]:
         """x and y from the camera to where each mean was age_s ago, and the distance; (S, M) each."""
         b = BIASES + BIAS * vehicle
-        there = self.mean[..., :2] + self.mean[..., b : b + 2] - age_s * self.mean[..., 2:4]
-        x, y = there[..., 0] - position[0], there[..., 1] - position[1]
+        m = self.mean
+        x = m[..., 0] + m[..., b] - (age_s * m[..., 2] + position[0])
+        y = m[..., 1] + m[..., b + 1] - (age_s * m[..., 3] + position[1])
         return x, y, np.maximum(np.sqrt(x * x + y * y + position[2] ** 2), NEAREST_M)
 
     def _turned(self, vehicle: int, axes: Array) -> Array:
@@ -199,14 +202,12 @@ class Mixture:
     @property
     def rms_m(self) -> float:
         """Horizontal RMS of where the vehicles that were heard see the source in the mean."""
-        seeing, share = np.zeros((2, self.mean.shape[-1])), _shares(self.bias_variance)
-        for axis in (0, 1):
-            seeing[axis, axis] = 1.0
-            seeing[axis, BIASES + axis :: BIAS] = share
-        place, own = self.mean @ seeing.T, seeing @ self.covariance @ seeing.T
-        weight = self.weight[..., None]
-        apart = place - (weight * place).sum(axis=(0, 1))
-        squared = float((self.weight * (own[..., 0, 0] + own[..., 1, 1])).sum() + (weight * apart * apart).sum())
+        seeing, squares = _seeing(self.bias_variance.tobytes())
+        d, weight = len(seeing), self.weight.ravel()
+        place = self.mean.reshape(-1, d) @ seeing
+        apart = place - weight @ place
+        own = self.covariance.reshape(-1, d * d) @ squares
+        squared = float(weight @ own) + float((weight @ (apart * apart)).sum())
         return math.sqrt(max(squared, 0.0))
 
     def reduced(self) -> Mixture:
@@ -228,9 +229,12 @@ class Mixture:
             order = order[~joins]
         if len(groups) == len(total):
             return self
-        merged = [_moments(self.weight[group], self.mean[group], self.covariance[group]) for group in groups]
-        weight = np.array([part[0] for part in merged])
-        mean, covariance = np.array([part[1] for part in merged]), np.array([part[2] for part in merged])
+        weight = np.empty((len(groups), *self.weight.shape[1:]))
+        mean, covariance = np.empty((*weight.shape, *self.mean.shape[2:])), np.empty((*weight.shape, *self.covariance.shape[2:]))
+        for site, mode in np.ndindex(*weight.shape):
+            parts = groups[site], mode
+            weight[site, mode] = self.weight[parts].sum()
+            mean[site, mode], covariance[site, mode] = _moments(self.weight[parts], self.mean[parts], self.covariance[parts])
         return replace(self, weight=weight / weight.sum(), mean=mean, covariance=covariance)
 
     def seen_at(self, motion: Motion, time_s: float) -> tuple[Array, Array]:
@@ -238,7 +242,7 @@ class Mixture:
         if time_s - self.time_s > _SHORTLY_S:
             return self.later(motion, time_s).seen_at(motion, time_s)
         d = self.mean.shape[-1]
-        _, mean, covariance = _moments(self.weight.ravel(), self.mean.reshape(-1, d), self.covariance.reshape(-1, d, d))
+        mean, covariance = _moments(self.weight.ravel(), self.mean.reshape(-1, d), self.covariance.reshape(-1, d, d))
         dt_s = max(0.0, time_s - self.time_s)  # too short for the velocity to change
         mean[:2] += dt_s * mean[2:4]
         covariance[:2] += dt_s * covariance[2:4]
@@ -262,11 +266,22 @@ def _shares(bias_variance: Array) -> Array:
     return np.asarray(heard / max(int(heard.sum()), 1), dtype=np.float64)
 
 
-def _moments(weight: Array, mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
-    """Weight, mean and covariance of a mixture along the first axis."""
-    total = np.maximum(weight.sum(axis=0), 1e-300)
-    share = weight / total
-    middle = (share[..., None] * mean).sum(axis=0)
+@lru_cache(maxsize=256)
+def _seeing(biases: bytes) -> tuple[Array, Array]:
+    """Where the vehicles that were heard see a source in the mean, by its state: (d, 2), and that by itself, summed, (d d,)."""
+    bias_variance = np.frombuffer(biases)
+    seeing, share = np.zeros((BIASES + len(bias_variance), 2)), _shares(bias_variance)
+    for axis in (0, 1):
+        seeing[axis, axis] = 1.0
+        seeing[BIASES + axis :: BIAS, axis] = share
+    return seeing, (seeing @ seeing.T).ravel()
+
+
+def _moments(weight: Array, mean: Array, covariance: Array) -> tuple[Array, Array]:
+    """Mean (d,) and covariance (d, d) of a mixture of N Gaussians."""
+    count, d = mean.shape
+    share = weight / max(float(weight.sum()), 1e-300)
+    middle = share @ mean
     apart = mean - middle
-    spread = covariance + apart[..., :, None] * apart[..., None, :]
-    return total, middle, (share[..., None, None] * spread).sum(axis=0)
+    spread = (share @ covariance.reshape(count, d * d)).reshape(d, d)
+    return middle, spread + (apart.T * share) @ apart

@@ -162,6 +162,32 @@ def test_a_late_entry_costs_what_is_behind_it_and_nothing_new_costs_nothing(kit,
     assert counting.folded == sum(cone.stamp_ns >= begin_ns for cone in cones)
 
 
+def test_with_a_hold_entries_gather_and_are_folded_once(kit, mission, entries):
+    """Two steps of 0.5 s: arrivals up to half a second late cost no replay, and the hypothesis is that of the earlier step."""
+    plain = estimator_named("paper", mission)
+    counting, held = (Counting(plain._config, plain._search, plain._rule) for _ in range(2))
+    held.hold_steps = 2
+    prompt, fusion = (Fusion(mission, FrameGraph.from_launch_layout(mission), one) for one in (counting, held))
+    rng = random.Random(5)
+    cones = [entry for entry in entries if isinstance(entry, Cone)]
+    arrivals = sorted(((cone.stamp_ns + round(rng.uniform(0.0, 5e8)), cone) for cone in cones), key=lambda a: a[0])
+    for now_ns in range(kit.T0_NS, kit.T0_NS + END_NS, 50_000_000):
+        while arrivals and arrivals[0][0] <= now_ns:
+            cone = arrivals.pop(0)[1]
+            kit.feed(prompt, [cone])
+            kit.feed(fusion, [cone])
+        prompt.advance(now_ns)
+        fusion.advance(now_ns)
+    assert held.folded == len(cones) < counting.folded
+    newest_ns = cones[-1].stamp_ns // 500_000_000 * 500_000_000
+    early, late = (Fusion(mission, FrameGraph.from_launch_layout(mission), held) for _ in range(2))
+    for one, now_ns in ((early, newest_ns + 999_999_999), (late, newest_ns + 1_000_000_000)):
+        kit.feed(one, cones)
+        kit.settle(one, now_ns)
+    assert early.hypothesis.cones < late.hypothesis.cones == len(cones)
+    assert kit.same_bits(kit.settle(late, kit.T0_NS + END_NS), kit.settle(fusion, kit.T0_NS + END_NS))
+
+
 def test_checkpoints_are_thinned_and_old_ones_remain(kit, mission):
     cones = kit.flight(mission, np.random.default_rng(4), 400.0, lambda _: (50.0, 50.0), rate_hz=1.0)
     fusion, whole = fusion_of(mission), fusion_of(mission)
