@@ -1,14 +1,12 @@
 """Pixel hits -> clusters: hits that touch (8 neighbours) and follow each other within a time gap.
 
-Two implementations of the same relation: event by event for the few hits of one readout, which costs next to no NumPy call, and
-sorting with a sparse graph for many. The tests hold them equal.
+Two ways to find what belongs together: event by event for the few hits of one readout, and sorting with a sparse graph for many.
+The tests hold them equal.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import compress, pairwise
-from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -20,10 +18,9 @@ from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS
 
 FEW = 300  # hits, up to which going from event to event is faster
 _STRIDE = SENSOR_PIXELS + 2  # of a row in the padded matrix, so that no neighbour lies across an edge
+_AROUND = tuple(row * _STRIDE + column for row in (-1, 0, 1) for column in (-1, 0, 1) if (row, column) != (0, 0))
 _CELLS = _STRIDE * (SENSOR_PIXELS + 2)
 _CENTRE = (SENSOR_PIXELS - 1) / 2.0
-
-_Hit = tuple[int, int, float]  # tick, matrix index, energy in keV
 
 
 class Cluster(NamedTuple):
@@ -69,30 +66,31 @@ class Clusters:
 
 def cluster_few(
     tick: NDArray[np.int64], index: NDArray[np.uint16], energy_kev: NDArray[np.float64], gap_ticks: float
-) -> list[Cluster]:
+) -> Clusters:
     """Clusters of the hits, whose arrays (N,) are sorted by tick. Hits that touch join when at most ``gap_ticks`` apart."""
-    times: list[int] = tick.tolist()
-    hits = list(zip(times, index.tolist(), energy_kev.tolist(), strict=True))
-    clusters: list[Cluster] = []
-    start = 0
-    for end, (earlier, later) in enumerate(pairwise((*times, inf)), 1):
-        if later - earlier <= gap_ticks:
-            continue
-        if earlier - times[start] <= gap_ticks:
-            clusters += _split(hits[start:end])
-        else:  # so long that hits may touch and yet be too far apart: a pile-up
-            clusters += cluster_many(tick[start:end], index[start:end], energy_kev[start:end], gap_ticks).each()
-        start = end
-    return clusters
+    return _clusters(tick, index, energy_kev, *_labels_by_event(tick, index, gap_ticks))
 
 
 def cluster_many(
     tick: NDArray[np.int64], index: NDArray[np.uint16], energy_kev: NDArray[np.float64], gap_ticks: float
 ) -> Clusters:
     """As cluster_few."""
-    label, count = _labels(tick, index, gap_ticks)
+    return _clusters(tick, index, energy_kev, *_labels(tick, index, gap_ticks))
+
+
+def _clusters(
+    tick: NDArray[np.int64],
+    index: NDArray[np.uint16],
+    energy_kev: NDArray[np.float64],
+    label: NDArray[np.intp],
+    count: int,
+) -> Clusters:
+    """The sums over the hits (N,) that carry each label."""
     first = _first(label, count)
-    order = np.argsort(first)
+    first.sort()  # in order of time, as the hits are
+    place = np.empty(count, np.intp)
+    place[label[first]] = np.arange(count)
+    label = place[label]
     earliest = tick[first]
     energy = _sum_by(label, energy_kev, count)
     return Clusters(
@@ -102,49 +100,46 @@ def cluster_many(
         x_mm=(_sum_by(label, energy_kev * (index & 255), count) / energy - _CENTRE) * PIXEL_PITCH_MM,
         y_mm=(_sum_by(label, energy_kev * (index >> 8), count) / energy - _CENTRE) * PIXEL_PITCH_MM,
         delay=_sum_by(label, energy_kev * (tick - earliest[label]), count) / energy,
-    ).take(order)
-
-
-def _split(hits: list[_Hit]) -> list[Cluster]:
-    """Clusters of hits that are all within the gap of each other, so that only their places count: a flood fill.
-
-    A set of pixels is one number with a bit for each, whose neighbours are found for all at once by shifting it.
-    """
-    if len(hits) == 1:
-        return [_cluster(hits)]
-    cells = [pixel + 2 * (pixel >> 8) for _, pixel, _ in hits]
-    low = min(cells) - 1  # one bit more, to be shifted into
-    everything = 0
-    for cell in cells:
-        everything |= 1 << cell - low
-    filled, grown = 0, 1 << cells[0] - low
-    while grown != filled:
-        filled = grown
-        grown |= grown << 1 | grown >> 1
-        grown = (grown | grown << _STRIDE | grown >> _STRIDE) & everything
-    if filled == everything:
-        return [_cluster(hits)]
-    inside = [filled >> cell - low & 1 for cell in cells]
-    return [_cluster(list(compress(hits, inside))), *_split([hit for hit, own in zip(hits, inside, strict=True) if not own])]
-
-
-def _cluster(hits: list[_Hit]) -> Cluster:
-    """The sums over a cluster's hits, which are sorted by time."""
-    first = hits[0][0]
-    energy = column = row = delay = 0.0
-    for tick, pixel, kev in hits:
-        energy += kev
-        column += kev * (pixel & 255)
-        row += kev * (pixel >> 8)
-        delay += kev * (tick - first)
-    return Cluster(
-        first,
-        energy,
-        len(hits),
-        (column / energy - _CENTRE) * PIXEL_PITCH_MM,
-        (row / energy - _CENTRE) * PIXEL_PITCH_MM,
-        delay / energy,
     )
+
+
+def _labels_by_event(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_ticks: float) -> tuple[NDArray[np.intp], int]:
+    """A cluster's number for each hit, and their count; hits that are further apart than the gap begin another event."""
+    times: list[int] = tick.tolist()
+    cells: list[int] = (index + 2 * (index >> 8).astype(np.int64)).tolist()
+    ends: list[int] = (np.flatnonzero(np.diff(tick) > gap_ticks) + 1).tolist()
+    labels: list[int] = []
+    start = count = 0
+    for end in (*ends, len(times)) if times else ():
+        if times[end - 1] - times[start] <= gap_ticks:
+            own, number = _flooded(cells[start:end])
+        else:  # so long that hits may touch and yet be too far apart: a pile-up
+            found, number = _labels(tick[start:end], index[start:end], gap_ticks)
+            own = found.tolist()
+        labels += [count + label for label in own] if number > 1 else [count] * (end - start)
+        count += number
+        start = end
+    return np.array(labels, np.intp), count
+
+
+def _flooded(cells: list[int]) -> tuple[list[int], int]:
+    """As _labels of hits (N,) that are all within the gap of each other, so that only their places in the padded matrix count."""
+    left = set(cells)
+    parts: list[list[int]] = []
+    while left:
+        part = [left.pop()]
+        for cell in part:  # which grows meanwhile
+            if not left:
+                break
+            for step in _AROUND:
+                if cell + step in left:
+                    left.remove(cell + step)
+                    part.append(cell + step)
+        parts.append(part)
+    if len(parts) == 1:
+        return [0] * len(cells), 1
+    labels = {cell: label for label, part in enumerate(parts) for cell in part}
+    return [labels[cell] for cell in cells], len(parts)
 
 
 def _labels(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_ticks: float) -> tuple[NDArray[np.intp], int]:
