@@ -6,18 +6,20 @@ from math import atan2, hypot
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
+from shapely import Point
 
 from agent.config import DroneConfig, MissionConfig
 from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis
 from agent.motion.encirclement import Encirclement
 from agent.motion.fence import Fence
 from agent.motion.leading import Leading
 from agent.motion.orbit import Orbit
-from agent.motion.reference import PeerState, Reference
+from agent.motion.reference import Array, PeerState, Reference
 from agent.motion.tracker import Tracker
-from agent.neighbours import Neighbour, neighbours
+from agent.neighbours import Neighbour, Neighbourhood, Self
+from agent.ownframe import OwnFrame
 from agent.peers import Peers
 from agent.search import InformedSearch, Search
 from agent.vehicle.interface import Setpoint, Vector3, VehicleState
@@ -31,6 +33,12 @@ AT_HOME_MPS = 0.3
 _SPEED_SHARE = 0.85  # of the limit, for the circle's speed and the source's together
 _ROOM_M = 3.0  # between the circle and the fence
 _DOUBT_SIGMAS = 2.0  # as in agent.motion.separation
+_LEAST_MARGIN_M = 5.0  # of the fence, however little is known of where the drone is
+_MOVED_M = 0.3  # by which the fence may be elsewhere in the local frame before it is put there
+# A drone that does not know its frame waits where it is, within this fence; after a while on a small circle, because ranges alone
+# tell nothing of the heading of a drone that stays.
+_WAITING_FENCE_M, _PATIENCE_S = 12.0, 5.0
+_WAITING_RADIUS_M, _WAITING_MPS = 2.0, 1.0
 
 
 class Moment(Struct, frozen=True):
@@ -62,7 +70,8 @@ class Navigator:
         self._config = mission
         self._id = drone.id
         self._lag_s = drone.vehicle_lag_s
-        self._frames = frames
+        self._own = OwnFrame(drone.id, frames)
+        self._neighbourhood = Neighbourhood(mission, frames)
         self._search, self._informed = search, informed
         self._orbit = Orbit(mission.encirclement, mission.area.floor_m)
         most_mps = _SPEED_SHARE * mission.limits.speed_mps - mission.encirclement.speed_mps
@@ -73,19 +82,42 @@ class Navigator:
         self._epoch = -1
         self._due_ns = 0
         self._yaw_rad = 0.0
-        self._mission_from_local = self._local_from_mission = Transform()
-        self.home: Vector3 | None = None  # where a return leads, mission frame
+        self._corners = np.array([(x, y, 0.0) for x, y in mission.area.polygon_m])
+        self._fenced: tuple[Array, float] | None = None  # the area's corners (N, 2) and the margin of the fence; none: it waits
+        self._ground_m = 0.0  # of the fence's heights
+        self._waits: tuple[int, float, float] | None = None  # since when and where it waits for its frame to be known, local
+        self._launch: VehicleState | None = None
+        self._home: Vector3 | None = None
+
+    @property
+    def home(self) -> Vector3 | None:
+        """Where a return leads, mission frame; None while nobody knows where that is."""
+        launch = self._launch
+        return self._own.in_mission(launch.epoch, launch.stamp_ns, launch.position_m) if launch is not None else self._home
+
+    @property
+    def waits(self) -> bool:
+        """Whether the drone does not know its frame and waits for it."""
+        return self._waits is not None
 
     def took_off(self, vehicle: VehicleState) -> None:
         """Keep the place that a return leads to."""
-        transform = self._frames.mission_from_local(self._id, vehicle.epoch)
-        self.home = transform.apply_point(vehicle.position_m) if transform is not None else None
+        self._launch = vehicle
+
+    def rejoin(self, home: Vector3 | None) -> None:
+        """Take the place that a return leads to from before this agent was restarted."""
+        self._home = home
+
+    def follow(self, vehicle: VehicleState) -> None:
+        """Take telemetry, each once, also while another layer flies."""
+        self._own.follow(vehicle)
 
     def at_home(self, vehicle: VehicleState) -> bool:
         """Whether the drone hovers over its home, near enough to land there."""
-        if self.home is None or not self._locate(vehicle.epoch):
+        home = self._home_in_local(vehicle.epoch)
+        if home is None:
             return False
-        x, y, _ = self._local_from_mission.apply_point(self.home)
+        x, y, _ = home
         u, v, _ = vehicle.velocity_mps
         return hypot(vehicle.position_m[0] - x, vehicle.position_m[1] - y) < AT_HOME_M and hypot(u, v) < AT_HOME_MPS
 
@@ -93,18 +125,18 @@ class Navigator:
         """Another layer flies now; the next step begins from where the vehicle then is."""
         self._tracker = None
 
-    def step(self, moment: Moment, peers: Peers) -> tuple[Setpoint | None, Plan | None]:
+    def step(self, moment: Moment, peers: Peers) -> tuple[Setpoint, Plan | None]:
         """The setpoint for now, and a new plan to publish where one was made.
 
-        Without a transform from the mission frame there is no setpoint: the drone cannot know where the area is.
+        A drone that does not know its frame cannot know where the area is: it waits where it is, out of the way of whom it sees.
         """
-        if not self._locate(moment.vehicle.epoch):
-            return None, None
+        self._own.locate(moment.vehicle.epoch)
         plan = None
         if self._tracker is None or self._epoch != moment.vehicle.epoch:
             self._tracker = self._begin(moment)
         elif moment.now_ns >= self._due_ns:
             self._virtual = self._tracker.state(moment.now_ns)
+            self._confine(self._tracker, moment.vehicle)
         centre = self._centre(moment)
         if moment.now_ns >= self._due_ns:
             self._due_ns = moment.now_ns + REPLAN_NS
@@ -113,42 +145,74 @@ class Navigator:
         self._yaw_rad, yaw_rate_rps = self._heading(moment, centre)
         return Setpoint(position, velocity, acceleration, self._yaw_rad, yaw_rate_rps), plan
 
-    def _locate(self, epoch: int) -> bool:
-        """Bring the transforms up to date; False where the frame of this epoch is not known."""
-        mission_from_local = self._frames.mission_from_local(self._id, epoch)
-        if mission_from_local is None:
-            return False
-        if mission_from_local is not self._mission_from_local:
-            self._mission_from_local, self._local_from_mission = mission_from_local, mission_from_local.inverse()
-        return True
+    def _home_in_local(self, epoch: int) -> Vector3 | None:
+        """The home in the local frame of this epoch; also where only that frame is known, if the drone took off in it."""
+        home = self.home
+        if self._own.locate(epoch) and home is not None:
+            return self._own.local_from_mission.apply_point(home)
+        launch = self._launch
+        return launch.position_m if launch is not None and launch.epoch == epoch else None
 
     def _begin(self, moment: Moment) -> Tracker:
+        """From where the vehicle is, also after a jump of its localisation: in the new epoch's frame it has not moved."""
         vehicle = moment.vehicle
-        corners = np.array([(x, y, 0.0) for x, y in self._config.area.polygon_m])
-        fence = Fence.from_area(self._config.area, self._local_from_mission.apply(corners)[:, :2], ground_m=moment.ground_m)
-        tracker = Tracker(self._config.limits, fence, STEP_S, HORIZON, self._lag_s, drone_id=self._id)
+        self._ground_m, self._waits = moment.ground_m, None
+        tracker = Tracker(self._config.limits, self._fence(moment.vehicle), STEP_S, HORIZON, self._lag_s, drone_id=self._id)
         tracker.reset(vehicle.position_m, vehicle.velocity_mps)
         self._virtual = PeerState(vehicle.position_m, vehicle.velocity_mps)
         self._epoch, self._due_ns = vehicle.epoch, 0
         return tracker
 
+    def _confine(self, tracker: Tracker, vehicle: VehicleState) -> None:
+        """Put the fence where it is by now in the local frame, if that differs."""
+        if (self._fenced is not None) is self._own.is_known:
+            if self._fenced is None or self._own.mission_from_local.covariance is None:
+                return
+            corners, margin_m = self._fenced
+            newest, newest_margin_m = self._outline(vehicle)
+            if max(float(np.abs(newest - corners).max()), abs(newest_margin_m - margin_m)) < _MOVED_M:
+                return
+        tracker.confine(self._fence(vehicle))
+
+    def _outline(self, vehicle: VehicleState) -> tuple[Array, float]:
+        """The area's corners (N, 2) in the local frame; and the fence's margin, less what is doubted of where the vehicle is."""
+        margin_m = self._config.area.fence_margin_m
+        if self._own.mission_from_local.covariance is not None:
+            doubted_m = margin_m - _DOUBT_SIGMAS * self._own.sigma_m(vehicle)
+            margin_m = max(doubted_m, min(margin_m, _LEAST_MARGIN_M))
+        return self._own.local_from_mission.apply(self._corners)[:, :2], margin_m
+
+    def _fence(self, vehicle: VehicleState) -> Fence:
+        area = self._config.area
+        if not self._own.is_known:
+            self._fenced = None
+            here = Point(vehicle.position_m[:2]).buffer(_WAITING_FENCE_M)
+            return Fence(here, area.floor_m + self._ground_m, area.ceiling_m + self._ground_m)
+        corners, margin_m = self._fenced = self._outline(vehicle)
+        return Fence.from_area(replace(area, fence_margin_m=margin_m), corners, ground_m=self._ground_m)
+
     def _centre(self, moment: Moment) -> tuple[Vector3, Vector3] | None:
         """Where the source is now and its velocity, in the local frame and as this drone's own localisation has it."""
         hypothesis = moment.hypothesis
-        if hypothesis is None:
+        if hypothesis is None or not self._own.is_known:
             return None
         x, y, z = hypothesis.sight_of(self._id).position.tolist()
         u, v, w = hypothesis.velocity.tolist()
         if hypothesis.evidence is not None:  # no other estimator knows where the source goes
             (x, y), (u, v) = self._leading.centre(moment.now_ns, hypothesis.stamp_ns, (x, y), (u, v))
-        return self._local_from_mission.apply_point((x, y, z)), self._local_from_mission.rotate_direction((u, v, w))
+        return self._own.local_from_mission.apply_point((x, y, z)), self._own.local_from_mission.rotate_direction((u, v, w))
 
     def _replan(self, tracker: Tracker, moment: Moment, centre: tuple[Vector3, Vector3] | None, peers: Peers) -> Plan:
-        own_sigma_m = moment.vehicle.position_sigma_m
-        others = neighbours(peers, self._frames, self._local_from_mission, own_sigma_m, moment.now_ns)
+        local_from_mission = self._own.local_from_mission if self._own.is_known else None
+        me = Self(moment.now_ns, moment.vehicle.epoch, self._own.sigma_m(moment.vehicle), local_from_mission)
+        others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]
+        if self._own.is_known:
+            self._waits = None
         if moment.stage is Stage.RETURN:
             reference = self._way_home(moment)
+        elif not self._own.is_known:
+            reference = self._wait(moment)
         elif moment.stage is Stage.SURVEY or centre is None:
             reference = self._survey(moment, partners)
         else:
@@ -166,19 +230,33 @@ class Navigator:
         )
 
     def _survey(self, moment: Moment, partners: list[Neighbour]) -> Reference:
-        here = self._mission_from_local.apply_point(self._virtual.position)[:2]
-        moves = self._mission_from_local.rotate_direction(self._virtual.velocity)[:2]
-        others = [self._mission_from_local.apply_point(partner.plan.state(moment.now_ns).position)[:2] for partner in partners]
+        here = self._own.mission_from_local.apply_point(self._virtual.position)[:2]
+        moves = self._own.mission_from_local.rotate_direction(self._virtual.velocity)[:2]
+        others = [
+            self._own.mission_from_local.apply_point(partner.plan.state(moment.now_ns).position)[:2] for partner in partners
+        ]
         found = self._informed.reference(moment.now_ns, here, moves, others, HORIZON, STEP_S)
         if found is None:
             active = sorted([self._id, *(partner.id for partner in partners)])
             found = self._search.reference(active, here, HORIZON, STEP_S)
         positions, velocities = found
         level = np.zeros(HORIZON + 1)
-        placed = self._local_from_mission.apply(np.column_stack((positions, level)))
-        moving = self._local_from_mission.rotate(np.column_stack((velocities, level)))
+        placed = self._own.local_from_mission.apply(np.column_stack((positions, level)))
+        moving = self._own.local_from_mission.rotate(np.column_stack((velocities, level)))
         placed[:, 2] = moment.ground_m + self._config.survey.height_m
         return Reference(placed, moving, STEP_S)
+
+    def _wait(self, moment: Moment) -> Reference:
+        """Stay; after a while on a small circle through the place."""
+        x, y, _ = self._virtual.position
+        since_ns, x, y = self._waits = self._waits or (moment.now_ns, x, y)
+        waited_s = (moment.now_ns - since_ns) * 1e-9 - _PATIENCE_S
+        turned = np.maximum(0.0, waited_s + STEP_S * np.arange(HORIZON + 2.0)) * (_WAITING_MPS / _WAITING_RADIUS_M)
+        positions = np.empty((HORIZON + 2, 3))
+        positions[:, 0] = x + _WAITING_RADIUS_M * (np.cos(turned) - 1.0)
+        positions[:, 1] = y + _WAITING_RADIUS_M * np.sin(turned)
+        positions[:, 2] = moment.ground_m + self._config.survey.height_m
+        return Reference(positions[:-1], np.diff(positions, axis=0) / STEP_S, STEP_S)
 
     def _circle(self, moment: Moment, centre: tuple[Vector3, Vector3], partners: list[Neighbour]) -> Reference:
         """Around the hypothesis: as near as it is known, by an estimator that says so and the smooth law.
@@ -209,7 +287,7 @@ class Navigator:
     def _way_home(self, moment: Moment) -> Reference:
         """Straight home at the survey's speed and height; without a known home, stay."""
         x, y, _ = self._virtual.position
-        home = self._local_from_mission.apply_point(self.home) if self.home is not None else (x, y, 0.0)
+        home = self._home_in_local(moment.vehicle.epoch) or (x, y, 0.0)
         way = np.array([home[0] - x, home[1] - y])
         distance = hypot(*way.tolist())
         travelled = np.minimum(self._config.survey.speed_mps * STEP_S * np.arange(HORIZON + 2.0), distance)

@@ -1,22 +1,42 @@
-"""The other drones as one drone sees them: what they are going to do, in its own local frame."""
+"""The other drones as one drone sees them: what they are going to do, in its own local frame.
+
+Separation rests on this, so nobody who is heard vanishes from it because its frame is not known. Where a drone is follows, from
+the best to the last resort:
+
+1. its frame is known exactly: from its poses and plans;
+2. its frame is estimated: from these, corrected by where this drone sees it, which says more of the distance between the two than
+   two estimates of where each is in the mission frame;
+3. its localisation has jumped: by a frame that continues its motion (``carried_on``), until the log has a better one;
+4. its frame, or the own one, is not known: from where this drone sees it alone;
+5. nor is it seen, but it is still near its launch place: from the mission's launch layout.
+"""
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from functools import partial
 from math import hypot
 
+import numpy as np
 from msgspec import Struct
 
+from agent.config import MissionConfig
+from agent.continuity import carried_on
 from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
+from agent.frames.transform import Array, Transform
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.peers import Peer, Peers
+from agent.sights import offset, placed_alone, places
 from protocol.messages import Pose, Stage
 
 WORST_SIGMA_M = 5.0  # whoever knows its place less well is kept away from no further: it could drive the swarm off its circle
 PLAN_AGE_NS = 1_000_000_000  # an older plan is not believed any more
+NEAR_LAUNCH_M = 5.0  # so far from its launch place the layout still tells where a drone is
 _TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 _ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
+_SIGMAS = 3.0
+_POSE_GAP_NS = 500_000_000  # between two poses that a place is told from
 
 
 class Neighbour(Struct, frozen=True):
@@ -27,23 +47,130 @@ class Neighbour(Struct, frozen=True):
     takes_part: bool
 
 
-def neighbours(
-    peers: Peers, frames: FrameGraph, local_from_mission: Transform, own_sigma_m: float, now_ns: int
-) -> list[Neighbour]:
-    """Everybody who is heard, is not on the ground, and whose frame is known; by id. ``own_sigma_m``: of the own position."""
-    found = []
-    for name in peers.alive(now_ns):
-        peer = peers[name]
-        if peer.pose is None or (peer.status is not None and peer.status.stage in _ON_GROUND):
-            continue
-        mission_from_theirs = frames.mission_from_local(name, peer.pose.epoch)
-        if mission_from_theirs is None:
-            continue
-        takes_part = peer.status is not None and peer.status.stage in _TAKING_PART
-        sigma_m = min(hypot(own_sigma_m, peer.pose.position_sigma_m), WORST_SIGMA_M)
-        plan = _plan(name, peer, peer.pose, local_from_mission @ mission_from_theirs, sigma_m, now_ns)
-        found.append(Neighbour(name, plan, takes_part))
-    return found
+class Self(Struct, frozen=True):
+    """The own drone: epoch of its frame, where it is in it, and that frame; None while it is not known.
+
+    ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance).
+    """
+
+    now_ns: int
+    epoch: int
+    sigma_m: float
+    local_from_mission: Transform | None
+
+
+class Neighbourhood:
+    """Who flies around one drone."""
+
+    def __init__(self, mission: MissionConfig, frames: FrameGraph) -> None:
+        self._frames = frames
+        self._members = {member.id: member for member in mission.drones}
+        self._placed: dict[str, tuple[Pose, Transform]] = {}  # each one's newest pose in a frame known, and that frame
+
+    def around(self, peers: Peers, me: Self) -> list[Neighbour]:
+        """Everybody who is heard, is not on the ground, and of whom it can be told where it is; by id."""
+        found = []
+        for name in peers.alive(me.now_ns):
+            peer = peers[name]
+            if peer.pose is None or (peer.status is not None and peer.status.stage in _ON_GROUND):
+                continue
+            mission_from_theirs = self._frame_of(name, peer.pose)
+            plan = None
+            if mission_from_theirs is not None and me.local_from_mission is not None:
+                plan = self._placed_by_frames(name, peer, peer.pose, mission_from_theirs, me.local_from_mission, me)
+            takes_part = plan is not None and peer.status is not None and peer.status.stage in _TAKING_PART
+            plan = plan or _placed_by_sights(name, peer, peer.pose, me) or self._placed_by_layout(name, peer.pose, me)
+            if plan is not None:
+                found.append(Neighbour(name, plan, takes_part))
+        return found
+
+    def _frame_of(self, name: str, pose: Pose) -> Transform | None:
+        """Its frame, or where that is not known, one by the continuity of its motion from where it was."""
+        known = self._frames.mission_from_local(name, pose.epoch)
+        if known is not None:
+            self._placed[name] = pose, known
+            return known
+        last = self._placed.get(name)
+        if last is None:
+            return None
+        before, transform = last
+        if before.epoch != pose.epoch:
+            elapsed_s = (pose.stamp_ns - before.stamp_ns) * 1e-9
+            old, new = (before.position_m, before.quaternion), (pose.position_m, pose.quaternion)
+            transform = carried_on(transform, old, before.velocity_mps, new, elapsed_s)
+        self._placed[name] = pose, transform
+        return transform
+
+    def _placed_by_frames(
+        self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, local_from_mission: Transform, me: Self
+    ) -> PeerPlan:
+        if mission_from_theirs.covariance is None and local_from_mission.covariance is None:
+            sigma_m = min(hypot(me.sigma_m, pose.position_sigma_m), WORST_SIGMA_M)
+            return _plan(name, peer, pose, local_from_mission @ mission_from_theirs, sigma_m, me.now_ns)
+        local_from_theirs = _bare(local_from_mission) @ _bare(mission_from_theirs)
+        theirs_m = mission_from_theirs.sigmas_at(pose.position_m)[0] or pose.position_sigma_m
+        sigma_m = hypot(me.sigma_m, theirs_m)
+        expected = partial(_expected, peer, pose.epoch, local_from_theirs)
+        seen = offset(places(peer.sights, me.epoch, me.now_ns, expected), expected)
+        if seen is not None:
+            far = hypot(*seen.vector[:2]) > _SIGMAS * hypot(sigma_m, seen.sigma_m)  # then the frames are wrong, not the eyes
+            share = 1.0 if far else sigma_m**2 / (sigma_m**2 + seen.sigma_m**2)
+            dx, dy, dz = (share * part for part in seen.vector)
+            x, y, z = local_from_theirs.translation
+            local_from_theirs = Transform(local_from_theirs.yaw_rad, (x + dx, y + dy, z + dz))
+            sigma_m = seen.sigma_m if far else share**0.5 * seen.sigma_m
+        return _plan(name, peer, pose, local_from_theirs, min(sigma_m, WORST_SIGMA_M), me.now_ns)
+
+    def _placed_by_layout(self, name: str, pose: Pose, me: Self) -> PeerPlan | None:
+        member = self._members[name]
+        gone_m = hypot(*pose.position_m[:2])
+        if me.local_from_mission is None or gone_m > NEAR_LAUNCH_M or pose.epoch != 0:
+            return None
+        state = PeerState(me.local_from_mission.apply_point(member.origin_m), age_s=(me.now_ns - pose.stamp_ns) * 1e-9)
+        sigma_m = min(hypot(me.sigma_m, member.origin_sigma_m, gone_m), WORST_SIGMA_M)
+        return PeerPlan.from_pose(name, me.now_ns, state, sigma_m)
+
+
+def _placed_by_sights(name: str, peer: Peer, pose: Pose, me: Self) -> PeerPlan | None:
+    """From what this drone sees alone. Of its pose only the speed counts, which is the same in every frame."""
+    seen = places(peer.sights, me.epoch, me.now_ns, _nowhere)
+    alone = placed_alone(seen, me.now_ns, hypot(*pose.velocity_mps[:2]))
+    if alone is None:
+        return None
+    state, sigma_m = alone
+    return PeerPlan.from_pose(name, me.now_ns, state, min(sigma_m, WORST_SIGMA_M))
+
+
+def _nowhere(_: int) -> None:
+    """Nobody knows where it should have been."""
+
+
+def _expected(peer: Peer, epoch: int, local_from_theirs: Transform, stamp_ns: int) -> Array | None:
+    """Where its poses put a drone at a stamp; own local frame."""
+    poses = peer.poses
+    place = bisect_right(poses, stamp_ns, key=_stamp)
+    before, after = poses[max(place - 1, 0)], poses[min(place, len(poses) - 1)]
+    if before.epoch != epoch or after.epoch != epoch:
+        return None
+    if abs(stamp_ns - before.stamp_ns) > _POSE_GAP_NS:
+        return None
+    span_ns = after.stamp_ns - before.stamp_ns
+    if span_ns <= 0 or place == 0:
+        elapsed_s = (stamp_ns - before.stamp_ns) * 1e-9
+        position = np.array(before.position_m) + elapsed_s * np.array(before.velocity_mps)
+    else:
+        share = (stamp_ns - before.stamp_ns) / span_ns
+        position = (1.0 - share) * np.array(before.position_m) + share * np.array(after.position_m)
+    return local_from_theirs.apply(position)
+
+
+def _stamp(pose: Pose) -> int:
+    return pose.stamp_ns
+
+
+def _bare(transform: Transform) -> Transform:
+    """The same without its covariance, which costs more than the transform."""
+    return Transform(transform.yaw_rad, transform.translation)
 
 
 def _plan(name: str, peer: Peer, pose: Pose, local_from_theirs: Transform, sigma_m: float, now_ns: int) -> PeerPlan:

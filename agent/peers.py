@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 
-from protocol.messages import Estimate, Plan, Pose, Status
+from protocol.messages import Estimate, Plan, Pose, Sighting, Status
 
 ALIVE_NS = 2_000_000_000  # a drone that has not been heard for so long has dropped out
 STATUS_AGE_NS = 10_000_000_000  # a drone that was switched off for so long stands against nothing any more
+RECENT_NS = 3_000_000_000  # for which poses and sights are kept
 FUTURE_NS = 1_000_000_000  # a stamp further ahead than this is a wrong clock, not news
 
 
 @dataclass(slots=True)
 class Peer:
-    """The newest of each kind; None until heard."""
+    """The newest of each kind; None until heard. ``poses``, ``sights``: what was heard, and seen by this drone, of late."""
 
     pose: Pose | None = None
     plan: Plan | None = None
     estimate: Estimate | None = None
     status: Status | None = None
+    poses: deque[Pose] = field(default_factory=deque)
+    sights: deque[Sighting] = field(default_factory=deque)
 
 
 class Peers:
@@ -44,7 +48,19 @@ class Peers:
         if known is not None and known.stamp_ns >= message.stamp_ns:
             return "older_than_known"
         setattr(peer, kind, message)
+        if isinstance(message, Pose):
+            peer.poses.append(message)
+            while peer.poses[0].stamp_ns < message.stamp_ns - RECENT_NS:
+                peer.poses.popleft()
         return None
+
+    def see(self, sight: Sighting) -> None:
+        """Keep what this drone has seen of another one."""
+        sights = self._peers[sight.target].sights
+        sights.append(sight)
+        newest_ns = max(sights[0].stamp_ns, sight.stamp_ns)
+        while sights[0].stamp_ns < newest_ns - RECENT_NS:
+            sights.popleft()
 
     def alive(self, now_ns: int) -> list[str]:
         """Ids of those heard of late, sorted."""

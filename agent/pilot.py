@@ -172,6 +172,7 @@ class Pilot:
             state = replace(state, position_sigma_m=sigma_m)
         self._vehicle = state
         self._observer.history.add(state)
+        self._navigator.follow(state)
         if self._remembered is not None:
             self._rejoin(self._remembered, state)
 
@@ -198,6 +199,7 @@ class Pilot:
             entry = self._positioning.sighting(sight)
             if entry is not None:
                 self._record(entry, entry.stamp_ns)
+                self._peers.see(entry)
         return self._outbox.take()
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> None:
@@ -285,7 +287,7 @@ class Pilot:
             return
         self.counters["rejoined"] += 1
         self._mission.rejoin(memory, vehicle, vehicle.stamp_ns)
-        self._navigator.home = memory.home_m
+        self._navigator.rejoin(memory.home_m)
         self._start_fusion(memory.started_ns)
 
     def _remember(self, now_ns: int) -> None:
@@ -351,9 +353,8 @@ class Pilot:
         stage = self._mission.stage
         moment = Moment(now_ns, stage, self._mission.since_ns, vehicle, self.hypothesis)
         setpoint, plan = self._navigator.step(moment, self._peers)
-        if setpoint is None:
-            self.counters["held_without_frame"] += 1
-            return VehicleCommand(Request.HOLD)
+        if self._navigator.waits:
+            self.counters["waited_without_frame"] += 1
         if plan is not None:
             self._outbox.put(plan)
         if stage is Stage.SURVEY:

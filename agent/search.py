@@ -69,7 +69,7 @@ class Search:
         swaths: list[Swath] = []
         ends = {drone: self._launch[drone] for drone in active}  # where everybody knows the drones to be
         for coverage in self._coverage():
-            transform = self._frames.mission_from_local(coverage.drone, coverage.epoch)
+            transform = self._frames.mission_from_local(coverage.drone, coverage.epoch, coverage.stamp_ns)
             if transform is None:
                 continue
             path = transform.apply(np.array([(x, y, 0.0) for x, y in coverage.path_m]))[:, :2]

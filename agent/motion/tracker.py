@@ -8,7 +8,7 @@ that fails or the vehicles come too close to each other, the plan is to brake (`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from math import dist, hypot
 
@@ -27,7 +27,10 @@ from agent.motion.steering import Situation, Status, Steering
 _DEPARTED_M = 5.0  # a vehicle further than this from the virtual one does not follow it: start again from where it is
 _CURVATURE_S2 = 1.1  # by PX4's cascade a vehicle flies turns wide by this times the acceleration (0.7-1.1 m at 0.75 m/s2)
 
-__all__ = ["Status", "Tracker", "TrackerPlan"]
+__all__ = ["Relief", "Status", "Tracker", "TrackerPlan"]
+
+
+Relief = Callable[[Array], Array]
 
 
 class TrackerPlan(Struct, frozen=True):
@@ -56,6 +59,7 @@ class Tracker:
     ) -> None:
         """``lead_s``: by which the vehicle follows its setpoints late. ``drone_id`` decides on the right of way."""
         self._step_s, self._horizon, self._lead_s = step_s, horizon, lead_s
+        self._limits = limits
         self._prediction = predict(horizon, step_s)
         self._goals = Goals(limits, fence, step_s, horizon)
         self._steering = Steering(limits, self._prediction, step_s, horizon, reaction_s=lead_s, drone_id=drone_id)
@@ -72,11 +76,31 @@ class Tracker:
         self._plan = None
         self._start = (position, velocity)
 
-    def plan(self, now_ns: int, state: PeerState, reference: Reference, peers: Sequence[PeerPlan] = ()) -> TrackerPlan:
-        """Replan. ``state``: the vehicle's own measured position and velocity; ``reference`` begins now."""
+    def confine(self, fence: Fence) -> None:
+        """Keep within another outline from the next plan on: the area lies elsewhere in this frame than it was thought to.
+
+        Floor and ceiling stay.
+        """
+        self._goals = Goals(self._limits, fence, self._step_s, self._horizon)
+
+    def plan(
+        self,
+        now_ns: int,
+        state: PeerState,
+        reference: Reference,
+        peers: Sequence[PeerPlan] = (),
+        ground: Relief | None = None,
+    ) -> TrackerPlan:
+        """Replan. ``state``: the vehicle's own measured position and velocity; ``reference`` begins now.
+
+        ``ground``: heights of the ground (N,) at places (N, 2), where it is not even; the z of the reference, and floor and
+        ceiling of the fence, are above it then, wherever the plan leads.
+        """
         start = self._continued(now_ns, state)
-        horizon, (x, y, _) = self._horizon, start[0].tolist()
-        optimum = (self._prediction.optimum @ self._goals.of(reference, start)).reshape(4, horizon, 3)
+        horizon, (x, y, z) = self._horizon, start[0].tolist()
+        below = None if ground is None else float(ground(start[:1, :2])[0])
+        wanted = self._goals.of(reference, start, z if below is None else z - below)
+        optimum = (self._prediction.optimum @ wanted).reshape(4, horizon, 3)
         peaks = np.abs(optimum).max(axis=1).tolist()
         optimum[1] += start[0]
         situation = Situation(
@@ -89,7 +113,13 @@ class Tracker:
             guess=self._guess,
         )
         status, flat = self._steering.jerk(situation, optimum, peaks, peers)
-        upright_status, upright = self._climbing.jerk(start[:, 2:], optimum[:, :, 2:], peaks, self._guess[:, 2:])
+        under = None
+        if ground is not None and below is not None:
+            ahead = optimum[1, :, :2] + self._prediction.position @ (flat - optimum[0, :, :2])
+            under = ground(ahead)
+            self._lift(optimum[:, :, 2], wanted[:, 2], under - below, z)
+            peaks = np.abs(optimum).max(axis=1).tolist()
+        upright_status, upright = self._climbing.jerk(start[:, 2:], optimum[:, :, 2:], peaks, self._guess[:, 2:], under)
         if status is Status.FREE and upright_status is Status.FREE:
             return self._adopt(now_ns, start, optimum[1:], optimum[0], status)
         jerk = np.column_stack((flat, upright))
@@ -142,6 +172,14 @@ class Tracker:
         position, velocity = self._start or (state.position, state.velocity)
         self._start = None
         return np.array([position, velocity, (0.0, 0.0, 0.0)])
+
+    def _lift(self, optimum: Array, wanted: Array, rise: Array, z: float) -> None:
+        """Make the vertical optimum (4, H) one that follows the ground, which rises by so much (H,) from here along the plan."""
+        goals, horizon = wanted.copy(), self._horizon
+        goals[2 : 2 + horizon] += rise
+        goals[2 + horizon :] += np.gradient(np.concatenate(((0.0,), rise)), self._step_s)[1:]
+        optimum[:] = (self._prediction.optimum @ goals).reshape(4, horizon)
+        optimum[1] += z
 
     def _previous(self, now_ns: int, start: Array) -> Array:
         """Where the plan so far would be at the steps, (H, 2); without one, here."""

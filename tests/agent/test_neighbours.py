@@ -3,7 +3,7 @@ import pytest
 from agent.config import AreaConfig, DroneInMission, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
-from agent.neighbours import WORST_SIGMA_M, neighbours
+from agent.neighbours import WORST_SIGMA_M, Neighbourhood, Self
 from agent.peers import Peers
 from protocol.messages import Plan, Pose, Stage, Status
 
@@ -41,7 +41,8 @@ def seen(*messages, now_ns=0, own_sigma_m=0.0):
     peers = Peers(["b"])
     for message in messages:
         assert peers.receive(message, now_ns) is None
-    return neighbours(peers, FrameGraph.from_launch_layout(MISSION), Transform(), own_sigma_m, now_ns)
+    me = Self(now_ns, 0, own_sigma_m, Transform())
+    return Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION)).around(peers, me)
 
 
 def test_a_plan_is_read_in_the_own_frame():

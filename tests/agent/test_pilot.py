@@ -242,12 +242,40 @@ def test_a_copy_of_a_landing_command_does_not_take_the_vehicle_from_a_human_pilo
     assert one.step(now_ns).command.request is Request.LAND
 
 
-def test_a_drone_whose_frame_is_not_known_holds():
-    one = started()
-    now_ns = START_NS + TICK_NS
-    one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, epoch=1))
-    assert one.step(now_ns).command.request is Request.HOLD
-    assert one.counters["held_without_frame"] == 1
+def test_a_drone_whose_frame_is_not_known_waits_where_it_is():
+    one = pilot()
+    one.observe_vehicle(state(START_NS, epoch=1))
+    one.receive(*command(), START_NS)
+    places = []
+    for tick in range(400):
+        now_ns = START_NS + tick * TICK_NS
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, position=places[-1] if places else (0.0, 0.0, 3.0), epoch=1))
+        step = one.step(now_ns)
+        assert step.command.request is Request.OFFBOARD
+        places.append(step.command.setpoint.position_m)
+    assert places[:20] == pytest.approx(np.tile((0.0, 0.0, 3.0), (20, 1)), abs=0.01)
+    away = np.hypot(*np.array(places)[:, :2].T)
+    assert 3.0 < away.max() < 5.0  # later on a circle of 4 m across, on which ranges tell its heading
+    assert one.stage is Stage.SURVEY  # nobody has taken over
+    assert one.counters["waited_without_frame"] == 400
+
+
+def test_a_frame_that_jumps_does_not_move_the_drone():
+    """The search goes on in the new epoch from where the vehicle says that it is now, as fast as before."""
+    one, place, velocity = started(), (0.0, 0.0, 3.0), (0.0, 0.0, 0.0)
+    for tick in range(1, 101):
+        now_ns, jumped = START_NS + tick * TICK_NS, 15.0 if tick > 60 else 0.0
+        x, y, z = place
+        telemetry = {"position": (x + jumped, y - jumped, z), "epoch": int(tick > 60)}
+        one.observe_vehicle(
+            state(now_ns, FlightMode.OFFBOARD, velocity_mps=velocity if tick > 1 else (0.0, 0.0, 0.0), **telemetry)
+        )
+        setpoint = one.step(now_ns).command.setpoint
+        (x, y, z), velocity = setpoint.position_m, setpoint.velocity_mps
+        assert np.hypot(x - jumped - place[0], y + jumped - place[1]) < 7.0  # it leads the vehicle, in turns by 4 m and more
+        place = place[0] + velocity[0] / 20, place[1] + velocity[1] / 20, place[2] + velocity[2] / 20
+    assert one.counters["waited_without_frame"] == 0
+    assert np.hypot(*velocity[:2]) > 2.0
 
 
 def test_what_cannot_be_sent_is_counted_and_the_flight_goes_on():
