@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from agent.config import AreaConfig, DatumConfig, GroundConfig, MissionConfig
 from agent.elevation import Raster, read_raster
 from agent.errors import ConfigError
 from agent.frames.geodesy import mission_from_geodetics
+from agent.frames.transform import Transform
 from agent.frames.utm import geodetic_from_utm
 
 Array = NDArray[np.float64]
@@ -62,6 +65,25 @@ class Ground:
         if self._grid is None:
             return self._east, self._north
         return self._grid.slope(x, y)
+
+    def around(
+        self, mission_from_local: Transform | None, place: tuple[float, float], below_m: float
+    ) -> Callable[[Array], Array]:
+        """Local heights (N,) of the ground at local places (N, 2): as it rises and falls from where a vehicle is.
+
+        ``below_m``: local z of the ground below it at ``place``, as its rangefinder has it; so neither the ground model's offset
+        nor the local frame's height counts. Without a transform the ground is even: nobody knows which part of it that is.
+        """
+        if mission_from_local is None:
+            return lambda places: np.full(len(places), below_m)
+        x, y, _ = mission_from_local.apply_point((*place, 0.0))
+        offset = below_m - self.height_m(x, y)
+
+        def heights(places: Array) -> Array:
+            there = mission_from_local.apply(np.column_stack((places, np.zeros(len(places)))))
+            return self.heights_m(there[:, :2]) + offset
+
+        return heights
 
 
 class _Grid:

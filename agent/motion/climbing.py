@@ -12,6 +12,7 @@ from agent.motion.qp import HalfPlanes, LimitedProblem
 from agent.motion.reference import Array
 from agent.motion.steering import Peaks, Status
 
+_UNEVEN_M = 0.5  # from floor and ceiling, where the ground ahead is known by a model only
 _ACCELERATION_SHARE = 0.5  # of the limit; the rest is for the turns
 
 
@@ -27,21 +28,31 @@ class Climbing:
         offsets = np.repeat(np.array([fence.floor_m, -fence.ceiling_m]), horizon).reshape(2, horizon)
         self._planes = HalfPlanes(normals, offsets, np.ones((2, horizon)))
 
-    def jerk(self, start: Array, optimum: Array, peaks: Peaks, guess: Array) -> tuple[Status, Array]:
-        """Jerks (H,) from the unconstrained optimum (4, H, 1) and its peaks. start: (3, 1); guess: (H, 1), to begin with."""
-        if self._within_limits(float(start[0, 0]), optimum, peaks):
+    def jerk(self, start: Array, optimum: Array, peaks: Peaks, guess: Array, ground: Array | None = None) -> tuple[Status, Array]:
+        """Jerks (H,) from the unconstrained optimum (4, H, 1) and its peaks. start: (3, 1); guess: (H, 1), to begin with.
+
+        ground: (H,), under the plan at its steps, where it is not even: floor and ceiling are above it then.
+        """
+        if self._within_limits(float(start[0, 0]), optimum, peaks, ground):
             return Status.FREE, optimum[0, :, 0]
-        found = self._problem.solve(start, optimum, self._planes, guess)
+        found = self._problem.solve(start, optimum, self._over(ground), guess)
         if found is not None:
             return Status.CONSTRAINED, found[:, 0]
         velocity, acceleration = start[1:, 0].tolist()
         stop = brake((velocity, 0.0), (acceleration, 0.0), (0.0, 0.0), self._limits[1:], self._step_s, self._horizon)
         return Status.BRAKING, stop[:, 0]
 
-    def _within_limits(self, z: float, optimum: Array, peaks: Peaks) -> bool:
+    def _over(self, ground: Array | None) -> HalfPlanes:
+        if ground is None:
+            return self._planes
+        between = np.stack((ground + _UNEVEN_M, _UNEVEN_M - ground))
+        return HalfPlanes(self._planes.normals, self._planes.offsets + between, self._planes.yielding)
+
+    def _within_limits(self, z: float, optimum: Array, peaks: Peaks, ground: Array | None) -> bool:
         (_, _, jerk), (_, _, way), (_, _, velocity), (_, _, acceleration) = peaks
         if velocity > self._limits[0] or acceleration > self._limits[1] or jerk > self._limits[2]:
             return False
-        if self._low <= z - way and z + way <= self._high:
+        if ground is None and self._low <= z - way and z + way <= self._high:
             return True
-        return float(optimum[1].min()) >= self._low and float(optimum[1].max()) <= self._high
+        heights, margin = (optimum[1, :, 0], 0.0) if ground is None else (optimum[1, :, 0] - ground, _UNEVEN_M)
+        return float(heights.min()) >= self._low + margin and float(heights.max()) <= self._high - margin

@@ -48,16 +48,19 @@ class Goals:
         self._known = (x, y, distance)
         return distance > radius_m
 
-    def of(self, reference: Reference, start: Array) -> Array:
-        """(2 + 2 H, 3): velocity and acceleration at the start (3, 3), goal positions relative to it, goal velocities."""
+    def of(self, reference: Reference, start: Array, height: float) -> Array:
+        """(2 + 2 H, 3): velocity and acceleration at the start (3, 3), goal positions relative to it, goal velocities.
+
+        ``height``: z of the start as the reference's and the fence's z count: above the ground where that is not even.
+        """
         horizon = self._horizon
         wanted = np.empty((2 + 2 * horizon, 3))
         wanted[:2] = start[1:]
         positions, velocities = wanted[2 : 2 + horizon], wanted[2 + horizon :]
         self._resample(reference, positions, velocities)
-        positions -= start[0]
+        positions -= (start[0, 0], start[0, 1], height)
         magnitudes = np.abs(positions)
-        (x, y, z), (dx, dy, dz) = start[0].tolist(), magnitudes.max(axis=0).tolist()
+        (x, y, _), z, (dx, dy, dz) = start[0].tolist(), height, magnitudes.max(axis=0).tolist()
         moved = False
         if z - dz < self._low or z + dz > self._high:
             heights, low = positions[:, 2], self._low - z

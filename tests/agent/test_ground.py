@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from agent.config import AreaConfig, DatumConfig, DroneInMission, GroundConfig, MissionConfig, load_mission
 from agent.errors import ConfigError
 from agent.frames.geodesy import geodetics_from_mission
+from agent.frames.transform import Transform
 from agent.ground import Ground
 
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0)), fence_margin_m=10.0)
@@ -239,3 +240,18 @@ def test_a_grid_that_is_missing_or_too_large_is_an_error(tmp_path):
     (tmp_path / "hills.asc").write_bytes(b" " * 2_000_001)
     with pytest.raises(ConfigError, match="more than 2 MB"):
         load_mission(file)
+
+
+def test_around_a_vehicle_the_ground_is_as_its_rangefinder_has_it_and_rises_as_the_model():
+    """The model is 3 m too high here, and the local frame lies turned by a quarter and 100 m up."""
+    ground = Ground.from_config(mission(grid(ascii_grid(slanting() + 3.0))))
+    mission_from_local = Transform(np.pi / 2, (30.0, 10.0, 100.0))
+    below_m = -98.0
+    around = ground.around(mission_from_local, (4.0, -6.0), below_m)
+    # Local x is north and local y west: 2 m on along x the ground falls by 0.1 m, 3 m along y by 0.3 m.
+    assert around(np.array([[4.0, -6.0], [6.0, -6.0], [4.0, -3.0]])) == pytest.approx([-98.0, -98.1, -98.3], abs=1e-6)
+
+
+def test_around_a_vehicle_whose_frame_is_not_known_the_ground_is_even():
+    ground = Ground.from_config(mission(grid(ascii_grid(slanting()))))
+    assert ground.around(None, (4.0, -6.0), 1.5)(np.array([[4.0, -6.0], [60.0, 0.0]])).tolist() == [1.5, 1.5]
