@@ -1,0 +1,192 @@
+"""From log entries to what the estimate of the frames reads: tracks, and sightings and fixes by keyframe."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right, insort
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from agent.config import MissionConfig
+from agent.frames.geodesy import mission_from_geodetic
+from agent.frames.sightings import Fixes, Sightings
+from agent.frames.tracks import Sample, Track
+from protocol.messages import Entry, EntryId, Exposure, Fix, Sighting
+
+_ATTITUDE_VAR = math.radians(0.5) ** 2  # of the observer's roll and pitch, which the sightings' sigmas do not count
+
+
+@dataclass(slots=True)
+class _Bucket:
+    """What was measured within one keyframe's interval, and the arrays made of it once the tracks were there."""
+
+    sightings: dict[EntryId, Sighting] = field(default_factory=dict)
+    fixes: dict[EntryId, Fix] = field(default_factory=dict)
+    seen: Sightings | None = None
+    fixed: Fixes | None = None
+
+
+class Intake:
+    """Keeps what was received. Keyframe k stands for the interval ((k - 1) g, k g], g the keyframes' distance.
+
+    ``indices``: the keyframes of whose interval anything was received, ascending. ``dirty``: the earliest one that what was
+    received since ``taken`` may change.
+    """
+
+    def __init__(self, mission: MissionConfig) -> None:
+        self._number = {drone.id: number for number, drone in enumerate(mission.drones)}
+        self._slam = [drone.localization == "slam" for drone in mission.drones]
+        self._datum = mission.datum
+        self._correlation_ns = round(mission.frames.gnss_correlation_s * 1e9)
+        self.grid_ns = round(mission.frames.keyframe_s * 1e9)
+        self.tracks = [Track() for _ in mission.drones]
+        self.indices: list[int] = []
+        self.dirty: int | None = None
+        self._buckets: dict[int, _Bucket] = {}
+        self._fix_stamps: list[list[int]] = [[] for _ in mission.drones]
+
+    def receive(self, entry: Entry) -> None:
+        """Take in an exposure, a sighting or a fix; anything else says nothing about frames."""
+        number = self._number.get(entry.drone)
+        if number is None:
+            return
+        if isinstance(entry, Exposure):
+            self._add_samples(number, entry)
+        elif isinstance(entry, Sighting) and entry.target in self._number:
+            self._bucket(entry.stamp_ns).sightings[entry.entry_id] = entry
+        elif isinstance(entry, Fix) and self._datum is not None:
+            self._bucket(entry.stamp_ns).fixes[entry.entry_id] = entry
+            insort(self._fix_stamps[number], entry.stamp_ns)
+
+    def taken(self) -> int | None:
+        """The earliest keyframe that is to be estimated anew, forgotten with this call; its arrays are made anew, too."""
+        dirty, self.dirty = self.dirty, None
+        if dirty is not None:
+            for index in self.indices[bisect_left(self.indices, dirty) :]:
+                self._buckets[index].seen = self._buckets[index].fixed = None
+        return dirty
+
+    def drop_before(self, stamp_ns: int) -> None:
+        """Forget what was measured before that stamp."""
+        first = bisect_left(self.indices, self._index(stamp_ns))
+        for index in self.indices[:first]:
+            del self._buckets[index]
+        del self.indices[:first]
+        for stamps in self._fix_stamps:
+            del stamps[: bisect_left(stamps, stamp_ns)]
+        for track in self.tracks:
+            track.drop_before(stamp_ns)
+        self._touch(0)
+
+    def sightings(self, first: int, last: int) -> Sightings:
+        """Those of the keyframes ``first`` to ``last``, as far as the tracks of both drones are known around them."""
+        parts = [self._seen(index) for index in self._between(first, last)]
+        return Sightings.joined(parts) if parts else Sightings.empty()
+
+    def fixes(self, first: int, last: int) -> Fixes:
+        """Those of the keyframes ``first`` to ``last``."""
+        parts = [self._fixed(index) for index in self._between(first, last)]
+        return Fixes.joined(parts) if parts else Fixes.empty()
+
+    def _between(self, first: int, last: int) -> list[int]:
+        return self.indices[bisect_left(self.indices, first) : bisect_right(self.indices, last)]
+
+    def _index(self, stamp_ns: int) -> int:
+        return -(-stamp_ns // self.grid_ns)
+
+    def _touch(self, index: int) -> None:
+        self.dirty = index if self.dirty is None else min(index, self.dirty)
+
+    def _bucket(self, stamp_ns: int) -> _Bucket:
+        index = self._index(stamp_ns)
+        self._touch(index)
+        if index not in self._buckets:
+            self._buckets[index] = _Bucket()
+            insort(self.indices, index)
+        return self._buckets[index]
+
+    def _add_samples(self, number: int, exposure: Exposure) -> None:
+        for pose in exposure.poses:
+            w, x, y, z = pose.quaternion
+            yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+            sample = Sample(exposure.stamp_ns + pose.offset_ns, exposure.epoch, pose.position_m, yaw_rad)
+            before_ns = self.tracks[number].insert(sample)
+            if before_ns is not None:
+                self._bucket(sample.stamp_ns)
+                self._touch(self._index(before_ns + 1))
+
+    def _seen(self, index: int) -> Sightings:
+        bucket = self._buckets[index]
+        if bucket.seen is None:
+            rows = [self._sighting(bucket.sightings[identity]) for identity in sorted(bucket.sightings)]
+            columns = list(zip(*(row for row in rows if row is not None), strict=True))
+            if not columns:
+                bucket.seen = Sightings.empty()
+            else:
+                bucket.seen = Sightings(*map(_ints, columns[:3]), *map(_floats, columns[3:]))
+        return bucket.seen
+
+    def _sighting(self, entry: Sighting) -> tuple[object, ...] | None:
+        """One row of ``Sightings``; None while a track is not known at its time."""
+        observer, target = self._number[entry.drone], self._number[entry.target]
+        joined = self.tracks[observer].joined(entry.epoch, entry.stamp_ns)
+        at_target = self.tracks[target].at(entry.stamp_ns)
+        if joined is None or at_target is None or self.tracks[observer].at(entry.stamp_ns) is None:
+            return None
+        direction, direction_var = (0.0, 0.0, 0.0), math.inf
+        if entry.direction is not None and entry.direction_sigma_rad is not None:
+            scale = 1.0 / math.hypot(*entry.direction)
+            x, y, z = joined.rotate_direction(entry.direction)
+            direction, direction_var = (scale * x, scale * y, scale * z), entry.direction_sigma_rad**2 + _ATTITUDE_VAR
+        range_m, range_var = 0.0, math.inf
+        if entry.range_m is not None and entry.range_sigma_m is not None:
+            range_m, range_var = entry.range_m, entry.range_sigma_m**2
+        own = joined.apply_point(entry.position_m)
+        return observer, target, entry.stamp_ns, own, at_target, direction, direction_var, range_m, range_var
+
+    def _fixed(self, index: int) -> Fixes:
+        bucket = self._buckets[index]
+        if bucket.fixed is None:
+            rows = [self._fix(bucket.fixes[identity]) for identity in sorted(bucket.fixes)]
+            columns = list(zip(*(row for row in rows if row is not None), strict=True))
+            if not columns:
+                bucket.fixed = Fixes.empty()
+            else:
+                bucket.fixed = Fixes(*map(_ints, columns[:2]), *map(_floats, columns[2:]))
+        return bucket.fixed
+
+    def _fix(self, entry: Fix) -> tuple[object, ...] | None:
+        """One row of ``Fixes``; None while the drone's track is not known at its time, or without a datum."""
+        number = self._number[entry.drone]
+        joined = self.tracks[number].joined(entry.epoch, entry.stamp_ns)
+        if joined is None or self._datum is None:
+            return None
+        place = mission_from_geodetic(self._datum, entry.latitude_deg, entry.longitude_deg, entry.altitude_m)
+        axis_var = 0.5 * entry.horizontal_sigma_m**2
+        at = joined.apply_point(entry.position_m)
+        var = (axis_var, axis_var, entry.vertical_sigma_m**2)
+        return number, entry.stamp_ns, at, place, var, self._inflation(number, entry.stamp_ns)
+
+    def _inflation(self, number: int, stamp_ns: int) -> float:
+        """By how much a fix counts less because its error is nearly that of the fix before.
+
+        An error that is correlated over tau: the mean of fixes over a time T >> tau has the variance 2 sigma^2 tau / T, whatever
+        their rate, so one each dt counts as 2 tau / dt. An autopilot that follows its receiver has the same error in its track;
+        there the frame wanders with it (``Drift``), and tau / (2 dt) gives the filter the variance sigma^2 in the long run.
+        """
+        stamps = self._fix_stamps[number]
+        place = bisect_left(stamps, stamp_ns)
+        if place == 0:
+            return 1.0
+        apart = max(stamp_ns - stamps[place - 1], 1) / self._correlation_ns
+        return max(1.0, (2.0 if self._slam[number] else 0.5) / apart)
+
+
+def _ints(column: object) -> Any:
+    return np.array(column, dtype=np.int64)
+
+
+def _floats(column: object) -> Any:
+    return np.array(column, dtype=np.float64)

@@ -1,0 +1,238 @@
+"""The joint estimate of all drones' poses: one Gaussian over (x, y, z, yaw) of each, carried on by their own tracks, corrected by
+what they see of each other and by fixes.
+
+Cooperative localisation with the joint covariance kept whole (Roumeliotis and Bekey 2002): what two drones' errors have in
+common after a sighting is not counted again at the next one. Each correction is one robust batch (``sightings``), linearised
+anew until it stands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agent.frames.sightings import (
+    Array,
+    Fixes,
+    Ints,
+    Sightings,
+    belief,
+    fix_evidence,
+    fix_residuals,
+    sighting_evidence,
+    sighting_residuals,
+    turned,
+    turned_per_yaw,
+)
+
+_ROUNDS = 8  # of linearising; the usual keyframe takes three
+_STILL = 1e-5  # metres and radians: the estimate stands
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """Poses at a reference time. drones: (n,) their places in the mission, ascending. pose: (n, 4). covariance: (4n, 4n).
+
+    at: (N, 3) where each of the mission's drones was in its continuous frame at that time (nobody's: zeros). far: (N,) metres
+    flown until then.
+    """
+
+    drones: Ints
+    pose: Array
+    covariance: Array
+    at: Array
+    far: Array
+
+    def slots(self) -> Ints:
+        """(N,) row of each of the mission's drones in ``pose``, -1 where it is not in it."""
+        rows = np.full(len(self.at), -1, dtype=np.int64)
+        rows[self.drones] = np.arange(len(self.drones))
+        return rows
+
+    def block(self, row: int) -> Array:
+        """(4, 4) covariance of one drone's pose."""
+        return self.covariance[4 * row : 4 * row + 4, 4 * row : 4 * row + 4]
+
+    def moved(self, at: Array, far: Array, noise: Array) -> Joint:
+        """Each drone goes on to ``at`` (N, 3) along its own track; noise: (n, 4) variances that this adds."""
+        count = len(self.drones)
+        if not count:
+            return Joint(self.drones, self.pose, self.covariance, at, far)
+        arm = turned(self.pose[:, 3], at[self.drones] - self.at[self.drones])
+        pose = self.pose.copy()
+        pose[:, :3] += arm
+        onward = np.eye(4 * count)
+        rows = np.arange(count) * 4
+        for axis, slope in enumerate(turned_per_yaw(arm)[:, :2].T):
+            onward[rows + axis, rows + 3] = slope
+        covariance = onward @ self.covariance @ onward.T
+        covariance[np.diag_indices(4 * count)] += noise.ravel()
+        return Joint(self.drones, pose, covariance, at, far)
+
+    def with_drone(self, drone: int, pose: Array, covariance: Array) -> Joint:
+        """One more drone, of which nothing that is known of the others says anything."""
+        row = int(np.searchsorted(self.drones, drone))
+        count = len(self.drones)
+        wider = np.zeros((4 * count + 4, 4 * count + 4))
+        others = np.delete(np.arange(4 * count + 4), np.arange(4 * row, 4 * row + 4))
+        wider[np.ix_(others, others)] = self.covariance
+        wider[4 * row : 4 * row + 4, 4 * row : 4 * row + 4] = covariance
+        return Joint(np.insert(self.drones, row, drone), np.insert(self.pose, row, pose, axis=0), wider, self.at, self.far)
+
+    def without(self, drone: int) -> Joint:
+        """The same, one drone forgotten."""
+        row = int(np.searchsorted(self.drones, drone))
+        kept = np.delete(np.arange(len(self.covariance)), np.arange(4 * row, 4 * row + 4))
+        return Joint(
+            np.delete(self.drones, row), np.delete(self.pose, row, axis=0), self.covariance[np.ix_(kept, kept)], self.at, self.far
+        )
+
+    def widened(self, drone: int, variances: Array) -> Joint:
+        """The same, one drone's pose less certain by (4,) variances."""
+        covariance = self.covariance.copy()
+        row = 4 * int(np.searchsorted(self.drones, drone))
+        covariance[np.arange(row, row + 4), np.arange(row, row + 4)] += variances
+        return Joint(self.drones, self.pose, covariance, self.at, self.far)
+
+
+@dataclass(frozen=True, slots=True)
+class Corrected:
+    """A corrected estimate, and how much each sighting (M,) and fix (F,) is believed after it."""
+
+    joint: Joint
+    sightings: Array
+    fixes: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Headings:
+    """What is known of local frames' headings by compasses: drone (H,), yaw_rad (H,), var (H,)."""
+
+    drone: Ints
+    yaw_rad: Array
+    var: Array
+
+
+NO_HEADINGS = Headings(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
+
+
+def corrected(
+    prior: Joint,
+    sightings: Sightings,
+    older_var: Array,
+    fixes: Fixes,
+    headings: Headings = NO_HEADINGS,
+    doubt: Array | None = None,
+) -> Corrected:
+    """The estimate after sightings between drones that are all in it, fixes and headings of such.
+
+    older_var: (M,) m^2 by which the displacement between the two is less certain than their poses (drift since the sighting).
+    doubt: covariance to judge the first round by instead of the prior's, where the prior's mean is known better than it says.
+    """
+    if not len(sightings) and not len(fixes) and not len(headings.drone):
+        return Corrected(prior, np.zeros(0), np.zeros(0))
+    batch = _Batch(prior, sightings, older_var, fixes, headings)
+    pose, covariance = prior.pose, prior.covariance if doubt is None else doubt
+    scale = 1.0 / np.sqrt(np.maximum(prior.covariance.diagonal(), 1e-18))
+    stiffness = scale[:, None] * np.linalg.inv(scale[:, None] * prior.covariance * scale) * scale
+    for _ in range(_ROUNDS):
+        information, pull, covariance_weights = batch.linearised(pose, covariance)
+        information += stiffness
+        pull += stiffness @ _less(prior.pose, pose).ravel()
+        covariance = _inverse(information)
+        step = (covariance @ pull).reshape(-1, 4)
+        pose = pose + step
+        if np.abs(step).max() < _STILL:
+            break
+    seen, fixed = covariance_weights
+    pose[:, 3] = np.arctan2(np.sin(pose[:, 3]), np.cos(pose[:, 3]))
+    return Corrected(Joint(prior.drones, pose, covariance, prior.at, prior.far), seen, fixed)
+
+
+class _Batch:
+    """What the rounds of one correction have in common."""
+
+    def __init__(self, prior: Joint, sightings: Sightings, older_var: Array, fixes: Fixes, headings: Headings) -> None:
+        slots = prior.slots()
+        self.sightings, self.older_var, self.fixes, self.headings = sightings, older_var, fixes, headings
+        self.observer, self.target = slots[sightings.observer], slots[sightings.target]
+        self.fixed, self.headed = slots[fixes.drone], slots[headings.drone]
+        self.moved_observer = sightings.at_observer - prior.at[sightings.observer]
+        self.moved_target = sightings.at_target - prior.at[sightings.target]
+        self.moved_fixed = fixes.at - prior.at[fixes.drone]
+
+    def linearised(self, pose: Array, covariance: Array) -> tuple[Array, Array, tuple[Array, Array]]:
+        """Information matrix and gradient at ``pose`` (n, 4), and the weights of sightings and fixes.
+
+        A datum is judged by its own error and the one that ``covariance`` leaves to its prediction.
+        """
+        count = len(pose)
+        information, pull = np.zeros((4 * count, 4 * count)), np.zeros(4 * count)
+        seen = self._add_sightings(pose, covariance, information, pull)
+        fixed = self._add_fixes(pose, covariance, information, pull)
+        rows = 4 * self.headed + 3
+        np.add.at(information, (rows, rows), 1.0 / self.headings.var)
+        off = self.headings.yaw_rad - pose[self.headed, 3]
+        np.add.at(pull, rows, np.arctan2(np.sin(off), np.cos(off)) / self.headings.var)
+        return information, pull, (seen, fixed)
+
+    def _add_sightings(self, pose: Array, covariance: Array, information: Array, pull: Array) -> Array:
+        data = self.sightings
+        if not len(data):
+            return np.zeros(0)
+        residual, by_observer, by_target = sighting_residuals(
+            pose[self.observer], pose[self.target], self.moved_observer, self.moved_target, data.direction, data.range_m
+        )
+        each = np.arange(len(data))
+        slopes = np.zeros((len(data), 4, len(pose), 4))
+        slopes[each, :, self.observer] = by_observer
+        slopes[each, :, self.target] = by_target
+        flat = slopes.reshape(4 * len(data), -1)
+        spread = np.maximum(((flat @ covariance) * flat).sum(1), 0.0).reshape(-1, 4)
+        distance = np.maximum(residual[:, 3] + data.range_m, 1.0)
+        direction_var = data.direction_var + self.older_var / distance**2
+        range_var = data.range_var + self.older_var
+        squared = residual**2
+        weight = belief(
+            *sighting_evidence(
+                squared[:, :3].sum(1), direction_var + 0.5 * spread[:, :3].sum(1), squared[:, 3], range_var + spread[:, 3]
+            )
+        )
+        weights = np.empty((len(data), 4))
+        weights[:, :3] = (weight / direction_var)[:, None]
+        weights[:, 3] = weight / range_var
+        weighted = flat * weights.reshape(-1, 1)
+        information += weighted.T @ flat
+        pull -= weighted.T @ residual.ravel()
+        return weight
+
+    def _add_fixes(self, pose: Array, covariance: Array, information: Array, pull: Array) -> Array:
+        data = self.fixes
+        if not len(data):
+            return np.zeros(0)
+        residual, by_pose = fix_residuals(pose[self.fixed], self.moved_fixed, data.place)
+        slopes = np.zeros((len(data), 3, len(pose), 4))
+        slopes[np.arange(len(data)), :, self.fixed] = by_pose
+        flat = slopes.reshape(3 * len(data), -1)
+        spread = np.maximum(((flat @ covariance) * flat).sum(1), 0.0).reshape(-1, 3)
+        weight = belief(*fix_evidence(residual**2, data.var + spread))
+        weighted = flat * (weight[:, None] / (data.var * data.inflation[:, None])).reshape(-1, 1)
+        information += weighted.T @ flat
+        pull -= weighted.T @ residual.ravel()
+        return weight
+
+
+def _less(a: Array, b: Array) -> Array:
+    """Poses a - b, headings within half a turn."""
+    off = a - b
+    off[:, 3] = np.arctan2(np.sin(off[:, 3]), np.cos(off[:, 3]))
+    return off
+
+
+def _inverse(matrix: Array) -> Array:
+    """Of a positive definite matrix with scales far apart."""
+    scale = 1.0 / np.sqrt(matrix.diagonal())
+    inverse = scale[:, None] * np.linalg.inv(scale[:, None] * matrix * scale) * scale
+    symmetric: Array = 0.5 * (inverse + inverse.T)
+    return symmetric

@@ -1,0 +1,58 @@
+"""Where a drone's continuous frame lies, as estimated at one keyframe; and whether that is news."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agent.frames.sightings import Array
+from agent.frames.transform import Transform
+
+_SHIFT = 0.15  # of its sigma by which a place may differ before it is published anew
+_SPREAD = 1.1  # factor of its sigma
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placement:
+    """pose: (4,) of the drone, mission frame (its place, its frame's heading). covariance: (4, 4). at: (3,) the same place in the
+    continuous frame."""
+
+    pose: Array
+    covariance: Array
+    at: Array
+
+    def transform(self, continuous_from_local: Transform) -> Transform:
+        """``mission_from_local`` of a segment, with its covariance about the segment's own origin."""
+        yaw = float(self.pose[3])
+        c, s = np.cos(yaw), np.sin(yaw)
+        # From the drone's place to the segment's origin, mission axes.
+        x, y, z = np.array(continuous_from_local.translation) - self.at
+        arm = np.array([c * x - s * y, s * x + c * y, z])
+        east, north, up = (self.pose[:3] + arm).tolist()
+        jacobian = np.eye(4)
+        jacobian[:3, 3] = -arm[1], arm[0], 0.0
+        heading = float(np.remainder(yaw + continuous_from_local.yaw_rad + np.pi, 2.0 * np.pi) - np.pi)
+        return Transform(heading, (east, north, up), jacobian @ self.covariance @ jacobian.T)
+
+    def carried(self, at: Array) -> tuple[Array, Array]:
+        """Pose and covariance of a drone that is now ``at`` (3,), if this placement still holds."""
+        yaw = self.pose[3]
+        c, s = np.cos(yaw), np.sin(yaw)
+        x, y, z = at - self.at
+        arm = np.array([c * x - s * y, s * x + c * y, z])
+        jacobian = np.eye(4)
+        jacobian[:3, 3] = -arm[1], arm[0], 0.0
+        return np.append(self.pose[:3] + arm, yaw), jacobian @ self.covariance @ jacobian.T
+
+    def says_the_same(self, newer: Placement) -> bool:
+        """Whether the newer one differs by much less than its own error: not worth that everybody works with it anew."""
+        pose, covariance = self.carried(newer.at)
+        sigma, old_sigma = np.sqrt(newer.covariance.diagonal()), np.sqrt(covariance.diagonal())
+        off = newer.pose - pose
+        off[3] = np.arctan2(np.sin(off[3]), np.cos(off[3]))
+        return bool(
+            (np.abs(off) <= _SHIFT * sigma).all()
+            and (sigma <= _SPREAD * old_sigma).all()
+            and (old_sigma <= _SPREAD * sigma).all()
+        )

@@ -1,0 +1,182 @@
+"""How well sightings and fixes agree with where the drones are taken to be: residuals, Jacobians, and how much each is believed.
+
+A pose is (x, y, z, yaw) of a drone in the mission frame at a reference time: its place, and the heading of its local frame.
+Where it was at another time follows from its own track: x + R(yaw) d, with d the displacement in its (continuous) local frame.
+
+Each datum is either as good as it says, or (a share of ``FALSE``) a false positive that may be anything. Its weight is the
+probability of the first; fits with these weights converge to a maximum of the mixture's likelihood, the robust way to fit (EM;
+Dempster et al. 1977).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FALSE = 0.1  # share of sightings that are of something else
+FALSE_FIX = 0.02  # share of fixes that are wrong (multipath, spoofed, a drone that lies)
+_FARTHEST_M = 60.0  # false ranges are anywhere up to here
+_SPREAD_M = 100.0  # false fixes are anywhere in a cube of this edge
+_NEAREST_M = 0.3  # nearer than that two drones never are; keeps the directions' Jacobians finite
+
+
+@dataclass(frozen=True, slots=True)
+class Sightings:
+    """M sightings. Drones by their place in the mission; positions and directions in the continuous local frames.
+
+    observer, target: (M,). stamp_ns: (M,). at_observer, at_target: (M, 3) where the two were. direction: (M, 3), of the
+    target in the observer's frame, direction_var: (M,) rad^2 of each of two axes. range_m, range_var: (M,). An infinite
+    variance means that there is no such measurement.
+    """
+
+    observer: Ints
+    target: Ints
+    stamp_ns: Ints
+    at_observer: Array
+    at_target: Array
+    direction: Array
+    direction_var: Array
+    range_m: Array
+    range_var: Array
+
+    def __len__(self) -> int:
+        return len(self.observer)
+
+    def take(self, chosen: NDArray[np.bool_] | Ints | slice) -> Sightings:
+        """Those of them that are chosen."""
+        return Sightings(*(getattr(self, name)[chosen] for name in self.__slots__))
+
+    @staticmethod
+    def joined(parts: Sequence[Sightings]) -> Sightings:
+        """All of them, in the order given."""
+        return Sightings(*(np.concatenate([getattr(part, name) for part in parts]) for name in Sightings.__slots__))
+
+    @staticmethod
+    def empty() -> Sightings:
+        """None of them."""
+        none, ints = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
+        return Sightings(ints, ints, ints, none, none, none, np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+@dataclass(frozen=True, slots=True)
+class Fixes:
+    """F absolute places of drones, mission frame. drone: (F,). at: (F, 3) where its track had it then. place, var: (F, 3).
+
+    inflation: (F,), by which each counts less because its error is that of the one before.
+    """
+
+    drone: Ints
+    stamp_ns: Ints
+    at: Array
+    place: Array
+    var: Array
+    inflation: Array
+
+    def __len__(self) -> int:
+        return len(self.drone)
+
+    def take(self, chosen: NDArray[np.bool_] | Ints) -> Fixes:
+        """Those of them that are chosen."""
+        return Fixes(*(getattr(self, name)[chosen] for name in self.__slots__))
+
+    @staticmethod
+    def joined(parts: Sequence[Fixes]) -> Fixes:
+        """All of them, in the order given."""
+        return Fixes(*(np.concatenate([getattr(part, name) for part in parts]) for name in Fixes.__slots__))
+
+    @staticmethod
+    def empty() -> Fixes:
+        """None of them."""
+        none, ints = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
+        return Fixes(ints, ints, none, none, none, np.zeros(0))
+
+
+def turned(yaw_rad: Array, vectors: Array) -> Array:
+    """R(yaw) v for (...,) yaws and (..., 3) vectors."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    return np.stack([c * x - s * y, s * x + c * y, z + 0.0 * c], axis=-1)
+
+
+def turned_per_yaw(rotated: Array) -> Array:
+    """Derivative of R(yaw) v by yaw, from R(yaw) v (..., 3)."""
+    return np.stack([-rotated[..., 1], rotated[..., 0], np.zeros_like(rotated[..., 0])], axis=-1)
+
+
+def sighting_residuals(
+    observer: Array, target: Array, moved_observer: Array, moved_target: Array, direction: Array, range_m: Array
+) -> tuple[Array, Array, Array]:
+    """Predicted less measured direction (observer's frame, three components of a unit vector) and range.
+
+    observer, target: (M, 4) poses. moved_*: (M, 3) displacements since the reference, local frames. Returns residuals (M, 4) and
+    their Jacobians by the observer's and by the target's pose, (M, 4, 4) each. A direction whose prediction is the opposite has
+    a residual of 2, not of 0 as it would in a tangent plane.
+    """
+    arm_o = turned(observer[:, 3], moved_observer)
+    arm_t = turned(target[:, 3], moved_target)
+    apart = target[:, :3] + arm_t - observer[:, :3] - arm_o
+    distance = np.maximum(np.sqrt((apart * apart).sum(1)), _NEAREST_M)
+    along = apart / distance[:, None]
+    seen = turned(-observer[:, 3], along)
+    count = len(distance)
+    across = (np.eye(3) - along[:, :, None] * along[:, None, :]) / distance[:, None, None]  # d along / d apart
+    by_apart = np.empty((count, 4, 3))
+    c, s = np.cos(observer[:, 3])[:, None], np.sin(observer[:, 3])[:, None]
+    by_apart[:, 0] = c * across[:, 0] + s * across[:, 1]
+    by_apart[:, 1] = c * across[:, 1] - s * across[:, 0]
+    by_apart[:, 2] = across[:, 2]
+    by_apart[:, 3] = along
+    by_observer, by_target = np.empty((count, 4, 4)), np.empty((count, 4, 4))
+    by_observer[:, :, :3] = -by_apart
+    by_observer[:, :, 3] = -(by_apart @ turned_per_yaw(arm_o)[:, :, None])[:, :, 0]
+    by_observer[:, 0, 3] += seen[:, 1]
+    by_observer[:, 1, 3] -= seen[:, 0]
+    by_target[:, :, :3] = by_apart
+    by_target[:, :, 3] = (by_apart @ turned_per_yaw(arm_t)[:, :, None])[:, :, 0]
+    residuals = np.concatenate([seen - direction, (distance - range_m)[:, None]], axis=1)
+    return residuals, by_observer, by_target
+
+
+def fix_residuals(pose: Array, moved: Array, place: Array) -> tuple[Array, Array]:
+    """Predicted less measured place (F, 3), and the Jacobian by the pose (F, 3, 4)."""
+    arm = turned(pose[:, 3], moved)
+    jacobian = np.zeros((len(pose), 3, 4))
+    jacobian[:, :, :3] = np.eye(3)
+    jacobian[:, :, 3] = turned_per_yaw(arm)
+    return pose[:, :3] + arm - place, jacobian
+
+
+def sighting_evidence(
+    squared_direction: Array, direction_var: Array, squared_range: Array, range_var: Array
+) -> tuple[Array, Array]:
+    """Logarithms of the likelihoods of sightings (...,): as they say, and false. Direction and range are true or false together.
+
+    The variances are of each of the direction's two axes and of the range, infinite where there is none.
+    """
+    has_direction, has_range = np.isfinite(direction_var), np.isfinite(range_var)
+    direction_var = np.where(has_direction, direction_var, 1.0)
+    range_var = np.where(has_range, range_var, 1.0)
+    true = np.log(1.0 - FALSE) + np.where(
+        has_direction, -0.5 * squared_direction / direction_var - np.log(2.0 * np.pi * direction_var), 0.0
+    )
+    true = true + np.where(has_range, -0.5 * squared_range / range_var - 0.5 * np.log(2.0 * np.pi * range_var), 0.0)
+    false = np.log(FALSE) - np.where(has_direction, np.log(4.0 * np.pi), 0.0) - np.where(has_range, np.log(_FARTHEST_M), 0.0)
+    return true, false
+
+
+def fix_evidence(squared: Array, var: Array) -> tuple[Array, Array]:
+    """The same of fixes: (..., 3) squared residuals and their variances."""
+    true = np.log(1.0 - FALSE_FIX) - 0.5 * (squared / var + np.log(2.0 * np.pi * var)).sum(-1)
+    return true, np.full_like(true, np.log(FALSE_FIX) - 3.0 * np.log(_SPREAD_M))
+
+
+def belief(true: Array, false: Array) -> Array:
+    """Probability that a datum is what it says, from the two logarithms."""
+    weight: Array = 1.0 / (1.0 + np.exp(np.clip(false - true, -50.0, 50.0)))
+    return weight

@@ -1,0 +1,172 @@
+"""All frames of a swarm as a function of the log: estimated keyframe by keyframe, anew from where something came late."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Mapping
+from itertools import zip_longest
+
+from agent.config import MissionConfig
+from agent.frames.estimate import Checkpoint, Estimate, beginning
+from agent.frames.graph import FrameGraph, Known
+from agent.frames.intake import Intake
+from agent.frames.placement import Placement
+from agent.frames.tracks import ALWAYS, Segment
+from agent.frames.transform import Transform
+from protocol.messages import Entry
+
+BEFORE_START_NS = 60_000_000_000  # what was measured longer before the mission's start says nothing: clocks may be years off
+_SLICE = 8  # keyframes per call of advance: about 20 ms for three drones
+_RECENT = 64  # checkpoints that are all kept; of older ones every 8th
+_EVERY = 8
+
+
+class SwarmFrames:
+    """``mission_from_local`` of every drone whose localisation is not exact, in ``graph``.
+
+    The graph is a pure function of what was received (in any order) and of the last keyframe that is due. The checkpoints after
+    keyframes are kept; an entry takes them back to the last one before its interval, and the keyframes since are estimated again.
+    Where all drones are exact nothing is done at all.
+    """
+
+    def __init__(self, mission: MissionConfig) -> None:
+        self.graph = FrameGraph.from_launch_layout(mission)
+        self.pending = False  # keyframes are due that the next call of ``advance`` is to estimate
+        self._names = [drone.id for drone in mission.drones]
+        self._estimated = [drone.localization != "exact" for drone in mission.drones]
+        self._idle = not any(self._estimated)
+        self._settle_ns = round(mission.frames.settle_s * 1e9)
+        self._intake = Intake(mission)
+        self._estimate = Estimate(mission, self._intake)
+        self._beginning = beginning(len(mission.drones))
+        self._checkpoints: dict[int, Checkpoint] = {}  # ascending
+        self._lines = [_Line() for _ in mission.drones]
+        self._started = False
+        self._earliest_ns = 0
+        self._due = -1
+
+    def start(self, stamp_ns: int) -> None:
+        """The mission began: what was measured long before says nothing. Only the first call counts."""
+        if self._started or self._idle:
+            return
+        self._started = True
+        self._earliest_ns = stamp_ns - BEFORE_START_NS
+        self._intake.drop_before(self._earliest_ns)
+
+    def receive(self, entry: Entry) -> None:
+        """Take an entry of the log in, each once, in any order."""
+        if not self._idle and entry.stamp_ns >= self._earliest_ns:
+            self._intake.receive(entry)
+
+    def advance(self, now_ns: int) -> None:
+        """Estimate the keyframes that are due, and those again that something late has changed; a few at a time."""
+        if self._idle:
+            return
+        self._due = max(self._due, (now_ns - self._settle_ns) // self._intake.grid_ns)
+        self._rewind()
+        last = next(reversed(self._checkpoints.values()), self._beginning)
+        indices = self._intake.indices
+        first, end = bisect_right(indices, last.index), bisect_right(indices, self._due)
+        for index in indices[first : min(end, first + _SLICE)]:
+            last = self._estimate.step(last, index)
+            self._checkpoints[index] = last
+            for drone, from_ns, placement in last.emissions:
+                self._lines[drone].add(index, from_ns, placement)
+        self.pending = end > first + _SLICE
+        self._thin()
+        for drone, line in enumerate(self._lines):
+            if self._estimated[drone]:
+                self._publish(drone, line)
+
+    def suspects(self) -> Mapping[str, str]:
+        """By drone: why its frame is not believed, or not known."""
+        last = next(reversed(self._checkpoints.values()), self._beginning)
+        found = {}
+        for drone, member in enumerate(last.members):
+            if member.suspicion is not None:
+                found[self._names[drone]] = member.suspicion.reason
+            elif self._estimated[drone] and member.published is None:
+                found[self._names[drone]] = "its frame is not known yet"
+        return found
+
+    def _rewind(self) -> None:
+        dirty = self._intake.taken()
+        if dirty is None:
+            return
+        while self._checkpoints and next(reversed(self._checkpoints)) >= dirty:
+            self._checkpoints.popitem()
+        last = next(reversed(self._checkpoints), -1)
+        for line in self._lines:
+            line.undo_after(last)
+
+    def _thin(self) -> None:
+        """Of old checkpoints only some are kept: a very late entry has a few more keyframes estimated again."""
+        if len(self._checkpoints) % _RECENT == 0:
+            for place, index in enumerate(list(self._checkpoints)[1:-_RECENT]):
+                if index % _EVERY and place % _EVERY:
+                    del self._checkpoints[index]
+
+    def _publish(self, drone: int, line: _Line) -> None:
+        """Bring the graph up to date: placements of the continuous frame, as transforms of the segments that they hold for."""
+        track = self._intake.tracks[drone]
+        from_ns = min(line.taken_changed_ns(), track.taken_changed_ns())
+        if from_ns == ALWAYS:
+            return
+        if line.stamps_ns and from_ns <= line.stamps_ns[0]:
+            from_ns = 0  # what is known first holds for all times before it
+        segments = track.segments
+        known: dict[int, list[Known]] = {segment.epoch: [] for segment in segments}
+        for segment, following in zip_longest(segments, segments[1:]):
+            end_ns = ALWAYS if following is None else following.stamp_ns
+            if end_ns > from_ns:
+                known[segment.epoch] += line.within(from_ns, end_ns, segment)
+        for epoch, transforms in known.items():
+            self.graph.replace_from(self._names[drone], epoch, from_ns, transforms)
+
+
+class _Line:
+    """Where one drone's continuous frame lies, from which stamps on; and how to go back to what it was at an earlier keyframe."""
+
+    def __init__(self) -> None:
+        self.stamps_ns: list[int] = []
+        self._placements: list[Placement | None] = []
+        self._changed_ns = ALWAYS
+        self._undo: list[tuple[int, int, list[int], list[Placement | None]]] = []  # keyframe, length left, what was cut off
+
+    def taken_changed_ns(self) -> int:
+        """From which stamp on it is another one since this was last asked (``ALWAYS``: it is not)."""
+        changed, self._changed_ns = self._changed_ns, ALWAYS
+        return changed
+
+    def add(self, index: int, from_ns: int, placement: Placement | None) -> None:
+        """From that stamp on it lies there, says the keyframe of that index."""
+        kept = bisect_left(self.stamps_ns, from_ns)
+        self._undo.append((index, kept, self.stamps_ns[kept:], self._placements[kept:]))
+        self.stamps_ns[kept:] = [from_ns]
+        self._placements[kept:] = [placement]
+        self._changed_ns = min(self._changed_ns, from_ns)
+
+    def undo_after(self, index: int) -> None:
+        """Take back what later keyframes said."""
+        while self._undo and self._undo[-1][0] > index:
+            _, kept, stamps, placements = self._undo.pop()
+            self._changed_ns = min(self._changed_ns, self.stamps_ns[kept])
+            self.stamps_ns[kept:] = stamps
+            self._placements[kept:] = placements
+
+    def within(self, from_ns: int, end_ns: int, segment: Segment) -> list[Known]:
+        """The transforms of a segment's local frame from ``from_ns`` or its beginning on, up to ``end_ns``."""
+        if not self._placements:
+            return []
+        known: list[Known] = []
+        first = bisect_left(self.stamps_ns, from_ns)
+        if segment.stamp_ns >= from_ns:
+            first = bisect_right(self.stamps_ns, segment.stamp_ns)
+            known.append((segment.stamp_ns, _transform(self._placements[max(first - 1, 0)], segment)))
+        last = bisect_left(self.stamps_ns, end_ns)
+        pairs = zip(self.stamps_ns[first:last], self._placements[first:last], strict=True)
+        return known + [(stamp_ns, _transform(placement, segment)) for stamp_ns, placement in pairs]
+
+
+def _transform(placement: Placement | None, segment: Segment) -> Transform | None:
+    return None if placement is None else placement.transform(segment.joined)

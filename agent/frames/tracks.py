@@ -1,0 +1,181 @@
+"""A drone's own track: where its localisation said it was, as one continuous path over all epochs and jumps.
+
+Where the localisation jumps (a new epoch, or a step that no vehicle flies), the vehicle itself does not: it goes on as it flew.
+So the stretches between jumps, here *segments*, are joined to one *continuous* track, whose frame is that of the first
+segment. Everything is a function of the samples alone, whatever order they came in.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
+
+from agent.frames.transform import Transform, Vector3
+
+_FASTEST_MPS = 25.0  # no vehicle of the swarm: a step that needs more is a jump of its localisation
+_STEP_M = 1.0  # which the autopilot's corrections may add to that in one step
+_LONGEST_GAP_NS = 1_000_000_000  # between samples, for a place between them to be interpolated
+ALWAYS = 2**63  # later than any stamp
+_SLOPE_NS = 500_000_000  # samples further apart tell no velocity
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Sample:
+    """Where a drone was at ``stamp_ns`` by its own localisation of that epoch; ``yaw_rad``: its body's heading there."""
+
+    stamp_ns: int
+    epoch: int
+    position_m: Vector3
+    yaw_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A stretch without jumps, from the index of its first sample; ``gap_s``: what lies between it and the one before."""
+
+    first: int
+    stamp_ns: int
+    epoch: int
+    joined: Transform  # continuous from local
+    gap_s: float
+
+
+class Track:
+    """Samples in the order of time, and what follows from them, worked out when it is asked for."""
+
+    def __init__(self) -> None:
+        self._stamps: list[int] = []
+        self._samples: list[Sample] = []
+        self._places: list[Vector3] = []  # in the continuous frame; as far as they are worked out
+        self._flown: list[float] = []  # metres along the track
+        self._segments: list[Segment] = []
+        self._changed_ns = ALWAYS
+
+    def insert(self, sample: Sample) -> int | None:
+        """Take a sample in. Returns the stamp after which the track is another one now (None: nowhere).
+
+        Of two samples of the same stamp and epoch the lesser one stays, whichever came first.
+        """
+        index = bisect_left(self._samples, (sample.stamp_ns, sample.epoch), key=lambda held: (held.stamp_ns, held.epoch))
+        if index < len(self._samples) and (self._stamps[index], self._samples[index].epoch) == (sample.stamp_ns, sample.epoch):
+            if self._samples[index] <= sample:
+                return None
+            self._samples[index] = sample
+        else:
+            self._samples.insert(index, sample)
+            self._stamps.insert(index, sample.stamp_ns)
+        self._forget(index)
+        return self._stamps[index - 1] if index else -1
+
+    def drop_before(self, stamp_ns: int) -> None:
+        """Forget the samples before that stamp."""
+        count = bisect_left(self._stamps, stamp_ns)
+        if count:
+            del self._stamps[:count], self._samples[:count]
+            self._forget(0)
+
+    def taken_changed_ns(self) -> int:
+        """From which stamp on the segments are others since this was last asked (``ALWAYS``: they are not)."""
+        self._join()
+        changed, self._changed_ns = self._changed_ns, ALWAYS
+        return changed
+
+    @property
+    def first_ns(self) -> int | None:
+        """Stamp of the first sample; None where there is none."""
+        return self._stamps[0] if self._stamps else None
+
+    @property
+    def segments(self) -> list[Segment]:
+        """All segments, in the order of time."""
+        self._join()
+        return self._segments
+
+    def reference(self, stamp_ns: int) -> tuple[Vector3, float] | None:
+        """Place in the continuous frame, and metres flown, at a stamp, or at the last sample before where there is no later one
+        near enough; None before the first one."""
+        after = bisect_right(self._stamps, stamp_ns)
+        if not after:
+            return None
+        self._join()
+        before = after - 1
+        if after == len(self._stamps) or self._stamps[after] - self._stamps[before] > _LONGEST_GAP_NS:
+            return self._places[before], self._flown[before]
+        share = (stamp_ns - self._stamps[before]) / (self._stamps[after] - self._stamps[before])
+        flown = self._flown[before] + share * (self._flown[after] - self._flown[before])
+        return _between(self._places[before], self._places[after], share), flown
+
+    def at(self, stamp_ns: int) -> Vector3 | None:
+        """Place in the continuous frame; None where no samples lie close around the stamp."""
+        after = bisect_left(self._stamps, stamp_ns)
+        if after == len(self._stamps) or (after == 0 and self._stamps[0] != stamp_ns):
+            return None
+        self._join()
+        if self._stamps[after] == stamp_ns:
+            return self._places[after]
+        gap = self._stamps[after] - self._stamps[after - 1]
+        if gap > _LONGEST_GAP_NS:
+            return None
+        return _between(self._places[after - 1], self._places[after], (stamp_ns - self._stamps[after - 1]) / gap)
+
+    def joined(self, epoch: int, stamp_ns: int) -> Transform | None:
+        """Continuous frame from local frame of that epoch at a stamp; None where the drone was in no such epoch around then."""
+        self._join()
+        index = bisect_right(self._segments, stamp_ns, key=lambda segment: segment.stamp_ns)
+        for near in (index - 1, index, index - 2):
+            if 0 <= near < len(self._segments) and self._segments[near].epoch == epoch:
+                return self._segments[near].joined
+        return None
+
+    def gaps_s(self, after_ns: int, until_ns: int) -> list[float]:
+        """What lies between the segments that begin in (after_ns, until_ns], and the ones before them."""
+        self._join()
+        first = bisect_right(self._segments, after_ns, key=lambda segment: segment.stamp_ns)
+        last = bisect_right(self._segments, until_ns, key=lambda segment: segment.stamp_ns)
+        return [segment.gap_s for segment in self._segments[max(first, 1) : last]]
+
+    def _forget(self, index: int) -> None:
+        """What follows from the sample at ``index`` and later ones is to be worked out again."""
+        del self._places[index:], self._flown[index:]
+        while self._segments and self._segments[-1].first >= index:
+            self._note(self._segments.pop().stamp_ns)
+
+    def _note(self, stamp_ns: int) -> None:
+        self._changed_ns = min(stamp_ns, self._changed_ns)
+
+    def _join(self) -> None:
+        for index in range(len(self._places), len(self._samples)):
+            sample = self._samples[index]
+            if index == 0 or self._jumps(index):
+                joined, gap_s = (Transform(), 0.0) if index == 0 else self._onward(index)
+                self._segments.append(Segment(index, sample.stamp_ns, sample.epoch, joined, gap_s))
+                self._note(sample.stamp_ns)
+            place = self._segments[-1].joined.apply_point(sample.position_m)
+            self._flown.append(self._flown[-1] + math.dist(place, self._places[-1]) if index else 0.0)
+            self._places.append(place)
+
+    def _jumps(self, index: int) -> bool:
+        before, after = self._samples[index - 1], self._samples[index]
+        if before.epoch != after.epoch:
+            return True
+        gap_s = 1e-9 * (after.stamp_ns - before.stamp_ns)
+        return math.dist(before.position_m, after.position_m) > _STEP_M + _FASTEST_MPS * gap_s
+
+    def _onward(self, index: int) -> tuple[Transform, float]:
+        """The segment that begins at ``index``, so that the vehicle flies and turns on as before."""
+        before, after = self._samples[index - 1], self._samples[index]
+        gap_ns = after.stamp_ns - before.stamp_ns
+        place = self._places[index - 1]
+        heading = before.yaw_rad + self._segments[-1].joined.yaw_rad
+        if index - 2 >= self._segments[-1].first and before.stamp_ns - self._stamps[index - 2] <= _SLOPE_NS >= gap_ns:
+            share = gap_ns / (before.stamp_ns - self._stamps[index - 2])
+            place = _between(self._places[index - 2], place, 1.0 + share)
+            heading += share * math.remainder(before.yaw_rad - self._samples[index - 2].yaw_rad, math.tau)
+        yaw_rad = math.remainder(heading - after.yaw_rad, math.tau)
+        x, y, z = Transform(yaw_rad).rotate_direction(after.position_m)
+        return Transform(yaw_rad, (place[0] - x, place[1] - y, place[2] - z)), 1e-9 * gap_ns
+
+
+def _between(a: Vector3, b: Vector3, share: float) -> Vector3:
+    return (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), a[2] + share * (b[2] - a[2]))
