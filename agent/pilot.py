@@ -22,7 +22,7 @@ from agent.detector.recognition import NuclideWatch
 from agent.epochs import EpochWatch
 from agent.errors import ConfigError
 from agent.exchange import LogExchange
-from agent.frames.graph import FrameGraph
+from agent.frames.swarm import SwarmFrames
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.registry import estimator_named
@@ -87,7 +87,8 @@ class Pilot:
         self._boot = boot
         self._mission_id = mission.mission_id
         self._mission = Mission(mission.track, mission.survey, can_lose=mission.fusion.estimator != "given")
-        frames = FrameGraph.from_launch_layout(mission)
+        self.frames = SwarmFrames(mission)
+        frames = self.frames.graph
         self.fusion = Fusion(mission, frames)
         self.listeners = {name: Fusion(mission, frames, estimator_named(name, mission)) for name in listeners}
         calibration = load_calibration(Path(drone.calibration)) if drone.calibration else Calibration.nominal()
@@ -222,6 +223,7 @@ class Pilot:
 
         Costs nearly nothing when nothing came in; much at once is folded in slices over several calls.
         """
+        self.frames.advance(now_ns)
         self.fusion.advance(now_ns)
         for listener in self.listeners.values():
             listener.advance(now_ns)
@@ -273,6 +275,7 @@ class Pilot:
         return None
 
     def _start_fusion(self, started_ns: int) -> None:
+        self.frames.start(started_ns)
         for fusion in (self.fusion, *self.listeners.values()):
             fusion.start(started_ns)
 
@@ -307,6 +310,7 @@ class Pilot:
     def _fold(self, entry: Entry, payload: bytes, now_ns: int) -> None:
         if not self.fusion.receive(entry, payload):
             return
+        self.frames.receive(entry)
         for listener in self.listeners.values():
             listener.receive(entry, payload)
         if isinstance(entry, Cone):
