@@ -12,12 +12,13 @@ from shapely import Point
 from agent.config import DroneConfig, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.fusion.estimator import Hypothesis
+from agent.ground import Ground
 from agent.motion.encirclement import Encirclement
 from agent.motion.fence import Fence
 from agent.motion.leading import Leading
 from agent.motion.orbit import Orbit
 from agent.motion.reference import Array, PeerState, Reference
-from agent.motion.tracker import Tracker
+from agent.motion.tracker import Relief, Tracker
 from agent.neighbours import Neighbour, Neighbourhood, Self
 from agent.ownframe import OwnFrame
 from agent.peers import Peers
@@ -73,6 +74,7 @@ class Navigator:
         self._own = OwnFrame(drone.id, frames)
         self._neighbourhood = Neighbourhood(mission, frames)
         self._search, self._informed = search, informed
+        self._ground = Ground.from_config(mission)
         self._orbit = Orbit(mission.encirclement, mission.area.floor_m)
         most_mps = _SPEED_SHARE * mission.limits.speed_mps - mission.encirclement.speed_mps
         self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + _ROOM_M)
@@ -156,7 +158,7 @@ class Navigator:
     def _begin(self, moment: Moment) -> Tracker:
         """From where the vehicle is, also after a jump of its localisation: in the new epoch's frame it has not moved."""
         vehicle = moment.vehicle
-        self._ground_m, self._waits = moment.ground_m, None
+        self._ground_m, self._waits = self._level_m(moment), None
         tracker = Tracker(self._config.limits, self._fence(moment.vehicle), STEP_S, HORIZON, self._lag_s, drone_id=self._id)
         tracker.reset(vehicle.position_m, vehicle.velocity_mps)
         self._virtual = PeerState(vehicle.position_m, vehicle.velocity_mps)
@@ -191,6 +193,27 @@ class Navigator:
         corners, margin_m = self._fenced = self._outline(vehicle)
         return Fence.from_area(replace(area, fence_margin_m=margin_m), corners, ground_m=self._ground_m)
 
+    def _level_m(self, moment: Moment) -> float:
+        """Local z from which a reference's heights above ground count, and the fence's: of the ground below.
+
+        Where the ground is not even it is 0: there the tracker adds the height of what lies under its plan.
+        """
+        return moment.ground_m if self._ground.level else 0.0
+
+    def _relief(self, moment: Moment) -> Relief | None:
+        """The ground around the vehicle, by the mission's model and the rangefinder; None where it is even."""
+        if self._ground.level:
+            return None
+        x, y, _ = moment.vehicle.position_m
+        return self._ground.around(self._own.mission_from_local if self._own.is_known else None, (x, y), moment.ground_m)
+
+    def _above_level(self, moment: Moment) -> PeerState:
+        """The tracker's own state with z as references count it."""
+        relief, (x, y, z) = self._relief(moment), self._virtual.position
+        if relief is None:
+            return self._virtual
+        return replace(self._virtual, position=(x, y, z - float(relief(np.array([[x, y]]))[0])))
+
     def _centre(self, moment: Moment) -> tuple[Vector3, Vector3] | None:
         """Where the source is now and its velocity, in the local frame and as this drone's own localisation has it."""
         hypothesis = moment.hypothesis
@@ -219,7 +242,11 @@ class Navigator:
             reference = self._circle(moment, centre, partners)
         vehicle = moment.vehicle
         made = tracker.plan(
-            moment.now_ns, PeerState(vehicle.position_m, vehicle.velocity_mps), reference, [other.plan for other in others]
+            moment.now_ns,
+            PeerState(vehicle.position_m, vehicle.velocity_mps),
+            reference,
+            [other.plan for other in others],
+            self._relief(moment),
         )
         return Plan(
             stamp_ns=made.stamp_ns,
@@ -243,7 +270,7 @@ class Navigator:
         level = np.zeros(HORIZON + 1)
         placed = self._own.local_from_mission.apply(np.column_stack((positions, level)))
         moving = self._own.local_from_mission.rotate(np.column_stack((velocities, level)))
-        placed[:, 2] = moment.ground_m + self._config.survey.height_m
+        placed[:, 2] = self._level_m(moment) + self._config.survey.height_m
         return Reference(placed, moving, STEP_S)
 
     def _wait(self, moment: Moment) -> Reference:
@@ -255,7 +282,7 @@ class Navigator:
         positions = np.empty((HORIZON + 2, 3))
         positions[:, 0] = x + _WAITING_RADIUS_M * (np.cos(turned) - 1.0)
         positions[:, 1] = y + _WAITING_RADIUS_M * np.sin(turned)
-        positions[:, 2] = moment.ground_m + self._config.survey.height_m
+        positions[:, 2] = self._level_m(moment) + self._config.survey.height_m
         return Reference(positions[:-1], np.diff(positions, axis=0) / STEP_S, STEP_S)
 
     def _circle(self, moment: Moment, centre: tuple[Vector3, Vector3], partners: list[Neighbour]) -> Reference:
@@ -274,10 +301,10 @@ class Navigator:
             radius_m += self._config.track.widening_mps * moment.stage_s
         (x, y, _), velocity = centre
         return self._encirclement.reference(
-            self._virtual,
+            self._above_level(moment),
             {partner.id: partner.plan.state(moment.now_ns) for partner in partners},
             self._id,
-            center=(x, y, moment.ground_m),
+            center=(x, y, self._level_m(moment)),
             center_velocity=velocity,
             radius_m=radius_m,
             height_m=height_m,
@@ -293,7 +320,7 @@ class Navigator:
         travelled = np.minimum(self._config.survey.speed_mps * STEP_S * np.arange(HORIZON + 2.0), distance)
         positions = np.empty((HORIZON + 2, 3))
         positions[:, :2] = (x, y) + travelled[:, None] * (way / max(distance, 1e-9))
-        positions[:, 2] = moment.ground_m + self._config.survey.height_m
+        positions[:, 2] = self._level_m(moment) + self._config.survey.height_m
         return Reference(positions[:-1], np.diff(positions, axis=0) / STEP_S, STEP_S)
 
     def _heading(self, moment: Moment, centre: tuple[Vector3, Vector3] | None) -> tuple[float, float]:
