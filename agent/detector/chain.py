@@ -115,6 +115,8 @@ class DetectorChain:
             known = energy > 0.0
             self.lost_hits += int(len(hits) - known.sum())
             hits, energy = hits.take(known), energy[known]
-        cluster = cluster_few if len(hits) <= FEW else cluster_many
-        clusters = cluster(hits.tick, hits.index, energy, self._gap)
-        return self._events.read(clusters.take(clusters.energy_kev >= self._threshold_kev), self._clock_ns)
+        if len(hits) <= FEW:
+            few = cluster_few(hits.tick, hits.index, energy, self._gap).each()
+            return self._events.read_few([one for one in few if one.energy_kev >= self._threshold_kev], self._clock_ns)
+        many = cluster_many(hits.tick, hits.index, energy, self._gap)
+        return self._events.read_many(many.take(many.energy_kev >= self._threshold_kev), self._clock_ns)

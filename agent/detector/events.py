@@ -44,28 +44,37 @@ class EventReader:
         self._minimum_pixels = config.minimum_pixels
         self._on_energies = on_energies
 
-    def read(self, clusters: Clusters, clock_ns: int) -> Tally:
-        """Evaluate clusters, sorted by tick: those that are alone are counted at a stroke, the others event by event."""
+    def read_few(self, clusters: list[Cluster], clock_ns: int) -> Tally:
+        """Evaluate clusters, sorted by tick, one by one."""
         tally = Tally()
+        energies = [self._read(event, clock_ns, tally) for event in events_of(clusters, self._window_ticks)]
+        if self._on_energies is not None:
+            self._on_energies(energies)
+        return tally
+
+    def read_many(self, clusters: Clusters, clock_ns: int) -> Tally:
+        """The same: clusters that are alone are counted at a stroke."""
         gap = np.ones(len(clusters) + 1, np.bool_)
         gap[1:-1] = np.diff(clusters.tick) > self._window_ticks
         alone = gap[:-1] & gap[1:]
+        tally = self.read_few(clusters.take(~alone).each(), clock_ns)
         energy = clusters.energy_kev[alone]
         full = np.zeros(len(energy), np.bool_)
         for line_kev, window_kev, _ in self._windows:
             full |= np.abs(energy - line_kev) <= window_kev
-        tally.hits = len(energy)
-        tally.photopeak = int(np.count_nonzero(full))
-        others = clusters.take(~alone).each()
-        energies = [self._read(event, clock_ns, tally) for event in events_of(others, self._window_ticks)]
+        tally.hits += len(energy)
+        tally.photopeak += int(np.count_nonzero(full))
         if self._on_energies is not None:
-            self._on_energies(np.concatenate((energy, energies)))
+            self._on_energies(energy)
         return tally
 
     def _read(self, event: list[Cluster], clock_ns: int, tally: Tally) -> float:
         """Add one event to the tally; returns its energy in keV."""
-        event = merge_satellites(event)
-        energy = sum(cluster.energy_kev for cluster in event)
+        if len(event) == 1:
+            energy = event[0].energy_kev
+        else:
+            event = merge_satellites(event)
+            energy = sum(cluster.energy_kev for cluster in event)
         line = self._line_of(energy)
         tally.hits += len(event)
         tally.photopeak += line is not None

@@ -3,11 +3,10 @@ import pytest
 
 from agent.config import DetectionConfig
 from agent.detector.clustering import Clusters
-from agent.detector.coincidence import events_of
-from agent.detector.events import EventReader, Tally
+from agent.detector.events import EventReader
 
 
-def test_clusters_that_are_alone_are_read_like_any_event():
+def test_many_are_read_like_few():
     rng = np.random.default_rng(4)
     count = 400
     clusters = Clusters(
@@ -18,16 +17,14 @@ def test_clusters_that_are_alone_are_read_like_any_event():
         rng.uniform(-7.0, 7.0, count),
         rng.uniform(0.0, 40.0, count),
     )
-    energies: list[float] = []
-    reader = EventReader(DetectionConfig(), "Cs-137", energies.extend)
-    found = reader.read(clusters, 99)
-    expected = Tally()
-    singly = [reader._read(event, 99, expected) for event in events_of(clusters.each(), reader._window_ticks)]
-    assert (found.hits, found.photopeak, found.coincidences) == (expected.hits, expected.photopeak, expected.coincidences)
-    assert [cone.stamp_ns for cone in found.cones] == [cone.stamp_ns for cone in expected.cones]
-    assert len(found.cones) > 5
-    np.testing.assert_allclose(sorted(energies), sorted(singly))
-    assert sum(energies) == pytest.approx(clusters.energy_kev.sum())
+    energies: dict[str, list[float]] = {"few": [], "many": []}
+    few = EventReader(DetectionConfig(), "Cs-137", energies["few"].extend).read_few(clusters.each(), 99)
+    many = EventReader(DetectionConfig(), "Cs-137", energies["many"].extend).read_many(clusters, 99)
+    assert (few.hits, few.photopeak, few.coincidences) == (many.hits, many.photopeak, many.coincidences)
+    assert [cone.stamp_ns for cone in few.cones] == [cone.stamp_ns for cone in many.cones]
+    assert len(few.cones) > 5
+    np.testing.assert_allclose(sorted(energies["few"]), sorted(energies["many"]))
+    assert sum(energies["few"]) == pytest.approx(clusters.energy_kev.sum())
 
 
 def test_the_nearest_of_several_lines_counts():
