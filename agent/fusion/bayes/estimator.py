@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,16 +52,6 @@ class BayesState:
     bias_variance: Array | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Folded:
-    """How a step was folded: what it began with, its observations, and the states before them and after each one."""
-
-    begin: BayesState
-    step: int
-    observations: Sequence[Observation]
-    reached: Sequence[BayesState]
-
-
 class BayesEstimator:
     """The posterior of where a source is, given all cones and counts.
 
@@ -89,7 +78,6 @@ class BayesEstimator:
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._gain_variance = config.gain_sigma**2
         self._motion = _motion(config)
-        self._last: _Folded | None = None
 
     def initial(self, start_ns: int | None) -> BayesState:
         """Nothing known."""
@@ -97,12 +85,10 @@ class BayesEstimator:
 
     def step(self, state: BayesState, step: GridStep, observations: Sequence[Observation]) -> BayesState:
         """Take the step's cones and counts in, in the order of their times."""
-        ordered = sorted(observations, key=lambda o: o.stamp_ns)
-        reached = self._reached(state, step, ordered)
-        for observation in ordered[len(reached) - 1 :]:
-            reached.append(self._taken(reached[-1], step, observation))
-        self._last = _Folded(state, step.index, ordered, reached)
-        return self._closed(reached[-1], step)
+        state = self._begun(state, step)
+        for observation in sorted(observations, key=lambda o: o.stamp_ns):
+            state = self._taken(state, step, observation)
+        return self._closed(state, step)
 
     def work(self, state: BayesState, observations: int) -> int:
         """An observation costs 0.2 ms in the track, and over 1 ms on the grid of the search (benchmarks/fusion.py)."""
@@ -135,17 +121,6 @@ class BayesEstimator:
             return None
         search = state.search or SearchState.at_first(self._grid, step.start_ns / _NS)
         return search.later(self._grid, step.start_ns / _NS).outlook(self._grid)
-
-    def _reached(self, state: BayesState, step: GridStep, observations: Sequence[Observation]) -> list[BayesState]:
-        """The states before the step's observations and after each one with which the same step began when it was folded last:
-        entries come one after another, and most of them after those that the step has.
-        """
-        last = self._last
-        if last is None or last.begin is not state or last.step != step.index:
-            return [self._begun(state, step)]
-        pairs = zip(last.observations, observations, strict=False)
-        known = sum(1 for _ in takewhile(lambda pair: pair[0] is pair[1], pairs))
-        return list(last.reached[: known + 1])
 
     def _begun(self, state: BayesState, step: GridStep) -> BayesState:
         """A track is brought to the step's beginning; a search goes from observation to observation."""
