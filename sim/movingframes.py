@@ -30,7 +30,7 @@ _UPWARDS = 0.1  # of a launch place's error: the ground is known best
 class _Frame:
     """Where one vehicle's frame lies: place of its origin (3,) in the world, and its heading.
 
-    true: where it would lie had its localisation no error since this epoch began; the agents' own transform belongs to that.
+    true: where it would lie had its localisation no error, in this epoch.
     """
 
     def __init__(
@@ -128,7 +128,10 @@ class _Frame:
         self.origin = self.origin - shift
         self._north_origin = self._north_origin - shift
         if event.announced:
-            self._begin_epoch(*before)
+            turn, moved = self._begin_epoch(*before)
+            # Whoever is told knows by how much; the place is as wrong as it was before: true' = true . old from new
+            self.true_origin = self.true_origin + _turned(self.true_yaw, _turned(-turn, -moved))
+            self.true_yaw -= turn
         if event.switch_to is not None and self._steered_by_satellites:
             self.true_origin, self.true_yaw = self._north_origin.copy(), 0.0
 
@@ -141,7 +144,7 @@ class _Frame:
             self.origin, self.yaw = self._north_origin - _TAKEN * self.receiver.error_m, 0.0
 
     def _close_loop(self, place: Array) -> None:
-        """Most of what has drifted since the epoch began is taken back at once."""
+        """Most of what has drifted is taken back at once: the map's beginning is known, and it is where it was."""
         before, share = (self.origin, self.yaw), self._slam.closure_share
         error = self.own_error_m(place)
         self._turn_about(place, share * (self.true_yaw - self.yaw))
@@ -149,16 +152,13 @@ class _Frame:
         if self._slam.closure_announced:
             self._begin_epoch(*before)
 
-    def _begin_epoch(self, old_origin: Array, old_yaw: float) -> None:
-        """Whoever is told of the jump knows by how much; so the error of the place, as far as it goes, is what it was before."""
+    def _begin_epoch(self, old_origin: Array, old_yaw: float) -> tuple[float, Array]:
+        """Returns ``new from old``: turn and translation (3,)."""
         turn = old_yaw - self.yaw
         moved = _turned(-self.yaw, old_origin - self.origin)
         self.reframing = Reframing(turn, (float(moved[0]), float(moved[1]), float(moved[2])))
         self.epoch += 1
-        # true' = true . old from new
-        back = _turned(-turn, -moved)
-        self.true_origin = self.true_origin + _turned(self.true_yaw, back)
-        self.true_yaw -= turn
+        return turn, moved
 
 
 class MovingFrames(LocalFrames):
@@ -215,6 +215,12 @@ class MovingFrames(LocalFrames):
     def reframing(self) -> list[Reframing | None]:
         """Of each vehicle whose frame jumped in the last step, and was told so."""
         return [None if frame is None else frame.reframing for frame in self._frames]
+
+    @property
+    def begun_m(self) -> Array:
+        """(N, 3), world: where each frame's origin would lie if nothing was wrong with it but where it begins."""
+        nominal = zip(self._frames, self.origin, strict=True)
+        return np.array([origin if frame is None else frame.true_origin for frame, origin in nominal])
 
     def step(self, time_s: float, place: Array) -> None:
         """Advance one step: the vehicles (N, 3) are now here, in the world."""

@@ -35,7 +35,7 @@ _WATCHED = {_TAKE_OFF: "to take off", _LAND: "to land", _SET_MODE: "to change it
 _RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}  # MAV_RESULT
 _HOME_POSITION, _GLOBAL_ORIGIN = 242, 49
 # Message ids and Hz that are asked for: the rest of the link's streams nobody here reads. (Heartbeats stay at PX4's 1 Hz.)
-_WANTED_HZ = {32: 30.0, 31: 30.0, 331: 30.0, 132: 10.0, 245: 5.0, 1: 2.0, 24: 1.0}
+_WANTED_HZ = {32: 30.0, 31: 30.0, 331: 30.0, 132: 10.0, 245: 5.0, 1: 2.0, 24: 2.0}
 _UNWANTED = (30, 33, 36, 74, 83, 85, 105, 141)
 _FEWEST_POSITIONS_PER_S = 20  # with fewer the intervals are asked for again
 

@@ -17,6 +17,7 @@ from agent.vehicle.interface import Vector3
 JUMP_M = 0.5  # more than three times what the estimate's noise is
 JUMP_RAD = 0.05
 SETTLE_S = 0.05  # after which the attitude, too, is surely that of the new frame: two messages of 30 Hz
+SWITCH_S = 10.0  # by which the loss of satellites and the reset that follows may differ: PX4 waits for them for 5 s
 LATE_S = 0.2  # by which count and position may differ: six messages of 30 Hz
 HARDEST_MPS2 = 8.0  # acceleration, and turning, that explain a difference after a gap
 HARDEST_RPS2 = 6.0
@@ -76,8 +77,8 @@ class Resets:
         self._held = jumped and self.count is not None and not (reset and settled)
         if self._held:
             return None
-        switched = self._satellites is not self._satellites_of_frame
-        if not reset or not (jumped or switched):
+        switched = self._satellites is not self._satellites_of_frame and stamp_s - self._reset_s < SWITCH_S
+        if not (jumped and reset) and not switched:
             return False
         self._satellites_of_frame = self._satellites
         self._jump_s = self._reset_s = _NEVER_S

@@ -71,6 +71,7 @@ class Telemetry:
         self._status: SystemStatus | None = None
         self._attitude: _Turning | None = None
         self._estimator_sigma_m = 0.0
+        self._fix_us = -1  # of the newest fix
         self._battery: float | None = None
         self.begin_anew()
 
@@ -110,10 +111,13 @@ class Telemetry:
         return None
 
     def fix(self, message: GpsRaw) -> GnssFix | None:
-        """What the satellite receiver says; None where it has no position, or does not say how good it is."""
+        """What the satellite receiver says; None where it has no position, says it again, or does not say how good it is."""
         stamp_ns = self._clock.utc_ns(message.time_usec * 1000)
         if stamp_ns is None or message.fix_type < _FIX_3D or message.h_acc <= 0 or message.v_acc <= 0:
             return None
+        if message.time_usec == self._fix_us:
+            return None
+        self._fix_us = message.time_usec
         return GnssFix(
             stamp_ns=stamp_ns,
             latitude_deg=message.lat * 1e-7,

@@ -25,7 +25,6 @@ _LOOKED_AT = {
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
 }
-_OF_THE_FLEET = {"places", "localization", "gust_mps2", "frame_yaw_rad", "datum"}
 
 
 def new_fleet(configs, places=None, localization=PERFECT, gust_mps2=0.0, seed=1, **kwargs):
@@ -97,7 +96,9 @@ class Flight:
         """``quiet``: without the messages that the tests of flight modes do not look at; it flies on in less time."""
         self.companion, self.station = Companion(), Companion(system=255)
         others = {
-            key: options.pop(key) for key in ("places", "localization", "gust_mps2", "frame_yaw_rad", "datum") if key in options
+            key: options.pop(key)
+            for key in ("places", "localization", "gust_mps2", "frame_yaw_rad", "datum", "localized")
+            if key in options
         }
         config = Px4Config(onboard=self.companion.address, ground_station=self.station.address if station else None, **options)
         self._quiet = quiet

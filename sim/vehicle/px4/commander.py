@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import common as mavlink
 
 from agent.vehicle.interface import Vector3
-from sim.vehicle.guidance import Guidance, Target
+from sim.vehicle.guidance import Guidance, Reframing, Target
 from sim.vehicle.px4.failsafe import Failsafes, Fallback
 from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
@@ -76,12 +76,24 @@ class Commander:
         """For how long no ground station has been heard; none: there never was one."""
         self._failsafes.ground_station_silent_s = silent_s
 
+    def know(self, position: bool, home: bool) -> None:
+        """Whether the vehicle knows its position in its local frame, and a home on the globe."""
+        self._failsafes.knows_position, self._failsafes.has_home = position, home
+
+    def reframe(self, frame: Reframing) -> None:
+        """The local frame has jumped. PX4's own modes take it into account; a target in offboard is the companion's affair."""
+        self._guidance.reframe(frame)
+
     def set_mode(self, mode: Mode) -> int:
         """Somebody chooses a mode."""
         if mode is Mode.TAKEOFF:
             return self.take_off(None)
         if self.armed and mode is Mode.OFFBOARD and not self._stream_fresh:
             self._say(CRITICAL, "Switching to Offboard is currently not available")
+            return TEMPORARILY_REJECTED
+        lacks = not self._failsafes.knows_position or (mode is Mode.RETURN and not self._failsafes.has_home)
+        if self.armed and lacks and not (mode.by_hand or mode is Mode.LAND):
+            self._say(CRITICAL, f"Switching to {mode.name.title()} is currently not available")
             return TEMPORARILY_REJECTED
         if self.armed and mode.by_hand and not self._at_the_sticks:
             self._say(CRITICAL, f"Switching to {mode.name.title()} is currently not available")
@@ -133,6 +145,8 @@ class Commander:
             return "heading estimate not stable"
         if self._unhealthy is not None:
             return self._unhealthy
+        if not self._failsafes.knows_position:
+            return "position estimate error"
         if self.intention is Mode.OFFBOARD and not self._stream_fresh:
             return "No offboard signal"
         if self.intention.by_hand and not self._at_the_sticks:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sim.vehicle.guidance import Target
+from sim.vehicle.guidance import Reframing, Target
 from sim.vehicle.px4.battery import Battery
 from sim.vehicle.px4.commander import Commander
 from sim.vehicle.px4.config import Px4Config
@@ -16,9 +16,10 @@ from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
 from sim.vehicle.px4.requests import Requests
 from sim.vehicle.px4.setpoint import SetpointLog
-from sim.vehicle.px4.state import State
+from sim.vehicle.px4.state import Reading, State
 from sim.vehicle.px4.status import gps_global_origin
 from sim.vehicle.px4.streams import GROUND_STATION_HZ, ONBOARD_HZ, Schedule
+from sim.vehicle.px4.vision import Correction, Pose, Vision
 
 HOME_JUMP_M, HOME_JUMP_S = 1.0, 2.0  # in flight, the home altitude is somewhere within +-1 m of the right one, anew every 2 s
 _GROUND_STATION_GONE_S = 3.0  # without its heartbeat a link gets no texts any more
@@ -48,7 +49,8 @@ class Px4Face:
         battery = Battery(parameters["BAT1_CAPACITY"], int(parameters["BAT1_N_CELLS"]), step_s)
         self._state = State(self.commander, battery, origin, position_sigma_m, system_id, estimate=place)
         self._state.home_altitude_m = place.place.altitude_m
-        requests = Requests(system_id, self._state, parameters, self.setpoints, self._boot_ns)
+        self.vision = Vision(parameters, rng.spawn(1)[0])
+        requests = Requests(system_id, self._state, parameters, self.setpoints, self.vision, self._boot_ns)
         addresses = [(config.onboard, ONBOARD_HZ), (config.ground_station, GROUND_STATION_HZ)]
         self.links = [
             Link(address, system_id, Schedule(rates, 0.0), requests.receive)
@@ -86,6 +88,38 @@ class Px4Face:
         for link in self.links:
             link.close()
 
+    @property
+    def boot_us(self) -> int:
+        """Its clock, as of the newest step."""
+        return self._state.boot_us
+
+    @property
+    def by_satellites(self) -> bool:
+        """Whether its filter takes satellites."""
+        return self.parameters["EKF2_GPS_CTRL"] != 0.0
+
+    def receive_satellites(self, receiver: bool, reading: Reading | None) -> None:
+        """Take what the receiver on board says, if there is one."""
+        state = self._state
+        state.receiver, state.reading = receiver, reading
+        state.has_origin = state.has_origin or (reading is not None and self.by_satellites)
+
+    def look(self, time_s: float, estimate: Estimate, yaw_rad: float, step_s: float) -> list[Correction]:
+        """Take the vision's poses, if there is one: what they make of the newest estimate, whose heading is ``yaw_rad`` (ENU)."""
+        if not self.vision.wanted:
+            return []
+        now = Pose(max(0.0, time_s - self._boot_s), estimate.position_enu_m, yaw_rad)
+        return self.vision.step(now, step_s)
+
+    def be_guided(self, by_vision: bool) -> None:
+        """By vision, which may have been gone for too long to know the position; else by satellites."""
+        self._state.knows_position = not by_vision or self.vision.knows_position(self._state.boot_s)
+
+    def reset(self, frame: Reframing) -> None:
+        """The filter has been reset: the local frame jumps, and the count of resets says so."""
+        self._state.resets += 1
+        self.commander.reframe(frame)
+
     def step(self, time_s: float, estimate: Estimate, contact: bool) -> None:
         """Take the newest estimate and decide what to fly; ``contact``: on the ground."""
         state, commander = self._state, self.commander
@@ -94,6 +128,7 @@ class Px4Face:
         state.estimate = estimate
         for link in self.links:
             link.cut = time_s < self._cut_until_s or time_s < self._boot_s
+        commander.know(state.knows_position, state.has_origin)
         commander.hear_ground_station(self._ground_station_silent_s())
         commander.step(state.boot_s, estimate.position_enu_m, contact)
         if commander.mode is not Mode.OFFBOARD:
@@ -104,7 +139,7 @@ class Px4Face:
     def send_due(self) -> None:
         """Send what is due on all links."""
         state = self._state
-        if state.has_fix and not self._origin_told:
+        if state.has_origin and not self._origin_told:
             self._origin_told = True
             for link in self.links:
                 link.send(gps_global_origin(state))

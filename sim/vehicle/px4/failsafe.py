@@ -1,4 +1,4 @@
-"""PX4's failsafes: lost offboard stream, lost data link, geofence. Times are those of a real PX4, measured."""
+"""PX4's failsafes: lost offboard stream, lost data link, geofence, lost position. Times are those of a real PX4, measured."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ class Failsafes:
 
     def __init__(self, parameters: Parameters) -> None:
         self.ground_station_silent_s: float | None = None
+        self.knows_position = self.has_home = True
         self._parameters = parameters
         self._beyond_fence = False
         self._fence_action: Mode | None = None
@@ -49,9 +50,14 @@ class Failsafes:
 
     def check(self, offboard_silent_s: float, position: Vector3, home: Vector3) -> Fallback:
         """What is to be done now; ``offboard_silent_s``: since the last target, 0 where offboard is not intended."""
-        found = (self._offboard(offboard_silent_s), self._link(), self._fence(position, home))
+        found = (self._offboard(offboard_silent_s), self._link(), self._fence(position, home), self._lost())
         active = any(fallback.active for fallback in found)
-        return Fallback(active, max((fallback.mode for fallback in found), key=_SEVERITY.index))
+        mode = max((fallback.mode for fallback in found), key=_SEVERITY.index)
+        return Fallback(active, Mode.LAND if mode is Mode.RETURN and not self.has_home else mode)
+
+    def _lost(self) -> Fallback:
+        """Without a position it can only come down, which its heartbeat shows as landing."""
+        return Fallback() if self.knows_position else Fallback(True, Mode.LAND)
 
     def _offboard(self, silent_s: float) -> Fallback:
         late_s = silent_s - self._parameters["COM_OF_LOSS_T"]
@@ -74,6 +80,8 @@ class Failsafes:
     def _fence(self, position: Vector3, home: Vector3) -> Fallback:
         action = _FENCE.get(int(self._parameters["GF_ACTION"]))
         widest_m, highest_m = self._parameters["GF_MAX_HOR_DIST"], self._parameters["GF_MAX_VER_DIST"]
+        if not self.has_home:
+            return Fallback()  # home is where the fence is
         beyond = 0.0 < widest_m < dist(position[:2], home[:2]) or 0.0 < highest_m < position[2] - home[2]
         if beyond and not self._beyond_fence:
             self._fence_action = action

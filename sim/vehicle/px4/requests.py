@@ -15,7 +15,9 @@ from sim.vehicle.px4.parameters import Parameters
 from sim.vehicle.px4.setpoint import SetpointLog, offboard_target
 from sim.vehicle.px4.state import Message, State
 from sim.vehicle.px4.streams import BUILDERS
+from sim.vehicle.px4.vision import Vision
 
+SLOWEST_SYNC_NS = 50_000_000  # there and back; a slower answer tells too little
 _UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
 _OWN_COMPONENTS = (0, mavlink.MAV_COMP_ID_AUTOPILOT1)
 _CUSTOM_MODE = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -30,6 +32,7 @@ class Requests:
         state: State,
         parameters: Parameters,
         log: SetpointLog,
+        vision: Vision,
         boot_ns: Callable[[], int],
     ) -> None:
         self._system_id = system_id
@@ -37,6 +40,8 @@ class Requests:
         self._commander: Commander = state.commander
         self._parameters = parameters
         self._log = log
+        self._vision = vision
+        self._companion_ns: int | None = None  # what its clock shows when the vehicle's shows 0
         self._boot_ns = boot_ns
         self._handlers: dict[str, Callable[[Link, Message], None]] = {
             "HEARTBEAT": self._heartbeat,
@@ -48,6 +53,7 @@ class Requests:
             "PARAM_REQUEST_LIST": self._list_parameters,
             "PARAM_SET": self._set_parameter,
             "TIMESYNC": self._timesync,
+            "ODOMETRY": self._odometry,
             "PING": self._ping,
         }
 
@@ -189,8 +195,16 @@ class Requests:
     # Clocks
 
     def _timesync(self, link: Link, message: Message) -> None:
+        now_ns = self._boot_ns()
         if message.tc1 == 0:
-            link.send(mavlink.MAVLink_timesync_message(self._boot_ns(), message.ts1))
+            link.send(mavlink.MAVLink_timesync_message(now_ns, message.ts1))
+        elif 0 <= now_ns - message.ts1 < SLOWEST_SYNC_NS:
+            self._companion_ns = message.tc1 - (message.ts1 + now_ns) // 2
+
+    def _odometry(self, link: Link, message: Message) -> None:
+        """Stamps are of the companion's clock; until TIMESYNC has shown what that is, PX4 takes the arrival for the time."""
+        stamp_ns = self._boot_ns() if self._companion_ns is None else message.time_usec * 1000 - self._companion_ns
+        self._vision.hear(message, stamp_ns * 1e-9)
 
     def _ping(self, link: Link, message: Message) -> None:
         if message.target_system == 0:

@@ -28,6 +28,7 @@ _POSITION_FLAGS = (
     | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
     | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
 )
+_GLOBAL_FLAGS = mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
 
 
 def heartbeat(state: State) -> Message:
@@ -52,9 +53,9 @@ def extended_sys_state(state: State) -> Message:
 def sys_status(state: State) -> Message:
     """SYS_STATUS."""
     gps = mavlink.MAV_SYS_STATUS_SENSOR_GPS
-    present = _SENSORS | gps | _PREARM
+    present = _SENSORS | (gps if state.receiver else 0) | _PREARM
     ready = state.commander.preflight_failure is None
-    health = _SENSORS | (gps if state.has_fix else 0) | (_PREARM if ready else 0)
+    health = _SENSORS | (gps if state.reading is not None else 0) | (_PREARM if ready else 0)
     battery = state.battery
     return mavlink.MAVLink_sys_status_message(
         present,
@@ -88,8 +89,8 @@ def battery_status(state: State) -> Message:
 
 
 def home_position(state: State) -> Message:
-    """HOME_POSITION; none before there is a fix."""
-    if not state.has_fix:
+    """HOME_POSITION; none without a place on the globe."""
+    if not state.has_origin:
         return None
     now = state.now
     east, north, _ = state.commander.home
@@ -114,8 +115,8 @@ def home_position(state: State) -> Message:
 
 
 def gps_global_origin(state: State) -> Message:
-    """GPS_GLOBAL_ORIGIN; none before there is a fix."""
-    if not state.has_fix:
+    """GPS_GLOBAL_ORIGIN; none without a place on the globe."""
+    if not state.has_origin:
         return None
     latitude, longitude, altitude = state.origin
     return mavlink.MAVLink_gps_global_origin_message(
@@ -126,7 +127,9 @@ def gps_global_origin(state: State) -> Message:
 def estimator_status(state: State) -> Message:
     """ESTIMATOR_STATUS."""
     horizontal, vertical = state.position_sigma_m
-    flags = _POSITION_FLAGS if state.has_fix else _ATTITUDE_FLAGS
+    flags = _ATTITUDE_FLAGS
+    if state.knows_position:
+        flags = _POSITION_FLAGS if state.has_origin else _POSITION_FLAGS & ~_GLOBAL_FLAGS
     return mavlink.MAVLink_estimator_status_message(state.boot_us, flags, 0.05, 0.05, 0.05, 0.1, 0.1, 0.0, horizontal, vertical)
 
 

@@ -28,14 +28,16 @@ def attitude_quaternion(state: State) -> Message:
 
 
 def local_position(state: State) -> Message:
-    """LOCAL_POSITION_NED."""
+    """LOCAL_POSITION_NED; none where the vehicle does not know it."""
+    if not state.knows_position:
+        return None
     now = state.now
     return mavlink.MAVLink_local_position_ned_message(state.boot_ms, *now.position_ned_m, *now.velocity_ned_mps)
 
 
 def global_position(state: State) -> Message:
-    """GLOBAL_POSITION_INT; none before there is a fix."""
-    if not state.has_fix:
+    """GLOBAL_POSITION_INT; none without a place on the globe."""
+    if not state.has_origin:
         return None
     now = state.now
     latitude, longitude, altitude = now.place
@@ -54,24 +56,31 @@ def global_position(state: State) -> Message:
 
 
 def gps_raw(state: State) -> Message:
-    """GPS_RAW_INT."""
-    now = state.now
-    if not state.has_fix:
-        return mavlink.MAVLink_gps_raw_int_message(state.boot_us, 1, 0, 0, 0, _NOT_READ, _NOT_READ, _NOT_READ, _NOT_READ, 0)
-    latitude, longitude, altitude = now.place
-    north, east, _ = now.velocity_ned_mps
+    """GPS_RAW_INT. Its height above the sea is that above the ellipsoid: there is no geoid here."""
+    reading = state.reading
+    if reading is None:
+        kind = mavlink.GPS_FIX_TYPE_NO_FIX if state.receiver else mavlink.GPS_FIX_TYPE_NO_GPS
+        return mavlink.MAVLink_gps_raw_int_message(state.boot_us, kind, 0, 0, 0, *[_NOT_READ] * 4, 0)
+    latitude, longitude, altitude = reading.place
+    north, east, _ = state.now.velocity_ned_mps
     course = _centidegrees(atan2(east, north))
+    altitude_mm = round(altitude * 1e3)
     return mavlink.MAVLink_gps_raw_int_message(
-        state.boot_us,
-        3,
+        reading.boot_us,
+        mavlink.GPS_FIX_TYPE_3D_FIX,
         round(latitude * 1e7),
         round(longitude * 1e7),
-        round(altitude * 1e3),
+        altitude_mm,
         70,
         100,
         round(hypot(north, east) * 100.0),
         course,
         12,
+        altitude_mm,
+        round(reading.horizontal_m * 1e3),
+        round(reading.vertical_m * 1e3),
+        100,
+        0,
     )
 
 
@@ -92,7 +101,7 @@ def odometry(state: State) -> Message:
         *now.rates_rps,
         pose_covariance,
         [nan] * 21,
-        0,
+        state.resets % 256,
         mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT,
         100,
     )
@@ -134,7 +143,7 @@ def altitude(state: State) -> Message:
     """ALTITUDE."""
     now = state.now
     up = now.position_enu_m[2]
-    relative = now.place.altitude_m - state.home_altitude_m if state.has_fix else nan
+    relative = now.place.altitude_m - state.home_altitude_m if state.has_origin else nan
     return mavlink.MAVLink_altitude_message(
         state.boot_us, now.place.altitude_m, now.place.altitude_m, up, relative, nan, now.height_m
     )
