@@ -8,7 +8,6 @@ from typing import Any
 
 from agent.config import MissionConfig
 from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.log import ObservationLog, Outcome, Summary
 from agent.fusion.observation import Observation, observe
@@ -19,6 +18,8 @@ SLICE_UNITS = 400  # work per call of advance, in the estimators' units: about 1
 BEFORE_START_NS = 60_000_000_000  # what was measured longer before the mission's start says nothing: clocks may be years off
 _MOST_CHECKPOINTS = 64  # 0.4 MB each while `bayes` searches
 _NEVER = -1  # before every step
+
+FrameKey = tuple[str, int]  # drone and epoch
 
 
 class Fusion:
@@ -46,7 +47,7 @@ class Fusion:
         self._keep_ns = round(mission.fusion.horizon_s * 1e9)
         self._frames = frames
         self._revision = frames.revision
-        self._used: dict[tuple[str, int], Transform | None] = {}  # by drone and epoch: the transforms in the timeline
+        self._waiting: dict[FrameKey, dict[EntryId, AnyEntry]] = {}  # entries whose frame is not known
         self._timeline: dict[int, dict[EntryId, Observation]] = {}  # step -> its observations, never empty
         self._steps: list[int] = []  # the timeline's keys, ascending
         self._step_of: dict[EntryId, int] = {}  # where in the timeline an entry's observation is
@@ -115,12 +116,8 @@ class Fusion:
         ``peers`` must be those of all other drones of the mission: what a silent one lacks is not known. No agent calls this: one
         that is restarted in flight lacks everything, and gets it back only from whole logs.
         """
-        waiting = {key for key, transform in self._used.items() if transform is None}
         before_ns = min(self.log.agreed_until_ns(peers), now_ns - self._keep_ns)
-        if waiting:
-            reads = self.estimator.reads
-            stamps = [r.entry.stamp_ns for r in self.log if isinstance(r.entry, reads) and _frame_of(r.entry) in waiting]
-            before_ns = min((before_ns, *stamps))
+        before_ns = min((before_ns, *(entry.stamp_ns for waiting in self._waiting.values() for entry in waiting.values())))
         behind = [step for step in self._states if (step + 1) * self._grid_ns <= before_ns]
         if not behind:
             return
@@ -133,11 +130,11 @@ class Fusion:
 
     def _place(self, entry: AnyEntry) -> None:
         """Put an entry's observation, if it is one, into the timeline."""
-        key = _frame_of(entry)
-        if key not in self._used:
-            self._used[key] = self._frames.mission_from_local(*key)
-        transform = self._used[key]
-        observation = None if transform is None else observe(entry, transform)
+        transform = self._frames.mission_from_local(entry.drone, entry.epoch, entry.stamp_ns)
+        if transform is None:
+            self._waiting.setdefault((entry.drone, entry.epoch), {})[entry.entry_id] = entry
+            return
+        observation = observe(entry, transform)
         if observation is None:
             return
         if self._start_ns is not None and observation.stamp_ns < self._start_ns - BEFORE_START_NS:
@@ -159,7 +156,9 @@ class Fusion:
         del self._steps[:kept]
 
     def _displace(self, identity: EntryId) -> None:
-        """Take an entry's observation, if there is one, out of the timeline."""
+        """Take an entry out of those that wait, and its observation, if there is one, out of the timeline."""
+        for waiting in self._waiting.values():
+            waiting.pop(identity, None)
         step = self._step_of.pop(identity, None)
         if step is None:
             return
@@ -195,19 +194,19 @@ class Fusion:
 
     def _take_new_frames(self) -> None:
         """Observe again what was measured in frames that have changed since."""
+        changes = self._frames.changes(self._revision)
         self._revision = self._frames.revision
-        newest = {key: self._frames.mission_from_local(*key) for key in self._used}
-        changed = {key for key, used in self._used.items() if newest[key] is not used}
-        self._used = newest
-        for record in self.log if changed else ():
-            entry = record.entry
-            if isinstance(entry, self.estimator.reads) and _frame_of(entry) in changed:
-                self._displace(entry.entry_id)
-                self._place(entry)
+        again = [entry for key in changes for entry in self._waiting.pop(key, {}).values()]
+        first = bisect_left(self._steps, min(changes.values(), default=0) // self._grid_ns)
+        for step in self._steps[first:]:
+            for observation in self._timeline[step].values():
+                entry = observation.entry
+                changed_ns = changes.get((entry.drone, entry.epoch))
+                if changed_ns is not None and entry.stamp_ns >= changed_ns:
+                    again.append(entry)
+        for entry in again:
+            self._displace(entry.entry_id)
+            self._place(entry)
 
     def _grid_step(self, index: int) -> GridStep:
         return GridStep(index, index * self._grid_ns, (index + 1) * self._grid_ns)
-
-
-def _frame_of(entry: AnyEntry) -> tuple[str, int]:
-    return entry.drone, entry.epoch

@@ -316,6 +316,30 @@ def test_a_frame_that_changes_between_two_entries_moves_the_earlier_one_too(kit,
     assert kit.same_bits(kit.settle(fusion, kit.T0_NS + END_NS), kit.settle(other, kit.T0_NS + END_NS))
 
 
+def test_a_frame_that_moves_from_some_time_on_moves_what_was_measured_since_alone(kit, mission, entries, in_order):
+    """Drone b's localisation is 7 m off from 10 s on, which is learnt at 20 s: exactly undone, and only from there on."""
+    jump_ns = kit.T0_NS + 10_000_000_000
+    moved = [
+        msgspec.structs.replace(e, apex_m=(e.apex_m[0] - 7.0, *e.apex_m[1:])) if e.drone == "b" and e.stamp_ns >= jump_ns else e
+        for e in entries
+        if e.sequence < 1000
+    ]
+    frames = FrameGraph.from_launch_layout(mission)
+    fusion = Fusion(mission, frames)
+    for entry in moved:
+        if entry.stamp_ns > jump_ns + 10_000_000_000:
+            frames.replace_from("b", 0, jump_ns, [(jump_ns, Transform(0.0, (7.0, 0.0, 0.0)))])
+        kit.feed(fusion, [entry])
+        fusion.advance(entry.stamp_ns)
+    reference = fusion_of(mission)
+    kit.feed(reference, [entry for entry in entries if entry.sequence < 1000])
+    expected = kit.settle(reference, kit.T0_NS + END_NS).position
+    np.testing.assert_allclose(kit.settle(fusion, kit.T0_NS + END_NS).position, expected, atol=1e-6)
+    frames.replace_from("b", 0, jump_ns, [(jump_ns, None)])  # lost: what was measured since waits again
+    fewer = kit.settle(fusion, kit.T0_NS + END_NS)
+    assert fewer.cones == sum(not (e.drone == "b" and e.stamp_ns >= jump_ns) for e in moved if isinstance(e, Cone))
+
+
 def test_compaction_changes_neither_digest_nor_hypothesis(kit):
     mission = kit.mission_of(initial_cones=6, horizon_s=20.0)
     cones = kit.flight(mission, np.random.default_rng(9), 60.0, lambda _: (50.0, 50.0))
