@@ -196,14 +196,14 @@ class Fusion:
         """Observe again what was measured in frames that have changed since."""
         changes = self._frames.changes(self._revision)
         self._revision = self._frames.revision
-        again = [entry for key in changes for entry in self._waiting.pop(key, {}).values()]
+        again: list[AnyEntry] = [entry for key in changes for entry in self._waiting.pop(key, {}).values()]
         first = bisect_left(self._steps, min(changes.values(), default=0) // self._grid_ns)
         for step in self._steps[first:]:
             for observation in self._timeline[step].values():
-                entry = observation.entry
-                changed_ns = changes.get((entry.drone, entry.epoch))
-                if changed_ns is not None and entry.stamp_ns >= changed_ns:
-                    again.append(entry)
+                measured = observation.entry
+                changed_ns = changes.get((measured.drone, measured.epoch))
+                if changed_ns is not None and measured.stamp_ns >= changed_ns:
+                    again.append(measured)
         for entry in again:
             self._displace(entry.entry_id)
             self._place(entry)
