@@ -39,6 +39,14 @@ class LocalizationTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     liar: LiarTruth | None = None
 
     @property
+    def event_s(self) -> float | None:
+        """When something happens to a frame for the first time; None where nothing does."""
+        times = [event.at_s for vehicle in self.vehicles.values() for event in vehicle.events]
+        if self.liar is not None and self.liar.at_s > 0.0:
+            times.append(self.liar.at_s)
+        return min(times, default=None)
+
+    @property
     def told_horizontal_m(self) -> float:
         """What an autopilot that knows how good it is tells of its accuracy: 1 sigma of the horizontal distance."""
         return float(np.hypot(self.horizontal_m, 2.0**0.5 * self.bias_m))

@@ -23,6 +23,7 @@ from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
 from sim.cameras import Cameras
+from sim.framescore import FrameScore
 from sim.launch import launch_places
 from sim.localization import Localization
 from sim.movingframes import MovingFrames
@@ -120,7 +121,11 @@ class _World:
             for home, yaw in zip(self._estimated, self._frames.yaw_rad.tolist(), strict=True)
         ]
         self._radio = Radio(scenario.radio, count, random.radio)
-        self.recorder = Recorder(scenario, self._pilots, self._frames, TICK_NS * 1e-9, self._pilots[0].listeners)
+        first = self._pilots[0]
+        known = None
+        if self._frames.moving:
+            known = FrameScore(mission, first.frames, self._frames, scenario.localization.event_s)
+        self.recorder = Recorder(scenario, self._pilots, self._frames, TICK_NS * 1e-9, first.listeners, known)
         self._source = None
         if scenario.source is not None:
             duration_s = LONGEST_START_S + scenario.end.longest_s(mission)

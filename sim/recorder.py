@@ -15,11 +15,12 @@ from protocol.messages import AnyMessage, Cone, Exposure, Stage
 from sim.believers import Agent, Believer
 from sim.bound import Bound, bound_of
 from sim.frame import LocalFrames
+from sim.framescore import FrameScore
 from sim.result import ConeTrace, RunResult, Trace
 from sim.safety import OFF_GROUND_M, Safety
 from sim.samples import TRACKING, Row
 from sim.scenario import Scenario
-from sim.score import Score, own_error_m
+from sim.score import Score, error_m, own_error_m
 from sim.terrain import Terrain
 
 SAMPLE_TICKS = 4  # 5 Hz
@@ -38,10 +39,14 @@ class Recorder:
         frames: LocalFrames,
         tick_s: float,
         listeners: Mapping[str, Believer] = MappingProxyType({}),
+        known: FrameScore | None = None,
     ) -> None:
-        """``agents``: of the mission's drones. ``tick_s``: between two samples. ``listeners``: estimators that do not fly."""
+        """``agents``: of the mission's drones. ``tick_s``: between two samples. ``listeners``: estimators that do not fly.
+
+        ``known``: compares frames that are estimated with the true ones.
+        """
         self._sample_s = SAMPLE_TICKS * tick_s
-        self._frames = frames
+        self._frames, self._known = frames, known
         self._scenario = scenario
         self._mission = mission = scenario.mission
         self._agents = agents
@@ -136,6 +141,8 @@ class Recorder:
         tracking = stages[0] in TRACKING
         if tracking:
             self._tracking_s += self._sample_s
+        if self._known is not None and position_error is not None:
+            position_error = self._known.sample(time_s, tracking, position, position_error)
         if tracking and source is not None:
             self._score.sample(self._tracking_s, beliefs, source, position_error)
             if self._scenario.end.lost == "error":
@@ -146,6 +153,8 @@ class Recorder:
         place = None if source is None else (*source, self._terrain.height_m(*source))
         row = Row.of(time_s, position, velocity, place, stages, beliefs)
         first = beliefs[0]
+        if self._known is not None and source is not None:
+            self._known.follow(time_s, None if first is None else error_m(first, source))
         if first is not None and source is not None and position_error is not None:
             row.own_error_m = own_error_m(first, self._mission.drones[0].id, source, position_error[0])
         self._rows.append(row)
@@ -228,6 +237,11 @@ class Recorder:
             nothing_found=nothing_found,
             excluded_bq=excluded_bq,
             false_hypothesis=self._scenario.source is None and score.x0_s is not None,
+            best_position_error_m=self._known.best_position_error_m if self._known is not None else None,
+            frames_known_s=self._known.known_s if self._known is not None else None,
+            frame_error_median_m=self._known.error_median_m if self._known is not None else None,
+            suspects=self._known.suspects if self._known is not None else "",
+            recovery_s=self._known.recovery_s if self._known is not None else None,
         )
 
     @cached_property

@@ -32,6 +32,15 @@ class RunResult(Struct, frozen=True, kw_only=True):
         bound_median_m, bound_relative_median_m: what error_median_m and error_relative_median_m could be at best for the
             trajectories flown (``sim.bound``).
 
+    Of frames that are estimated, as the first drone has them (None, or empty, where all are exact):
+        best_position_error_m: median while tracking of the error of the drone whose own localisation is the best, against the
+            mission frame as it lay at the start. Errors of frames are of the drones' places, horizontal.
+        frames_known_s: when all frames were known first, since the start of the simulation.
+        frame_error_median_m: over all drones and the tracking, where the frame is known.
+        suspects: drones that were suspected for more than half of the tracking, separated by commas.
+        recovery_s: how long after the first event of the scenario's localisation the hypothesis' error was above 3 m (twice its
+            median before, where that is more) for the last time; 60 where that took longer or never ended; None without event.
+
     Of a flight that finds nothing:
         nothing_found: what the mission says in the end: no source, or none that is strong enough (of an estimator that only
             listened: it excludes what the mission is after).
@@ -71,6 +80,11 @@ class RunResult(Struct, frozen=True, kw_only=True):
     nothing_found: bool = False
     excluded_bq: float | None = None
     false_hypothesis: bool = False
+    best_position_error_m: float | None = None
+    frames_known_s: float | None = None
+    frame_error_median_m: float | None = None
+    suspects: str = ""
+    recovery_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -96,7 +96,7 @@ class Score:
         self.x0_s = time_s
         self.x0_rms_m = rms_m(belief)
         if source is not None:
-            self.x0_error_m = math.hypot(*_offset(belief, source))
+            self.x0_error_m = error_m(belief, source)
 
     def sample(
         self, tracked_s: float, beliefs: Sequence[Belief | None], source: tuple[float, float], position_error: Array | None
@@ -136,6 +136,11 @@ class Score:
 def rms_m(belief: Belief) -> float:
     """Horizontal RMS of the posterior, metres."""
     return math.sqrt(max(0.0, float(belief.covariance[0, 0] + belief.covariance[1, 1])))
+
+
+def error_m(belief: Belief, source: tuple[float, float]) -> float:
+    """Horizontal error of where the source is believed to be."""
+    return math.hypot(*_offset(belief, source))
 
 
 def own_error_m(belief: Belief, drone: str, source: tuple[float, float], position_error: Array) -> float:
