@@ -235,8 +235,10 @@ class FramesConfig(_Section, frozen=True, kw_only=True):
     rtk_sigma_m: Positive = 0.05
     gnss_correlation_s: Positive = 60.0  # of both
     compass_drift_deg: NonNegative = 0.3  # by which the heading of an autopilot with GNSS wanders in a second
-    slam_drift_m: NonNegative = 0.1  # after a metre flown, as the root of the distance: 1 m after 100 m
-    slam_yaw_drift_deg: NonNegative = 0.1  # after a second, as the root of the time
+    slam_drift_m: NonNegative = 0.1  # level, after a metre flown, as the root of the distance: 1 % of 100 m
+    slam_climb_m: NonNegative = 0.03  # the same upwards; a barometer or rangefinder helps
+    slam_turn_deg: NonNegative = 0.1  # of the heading, after a metre flown
+    slam_yaw_drift_deg: NonNegative = 0.1  # and after a second, as the root of the time
     wander_m: NonNegative = 0.03  # by which any position wanders in a second, as the root of the time
     jump_m: NonNegative = 0.2  # by which a jump of the localisation leaves the frame uncertain, and again for each second it took
     jump_yaw_deg: NonNegative = 2.0

@@ -25,7 +25,8 @@ class Drift:
         self._drones = mission.drones
         self._per_s = np.array([_per_second(drone, frames) for drone in mission.drones])  # (N, 2) place, heading
         slam = np.array([drone.localization == "slam" for drone in mission.drones])
-        self._per_m = np.where(slam, frames.slam_drift_m**2, 0.0)  # of the place
+        level, climb = frames.slam_drift_m**2, frames.slam_climb_m**2
+        self._per_m = np.outer(slam, (level, level, climb, math.radians(frames.slam_turn_deg) ** 2))
 
     def layout(self, number: int) -> tuple[Array, Array, bool]:
         """Where the origin of a drone's frame was put: (3,) metres, (4,) variances, and whether its heading is known."""
@@ -42,8 +43,9 @@ class Drift:
 
     def over(self, number: int, seconds: float, metres: float) -> Array:
         """What a time and a distance flown add."""
-        place = self._per_s[number, 0] * min(seconds, _LONGEST_S) + self._per_m[number] * metres
-        return np.array([place, place, place, self._per_s[number, 1] * min(seconds, _LONGEST_S)])
+        place, heading = self._per_s[number] * min(seconds, _LONGEST_S)
+        drift: Array = self._per_m[number] * metres + np.array([place, place, place, heading])
+        return drift
 
     def over_jumps(self, track: Track, after_ns: int, until_ns: int) -> Array:
         """What the joints between a track's segments add."""
@@ -55,7 +57,7 @@ class Drift:
 
     def since(self, numbers: Ints, seconds: Array, speed_mps: float) -> Array:
         """m^2 of each axis of place by which drones (M,) drifted in (M,) seconds at that speed."""
-        place: Array = (self._per_s[numbers, 0] + self._per_m[numbers] * speed_mps) * np.abs(seconds)
+        place: Array = (self._per_s[numbers, 0] + self._per_m[numbers, 0] * speed_mps) * np.abs(seconds)
         return place
 
     def compass_var(self, number: int, seconds: float) -> float | None:

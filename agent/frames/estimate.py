@@ -20,7 +20,7 @@ from agent.frames.sightings import Array, Fixes, Ints, Sightings
 _SPEED_MPS = 3.0  # at which a SLAM's drift with the distance is counted for sightings that are older than the keyframe
 _MOST_VIEWS = 120  # sightings that an alignment looks at; of more every n-th
 _FEWEST_VIEWS = 4
-_SHARE = 0.5  # of the sightings that an alignment must explain
+_SHARE = 0.35  # of the sightings that an alignment must explain: one of two others may lie
 _WIDE = np.array([1e4, 1e4, 1e4, math.pi**2])  # m^2, rad^2: nothing known
 _PATIENCE = 5  # keyframes for which a contradicted frame is kept while no better place is found; fixes in a row that do not fit
 _RETRY = 3  # keyframes between attempts to find a frame again
@@ -32,10 +32,11 @@ Emission = tuple[int, int, Placement | None]  # drone, from which stamp on, wher
 
 @dataclass(frozen=True, slots=True)
 class Suspicion:
-    """Why a drone's frame is not believed, and the stamp of the last keyframe that said so."""
+    """Why a drone's frame is not believed, the stamp of the last keyframe that said so, and whether it stays so anyway."""
 
     reason: str
     stamp_ns: int
+    lasting: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +124,10 @@ class _Keyframe:
             if reference is not None:
                 at[drone], far[drone] = reference
         noise = np.zeros((len(joint.drones), 4))
+        self.flown = np.maximum(far - joint.far, 0.0)  # metres of each drone since the last keyframe
         for row, drone in enumerate(joint.drones.tolist()):
             if not self.estimate.exact[drone]:
-                noise[row] = self.drift.over(drone, self.seconds, max(far[drone] - joint.far[drone], 0.0))
+                noise[row] = self.drift.over(drone, self.seconds, self.flown[drone])
                 noise[row] += self.drift.over_jumps(self.intake.tracks[drone], self.after_ns, self.stamp_ns)
         return joint.moved(at, far, noise)
 
@@ -169,16 +171,21 @@ class _Keyframe:
         rows = []
         for drone in self.joint.drones.tolist():
             var = self.drift.compass_var(drone, self.seconds)
-            if var is not None and self.members[drone].trusted:
+            if var is not None and self.members[drone].trusted and not self._jumped(drone):
                 rows.append((drone, self.drift.yaw_rad(drone), var))
         if not rows:
             return NO_HEADINGS
         drones, yaws, variances = zip(*rows, strict=True)
         return Headings(np.array(drones), np.array(yaws), np.array(variances))
 
+    def _jumped(self, drone: int) -> bool:
+        """Whether its localisation began anew since the launch: then nothing is known of what its heading goes by."""
+        segments = self.intake.tracks[drone].segments
+        return len(segments) > 1 and segments[1].stamp_ns <= self.stamp_ns
+
     def _older(self, seen: Sightings) -> Array:
-        """(M,) m^2 of drift of the two drones between a sighting and now."""
-        seconds = 1e-9 * (self.stamp_ns - seen.stamp_ns).astype(np.float64)
+        """(M,) m^2 of drift of the two drones between a sighting and the middle of the interval (``_placement``)."""
+        seconds = np.abs(1e-9 * (self.stamp_ns - seen.stamp_ns) - 0.5 * self.seconds)
         older: Array = self.drift.since(seen.observer, seconds, _SPEED_MPS) + self.drift.since(seen.target, seconds, _SPEED_MPS)
         return older
 
@@ -219,13 +226,17 @@ class _Keyframe:
             self._suspect(drone, "its fixes contradicted where it was taken to be; it is placed by them again")
 
     def _suspect(self, drone: int, reason: str) -> None:
+        suspicion = self.members[drone].suspicion
+        if suspicion is not None and suspicion.lasting:
+            return
         self.members[drone] = replace(self.members[drone], suspicion=Suspicion(reason, self.stamp_ns))
 
     def _forgive(self) -> None:
         """Who has not been contradicted for a while is believed again."""
         longest_ns = round(self.config.suspect_s * 1e9)
         for drone, member in enumerate(self.members):
-            if member.suspicion is not None and self.stamp_ns - member.suspicion.stamp_ns > longest_ns:
+            suspicion = member.suspicion
+            if suspicion is not None and not suspicion.lasting and self.stamp_ns - suspicion.stamp_ns > longest_ns:
                 self.members[drone] = replace(member, suspicion=None)
 
     def _replace(self, drone: int) -> None:
@@ -326,11 +337,26 @@ class _Keyframe:
         """Into the joint estimate, by the same data: so its errors and the others' are known to be the same ones."""
         wide = self.joint.with_drone(drone, alignment.pose, np.diag(_WIDE))
         doubt = self.joint.with_drone(drone, alignment.pose, alignment.covariance).covariance
-        self.joint = corrected(wide, seen, self._older(seen), fixes, doubt=doubt).joint
+        result = corrected(wide, seen, self._older(seen), fixes, doubt=doubt)
+        # What it drifted since is common to all older sightings.
+        age_s = float(np.mean(1e-9 * (self.stamp_ns - seen.stamp_ns))) if len(seen) else 0.0
+        drifted = self.drift.over(drone, age_s, age_s * _SPEED_MPS)
+        self.joint = result.joint.widened(drone, drifted)
+        if len(fixes) and result.fixes[0] < 0.5 and self.members[drone].trusted and len(seen):  # the first one is the layout
+            place = self.drift.layout(drone)[0]
+            self.members[drone] = replace(
+                self.members[drone],
+                suspicion=Suspicion(
+                    f"it was not launched where the mission has it ({_place(place)})", self.stamp_ns, lasting=True
+                ),
+            )
 
     def _placement(self, drone: int) -> Placement:
+        """Where a drone's frame lies now. The joint estimate is about as good as if all sightings of the interval had been made in
+        its middle, together: by what the frame drifted since then, now is less certain."""
         row = int(np.searchsorted(self.joint.drones, drone))
-        return Placement(self.joint.pose[row].copy(), self.joint.block(row).copy(), self.joint.at[drone].copy())
+        since = np.diag(self.drift.over(drone, 0.5 * self.seconds, 0.5 * self.flown[drone]))
+        return Placement(self.joint.pose[row].copy(), self.joint.block(row) + since, self.joint.at[drone].copy())
 
     def _emit(self, drone: int, from_ns: int, placement: Placement | None) -> None:
         self.emissions.append((drone, from_ns, placement))
@@ -353,6 +379,10 @@ class _Keyframe:
 def _thinned(seen: Sightings) -> Sightings:
     stride = -(-len(seen) // _MOST_VIEWS)
     return seen.take(slice(None, None, stride)) if stride > 1 else seen
+
+
+def _place(place: Array) -> str:
+    return ", ".join(f"{axis:.0f}" for axis in place)
 
 
 def _listed(names: list[str]) -> str:

@@ -27,7 +27,7 @@ from agent.frames.sightings import (
 )
 
 _ROUNDS = 8  # of linearising; the usual keyframe takes three
-_STILL = 1e-5  # metres and radians: the estimate stands
+_STILL = 0.02  # of its sigmas by which the estimate still moves when it stands
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ def corrected(
         covariance = _inverse(information)
         step = (covariance @ pull).reshape(-1, 4)
         pose = pose + step
-        if np.abs(step).max() < _STILL:
+        if (np.abs(step).ravel() < _STILL * np.sqrt(covariance.diagonal())).all():
             break
     seen, fixed = covariance_weights
     pose[:, 3] = np.arctan2(np.sin(pose[:, 3]), np.cos(pose[:, 3]))
