@@ -70,6 +70,7 @@ class Tracker:
         self._guess: Array = np.zeros((horizon, 3))
         self._segments: list[tuple[list[float], list[float], list[float], list[float]]] = []  # start of each step, and its jerk
         self._end: list[float] = []
+        self._uneven = False  # the ground under the plan
 
     def reset(self, position: Vector3, velocity: Vector3 = (0.0, 0.0, 0.0)) -> None:
         """Start again from here: after a change of mode or a jump of the frame."""
@@ -98,6 +99,7 @@ class Tracker:
         """
         start = self._continued(now_ns, state)
         horizon, (x, y, z) = self._horizon, start[0].tolist()
+        self._uneven = ground is not None
         below = None if ground is None else float(ground(start[:1, :2])[0])
         wanted = self._goals.of(reference, start, z if below is None else z - below)
         optimum = (self._prediction.optimum @ wanted).reshape(4, horizon, 3)
@@ -136,9 +138,12 @@ class Tracker:
         """Setpoint for now: position, velocity, acceleration, ahead of the vehicle by as much as it follows late.
 
         A cascade of position and velocity control flies p - C a where it is told p, with C near 1 / (k_p k_v); told p + C a, it
-        flies p.
+        flies p. Over ground that is not even the same goes for the height in a hollow; over a hilltop it would lead down, and how
+        stiff the vertical control is differs from vehicle to vehicle.
         """
         (x, y, z), velocity, acceleration = self._at((now_ns - self._stamp_ns) * 1e-9 + self._lead_s)
+        if self._uneven:
+            z += _CURVATURE_S2 * max(acceleration[2], 0.0)
         return (x + _CURVATURE_S2 * acceleration[0], y + _CURVATURE_S2 * acceleration[1], z), velocity, acceleration
 
     @property
