@@ -18,7 +18,7 @@ NAMES = {
     "biased-static-solo", "biased-static-swarm", "biased-moving-solo", "biased-moving-swarm",
     "fast-2mps", "fast-3mps", "weak-179MBq", "empty", "empty-bright",
     "mismatch-gain", "mismatch-background", "mismatch-buildup", "mismatch-shadow", "mismatch-resolution", "mismatch-clocks",
-    "mismatch-walls",
+    "mismatch-walls", "hilly",
     "mixed-frames", "mixed-frames-moving", "no-gnss", "no-gnss-moving", "gnss-lost-midway", "frame-jump", "frame-jump-unannounced",
     "lying-drone",
 }  # fmt: skip
