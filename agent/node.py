@@ -31,7 +31,9 @@ from agent.keeper import Keeper
 from agent.logs import Logger
 from agent.pilot import Pilot
 from agent.recovery import recover
+from agent.sightings import SightingsFeed
 from agent.statefile import State
+from agent.vehicle.interface import GnssFix
 from agent.vehicle.px4 import Px4Vehicle
 from protocol.messages import Stage
 from protocol.session import Mesh, MeshConfig
@@ -75,6 +77,7 @@ class Node:
         self._mesh: Mesh
         self._vehicle: Px4Vehicle
         self._detector: Detector | None = None
+        self._sightings: SightingsFeed | None = None
         self._recorder: FlightRecorder | None = None
         self._unrecorded: tuple[str, ...] = ()  # why there is no recorder
 
@@ -101,6 +104,9 @@ class Node:
         self._detector = self._detector_of(self._drone.detector)
         if self._detector is not None:
             self._closers.append(self._detector.close)
+        if self._drone.sightings.address is not None:
+            self._sightings = SightingsFeed(self._drone.sightings.address)
+            self._closers.append(self._sightings.close)
         self._mesh = await Mesh.open(
             mesh_config(self._drone, self._mission),
             self._mission.swarm,
@@ -114,13 +120,17 @@ class Node:
         self._vehicle = Px4Vehicle(self._drone.vehicle, self._mission.area.ceiling_m, saved.launch)
         self._closers.append(self._vehicle.close)
         self._vehicle.on_state(guarded("telemetry", self._pilot.observe_vehicle, None))
+        self._publish = guarded("publications", self._mesh.publish, None)
+        if self._wants_fixes:
+            self._vehicle.on_fix(guarded("fixes", self._take_fix, None))
         await self._vehicle.connect()
         self._log.info("vehicle is connected", address=self._drone.vehicle.address)
         if self._detector is not None:
             self._start("the camera", partial(self._read, self._detector))
+        if self._sightings is not None:
+            self._start("the sensor that sees the other drones", partial(self._see, self._sightings))
         self._start("recovery of the log", self._recover)
         self._send_command = guarded("commands", self._vehicle.command, None)
-        self._publish = guarded("publications", self._mesh.publish, None)
         gc.collect()
         gc.freeze()  # to search what was loaded until now takes 0.1 s each time, in the midst of the flight, and finds nothing
         self._beat.tell("READY=1")
@@ -201,6 +211,22 @@ class Node:
             for key, payload in observe(first_hits(readout, MOST_HITS)):
                 self._publish(key, payload)
 
+    async def _see(self, sensor: SightingsFeed) -> None:
+        observe = self._guard.call("sightings", self._pilot.observe_sightings, [])
+        async for seen in sensor.sightings():
+            for key, payload in observe(seen):
+                self._publish(key, payload)
+
+    def _take_fix(self, fix: GnssFix) -> None:
+        for key, payload in self._pilot.observe_fix(fix):
+            self._publish(key, payload)
+
+    @property
+    def _wants_fixes(self) -> bool:
+        """Whether fixes tell anybody anything: where this drone's frame is estimated, and the mission lies somewhere on Earth."""
+        member = next(member for member in self._mission.drones if member.id == self._drone.id)
+        return member.localization != "exact" and self._mission.datum is not None
+
     async def _recover(self) -> None:
         members = [member.id for member in self._mission.drones]
         phase = members.index(self._drone.id) / len(members)
@@ -235,7 +261,7 @@ class Node:
         heard = {self._drone.id, *self._mesh.alive}
         unheard = [member.id for member in self._mission.drones if member.id not in heard]
         problems = [f"no contact with {name} ({endpoints.get(name, 'no endpoint given')})" for name in unheard]
-        for part in (self._detector, self._recorder, self._guard):
+        for part in (self._detector, self._sightings, self._recorder, self._guard):
             problems += part.problems if part is not None else ()
         if self._keeper.problem is not None:
             problems.append(self._keeper.problem)

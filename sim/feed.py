@@ -1,9 +1,12 @@
-"""A drone's simulated camera as a TCP feed on the vehicle network."""
+"""What a drone's simulated sensors say, as TCP feeds on the vehicle network."""
 
 from __future__ import annotations
 
 import asyncio
 from collections import Counter
+from collections.abc import Sequence
+
+import msgspec
 
 from agent.detector.readout import Readout
 from agent.detector.wire import pack
@@ -11,10 +14,10 @@ from agent.detector.wire import pack
 BACKLOG_BYTES = 1 << 20  # of a client that does not keep up; at 12 bytes a hit, several seconds of a dense feed
 
 
-class FeedServer:
-    """Serves one camera's readouts to whoever connects, from the next readout on.
+class ByteServer:
+    """Serves frames to whoever connects, from the next one on.
 
-    A client that does not keep up loses readouts instead of growing the queue. ``counters``: sent, dropped, clients.
+    A client that does not keep up loses frames instead of growing the queue. ``counters``: sent, dropped, clients.
     """
 
     def __init__(self) -> None:
@@ -33,11 +36,8 @@ class FeedServer:
         """How many are connected."""
         return len(self._clients)
 
-    def send(self, readout: Readout) -> None:
-        """Hand a readout to every client; never waits."""
-        if not self._clients:
-            return
-        frame = pack(readout)
+    def send_bytes(self, frame: bytes) -> None:
+        """Hand a frame to every client; never waits."""
         for writer in self._clients:
             if writer.transport.get_write_buffer_size() + len(frame) > max(BACKLOG_BYTES, len(frame)):
                 self.counters["dropped"] += 1
@@ -67,3 +67,21 @@ class FeedServer:
         await self._server.wait_closed()
         while self._clients:  # a handler that the loop's end cuts short would leave a traceback
             await asyncio.sleep(0.0)
+
+
+class FeedServer(ByteServer):
+    """Serves one camera's readouts."""
+
+    def send(self, readout: Readout) -> None:
+        """Hand a readout to every client; never waits."""
+        if self.clients:
+            self.send_bytes(pack(readout))
+
+
+class LineServer(ByteServer):
+    """Serves what one sensor says, a JSON object a line."""
+
+    def send(self, said: Sequence[object]) -> None:
+        """Hand over some lines; none: an empty one, which says that the sensor is there."""
+        if self.clients:
+            self.send_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in said) or b"\n")

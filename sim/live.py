@@ -22,38 +22,44 @@ from sim.livereport import LiveReport
 from sim.liveview import View
 from sim.processes import Child
 from sim.result import Flight
-from sim.runfolder import LOCAL, RunFolder, drone_config, free_ports, live_mission
+from sim.runfolder import LOCAL, Ports, RunFolder, drone_config, free_ports, live_mission
 from sim.scenario import Scenario
 from sim.vehicle.px4.config import Address
-from sim.worldlink import WorldConfig
+from sim.worldlink import Ready, WorldConfig
 from sim.worldprocess import WorldProcess
 
 READY_S = 60.0  # in which agents on this machine are ready
 ELSEWHERE_READY_S = 300.0  # others may have to be started first
 STOP_S = 3.0  # an agent ends in 2 s
-FIRST_FEED_PORT, MAVLINK_PORT, GROUND_STATION_PORT = 5600, 14540, 14550
+FIRST_FEED_PORT, FIRST_VISION_PORT, FIRST_SIGHTINGS_PORT = 5600, 5700, 5800
+MAVLINK_PORT, GROUND_STATION_PORT = 14540, 14550
 
 
 @dataclass(frozen=True, slots=True)
 class Places:
     """Where a swarm's links are.
 
-    onboard: where vehicle 1, 2, ... sends its MAVLink. mesh: the agents' endpoints. bind, feed_ports: where the cameras' feeds
-    listen; empty: at free ports. ground_station: where vehicles that are not emulated are listened to; none: they are emulated.
+    onboard: where vehicle 1, 2, ... sends its MAVLink. mesh: the agents' endpoints. bind, feed_ports, vision_ports,
+    sightings_ports: where the feeds of cameras and other sensors listen; empty: at free ports. ground_station: where vehicles
+    that are not emulated are listened to; none: they are emulated.
     """
 
     onboard: tuple[Address, ...]
     mesh: tuple[str, ...]
     bind: str
     feed_ports: tuple[int, ...] = ()
+    vision_ports: tuple[int, ...] = ()
+    sightings_ports: tuple[int, ...] = ()
     ground_station: Address | None = None
 
     @classmethod
     def elsewhere(cls, hosts: Sequence[str], mesh: Sequence[str], bind: str, emulated: bool = True) -> Places:
         """Agents on one host each, in containers or on drones, with the ports that all of them have."""
-        feeds = range(FIRST_FEED_PORT, FIRST_FEED_PORT + len(hosts))
+        feeds, visions, sightings = (
+            tuple(range(first, first + len(hosts))) for first in (FIRST_FEED_PORT, FIRST_VISION_PORT, FIRST_SIGHTINGS_PORT)
+        )
         station = None if emulated else (bind, GROUND_STATION_PORT)
-        return cls(tuple((host, MAVLINK_PORT) for host in hosts), tuple(mesh), bind, tuple(feeds), station)
+        return cls(tuple((host, MAVLINK_PORT) for host in hosts), tuple(mesh), bind, feeds, visions, sightings, station)
 
 
 async def fly_live(
@@ -87,6 +93,8 @@ async def fly_live(
             ground_station=places.ground_station,
             feed_host=places.bind,
             feed_ports=places.feed_ports,
+            vision_ports=places.vision_ports,
+            sightings_ports=places.sightings_ports,
             calibrations=tuple(str(files.calibration(drone.id)) for drone in scenario.mission.drones),
         )
         world = await WorldProcess.start(config, files.world_file)
@@ -95,7 +103,7 @@ async def fly_live(
         if elsewhere is None:
             view.say(f"starting {len(places.onboard)} agents; files and logs in {folder}")
             stack.push_async_callback(_stop_all, agents)
-            await _start_agents(scenario, files, places, world.feed_ports, agents)
+            await _start_agents(scenario, files, places, world.ready, agents)
         else:
             view.say(f"the agents are expected at {', '.join(places.mesh)}")
         course = Course(scenario, seed, world, agents, view)
@@ -110,16 +118,21 @@ def _places_here(mission: MissionConfig) -> Places:
     return Places(onboard, tuple(f"tcp/{LOCAL}:{port}" for port in free_ports(count, socket.SOCK_STREAM)), LOCAL)
 
 
-async def _start_agents(
-    scenario: Scenario, files: RunFolder, places: Places, feed_ports: Sequence[int], agents: list[Child]
-) -> None:
+async def _start_agents(scenario: Scenario, files: RunFolder, places: Places, feeds: Ready, agents: list[Child]) -> None:
     """Start all agents of the mission on this machine; adds each to ``agents`` as it comes."""
     drones = [drone.id for drone in scenario.mission.drones]
     mesh = dict(zip(drones, places.mesh, strict=True))
-    feeds: Sequence[int | None] = feed_ports or (None,) * len(drones)
+    nowhere = (0,) * len(drones)
+    ports = zip(
+        (port for _, port in places.onboard),
+        feeds.feed_ports or nowhere,
+        feeds.vision_ports or nowhere,
+        feeds.sightings_ports or nowhere,
+        strict=True,
+    )
     program = Path(sysconfig.get_path("scripts")) / "radron-agent"
-    for drone, (_, mavlink), feed in zip(drones, places.onboard, feeds, strict=True):
-        files.write_drone(drone_config(scenario, drone, files.calibration(drone).is_dir(), mavlink, feed, mesh))
+    for drone, links in zip(drones, ports, strict=True):
+        files.write_drone(drone_config(scenario, drone, files.calibration(drone).is_dir(), Ports(*links), mesh))
         command = [str(program), "run", "--config", str(files.drone_file(drone))]
         agents.append(await Child.start(drone, command, log=files.log_file(drone)))
 

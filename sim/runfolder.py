@@ -6,13 +6,23 @@ import random
 import shutil
 import socket
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import tomli_w
 from msgspec.structs import replace
 
-from agent.config import DetectorConfig, DroneConfig, MissionConfig, PeerMeshConfig, RecorderConfig, VehicleConfig
+from agent.config import (
+    DetectorConfig,
+    DroneConfig,
+    MissionConfig,
+    PeerMeshConfig,
+    RecorderConfig,
+    SightingsConfig,
+    VehicleConfig,
+    VisionConfig,
+)
+from sim.crew import Guidance
 from sim.launch import launch_places
 from sim.runfile import make_folder, write_text
 from sim.scenario import Scenario
@@ -55,8 +65,11 @@ class RunFolder:
         return self.agent(drone) / "calibration"
 
     def write_mission(self, mission: MissionConfig) -> None:
-        """Write the mission file; it has the mission's id."""
-        write_text(self.mission_file, as_toml(mission))
+        """Write the mission file, and the elevation grid that it names; it has the mission's id."""
+        ground = mission.ground
+        if ground.grid is not None and ground.grid_data is not None:
+            (self.mission_file.parent / ground.grid).write_bytes(ground.grid_data)
+        write_text(self.mission_file, as_toml(replace(mission, ground=replace(ground, grid_data=None))))
 
     def write_drone(self, drone: DroneConfig) -> None:
         """Write a drone's file into its folder."""
@@ -74,20 +87,27 @@ def live_mission(scenario: Scenario, seed: int) -> MissionConfig:
     return replace(mission, drones=drones)
 
 
-def drone_config(
-    scenario: Scenario, drone: str, calibrated: bool, mavlink: int, feed: int | None, mesh: dict[str, str]
-) -> DroneConfig:
+class Ports(NamedTuple):
+    """Of a drone on this machine: its onboard MAVLink link, and what its sensors say; 0: it has no such sensor."""
+
+    mavlink: int
+    camera: int = 0
+    vision: int = 0
+    sightings: int = 0
+
+
+def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports, mesh: dict[str, str]) -> DroneConfig:
     """The file of a drone on this machine; it knows of its vehicle and its localisation what is true of them.
 
     Args:
         scenario: the flight's.
         drone: its id.
         calibrated: its camera has calibration files.
-        mavlink: port of its onboard link.
-        feed: port of its camera; none: it has no camera.
+        ports: of its links.
         mesh: all drones' endpoints.
     """
     error = scenario.localization
+    guidance = Guidance.of(error.vehicles.get(drone))
     return DroneConfig(
         id=drone,
         mission="../mission.toml",
@@ -96,9 +116,14 @@ def drone_config(
         vehicle_lag_s=scenario.vehicle_lag_s,
         mesh=PeerMeshConfig(endpoints=mesh),
         vehicle=VehicleConfig(
-            address=f"udpin://{LOCAL}:{mavlink}", position_sigma_m=error.told_horizontal_m, yaw_sigma_deg=error.told_yaw_deg
+            address=f"udpin://{LOCAL}:{ports.mavlink}",
+            position_sigma_m=error.told_horizontal_m,
+            yaw_sigma_deg=error.told_yaw_deg,
+            gnss=guidance.gnss,
+            vision=VisionConfig(address=f"{LOCAL}:{ports.vision}") if ports.vision else None,
         ),
-        detector=DetectorConfig() if feed is None else DetectorConfig(driver="feed", address=f"{LOCAL}:{feed}"),
+        detector=DetectorConfig(driver="feed", address=f"{LOCAL}:{ports.camera}") if ports.camera else DetectorConfig(),
+        sightings=SightingsConfig(address=f"{LOCAL}:{ports.sightings}" if ports.sightings else None),
         recorder=RecorderConfig(folder="flight"),
     )
 

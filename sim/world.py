@@ -11,27 +11,32 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
-from math import ceil, hypot
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import msgspec
 import numpy as np
+from msgspec import convert, to_builtins
 from shapely import Polygon
 
-from agent.config import DroneConfig, MissionConfig
+from agent.config import DroneConfig
 from agent.errors import RadronError
 from sim.cameras import Array, Cameras, Motion
-from sim.feed import FeedServer
+from sim.crew import Guidance, crew_parameters
+from sim.feed import ByteServer, FeedServer, LineServer
 from sim.launch import launch_places
 from sim.localization import Localization
+from sim.movingframes import MovingFrames
 from sim.recorder import LONGEST_START_S
+from sim.sightings import Sightings
+from sim.slam import Slam
 from sim.source import source_path
 from sim.streams import Streams, streams
 from sim.vehicle.multirotor import Multirotors
-from sim.vehicle.px4.config import Px4Config
+from sim.vehicle.px4.config import Datum, Px4Config
 from sim.vehicle.px4.fleet import Px4Fleet, VehicleReport
 from sim.vehicle.px4.ground_station import GroundStation
+from sim.walls import Walls
 from sim.worldlink import Order, Ready, Truth, WorldConfig, pack
 
 STEP_S = 0.01
@@ -39,8 +44,9 @@ STEP_NS = 10_000_000
 TRUTH_STEPS = 5  # the launcher samples at 20 Hz, as lockstep does
 EXPOSE_STEPS = 10  # the geometry of a camera's exposure is that of the middle of 0.1 s
 READ_STEPS = 20  # cameras hand over their hits at 5 Hz
+POSE_STEPS = 3  # SLAMs their poses at 33 Hz
+ALIVE_STEPS = 50  # between two signs of life of whatever has nothing to say
 CATCH_UP_STEPS = 10  # at once, where the world is behind; then the links get their turn
-_FENCE_SPARE_M = 10.0  # the autopilot's own fence is a circle around its home, beyond the mission's
 _BACKLOG_BYTES = 1 << 20  # of truths that the launcher has not taken
 
 
@@ -49,6 +55,9 @@ class Vehicles(Protocol):
 
     async def start(self) -> None:
         """Open the links on the running loop."""
+
+    def begin(self) -> None:
+        """The mission begins."""
 
     def step(self) -> None:
         """Advance by one step."""
@@ -69,7 +78,16 @@ class World:
         random = streams(config.seed, len(mission.drones))
         self._began_ns = time.time_ns()
         position = launch_places(scenario.start, mission, random.start)
-        self._vehicles, self._motion = _vehicles(config, position, random)
+        self._vehicles, self._motion, slam = _vehicles(config, position, random)
+        guided = [Guidance.of(scenario.localization.vehicles.get(drone.id)).vision for drone in mission.drones]
+        self._slam = slam
+        self._slam_feeds = [LineServer() if sees else None for sees in guided] if slam is not None else []
+        self._sightings: Sightings | None = None
+        if scenario.sightings is not None:
+            walls = Walls(scenario.walls) if scenario.walls else None
+            names = [drone.id for drone in mission.drones]
+            self._sightings = Sightings(scenario.sightings, names, walls, STEP_S, random.sightings)
+        self._sighting_feeds = [LineServer() for _ in mission.drones if self._sightings is not None]
         self._cameras: Cameras | None = None
         self._path = None
         if scenario.measured:
@@ -89,10 +107,17 @@ class World:
         config = self._config
         if self._cameras is not None and config.calibrations and config.scenario.camera.calibration_spread > 0.0:
             self._cameras.write_calibrations([Path(folder) for folder in config.calibrations])
-        ports = config.feed_ports or (0,) * len(self._feeds)
-        found = [await feed.start(config.feed_host, port) for feed, port in zip(self._feeds, ports, strict=False)]
+        feeds = await self._listen(self._feeds, config.feed_ports)
+        visions = await self._listen(self._slam_feeds, config.vision_ports)
+        sightings = await self._listen(self._sighting_feeds, config.sightings_ports)
         await self._vehicles.start()
-        return Ready(tuple(found))
+        return Ready(feeds, visions, sightings)
+
+    async def _listen(self, feeds: Sequence[ByteServer | None], ports: Sequence[int]) -> tuple[int, ...]:
+        """Open feeds at these ports, or at free ones; where they are, 0 for none."""
+        asked = ports or (0,) * len(feeds)
+        host = self._config.feed_host
+        return tuple([0 if feed is None else await feed.start(host, port) for feed, port in zip(feeds, asked, strict=False)])
 
     async def run(self, out: asyncio.WriteTransport, orders: asyncio.StreamReader) -> None:
         """Go on in real time until the orders end."""
@@ -110,14 +135,16 @@ class World:
     async def close(self) -> None:
         """Close everything."""
         self._vehicles.close()
-        for feed in self._feeds:
-            await feed.close()
+        for feed in (*self._feeds, *self._slam_feeds, *self._sighting_feeds):
+            if feed is not None:
+                await feed.close()
 
     async def _obey(self, orders: asyncio.StreamReader) -> None:
         while line := await orders.readline():
             match Order(line.decode().strip()):
                 case Order.GO:
                     self._went_s = self._steps * STEP_S
+                    self._vehicles.begin()
                 case Order.CAMERAS_OFF:
                     self._cameras = None
 
@@ -130,16 +157,39 @@ class World:
         return self._path(self._steps * STEP_S - self._went_s)
 
     def _step(self, out: asyncio.WriteTransport) -> None:
-        self._sense()
+        self._expose()
+        self._see()
         self._vehicles.step()
         self._steps += 1
         if self._steps % TRUTH_STEPS == 0:
             self._tell(out)
 
-    def _sense(self) -> None:
+    @property
+    def _now_ns(self) -> int:
+        return self._began_ns + self._steps * STEP_NS
+
+    def _see(self) -> None:
+        """What SLAMs see of the world, and the drones of each other."""
+        now_ns = self._now_ns
+        if self._slam is not None and self._steps % POSE_STEPS == 0:
+            for drone, slam in enumerate(self._slam_feeds):
+                if slam is not None and slam.clients:
+                    slam.send([self._slam.pose(drone, now_ns)])
+        if self._sightings is None:
+            return
+        if self._sightings.due(self._steps):
+            attitudes = [self._motion.quaternion(drone) for drone in range(len(self._sighting_feeds))]
+            self._sightings.look(now_ns, self._motion.position_m, attitudes)
+        for drone, seen in self._sightings.take(now_ns):
+            self._sighting_feeds[drone].send(seen)
+        if self._steps % ALIVE_STEPS == 0:
+            for feed in self._sighting_feeds:
+                feed.send([])
+
+    def _expose(self) -> None:
         if self._cameras is None:
             return
-        now_ns, half_ns = self._began_ns + self._steps * STEP_NS, EXPOSE_STEPS * STEP_NS // 2
+        now_ns, half_ns = self._now_ns, EXPOSE_STEPS * STEP_NS // 2
         for drone, feed in enumerate(self._feeds):
             step = self._steps - drone * READ_STEPS // len(self._feeds)  # nothing synchronises the cameras of a swarm
             if step > 0 and step % EXPOSE_STEPS == EXPOSE_STEPS // 2:
@@ -168,42 +218,49 @@ class World:
         self._late_s, self._dropped = 0.0, 0
 
 
-def _vehicles(config: WorldConfig, position: Array, random: Streams) -> tuple[Vehicles, Motion]:
-    """The vehicles at their launch places (N, 3), and what is to be seen of their motion."""
+class _Flown(NamedTuple):
+    """The vehicles, what is to be seen of their motion, and the SLAMs on board of the emulated ones."""
+
+    vehicles: Vehicles
+    motion: Motion
+    slam: Slam | None = None
+
+
+def _vehicles(config: WorldConfig, position: Array, random: Streams) -> _Flown:
+    """The vehicles at their launch places (N, 3)."""
     scenario, mission = config.scenario, config.scenario.mission
     if config.vehicles == "mavlink":
         assert config.ground_station is not None
         others = GroundStation(position, config.ground_station)
-        return others, others
+        return _Flown(others, others)
     count = len(position)
-    error = Localization(scenario.localization, count, STEP_S, random.localization)
+    truth = scenario.localization
+    error = Localization(truth, count, STEP_S, random.localization)
+    layout = [(drone.origin_m, drone.yaw_deg) for drone in mission.drones]
+    frames = MovingFrames(truth, [drone.id for drone in mission.drones], layout, mission.datum, STEP_S, random)
     # A live agent takes where it stands at the start for its launch place, and a constant bias of its positions would be gone.
-    # It stays as the error of the place where the vehicle was put down.
-    motion = Multirotors(scenario.vehicle, position - error.position_bias_m, np.zeros(count), STEP_S, random.vehicle)
+    # It stays as the error of the place where the vehicle was put down; so does that of a frame that begins beside it.
+    beside = np.array([frame - drone.origin_m for frame, drone in zip(frames.begun_m, mission.drones, strict=True)])
+    put_down = position - error.position_bias_m + beside * (1.0, 1.0, 0.0)
+    motion = Multirotors(scenario.vehicle, put_down, np.zeros(count), STEP_S, random.vehicle)
     fleet = Px4Fleet(
         [
-            Px4Config(onboard=onboard, ground_station=config.ground_station, parameters=crew_parameters(mission, place))
-            for onboard, place in zip(config.onboard, position.tolist(), strict=True)
+            Px4Config(
+                onboard=onboard,
+                ground_station=config.ground_station,
+                parameters=crew_parameters(mission, place, Guidance.of(truth.vehicles.get(drone.id))),
+            )
+            for drone, onboard, place in zip(mission.drones, config.onboard, position.tolist(), strict=True)
         ],
         motion,
         error,
         STEP_S,
         random.radio,  # the radio is a real one; its stream is free for what else the vehicles draw
+        datum=Datum() if mission.datum is None else convert(to_builtins(mission.datum), Datum),
         frame_yaw_rad=np.radians([drone.yaw_deg for drone in mission.drones]).tolist(),
+        localized=frames if frames.moving else None,
     )
-    return fleet, motion
-
-
-def crew_parameters(mission: MissionConfig, place: Sequence[float]) -> dict[str, float]:
-    """What a crew sets in a PX4 before this mission, where it is launched from ``place``; the rest is as delivered."""
-    area = mission.area
-    farthest_m = max(hypot(x - place[0], y - place[1]) for x, y in area.polygon_m) + area.fence_margin_m
-    return {
-        "COM_OBL_RC_ACT": 3.0,  # return when the agent is gone
-        "RTL_RETURN_ALT": min(10.0, 0.8 * area.ceiling_m),
-        "RTL_DESCEND_ALT": min(10.0, 0.8 * area.ceiling_m),
-        "GF_MAX_HOR_DIST": ceil(farthest_m + _FENCE_SPARE_M),
-    }
+    return _Flown(fleet, motion, Slam(motion, error, frames))
 
 
 async def _live(config: WorldConfig) -> None:

@@ -23,7 +23,8 @@ class WorldConfig(Struct, frozen=True, kw_only=True):
     vehicles: emulated here; or flown by somebody else, and followed by their ground-station links.
     onboard: where each emulated vehicle sends its onboard MAVLink link.
     ground_station: where the ground-station links end: the emulated vehicles send to it, others are listened to there.
-    feed_host, feed_ports: where each camera's feed listens; port 0 takes a free one.
+    feed_host, feed_ports: where each camera's feed listens; port 0 takes a free one. vision_ports, sightings_ports: likewise the
+    poses of each SLAM, and what sees the other drones; empty: at free ports.
     calibrations: folders for the files of each camera's own calibration; empty: nobody reads them.
     """
 
@@ -34,6 +35,8 @@ class WorldConfig(Struct, frozen=True, kw_only=True):
     ground_station: Address | None = None
     feed_host: str = "127.0.0.1"
     feed_ports: tuple[int, ...] = ()
+    vision_ports: tuple[int, ...] = ()
+    sightings_ports: tuple[int, ...] = ()
     calibrations: tuple[str, ...] = ()
 
 
@@ -45,9 +48,15 @@ class Order(StrEnum):
 
 
 class Ready(Struct, frozen=True, tag="ready"):
-    """The world is up. ``feed_ports``: of each vehicle's camera; empty where nobody reads them."""
+    """The world is up. ``feed_ports``: of each vehicle's camera; empty where nobody reads them.
+
+    ``vision_ports``: of each vehicle's SLAM, 0 where it has none. ``sightings_ports``: of each vehicle's sensor that sees the
+    others; empty where they have none.
+    """
 
     feed_ports: tuple[int, ...]
+    vision_ports: tuple[int, ...] = ()
+    sightings_ports: tuple[int, ...] = ()
 
 
 class Truth(Struct, frozen=True, tag="truth"):

@@ -24,12 +24,12 @@ class LiveError(RadronError):
 
 
 class WorldProcess:
-    """A running world. ``truth``: the newest one."""
+    """A running world. ``ready``: where its feeds are; ``truth``: the newest one."""
 
     def __init__(self, child: Child, ready: Ready, truth: Truth) -> None:
         """Use :meth:`start`."""
         self._child = child
-        self.feed_ports = ready.feed_ports
+        self.ready = ready
         self.truth = truth
 
     @classmethod

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from agent.config import DroneConfig, load_mission, load_toml
-from sim.runfolder import RunFolder, drone_config, free_ports, live_mission
+from sim.runfolder import Ports, RunFolder, drone_config, free_ports, live_mission
 from sim.scenario import load_scenario, override, shipped
 
 
@@ -23,7 +23,7 @@ def test_a_mission_file_is_the_same_mission(name: str, tmp_path: Path) -> None:
 def test_a_drone_file_says_what_the_flight_needs(tmp_path: Path) -> None:
     files = RunFolder(tmp_path, agents_here=True)
     mesh = {"d1": "tcp/127.0.0.1:1", "d2": "tcp/127.0.0.1:2"}
-    config = drone_config(load_scenario("demo"), "d2", calibrated=True, mavlink=14541, feed=5601, mesh=mesh)
+    config = drone_config(load_scenario("demo"), "d2", calibrated=True, ports=Ports(14541, 5601), mesh=mesh)
     files.write_drone(config)
     assert load_toml(files.drone_file("d2"), DroneConfig) == config
     assert (files.drone_file("d2").parent / str(config.mission)).resolve() == files.mission_file.resolve()

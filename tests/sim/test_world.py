@@ -56,7 +56,7 @@ def test_a_world_runs_in_real_time_and_obeys(tmp_path: Path) -> None:
         readouts: list[Readout] = []
         world = await WorldProcess.start(world_config(), tmp_path / "world.json")
         watching = asyncio.create_task(world.watch(truths.append))
-        reader, writer = await asyncio.open_connection("127.0.0.1", world.feed_ports[0])
+        reader, writer = await asyncio.open_connection("127.0.0.1", world.ready.feed_ports[0])
         unpacker = Unpacker()
 
         async def listen() -> None:
@@ -108,7 +108,7 @@ def test_cameras_of_a_world_without_a_source_see_the_background(tmp_path: Path) 
         scenario = override(load_scenario("empty"), {"drones": 1.0, "camera.background_hits_per_s": 500.0})
         world = await WorldProcess.start(WorldConfig(scenario=scenario, seed=1, onboard=(NOBODY,)), tmp_path / "world.json")
         try:
-            reader, writer = await asyncio.open_connection("127.0.0.1", world.feed_ports[0])
+            reader, writer = await asyncio.open_connection("127.0.0.1", world.ready.feed_ports[0])
             unpacker = Unpacker()
             readouts: list[Readout] = []
             async with asyncio.timeout(20.0):

@@ -115,6 +115,10 @@ class Px4Face:
         """By vision, which may have been gone for too long to know the position; else by satellites."""
         self._state.knows_position = not by_vision or self.vision.knows_position(self._state.boot_s)
 
+    def claim(self, horizontal_m: float) -> None:
+        """Its filter now tells so much for 1 sigma of its place."""
+        self._state.position_sigma_m = (horizontal_m, self._state.position_sigma_m[1])
+
     def reset(self, frame: Reframing) -> None:
         """The filter has been reset: the local frame jumps, and the count of resets says so."""
         self._state.resets += 1

@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import degrees
+from math import degrees, hypot
 
 import numpy as np
 
@@ -179,6 +179,8 @@ class Px4Fleet:
         if localized is None:
             return
         localized.step(0.0 if self._went_s is None else self.time_s - self._went_s, self._motion.position_m)
+        for face, told_m in zip(self.faces, localized.told_m, strict=True):
+            face.claim(hypot(self._error.position_sigma_m[0], told_m))
         for drone, reframing in enumerate(localized.reframing):
             if self._is_by_vision(drone):
                 continue

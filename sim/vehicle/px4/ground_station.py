@@ -102,6 +102,9 @@ class GroundStation:
         host, port = self._socket.getsockname()
         return host, port
 
+    def begin(self) -> None:
+        """The mission begins: what happens to these vehicles is not decided here."""
+
     def step(self) -> None:
         """Nothing: the vehicles fly by themselves."""
 
