@@ -77,3 +77,6 @@ class Terrain:
         places = start + shares[:, None] * (end - start)
         under = np.count_nonzero(self.above_ground(places)[:, 2] < 0.0)
         return float(np.linalg.norm(end - start)) * under / _SIGHT_STEPS
+
+
+FLAT = Terrain(TerrainTruth())

@@ -32,6 +32,7 @@ from sim.sightings import Sightings
 from sim.slam import Slam
 from sim.source import source_path
 from sim.streams import Streams, streams
+from sim.terrain import Terrain
 from sim.vehicle.multirotor import Multirotors
 from sim.vehicle.px4.config import Datum, Px4Config
 from sim.vehicle.px4.fleet import Px4Fleet, VehicleReport
@@ -241,7 +242,8 @@ def _vehicles(config: WorldConfig, position: Array, random: Streams) -> _Flown:
     # A live agent takes where it stands at the start for its launch place, and a constant bias of its positions would be gone.
     # It stays as the error of the place where the vehicle was put down; so does that of a frame that begins beside it.
     beside = np.array([frame - drone.origin_m for frame, drone in zip(frames.begun_m, mission.drones, strict=True)])
-    put_down = position - error.position_bias_m + beside * (1.0, 1.0, 0.0)
+    terrain = Terrain(scenario.terrain)
+    put_down = terrain.on_ground(position - error.position_bias_m + beside * (1.0, 1.0, 0.0))
     motion = Multirotors(scenario.vehicle, put_down, np.zeros(count), STEP_S, random.vehicle)
     fleet = Px4Fleet(
         [
@@ -259,6 +261,7 @@ def _vehicles(config: WorldConfig, position: Array, random: Streams) -> _Flown:
         datum=Datum() if mission.datum is None else convert(to_builtins(mission.datum), Datum),
         frame_yaw_rad=np.radians([drone.yaw_deg for drone in mission.drones]).tolist(),
         localized=frames if frames.moving else None,
+        terrain=terrain,
     )
     return _Flown(fleet, motion, Slam(motion, error, frames))
 

@@ -97,7 +97,7 @@ class Flight:
         self.companion, self.station = Companion(), Companion(system=255)
         others = {
             key: options.pop(key)
-            for key in ("places", "localization", "gust_mps2", "frame_yaw_rad", "datum", "localized")
+            for key in ("places", "localization", "gust_mps2", "frame_yaw_rad", "datum", "localized", "terrain")
             if key in options
         }
         config = Px4Config(onboard=self.companion.address, ground_station=self.station.address if station else None, **options)

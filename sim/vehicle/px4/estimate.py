@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from agent.vehicle.interface import Vector3
 from sim.frame import LocalFrames
 from sim.localization import Localization
+from sim.terrain import Terrain
 from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors
 from sim.vehicle.px4.config import Datum
 
@@ -48,8 +49,10 @@ class Estimate(NamedTuple):
 class Estimator:
     """The estimates of N vehicles; ``step`` after the motion and its errors have moved on."""
 
-    def __init__(self, motion: Multirotors, error: Localization, frames: LocalFrames, datum: Datum, step_s: float) -> None:
-        self._motion, self._error, self._frames = motion, error, frames
+    def __init__(
+        self, motion: Multirotors, error: Localization, frames: LocalFrames, datum: Datum, step_s: float, terrain: Terrain
+    ) -> None:
+        self._motion, self._error, self._frames, self._terrain = motion, error, frames, terrain
         self._step_s = step_s
         self._angles: Array | None = None
         self.origins = geodetic(frames.origin, datum)
@@ -65,7 +68,7 @@ class Estimator:
         acceleration = np.array(frames.turn(motion.acceleration_mps2 + GRAVITY_MPS2 * error.tilt_error))
         angles, thrust = _attitudes(acceleration, motion.yaw_rad + error.yaw_error_rad - frames.yaw_rad)
         rates = self._rates(angles)
-        heights = (motion.position_m[:, 2] + error.height_error_m).tolist()
+        heights = (self._terrain.above_ground(motion.position_m)[:, 2] + error.height_error_m).tolist()
         places = self._origins + (world - frames.origin)[:, [1, 0, 2]] * self._scale
         return [
             Estimate(position, (north, east, -up), roll, pitch, yaw, (p, q, r), force, height, Geodetic(*place))

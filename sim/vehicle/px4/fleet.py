@@ -19,9 +19,10 @@ import numpy as np
 from sim.frame import LocalFrames
 from sim.localization import Localization
 from sim.movingframes import MovingFrames
+from sim.terrain import FLAT, Terrain
 from sim.vehicle.multirotor import Multirotors
 from sim.vehicle.px4.config import Datum, Px4Config
-from sim.vehicle.px4.estimate import Estimate, Estimator
+from sim.vehicle.px4.estimate import Array, Estimate, Estimator
 from sim.vehicle.px4.face import Px4Face
 from sim.vehicle.px4.frames import AutopilotFrames
 from sim.vehicle.px4.parameters import Parameters
@@ -62,6 +63,7 @@ class Px4Fleet:
         datum: Datum = Datum(),  # noqa: B008 - frozen
         frame_yaw_rad: Sequence[float] | None = None,
         localized: MovingFrames | None = None,
+        terrain: Terrain = FLAT,
         clock_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         """The vehicles stand where ``motion`` has them now.
@@ -73,6 +75,7 @@ class Px4Fleet:
             datum: where the world's origin lies on Earth.
             frame_yaw_rad: heading of each vehicle's local frame in the world; none: all are right.
             localized: where each vehicle's localisation has its frame, instead; this fleet steps it.
+            terrain: what they fly over and stand on.
             clock_ns: UTC.
         """
         count = len(configs)
@@ -86,8 +89,9 @@ class Px4Fleet:
         beside[[Parameters(1, config.parameters)["EKF2_EV_CTRL"] != 0.0 for config in configs]] = 0.0
         self._frames = AutopilotFrames(frames, -beside)
         self._satellites = Satellites(localized, count)
-        self._estimator = Estimator(motion, error, self._frames, datum, step_s)
-        self._ground_m = np.minimum(motion.position_m[:, 2], 0.0)
+        self._estimator = Estimator(motion, error, self._frames, datum, step_s, terrain)
+        self._terrain = terrain
+        self._even_m = np.minimum(motion.position_m[:, 2], 0.0)  # where the ground is even, they may stand lower than it
         places = zip(configs, self._estimator.step(), self._headings(), self._estimator.origins, strict=True)
         self.faces = [
             Px4Face(index, config, place, yaw, origin, error.position_sigma_m, step_s, rng, clock_ns)
@@ -110,7 +114,7 @@ class Px4Fleet:
     def step(self) -> None:
         """Advance by one step: estimate, modes, motion, errors; then send what is due. Never blocks."""
         self._steps += 1
-        contact = (self._motion.position_m[:, 2] <= self._ground_m + CONTACT_M).tolist()
+        contact = (self._motion.position_m[:, 2] <= self._ground_m() + CONTACT_M).tolist()
         estimates = self._estimator.step()
         self._localize(estimates)
         for face, estimate, touches in zip(self.faces, estimates, contact, strict=True):
@@ -133,6 +137,13 @@ class Px4Fleet:
         for face in self.faces:
             face.close()
 
+    def _ground_m(self) -> Array:
+        """(N,): world z of the ground below each."""
+        if self._terrain.flat:
+            return self._even_m
+        places = self._motion.position_m
+        return self._terrain.heights_m(places[:, 0], places[:, 1])
+
     def _move(self) -> None:
         motion, error = self._motion, self._error
         targets = [face.target for face in self.faces]
@@ -148,7 +159,7 @@ class Px4Fleet:
         yaw_sp = np.array([target.yaw for target in targets]) + self._frames.yaw_rad - error.yaw_error_rad
         grounded = np.array([face.grounded for face in self.faces])
         motion.step(position_sp, turned[:, 1], yaw_sp, grounded, free if free.any() else None)
-        motion.rest_on(self._ground_m)
+        motion.rest_on(self._ground_m())
         error.step()
         self._move_frames()
 
