@@ -17,7 +17,7 @@ from agent.frames.sightings import Array, Sightings
 Flags = NDArray[np.bool_]
 
 KEYFRAMES = 4  # over which sightings are counted
-_FEW = 4  # sightings of one kind, fewer say nothing
+_FEW, _ENOUGH = 4, 8  # sightings of one kind for them to agree, or to disagree: by chance they hardly ever do
 _AGREE, _DISAGREE = 0.6, 0.35  # shares believed
 
 
@@ -78,9 +78,9 @@ def verdict(tallies: Sequence[Tally]) -> Verdict:
     assert isinstance(seen, np.ndarray)
     # A pair agrees if either direction does: one with a broken camera is still seen where it is.
     good = (seen >= _FEW) & (believed >= _AGREE * seen)
-    bad = (seen >= _FEW) & (believed <= _DISAGREE * seen)
+    bad = (seen >= _ENOUGH) & (believed <= _DISAGREE * seen)
     both = seen + seen.T
     agree = good | good.T | ((both >= _FEW) & (believed + believed.T >= _AGREE * both))
-    disagree = (bad | bad.T | ((both >= _FEW) & (believed + believed.T <= _DISAGREE * both))) & ~agree
+    disagree = (bad | bad.T | ((both >= _ENOUGH) & (believed + believed.T <= _DISAGREE * both))) & ~agree
     own = seen.sum(1)
-    return Verdict(agree, disagree, (own >= 2 * _FEW) & (believed.sum(1) <= _DISAGREE * own))
+    return Verdict(agree, disagree, (own >= _ENOUGH) & (believed.sum(1) <= _DISAGREE * own))

@@ -22,7 +22,9 @@ _MOST_VIEWS = 120  # sightings that an alignment looks at; of more every n-th
 _FEWEST_VIEWS = 4
 _SHARE = 0.35  # of the sightings that an alignment must explain: one of two others may lie
 _WIDE = np.array([1e4, 1e4, 1e4, math.pi**2])  # m^2, rad^2: nothing known
+_FIRM = 2  # keyframes in a row for which a frame is contradicted before anything is done
 _PATIENCE = 5  # keyframes for which a contradicted frame is kept while no better place is found; fixes in a row that do not fit
+_OUTSIDE = 16.3  # chi-square of three numbers: one in a thousand is above it
 _RETRY = 3  # keyframes between attempts to find a frame again
 _TOO_WIDE_M = 25.0  # sigma of a place that is as good as none
 _MISSED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])
@@ -106,8 +108,9 @@ class _Keyframe:
         for drone in range(len(self.members)):
             self._launch(drone)
         self._correct()
-        verdict_now = verdict(self.tallies)
-        self._judge(verdict_now)
+        judged = verdict(self.tallies)
+        self.quarrelling = {drone for pair in judged.quarrels() for drone in pair}
+        self._judge(judged)
         for drone in range(len(self.members)):
             if drone not in self.joint.drones and self.index - self.members[drone].attempted >= _RETRY:
                 self._find(drone)
@@ -200,7 +203,7 @@ class _Keyframe:
                 sound = member.sound_ns if judged.disagree[drone].any() else self.stamp_ns
                 self.members[drone] = replace(member, contradicted=0, sound_ns=sound)
             self._check_fixes(drone, judged)
-        if culprit is not None and not self.estimate.exact[culprit]:
+        if culprit is not None and self.members[culprit].contradicted >= _FIRM and not self.estimate.exact[culprit]:
             others = [self.estimate.names[other] for other in np.flatnonzero(judged.disagree[culprit])]
             self._suspect(culprit, f"its frame contradicts the sightings between it and {_listed(others)}")
             self._replace(culprit)
@@ -268,7 +271,7 @@ class _Keyframe:
         if not member.launched:
             return
         first = max(member.since, self.index - self.estimate.window)
-        found = self._aligned(drone, self.joint, first, by_claims=member.trusted)
+        found = self._found(drone, first)
         self.members[drone] = replace(self.members[drone], attempted=self.index)
         if found is None:
             return
@@ -276,6 +279,31 @@ class _Keyframe:
         if member.lost_ns is not None:
             self._emit(drone, member.lost_ns, self._placement(drone))
         self.members[drone] = replace(self.members[drone], sound_ns=self.stamp_ns, lost_ns=None)
+
+    def _found(self, drone: int, first: int) -> tuple[Alignment, Sightings, Fixes] | None:
+        """By those that agree with each other. Where two contradict each other, one of them is believed, namely the one by whom
+        alone the drone was launched where the mission has it."""
+        trusted = self.members[drone].trusted
+        sides = sorted(self.quarrelling & set(self.joint.drones.tolist()))
+        if not sides or not trusted:
+            return self._aligned(drone, self.joint, first, by_claims=trusted)
+        fitting = []
+        for side in sides:
+            others = self.joint
+            for other in sides:
+                others = others if other == side else others.without(other)
+            found = self._aligned(drone, others, first, by_claims=True)
+            if found is not None and self._launched_right(drone, found[0]):
+                fitting.append(found)
+        return fitting[0] if len(fitting) == 1 else None
+
+    def _launched_right(self, drone: int, alignment: Alignment) -> bool:
+        """Whether a pose has the origin of the drone's frame where the layout has it, as far as one can tell."""
+        layout = self._layout_as_fix(drone)
+        placement = Placement(alignment.pose, alignment.covariance, self.joint.at[drone])
+        pose, covariance = placement.carried(layout.at[0])
+        var = layout.var[0] + covariance.diagonal()[:3] + self.joint.covariance.diagonal().reshape(-1, 4)[:, :3].max(0)
+        return bool(((pose[:3] - layout.place[0]) ** 2 / var).sum() < _OUTSIDE)
 
     def _keyframe_after(self, stamp_ns: int) -> int:
         return stamp_ns // self.intake.grid_ns + 1
@@ -352,8 +380,8 @@ class _Keyframe:
             )
 
     def _placement(self, drone: int) -> Placement:
-        """Where a drone's frame lies now. The joint estimate is about as good as if all sightings of the interval had been made in
-        its middle, together: by what the frame drifted since then, now is less certain."""
+        """Where a drone's frame lies now. The joint estimate is about as good as if all sightings of the interval had been made
+        together in its middle: by what the frame drifted since then, now is less certain."""
         row = int(np.searchsorted(self.joint.drones, drone))
         since = np.diag(self.drift.over(drone, 0.5 * self.seconds, 0.5 * self.flown[drone]))
         return Placement(self.joint.pose[row].copy(), self.joint.block(row) + since, self.joint.at[drone].copy())

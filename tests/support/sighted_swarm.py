@@ -38,6 +38,7 @@ class Drone:
     wander_m: float = 0.0  # Gauss-Markov, 60 s, of the position
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # by which its positions and fixes lie, from shift_s on
     shift_s: float = -1.0
+    shift_lasts_s: float = 0.0  # for so long it grows
     shift_announced: bool = False  # the epoch grows with it
     shift_yaw_deg: float = 0.0  # and its frame's heading turns by
     fixes: bool = False
@@ -209,10 +210,9 @@ def _localised(drone: Drone, path: np.ndarray, rng: np.random.Generator) -> tupl
             wander = keep * wander + drone.wander_m * math.sqrt(1.0 - keep**2) * rng.standard_normal(3)
     epoch = np.zeros(count, dtype=int)
     shifted = np.arange(count) * _STEP_S >= drone.shift_s
-    if drone.shift_s < 0.0:
-        shifted[:] = True
+    grown = np.clip((np.arange(count) * _STEP_S - drone.shift_s) / max(drone.shift_lasts_s, 1e-3), 0.0, 1.0)[:, None]
     turn = math.radians(drone.shift_yaw_deg)
-    local[shifted] = local[shifted] @ _turn(-turn).T + np.array(drone.shift_m) @ _turn(yaw[0]) @ _turn(-turn).T
+    local[shifted] = local[shifted] @ _turn(-turn).T + grown[shifted] * np.array(drone.shift_m) @ _turn(yaw[0]) @ _turn(-turn).T
     yaw = yaw + turn * shifted
     if drone.shift_announced:
         epoch[shifted] = 1
