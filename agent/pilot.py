@@ -7,19 +7,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from math import hypot, isfinite
+from functools import partial
 from pathlib import Path
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.clocks import Clocks
 from agent.config import DroneConfig, MissionConfig
 from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.readout import Readout
 from agent.detector.recognition import NuclideWatch
-from agent.epochs import EpochWatch
 from agent.errors import ConfigError
 from agent.exchange import LogExchange
 from agent.frames.swarm import SwarmFrames
@@ -27,21 +25,33 @@ from agent.fusion.engine import Fusion
 from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.registry import estimator_named
 from agent.memory import Memory
-from agent.mission import Mission, Situation
+from agent.mission import FLYING, Mission, Situation
 from agent.navigator import Moment, Navigator
 from agent.observer import Observer
 from agent.peers import Peers
-from agent.positioning import Positioning
 from agent.problems import TELEMETRY_AGE_NS, TWIN_NS, Problems
 from agent.reporter import Condition, Outbox, Reporter
 from agent.search import CoverageLog, InformedSearch, Prospect, Search, conclusion
 from agent.vehicle.interface import GnssFix, Request, SeenDrone, VehicleCommand, VehicleState
+from agent.whereabouts import Whereabouts, plausible
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
-from protocol.messages import Action, AnyMessage, Command, Cone, Coverage, Entry, Estimate, Plan, Pose, Stage, Status
+from protocol.messages import (
+    Action,
+    AnyMessage,
+    Command,
+    Cone,
+    Coverage,
+    Entry,
+    Estimate,
+    Frame,
+    Plan,
+    Pose,
+    Stage,
+    Status,
+)
 
-FARTHEST_M = 1e5  # what a message can carry
 _NEWS = (Pose, Plan, Estimate, Status)
 COMMAND_AGE_NS = 10_000_000_000  # an older command is not carried out
 
@@ -81,22 +91,23 @@ class Pilot:
         member = next((member for member in mission.drones if member.id == drone.id), None)
         if member is None:
             raise ConfigError(f"drone {drone.id!r} is not in the mission; its drones are {', '.join(ids)}")
-        others = [name for name in ids if name != drone.id]
         self._config = mission
         self._id = drone.id
         self._boot = boot
         self._mission_id = mission.mission_id
         self._mission = Mission(mission.track, mission.survey, can_lose=mission.fusion.estimator != "given")
-        self.frames = SwarmFrames(mission)
+        self.counters: Counter[str] = Counter()
+        self._observer = Observer(drone, self._mission_id, boot)
+        history, numbers = self._observer.history, self._observer.numbers
+        epoch_offset = memory.epoch_offset if memory is not None else 0
+        self._where = Whereabouts(mission, member, boot, history, numbers, self.counters, epoch_offset)
         frames = self.frames.graph
         self.fusion = Fusion(mission, frames)
         self.listeners = {name: Fusion(mission, frames, estimator_named(name, mission)) for name in listeners}
         calibration = load_calibration(Path(drone.calibration)) if drone.calibration else Calibration.nominal()
         self._watch = NuclideWatch(mission.nuclide)
         self._chain = DetectorChain(mission.detection, mission.nuclide, calibration, self._watch.add)
-        self._observer = Observer(drone, self._mission_id, boot)
-        self._peers = Peers(others)
-        self._clocks = Clocks(drone.id, others)
+        self._peers = Peers([name for name in ids if name != drone.id])
         self._search = Search(mission, drone.id, frames, lambda: self.fusion.log.entries(Coverage))
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
         self._prospect = Prospect(lambda: self.fusion.outlook)
@@ -107,12 +118,6 @@ class Pilot:
         self._remembered = memory  # until telemetry has shown what it is worth
         self.memory = memory
         self._problems = Problems(drone.id, self._mission_id)
-        self.counters: Counter[str] = Counter()
-        history, numbers = self._observer.history, self._observer.numbers
-        self._positioning = Positioning(drone.id, others, self._mission_id, boot, history, numbers, self.counters)
-        self._epochs: EpochWatch | None = None  # a frame that is known exactly does not jump
-        if member.localization != "exact":
-            self._epochs = EpochWatch(mission.limits.speed_mps, memory.epoch_offset if memory is not None else 0)
         self._exchange = LogExchange(mission.swarm, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
         self._reporter = Reporter(drone.id, self._mission_id, boot, mission.fusion.estimator)
@@ -121,6 +126,11 @@ class Pilot:
     def stage(self) -> Stage:
         """What the drone is doing."""
         return self._mission.stage
+
+    @property
+    def frames(self) -> SwarmFrames:
+        """Where the local frames of all drones lie in the mission frame."""
+        return self._where.frames
 
     @property
     def hypothesis(self) -> Hypothesis | None:
@@ -163,14 +173,10 @@ class Pilot:
         if self._vehicle is not None and state.stamp_ns <= self._vehicle.stamp_ns:
             self.counters["telemetry_older_than_known"] += 1
             return
-        if not _plausible(state):
+        if not plausible(state):
             self.counters["telemetry_implausible"] += 1
             return
-        if self._epochs is not None:
-            state = self._epochs.take(state)
-        sigma_m = self._clocks.widened_sigma_m(state.position_sigma_m, hypot(*state.velocity_mps))
-        if sigma_m != state.position_sigma_m:
-            state = replace(state, position_sigma_m=sigma_m)
+        state = self._where.understood(state)
         self._vehicle = state
         self._observer.history.add(state)
         self._navigator.follow(state)
@@ -189,7 +195,7 @@ class Pilot:
 
     def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
         """Take what a satellite receiver says. Returns the log entry that it becomes, to be published at once."""
-        entry = self._positioning.fix(fix)
+        entry = self._where.positioning.fix(fix)
         if entry is not None:
             self._record(entry, entry.stamp_ns)
         return self._outbox.take()
@@ -197,7 +203,7 @@ class Pilot:
     def observe_sightings(self, seen: Sequence[SeenDrone]) -> list[tuple[str, bytes]]:
         """Take what sensors have seen of the other drones. Returns what it becomes, log entries, to be published at once."""
         for sight in seen:
-            entry = self._positioning.sighting(sight)
+            entry = self._where.positioning.sighting(sight)
             if entry is not None:
                 self._record(entry, entry.stamp_ns)
                 self._peers.see(entry)
@@ -252,7 +258,9 @@ class Pilot:
                 self._problems.hear_twin(now_ns)
             return "own_id"
         if isinstance(message, Status):
-            self._clocks.hear(message, now_ns)  # however old its stamp seems
+            self._where.clocks.hear(message, now_ns)  # however old its stamp seems
+        if isinstance(message, Frame):
+            return None  # for onlookers: every agent derives the frames from its own log
         if isinstance(message, _NEWS):
             return self._peers.receive(message, now_ns)
         return "unused"
@@ -264,6 +272,7 @@ class Pilot:
             return None
         if abs(now_ns - command.stamp_ns) > COMMAND_AGE_NS:
             return "command_too_old"
+        self._problems.unplaced = self._where.is_unplaced
         problems = self._problems.against_start(now_ns, self._vehicle, self._peers.statuses(now_ns))
         situation = replace(self._situation(now_ns), problems=problems)
         refused = self._mission.command(command.action, command.stamp_ns, situation)
@@ -296,8 +305,7 @@ class Pilot:
     def _remember(self, now_ns: int) -> None:
         """Keep what a restarted agent must know: the same object as long as nothing in it changes."""
         if self._remembered is None:
-            epoch_offset = self._epochs.offset if self._epochs is not None else 0
-            memory = self._mission.memory(self._mission_id, self._navigator.home, now_ns, epoch_offset)
+            memory = self._mission.memory(self._mission_id, self._navigator.home, now_ns, self._where.epoch_offset)
             if memory != self.memory:
                 self.memory = memory
 
@@ -310,7 +318,7 @@ class Pilot:
     def _fold(self, entry: Entry, payload: bytes, now_ns: int) -> None:
         if not self.fusion.receive(entry, payload):
             return
-        self.frames.receive(entry)
+        self._where.take(entry)
         for listener in self.listeners.values():
             listener.receive(entry, payload)
         if isinstance(entry, Cone):
@@ -372,19 +380,13 @@ class Pilot:
 
     def _report(self, now_ns: int) -> None:
         believed = (self.hypothesis, self.fusion.digest) if self.hypothesis is not None else None
-        for message in self._reporter.due(now_ns, self._vehicle, believed, lambda: self._condition(now_ns)):
+        vehicle, condition = self._vehicle, partial(self._condition, now_ns)
+        for message in self._reporter.due(now_ns, vehicle, self._where.frame(vehicle), believed, condition):
             self._outbox.put(message)
 
     def _condition(self, now_ns: int) -> Condition:
-        jump = self._epochs.problem(now_ns) if self._epochs is not None else None
-        self._problems.seen = tuple(problem for problem in (self._clocks.problem(now_ns), jump) if problem is not None)
+        self._problems.seen = self._where.problems(now_ns, self._vehicle, self._mission.stage in FLYING)
+        self._problems.unplaced = self._where.is_unplaced
         problems = self._problems.all(now_ns, self._vehicle, self._peers.statuses(now_ns))
-        delays_ns = self._clocks.delays_ns(now_ns)
+        delays_ns = self._where.clocks.delays_ns(now_ns)
         return Condition(self._mission.stage, dict(self.counters), problems, self._finding, self._watch.message, delays_ns)
-
-
-def _plausible(state: VehicleState) -> bool:
-    """Whether telemetry can be flown by: all numbers finite, and within what a message can carry."""
-    sigmas = state.position_sigma_m + state.yaw_sigma_rad
-    others = sum(state.velocity_mps) + sum(state.quaternion) + sigmas + state.height_m
-    return isfinite(others) and sigmas >= 0.0 and all(-FARTHEST_M < value < FARTHEST_M for value in state.position_m)

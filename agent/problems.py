@@ -17,13 +17,15 @@ class Problems:
     """The problems of one drone. A flying drone reports them but flies on.
 
     ``blocked``, ``warned``: what the shell has found, with and without power to stand against a start. ``noticed``, ``seen``:
-    what the pilot has found, without that power, in the camera's spectrum and of clocks, places and frames.
+    what the pilot has found, without that power, in the camera's spectrum and of clocks, places and frames. ``unplaced``: there
+    is nothing yet that its heading could be derived from.
     """
 
     def __init__(self, drone: str, mission_id: str) -> None:
         self._drone = drone
         self._mission_id = mission_id
         self._twin_ns: int | None = None  # when another agent with this id was last heard
+        self.unplaced = False
         self.blocked: tuple[str, ...] = ()
         self.warned: tuple[str, ...] = ()
         self.noticed: tuple[str, ...] = ()
@@ -44,6 +46,8 @@ class Problems:
             problems.append("the vehicle is not healthy")
         if self._twin_ns is not None and now_ns - self._twin_ns < TWIN_NS:
             problems.append(f"another agent is running as {self._drone}")
+        if self.unplaced:
+            problems.append("its heading is not known, and it has neither seen another drone nor been seen yet")
         problems += [
             f"{name} has another mission file ({status.mission}, here {self._mission_id})"
             for name, status in statuses.items()

@@ -7,16 +7,20 @@ from collections.abc import Callable, Iterator
 
 from msgspec import Struct
 
+from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis
 from agent.vehicle.interface import VehicleState
 from protocol.codec import encode
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
-from protocol.messages import Estimate, Message, Pose, Recognised, Stage, Status
+from protocol.messages import Estimate, Frame, Message, Pose, Recognised, Stage, Status
 
-POSE_NS = 100_000_000  # 10 Hz
-ESTIMATE_NS = 500_000_000
-STATUS_NS = 1_000_000_000
+_PERIODS_NS: dict[type[Message], int] = {
+    Pose: 100_000_000,
+    Frame: 1_000_000_000,
+    Estimate: 500_000_000,
+    Status: 1_000_000_000,
+}
 
 
 class Condition(Struct, frozen=True):
@@ -64,16 +68,17 @@ class Reporter:
         self._mission_id = mission_id
         self._boot = boot
         self._estimator = estimator
-        self._due_ns = {POSE_NS: 0, ESTIMATE_NS: 0, STATUS_NS: 0}
+        self._due_ns = dict.fromkeys(_PERIODS_NS, 0)
 
     def hurry(self, now_ns: int) -> None:
         """Let the next report bring a status: something has changed that the others must know."""
-        self._due_ns[STATUS_NS] = now_ns
+        self._due_ns[Status] = now_ns
 
     def due(
         self,
         now_ns: int,
         vehicle: VehicleState | None,
+        frame: Transform | None,
         believed: tuple[Hypothesis, str] | None,
         condition: Callable[[], Condition],
     ) -> Iterator[Message]:
@@ -82,14 +87,24 @@ class Reporter:
         Args:
             now_ns: UTC.
             vehicle: newest telemetry.
+            frame: mission <- local of its epoch, where that is estimated; for onlookers, every agent derives it from its own log.
             believed: the hypothesis and the digest of the log that it follows from.
             condition: asked for only when a status is due.
         """
-        if vehicle is not None and self._is_due(POSE_NS, now_ns):
+        if vehicle is not None and self._is_due(Pose, now_ns):
             yield self._pose(vehicle)
-        if believed is not None and self._is_due(ESTIMATE_NS, now_ns):
+        if vehicle is not None and frame is not None and frame.covariance is not None and self._is_due(Frame, now_ns):
+            yield Frame(
+                stamp_ns=now_ns,
+                drone=self._drone,
+                epoch=vehicle.epoch,
+                translation_m=frame.translation,
+                yaw_rad=frame.yaw_rad,
+                covariance=tuple(frame.covariance.ravel().tolist()),
+            )
+        if believed is not None and self._is_due(Estimate, now_ns):
             yield self._estimate(now_ns, *believed)
-        if self._is_due(STATUS_NS, now_ns):
+        if self._is_due(Status, now_ns):
             now = condition()
             yield Status(
                 stamp_ns=now_ns,
@@ -105,10 +120,11 @@ class Reporter:
                 delays_ns=now.delays_ns,
             )
 
-    def _is_due(self, period_ns: int, now_ns: int) -> bool:
-        if now_ns < self._due_ns[period_ns]:
+    def _is_due(self, kind: type[Message], now_ns: int) -> bool:
+        if now_ns < self._due_ns[kind]:
             return False
-        self._due_ns[period_ns] = max(self._due_ns[period_ns] + period_ns, now_ns - now_ns % period_ns + period_ns)
+        period_ns = _PERIODS_NS[kind]
+        self._due_ns[kind] = max(self._due_ns[kind] + period_ns, now_ns - now_ns % period_ns + period_ns)
         return True
 
     def _pose(self, vehicle: VehicleState) -> Pose:

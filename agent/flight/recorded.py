@@ -11,6 +11,7 @@ import msgspec
 from agent.detector.readout import Readout
 from agent.flight import topics
 from agent.flight.topics import Sink
+from agent.frames.swarm import SwarmFrames
 from agent.fusion.estimator import Hypothesis, Outlook
 from agent.memory import Memory
 from agent.pilot import Pilot, Step
@@ -33,6 +34,11 @@ class RecordedPilot:
     def stage(self) -> Stage:
         """What the drone is doing."""
         return self._pilot.stage
+
+    @property
+    def frames(self) -> SwarmFrames:
+        """Where the local frames of all drones lie in the mission frame."""
+        return self._pilot.frames
 
     @property
     def hypothesis(self) -> Hypothesis | None:

@@ -1,0 +1,95 @@
+"""What one drone knows of where it is: its telemetry as it is to be understood, its fixes and sights, and the swarm's frames."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from math import hypot, isfinite
+
+from msgspec.structs import replace
+
+from agent.clocks import Clocks
+from agent.config import DroneInMission, MissionConfig
+from agent.epochs import EpochWatch
+from agent.frames.swarm import SwarmFrames
+from agent.frames.transform import Transform
+from agent.poses import PoseHistory
+from agent.positioning import Positioning
+from agent.vehicle.interface import VehicleState
+from protocol.messages import Entry, Sighting
+
+FARTHEST_M = 1e5  # what a message can carry
+UNSURE_M = 5.0  # a drone that knows its place in the mission frame less well says so; 1 sigma
+_HEADING_DEG = 90.0  # a heading known less well is not known at all
+
+
+class Whereabouts:
+    """Of one drone. ``frames``: of the whole swarm, estimated from the log; ``clocks``: of all, as far as heard."""
+
+    def __init__(
+        self,
+        mission: MissionConfig,
+        member: DroneInMission,
+        boot: str,
+        history: PoseHistory,
+        numbers: Iterator[int],
+        counters: Counter[str],
+        epoch_offset: int,
+    ) -> None:
+        """``history``, ``numbers``: of its poses and entries; ``epoch_offset``: of the agent that flew it before."""
+        others = [one.id for one in mission.drones if one.id != member.id]
+        self._drone = member.id
+        self.frames = SwarmFrames(mission)
+        self.clocks = Clocks(member.id, others)
+        self.positioning = Positioning(member.id, others, mission.mission_id, boot, history, numbers, counters)
+        # A drone whose heading is not known has to be seen by others, or to see them: else it would never get to know its frame.
+        self.is_unplaced = member.localization != "exact" and member.yaw_sigma_deg > _HEADING_DEG
+        self._epochs: EpochWatch | None = None  # a frame that is known exactly does not jump
+        if member.localization != "exact":
+            self._epochs = EpochWatch(mission.limits.speed_mps, epoch_offset)
+
+    @property
+    def epoch_offset(self) -> int:
+        """By how much the published epochs are ahead of the vehicle's own."""
+        return self._epochs.offset if self._epochs is not None else 0
+
+    def understood(self, state: VehicleState) -> VehicleState:
+        """Plausible telemetry with the epoch that it belongs to, and with the error that a wrong clock makes of a motion."""
+        if self._epochs is not None:
+            state = self._epochs.take(state)
+        sigma_m = self.clocks.widened_sigma_m(state.position_sigma_m, hypot(*state.velocity_mps))
+        return state if sigma_m == state.position_sigma_m else replace(state, position_sigma_m=sigma_m)
+
+    def take(self, entry: Entry) -> None:
+        """Take what is new in the log."""
+        self.frames.receive(entry)
+        if isinstance(entry, Sighting) and self._drone in (entry.drone, entry.target):
+            self.is_unplaced = False
+
+    def frame(self, vehicle: VehicleState | None) -> Transform | None:
+        """The own local frame in the mission's; None while it is not known."""
+        return self.frames.graph.mission_from_local(self._drone, vehicle.epoch) if vehicle is not None else None
+
+    def problems(self, now_ns: int, vehicle: VehicleState | None, flies: bool) -> tuple[str, ...]:
+        """What is to be told of clock, localisation and frames. Before a flight it is no problem that a frame is not known."""
+        jump = self._epochs.problem(now_ns) if self._epochs is not None else None
+        told = [problem for problem in (self.clocks.problem(now_ns), jump) if problem is not None]
+        if not flies:
+            return tuple(told)
+        frame, suspects = self.frame(vehicle), self.frames.suspects()
+        sigma_m = frame.sigmas_at(vehicle.position_m)[0] if frame is not None and vehicle is not None else 0.0
+        if sigma_m > UNSURE_M and self._drone not in suspects:
+            told.append(f"it knows its place to {sigma_m:.0f} m only")
+        return (*told, *_lines(self._drone, suspects))
+
+
+def plausible(state: VehicleState) -> bool:
+    """Whether telemetry can be flown by: all numbers finite, and within what a message can carry."""
+    sigmas = state.position_sigma_m + state.yaw_sigma_rad
+    others = sum(state.velocity_mps) + sum(state.quaternion) + sigmas + state.height_m
+    return isfinite(others) and sigmas >= 0.0 and all(-FARTHEST_M < value < FARTHEST_M for value in state.position_m)
+
+
+def _lines(drone: str, suspects: Mapping[str, str]) -> list[str]:
+    """One for each drone that is suspected, the own first."""
+    return [f"{name}: {suspects[name]}" for name in sorted(suspects, key=lambda name: (name != drone, name))]
