@@ -1,5 +1,10 @@
+from math import pi
+
+import pytest
+
 from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
 from sim.vehicle.autopilot import Autopilot
+from sim.vehicle.guidance import Reframing
 
 STEP_S = 0.05
 SETPOINT = Setpoint((3.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0)
@@ -76,3 +81,16 @@ def test_release_commands_nothing():
     autopilot = airborne()
     run(autopilot, 1.0, VehicleCommand(Request.RELEASE))
     assert autopilot.mode is FlightMode.HOLD
+
+
+def test_a_frame_that_jumps_leaves_target_and_home_where_they_are_in_the_world():
+    """The new frame is turned by a quarter to the right and lies 10 m further east: what was east of its origin is then north."""
+    autopilot = airborne()
+    run(autopilot, 0.5, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    jump = Reframing(pi / 2.0, (0.0, -10.0, 0.5))
+    autopilot.reframe(jump)
+    assert autopilot.target.position == pytest.approx((0.0, -7.0, 3.5))
+    assert autopilot.target.yaw == pytest.approx(pi / 2.0)
+    run(autopilot, 60.0, VehicleCommand(Request.RETURN))
+    assert not autopilot.armed
+    assert autopilot.target.position[:2] == pytest.approx((0.0, -10.0), abs=0.3)
