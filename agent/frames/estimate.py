@@ -34,11 +34,13 @@ Emission = tuple[int, int, Placement | None]  # drone, from which stamp on, wher
 
 @dataclass(frozen=True, slots=True)
 class Suspicion:
-    """Why a drone's frame is not believed, the stamp of the last keyframe that said so, and whether it stays so anyway."""
+    """Why a drone's frame is not believed, the stamp of the last keyframe that said so, whether it stays so anyway, and whether
+    it may as well be another drone's that is wrong."""
 
     reason: str
     stamp_ns: int
     lasting: bool = False
+    ambiguous: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,13 +209,15 @@ class _Keyframe:
             others = [self.estimate.names[other] for other in np.flatnonzero(judged.disagree[culprit])]
             self._suspect(culprit, f"its frame contradicts the sightings between it and {_listed(others)}")
             self._replace(culprit)
+            for drone, member in enumerate(self.members):  # now it is known who it was
+                if member.suspicion is not None and member.suspicion.ambiguous:
+                    self.members[drone] = replace(member, suspicion=None)
         elif culprit is None:
             for a, b in judged.quarrels():
                 for one, other in ((a, b), (b, a)):
                     name = self.estimate.names[other]
-                    self._suspect(
-                        one, f"its frame and that of {name} contradict the sightings between them; one of the two is wrong"
-                    )
+                    reason = f"its frame and that of {name} contradict the sightings between them; one of the two is wrong"
+                    self._suspect(one, reason, ambiguous=True)
         for drone in np.flatnonzero(judged.blind).tolist():
             if not judged.disagree[drone].any():
                 self._suspect(drone, "its sightings of the others contradict where they are")
@@ -228,11 +232,11 @@ class _Keyframe:
             self.joint = self.joint.widened(drone, _MISSED_VAR)
             self._suspect(drone, "its fixes contradicted where it was taken to be; it is placed by them again")
 
-    def _suspect(self, drone: int, reason: str) -> None:
+    def _suspect(self, drone: int, reason: str, ambiguous: bool = False) -> None:
         suspicion = self.members[drone].suspicion
         if suspicion is not None and suspicion.lasting:
             return
-        self.members[drone] = replace(self.members[drone], suspicion=Suspicion(reason, self.stamp_ns))
+        self.members[drone] = replace(self.members[drone], suspicion=Suspicion(reason, self.stamp_ns, ambiguous=ambiguous))
 
     def _forgive(self) -> None:
         """Who has not been contradicted for a while is believed again."""

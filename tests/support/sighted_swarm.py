@@ -24,7 +24,8 @@ _STEP_S = 0.1
 
 @dataclass
 class Drone:
-    """How one drone localises itself, and what of it the mission file says. Drifts: 1 sigma, as the root of metres or seconds; upwards 0.3 of it."""
+    """How one drone localises itself, and what of it the mission file says. Drifts: 1 sigma, as the root
+    of metres or seconds; upwards 0.3 of it."""
 
     id: str
     kind: str = "slam"
@@ -57,7 +58,7 @@ class Sensor:
 
 @dataclass
 class Flown:
-    """mission; entries with their stamps in order; truth by drone: (K, 3) places, (K,) headings, (K, 3) local positions, epochs."""
+    """Entries in the order of their stamps; truth by drone: (K, 3) places, (K,) headings, (K, 3) local positions, epochs."""
 
     mission: MissionConfig
     entries: list[Entry]
@@ -71,7 +72,7 @@ class Flown:
         return round(seconds / _STEP_S)
 
     def error(self, frames, drone: str, seconds: float, now: bool = False):
-        """(4,) error of the drone's place and heading by the estimated frame at that time, and its covariance; None if unknown."""
+        """(4,) error of the drone's place and heading by the estimated frame then, and its covariance; None if unknown."""
         k = self.at(seconds)
         stamp_ns = None if now else int(self.stamps_ns[k])
         transform = frames.graph.mission_from_local(drone, int(self.epoch[drone][k]), stamp_ns)
