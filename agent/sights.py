@@ -106,9 +106,15 @@ def _agree(one: Placed, other: Placed, speed_mps: float) -> bool:
 
 
 def _velocity(places: Sequence[Placed]) -> Vector3 | None:
-    """Horizontal velocity of a straight flight through the places."""
+    """Horizontal velocity of a straight flight through the places: the median over all pairs (Theil and Sen), which a few false
+    ones do not move.
+    """
     times = np.array([place.stamp_ns - places[0].stamp_ns for place in places]) * 1e-9
     if len(places) < 2 * FEWEST or np.ptp(times) < _SPAN_S:
         return None
-    u, v = np.polyfit(times, np.array([place.position[:2] for place in places]), 1)[0].tolist()
+    flat = np.array([place.position[:2] for place in places])
+    first, last = np.triu_indices(len(places), 1)
+    elapsed = times[last] - times[first]
+    apart = np.abs(elapsed) > 0.5 * _SPAN_S
+    u, v = np.median((flat[last] - flat[first])[apart] / elapsed[apart, None], axis=0).tolist()
     return u, v, 0.0
