@@ -10,6 +10,7 @@ from one_pilot import SECOND, START_NS, TICK_NS, state
 
 from agent.config import DroneConfig, EncirclementConfig, MissionConfig
 from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis, Sight
 from agent.navigator import Moment, Navigator
 from agent.peers import Peers
@@ -111,3 +112,54 @@ def test_the_centre_of_its_circle_stays_over_a_fast_source():
 def test_what_was_lost_is_encircled_where_the_posterior_is():
     places = flown(lambda now_ns: hypothesis(now_ns, rms_m=18.0), seconds=60.0, stage=Stage.REACQUIRE)
     assert np.median(radii(places[-400:])) == pytest.approx(18.0, abs=0.2)
+
+
+def flown_in(frame_at, seconds: float = 40.0):
+    """The way (T, 2) in the mission frame, by its newest transform, around a source near the fence, 10 m from the area at x = 50.
+
+    frame_at: mission from local, by the time since the start in s.
+    """
+    mission = replace(MISSION, area=replace(MISSION.area, fence_margin_m=10.0))
+    frames = FrameGraph()
+    frames.place("d1", 0, frame_at(0.0))
+    search, informed = Search(mission, "d1", frames, lambda: []), InformedSearch(mission, Prospect(lambda: None))
+    navigator = Navigator(mission, DroneConfig(id="d1", vehicle_lag_s=0.0), frames, search, informed)
+    position, velocity, places = frame_at(0.0).inverse().apply_point((35.0, 25.0, 3.0)), (0.0, 0.0, 0.0), []
+    for tick in range(round(seconds * SECOND / TICK_NS)):
+        now_ns, newest = START_NS + tick * TICK_NS, frame_at(tick * TICK_NS / SECOND)
+        if newest is not frames.mission_from_local("d1", 0):
+            frames.place("d1", 0, newest)
+        vehicle = replace(state(now_ns, FlightMode.OFFBOARD, position), velocity_mps=velocity)
+        believed = hypothesis(now_ns, rms_m=6.0, place=(54.0, 25.0, 0.0))
+        setpoint, _ = navigator.step(Moment(now_ns, Stage.TRACK, START_NS, vehicle, believed), Peers([]))
+        (x, y, z), (ax, ay, _), velocity = setpoint.position_m, setpoint.acceleration_mps2, setpoint.velocity_mps
+        position = (x - 1.1 * ax, y - 1.1 * ay, z)
+        places.append(newest.apply_point(position)[:2])
+    return np.array(places)
+
+
+SURE = Transform(0.3, (5.0, 5.0, 0.0), np.diag([1e-4, 1e-4, 1e-4, 1e-8]))
+UNSURE = Transform(0.3, (5.0, 5.0, 0.0), np.diag([2.0, 2.0, 0.1, 1e-8]))  # 2 m
+SHIFTED = Transform(0.3, (12.0, 5.0, 0.0), SURE.covariance)
+
+
+def test_the_fence_is_nearer_for_a_drone_that_knows_less_of_where_it_is():
+    assert flown_in(lambda _: SURE)[:, 0].max() == pytest.approx(60.0 - 1.5, abs=0.5)
+    assert flown_in(lambda _: UNSURE)[:, 0].max() == pytest.approx(60.0 - 2 * 2.0 - 1.5, abs=0.5)
+
+
+def test_the_fence_stays_in_the_mission_frame_when_the_own_frame_is_corrected():
+    """By 7 m towards the fence, in the midst of the flight: the drone comes back, and flies along the same fence again."""
+    east = flown_in(lambda time_s: SURE if time_s < 30.0 else SHIFTED, seconds=60.0)[:, 0]
+    assert east[:600].max() == pytest.approx(60.0 - 1.5, abs=0.5)
+    assert east[700:].max() == pytest.approx(60.0 - 1.5, abs=0.5)
+
+
+def test_small_corrections_of_the_own_frame_do_not_shake_the_flight():
+    """0.2 m to and fro each second: setpoints move on as smoothly as without, to what the vehicle's limits allow."""
+    other = Transform(0.3, (5.2, 5.0, 0.0), SURE.covariance)
+    places = flown_in(lambda time_s: other if int(time_s) % 2 else SURE)
+    local = [other.inverse() if int(tick * 0.05) % 2 else SURE.inverse() for tick in range(len(places))]
+    told = np.array([frame.apply_point((x, y, 0.0))[:2] for frame, (x, y) in zip(local, places, strict=True)])
+    speeds = np.hypot(*np.diff(told, axis=0).T) * SECOND / TICK_NS
+    assert np.abs(np.diff(speeds)).max() < 0.4  # m/s from tick to tick: 8 m/s2; a setpoint that jumped by 0.2 m would show 4

@@ -1,11 +1,15 @@
+import math
+
+import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from agent.config import AreaConfig, DroneInMission, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.neighbours import WORST_SIGMA_M, Neighbourhood, Self
 from agent.peers import Peers
-from protocol.messages import Plan, Pose, Stage, Status
+from protocol.messages import Plan, Pose, Sighting, Stage, Status
 
 SECOND = 1_000_000_000
 MISSION = MissionConfig(
@@ -77,3 +81,108 @@ def test_silence_and_unknown_frames():
 def test_errors_of_both_positions_count_but_not_without_limit(theirs, own, together):
     (other,) = seen(pose(sigma_m=theirs), status(Stage.TRACK), own_sigma_m=own)
     assert other.plan.sigma_m == pytest.approx(together)
+
+
+# Estimated frames
+
+ESTIMATED = replace(
+    MISSION,
+    drones=(
+        DroneInMission(id="a", localization="rtk"),
+        DroneInMission(id="b", origin_m=(10.0, 0.0, 0.0), localization="slam", origin_sigma_m=1.0, yaw_sigma_deg=180.0),
+    ),
+)
+UNSURE = np.diag([0.5, 0.5, 0.1, 0.01])
+HERE = Transform(covariance=UNSURE)
+NOW_NS = 3 * SECOND
+
+
+def flying_b(epoch=0, shift=(0.0, 0.0)):
+    """b's poses at 10 Hz for three seconds along its x axis at 2 m/s, up to x = 6 m; ``shift``: what it has wrong of itself."""
+    for tick in range(31):
+        x, y = 0.2 * tick + shift[0], shift[1]
+        yield replace(pose(NOW_NS + (tick - 30) * SECOND // 10, epoch=epoch), position_m=(x, y, 3.0))
+    yield replace(status(Stage.TRACK), stamp_ns=NOW_NS)
+
+
+def sights_of_b(mission_from_b, epoch=0, **values):
+    """What a sees of b, five times a second, from the origin of the mission frame, which is its own."""
+    for tick in range(0, 31, 2):
+        x, y, z = mission_from_b.apply_point((0.2 * tick, 0.0, 3.0))
+        distance = float(np.linalg.norm((x, y, z)))
+        yield Sighting(
+            stamp_ns=NOW_NS + (tick - 30) * SECOND // 10, drone="a", mission="0" * 16, boot="1" * 16, sequence=tick, epoch=epoch,
+            target="b", position_m=(0.0, 0.0, 0.0), direction=(x / distance, y / distance, z / distance),
+            direction_sigma_rad=0.03, range_m=distance, range_sigma_m=0.3, **values,
+        )  # fmt: skip
+
+
+def around_a(messages, sights=(), known=None, own=HERE, neighbourhood=None):
+    """Who flies around a. ``known``: b's frame by epoch; ``own``: a's, None while it is not known."""
+    peers, graph = Peers(["b"]), FrameGraph()
+    for epoch, transform in (known or {}).items():
+        graph.place("b", epoch, transform)
+    for message in messages:
+        assert peers.receive(message, message.stamp_ns) is None
+    for sight in sights:
+        peers.see(sight)
+    sigma_m = own.sigmas_at((0.0, 0.0, 0.0))[0] if own is not None else 0.1
+    me = Self(NOW_NS, 0, sigma_m, own)
+    return (neighbourhood or Neighbourhood(ESTIMATED, graph)).around(peers, me)
+
+
+TRUE = Transform(math.pi / 2, (10.0, 0.0, 0.0))  # b's x axis points north: it is at (10, 6)
+WRONG = Transform(math.pi / 2, (10.5, 0.7, 0.0), UNSURE)
+
+
+def test_the_errors_of_both_frames_count():
+    (other,) = around_a(flying_b(), known={0: WRONG})
+    assert other.takes_part
+    assert other.plan.measured.position == pytest.approx((10.5, 6.7, 3.0))
+    assert other.plan.sigma_m == pytest.approx(math.hypot(WRONG.sigmas_at((6.0, 0.0, 3.0))[0], 1.0), abs=1e-3)
+
+
+def test_sights_correct_where_the_frames_put_it_and_make_it_surer():
+    (other,) = around_a(flying_b(), sights_of_b(TRUE), {0: WRONG})
+    assert other.plan.measured.position == pytest.approx((10.0, 6.0, 3.0), abs=0.1)
+    assert other.plan.measured.velocity == pytest.approx((0.0, 2.0, 0.0), abs=1e-9)
+    assert other.plan.sigma_m < 0.4
+
+
+def test_of_a_drone_that_is_wrong_of_itself_the_sights_count_alone():
+    """20 m, and its frame is held to be known well."""
+    sure = Transform(math.pi / 2, (10.0, 0.0, 0.0), np.diag([0.01, 0.01, 0.01, 1e-4]))
+    (other,) = around_a(flying_b(shift=(20.0, 0.0)), sights_of_b(TRUE), {0: sure})
+    assert other.plan.measured.position == pytest.approx((10.0, 6.0, 3.0), abs=0.1)
+
+
+@pytest.mark.parametrize("own", [HERE, None])
+def test_a_drone_whose_frame_is_not_known_is_where_it_is_seen(own):
+    known = {} if own is not None else {0: TRUE}
+    (other,) = around_a(flying_b(), sights_of_b(TRUE), known, own)
+    assert not other.takes_part
+    assert other.plan.state(NOW_NS).position == pytest.approx((10.0, 6.0, 3.0), abs=0.2)
+    assert other.plan.state(NOW_NS).velocity == pytest.approx((0.0, 2.0, 0.0), abs=0.2)
+    assert other.plan.sigma_m < 1.0
+
+
+def test_nor_seen_it_is_near_its_launch_place_while_it_has_not_gone_far():
+    near = [replace(pose(NOW_NS), position_m=(1.0, 2.0, 3.0)), replace(status(Stage.SURVEY), stamp_ns=NOW_NS)]
+    (other,) = around_a(near)
+    assert not other.takes_part
+    assert other.plan.measured.position[:2] == pytest.approx((10.0, 0.0))
+    assert other.plan.sigma_m == pytest.approx(math.hypot(1.0, 1.0, math.hypot(1.0, 2.0)))
+    assert around_a(flying_b()) == []  # 6 m away from there, in whatever direction
+
+
+def test_a_drone_whose_frame_has_jumped_is_where_it_was_flying():
+    graph = FrameGraph()
+    graph.place("b", 0, TRUE)
+    one = Neighbourhood(ESTIMATED, graph)
+    around_a(flying_b(), neighbourhood=one)
+    jumped = [replace(pose(NOW_NS + SECOND // 10, epoch=1), position_m=(-40.0, 9.0, 3.0))]
+    jumped.append(replace(status(Stage.TRACK), stamp_ns=NOW_NS))
+    (other,) = around_a(jumped, neighbourhood=one)
+    assert other.takes_part
+    assert other.plan.measured.position == pytest.approx((10.0, 6.2, 3.0))
+    assert other.plan.measured.velocity == pytest.approx((0.0, 2.0, 0.0))
