@@ -19,8 +19,8 @@ NAMES = {
     "fast-2mps", "fast-3mps", "weak-179MBq", "empty", "empty-bright",
     "mismatch-gain", "mismatch-background", "mismatch-buildup", "mismatch-shadow", "mismatch-resolution", "mismatch-clocks",
     "mismatch-walls", "hilly",
-    "mixed-frames", "mixed-frames-moving", "no-gnss", "no-gnss-moving", "gnss-lost-midway", "frame-jump", "frame-jump-unannounced",
-    "lying-drone",
+    "mixed-frames", "mixed-frames-moving", "no-gnss", "no-gnss-moving", "gnss-lost-midway",
+    "frame-jump", "frame-jump-unannounced", "lying-drone",
 }  # fmt: skip
 
 
@@ -52,6 +52,27 @@ def test_biased_scenarios_add_to_the_ideal_ones_what_nobody_on_board_knows():
     assert biased.mission == ideal.mission
     assert biased.source == ideal.source
     assert biased.camera != ideal.camera
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "mixed-frames", "mixed-frames-moving", "no-gnss", "no-gnss-moving",
+        "gnss-lost-midway", "frame-jump", "frame-jump-unannounced", "lying-drone",
+    ],
+)  # fmt: skip
+def test_where_frames_are_estimated_truth_and_mission_fit_and_no_truth_is_told(name):
+    """Each drone's kind at the start is what the mission says; how far its frame is off lies within what the mission allows for."""
+    scenario = load_scenario(name)
+    ideal = load_scenario("ideal-moving-swarm" if name.endswith("-moving") else "ideal-static-swarm")
+    assert (scenario.source, scenario.camera, scenario.mission.area) == (ideal.source, ideal.camera, ideal.mission.area)
+    for drone in scenario.mission.drones:
+        truth = scenario.localization.vehicles[drone.id]
+        assert truth.kind == drone.localization
+        assert truth.origin_m <= drone.origin_sigma_m
+        assert truth.yaw_deg <= drone.yaw_sigma_deg
+        assert drone.yaw_deg == 0.0
+    assert scenario.sightings is not None
 
 
 @pytest.mark.parametrize("name", sorted(name for name in NAMES if name.startswith("mismatch-")))
