@@ -33,6 +33,8 @@ class LineServer:
         for writer in self._writers:
             writer.transport.abort()
         await self._server.wait_closed()
+        while self._writers:  # a handler that the loop's end cuts short would leave a traceback
+            await asyncio.sleep(0.0)
 
     def send(self, data: bytes) -> None:
         for writer in self._writers:

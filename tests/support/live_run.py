@@ -51,8 +51,9 @@ class LiveRun:
         """Those of mesh, MAVLink and feeds that cannot be taken."""
         busy = []
         for drone in self.drones():
-            feed = drone.detector.address
-            tcp = [drone.mesh.endpoints[drone.id], *([feed] if feed is not None else [])]
+            vision = drone.vehicle.vision.address if drone.vehicle.vision is not None else None
+            feeds = (drone.detector.address, vision, drone.sightings.address)
+            tcp = [drone.mesh.endpoints[drone.id], *(feed for feed in feeds if feed is not None)]
             ports = [(socket.SOCK_DGRAM, drone.vehicle.address), *((socket.SOCK_STREAM, address) for address in tcp)]
             for kind, address in ports:
                 port = int(re.findall(r"\d+", address)[-1])

@@ -9,17 +9,21 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import numpy as np
+from msgspec import convert
 
 from agent.config import VehicleConfig
 from agent.vehicle.interface import LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
 from agent.vehicle.px4 import Px4Vehicle
 from agent.vehicle.requests import REPEAT_S
 from sim.localization import Localization, LocalizationTruth
+from sim.movingframes import MovingFrames
+from sim.slam import Slam
 from sim.vehicle.multirotor import Multirotors, MultirotorTruth
 from sim.vehicle.px4.config import Faults, Px4Config
 from sim.vehicle.px4.fleet import Px4Fleet
 
 STEP_S = 0.01
+UTC_NS = 1_767_225_600_000_000_000
 TICK_S = 0.02  # of the wall, between two commands
 CEILING_M = 60.0
 SANE = {"COM_OBL_RC_ACT": 3, "GF_ACTION": 3, "GF_MAX_HOR_DIST": 300.0}  # what the driver asks for beyond PX4's defaults
@@ -35,18 +39,29 @@ def hover(east_m: float, north_m: float, up_m: float, yaw_rad: float = 0.0) -> V
 class Sky:
     """``vehicle`` is what is tested; ``states`` is all that it told."""
 
-    def __init__(self, fleet: Px4Fleet, motion: Multirotors, address: str) -> None:
+    def __init__(
+        self,
+        fleet: Px4Fleet,
+        motion: Multirotors,
+        vehicle: VehicleConfig,
+        clock_ns: Callable[[], int] = time.time_ns,
+        slam: Slam | None = None,
+    ) -> None:
         self.fleet = fleet
+        self.slam = slam
         self.face = fleet.faces[0]
         self._motion = motion
-        self.address = address
+        self._config = vehicle
+        self._clock_ns = clock_ns
+        self.address = vehicle.address
         self.speed = 16  # simulated seconds in one of the wall's
+        self.each: Callable[[], None] = lambda: None  # called after every step
         self.states: list[VehicleState] = []
         self.vehicle = self.new_vehicle()
 
     def new_vehicle(self, launch: LaunchPlace | None = None) -> Px4Vehicle:
         """Another driver at the same address, as of an agent that was started anew."""
-        self.vehicle = Px4Vehicle(VehicleConfig(address=self.address, connect_timeout_s=8.0), CEILING_M, launch)
+        self.vehicle = Px4Vehicle(self._config, CEILING_M, launch, self._clock_ns)
         self.states = []
         self.vehicle.on_state(self.states.append)
         return self.vehicle
@@ -90,6 +105,7 @@ class Sky:
     async def _tick(self) -> None:
         for _ in range(round(self.speed * TICK_S / STEP_S)):
             self.fleet.step()
+            self.each()
         await asyncio.sleep(TICK_S)
 
 
@@ -107,16 +123,28 @@ def free_port() -> int:
 
 
 @asynccontextmanager
-async def sky(parameters: dict[str, float] | None = None, faults: Faults = Faults()) -> AsyncIterator[Sky]:  # noqa: B008 - frozen
-    """An emulated vehicle on the ground, its links open; everything is closed at the end."""
+async def sky(
+    parameters: dict[str, float] | None = None,
+    faults: Faults = Faults(),  # noqa: B008 - frozen
+    frames: MovingFrames | None = None,
+    **vehicle: object,
+) -> AsyncIterator[Sky]:
+    """An emulated vehicle on the ground, its links open; everything is closed at the end.
+
+    ``frames``: where its localisation has its frame; then the driver's clock, too, is that of the simulation, by which poses are
+    stamped. ``vehicle``: what the drone file says of it.
+    """
     rng = np.random.default_rng(5)
     port = free_port()
     motion = Multirotors(MultirotorTruth(), np.zeros((1, 3)), np.zeros(1), STEP_S, rng)
     error = Localization(LocalizationTruth(), 1, STEP_S, rng)
     config = Px4Config(onboard=("127.0.0.1", port), parameters=SANE | (parameters or {}), faults=faults)
-    fleet = Px4Fleet([config], motion, error, STEP_S, rng)
+    fleet = Px4Fleet([config], motion, error, STEP_S, rng, localized=frames)
     await fleet.start()
-    flight = Sky(fleet, motion, f"udpin://127.0.0.1:{port}")
+    settings = {"address": f"udpin://127.0.0.1:{port}", "connect_timeout_s": 8.0} | vehicle
+    slam = Slam(motion, error, frames) if frames is not None else None
+    clock_ns = time.time_ns if frames is None else lambda: UTC_NS + round(fleet.time_s * 1e9)
+    flight = Sky(fleet, motion, convert(settings, VehicleConfig), clock_ns, slam)
     try:
         yield flight
     finally:
