@@ -19,7 +19,7 @@ NAMES = {
     "fast-2mps", "fast-3mps", "weak-179MBq", "empty", "empty-bright",
     "mismatch-gain", "mismatch-background", "mismatch-buildup", "mismatch-shadow", "mismatch-resolution", "mismatch-clocks",
     "mismatch-walls", "hilly",
-    "mixed-frames", "mixed-frames-moving", "no-gnss", "no-gnss-moving", "gnss-lost-midway",
+    "mixed-frames", "mixed-frames-moving", "mixed-frames-rough", "no-gnss", "no-gnss-moving", "gnss-lost-midway",
     "frame-jump", "frame-jump-unannounced", "lying-drone",
 }  # fmt: skip
 
@@ -57,7 +57,7 @@ def test_biased_scenarios_add_to_the_ideal_ones_what_nobody_on_board_knows():
 @pytest.mark.parametrize(
     "name",
     [
-        "mixed-frames", "mixed-frames-moving", "no-gnss", "no-gnss-moving",
+        "mixed-frames", "mixed-frames-moving", "mixed-frames-rough", "no-gnss", "no-gnss-moving",
         "gnss-lost-midway", "frame-jump", "frame-jump-unannounced", "lying-drone",
     ],
 )  # fmt: skip
