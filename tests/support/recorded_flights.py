@@ -49,8 +49,8 @@ class LockstepPilot(RecordedPilot):
         return super().step(now_ns)
 
 
-def fly_recorded(folder, seed=1, **changes):
-    """Fly ``demo`` in lockstep; the folders of the drones' records. ``changes``: keys of the scenario with __ for the dot."""
+def fly_recorded(folder, seed=1, name="demo", **changes):
+    """Fly a scenario in lockstep; the folders of the drones' records. ``changes``: keys of the scenario with __ for the dot."""
     pilots = []
 
     def made(*args, **kwargs):
@@ -59,7 +59,7 @@ def fly_recorded(folder, seed=1, **changes):
 
     original, sim.lockstep.Pilot = sim.lockstep.Pilot, made
     try:
-        scenario = override(load_scenario("demo"), {key.replace("__", "."): value for key, value in changes.items()})
+        scenario = override(load_scenario(name), {key.replace("__", "."): value for key, value in changes.items()})
         sim.lockstep.fly(scenario, seed)
     finally:
         sim.lockstep.Pilot = original

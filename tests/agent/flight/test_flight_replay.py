@@ -46,6 +46,14 @@ def test_every_drones_flight_comes_out_identical(flights):
         assert report.calls["call/advance"] == report.calls["in/message"] > 400
 
 
+def test_a_flight_with_fixes_and_sights_comes_out_identical(tmp_path):
+    for folder in fly_recorded(tmp_path, name="mixed-frames", mission__track__duration_s=2.0):
+        report = replay(folder)
+        assert report.identical
+        assert report.calls["in/sightings"] > 40
+        assert report.calls.get("in/fix", 0) >= 5 or folder.name == "d3"  # which has no receiver
+
+
 def test_the_records_tell_what_was_believed_commanded_and_when(segment):
     records = list(RecordedFlight(segment).records())
     assert all(record.publish_ns > 0 for record in records)
