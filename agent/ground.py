@@ -62,9 +62,14 @@ class Ground:
 
     def slope(self, x: float, y: float) -> tuple[float, float]:
         """Rise per metre east and north at one place."""
+        (east, north), *_ = self.slopes(np.array([[x, y]])).tolist()
+        return east, north
+
+    def slopes(self, places: Array) -> Array:
+        """Rise per metre east and north (N, 2) at places (N, 2)."""
         if self._grid is None:
-            return self._east, self._north
-        return self._grid.slope(x, y)
+            return np.tile((self._east, self._north), (len(places), 1))
+        return self._grid.slopes(places)
 
     def around(
         self, mission_from_local: Transform | None, place: tuple[float, float], below_m: float
@@ -84,6 +89,9 @@ class Ground:
             return self.heights_m(there[:, :2]) + offset
 
         return heights
+
+
+LEVEL = Ground(GroundConfig())
 
 
 class _Grid:
@@ -119,16 +127,15 @@ class _Grid:
         heights: Array = (1.0 - along) * near + along * far
         return heights
 
-    def slope(self, x: float, y: float) -> tuple[float, float]:
-        """Rise per metre east and north: that of the cell; none across the edge."""
-        place = np.array([[x, y]])
-        inside = np.abs(self._indices(place)[0] - 0.5 * self._last) <= 0.5 * self._last
-        columns, rows, across, along = self._cells(place)
-        column, row, u, v = int(columns[0]), int(rows[0]), float(across[0]), float(along[0])
-        (a, b), (c, d) = self._heights[row : row + 2, column : column + 2].tolist()
-        per_cell = np.array([(1.0 - v) * (b - a) + v * (d - c), (1.0 - u) * (c - a) + u * (d - b)])
-        east, north = ((per_cell * inside) @ self._matrix).tolist()
-        return east, north
+    def slopes(self, places: Array) -> Array:
+        """Rise per metre east and north (N, 2): those of the cells; none across the edge."""
+        inside = np.abs(self._indices(places) - 0.5 * self._last) <= 0.5 * self._last
+        column, row, u, v = self._cells(places)
+        corners = self._heights
+        a, b, c, d = corners[row, column], corners[row, column + 1], corners[row + 1, column], corners[row + 1, column + 1]
+        per_cell = np.column_stack(((1.0 - v) * (b - a) + v * (d - c), (1.0 - u) * (c - a) + u * (d - b)))
+        slopes: Array = (per_cell * inside) @ self._matrix
+        return slopes
 
     def _indices(self, places: Array) -> Array:
         indices: Array = places @ self._matrix.T + self._origin

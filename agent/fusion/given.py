@@ -12,6 +12,7 @@ from agent.config import GivenHypothesisConfig
 from agent.errors import ConfigError
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import Observation
+from agent.ground import LEVEL, Ground
 from protocol.messages import AnyEntry
 
 _NS = 1_000_000_000
@@ -30,7 +31,8 @@ class GivenEstimator:
     grid_s: float | None = None
     hold_steps = 0
 
-    def __init__(self, config: GivenHypothesisConfig) -> None:
+    def __init__(self, config: GivenHypothesisConfig, ground: Ground = LEVEL) -> None:
+        self._ground = ground
         self._offsets_ns = [round(time_s * _NS) for time_s, _, _ in config.schedule]
         self._places = [(x, y) for _, x, y in config.schedule]
         if any(later <= earlier for earlier, later in pairwise(self._offsets_ns)):
@@ -58,7 +60,7 @@ class GivenEstimator:
         x, y = self._places[row]
         return Hypothesis(
             stamp_ns=step.start_ns,
-            position=np.array([x, y, 0.0]),
+            position=np.array([x, y, self._ground.height_m(x, y)]),
             covariance=np.zeros((3, 3)),
             velocity=np.zeros(3),
             cones=0,

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from shapely import Point, Polygon, contains_xy
 
 from agent.fusion.observation import ConeSurface
+from agent.ground import LEVEL, Ground
 
 GRID_PITCH_M = 2.0
 _TINY_M = 1e-9  # keeps the gradient finite on a cone's axis
@@ -18,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class InitialSearch:
-    """Finds the point on the ground (z = 0) of the searched area with the least squared distance to the cones.
+    """Finds the point on the ground of the searched area with the least squared distance to the cones.
 
     Residual of a cone, with v = p - apex and alpha = angle(v, axis): |v| sin(alpha - theta). It is started from the best point of
     a grid over the area, because the sum of squares has local minima (at the apexes, to begin with), and kept inside the
@@ -26,7 +27,8 @@ class InitialSearch:
     best grid point.
     """
 
-    def __init__(self, area: Polygon) -> None:
+    def __init__(self, area: Polygon, ground: Ground = LEVEL) -> None:
+        self.ground = ground
         self.bounds: tuple[float, float, float, float] = area.bounds  # west, south, east, north
         west, south, east, north = self.bounds
         self._lower, self._upper = np.array([west, south]), np.array([east, north])
@@ -48,7 +50,8 @@ class InitialSearch:
 
         def distances(ground: Array) -> tuple[Array, Array, Array, Array]:
             """Of points (..., 2): v (..., M, 3), |v| cos alpha, |v| sin alpha and the residual, (..., M) each."""
-            v = np.concatenate([ground, np.zeros((*ground.shape[:-1], 1))], axis=-1)[..., None, :] - apex
+            heights = self.ground.heights_m(ground.reshape(-1, 2)).reshape(*ground.shape[:-1], 1)
+            v = np.concatenate([ground, heights], axis=-1)[..., None, :] - apex
             along = np.sum(v * axis, axis=-1)
             across = np.sqrt(np.maximum(np.sum(v * v, axis=-1) - along * along, _TINY_M**2))
             return v, along, across, across * cos - along * sin
@@ -59,7 +62,7 @@ class InitialSearch:
         def jacobian(ground: Array) -> Array:
             v, along, across, _ = distances(ground)
             gradient: Array = cos[:, None] * (v - along[:, None] * axis) / across[:, None] - sin[:, None] * axis
-            return gradient[:, :2]
+            return gradient[:, :2] + gradient[:, 2:] * self.ground.slopes(ground[None])
 
         costs = np.sum(residuals(self._grid) ** 2, axis=-1)
         best = self._grid[int(np.argmin(costs))]

@@ -52,8 +52,8 @@ class PaperEstimator:
     A filter of positions needs one reading of a cone. The paper does not say how it tells the electron from the photon; by
     default the reading with the smaller scattering angle is taken (``PaperEstimatorConfig.order``).
 
-    The source stays on the ground, z = 0, as the predecessor flew it: the state is the paper's (x, y, z), with a z that is known
-    beforehand (prior variance and process noise of z are zero), so the correction moves it horizontally only.
+    The source stays on the ground (z = 0, as the predecessor flew it, unless the mission knows better): the state is the paper's
+    (x, y, z), with a z that follows from x and y, so a correction moves it along the ground only.
 
     The hypothesis stays in the area's bounding box enlarged by ``BEYOND_M``: a cone says nothing if its apex lies outside of that
     box, where no drone can be, or if it would move the hypothesis out of it. Otherwise a drone that does not know where it is
@@ -68,6 +68,7 @@ class PaperEstimator:
         self.name = name
         self._config = config
         self._search = search
+        self._ground = search.ground
         self._rule: Rule = rule
         west, south, east, north = search.bounds
         self._region = (west - BEYOND_M, south - BEYOND_M, east + BEYOND_M, north + BEYOND_M)
@@ -106,7 +107,7 @@ class PaperEstimator:
         track = self._predict(state.track, max(step.start_ns, state.track.stamp_ns))
         return Hypothesis(
             stamp_ns=track.stamp_ns,
-            position=np.array([track.x, track.y, 0.0]),
+            position=np.array([track.x, track.y, self._ground.height_m(track.x, track.y)]),
             covariance=np.array([[track.pxx, track.pxy, 0.0], [track.pxy, track.pyy, 0.0], [0.0, 0.0, 0.0]]),
             velocity=np.zeros(3),
             cones=track.cones,
@@ -139,18 +140,21 @@ class PaperEstimator:
         """LKF correction with H = I and R = P R_C P^T, where P's first column is the normal of the projection.
 
         R is diagonal in the axes of P, so the measurement is three independent scalars, and three scalar corrections in
-        turn are the same correction without a matrix to invert. ``dx, dy``: how far x has been moved so far.
+        turn are the same correction without a matrix to invert. ``dx, dy, dz``: how far x has been moved so far.
         """
         x, y, pxx, pxy, pyy = track.x, track.y, track.pxx, track.pxy, track.pyy
-        correction = project((x, y, 0.0), cone.apex, cone.axis, cone.theta_rad, self._rule)
+        correction = project((x, y, self._ground.height_m(x, y)), cone.apex, cone.axis, cone.theta_rad, self._rule)
         if correction is not None:
             ix, iy, iz = correction.innovation
-            dx = dy = 0.0
-            for (hx, hy, hz), variance in self._axes(correction.normal):
+            east, north = self._ground.slope(x, y)
+            dx = dy = dz = 0.0
+            for (ax, ay, az), variance in self._axes(correction.normal):
+                hx, hy = ax + az * east, ay + az * north  # the ground takes the source up or down with it
                 gx, gy = pxx * hx + pxy * hy, pxy * hx + pyy * hy
                 spread = hx * gx + hy * gy + variance
-                move = (hx * (ix - dx) + hy * (iy - dy) + hz * iz) / spread
+                move = (ax * (ix - dx) + ay * (iy - dy) + az * (iz - dz)) / spread
                 dx, dy = dx + gx * move, dy + gy * move
+                dz = east * dx + north * dy
                 pxx, pxy, pyy = pxx - gx * gx / spread, pxy - gx * gy / spread, pyy - gy * gy / spread
             x, y = x + dx, y + dy
             if not self._is_near(x, y):

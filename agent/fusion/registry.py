@@ -14,6 +14,7 @@ from agent.fusion.given import GivenEstimator
 from agent.fusion.initial import InitialSearch
 from agent.fusion.paper import PaperEstimator
 from agent.fusion.projection import Rule
+from agent.ground import Ground
 
 
 def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
@@ -34,7 +35,8 @@ def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
 
 
 def _paper(mission: MissionConfig, rule: Rule, name: str) -> PaperEstimator:
-    return PaperEstimator(mission.fusion.paper, InitialSearch(Polygon(mission.area.polygon_m)), rule, name)
+    ground = Ground.from_config(mission)
+    return PaperEstimator(mission.fusion.paper, InitialSearch(Polygon(mission.area.polygon_m), ground), rule, name)
 
 
 def _bayes(mission: MissionConfig) -> Estimator[Any]:
@@ -46,7 +48,7 @@ def _bayes(mission: MissionConfig) -> Estimator[Any]:
 def _given(mission: MissionConfig) -> GivenEstimator:
     if mission.fusion.given is None:
         raise ConfigError("estimator 'given' needs fusion.given.schedule in the mission")
-    return GivenEstimator(mission.fusion.given)
+    return GivenEstimator(mission.fusion.given, Ground.from_config(mission))
 
 
 _MAKERS: dict[str, Callable[[MissionConfig], Estimator[Any]]] = {

@@ -18,6 +18,7 @@ from agent.fusion.bayes.response import REFERENCE_BQ, response_of
 from agent.fusion.bayes.search import Grid, SearchState
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook, Sight
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
+from agent.ground import Ground
 from protocol.messages import AnyEntry, Cone, Exposure
 
 Array = NDArray[np.float64]
@@ -73,7 +74,8 @@ class BayesEstimator:
         self._config: BayesEstimatorConfig = config
         self.grid_s = config.grid_s
         self.hold_steps = round(_HOLD_S / config.grid_s)
-        self._grid = Grid(area, config)
+        self._ground = Ground.from_config(mission)
+        self._grid = Grid(area, config, self._ground)
         self._response = response_of(mission.nuclide)
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._gain_variance = config.gain_sigma**2
@@ -102,17 +104,18 @@ class BayesEstimator:
         if not math.isfinite(float(covariance.sum())):
             return None
         activity = math.exp(float(mean[ACTIVITY])) * REFERENCE_BQ
+        rise = self._ground.slope(mean[0], mean[1])
         return Hypothesis(
             stamp_ns=step.start_ns,
-            position=np.array([mean[0], mean[1], 0.0]),
-            covariance=_on_ground(covariance[:2, :2]),
-            velocity=np.array([mean[2], mean[3], 0.0]),
+            position=np.array([mean[0], mean[1], self._ground.height_m(mean[0], mean[1])]),
+            covariance=_on_ground(covariance[:2, :2], rise),
+            velocity=np.array([mean[2], mean[3], mean[2] * rise[0] + mean[3] * rise[1]]),
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns,
             activity_bq=activity,
             activity_sigma_bq=activity * float(covariance[ACTIVITY, ACTIVITY]) ** 0.5,
             evidence=state.evidence,
-            sights=_Sights(self._vehicles, mean, covariance),
+            sights=_Sights(self._vehicles, mean, covariance, self._ground),
         )
 
     def outlook(self, state: BayesState, step: GridStep) -> Outlook | None:
@@ -159,12 +162,21 @@ class BayesEstimator:
             age_s = (step.start_ns - observation.middle_ns) / _NS
             background = self._response.background_ps * (state.background * observation.live_time_s)
             taken = track.after_counts(
-                self._response, background, vehicle, observation.position, observation.live_time_s, observation.counts, age_s
+                self._response,
+                self._ground,
+                background,
+                vehicle,
+                observation.position,
+                observation.live_time_s,
+                observation.counts,
+                age_s,
             )
             track, gained = taken or (track, -_OUTLIER_COST)
         else:
             age_s = (step.start_ns - observation.stamp_ns) / _NS
-            track, gained = track.after_cone(self._response, vehicle, observation.apex, Orders.of(observation), age_s)
+            track, gained = track.after_cone(
+                self._response, self._ground, vehicle, observation.apex, Orders.of(observation), age_s
+            )
             cones += 1
         evidence, trust = state.evidence + gained, min(trust + gained, _MOST_TRUST)
         return BayesState(None, track, cones, state.x0_stamp_ns, evidence, trust, state.background)
@@ -234,8 +246,8 @@ class BayesEstimator:
 class _Sights(Mapping[str, Sight]):
     """Where each vehicle's own localisation puts the source: at its place plus the bias. Worked out when asked for."""
 
-    def __init__(self, vehicles: Mapping[str, int], mean: Array, covariance: Array) -> None:
-        self._vehicles, self._mean, self._covariance = vehicles, mean, covariance
+    def __init__(self, vehicles: Mapping[str, int], mean: Array, covariance: Array, ground: Ground) -> None:
+        self._vehicles, self._mean, self._covariance, self._ground = vehicles, mean, covariance, ground
         self._known: dict[str, Sight] = {}
 
     def __len__(self) -> int:
@@ -253,7 +265,9 @@ class _Sights(Mapping[str, Sight]):
     def _sight(self, b: int) -> Sight:
         mean, p = self._mean, self._covariance
         rows = p[:2] + p[b : b + 2]
-        return Sight(np.array([mean[0] + mean[b], mean[1] + mean[b + 1], 0.0]), _on_ground(rows[:, :2] + rows[:, b : b + 2]))
+        height_m, rise = self._ground.height_m(mean[0], mean[1]), self._ground.slope(mean[0], mean[1])
+        place = np.array([mean[0] + mean[b], mean[1] + mean[b + 1], height_m])
+        return Sight(place, _on_ground(rows[:, :2] + rows[:, b : b + 2], rise))
 
 
 def _motion(config: BayesEstimatorConfig) -> Motion:
@@ -266,8 +280,8 @@ def _motion(config: BayesEstimatorConfig) -> Motion:
     return Motion(np.array(velocity) ** 2, correlation_s, change_ps, np.array(drift) ** 2)
 
 
-def _on_ground(covariance: Array) -> Array:
-    """(2, 2) -> (3, 3)."""
-    place = np.zeros((3, 3))
-    place[:2, :2] = covariance
+def _on_ground(covariance: Array, rise: tuple[float, float]) -> Array:
+    """(2, 2) -> (3, 3), of a place on ground that rises by so much per metre east and north."""
+    lifted = np.vstack((np.eye(2), rise))
+    place: Array = lifted @ covariance @ lifted.T
     return place

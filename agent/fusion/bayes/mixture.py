@@ -20,6 +20,7 @@ from agent.fusion.bayes.cones import ASTRAY, Orders
 from agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TRUST, fit_rate, log_nothing
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEADING, Motion
 from agent.fusion.bayes.response import NEAREST_M, Response
+from agent.ground import Ground
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,17 @@ _NEAR = 0.5  # sites nearer than this share of their sigma are one
 _NEAREST_SINE = 1e-3
 _FAR_OFF = 5.0  # by so many sigmas of what was expected of the rate, counts do not fit
 _SHORTLY_S = 0.6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sight:
+    """x, y, z from a camera to each mean, and the distance, (S, M) each; rise (S, M, 2) of the ground there, None where level."""
+
+    x: Array
+    y: Array
+    z: Array
+    distance: Array
+    rise: Array | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,6 +113,7 @@ class Mixture:
     def after_counts(
         self,
         response: Response,
+        ground: Ground,
         background: Array,
         vehicle: int,
         position: Vector3,
@@ -114,9 +127,10 @@ class Mixture:
         against there being no source. The logarithm of the rate is linear in the state near each mean; along that direction the
         counts are fitted. None where they do not fit at all: a noisy pixel, a burst, or a track that is wrong.
         """
-        x, y, distance = self._seen_from(vehicle, position, age_s)
+        sight = self._seen_from(ground, vehicle, position, age_s)
+        distance = sight.distance
         slope = -(2.0 / distance + response.air_per_m) / distance
-        gradient = self._gradient(vehicle, slope * x, slope * y, age_s)
+        gradient = self._gradient(vehicle, slope * sight.x, slope * sight.y, slope * sight.z, sight.rise, age_s)
         gradient[..., ACTIVITY] = 1.0
         gradient[..., BIASES + BIAS * vehicle + GAIN] = 1.0
         gain = (self.covariance @ gradient[..., None])[..., 0]
@@ -131,21 +145,24 @@ class Mixture:
         covariance = self.covariance - (shrink[..., None] * gain)[..., :, None] * gain[..., None, :]
         return self._weighed(likelihood - float(log_nothing(counts, background, TRACK_TRUST)), mean, covariance)
 
-    def after_cone(self, response: Response, vehicle: int, apex: Vector3, orders: Orders, age_s: float) -> tuple[Mixture, float]:
+    def after_cone(
+        self, response: Response, ground: Ground, vehicle: int, apex: Vector3, orders: Orders, age_s: float
+    ) -> tuple[Mixture, float]:
         """After a cone: each Gaussian becomes a mixture of what each order says and of the cone saying nothing, and is replaced
         by the Gaussian of the same moments. Returns and age_s as for counts.
         """
-        x, y, distance = self._seen_from(vehicle, apex, age_s)
-        directions = np.empty((*x.shape, 3))
-        directions[..., 0], directions[..., 1], directions[..., 2] = x, y, -apex[2]
+        sight = self._seen_from(ground, vehicle, apex, age_s)
+        distance = sight.distance
+        directions = np.empty((*distance.shape, 3))
+        directions[..., 0], directions[..., 1], directions[..., 2] = sight.x, sight.y, sight.z
         directions /= distance[..., None]
         axes = self._turned(vehicle, orders.axis)  # (S, M, K, 3)
         cosine = np.minimum(np.maximum((axes @ directions[..., None])[..., 0], -1.0), 1.0)
         sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _NEAREST_SINE)
         delta = np.arccos(cosine) - orders.theta_rad
         across = (distance[..., None] * sine)[..., None]
-        slope = (cosine[..., None] * directions[..., None, :2] - axes[..., :2]) / across  # (S, M, K, 2)
-        gradient = self._gradient(vehicle, slope[..., 0], slope[..., 1], age_s)  # (S, M, K, d)
+        slope = (cosine[..., None] * directions[..., None, :] - axes) / across  # (S, M, K, 3)
+        gradient = self._gradient(vehicle, slope[..., 0], slope[..., 1], slope[..., 2], sight.rise, age_s)  # (S, M, K, d)
         turn = axes[..., 0] * directions[..., None, 1] - axes[..., 1] * directions[..., None, 0]
         gradient[..., BIASES + BIAS * vehicle + HEADING] = turn / sine
         gain = gradient @ self.covariance  # (S, M, K, d)
@@ -162,13 +179,20 @@ class Mixture:
         likelihood = np.log(heard / (rate + response.cone_background_ps))
         return self._weighed(likelihood, self.mean + moved, self.covariance + widened)
 
-    def _seen_from(self, vehicle: int, position: Vector3, age_s: float) -> tuple[Array, Array, Array]:
-        """x and y from the camera to where each mean was age_s ago, and the distance; (S, M) each."""
+    def _seen_from(self, ground: Ground, vehicle: int, position: Vector3, age_s: float) -> _Sight:
+        """From the camera to where each mean was age_s ago: on the ground, whose height the vehicle's bias does not change."""
         b = BIASES + BIAS * vehicle
         m = self.mean
+        place_x, place_y = m[..., 0] - age_s * m[..., 2], m[..., 1] - age_s * m[..., 3]
         x = m[..., 0] + m[..., b] - (age_s * m[..., 2] + position[0])
         y = m[..., 1] + m[..., b + 1] - (age_s * m[..., 3] + position[1])
-        return x, y, np.maximum(np.sqrt(x * x + y * y + position[2] ** 2), NEAREST_M)
+        if ground.level:
+            z, rise = np.full(x.shape, ground.height_m(0.0, 0.0) - position[2]), None
+        else:
+            places = np.column_stack((place_x.ravel(), place_y.ravel()))
+            z = ground.heights_m(places).reshape(x.shape) - position[2]
+            rise = ground.slopes(places).reshape(*x.shape, 2)
+        return _Sight(x, y, z, np.maximum(np.sqrt(x * x + y * y + z * z), NEAREST_M), rise)
 
     def _turned(self, vehicle: int, axes: Array) -> Array:
         """Axes (K, 3) as a camera of the right heading would have them, by each Gaussian's bias; (S, M, K, 3)."""
@@ -180,15 +204,19 @@ class Mixture:
         turned[..., 2] = axes[:, 2]
         return turned
 
-    def _gradient(self, vehicle: int, x: Array, y: Array, age_s: float) -> Array:
-        """Gradients (..., d) of measurements whose slopes along the source's position are x and y (...).
+    def _gradient(self, vehicle: int, x: Array, y: Array, z: Array, rise: Array | None, age_s: float) -> Array:
+        """Gradients (..., d) of measurements whose slopes along the source's position are x, y and z (...).
 
-        The vehicle's bias enters like the position, and the velocity by how old the measurement is.
+        The vehicle's bias enters like the position, and the velocity by how old the measurement is. rise: (S, M, 2) of the
+        ground, by which a source that is elsewhere lies higher; None where it is level.
         """
         b = BIASES + BIAS * vehicle
         gradient = np.zeros((*x.shape, self.mean.shape[-1]))
-        gradient[..., 0] = gradient[..., b] = x
-        gradient[..., 1] = gradient[..., b + 1] = y
+        gradient[..., b], gradient[..., b + 1] = x, y
+        if rise is not None:
+            rise = rise.reshape(*rise.shape[:2], *(1,) * (x.ndim - 2), 2)
+            x, y = x + z * rise[..., 0], y + z * rise[..., 1]
+        gradient[..., 0], gradient[..., 1] = x, y
         gradient[..., 2], gradient[..., 3] = -age_s * x, -age_s * y
         return gradient
 

@@ -21,6 +21,7 @@ from agent.fusion.bayes.mixture import Mixture
 from agent.fusion.bayes.motion import ACTIVITY
 from agent.fusion.bayes.response import NEAREST_M, REFERENCE_BQ, Response
 from agent.fusion.estimator import Outlook
+from agent.ground import Ground
 
 Array = NDArray[np.float64]
 Weights = NDArray[np.float32]  # there are many of them, and every checkpoint has its own
@@ -36,17 +37,18 @@ _EXCLUDED = 0.05  # an activity counts as excluded when the observations have ma
 
 
 class Grid:
-    """What is held possible. x, y: (Y, X) metres, of which ``inside`` (Y, X) belong to the area. log_activity: (A,), of
+    """What is held possible. x, y, z: (Y, X) metres, of which ``inside`` (Y, X) belong to the area. log_activity: (A,), of
     REFERENCE_BQ. background: (B,) factors of the configured one, and background_prior (B,). motion_prior: (M,) of the modes.
     """
 
-    def __init__(self, area: Polygon, config: BayesEstimatorConfig) -> None:
-        """``area``: mission frame, metres."""
+    def __init__(self, area: Polygon, config: BayesEstimatorConfig, ground: Ground) -> None:
+        """``area``: mission frame, metres; the places lie on the ground."""
         west, south, east, north = area.bounds
         self.cell_m = max(config.cell_m, ((east - west) * (north - south) / config.most_cells) ** 0.5)
         columns = np.arange(west + self.cell_m / 2.0, max(east, west + self.cell_m), self.cell_m)
         rows = np.arange(south + self.cell_m / 2.0, max(north, south + self.cell_m), self.cell_m)
         self.x, self.y = np.meshgrid(columns, rows)
+        self.z: Array = ground.heights_m(np.column_stack((self.x.ravel(), self.y.ravel()))).reshape(self.x.shape)
         self.inside: NDArray[np.bool_] = contains_xy(area.buffer(self.cell_m / 2.0), self.x, self.y)
         least, most = (np.log(value / REFERENCE_BQ) for value in config.activity_bq)
         self.log_activity = np.linspace(least, most, config.activity_levels)
@@ -156,7 +158,7 @@ class SearchState:
         """After a cone."""
         distance, x, y, z = _seen_from(grid, apex)
         u, v, w = orders.axis.T
-        cosine = (x[..., None] * u + y[..., None] * v + z * w) / distance[..., None]
+        cosine = (x[..., None] * u + y[..., None] * v + z[..., None] * w) / distance[..., None]
         delta = np.arccos(np.clip(cosine, -1.0, 1.0)) - orders.theta_rad
         within = np.broadcast_to((grid.cell_m**2 / 12.0 / distance**2)[..., None], delta.shape)
         directed = orders.density(delta, within)[0].sum(axis=(-2, -1))
@@ -216,7 +218,7 @@ def _interpolated(table: Weights, distance: Array, far: Array) -> Weights:
     return result
 
 
-def _seen_from(grid: Grid, position: Vector3) -> tuple[Array, Array, Array, float]:
+def _seen_from(grid: Grid, position: Vector3) -> tuple[Array, Array, Array, Array]:
     """Distance and x, y, z of the places from a camera."""
-    x, y, z = grid.x - position[0], grid.y - position[1], -position[2]
+    x, y, z = grid.x - position[0], grid.y - position[1], grid.z - position[2]
     return np.maximum(np.sqrt(x * x + y * y + z * z), NEAREST_M), x, y, z
