@@ -15,6 +15,7 @@ from agent.detector.calibration import load_calibration
 from agent.detector.drivers import open_detector
 from agent.detector.readout import Detector
 from agent.errors import RadronError
+from agent.launchcheck import layout_finding
 from agent.node import mesh_config
 from agent.vehicle.interface import Finding
 from agent.vehicle.px4 import Px4Vehicle
@@ -109,7 +110,8 @@ class Preflight:
         try:
             await vehicle.connect()
             while True:
-                self._vehicle_findings = await vehicle.findings()
+                layout = layout_finding(self._mission, self._drone.id, vehicle.launch)
+                self._vehicle_findings = [*await vehicle.findings(), *([layout] if layout is not None else [])]
                 await asyncio.sleep(0.2)
         except RadronError as error:
             self._vehicle_findings = [Finding("autopilot", "failed", str(error))]
