@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from agent.config import DroneConfig, MissionConfig, convert, load_mission, read_toml
 from agent.errors import ConfigError
+from agent.ground import Ground
 
 PREFIX = "RADRON_"
 NOT_OURS = "RADRON_SIM_"  # the simulation's own, in whose environment agents may be started
@@ -26,12 +27,13 @@ def load_drone(path: Path, environment: Mapping[str, str]) -> tuple[DroneConfig,
 
     Raises:
         ConfigError: unreadable, not TOML, unknown keys, values out of range, in the file or in the environment; no mission
-            named, or one without this drone.
+            named, or one without this drone or with a ground that cannot be used.
     """
     drone = _with_paths_from(path.absolute().parent, _converted(path, environment))
     if drone.mission is None:
         raise ConfigError(f"{path}: the key 'mission' is missing: the path of the mission file")
     mission = load_mission(Path(drone.mission))
+    Ground.from_config(mission)  # a grid that cannot be used is told now, not when the pilot needs it
     ids = [member.id for member in mission.drones]
     if drone.id not in ids:
         raise ConfigError(f"{path}: drone {drone.id!r} is not in {drone.mission}; its drones are {', '.join(ids)}")

@@ -96,3 +96,11 @@ def test_a_drone_needs_a_mission_that_names_it(drone_file: Path) -> None:
 
 def test_a_file_that_is_none(tmp_path: Path) -> None:
     assert error_of(tmp_path / "no.toml") == f"{tmp_path / 'no.toml'}: cannot be read: No such file or directory"
+
+
+def test_a_ground_that_cannot_be_used_is_told_on_load(drone_file: Path) -> None:
+    missions = drone_file.parent / "missions"
+    (missions / "harbour.toml").write_text(f'{MISSION}ground = {{ grid = "hills.asc" }}\n')
+    assert "hills.asc: cannot be read" in error_of(drone_file)
+    (missions / "hills.asc").write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 4\n")
+    assert "hills.asc: it does not cover the corner (100, 0)" in error_of(drone_file)
