@@ -25,10 +25,10 @@ from agent.frames.sightings import (
 )
 
 HEADINGS = 16
-_AROUND = 6  # places around the others, where only ranges are known
+_FEW_HEADINGS, _AROUND, _ABOVE_M = 8, 6, 2.0  # and places around the others, above and below, where only ranges are known
 _WIDTHS = (400.0, 400.0, 100.0, 100.0, 25.0, 9.0, 4.0, 1.0, 1.0, 1.0, 1.0)  # of the variances, round by round
 _DISTINCT_YAW = 0.35  # rad; further apart two solutions are two
-_DISTINCT_M = 3.0
+_DISTINCT_M = 1.0
 _NEAREST_M = 0.3
 _FLOOR = np.array([1e-6, 1e-6, 1e-6, 1e-6])  # information that a fit never lacks, so that it can be solved
 
@@ -135,8 +135,11 @@ def _starts(views: Views) -> Array:
     elif len(views.other):
         middle, radius = views.other.mean(0), float(np.median(views.range_m))
         angle = np.arange(_AROUND) * (2.0 * np.pi / _AROUND)
-        ring = middle + radius * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
-        starts.append(np.concatenate([np.tile(ring, (HEADINGS, 1)), np.repeat(yaws, _AROUND)[:, None]], axis=1))
+        height = np.tile([-_ABOVE_M, _ABOVE_M], _AROUND)
+        angle = np.repeat(angle, 2)
+        ring = middle + np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+        few = yaws[:: HEADINGS // _FEW_HEADINGS]
+        starts.append(np.concatenate([np.tile(ring, (len(few), 1)), np.repeat(few, len(ring))[:, None]], axis=1))
     if len(views.places):
         arms = turned(yaws[:, None], np.broadcast_to(views.moved_place, (HEADINGS, *views.moved_place.shape)))
         starts.append(np.concatenate([np.median(views.places - arms, axis=1), yaws[:, None]], axis=1))

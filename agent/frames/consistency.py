@@ -17,7 +17,11 @@ from agent.frames.sightings import Array, Sightings
 Flags = NDArray[np.bool_]
 
 KEYFRAMES = 4  # over which sightings are counted
-_FEW, _ENOUGH = 4, 8  # sightings of one kind for them to agree, or to disagree: by chance they hardly ever do
+_FEWEST, _FEW, _ENOUGH = (
+    2,
+    4,
+    8,
+)  # sightings of one kind for them to agree for a moment, to agree, to disagree (hardly ever by chance)
 _AGREE, _DISAGREE = 0.6, 0.35  # shares believed
 
 
@@ -45,6 +49,14 @@ def without(one: Tally, drone: int) -> Tally:
     return Tally(believed, seen)
 
 
+def agreeing(one: Tally) -> Flags:
+    """(N,) drones of which a keyframe's sightings between them and another one fit."""
+    both, believed = one.seen + one.seen.T, one.believed + one.believed.T
+    fits: Flags = (both >= _FEWEST) & (believed >= _AGREE * both)
+    confirmed: Flags = np.any(fits, axis=1)
+    return confirmed
+
+
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """agree, disagree: (N, N) symmetric, between two drones whichever saw the other. blind: (N,) drones whose own sightings
@@ -57,12 +69,12 @@ class Verdict:
     def culprit(self) -> int | None:
         """The drone whose frame must be wrong; None where there is no contradiction, or where it cannot be told whose it is.
 
-        More disagree with it than agree, and more so than with any of those that disagree with it.
+        More disagree with it than agree, and more so than with those that disagree with it (several may lie: one after another).
         """
         score = self.disagree.sum(1) - self.agree.sum(1)
         for drone in np.argsort(-score, kind="stable"):
             against = self.disagree[drone]
-            if against.any() and score[drone] > 0 and (score[drone] > score[against]).all():
+            if against.any() and score[drone] > 0 and score[against].min() < score[drone] >= score[against].max():
                 return int(drone)
         return None
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from agent.config import MissionConfig
 from agent.frames.alignment import Alignment, align, evidence_of, views_of
-from agent.frames.consistency import KEYFRAMES, Tally, Verdict, tally, verdict, without
+from agent.frames.consistency import KEYFRAMES, Tally, Verdict, agreeing, tally, verdict, without
 from agent.frames.drift import Drift
 from agent.frames.graph import LAUNCH_EPOCH
 from agent.frames.intake import Intake
@@ -48,7 +48,7 @@ class Member:
     """What is remembered of one drone from keyframe to keyframe."""
 
     launched: bool = False  # its layout has been used, or may not be any more
-    sound_ns: int = -1  # stamp of the last keyframe at which its frame was not contradicted
+    sound_ns: int = -1  # stamp of the last keyframe at which sightings confirmed its frame, and none contradicted it
     since: int = -1  # keyframe from which on its sightings tell of its present frame
     contradicted: int = 0  # keyframes in a row
     missed: int = 0  # fixes in a row that did not fit
@@ -197,13 +197,14 @@ class _Keyframe:
     def _judge(self, judged: Verdict) -> None:
         """Find out whose frame is wrong, and place it anew by what the others see of it."""
         culprit = judged.culprit()
+        confirmed = agreeing(self.tallies[-1])
         for drone in self.joint.drones.tolist():
             member = self.members[drone]
             if drone == culprit:
                 self.members[drone] = replace(member, contradicted=member.contradicted + 1)
             else:
-                sound = member.sound_ns if judged.disagree[drone].any() else self.stamp_ns
-                self.members[drone] = replace(member, contradicted=0, sound_ns=sound)
+                sound = confirmed[drone] and not judged.disagree[drone].any()
+                self.members[drone] = replace(member, contradicted=0, sound_ns=self.stamp_ns if sound else member.sound_ns)
             self._check_fixes(drone, judged)
         if culprit is not None and self.members[culprit].contradicted >= _FIRM and not self.estimate.exact[culprit]:
             others = [self.estimate.names[other] for other in np.flatnonzero(judged.disagree[culprit])]

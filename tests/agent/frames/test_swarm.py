@@ -1,0 +1,342 @@
+"""The frames of a whole swarm, from log entries to transforms; the truth is that of ``sighted_swarm``."""
+
+import math
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run, settle
+
+from agent.frames.swarm import SwarmFrames
+from protocol.messages import Sighting
+
+CHI2_90 = 7.78  # of four numbers, 90 % are below it
+DRIFT = {"drift_m": 0.1, "yaw_drift_deg": 0.2}  # 1 % of 100 m, 0.1 degrees by the root of seconds and of metres at 3 m/s each
+UNKNOWN = {"told_yaw_deg": 0.0, "yaw_sigma_deg": 180.0}
+
+
+def at_once(flown):
+    """The frames from all entries of a flight, given before the first estimate."""
+    frames = SwarmFrames(flown.mission)
+    for entry in flown.entries:
+        frames.receive(entry)
+    settle(frames, int(flown.stamps_ns[-1]) + SECOND)
+    return frames
+
+
+def anchored(**values):
+    """d1 is known exactly; the others begin with any heading."""
+    return [Drone("d1", kind="exact"), Drone("d2", yaw_deg=70.0, **values), Drone("d3", yaw_deg=-130.0, **values)]
+
+
+def satellites(**of_the_third):
+    """Three by GNSS."""
+    plain = {"kind": "gnss", "wander_m": 1.0, "fixes": True, "yaw_sigma_deg": 2.0}
+    return [Drone("d1", **plain), Drone("d2", **plain), Drone("d3", **plain, **of_the_third)]
+
+
+def slams():
+    """d1's first frame is the mission's, all drift."""
+    return [
+        Drone("d1", origin_sigma_m=0.0, yaw_sigma_deg=0.0, **DRIFT),
+        Drone("d2", yaw_deg=70.0, **UNKNOWN, **DRIFT),
+        Drone("d3", yaw_deg=-130.0, **UNKNOWN, **DRIFT),
+    ]
+
+
+@pytest.fixture(scope="module")
+def after_20_s():
+    """(200, 2, 4) errors and (200, 2) normalised squared ones of d2 and d3 after 20 s of flight with unknown headings."""
+    errors, squared = [], []
+    for seed in range(100):
+        flown = fly(anchored(**UNKNOWN, **DRIFT), 20.5, seed)
+        frames = at_once(flown)
+        found = [flown.error(frames, drone, 20.0) for drone in ("d2", "d3")]
+        errors.append([off for off, _ in found])
+        squared.append([off @ np.linalg.solve(covariance, off) for off, covariance in found])
+    return np.array(errors), np.array(squared)
+
+
+def test_unknown_frames_are_found_within_20_s(after_20_s):
+    errors, _ = after_20_s
+    level = np.hypot(errors[..., 0], errors[..., 1])
+    assert np.sqrt(np.mean(level**2)) < 0.3  # although they drift by 0.17 m of each axis in a second
+    assert np.sqrt(np.mean(errors[..., 3] ** 2)) < math.radians(1.0)
+
+
+def test_the_covariance_is_true(after_20_s):
+    _, squared = after_20_s
+    assert 0.85 <= np.mean(squared < CHI2_90) <= 0.96
+    assert 3.0 < squared.mean() < 5.0
+
+
+def test_bearings_alone_do():
+    flown = fly(anchored(**UNKNOWN), 20.5, 5, Sensor(range_m=None))
+    frames = at_once(flown)
+    for drone in ("d2", "d3"):
+        off, _ = flown.error(frames, drone, 20.0)
+        assert np.linalg.norm(off[:3]) < 1.0
+        assert abs(off[3]) < math.radians(2.0)
+
+
+def test_ranges_alone_do_in_flight():
+    flown = fly(anchored(**UNKNOWN), 40.5, 5, Sensor(direction_deg=None, rate_hz=5.0))
+    frames = at_once(flown)
+    for drone in ("d2", "d3"):
+        off, covariance = flown.error(frames, drone, 40.0)
+        assert np.linalg.norm(off[:3]) < 2.0
+        assert off @ np.linalg.solve(covariance, off) < 20.0
+
+
+def test_without_sightings_an_unknown_frame_stays_unknown():
+    flown = fly(anchored(**UNKNOWN), 10.0, 1, Sensor())
+    frames = SwarmFrames(flown.mission)
+    for entry in flown.entries:
+        if not isinstance(entry, Sighting):
+            frames.receive(entry)
+    settle(frames, int(flown.stamps_ns[-1]) + SECOND)
+    assert frames.graph.mission_from_local("d2", 0) is None
+    assert frames.suspects() == {"d2": "its frame is not known yet", "d3": "its frame is not known yet"}
+
+
+def test_a_frame_known_late_holds_from_the_first_entry_on():
+    flown = fly(anchored(**UNKNOWN), 10.0, 1)
+    frames = at_once(flown)
+    assert frames.graph.mission_from_local("d2", 0, START_NS) is not None
+    off, _ = flown.error(frames, "d2", 0.0)
+    assert np.linalg.norm(off[:3]) < 1.0
+
+
+def test_without_support_the_covariance_grows():
+    flown = fly([Drone("d1", origin_sigma_m=0.1, **DRIFT)], 60.0, 1)
+    frames = run(flown)
+    sigmas = [math.sqrt(np.trace(flown.error(frames, "d1", time)[1][:2, :2])) for time in (5.0, 20.0, 59.0)]
+    assert sigmas[0] < sigmas[1] < sigmas[2]
+    assert sigmas[2] > 1.0
+
+
+def test_the_mean_drift_is_less_than_the_least():
+    """Each drifts for itself; who sees the others knows better where he is than the best of them by himself would."""
+    together, alone = [], []
+    for seed in range(12):
+        flown = fly(slams(), 61.0, seed)
+        frames = at_once(flown)
+        own = []
+        for drone in ("d1", "d2", "d3"):
+            off, _ = flown.error(frames, drone, 60.0)
+            together.append(np.hypot(off[0], off[1]))
+            # By itself: the frame of the start, known exactly, for the whole flight.
+            turn = flown.yaw[drone][0]
+            c, s = math.cos(turn), math.sin(turn)
+            first, last = flown.local[drone][0], flown.local[drone][flown.at(60.0)]
+            x, y = last[0] - first[0], last[1] - first[1]
+            place = flown.place[drone][0] + np.array([c * x - s * y, s * x + c * y, 0.0])
+            own.append(math.dist(place[:2], flown.place[drone][flown.at(60.0)][:2]))
+        alone.append(own)
+    # The best single drone is one that can be named before the flight, not the one that was lucky.
+    assert np.sqrt(np.mean(np.square(together))) < 0.8 * np.sqrt(np.mean(np.square(alone), axis=0)).min()
+
+
+def test_satellites_place_a_slam_whose_heading_nobody_knows():
+    drones = [Drone("d1", kind="gnss", wander_m=1.0, fixes=True, yaw_sigma_deg=2.0)]
+    drones += [
+        Drone("d2", kind="rtk", wander_m=0.03, fixes=True, yaw_sigma_deg=2.0),
+        Drone("d3", yaw_deg=100.0, **UNKNOWN, **DRIFT),
+    ]
+    flown = fly(drones, 30.0, 3, datum=True)
+    frames = at_once(flown)
+    off, _ = flown.error(frames, "d3", 29.0)
+    assert np.hypot(off[0], off[1]) < 0.6
+    off, covariance = flown.error(frames, "d1", 29.0)
+    assert math.sqrt(np.trace(covariance[:2, :2])) < 0.6  # better than its receiver: by the one with RTK that it sees
+
+
+def test_correlated_fixes_do_not_count_as_independent():
+    """A receiver that is a metre wrong for a minute stays uncertain by a metre, however often it says so."""
+    squared = []
+    for seed in range(40):
+        flown = fly([Drone("d1", kind="gnss", wander_m=1.0, fixes=True, yaw_sigma_deg=2.0)], 40.0, seed, datum=True)
+        off, covariance = flown.error(at_once(flown), "d1", 39.0)
+        assert 0.6 < math.sqrt(covariance[0, 0]) < 1.2
+        squared.append(off[:3] @ np.linalg.solve(covariance[:3, :3], off[:3]))
+    assert 1.5 < np.mean(squared) < 5.0  # 3 if true; its own standard error is 0.4
+
+
+@pytest.mark.parametrize("liar", [0, 1, 2])
+def test_a_drone_that_lies_by_20_m_is_found_out(liar):
+    drones = [Drone("d1", kind="gnss", wander_m=0.5, fixes=True, yaw_sigma_deg=2.0, origin_sigma_m=2.0)]
+    drones.append(Drone("d2", kind="rtk", wander_m=0.03, fixes=True, yaw_sigma_deg=2.0, origin_sigma_m=2.0))
+    drones.append(Drone("d3", yaw_deg=100.0, origin_sigma_m=2.0, **UNKNOWN, **DRIFT))
+    drones[liar].shift_m = (12.0, -16.0, 0.0)
+    flown = fly(drones, 45.0, 7, Sensor(rate_hz=5.0), datum=True)
+    after_6_s, at_the_end = run(flown, 6.0), run(flown)
+    assert f"d{liar + 1}" in after_6_s.suspects()
+    assert list(at_the_end.suspects()) == [f"d{liar + 1}"]
+    for drone in ("d1", "d2", "d3"):
+        for time in (0.0, 2.0, 20.0, 44.0):  # what was measured before it was found out is placed anew as well
+            off, covariance = flown.error(at_the_end, drone, time)
+            assert np.linalg.norm(off[:3]) < 2.5
+            assert off @ np.linalg.solve(covariance, off) < 25.0
+
+
+def test_a_liar_does_not_drag_the_honest_ones():
+    """Against the same flight in which it says nothing of itself: no fixes, a launch place that nobody is sure of."""
+    kind = {"kind": "gnss", "fixes": True, "yaw_sigma_deg": 2.0}
+    honest = [Drone("d1", **kind), Drone("d2", **kind)]
+    lying = Drone("d3", **kind, shift_m=(12.0, -16.0, 0.0))
+    with_liar = fly([*honest, lying], 15.0, 4, datum=True)
+    without = fly([*honest, replace(lying, shift_m=(0.0, 0.0, 0.0), fixes=False, origin_sigma_m=30.0)], 15.0, 4, datum=True)
+    a, b = at_once(with_liar), at_once(without)
+    for drone in ("d1", "d2"):
+        for time in range(15):
+            one, other = with_liar.error(a, drone, time)[0], without.error(b, drone, time)[0]
+            assert np.linalg.norm(one[:3] - other[:3]) < 0.3
+
+
+def test_a_camera_that_is_all_wrong_drags_nobody():
+    drones = slams()
+    drones[2].false = 1.0
+    flown = fly([replace(d, yaw_sigma_deg=3.0, told_yaw_deg=None) for d in drones], 20.5, 2, Sensor(rate_hz=5.0))
+    frames = at_once(flown)
+    assert "d3" in frames.suspects()
+    for drone in ("d1", "d2", "d3"):
+        off, covariance = flown.error(frames, drone, 20.0)
+        assert np.linalg.norm(off[:3]) < 1.5
+        assert off @ np.linalg.solve(covariance, off) < 20.0
+
+
+@pytest.mark.parametrize("announced", [True, False])
+def test_a_jump_of_15_m_is_got_over(announced):
+    drones = anchored(yaw_sigma_deg=5.0)
+    drones[2] = replace(drones[2], shift_m=(9.0, -12.0, 0.0), shift_yaw_deg=40.0, shift_s=12.0, shift_announced=announced)
+    flown = fly(drones, 20.0, 6)
+    frames = at_once(flown)
+    for time in (11.0, 11.9, 12.0, 12.5, 13.0, 16.0, 19.0):  # old observations keep the old frame, new ones have the new
+        off, covariance = flown.error(frames, "d3", time)
+        assert np.linalg.norm(off[:3]) < 1.0
+        assert off @ np.linalg.solve(covariance, off) < 20.0
+
+
+def test_a_new_epoch_is_known_as_soon_as_its_poses_are():
+    drones = anchored(yaw_sigma_deg=5.0)
+    drones[2] = replace(drones[2], shift_m=(9.0, -12.0, 0.0), shift_s=12.0, shift_announced=True)
+    flown = fly(drones, 20.0, 6)
+    frames = run(flown, 12.6)
+    off, _ = flown.error(frames, "d3", 12.5, now=True)
+    assert np.linalg.norm(off[:3]) < 1.0
+
+
+def test_a_frame_that_slips_away_is_placed_by_the_others_sightings():
+    """No jump that the track itself shows: 20 m within three seconds."""
+    drones = slams()
+    drones[2] = replace(drones[2], shift_m=(12.0, -16.0, 0.0), shift_s=15.0, shift_lasts_s=3.0)
+    flown = fly(drones, 60.0, 8, Sensor(rate_hz=5.0))
+    found = run(flown, 25.0)
+    assert list(found.suspects()) == ["d3"]
+    assert np.linalg.norm(flown.error(found, "d3", 24.0)[0][:3]) < 1.5
+    frames = run(flown)
+    assert frames.suspects() == {}  # consistent for half a minute
+    for drone in ("d1", "d2", "d3"):
+        assert np.linalg.norm(flown.error(frames, drone, 59.0)[0][:3]) < 2.5
+
+
+def test_of_two_that_contradict_each_other_both_are_named():
+    drones = satellites()[:2]
+    drones[1] = replace(drones[1], shift_m=(12.0, -16.0, 0.0))
+    frames = at_once(fly(drones, 15.0, 1, datum=True))
+    assert set(frames.suspects()) == {"d1", "d2"}
+
+
+def test_honest_swarms_are_not_suspected():
+    for seed in range(6):
+        assert at_once(fly(satellites(), 30.0, seed, datum=True)).suspects() == {}
+        assert at_once(fly(slams(), 30.0, seed)).suspects() == {}
+
+
+def lines(frames, flown):
+    """What the graph says, bit for bit."""
+    found = []
+    for drone in flown.place:
+        for epoch in (0, 1):
+            for stamp_ns in [*range(START_NS, int(flown.stamps_ns[-1]) + 2 * SECOND, SECOND // 2), None]:
+                one = frames.graph.mission_from_local(drone, epoch, stamp_ns)
+                found.append(
+                    None
+                    if one is None
+                    else (one.yaw_rad, one.translation, None if one.covariance is None else one.covariance.tobytes())
+                )
+    return found
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_any_order_of_arrival_gives_the_same_frames(seed):
+    """Bit for bit; with a jump, a liar and unknown headings in it, entries late by anything, estimates in between."""
+    drones = [
+        Drone("d1", kind="gnss", wander_m=1.0, fixes=True, shift_m=(12.0, -16.0, 0.0)),
+        Drone("d2", kind="rtk", wander_m=0.03, fixes=True),
+        Drone("d3", yaw_deg=100.0, shift_m=(5.0, 5.0, 0.0), shift_s=8.0, shift_announced=True, **UNKNOWN, **DRIFT),
+    ]
+    flown = fly(drones, 14.0, seed, datum=True)
+    expected = lines(at_once(flown), flown)
+    rng = random.Random(seed)
+    frames = SwarmFrames(flown.mission)
+    entries = sorted(flown.entries, key=lambda entry: arrival_ns(entry) + rng.expovariate(1.0 / 3.0) * SECOND)
+    for place, entry in enumerate(entries):
+        frames.receive(entry)
+        if place % 40 == 0:
+            frames.advance(arrival_ns(entry))
+            frames.suspects()
+    settle(frames, int(flown.stamps_ns[-1]) + SECOND)
+    assert lines(frames, flown) == expected
+    assert lines(run(flown), flown) == expected
+
+
+def test_changes_lead_every_reader_to_the_newest_transforms():
+    """Who asks again only for what ``changes`` names holds what the graph holds."""
+    flown = fly(anchored(**UNKNOWN, **DRIFT), 15.0, 3)
+    frames = SwarmFrames(flown.mission)
+    rng = random.Random(3)
+    entries = sorted(flown.entries, key=lambda entry: arrival_ns(entry) + rng.expovariate(1.0) * SECOND)
+    stamps = range(START_NS, START_NS + 15 * SECOND, SECOND // 4)
+    held, revision = {}, -1
+    for place, entry in enumerate(entries):
+        frames.receive(entry)
+        if place % 30 == 0:
+            frames.advance(arrival_ns(entry))
+            for (drone, epoch), since_ns in frames.graph.changes(revision).items():
+                for stamp in stamps:
+                    if stamp >= since_ns:
+                        held[drone, stamp] = frames.graph.mission_from_local(drone, epoch, stamp)
+            revision = frames.graph.revision
+            for drone in flown.place:
+                for stamp in stamps:
+                    now = frames.graph.mission_from_local(drone, 0, stamp)
+                    then = held.get((drone, stamp))
+                    assert (now is None) == (then is None)
+                    if now is not None:
+                        assert (now.yaw_rad, now.translation) == (then.yaw_rad, then.translation)
+
+
+def test_what_lies_long_before_the_start_is_left_out():
+    flown = fly(anchored(yaw_sigma_deg=5.0), 6.0, 1)
+    frames, clean = SwarmFrames(flown.mission), at_once(flown)
+    for entry in flown.entries:
+        if entry.drone == "d2":
+            old = entry.stamp_ns - 10**9 * SECOND
+            moved = {"stamp_ns": old, "end_ns": old + SECOND // 2} if hasattr(entry, "end_ns") else {"stamp_ns": old}
+            frames.receive(type(entry)(**{name: getattr(entry, name) for name in entry.__struct_fields__} | moved))
+            break
+    for entry in flown.entries:
+        frames.receive(entry)
+    frames.start(START_NS)
+    settle(frames, int(flown.stamps_ns[-1]) + SECOND)
+    assert lines(frames, flown) == lines(clean, flown)
+
+
+def test_where_all_is_exact_nothing_is_done():
+    flown = fly([Drone("d1", kind="exact"), Drone("d2", kind="exact", yaw_deg=90.0)], 5.0, 1)
+    frames = run(flown)
+    assert frames.graph.revision == 2
+    assert frames.graph.mission_from_local("d2", 0).covariance is None
+    assert frames.suspects() == {}

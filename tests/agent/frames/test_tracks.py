@@ -1,0 +1,115 @@
+import math
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.frames.tracks import ALWAYS, Sample, Track
+from agent.frames.transform import Transform
+
+TENTH = 100_000_000
+
+
+def circling(count=40, first=0, epoch=0, frame=None):
+    """Samples at 10 Hz of a flight at 3 m/s on a circle of 10 m; ``frame``: world from local."""
+    local = (frame or Transform()).inverse()
+    samples = []
+    for k in range(first, first + count):
+        angle = 0.03 * k
+        place = (10.0 * math.cos(angle), 10.0 * math.sin(angle), 3.0)
+        heading = angle + math.pi / 2 + local.yaw_rad
+        samples.append(Sample((k + 1) * TENTH, epoch, local.apply_point(place), math.remainder(heading, math.tau)))
+    return samples
+
+
+def track_of(samples):
+    track = Track()
+    for sample in samples:
+        track.insert(sample)
+    return track
+
+
+def state(track, stamps):
+    return [(track.at(stamp), track.reference(stamp)) for stamp in stamps], [
+        (s.stamp_ns, s.epoch, s.joined.yaw_rad, s.joined.translation, s.gap_s) for s in track.segments
+    ]
+
+
+def test_between_samples_it_is_interpolated():
+    track = track_of([Sample(0, 0, (0.0, 0.0, 1.0), 0.0), Sample(TENTH, 0, (1.0, 2.0, 1.0), 0.0)])
+    assert track.at(TENTH // 4) == pytest.approx((0.25, 0.5, 1.0))
+    assert track.at(-1) is None
+    assert track.at(TENTH + 1) is None
+    place, flown = track.reference(5 * TENTH)
+    assert place == (1.0, 2.0, 1.0)
+    assert flown == pytest.approx(math.hypot(1.0, 2.0))
+
+
+def test_in_a_gap_of_seconds_nobody_knows_where_it_was():
+    track = track_of([Sample(0, 0, (0.0, 0.0, 1.0), 0.0), Sample(50 * TENTH, 0, (9.0, 0.0, 1.0), 0.0)])
+    assert track.at(20 * TENTH) is None
+    assert track.reference(20 * TENTH)[0] == (0.0, 0.0, 1.0)
+
+
+def test_a_new_epoch_goes_on_where_the_vehicle_was():
+    moved = Transform(1.1, (30.0, -5.0, 0.5))
+    track = track_of(circling(40) + circling(40, first=40, epoch=1, frame=moved))
+    joined = track.joined(1, 60 * TENTH)
+    # Straight on for a tenth of a second instead of along the circle: half of 0.3 m times 0.03 rad.
+    assert joined.translation == pytest.approx(moved.translation, abs=0.02)
+    assert joined.yaw_rad == pytest.approx(moved.yaw_rad, abs=0.001)
+    assert [segment.epoch for segment in track.segments] == [0, 1]
+    assert track.gaps_s(40 * TENTH, 41 * TENTH) == [pytest.approx(0.1)]
+    assert track.joined(2, 60 * TENTH) is None
+
+
+def test_a_jump_that_nobody_told_of_is_taken_out_alike():
+    track = track_of(circling(40) + circling(40, first=40, frame=Transform(0.0, (12.0, 9.0, 0.0))))
+    assert [segment.epoch for segment in track.segments] == [0, 0]
+    assert track.joined(0, 41 * TENTH).translation == pytest.approx((12.0, 9.0, 0.0), abs=0.02)
+    assert track.joined(0, 40 * TENTH).translation == (0.0, 0.0, 0.0)
+    _, flown = track.reference(80 * TENTH)
+    assert flown == pytest.approx(79 * 0.3, rel=0.01)
+
+
+@given(st.integers(0, 2**32), st.lists(st.integers(0, 79), max_size=10))
+def test_the_order_of_arrival_leaves_no_trace(seed, asked):
+    samples = (
+        circling(40) + circling(20, first=40, epoch=1, frame=Transform(1.1, (30.0, -5.0, 0.5))) + circling(20, first=60, epoch=2)
+    )
+    samples.append(Sample(20 * TENTH, 0, (1.0, 1.0, 1.0), 0.0))  # one more of a stamp that there is
+    stamps = [k * TENTH + 7 for k in range(82)]
+    expected = state(track_of(samples), stamps)
+    random.Random(seed).shuffle(samples)
+    track = Track()
+    for k, sample in enumerate(samples):
+        track.insert(sample)
+        if k in asked:  # what was worked out in between is not kept
+            assert track.segments
+    assert state(track, stamps) == expected
+
+
+def test_insertion_tells_from_where_on_the_track_is_another():
+    first, second, third = circling(3)
+    track = track_of([first, third])
+    assert track.insert(second) == first.stamp_ns
+    assert track.insert(second) is None
+    assert track.insert(Sample(0, 0, (0.0, 0.0, 0.0), 0.0)) == -1
+
+
+def test_segments_that_change_are_told_once():
+    track = track_of(circling(5))
+    assert track.taken_changed_ns() == TENTH
+    track.insert(circling(1, first=5)[0])
+    assert track.taken_changed_ns() == ALWAYS
+    track.insert(circling(1, first=6, epoch=1)[0])
+    assert track.taken_changed_ns() == 7 * TENTH
+
+
+def test_what_is_dropped_is_gone():
+    track = track_of(circling(5))
+    track.drop_before(3 * TENTH)
+    assert track.first_ns == 3 * TENTH
+    assert track.at(2 * TENTH) is None
+    assert track.segments[0].stamp_ns == 3 * TENTH
