@@ -29,14 +29,18 @@ class LaunchSurvey:
 
     An autopilot that flies without satellites (``gnss`` False) has no such origin. Its frame is the same one as long as it has
     not been booted anew; where one comes after all, because a receiver has found satellites, it does not move the frame.
+
+    A frame that jumps in flight is another epoch; for a mission that takes it for known exactly (``exact``) there is none, and it
+    is only told: nobody could say where the other epoch lies.
     """
 
-    def __init__(self, stored: LaunchPlace | None = None, gnss: bool = True) -> None:
+    def __init__(self, stored: LaunchPlace | None = None, gnss: bool = True, exact: bool = False) -> None:
         self._place: LaunchPlace | None = None
         self._moved = False  # the autopilot's frame is no longer the place's
         self.problem: str | None = None
         self._stored = stored
-        self._gnss = gnss
+        self._gnss, self._exact = gnss, exact
+        self._jumps = 0  # of a frame that is taken for exact
         self._flown = self._frozen = False
         self._samples: deque[tuple[float, Vector3]] = deque()
         self._origin: Origin | None = None
@@ -76,7 +80,9 @@ class LaunchSurvey:
 
     def jumped(self) -> None:
         """The autopilot's frame has jumped: in flight a new epoch begins; before it the place is measured anew."""
-        if self._place is not None and self._frozen:
+        if self._frozen and self._exact:
+            self._jumps += 1
+        elif self._place is not None and self._frozen:
             self._place = replace(self._place, epoch=self._place.epoch + 1)
         self._samples.clear()
 
@@ -118,13 +124,16 @@ class LaunchSurvey:
             return
         if resets is not None and resets != self._place.resets:
             self._place = replace(self._place, resets=resets)
-        origin = _origin_of(self._place)
-        if origin is None or self._origin is None:
+        origin, same = _origin_of(self._place), True
+        if origin is not None and self._origin is not None:
+            self._moved = not _same_spot(origin, self._origin)
+            same = not self._moved and _same_height(origin, self._origin)
+        if not same:
+            self.problem = "the autopilot has moved the origin of its local frame in flight: land"
+        elif self._jumps:
+            self.problem = "the autopilot's position or heading has jumped in flight, and the mission takes its frame for exact"
+        else:
             self.problem = None
-            return
-        self._moved = not _same_spot(origin, self._origin)
-        same = not self._moved and _same_height(origin, self._origin)
-        self.problem = None if same else "the autopilot has moved the origin of its local frame in flight: land"
 
     def _is_same_frame(self, stored: LaunchPlace, booted_ns: int | None) -> bool:
         origin = _origin_of(stored)

@@ -35,7 +35,7 @@ _WATCHED = {_TAKE_OFF: "to take off", _LAND: "to land", _SET_MODE: "to change it
 _RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}  # MAV_RESULT
 _HOME_POSITION, _GLOBAL_ORIGIN = 242, 49
 # Message ids and Hz that are asked for: the rest of the link's streams nobody here reads. (Heartbeats stay at PX4's 1 Hz.)
-_WANTED_HZ = {32: 30.0, 31: 30.0, 331: 30.0, 132: 10.0, 245: 5.0, 1: 2.0, 24: 2.0}
+_WANTED_HZ = {32: 30.0, 31: 30.0, 331: 10.0, 132: 10.0, 245: 5.0, 1: 2.0, 24: 2.0}
 _UNWANTED = (30, 33, 36, 74, 83, 85, 105, 141)
 _FEWEST_POSITIONS_PER_S = 20  # with fewer the intervals are asked for again
 
@@ -53,12 +53,15 @@ class Px4Vehicle:
         mission_ceiling_m: float,
         launch: LaunchPlace | None = None,
         clock_ns: Callable[[], int] = time.time_ns,
+        exact: bool = False,
     ) -> None:
-        """``launch``: where the local frame lay before a restart in flight; ``clock_ns``: UTC."""
+        """``launch``: where the local frame lay before a restart in flight; ``clock_ns``: UTC; ``exact``: the mission takes the
+        local frame for known exactly, so that it has one epoch only.
+        """
         self._config = config
         self._clock_ns = clock_ns
         self._link = Link(config.address, clock_ns)
-        self._telemetry = Telemetry(config, launch)
+        self._telemetry = Telemetry(config, launch, exact)
         self._texts = StatusTexts()
         self._parameters = Parameters(mission_ceiling_m, rules_of(config.gnss, config.vision is not None))
         self._requests = Requests()

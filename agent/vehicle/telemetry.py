@@ -59,8 +59,9 @@ class _Turning(Struct, frozen=True):
 class Telemetry:
     """The newest of every message, and what follows from them. Only the newest counts; nothing is queued."""
 
-    def __init__(self, config: VehicleConfig, launch: LaunchPlace | None) -> None:
-        self.launch = LaunchSurvey(launch, config.gnss)
+    def __init__(self, config: VehicleConfig, launch: LaunchPlace | None, exact: bool = False) -> None:
+        """``exact``: the mission takes the frame for known exactly, whatever happens to it."""
+        self.launch = LaunchSurvey(launch, config.gnss, exact)
         self._resets = Resets(launch.resets if launch is not None else None)
         self._config = config
         self._clock = BootClock()

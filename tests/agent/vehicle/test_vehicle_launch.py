@@ -197,3 +197,16 @@ def test_a_jump_on_the_ground_begins_the_measurement_anew_and_no_epoch() -> None
     stand(survey, 3.5, 1.0, north_m=25.0)
     assert survey.place is not None
     assert (survey.place.epoch, survey.place.north_m) == (0, pytest.approx(25.0))
+
+
+def test_a_jump_of_a_frame_that_the_mission_takes_for_exact_is_told_and_nothing_else() -> None:
+    survey = LaunchSurvey(gnss=False, exact=True)
+    stand(survey, 0.0, 3.0)
+    survey.jumped()  # on the ground it is measured anew
+    stand(survey, 3.0, 2.0)
+    before = survey.place
+    survey.observe(6.0, (10.0, -20.0, -3.0), **FLYING, booted_ns=BOOTED_NS, resets=4)
+    survey.jumped()
+    survey.observe(6.1, (10.0, -20.0, -3.0), **FLYING, booted_ns=BOOTED_NS, resets=4)
+    assert survey.place == before
+    assert "exact" in str(survey.problem)
