@@ -56,7 +56,7 @@ class Member:
     attempted: int = -1  # keyframe of the last attempt to find its frame
     trusted: bool = True  # its layout and compass count
     suspicion: Suspicion | None = None
-    published: Placement | None = None
+    known: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -393,20 +393,17 @@ class _Keyframe:
 
     def _emit(self, drone: int, from_ns: int, placement: Placement | None) -> None:
         self.emissions.append((drone, from_ns, placement))
-        self.members[drone] = replace(self.members[drone], published=placement)
+        self.members[drone] = replace(self.members[drone], known=placement is not None)
 
     def _publish(self) -> None:
-        """What is worth telling of each frame."""
+        """Each frame from now on."""
         told = {drone for drone, _, _ in self.emissions}
         for row, drone in enumerate(self.joint.drones.tolist()):
             if drone in told or self.estimate.exact[drone]:
                 continue
             if self.joint.block(row).diagonal()[:3].max() > _TOO_WIDE_M**2:
                 continue
-            newer = self._placement(drone)
-            held = self.members[drone].published
-            if held is None or not held.says_the_same(newer):
-                self._emit(drone, self.stamp_ns, newer)
+            self._emit(drone, self.stamp_ns, self._placement(drone))
 
 
 def _thinned(seen: Sightings) -> Sightings:

@@ -1,4 +1,4 @@
-"""Where a drone's continuous frame lies, as estimated at one keyframe; and whether that is news."""
+"""Where a drone's continuous frame lies, as estimated at one keyframe."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ import numpy as np
 
 from agent.frames.sightings import Array
 from agent.frames.transform import Transform
-
-_SHIFT = 0.15  # of its sigma by which a place may differ before it is published anew
-_SPREAD = 1.1  # factor of its sigma
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,15 +41,3 @@ class Placement:
         jacobian = np.eye(4)
         jacobian[:3, 3] = -arm[1], arm[0], 0.0
         return np.append(self.pose[:3] + arm, yaw), jacobian @ self.covariance @ jacobian.T
-
-    def says_the_same(self, newer: Placement) -> bool:
-        """Whether the newer one differs by much less than its own error: not worth that everybody works with it anew."""
-        pose, covariance = self.carried(newer.at)
-        sigma, old_sigma = np.sqrt(newer.covariance.diagonal()), np.sqrt(covariance.diagonal())
-        off = newer.pose - pose
-        off[3] = np.arctan2(np.sin(off[3]), np.cos(off[3]))
-        return bool(
-            (np.abs(off) <= _SHIFT * sigma).all()
-            and (sigma <= _SPREAD * old_sigma).all()
-            and (old_sigma <= _SPREAD * sigma).all()
-        )

@@ -85,7 +85,7 @@ class SwarmFrames:
         for drone, member in enumerate(last.members):
             if member.suspicion is not None:
                 found[self._names[drone]] = member.suspicion.reason
-            elif self._estimated[drone] and member.published is None:
+            elif self._estimated[drone] and not member.known:
                 found[self._names[drone]] = "its frame is not known yet"
         return found
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 from sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run, settle
 
 from agent.frames.swarm import SwarmFrames
@@ -340,3 +341,37 @@ def test_where_all_is_exact_nothing_is_done():
     assert frames.graph.revision == 2
     assert frames.graph.mission_from_local("d2", 0).covariance is None
     assert frames.suspects() == {}
+
+
+def test_a_frame_that_nobody_can_tell_is_lost_and_found_again():
+    """From 10 s to 25 s all sightings of and by d3 are nonsense; what it observes then waits, and is placed afterwards."""
+    drones = anchored(yaw_sigma_deg=5.0, **DRIFT)
+    drones[2] = replace(drones[2], shift_m=(9.0, 12.0, 0.0), shift_s=10.0, shift_lasts_s=4.0)
+    flown = fly(drones, 40.0, 5, Sensor(rate_hz=5.0))
+    rng = np.random.default_rng(1)
+    for place, entry in enumerate(flown.entries):
+        if (
+            isinstance(entry, Sighting)
+            and "d3" in (entry.drone, entry.target)
+            and 10.0 < 1e-9 * (entry.stamp_ns - START_NS) < 25.0
+        ):
+            direction = rng.standard_normal(3)
+            direction = tuple((direction / np.linalg.norm(direction)).tolist())
+            flown.entries[place] = structs.replace(entry, direction=direction, range_m=rng.uniform(1.0, 60.0))
+    lost, found = run(flown, 24.0), run(flown)
+    assert "d3" in lost.suspects()
+    assert flown.error(lost, "d3", 23.0) is None
+    assert np.linalg.norm(flown.error(lost, "d3", 8.0)[0][:3]) < 1.0  # what was sound stays where it was
+    for time in (20.0, 24.0, 30.0, 39.0):
+        assert np.linalg.norm(flown.error(found, "d3", time)[0][:3]) < 2.0
+    assert np.linalg.norm(flown.error(found, "d2", 23.0)[0][:3]) < 1.0
+
+
+def test_a_frame_that_falls_apart_drags_nobody():
+    """A SLAM that has lost its way: its track is noise."""
+    drones = anchored(yaw_sigma_deg=5.0, **DRIFT)
+    drones[2] = replace(drones[2], drift_m=3.0)
+    flown = fly(drones, 30.0, 5, Sensor(rate_hz=5.0))
+    frames = at_once(flown)
+    for time in (5.0, 15.0, 29.0):
+        assert np.linalg.norm(flown.error(frames, "d2", time)[0][:3]) < 1.0
