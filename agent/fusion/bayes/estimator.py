@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
 from agent.config import BayesEstimatorConfig, MissionConfig
+from agent.frames.transform import Transform
 from agent.fusion.bayes.cones import Orders
 from agent.fusion.bayes.mixture import Mixture, with_variance
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, Motion
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, Motion
 from agent.fusion.bayes.response import REFERENCE_BQ, response_of
 from agent.fusion.bayes.search import Grid, SearchState
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook, Sight
@@ -40,7 +41,8 @@ class BayesState:
 
     evidence: log likelihood of all observations with the source against none. trust: the same of the last seconds only.
     background: how strong it is against the configured one, as the search found. bias_variance: (BIAS V,) of the vehicles
-    that made the search's observations; a track has its own.
+    that made the search's observations; a track has its own. frames: by vehicle the estimated frame, with its epoch, that
+    brought the track's last observation of it here.
     """
 
     search: SearchState | None = None
@@ -51,6 +53,7 @@ class BayesState:
     trust: float = 0.0
     background: float = 1.0
     bias_variance: Array | None = None
+    frames: Mapping[int, tuple[int, Transform]] = field(default_factory=dict)
 
 
 class BayesEstimator:
@@ -155,7 +158,8 @@ class BayesEstimator:
 
     def _tracked(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
         vehicle, variance = self._errors_of(observation)
-        track = track.with_vehicle(vehicle, variance)
+        moved, frames = _moved(state.frames, vehicle, variance, observation)
+        track = track.with_vehicle(vehicle, variance, moved)
         cones, trust = state.cones, state.trust
         if isinstance(observation, CountObservation):
             trust *= math.exp(-observation.live_time_s / _TRUST_S)
@@ -179,7 +183,7 @@ class BayesEstimator:
             )
             cones += 1
         evidence, trust = state.evidence + gained, min(trust + gained, _MOST_TRUST)
-        return BayesState(None, track, cones, state.x0_stamp_ns, evidence, trust, state.background)
+        return BayesState(None, track, cones, state.x0_stamp_ns, evidence, trust, state.background, frames=frames)
 
     def _errors_of(self, observation: Observation) -> tuple[int, tuple[float, ...]]:
         """The vehicle, and the variances (BIAS,) of its biases as its own localisation has them.
@@ -268,6 +272,28 @@ class _Sights(Mapping[str, Sight]):
         height_m, rise = self._ground.height_m(mean[0], mean[1]), self._ground.slope(mean[0], mean[1])
         place = np.array([mean[0] + mean[b], mean[1] + mean[b + 1], height_m])
         return Sight(place, _on_ground(rows[:, :2] + rows[:, b : b + 2], rise))
+
+
+def _moved(
+    frames: Mapping[int, tuple[int, Transform]], vehicle: int, variance: tuple[float, ...], observation: Observation
+) -> tuple[tuple[float, ...] | None, Mapping[int, tuple[int, Transform]]]:
+    """By how much (BIAS,) a vehicle's estimated frame was put elsewhere since it was heard last, and the frames with the new one.
+
+    A new epoch has errors of its own.
+    """
+    epoch, transform = observation.entry.epoch, observation.mission_from_local
+    before = frames.get(vehicle)
+    if transform.covariance is None or (before is not None and before[1] is transform):
+        return None, frames
+    now = {**frames, vehicle: (epoch, transform)}
+    if before is None:
+        return None, now
+    if before[0] != epoch:
+        return (*(math.sqrt(part) for part in variance[:GAIN]), 0.0), now
+    place = observation.apex if isinstance(observation, ConeObservation) else observation.position
+    was = before[1].apply_point(transform.inverse().apply_point(place))
+    turned = math.remainder(transform.yaw_rad - before[1].yaw_rad, math.tau)
+    return (place[0] - was[0], place[1] - was[1], turned, 0.0), now
 
 
 def _motion(config: BayesEstimatorConfig) -> Motion:

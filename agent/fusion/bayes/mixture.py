@@ -97,17 +97,23 @@ class Mixture:
         mean, covariance = motion.predict(mean, covariance, self.bias_variance, dt_ms)
         return Mixture(time_s, mixed_s, weight, mean, covariance, self.bias_variance)
 
-    def with_vehicle(self, vehicle: int, variance: tuple[float, ...]) -> Mixture:
-        """Take what a vehicle says of itself: the variances (BIAS,) of its biases at all times."""
+    def with_vehicle(self, vehicle: int, variance: tuple[float, ...], moved: tuple[float, ...] | None = None) -> Mixture:
+        """Take what is known of a vehicle beforehand: the variances (BIAS,) of its biases at all times.
+
+        moved: (BIAS,) by which the vehicle's frame was put elsewhere since it was heard last. What was wrong with it before is
+        wrong no more, or is now: as much as it was moved, its biases are open again.
+        """
         priors = with_variance(self.bias_variance, vehicle, variance)
-        if priors is self.bias_variance:
-            return self
         b = BIAS * vehicle
-        if self.bias_variance[b : b + BIAS].any():
-            return replace(self, bias_variance=priors)
+        heard = bool(self.bias_variance[b : b + BIAS].any())
+        if heard and moved is None:
+            return self if priors is self.bias_variance else replace(self, bias_variance=priors)
         covariance = self.covariance.copy()
         places = np.arange(BIASES + b, BIASES + b + BIAS)
-        covariance[..., places, places] = variance
+        if heard and moved is not None:
+            covariance[..., places, places] += np.square(moved)
+        else:
+            covariance[..., places, places] = variance
         return replace(self, covariance=covariance, bias_variance=priors)
 
     def after_counts(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
 from agent.fusion.bayes.search import SearchState
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import GridStep
@@ -97,6 +98,27 @@ def test_a_static_source_is_found_with_its_activity(kit):
         shares.append(found[-1][1].activity_bq / 2e9)
     assert np.median(medians) < 0.3
     assert np.all(np.abs(np.array(shares) - 1.0) < 0.25)  # the areas that it assumes are not those of these counts
+
+
+def test_a_frame_that_is_put_right_leaves_no_bias_behind(kit):
+    """For a minute drone a's frame is believed 3 m off, within its sigma; then it is put where it is. What was learnt as its bias
+    until then is none any more."""
+    mission = kit.mission_of()
+    entries = entries_of(kit, mission, np.random.default_rng(6), 90.0, lambda _: (35.0, 62.0), 2e9)
+    graph, right_ns = FrameGraph.from_launch_layout(mission), kit.T0_NS + 60_000_000_000
+    for drone in mission.drones:
+        graph.place(drone.id, 0, Transform(covariance=np.diag([0.01, 0.01, 0.01, 1e-6])))
+    wrong = Transform(0.0, (3.0, 0.0, 0.0), np.diag([9.0, 9.0, 0.1, 1e-6]))
+    known = Transform(covariance=np.diag([0.01, 0.01, 0.01, 1e-6]))
+    graph.replace_from("a", 0, 0, [(0, wrong), (right_ns, known)])
+    fusion = Fusion(mission, graph, estimator_named("bayes", mission))
+    kit.feed(fusion, [entry for entry in entries if entry.stamp_ns < right_ns - 500_000_000])
+    before = kit.settle(fusion, right_ns - 500_000_000)
+    assert (before.sight_of("a").position - before.position)[0] > 1.5  # as it was learnt
+    kit.feed(fusion, entries)
+    after = kit.settle(fusion, kit.T0_NS + 90_000_000_000)
+    assert (after.sight_of("a").position - after.position)[0] == pytest.approx(0.0, abs=0.3)
+    assert math.dist(after.position[:2], (35.0, 62.0)) < 0.3
 
 
 def test_a_moving_source_is_followed_without_lag(kit):

@@ -60,3 +60,15 @@ def test_what_rests_stays_and_what_runs_may_be_anywhere_near():
     assert spread[0] == pytest.approx(SIGMA_M**2 + BIAS_M**2)
     assert spread[0] < spread[1] < spread[2]
     assert spread[2] == pytest.approx(spread[0] + 4.0 * 0.9**2, rel=0.05)
+
+
+def test_biases_are_open_again_by_as_much_as_the_frame_was_moved():
+    track = of_one_place(0, 1).later(MOTION, 160.0)
+    told = (BIAS_M**2, BIAS_M**2, 0.0027, 0.0025)
+    assert track.with_vehicle(0, told) is track
+    moved = track.with_vehicle(0, told, (0.5, -2.0, 0.1, 0.0))
+    more = np.diagonal(moved.covariance - track.covariance, axis1=-2, axis2=-1)
+    expected = np.zeros(len(more[0, 0]))
+    expected[BIASES : BIASES + BIAS] = [0.25, 4.0, 0.01, 0.0]
+    np.testing.assert_allclose(more, np.broadcast_to(expected, more.shape), atol=1e-12)
+    np.testing.assert_array_equal(moved.mean, track.mean)
