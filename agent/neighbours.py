@@ -36,6 +36,7 @@ NEAR_LAUNCH_M = 5.0  # so far from its launch place the layout still tells where
 _TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 _ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 _SIGMAS = 3.0
+_DOUBT_SIGMAS, _MOST_DOUBT_M = 2.0, 1.0  # by which even the bare separation grows where frames are estimated
 _POSE_GAP_NS = 500_000_000  # between two poses that a place is told from
 
 
@@ -119,7 +120,7 @@ class Neighbourhood:
             x, y, z = local_from_theirs.translation
             local_from_theirs = Transform(local_from_theirs.yaw_rad, (x + dx, y + dy, z + dz))
             sigma_m = seen.sigma_m if far else share**0.5 * seen.sigma_m
-        return _plan(name, peer, pose, local_from_theirs, min(sigma_m, WORST_SIGMA_M), me.now_ns)
+        return _plan(name, peer, pose, local_from_theirs, min(sigma_m, WORST_SIGMA_M), me.now_ns, _doubt_m(sigma_m))
 
     def _placed_by_layout(self, name: str, pose: Pose, me: Self) -> PeerPlan | None:
         member = self._members[name]
@@ -128,7 +129,7 @@ class Neighbourhood:
             return None
         state = PeerState(me.local_from_mission.apply_point(member.origin_m), age_s=(me.now_ns - pose.stamp_ns) * 1e-9)
         sigma_m = min(hypot(me.sigma_m, member.origin_sigma_m, gone_m), WORST_SIGMA_M)
-        return PeerPlan.from_pose(name, me.now_ns, state, sigma_m)
+        return PeerPlan.from_pose(name, me.now_ns, state, sigma_m, _doubt_m(sigma_m))
 
 
 def _placed_by_sights(name: str, peer: Peer, pose: Pose, me: Self) -> PeerPlan | None:
@@ -138,7 +139,7 @@ def _placed_by_sights(name: str, peer: Peer, pose: Pose, me: Self) -> PeerPlan |
     if alone is None:
         return None
     state, sigma_m = alone
-    return PeerPlan.from_pose(name, me.now_ns, state, min(sigma_m, WORST_SIGMA_M))
+    return PeerPlan.from_pose(name, me.now_ns, state, min(sigma_m, WORST_SIGMA_M), _doubt_m(sigma_m))
 
 
 def _nowhere(_: int) -> None:
@@ -173,7 +174,13 @@ def _bare(transform: Transform) -> Transform:
     return Transform(transform.yaw_rad, transform.translation)
 
 
-def _plan(name: str, peer: Peer, pose: Pose, local_from_theirs: Transform, sigma_m: float, now_ns: int) -> PeerPlan:
+def _doubt_m(sigma_m: float) -> float:
+    return min(_DOUBT_SIGMAS * sigma_m, _MOST_DOUBT_M)
+
+
+def _plan(
+    name: str, peer: Peer, pose: Pose, local_from_theirs: Transform, sigma_m: float, now_ns: int, doubt_m: float = 0.0
+) -> PeerPlan:
     """Its published plan; without a fresh one, its pose carried on by its velocity."""
     measured = PeerState(
         local_from_theirs.apply_point(pose.position_m),
@@ -182,6 +189,6 @@ def _plan(name: str, peer: Peer, pose: Pose, local_from_theirs: Transform, sigma
     )
     plan = peer.plan
     if plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
-        return PeerPlan.from_pose(name, now_ns, measured, sigma_m)
+        return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m)
     ahead = [local_from_theirs.apply_point(position) for position in plan.positions_m]
-    return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, measured)
+    return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, measured, doubt_m)

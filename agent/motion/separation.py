@@ -26,7 +26,8 @@ class PeerPlan(Struct, frozen=True):
 
     positions: (H, 3) m, at stamp_ns, stamp_ns + step_s, ...; plain numbers, because most plans are looked at once and found to be
     far away. sigma_m: 1-sigma error of the other's position relative to mine.
-    ``measured``: where it was by its own localisation, for the last resort; None where there is no fresh pose.
+    ``measured``: where it was by its own localisation, for the last resort; None where there is no fresh pose. doubt_m: by how
+    much even the bare separation grows for it, because the frames are estimated by which it is placed.
     """
 
     id: str
@@ -35,13 +36,16 @@ class PeerPlan(Struct, frozen=True):
     positions: Sequence[Vector3]
     sigma_m: float = 0.0
     measured: PeerState | None = None
+    doubt_m: float = 0.0
 
     @classmethod
-    def from_pose(cls, peer: str, now_ns: int, state: PeerState, sigma_m: float = 0.0, horizon_s: float = 4.0) -> PeerPlan:
+    def from_pose(
+        cls, peer: str, now_ns: int, state: PeerState, sigma_m: float = 0.0, doubt_m: float = 0.0, horizon_s: float = 4.0
+    ) -> PeerPlan:
         """Straight on, for a drone that has sent no plan."""
         (x, y, z), (u, v, w) = state.position, state.velocity
         positions = [(x + t * u, y + t * v, z + t * w) for t in (state.age_s, state.age_s + horizon_s)]
-        return cls(peer, now_ns, horizon_s, positions, sigma_m, state)
+        return cls(peer, now_ns, horizon_s, positions, sigma_m, state, doubt_m)
 
     def at(self, now_ns: int, times: Array) -> Array:
         """Horizontal positions (T, 2) at these seconds from now; beyond the plan it goes straight on."""
@@ -125,11 +129,12 @@ def escape(
     Cause: if both braked from now on, going straight, we would still come nearer than the separation. Then both do, and the one
     that has to give way also backs off.
     """
-    worst, answer = limits.separation_m, None
+    worst, answer = 0.0, None
     for peer in sorted(peers, key=lambda peer: peer.id):
         other = peer.measured
         if other is None:
             continue
+        least = limits.separation_m + peer.doubt_m
         x = state.position[0] - other.position[0] - other.velocity[0] * other.age_s
         y = state.position[1] - other.position[1] - other.velocity[1] * other.age_s
         u, w = state.velocity[0] - other.velocity[0], state.velocity[1] - other.velocity[1]
@@ -138,8 +143,8 @@ def escape(
         passing_s = min(max(0.0, -(x * u + y * w) / closing_squared), braking_s) if closing_squared > 1e-6 else 0.0
         miss = hypot(x + u * passing_s, y + w * passing_s)
         approaching = x * u + y * w < 0.0
-        if miss < worst and (approaching or miss < 0.9 * limits.separation_m):
-            worst = miss
+        if miss - least < worst and (approaching or miss < 0.9 * least):
+            worst = miss - least
             size = max(hypot(x, y), 1e-6)
             away = 2.0 if peer.id < me else 0.0
             answer = (away * x / size, away * y / size)

@@ -52,10 +52,11 @@ class Situation(Struct, frozen=True):
 
 
 class _Neighbour(Struct, frozen=True):
-    """A peer that comes near: its positions (H + 1, 2) now and at the steps, and the distance to keep."""
+    """A peer that comes near: its positions (H + 1, 2) now and at the steps, the distance to keep, and the bare separation."""
 
     positions: Array
     distance: float
+    bare: float
     has_right_of_way: bool
 
 
@@ -119,7 +120,8 @@ class Steering:
             apart = [(px - qx) ** 2 + (py - qy) ** 2 for (px, py), (qx, qy) in zip(mine, theirs[1:], strict=True)]
             clearance = sqrt(min(apart)) - distance
             if clearance < _NEAR_M:
-                neighbours.append(_Neighbour(np.array(theirs), distance, peer.id < self._id))
+                bare = self._limits.separation_m + peer.doubt_m
+                neighbours.append(_Neighbour(np.array(theirs), distance, bare, peer.id < self._id))
                 clear = clear and clearance >= 0.0
         return neighbours, clear
 
@@ -166,7 +168,7 @@ class Steering:
             apart = position - other.positions[1:]
             squared = np.einsum("kx,kx->k", apart, apart)
             least = float(squared.min())
-            if least < self._limits.separation_m**2 and least < float(squared[0]):
+            if least < other.bare**2 and least < float(squared[0]):
                 return False
         return True
 

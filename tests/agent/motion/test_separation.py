@@ -96,3 +96,13 @@ def test_the_worst_of_several_decides() -> None:
     answer = escape("z", mine, [straight("a", (0, 0), (0, 0), near), straight("b", (0, 0), (0, 0), nearer)], LIMITS, 0.38)
     assert answer is not None
     assert answer == pytest.approx((0.0, -2.0))
+
+
+def test_what_is_doubted_of_where_it_is_adds_to_the_separation() -> None:
+    mine, theirs = flying(0.0, 0.0, 4.0, 0.0), flying(30.0, 3.5, -4.0, 0.0)
+    passing = flying(5.0, 3.5, -4.0, 0.0)
+    sure = PeerPlan.from_pose("a", SECOND, passing)
+    doubted = PeerPlan.from_pose("a", SECOND, passing, doubt_m=1.0)
+    assert escape("b", mine, [sure], LIMITS, 0.38) is None
+    assert escape("b", mine, [doubted], LIMITS, 0.38) is not None
+    assert escape("b", mine, [PeerPlan.from_pose("a", SECOND, theirs, doubt_m=1.0)], LIMITS, 0.38) is None  # far away still
