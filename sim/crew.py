@@ -11,7 +11,7 @@ from sim.positioning import VehicleTruth
 
 _FENCE_SPARE_M = 10.0  # the autopilot's own fence is a circle around its home, beyond the mission's
 _BY_VISION = 1 + 2 + 8  # bits of EKF2_EV_CTRL: position, height, heading
-_VISION_LOST_US = 1_000_000
+_VISION_LOST_US = 2_000_000  # PX4 as delivered: 5 s, in which its inertial sensors lead it metres astray
 _LAND, _LAND_WITHOUT_REMOTE = 4, 3  # of COM_OBL_RC_ACT and NAV_RCL_ACT
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from math import isfinite
@@ -17,7 +18,8 @@ from sim.vehicle.px4.state import Message, State
 from sim.vehicle.px4.streams import BUILDERS
 from sim.vehicle.px4.vision import Vision
 
-SLOWEST_SYNC_NS = 50_000_000  # there and back; a slower answer tells too little
+SLOWEST_SYNC_NS = 30_000_000  # there and back; a slower answer tells too little
+SYNC_WINDOW_NS = 2_000_000_000
 _UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
 _OWN_COMPONENTS = (0, mavlink.MAV_COMP_ID_AUTOPILOT1)
 _CUSTOM_MODE = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -41,7 +43,7 @@ class Requests:
         self._parameters = parameters
         self._log = log
         self._vision = vision
-        self._companion_ns: int | None = None  # what its clock shows when the vehicle's shows 0
+        self._synchronised: deque[tuple[int, int]] = deque()  # when, and what the companion's clock showed at the vehicle's 0
         self._boot_ns = boot_ns
         self._handlers: dict[str, Callable[[Link, Message], None]] = {
             "HEARTBEAT": self._heartbeat,
@@ -199,11 +201,15 @@ class Requests:
         if message.tc1 == 0:
             link.send(mavlink.MAVLink_timesync_message(now_ns, message.ts1))
         elif 0 <= now_ns - message.ts1 < SLOWEST_SYNC_NS:
-            self._companion_ns = message.tc1 - (message.ts1 + now_ns) // 2
+            self._synchronised.append((now_ns, message.tc1 - (message.ts1 + now_ns) // 2))
+            while self._synchronised[0][0] < now_ns - SYNC_WINDOW_NS:
+                self._synchronised.popleft()
 
     def _odometry(self, link: Link, message: Message) -> None:
         """Stamps are of the companion's clock; until TIMESYNC has shown what that is, PX4 takes the arrival for the time."""
-        stamp_ns = self._boot_ns() if self._companion_ns is None else message.time_usec * 1000 - self._companion_ns
+        offsets = [offset_ns for _, offset_ns in self._synchronised]
+        # The least: while the simulation lags behind the wall's clock, which it makes up for, the vehicle's clock stands.
+        stamp_ns = message.time_usec * 1000 - min(offsets) if offsets else self._boot_ns()
         self._vision.hear(message, stamp_ns * 1e-9)
 
     def _ping(self, link: Link, message: Message) -> None:
