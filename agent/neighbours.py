@@ -32,7 +32,7 @@ from protocol.messages import Pose, Stage
 
 WORST_SIGMA_M = 5.0  # whoever knows its place less well is kept away from no further: it could drive the swarm off its circle
 PLAN_AGE_NS = 1_000_000_000  # an older plan is not believed any more
-NEAR_LAUNCH_M = 5.0  # so far from its launch place the layout still tells where a drone is
+NEAR_LAUNCH_M = 15.0  # so far from its launch place the layout still tells of a drone that waits there for its frame
 _TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 _ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 _SIGMAS = 3.0

@@ -172,7 +172,7 @@ def test_nor_seen_it_is_near_its_launch_place_while_it_has_not_gone_far():
     assert not other.takes_part
     assert other.plan.measured.position[:2] == pytest.approx((10.0, 0.0))
     assert other.plan.sigma_m == pytest.approx(math.hypot(1.0, 1.0, math.hypot(1.0, 2.0)))
-    assert around_a(flying_b()) == []  # 6 m away from there, in whatever direction
+    assert around_a(flying_b(shift=(10.0, 0.0))) == []  # 16 m away from there, in whatever direction
 
 
 def test_a_drone_whose_frame_has_jumped_is_where_it_was_flying():
