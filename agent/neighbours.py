@@ -31,6 +31,7 @@ from agent.sights import offset, placed_alone, places
 from protocol.messages import Pose, Stage
 
 WORST_SIGMA_M = 5.0  # whoever knows its place less well is kept away from no further: it could drive the swarm off its circle
+_DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that is not believed any more
 PLAN_AGE_NS = 1_000_000_000  # an older plan is not believed any more
 NEAR_LAUNCH_M = 15.0  # so far from its launch place the layout still tells of a drone that waits there for its frame
 _TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
@@ -67,6 +68,7 @@ class Neighbourhood:
         self._frames = frames
         self._members = {member.id: member for member in mission.drones}
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # each one's newest pose in a frame known, and that frame
+        self._carried: dict[str, int] = {}  # the epoch of which the frame is one by continuity
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
         """Everybody who is heard, is not on the ground, and of whom it can be told where it is; by id."""
@@ -86,7 +88,7 @@ class Neighbourhood:
         return found
 
     def _frame_of(self, name: str, pose: Pose) -> Transform | None:
-        """Its frame, or where that is not known, one by the continuity of its motion from where it was."""
+        """Its frame, or one by the continuity of its motion after a jump; one that is not believed any more with all doubt."""
         known = self._frames.mission_from_local(name, pose.epoch)
         if known is not None:
             self._placed[name] = pose, known
@@ -99,6 +101,9 @@ class Neighbourhood:
             elapsed_s = (pose.stamp_ns - before.stamp_ns) * 1e-9
             old, new = (before.position_m, before.quaternion), (pose.position_m, pose.quaternion)
             transform = carried_on(transform, old, before.velocity_mps, new, elapsed_s)
+            self._carried[name] = pose.epoch
+        elif self._carried.get(name) != pose.epoch:  # the log does not believe it any more
+            return Transform(transform.yaw_rad, transform.translation, _DOUBTED)
         self._placed[name] = pose, transform
         return transform
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from functools import partial
 
 from protocol.messages import Estimate, Plan, Pose, Sighting, Status
 
 ALIVE_NS = 2_000_000_000  # a drone that has not been heard for so long has dropped out
 STATUS_AGE_NS = 10_000_000_000  # a drone that was switched off for so long stands against nothing any more
 RECENT_NS = 3_000_000_000  # for which poses and sights are kept
+_MOST_SIGHTS = 256  # kept, whatever their stamps
 FUTURE_NS = 1_000_000_000  # a stamp further ahead than this is a wrong clock, not news
 
 
@@ -22,7 +24,7 @@ class Peer:
     estimate: Estimate | None = None
     status: Status | None = None
     poses: deque[Pose] = field(default_factory=deque)
-    sights: deque[Sighting] = field(default_factory=deque)
+    sights: deque[Sighting] = field(default_factory=partial(deque, maxlen=_MOST_SIGHTS))
 
 
 class Peers:

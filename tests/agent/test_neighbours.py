@@ -186,3 +186,16 @@ def test_a_drone_whose_frame_has_jumped_is_where_it_was_flying():
     assert other.takes_part
     assert other.plan.measured.position == pytest.approx((10.0, 6.2, 3.0))
     assert other.plan.measured.velocity == pytest.approx((0.0, 2.0, 0.0))
+
+
+def test_a_drone_whose_frame_is_not_believed_any_more_stays_where_it_was_held_to_be_with_all_doubt():
+    graph = FrameGraph()
+    graph.place("b", 0, TRUE)
+    one = Neighbourhood(ESTIMATED, graph)
+    around_a(flying_b(), neighbourhood=one)
+    graph.replace_from("b", 0, 0, [(0, None)])
+    (other,) = around_a(flying_b(), neighbourhood=one)
+    assert other.plan.measured.position == pytest.approx((10.0, 6.0, 3.0))
+    assert other.plan.sigma_m == WORST_SIGMA_M
+    (seen,) = around_a(flying_b(), sights_of_b(Transform(math.pi / 2, (30.0, 0.0, 0.0))), neighbourhood=one)
+    assert seen.plan.measured.position == pytest.approx((30.0, 6.0, 3.0), abs=0.5)  # its frame was 20 m wrong
