@@ -59,6 +59,7 @@ def after_20_s():
     return np.array(errors), np.array(squared)
 
 
+@pytest.mark.slow
 def test_unknown_frames_are_found_within_20_s(after_20_s):
     errors, _ = after_20_s
     level = np.hypot(errors[..., 0], errors[..., 1])
@@ -66,6 +67,7 @@ def test_unknown_frames_are_found_within_20_s(after_20_s):
     assert np.sqrt(np.mean(errors[..., 3] ** 2)) < math.radians(1.0)
 
 
+@pytest.mark.slow
 def test_the_covariance_is_true(after_20_s):
     _, squared = after_20_s
     assert 0.85 <= np.mean(squared < CHI2_90) <= 0.96
@@ -156,12 +158,12 @@ def test_satellites_place_a_slam_whose_heading_nobody_knows():
 def test_correlated_fixes_do_not_count_as_independent():
     """A receiver that is a metre wrong for a minute stays uncertain by a metre, however often it says so."""
     squared = []
-    for seed in range(40):
+    for seed in range(30):
         flown = fly([Drone("d1", kind="gnss", wander_m=1.0, fixes=True, yaw_sigma_deg=2.0)], 40.0, seed, datum=True)
         off, covariance = flown.error(at_once(flown), "d1", 39.0)
         assert 0.6 < math.sqrt(covariance[0, 0]) < 1.2
         squared.append(off[:3] @ np.linalg.solve(covariance[:3, :3], off[:3]))
-    assert 1.5 < np.mean(squared) < 5.0  # 3 if true; its own standard error is 0.4
+    assert 1.5 < np.mean(squared) < 5.0  # 3 if true; its own standard error is 0.45
 
 
 @pytest.mark.parametrize("liar", [0, 1, 2])
