@@ -102,8 +102,8 @@ class SwarmFrames:
     def _thin(self) -> None:
         """Of old checkpoints only some are kept: a very late entry has a few more keyframes estimated again."""
         if len(self._checkpoints) % _RECENT == 0:
-            for place, index in enumerate(list(self._checkpoints)[1:-_RECENT]):
-                if index % _EVERY and place % _EVERY:
+            for index in list(self._checkpoints)[:-_RECENT]:
+                if index % _EVERY:
                     del self._checkpoints[index]
 
     def _publish(self, drone: int, line: _Line) -> None:

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from msgspec import structs
 from sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run, settle
 
 from agent.frames.swarm import SwarmFrames
-from protocol.messages import Sighting
+from protocol.messages import Counts, Exposure, Fix, PoseSample, Sighting
 
 CHI2_90 = 7.78  # of four numbers, 90 % are below it
 DRIFT = {"drift_m": 0.1, "yaw_drift_deg": 0.2}  # 1 % of 100 m, 0.1 degrees by the root of seconds and of metres at 3 m/s each
@@ -293,6 +295,75 @@ def test_any_order_of_arrival_gives_the_same_frames(seed):
     settle(frames, int(flown.stamps_ns[-1]) + SECOND)
     assert lines(frames, flown) == expected
     assert lines(run(flown), flown) == expected
+
+
+def test_what_comes_two_minutes_late_is_counted_as_if_in_time():
+    """Longer ago than all checkpoints are kept; the way there is made in slices."""
+    drones = slams()[:2]
+    flown = fly(drones, 160.0, 1, Sensor(rate_hz=1.0))
+    late = [entry for entry in flown.entries if entry.drone == "d2" and 20.0 < 1e-9 * (entry.stamp_ns - START_NS) < 30.0]
+    frames = SwarmFrames(flown.mission)
+    for entry in flown.entries:
+        if entry not in late:
+            frames.receive(entry)
+    settle(frames, int(flown.stamps_ns[-1]) + SECOND)
+    before = lines(frames, flown)
+    for entry in late:
+        frames.receive(entry)
+    frames.advance(int(flown.stamps_ns[-1]) + SECOND)
+    assert frames.pending
+    settle(frames, int(flown.stamps_ns[-1]) + SECOND)
+    assert before != lines(frames, flown) == lines(at_once(flown), flown)
+
+
+@given(st.integers(0, 2**32))
+@settings(max_examples=40, deadline=None)
+def test_nothing_that_a_peer_sends_stops_the_flight(seed):
+    """Entries with numbers from all over their ranges: no error, and whatever is said is finite."""
+    rng = np.random.default_rng(seed)
+    mission = fly(satellites(), 1.0, 1, datum=True).mission
+    frames = SwarmFrames(mission)
+
+    def far():
+        return tuple(float(x) for x in rng.choice([0.0, 3.0, -50.0, 1e5, -1e5], 3) * rng.choice([1.0, rng.random()]))
+
+    def unit(count):
+        vector = rng.standard_normal(count)
+        return tuple((vector / np.linalg.norm(vector)).tolist())
+
+    for number in range(60):
+        same = {
+            "stamp_ns": int(rng.choice([0, START_NS, START_NS, START_NS, 2**63 - 1])) // 2 * 2,
+            "drone": str(rng.choice(["d1", "d2", "d3"])),
+            "mission": mission.mission_id,
+            "boot": "0" * 16,
+            "sequence": number,
+            "epoch": int(rng.choice([0, 0, 0, 1, 7])),
+        }
+        if same["stamp_ns"] == START_NS:
+            same["stamp_ns"] += int(rng.uniform(0.0, 8.0) * SECOND)
+        kind = rng.integers(3)
+        if kind == 0:
+            poses = tuple(PoseSample(k * SECOND // 10, far(), unit(4)) for k in range(5))
+            rest = {"end_ns": min(same["stamp_ns"] + SECOND // 2, 2**63 - 1), "live_time_s": 0.0, "counts": Counts(0, 0, 0)}
+            entry = Exposure(**same, **rest, poses=poses, position_sigma_m=0.1, yaw_sigma_rad=0.1)
+        elif kind == 1:
+            seen = {"direction": unit(3), "direction_sigma_rad": float(rng.choice([1e-4, 6.3]))}
+            seen |= {"range_m": float(rng.choice([0.0, 10.0, 1e5])), "range_sigma_m": float(rng.choice([1e-3, 1e5]))}
+            entry = Sighting(**same, target=str(rng.choice(["d1", "d2", "d3"])), position_m=far(), **seen)
+        else:
+            place = {"latitude_deg": rng.uniform(-90.0, 90.0), "longitude_deg": rng.uniform(-180.0, 180.0), "altitude_m": -1e5}
+            entry = Fix(
+                **same, **place, position_m=far(), horizontal_sigma_m=1e-3, vertical_sigma_m=float(rng.choice([1e-3, 1e5]))
+            )
+        frames.receive(entry)
+        if number % 10 == 0:
+            frames.advance(START_NS + 4 * SECOND)
+    settle(frames, START_NS + 10 * SECOND)
+    for drone in ("d1", "d2", "d3"):
+        for epoch in (0, 1, 7):
+            one = frames.graph.mission_from_local(drone, epoch)
+            assert one is None or np.isfinite([*one.translation, one.yaw_rad, *one.covariance.ravel()]).all()
 
 
 def test_changes_lead_every_reader_to_the_newest_transforms():
