@@ -7,6 +7,7 @@ from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, messages, pil
 
 from agent.config import DroneInMission
 from agent.detector.readout import PixelHits, Readout
+from agent.frames.transform import Transform
 from agent.vehicle.interface import FlightMode, SeenDrone
 from agent.whereabouts import UNSURE_M
 from protocol.codec import encode
@@ -42,14 +43,15 @@ def flown(one, seconds=4.0, mission=None, began_ns=START_NS, jump_at_s=None, **v
         for kind in (Exposure, Frame, Status):
             for message in messages(step, kind):
                 last[kind] = message
+        if messages(step, Frame):
+            last[Transform] = one.frames.graph.mission_from_local("d1", 0)  # as it was then
     return last
 
 
 def test_the_frame_of_the_layout_is_known_after_the_first_keyframe_and_published():
     one = pilot(mission=mission_of())
     last = flown(one, mission=mission_of())
-    known = one.frames.graph.mission_from_local("d1", 0)
-    frame = last[Frame]
+    frame, known = last[Frame], last[Transform]
     assert frame.translation_m == known.translation == pytest.approx((5.0, 5.0, 0.0), abs=0.1)
     assert frame.yaw_rad == known.yaw_rad == pytest.approx(np.radians(30.0), abs=0.02)
     assert np.array(frame.covariance).reshape(4, 4) == pytest.approx(known.covariance)
