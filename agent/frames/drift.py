@@ -26,7 +26,12 @@ class Drift:
         self._per_s = np.array([_per_second(drone, frames) for drone in mission.drones])  # (N, 2) place, heading
         slam = np.array([drone.localization == "slam" for drone in mission.drones])
         level, climb = frames.slam_drift_m**2, frames.slam_climb_m**2
-        self._per_m = np.outer(slam, (level, level, climb, math.radians(frames.slam_turn_deg) ** 2))
+        self._adrift_per_m = np.array([level, level, climb, math.radians(frames.slam_turn_deg) ** 2])
+        self._per_m = np.outer(slam, self._adrift_per_m)
+
+    def follows_satellites(self, number: int) -> bool:
+        """Whether a drone's autopilot does at the start."""
+        return self._drones[number].localization in ("gnss", "rtk")
 
     def layout(self, number: int) -> tuple[Array, Array, bool]:
         """Where the origin of a drone's frame was put: (3,) metres, (4,) variances, and whether its heading is known."""
@@ -41,10 +46,11 @@ class Drift:
         """The heading of the layout."""
         return math.radians(self._drones[number].yaw_deg)
 
-    def over(self, number: int, seconds: float, metres: float) -> Array:
-        """What a time and a distance flown add."""
+    def over(self, number: int, seconds: float, metres: float, adrift: bool = False) -> Array:
+        """What a time and a distance flown add; ``adrift``: to one that has lost its satellites, and goes on by SLAM."""
         place, heading = self._per_s[number] * min(seconds, _LONGEST_S)
-        drift: Array = self._per_m[number] * metres + np.array([place, place, place, heading])
+        per_m = self._adrift_per_m if adrift else self._per_m[number]
+        drift: Array = per_m * metres + np.array([place, place, place, heading])
         return drift
 
     def over_jumps(self, track: Track, after_ns: int, until_ns: int) -> Array:

@@ -132,7 +132,7 @@ class _Keyframe:
         self.flown = np.maximum(far - joint.far, 0.0)  # metres of each drone since the last keyframe
         for row, drone in enumerate(joint.drones.tolist()):
             if not self.estimate.exact[drone]:
-                noise[row] = self.drift.over(drone, self.seconds, self.flown[drone])
+                noise[row] = self.drift.over(drone, self.seconds, self.flown[drone], self._adrift(drone))
                 noise[row] += self.drift.over_jumps(self.intake.tracks[drone], self.after_ns, self.stamp_ns)
         return joint.moved(at, far, noise)
 
@@ -176,7 +176,7 @@ class _Keyframe:
         rows = []
         for drone in self.joint.drones.tolist():
             var = self.drift.compass_var(drone, self.seconds)
-            if var is not None and self.members[drone].trusted and not self._jumped(drone):
+            if var is not None and self.members[drone].trusted and not self._adrift(drone):
                 rows.append((drone, self.drift.yaw_rad(drone), var))
         if not rows:
             return NO_HEADINGS
@@ -187,6 +187,12 @@ class _Keyframe:
         """Whether its localisation began anew since the launch: then nothing is known of what its heading goes by."""
         segments = self.intake.tracks[drone].segments
         return len(segments) > 1 and segments[1].stamp_ns <= self.stamp_ns
+
+    def _adrift(self, drone: int) -> bool:
+        """Whether a drone that followed satellites does so no more, as far as one can tell: it has no fixes, or began anew."""
+        if not self.drift.follows_satellites(drone):
+            return False
+        return self._jumped(drone) or not self.intake.heard_of_satellites(drone, self.stamp_ns)
 
     def _older(self, seen: Sightings) -> Array:
         """(M,) m^2 of drift of the two drones between a sighting and the middle of the interval (``_placement``)."""
@@ -388,7 +394,7 @@ class _Keyframe:
         """Where a drone's frame lies now. The joint estimate is about as good as if all sightings of the interval had been made
         together in its middle: by what the frame drifted since then, now is less certain."""
         row = int(np.searchsorted(self.joint.drones, drone))
-        since = np.diag(self.drift.over(drone, 0.5 * self.seconds, 0.5 * self.flown[drone]))
+        since = np.diag(self.drift.over(drone, 0.5 * self.seconds, 0.5 * self.flown[drone], self._adrift(drone)))
         return Placement(self.joint.pose[row].copy(), self.joint.block(row) + since, self.joint.at[drone].copy())
 
     def _emit(self, drone: int, from_ns: int, placement: Placement | None) -> None:

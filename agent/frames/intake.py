@@ -15,6 +15,7 @@ from agent.frames.sightings import Fixes, Sightings
 from agent.frames.tracks import Sample, Track
 from protocol.messages import Entry, EntryId, Exposure, Fix, Sighting
 
+_OUTAGE_NS = 5_000_000_000  # without a fix, after which an autopilot goes on by something else
 _ATTITUDE_VAR = math.radians(0.5) ** 2  # of the observer's roll and pitch, which the sightings' sigmas do not count
 
 
@@ -56,7 +57,7 @@ class Intake:
             self._add_samples(number, entry)
         elif isinstance(entry, Sighting) and entry.target in self._number:
             self._bucket(entry.stamp_ns).sightings[entry.entry_id] = entry
-        elif isinstance(entry, Fix) and self._datum is not None:
+        elif isinstance(entry, Fix):
             self._bucket(entry.stamp_ns).fixes[entry.entry_id] = entry
             insort(self._fix_stamps[number], entry.stamp_ns)
 
@@ -89,6 +90,13 @@ class Intake:
         """Those of the keyframes ``first`` to ``last``."""
         parts = [self._fixed(index) for index in self._between(first, last)]
         return Fixes.joined(parts) if parts else Fixes.empty()
+
+    def heard_of_satellites(self, number: int, stamp_ns: int) -> bool:
+        """Whether a drone had a fix shortly before a stamp, or had only just begun."""
+        stamps, first_ns = self._fix_stamps[number], self.tracks[number].first_ns
+        place = bisect_right(stamps, stamp_ns)
+        latest_ns = stamps[place - 1] if place else first_ns
+        return latest_ns is not None and stamp_ns - latest_ns < _OUTAGE_NS
 
     def _between(self, first: int, last: int) -> list[int]:
         return self.indices[bisect_left(self.indices, first) : bisect_right(self.indices, last)]

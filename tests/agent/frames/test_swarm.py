@@ -168,6 +168,21 @@ def test_correlated_fixes_do_not_count_as_independent():
     assert 1.5 < np.mean(squared) < 5.0  # 3 if true; its own standard error is 0.45
 
 
+@pytest.mark.parametrize("announced", [True, False])
+def test_who_has_lost_the_satellites_drifts(announced):
+    """RTK that goes on by SLAM, with a new epoch or without a word: its centimetres are gone."""
+    squared = []
+    for seed in range(12):
+        drone = Drone("d1", kind="rtk", fixes=True, yaw_sigma_deg=2.0, drift_m=0.1, yaw_drift_deg=0.2)
+        drone = replace(drone, shift_m=(1.0, 0.0, 0.0), shift_announced=announced, shift_s=0.5)
+        flown = fly([drone], 60.0, seed, datum=True)
+        flown.entries[:] = [one for one in flown.entries if not isinstance(one, Fix) or one.stamp_ns < START_NS + SECOND]
+        off, covariance = flown.error(at_once(flown), "d1", 59.0)
+        assert math.sqrt(covariance[0, 0]) > 0.7
+        squared.append(off @ np.linalg.solve(covariance, off))
+    assert np.mean(squared) < 8.0  # 4 if true; its own standard error is 0.8
+
+
 @pytest.mark.parametrize("liar", [0, 1, 2])
 def test_a_drone_that_lies_by_20_m_is_found_out(liar):
     drones = [Drone("d1", kind="gnss", wander_m=0.5, fixes=True, yaw_sigma_deg=2.0, origin_sigma_m=2.0)]
