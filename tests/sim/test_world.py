@@ -7,11 +7,14 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from agent.detector.readout import Readout
 from agent.detector.wire import Unpacker
+from agent.vehicle.interface import SeenDrone
+from agent.vehicle.vision import VisionPose
 from sim.localization import Localization, LocalizationTruth
 from sim.scenario import load_scenario, override
 from sim.streams import streams
@@ -138,6 +141,47 @@ def test_a_constant_bias_is_the_error_of_the_place_where_a_vehicle_is_put_down(t
         expected = Localization(LocalizationTruth(bias_m=1.0), 3, 0.01, streams(1, 3).localization).position_bias_m
         np.testing.assert_allclose(off, -expected, atol=1e-12)
         assert np.abs(expected[:, :2]).min() > 0.0
+
+    asyncio.run(course())
+
+
+def test_slams_and_sightings_are_told_to_whoever_asks(tmp_path: Path) -> None:
+    """In mixed-frames: the third drone has a SLAM, and all see each other."""
+
+    async def lines(port: int, count: int) -> list[bytes]:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        found: list[bytes] = []
+        async with asyncio.timeout(20.0):
+            while len(found) < count:
+                line = await reader.readline()
+                found += [line] if line.strip() else []
+        writer.close()
+        return found
+
+    async def course() -> None:
+        scenario = load_scenario("mixed-frames")
+        world = await WorldProcess.start(WorldConfig(scenario=scenario, seed=1, onboard=(NOBODY,) * 3), tmp_path / "world.json")
+        try:
+            assert [bool(port) for port in world.ready.vision_ports] == [False, False, True]
+            poses = [msgspec.json.decode(line, type=VisionPose) for line in await lines(world.ready.vision_ports[2], 10)]
+            seen = [msgspec.json.decode(line, type=SeenDrone) for line in await lines(world.ready.sightings_ports[0], 20)]
+        finally:
+            await world.stop()
+        for pose in poses:  # its map begins where it was put down, but for the height, of which the ground knows
+            assert np.abs(pose.position_m[:2]).max() < 0.01
+            assert np.linalg.norm(pose.quaternion) == pytest.approx(1.0)
+            assert pose.covariance is not None
+        assert [round((b.stamp_ns - a.stamp_ns) * 1e-7) for a, b in pairwise(poses)] == [3] * 9
+        assert abs(poses[-1].stamp_ns - time.time_ns()) < 30e9
+        places = np.array(world.truth.position_m)
+        beside_m = np.hypot(*(places - [drone.origin_m for drone in scenario.mission.drones])[:, :2].T)
+        assert (beside_m > 0.05).all()  # nobody stands exactly where the mission has it
+        assert beside_m.max() < 6.0  # four of its sigmas
+        assert np.abs(places[:, 2]).max() < 0.01
+        assert {one.target for one in seen} == {"d2", "d3"}
+        for drone, target in ((1, "d2"), (2, "d3")):
+            ranges = [one.range_m for one in seen if one.target == target and one.range_m is not None]
+            assert np.median(ranges) == pytest.approx(np.linalg.norm(places[drone] - places[0]), abs=0.5)
 
     asyncio.run(course())
 
