@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from itertools import zip_longest
 
 from agent.config import MissionConfig
-from agent.frames.estimate import Checkpoint, Estimate, beginning
+from agent.frames.checkpoint import Checkpoint, beginning
+from agent.frames.estimate import Estimate
 from agent.frames.graph import FrameGraph, Known
 from agent.frames.intake import Intake
 from agent.frames.placement import Placement
