@@ -17,6 +17,7 @@ from agent.detector.readout import Detector
 from agent.errors import RadronError
 from agent.launchcheck import layout_finding
 from agent.node import mesh_config
+from agent.sightings import SightingsFeed
 from agent.vehicle.interface import Finding
 from agent.vehicle.px4 import Px4Vehicle
 from protocol.codec import decode_from
@@ -39,6 +40,10 @@ class Preflight:
         self._vehicle_findings = [Finding("autopilot", "not yet", f"connecting to {drone.vehicle.address}")]
         self._camera = Finding("camera", "not yet", "no readout so far")
         self._chrony = Finding(CHRONY, "not yet", "asking")
+        self._seen: set[str] = set()  # by the sensor that sees the other drones
+        self._sightings: Finding | None = None  # none: there is no such sensor
+        if drone.sightings.address is not None:
+            self._sightings = Finding("sightings", "not yet", f"connecting to {drone.sightings.address}")
         self._mesh_finding = Finding("mesh", "not yet", "opening")
         self._mesh: Mesh | None = None
         self._statuses: dict[str, tuple[Status, float]] = {}  # with by how much its clock is behind, seconds
@@ -53,6 +58,7 @@ class Preflight:
             self._clock(),
             self._chrony,
             self._camera,
+            *([] if self._sightings is None else [self._sightings]),
             *self._vehicle_findings,
             self._mesh_finding,
             *(self._peer(member.id) for member in self._mission.drones if member.id != self._drone.id),
@@ -60,7 +66,7 @@ class Preflight:
 
     async def run(self, wait_s: float, show: Callable[[list[Finding]], None]) -> bool:
         """Check until nothing is "not yet" any more, or ``wait_s`` are over. Returns whether all is ok."""
-        checks = (self._check_mesh, self._check_vehicle, self._check_camera, self._check_chrony)
+        checks = (self._check_mesh, self._check_vehicle, self._check_camera, self._check_sightings, self._check_chrony)
         tasks = [asyncio.create_task(check()) for check in checks]
         deadline_s = time.monotonic() + wait_s
         try:
@@ -145,6 +151,29 @@ class Preflight:
             if detector.problems:
                 self._camera = Finding("camera", "not yet", detector.problems[0])
             await asyncio.sleep(0.2)
+
+    async def _check_sightings(self) -> None:
+        if self._drone.sightings.address is None:
+            return
+        try:
+            feed = SightingsFeed(self._drone.sightings.address)
+        except RadronError as error:
+            self._sightings = Finding("sightings", "failed", str(error))
+            return
+        reading = asyncio.create_task(self._read_sightings(feed))
+        try:
+            while True:
+                names = ", ".join(sorted(self._seen)) or "nobody"
+                problem = feed.problems[0] if feed.problems else None
+                self._sightings = Finding("sightings", "not yet" if problem else "ok", problem or f"seen so far: {names}")
+                await asyncio.sleep(0.2)
+        finally:
+            reading.cancel()
+            await feed.close()
+
+    async def _read_sightings(self, feed: SightingsFeed) -> None:
+        async for seen in feed.sightings():
+            self._seen.update(one.target for one in seen)
 
     def _calibration(self) -> Finding:
         folder = self._drone.calibration
