@@ -140,3 +140,27 @@ def test_fixes_come_once_a_second_until_satellites_are_lost_which_is_another_epo
             assert flight.vehicle.problems == ()
 
     asyncio.run(scenario())
+
+
+def test_an_agent_restarted_in_flight_without_satellites_goes_on_in_the_same_frame_and_epoch() -> None:
+    async def scenario() -> None:
+        jump = EventTruth(at_s=0.5, jump_m=15.0)
+        async with AsyncExitStack() as stack:
+            patient = BY_VISION | {"EKF2_NOAID_TOUT": 5_000_000}  # an agent that is gone passes on no poses
+            flight, _ = await seeing(stack, localized(VehicleTruth(kind="slam", events=(jump,))), **patient)
+            await airborne(flight)
+            flight.fleet.begin()
+            await flight.fly(TAKEOFF, lambda: flight.state.epoch == 1)
+            await flight.wait(1.0, TAKEOFF)
+            place, launch = flight.state.position_m, flight.vehicle.launch
+            flight.speed = 1
+            await flight.vehicle.close()
+            flight.new_vehicle(launch)
+            await flight.connect()
+            await flight.fly(STAY, lambda: bool(flight.states))
+            assert flight.state.epoch == 1
+            assert dist(flight.state.position_m, place) < 1.0
+            assert flight.state.in_air
+            assert flight.vehicle.launch == launch
+
+    asyncio.run(scenario())
