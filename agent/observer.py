@@ -33,7 +33,7 @@ class Observer:
         self._live_s = 0.0
         self._hits = self._photopeak = self._coincidences = 0
 
-    def coverage(self, stamp_ns: int, path_m: tuple[tuple[float, float], ...], swath_m: float, epoch: int) -> Coverage:
+    def coverage(self, stamp_ns: int, epoch: int, path_m: tuple[tuple[float, float], ...], swath_m: float) -> Coverage:
         """The log entry of a stretch that was searched; local frame of the epoch."""
         return Coverage(
             stamp_ns=stamp_ns,

@@ -374,9 +374,9 @@ class Pilot:
         return VehicleCommand(request, setpoint, height_m)
 
     def _report_coverage(self, now_ns: int, vehicle: VehicleState) -> None:
-        report = self._coverage.add(now_ns, vehicle.position_m[:2])
+        report = self._coverage.add(now_ns, vehicle.epoch, vehicle.position_m[:2])
         if report is not None:
-            self._record(self._observer.coverage(*report, self._coverage.swath_m, vehicle.epoch), now_ns)
+            self._record(self._observer.coverage(*report, self._coverage.swath_m), now_ns)
 
     def _report(self, now_ns: int) -> None:
         believed = (self.hypothesis, self.fusion.digest) if self.hypothesis is not None else None

@@ -170,18 +170,26 @@ class CoverageLog:
         self.swath_m = swath_m
         self._points: list[Point2] = []
         self._since_ns = 0
+        self._epoch = 0
 
-    def add(self, now_ns: int, position: Point2) -> tuple[int, tuple[Point2, ...]] | None:
-        """Note where the drone searches now; every few seconds the stamp and path of a report, else None."""
+    def add(self, now_ns: int, epoch: int, position: Point2) -> tuple[int, int, tuple[Point2, ...]] | None:
+        """Note where the drone searches now; every few seconds the stamp, epoch and path of a report, else None.
+
+        What was searched in an epoch is told with it: a path does not lead from one frame into another.
+        """
+        told = None
+        if self._points and epoch != self._epoch:
+            told = self._since_ns, self._epoch, tuple(self._points)
+            self._points = []
         if not self._points:
-            self._since_ns = now_ns
+            self._since_ns, self._epoch = now_ns, epoch
         if not self._points or _apart(self._points[-1], position) >= POINT_M:
             self._points.append(position)
-        if now_ns - self._since_ns < COVERAGE_S * 1e9 or len(self._points) < 2:
-            return None
-        path, self._points = tuple(self._points), [self._points[-1]]
-        stamp_ns, self._since_ns = self._since_ns, now_ns
-        return stamp_ns, path
+        if told is not None or now_ns - self._since_ns < COVERAGE_S * 1e9 or len(self._points) < 2:
+            return told
+        told, self._points = (self._since_ns, epoch, tuple(self._points)), [self._points[-1]]
+        self._since_ns = now_ns
+        return told
 
 
 def _apart(one: Point2, other: Point2) -> float:

@@ -105,11 +105,26 @@ def test_it_starts_again_when_all_is_covered(search, log):
 def test_coverage_is_reported_every_few_seconds_without_a_gap():
     log, reports = CoverageLog(10.0), []
     for tick in range(400):
-        report = log.add(tick * 50_000_000, (0.15 * tick, 0.0))
+        report = log.add(tick * 50_000_000, 0, (0.15 * tick, 0.0))
         if report is not None:
             reports.append(report)
     assert len(reports) == int(20.0 / COVERAGE_S) - 1
-    assert all(before[1][-1] == after[1][0] for before, after in pairwise(reports))
+    assert all(before[2][-1] == after[2][0] for before, after in pairwise(reports))
+
+
+def test_coverage_does_not_lead_from_one_frame_into_another():
+    """The localisation jumps by 100 m after 3 s: each part is told in the epoch in which it was flown."""
+    log, reports = CoverageLog(10.0), []
+    for tick in range(200):
+        jumped = tick >= 60
+        report = log.add(tick * 50_000_000, int(jumped), (0.15 * tick + 100.0 * jumped, 0.0))
+        if report is not None:
+            reports.append(report)
+    assert [epoch for _, epoch, _ in reports] == [0, 1]
+    (before_ns, _, before), (after_ns, _, after) = reports
+    assert (before_ns, after_ns) == (0, 3_000_000_000)
+    assert max(x for x, _ in before) < 9.0
+    assert min(x for x, _ in after) == 109.0
 
 
 X, Y = np.meshgrid(np.arange(1.0, 40.0, 2.0), np.arange(1.0, 40.0, 2.0))
