@@ -21,16 +21,10 @@ class Placement:
 
     def transform(self, continuous_from_local: Transform) -> Transform:
         """``mission_from_local`` of a segment, with its covariance about the segment's own origin."""
-        yaw = float(self.pose[3])
-        c, s = np.cos(yaw), np.sin(yaw)
-        # From the drone's place to the segment's origin, mission axes.
-        x, y, z = np.array(continuous_from_local.translation) - self.at
-        arm = np.array([c * x - s * y, s * x + c * y, z])
-        east, north, up = (self.pose[:3] + arm).tolist()
-        jacobian = np.eye(4)
-        jacobian[:3, 3] = -arm[1], arm[0], 0.0
+        pose, covariance = self.carried(np.array(continuous_from_local.translation))
+        east, north, up, yaw = pose.tolist()
         heading = float(np.remainder(yaw + continuous_from_local.yaw_rad + np.pi, 2.0 * np.pi) - np.pi)
-        return Transform(heading, (east, north, up), jacobian @ self.covariance @ jacobian.T)
+        return Transform(heading, (east, north, up), covariance)
 
     def carried(self, at: Array) -> tuple[Array, Array]:
         """Pose and covariance of a drone that is now ``at`` (3,), if this placement still holds."""

@@ -1,0 +1,148 @@
+"""Where a drone is whose frame is not known or not believed: by all that was seen between it and the others for a while."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from agent.frames.alignment import Alignment, Views, align, evidence_of, views_of
+from agent.frames.joint import Joint, corrected
+from agent.frames.keyframe import SPEED_MPS, Keyframe
+from agent.frames.placement import Placement
+from agent.frames.sightings import Array, Fixes, Ints, Sightings, turned
+
+_MOST_VIEWS = 120  # sightings that an alignment looks at; of more every n-th
+_FEWEST_VIEWS = 4
+_SHARE = 0.35  # of the sightings that an alignment must explain: one of two others may lie
+_WIDE = np.array([1e4, 1e4, 1e4, math.pi**2])  # m^2, rad^2: nothing known
+_OUTSIDE = 16.3  # chi-square of three numbers: one in a thousand is above it
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A pose, and the data by which it was found."""
+
+    alignment: Alignment
+    seen: Sightings
+    fixes: Fixes
+
+
+def find(keyframe: Keyframe, drone: int, quarrelling: set[int]) -> None:
+    """Look for a drone whose frame is not known, by all that was seen of it since it is not; ``quarrelling``: who contradict."""
+    member = keyframe.members[drone]
+    if not member.launched:
+        return
+    first = max(member.since, keyframe.index - keyframe.setting.window)
+    found = _found(keyframe, drone, first, quarrelling)
+    keyframe.members[drone] = replace(keyframe.members[drone], attempted=keyframe.index)
+    if found is None:
+        return
+    insert(keyframe, drone, found)
+    if member.lost_ns is not None:
+        keyframe.emit(drone, member.lost_ns, keyframe.placement(drone))
+    keyframe.members[drone] = replace(keyframe.members[drone], sound_ns=keyframe.stamp_ns, lost_ns=None)
+
+
+def aligned_better(keyframe: Keyframe, drone: int, first: int) -> Found | None:
+    """A drone's pose by the others' sightings since keyframe ``first`` alone, if these speak clearly for it and against the pose
+    that the drone has."""
+    others = keyframe.joint.without(drone)
+    found = _aligned(keyframe, drone, others, first, by_claims=False)
+    if found is None:
+        return None
+    row = int(np.searchsorted(keyframe.joint.drones, drone))
+    present = evidence_of(_views(keyframe, drone, others, found.seen, found.fixes), keyframe.joint.pose[row])
+    return found if found.alignment.evidence - present >= keyframe.config.lead else None
+
+
+def insert(keyframe: Keyframe, drone: int, found: Found) -> None:
+    """Into the joint estimate, by the same data: so its errors and the others' are known to be the same ones."""
+    alignment, seen, fixes = found.alignment, found.seen, found.fixes
+    wide = keyframe.joint.with_drone(drone, alignment.pose, np.diag(_WIDE))
+    doubt = keyframe.joint.with_drone(drone, alignment.pose, alignment.covariance).covariance
+    result = corrected(wide, seen, keyframe.older_var(seen), fixes, doubt=doubt)
+    # What it drifted since is common to all older sightings.
+    age_s = float(np.mean(1e-9 * (keyframe.stamp_ns - seen.stamp_ns))) if len(seen) else 0.0
+    drifted = keyframe.drift.over(drone, age_s, age_s * SPEED_MPS)
+    keyframe.joint = result.joint.widened(drone, drifted)
+    if len(fixes) and result.fixes[0] < 0.5 and keyframe.members[drone].trusted and len(seen):  # the first one is the layout
+        place = ", ".join(f"{axis:.0f}" for axis in keyframe.drift.layout(drone)[0])
+        keyframe.suspect(drone, f"it was not launched where the mission has it ({place})", lasting=True)
+
+
+def _found(keyframe: Keyframe, drone: int, first: int, quarrelling: set[int]) -> Found | None:
+    """By those that agree with each other. Where two contradict each other, one of them is believed, namely the one by whom
+    alone the drone was launched where the mission has it."""
+    trusted = keyframe.members[drone].trusted
+    sides = sorted(quarrelling & set(keyframe.joint.drones.tolist()))
+    if not sides or not trusted:
+        return _aligned(keyframe, drone, keyframe.joint, first, by_claims=trusted)
+    fitting = []
+    for side in sides:
+        others = keyframe.joint
+        for other in sides:
+            others = others if other == side else others.without(other)
+        found = _aligned(keyframe, drone, others, first, by_claims=True)
+        if found is not None and _launched_right(keyframe, drone, found.alignment):
+            fitting.append(found)
+    return fitting[0] if len(fitting) == 1 else None
+
+
+def _launched_right(keyframe: Keyframe, drone: int, alignment: Alignment) -> bool:
+    """Whether a pose has the origin of the drone's frame where the layout has it, as far as one can tell."""
+    layout = _layout_as_fix(keyframe, drone)
+    placement = Placement(alignment.pose, alignment.covariance, keyframe.joint.at[drone])
+    pose, covariance = placement.carried(layout.at[0])
+    var = layout.var[0] + covariance.diagonal()[:3] + keyframe.joint.covariance.diagonal().reshape(-1, 4)[:, :3].max(0)
+    return bool(((pose[:3] - layout.place[0]) ** 2 / var).sum() < _OUTSIDE)
+
+
+def _aligned(keyframe: Keyframe, drone: int, others: Joint, first: int, by_claims: bool) -> Found | None:
+    """A drone's pose by sightings between it and ``others`` since keyframe ``first``, and by its own claims (layout, fixes)
+    where these are trusted; None while that leaves it open."""
+    slots, config = others.slots(), keyframe.config
+    seen = keyframe.intake.sightings(first, keyframe.index)
+    of_it = (seen.observer == drone) & (slots[seen.target] >= 0) | (seen.target == drone) & (slots[seen.observer] >= 0)
+    seen = seen.take(of_it)
+    fixes = Fixes.empty()
+    if by_claims:
+        fixes = keyframe.intake.fixes(first, keyframe.index)
+        fixes = Fixes.joined([_layout_as_fix(keyframe, drone), fixes.take(fixes.drone == drone)])
+    if len(seen) + max(len(fixes) - 1, 0) < _FEWEST_VIEWS:
+        return None
+    alignment = align(_views(keyframe, drone, others, seen, fixes))
+    if alignment is None or alignment.lead < config.lead or alignment.share < _SHARE:
+        return None
+    sigma = np.sqrt(alignment.covariance.diagonal())
+    if sigma[:3].max() > config.aligned_sigma_m or sigma[3] > math.radians(config.aligned_yaw_deg):
+        return None
+    return Found(alignment, seen, fixes)
+
+
+def _views(keyframe: Keyframe, drone: int, others: Joint, seen: Sightings, fixes: Fixes) -> Views:
+    """Some of the sightings between a drone and ``others``, and fixes, as seen from it."""
+    stride = -(-len(seen) // _MOST_VIEWS)
+    seen = seen.take(slice(None, None, stride)) if stride > 1 else seen
+    outward = seen.observer == drone
+    ends = np.where(outward, seen.target, seen.observer)
+    at_end = np.where(outward[:, None], seen.at_target, seen.at_observer)
+    rows = others.slots()[ends]
+    pose = others.pose[rows].copy()
+    moved = at_end - others.at[ends]
+    pose[:, :3] += turned(pose[:, 3], moved)
+    diagonal = others.covariance.diagonal().reshape(-1, 4)[rows]
+    place_var = diagonal[:, :3].mean(1) + 0.5 * diagonal[:, 3] * (moved[:, :2] ** 2).sum(1)
+    ends_var: Array = np.stack([place_var, diagonal[:, 3]], axis=1)
+    return views_of(drone, seen, pose, ends_var, others.at[drone], fixes, keyframe.older_var(seen))
+
+
+def _layout_as_fix(keyframe: Keyframe, drone: int) -> Fixes:
+    """The place of the frame's origin in the layout, by what its track may have drifted since."""
+    origin, variances, _ = keyframe.drift.layout(drone)
+    first_ns = keyframe.intake.tracks[drone].first_ns
+    assert first_ns is not None
+    since = keyframe.drift.over(drone, 1e-9 * (keyframe.stamp_ns - first_ns), float(keyframe.joint.far[drone]))
+    stamps: Ints = np.array([first_ns], dtype=np.int64)
+    return Fixes(np.array([drone]), stamps, np.zeros((1, 3)), origin[None], (variances[:3] + since[:3])[None], np.ones(1))
