@@ -47,6 +47,7 @@ class Intake:
         self.dirty: int | None = None
         self._buckets: dict[int, _Bucket] = {}
         self._fix_stamps: list[list[int]] = [[] for _ in mission.drones]
+        self._earliest_ns = 0
 
     def receive(self, entry: Entry) -> None:
         """Take in an exposure, a sighting or a fix; anything else says nothing about frames."""
@@ -55,6 +56,8 @@ class Intake:
             return
         if isinstance(entry, Exposure):
             self._add_samples(number, entry)
+        elif entry.stamp_ns < self._earliest_ns:
+            return
         elif isinstance(entry, Sighting) and entry.target in self._number:
             self._bucket(entry.stamp_ns).sightings[entry.entry_id] = entry
         elif isinstance(entry, Fix):
@@ -70,8 +73,10 @@ class Intake:
         return dirty
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Forget what was measured before that stamp."""
-        first = bisect_left(self.indices, self._index(stamp_ns))
+        """Forget what was measured before that stamp's keyframe interval, and take no more of it in."""
+        index = self._index(stamp_ns)
+        stamp_ns = self._earliest_ns = (index - 1) * self.grid_ns + 1
+        first = bisect_left(self.indices, index)
         for index in self.indices[:first]:
             del self._buckets[index]
         del self.indices[:first]
@@ -120,6 +125,8 @@ class Intake:
             w, x, y, z = pose.quaternion
             yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
             sample = Sample(exposure.stamp_ns + pose.offset_ns, exposure.epoch, pose.position_m, yaw_rad)
+            if sample.stamp_ns < self._earliest_ns:
+                continue
             before_ns = self.tracks[number].insert(sample)
             if before_ns is not None:
                 self._bucket(sample.stamp_ns)

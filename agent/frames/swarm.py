@@ -17,7 +17,7 @@ from agent.frames.transform import Transform
 from protocol.messages import Entry
 
 BEFORE_START_NS = 60_000_000_000  # what was measured longer before the mission's start says nothing: clocks may be years off
-_SLICE = 8  # keyframes per call of advance: about 20 ms for three drones
+_SLICE = 24  # keyframes of one drone per call of advance: about 20 ms
 _RECENT = 64  # checkpoints that are all kept; of older ones every 8th
 _EVERY = 8
 
@@ -27,63 +27,80 @@ class SwarmFrames:
 
     The graph is a pure function of what was received (in any order) and of the last keyframe that is due. The checkpoints after
     keyframes are kept; an entry takes them back to the last one before its interval, and the keyframes since are estimated again.
-    Where all drones are exact nothing is done at all.
+    Until all of them are, the graph and the suspects stay what they were: nobody flies by frames that lack the last minute. What
+    comes in meanwhile has its turn after that. Where all drones are exact nothing is done at all.
     """
 
     def __init__(self, mission: MissionConfig) -> None:
         self.graph = FrameGraph.from_launch_layout(mission)
-        self.pending = False  # keyframes are due that the next call of ``advance`` is to estimate
         self._names = [drone.id for drone in mission.drones]
         self._estimated = [drone.localization != "exact" for drone in mission.drones]
         self._idle = not any(self._estimated)
+        self._slice = max(1, _SLICE // len(mission.drones))
         self._settle_ns = round(mission.frames.settle_s * 1e9)
         self._intake = Intake(mission)
         self._estimate = Estimate(mission, self._intake)
         self._beginning = beginning(len(mission.drones))
         self._checkpoints: dict[int, Checkpoint] = {}  # ascending
         self._lines = [_Line() for _ in mission.drones]
+        self._newest = self._beginning  # what the graph is of
+        self._estimating = False  # keyframes are due that the next call of ``advance`` is to estimate
+        self._waiting: list[Entry] = []  # received meanwhile
         self._started = False
-        self._earliest_ns = 0
         self._due = -1
+
+    @property
+    def pending(self) -> bool:
+        """Whether the graph lacks something that was received; the next calls of ``advance`` bring it."""
+        return self._estimating or bool(self._waiting)
 
     def start(self, stamp_ns: int) -> None:
         """The mission began: what was measured long before says nothing. Only the first call counts."""
         if self._started or self._idle:
             return
-        self._started = True
-        self._earliest_ns = stamp_ns - BEFORE_START_NS
-        self._intake.drop_before(self._earliest_ns)
+        self._started, self._estimating = True, False
+        self._intake.drop_before(stamp_ns - BEFORE_START_NS)
 
     def receive(self, entry: Entry) -> None:
         """Take an entry of the log in, each once, in any order."""
-        if not self._idle and entry.stamp_ns >= self._earliest_ns:
+        if self._idle:
+            return
+        if self._estimating:
+            self._waiting.append(entry)
+        else:
             self._intake.receive(entry)
 
     def advance(self, now_ns: int) -> None:
         """Estimate the keyframes that are due, and those again that something late has changed; a few at a time."""
         if self._idle:
             return
-        self._due = max(self._due, (now_ns - self._settle_ns) // self._intake.grid_ns)
-        self._rewind()
+        if not self._estimating:
+            waiting, self._waiting = self._waiting, []
+            for entry in waiting:
+                self._intake.receive(entry)
+            self._due = max(self._due, (now_ns - self._settle_ns) // self._intake.grid_ns)
+            self._rewind()
         last = next(reversed(self._checkpoints.values()), self._beginning)
         indices = self._intake.indices
         first, end = bisect_right(indices, last.index), bisect_right(indices, self._due)
-        for index in indices[first : min(end, first + _SLICE)]:
+        for index in indices[first : min(end, first + self._slice)]:
             last = self._estimate.step(last, index)
             self._checkpoints[index] = last
             for drone, from_ns, placement in last.emissions:
                 self._lines[drone].add(index, from_ns, placement)
-        self.pending = end > first + _SLICE
+        self._estimating = end > first + self._slice
         self._thin()
+        if self._estimating:
+            return
+        self._newest = last
         for drone, line in enumerate(self._lines):
             if self._estimated[drone]:
                 self._publish(drone, line)
 
     def suspects(self) -> Mapping[str, str]:
         """By drone: why its frame is not believed, or not known."""
-        last = next(reversed(self._checkpoints.values()), self._beginning)
         found = {}
-        for drone, member in enumerate(last.members):
+        for drone, member in enumerate(self._newest.members):
             if member.suspicion is not None:
                 found[self._names[drone]] = member.suspicion.reason
             elif self._estimated[drone] and not member.known:

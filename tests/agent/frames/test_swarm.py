@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from msgspec import structs
 from sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run, settle
 
-from agent.frames.swarm import SwarmFrames
+from agent.frames.swarm import BEFORE_START_NS, SwarmFrames
 from protocol.messages import Counts, Exposure, Fix, PoseSample, Sighting
 
 CHI2_90 = 7.78  # of four numbers, 90 % are below it
@@ -329,6 +329,45 @@ def test_what_comes_two_minutes_late_is_counted_as_if_in_time():
     assert frames.pending
     settle(frames, int(flown.stamps_ns[-1]) + SECOND)
     assert before != lines(frames, flown) == lines(at_once(flown), flown)
+
+
+def test_until_a_late_entry_is_counted_the_frames_before_serve():
+    """In the midst of a replay nobody flies by frames of a minute ago; what comes in meanwhile is not lost."""
+    flown = fly(slams(), 80.0, 1, Sensor(rate_hz=1.0))
+    end_ns = int(flown.stamps_ns[-1]) + SECOND
+    late = [entry for entry in flown.entries if entry.drone == "d2" and 20.0 < 1e-9 * (entry.stamp_ns - START_NS) < 22.0]
+    frames = SwarmFrames(flown.mission)
+    for entry in flown.entries:
+        if entry not in late:
+            frames.receive(entry)
+    settle(frames, end_ns)
+    before, revision, suspects = lines(frames, flown), frames.graph.revision, dict(frames.suspects())
+    frames.receive(late[0])
+    frames.advance(end_ns)
+    assert frames.pending
+    for entry in late[1:]:
+        frames.receive(entry)
+    assert (lines(frames, flown), frames.graph.revision, frames.suspects()) == (before, revision, suspects)
+    settle(frames, end_ns)
+    assert lines(frames, flown) == lines(at_once(flown), flown) != before
+
+
+@pytest.mark.parametrize("share", [0.0, 0.23, 0.77])
+def test_a_start_leaves_out_the_same_whenever_it_is_told(share):
+    """Also of an exposure that began before the bound, and of the keyframe in which it lies."""
+    flown = fly(slams(), 12.0, 2)
+    start_ns, end_ns = START_NS + BEFORE_START_NS + round((4.0 + share) * SECOND), int(flown.stamps_ns[-1]) + SECOND
+    told_first, told_last = SwarmFrames(flown.mission), SwarmFrames(flown.mission)
+    told_first.start(start_ns)
+    for entry in flown.entries:
+        told_first.receive(entry)
+        told_last.receive(entry)
+    told_last.advance(end_ns)
+    assert told_last.pending  # and in the midst of an estimate
+    told_last.start(start_ns)
+    for frames in (told_first, told_last):
+        settle(frames, end_ns)
+    assert lines(told_first, flown) == lines(told_last, flown) != lines(at_once(flown), flown)
 
 
 @given(st.integers(0, 2**32))
