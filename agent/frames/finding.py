@@ -32,8 +32,6 @@ class Found:
 def find(keyframe: Keyframe, drone: int, quarrelling: set[int]) -> None:
     """Look for a drone whose frame is not known, by all that was seen of it since it is not; ``quarrelling``: who contradict."""
     member = keyframe.members[drone]
-    if not member.launched:
-        return
     first = max(member.since, keyframe.index - keyframe.setting.window)
     found = _found(keyframe, drone, first, quarrelling)
     keyframe.members[drone] = replace(keyframe.members[drone], attempted=keyframe.index)

@@ -76,6 +76,20 @@ def test_the_covariance_is_true(after_20_s):
     assert 3.0 < squared.mean() < 5.0
 
 
+def test_many_unknown_frames_are_found_one_after_the_other():
+    """Those that nobody hears, the first in the list, keep nobody waiting."""
+    unheard = ("d2", "d3")
+    drones = [*slams(), *(Drone(f"d{number}", yaw_deg=40.0 * number, **UNKNOWN, **DRIFT) for number in range(4, 9))]
+    flown = fly(drones, 15.0, 1)
+    frames = SwarmFrames(flown.mission)
+    for entry in flown.entries:
+        if entry.drone not in unheard:
+            frames.receive(entry)
+    settle(frames, int(flown.stamps_ns[-1]) + SECOND)
+    assert sorted(frames.suspects()) == ["d2", "d3"]
+    assert all(flown.error(frames, f"d{number}", 14.0) is not None for number in range(4, 9))
+
+
 def test_bearings_alone_do():
     flown = fly(anchored(**UNKNOWN), 20.5, 5, Sensor(range_m=None))
     frames = at_once(flown)
