@@ -24,9 +24,10 @@ from agent.frames.swarm import SwarmFrames
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.registry import estimator_named
+from agent.guidance import Moment
 from agent.memory import Memory
 from agent.mission import FLYING, Mission, Situation
-from agent.navigator import Moment, Navigator
+from agent.navigator import Navigator
 from agent.observer import Observer
 from agent.peers import Peers
 from agent.problems import TELEMETRY_AGE_NS, TWIN_NS, Problems
@@ -279,7 +280,7 @@ class Pilot:
         if refused is not None:
             return "command_refused"
         if command.action is Action.START and self._vehicle is not None:
-            self._navigator.took_off(self._vehicle)
+            self._navigator.home.took_off(self._vehicle)
             self._start_fusion(command.stamp_ns)
         return None
 
@@ -299,13 +300,13 @@ class Pilot:
             return
         self.counters["rejoined"] += 1
         self._mission.rejoin(memory, vehicle, vehicle.stamp_ns)
-        self._navigator.rejoin(memory.home_m)
+        self._navigator.home.remember(memory.home_m)
         self._start_fusion(memory.started_ns)
 
     def _remember(self, now_ns: int) -> None:
         """Keep what a restarted agent must know: the same object as long as nothing in it changes."""
         if self._remembered is None:
-            memory = self._mission.memory(self._mission_id, self._navigator.home, now_ns, self._where.epoch_offset)
+            memory = self._mission.memory(self._mission_id, self._navigator.home.in_mission, now_ns, self._where.epoch_offset)
             if memory != self.memory:
                 self.memory = memory
 
@@ -328,7 +329,7 @@ class Pilot:
 
     def _situation(self, now_ns: int) -> Situation:
         vehicle = self._vehicle
-        at_home = self._mission.stage is Stage.RETURN and vehicle is not None and self._navigator.at_home(vehicle)
+        at_home = self._mission.stage is Stage.RETURN and vehicle is not None and self._navigator.home.is_reached(vehicle)
         hypothesis = self.hypothesis
         return Situation(
             now_ns,

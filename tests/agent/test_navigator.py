@@ -12,7 +12,8 @@ from agent.config import DroneConfig, EncirclementConfig, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis, Sight
-from agent.navigator import Moment, Navigator
+from agent.guidance import Moment
+from agent.navigator import Navigator
 from agent.peers import Peers
 from agent.search import InformedSearch, Prospect, Search
 from agent.vehicle.interface import FlightMode
