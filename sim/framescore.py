@@ -57,6 +57,7 @@ class FrameScore:
         self._names = [drone.id for drone in mission.drones]
         self._estimated = [drone.localization != "exact" for drone in mission.drones]
         self._frames, self._truth = frames, truth
+        self._told = [0] * len(self._names)
         self._errors_m: list[float] = []
         self._own_m: list[list[float]] = []
         self._suspected: Counter[str] = Counter()
@@ -65,6 +66,10 @@ class FrameScore:
         self._before_m: list[float] = []
         self._after: list[tuple[float, float]] = []
         self.known_s: float | None = None
+
+    def hear(self, drone: int, epoch: int) -> None:
+        """A drone has told a pose of that epoch: an agent counts jumps that its vehicle said nothing of, too."""
+        self._told[drone] = epoch
 
     def sample(self, time_s: float, tracking: bool, position: Array, position_error: Array) -> Array:
         """Look once.
@@ -81,9 +86,8 @@ class FrameScore:
         """
         own = position_error + self._truth.own_error_m(position)
         local = self._truth.local(position + position_error)
-        placed = [
-            self._frames.graph.mission_from_local(name, epoch) for name, epoch in zip(self._names, self._truth.epoch, strict=True)
-        ]
+        epochs = map(max, self._told, self._truth.epoch)  # of a vehicle that jumped just now nothing was told yet
+        placed = [self._frames.graph.mission_from_local(name, epoch) for name, epoch in zip(self._names, epochs, strict=True)]
         if self.known_s is None and None not in placed:
             self.known_s = time_s
         errors = own.copy()

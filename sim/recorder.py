@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from protocol.codec import decode
-from protocol.messages import AnyMessage, Cone, Exposure, Stage
+from protocol.messages import AnyMessage, Cone, Exposure, Pose, Stage
 from sim.believers import Agent, Believer
 from sim.bound import Bound, bound_of
 from sim.frame import LocalFrames
@@ -81,6 +81,8 @@ class Recorder:
         """Listen to what a drone publishes, as it leaves."""
         if key.endswith(("/cone", "/exposure")):
             self.take(drone, decode(payload))
+        elif self._known is not None and key.endswith("/pose") and isinstance(pose := decode(payload), Pose):
+            self._known.hear(drone, pose.epoch)
 
     def take(self, drone: int, message: AnyMessage) -> None:
         """Take a message of a drone."""

@@ -22,12 +22,12 @@ class KnownFrames:
     """Frames as an agent has them: by drone, and at last the true ones of all with offsets."""
 
     def __init__(self, truth):
-        self.truth, self.offsets, self.flagged = truth, {}, {}
+        self.truth, self.offsets, self.flagged, self.counted = truth, {}, {}, {}
         self.graph = self
 
     def mission_from_local(self, drone, epoch):
         place = int(drone[1]) - 1
-        if drone not in self.offsets or epoch != self.truth.epoch[place]:
+        if drone not in self.offsets or epoch != self.truth.epoch[place] + self.counted.get(drone, 0):
             return None
         shifted = self.truth.origin[place] + np.array(self.offsets[drone])
         return SimpleNamespace(yaw_rad=float(self.truth.yaw_rad[place]), translation=tuple(shifted.tolist()))
@@ -59,6 +59,14 @@ def test_errors_are_those_of_the_places_by_the_frames_that_are_known():
     assert score.known_s == 1.2
     assert score.error_median_m == pytest.approx(0.5)
     assert score.best_position_error_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_frame_is_that_of_the_epoch_which_the_drone_itself_tells():
+    """Its localisation has jumped and said nothing; its agent has noticed, and counts an epoch more than the vehicle."""
+    score, known, _ = watched()
+    known.offsets, known.counted = {"d2": (0.3, 0.4, 0.0)}, {"d2": 1}
+    score.hear(1, 1)
+    np.testing.assert_allclose(score.sample(1.0, True, PLACES, NOTHING)[1], [0.3, 0.4, 0.0], atol=1e-9)
 
 
 def test_small_errors_of_the_localisation_count_and_nothing_is_scored_before_the_tracking():
