@@ -24,13 +24,14 @@ _HEADING_DEG = 90.0  # a heading known less well is not known at all
 
 
 class Whereabouts:
-    """Of one drone. ``frames``: of the whole swarm, estimated from the log; ``clocks``: of all, as far as heard."""
+    """Of one drone. ``vehicle``: its newest telemetry; ``clocks``: of all drones, as far as heard."""
 
     def __init__(
         self,
         mission: MissionConfig,
         member: DroneInMission,
         boot: str,
+        frames: SwarmFrames,
         history: PoseHistory,
         numbers: Iterator[int],
         counters: Counter[str],
@@ -39,7 +40,9 @@ class Whereabouts:
         """``history``, ``numbers``: of its poses and entries; ``epoch_offset``: of the agent that flew it before."""
         others = [one.id for one in mission.drones if one.id != member.id]
         self._drone = member.id
-        self.frames = SwarmFrames(mission)
+        self._frames = frames
+        self._history, self._counters = history, counters
+        self.vehicle: VehicleState | None = None
         self.clocks = Clocks(member.id, others)
         self.positioning = Positioning(member.id, others, mission.mission_id, boot, history, numbers, counters)
         # A drone whose heading is not known has to be seen by others, or to see them: else it would never get to know its frame.
@@ -53,37 +56,50 @@ class Whereabouts:
         """By how much the published epochs are ahead of the vehicle's own."""
         return self._epochs.offset if self._epochs is not None else 0
 
-    def understood(self, state: VehicleState) -> VehicleState:
-        """Plausible telemetry with the epoch that it belongs to, and with the error that a wrong clock makes of a motion."""
-        if self._epochs is not None:
-            state = self._epochs.take(state)
-        sigma_m = self.clocks.widened_sigma_m(state.position_sigma_m, hypot(*state.velocity_mps))
-        return state if sigma_m == state.position_sigma_m else replace(state, position_sigma_m=sigma_m)
+    def follow(self, state: VehicleState) -> VehicleState | None:
+        """Take telemetry; returns it as it is to be understood. What is older than known, not finite or absurdly far away is
+        counted and dropped."""
+        if self.vehicle is not None and state.stamp_ns <= self.vehicle.stamp_ns:
+            self._counters["telemetry_older_than_known"] += 1
+            return None
+        if not _plausible(state):
+            self._counters["telemetry_implausible"] += 1
+            return None
+        self.vehicle = self._understood(state)
+        self._history.add(self.vehicle)
+        return self.vehicle
 
     def take(self, entry: Entry) -> None:
         """Take what is new in the log."""
-        self.frames.receive(entry)
         if isinstance(entry, Sighting) and self._drone in (entry.drone, entry.target):
             self.is_unplaced = False
 
-    def frame(self, vehicle: VehicleState | None) -> Transform | None:
+    @property
+    def frame(self) -> Transform | None:
         """The own local frame in the mission's; None while it is not known."""
-        return self.frames.graph.mission_from_local(self._drone, vehicle.epoch) if vehicle is not None else None
+        return self._frames.graph.mission_from_local(self._drone, self.vehicle.epoch) if self.vehicle is not None else None
 
-    def problems(self, now_ns: int, vehicle: VehicleState | None, flies: bool) -> tuple[str, ...]:
+    def problems(self, now_ns: int, flies: bool) -> tuple[str, ...]:
         """What is to be told of clock, localisation and frames. Before a flight it is no problem that a frame is not known."""
         jump = self._epochs.problem(now_ns) if self._epochs is not None else None
         told = [problem for problem in (self.clocks.problem(now_ns), jump) if problem is not None]
         if not flies:
             return tuple(told)
-        frame, suspects = self.frame(vehicle), self.frames.suspects()
-        sigma_m = frame.sigmas_at(vehicle.position_m)[0] if frame is not None and vehicle is not None else 0.0
+        frame, suspects = self.frame, self._frames.suspects()
+        sigma_m = frame.sigmas_at(self.vehicle.position_m)[0] if frame is not None and self.vehicle is not None else 0.0
         if sigma_m > UNSURE_M and self._drone not in suspects:
             told.append(f"it knows its place to {sigma_m:.0f} m only")
         return (*told, *_lines(self._drone, suspects))
 
+    def _understood(self, state: VehicleState) -> VehicleState:
+        """With the epoch that it belongs to, and with the error that a wrong clock makes of a motion."""
+        if self._epochs is not None:
+            state = self._epochs.take(state)
+        sigma_m = self.clocks.widened_sigma_m(state.position_sigma_m, hypot(*state.velocity_mps))
+        return state if sigma_m == state.position_sigma_m else replace(state, position_sigma_m=sigma_m)
 
-def plausible(state: VehicleState) -> bool:
+
+def _plausible(state: VehicleState) -> bool:
     """Whether telemetry can be flown by: all numbers finite, and within what a message can carry."""
     sigmas = state.position_sigma_m + state.yaw_sigma_rad
     others = sum(state.velocity_mps) + sum(state.quaternion) + sigmas + state.height_m

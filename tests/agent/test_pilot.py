@@ -314,9 +314,10 @@ def test_a_cone_from_the_future_does_not_hide_a_loss():
 
 def searching(survey, seconds):
     """A pilot that flies by ``bayes`` and counts nothing but a bare background, and its last status."""
-    one, statuses = pilot(mission=replace(MISSION, fusion=FusionConfig(estimator="bayes"), survey=survey)), []
+    mission = replace(MISSION, fusion=FusionConfig(estimator="bayes"), survey=survey)
+    one, statuses = pilot(mission=mission), []
     one.observe_vehicle(state(START_NS))
-    one.receive(*command(mission=one._config), START_NS)
+    one.receive(*command(mission=mission), START_NS)
     one.step(START_NS)  # in the air and holding already
     for tick in range(1, seconds * 20):
         now_ns = START_NS + tick * TICK_NS
