@@ -15,7 +15,7 @@ from collections.abc import AsyncIterator, Callable
 
 import msgspec
 
-from agent.linefeed import LineFeed
+from agent.feed import LineFeed
 from agent.vehicle.interface import SeenDrone
 
 STALE_NS = 2_000_000_000  # poses are kept for 5 s: what is older may not be given a pose any more
@@ -42,7 +42,7 @@ class SightingsFeed:
 
     async def sightings(self) -> AsyncIterator[list[SeenDrone]]:
         """Sightings as they come, until ``close``."""
-        async for lines in self._feed.lines():
+        async for lines in self._feed.items():
             seen = [sighting for sighting in map(self._sighting, lines) if sighting is not None]
             self.counters["sightings"] += len(seen)
             if seen:

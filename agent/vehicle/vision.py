@@ -23,7 +23,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
-from agent.linefeed import LineFeed
+from agent.feed import LineFeed
 from agent.vehicle.frame import Quaternion, frd_from_flu, ned_from_enu
 from agent.vehicle.interface import Vector3
 
@@ -74,7 +74,7 @@ class Vision:
 
     async def run(self) -> None:
         """Pass on until ``close``."""
-        async for lines in self._feed.lines():
+        async for lines in self._feed.items():
             for line in lines:
                 pose = self._pose(line)
                 if pose is not None:

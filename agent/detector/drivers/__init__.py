@@ -8,14 +8,15 @@ from agent.config import DetectorConfig
 from agent.detector.drivers.feed import FeedDetector
 from agent.detector.drivers.t3pa import RecordedDetector
 from agent.detector.readout import Detector
-from agent.errors import DetectorError
+from agent.errors import ConfigError
 
 
 def open_detector(config: DetectorConfig) -> Detector | None:
     """The driver that the configuration names; None where it names none. Links and devices are taken up by ``readouts``.
 
     Raises:
-        DetectorError: a setting of this driver is missing or wrong, the file is not readable, the vendor's module is not there.
+        ConfigError: a setting of this driver is missing or wrong.
+        DetectorError: the file is not readable, the vendor's module is not there.
     """
     match config.driver:
         case "feed":
@@ -33,5 +34,5 @@ def open_detector(config: DetectorConfig) -> Detector | None:
 
 def _needed(value: str | None, driver: str, key: str) -> str:
     if not value:
-        raise DetectorError(f"detector.{key} is missing; detector.driver = {driver!r} needs it")
+        raise ConfigError(f"detector.{key} is missing; detector.driver = {driver!r} needs it")
     return value

@@ -8,11 +8,12 @@ from contextlib import asynccontextmanager, suppress
 import pytest
 from detector_feed import readout_at, until
 
+from agent import feed
 from agent.config import DetectorConfig
-from agent.detector.drivers import feed, open_detector
+from agent.detector.drivers import open_detector
 from agent.detector.drivers.feed import FeedDetector
 from agent.detector.wire import pack
-from agent.errors import DetectorError
+from agent.errors import ConfigError
 
 
 def free_port():
@@ -144,7 +145,7 @@ def test_close_ends_the_readouts_of_a_link_on_which_nothing_comes():
 
 @pytest.mark.parametrize("address", ["", "host", "host:", ":5600", "host:port", "host:70000"])
 def test_an_address_that_is_none_is_an_error_with_what_is_expected(address):
-    with pytest.raises(DetectorError, match=r"detector\.address"):
+    with pytest.raises(ConfigError, match=r"detector\.address"):
         open_detector(DetectorConfig(driver="feed", address=address))
 
 

@@ -12,7 +12,7 @@ from agent.config import DetectorConfig
 from agent.detector.drivers import open_detector
 from agent.detector.drivers.t3pa import RecordedDetector, playback
 from agent.detector.t3pa import T3paReader
-from agent.errors import DetectorError
+from agent.errors import ConfigError, DetectorError
 
 HEADER = "Index\tMatrix Index\tToA\tToT\tFToA\tOverflow"
 SECOND = 40_000_000  # of ToA
@@ -120,5 +120,5 @@ def test_what_is_no_recording_is_refused_when_it_is_opened(path):
     path.write_text("a,b,c\n1,2,3\n")
     with pytest.raises(DetectorError, match="line 1: not the header"):
         open_detector(DetectorConfig(driver="t3pa", file=str(path)))
-    with pytest.raises(DetectorError, match=r"detector\.file is missing"):
+    with pytest.raises(ConfigError, match=r"detector\.file is missing"):
         open_detector(DetectorConfig(driver="t3pa"))

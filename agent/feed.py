@@ -1,0 +1,139 @@
+"""A TCP feed on the vehicle network: taken up, read, and taken up anew for as long as it is wanted."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
+from typing import Generic, TypeVar
+
+from agent.errors import ConfigError, RadronError
+
+Item = TypeVar("Item")
+
+BACKOFF_S = (0.2, 2.0)  # before the first and the later attempts to connect, doubled each time
+SILENCE_S = 3.0  # whoever has nothing to say sends an empty line or frame each second; a link that is silent for so long is dead
+LONGEST_BYTES = 8192  # of a line
+_READ_BYTES = 1 << 18
+
+
+class CorruptFeedError(RadronError):
+    """Bytes that are none of this feed."""
+
+
+class Feed(Generic[Item]):
+    """What comes from ``address`` ("host:port"). ``problem``: what is wrong with the link now. ``counters``: connections."""
+
+    def __init__(self, what: str, key: str, address: str, decoder: Callable[[], Callable[[bytes], Iterable[Item]]]) -> None:
+        """A feed that is not taken up yet.
+
+        Args:
+            what: is at the other end, in words.
+            key: of the address in the drone file.
+            address: of the other end.
+            decoder: makes for each connection what turns its bytes, cut anywhere, into items; it raises a RadronError where they
+                are none, and the link is taken up anew.
+
+        Raises:
+            ConfigError: the address is none.
+        """
+        host, _, port = address.rpartition(":")
+        if not host or not port.isdigit() or not 0 < int(port) < 65536:
+            raise ConfigError(f'{key} = {address!r}: expected "host:port"')
+        self._what = f"{what} at {address}"
+        self._host, self._port = host.strip("[]"), int(port)
+        self._decoder = decoder
+        self._closed = asyncio.Event()
+        self._link: asyncio.WriteTransport | None = None
+        self.problem: str | None = f"no link to {self._what} yet"
+        self.counters: Counter[str] = Counter()
+
+    async def items(self) -> AsyncIterator[Item]:
+        """What has come, until ``close``."""
+        pause_s = BACKOFF_S[0]
+        while not self._closed.is_set():
+            try:
+                async with asyncio.timeout(SILENCE_S):
+                    reader, writer = await asyncio.open_connection(self._host, self._port)
+            except OSError as error:  # a TimeoutError is one too
+                self.problem = f"no link to {self._what}: {_reason(error)}"
+            else:
+                self.counters["connections"] += 1
+                self._link = writer.transport
+                try:
+                    async for item in self._read(reader):
+                        pause_s, self.problem = BACKOFF_S[0], None
+                        yield item
+                finally:
+                    self._link.abort()  # nothing is sent on this link, so there is nothing to wait for
+            await self._wait(pause_s)
+            pause_s = min(2.0 * pause_s, BACKOFF_S[1])
+
+    async def _read(self, reader: asyncio.StreamReader) -> AsyncIterator[Item]:
+        """What comes on one connection; ends, and says why in ``problem``, where it ends."""
+        decode = self._decoder()
+        while not self._closed.is_set():
+            try:
+                for item in decode(await _received(reader)):
+                    yield item
+            except RadronError as error:
+                self.problem = f"{self._what} sends what is no feed: {error}"
+                return
+            except TimeoutError:
+                self.problem = f"no data from {self._what} for {SILENCE_S:g} s"
+                return
+            except OSError as error:
+                self.problem = f"lost the link to {self._what}: {_reason(error)}"
+                return
+
+    async def _wait(self, pause_s: float) -> None:
+        """Sleep, but not beyond ``close``."""
+        try:
+            async with asyncio.timeout(pause_s):
+                await self._closed.wait()
+        except TimeoutError:
+            pass
+
+    async def close(self) -> None:
+        """Let go of the link; ``items`` ends."""
+        self._closed.set()
+        if self._link is not None:
+            self._link.abort()
+
+
+class LineFeed(Feed[list[bytes]]):
+    """A feed of lines: some at a time, without their ends and the empty ones. ``counters``: those of the link, lines_too_long."""
+
+    def __init__(self, what: str, key: str, address: str) -> None:
+        """As in ``Feed``."""
+        super().__init__(what, key, address, self._lines)
+
+    def _lines(self) -> Callable[[bytes], Iterator[list[bytes]]]:
+        rest = b""
+
+        def decode(data: bytes) -> Iterator[list[bytes]]:
+            nonlocal rest
+            *lines, rest = (rest + data).split(b"\n")
+            if len(rest) > LONGEST_BYTES:
+                self.counters["lines_too_long"] += 1
+                raise CorruptFeedError(f"a line of more than {LONGEST_BYTES} bytes")
+            if lines:
+                yield [line for line in lines if line.strip()]
+
+        return decode
+
+
+async def _received(reader: asyncio.StreamReader) -> bytes:
+    """The next bytes. Raises OSError (or TimeoutError, which is one) where the link has gone."""
+    async with asyncio.timeout(SILENCE_S):
+        data = await reader.read(_READ_BYTES)
+    if not data:
+        raise OSError("it was closed")
+    return data
+
+
+def _reason(error: OSError) -> str:
+    if isinstance(error, TimeoutError):
+        return "it does not answer"
+    return os.strerror(error.errno).lower() if error.errno is not None and error.errno > 0 else str(error)
