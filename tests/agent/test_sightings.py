@@ -90,7 +90,7 @@ def test_a_line_without_end_and_a_server_that_goes_lead_to_another_connection() 
         server.send(b"x" * 20_000)
         await until(lambda: feed.counters["connections"] == 2, "connected again")
         assert feed.counters["lines_too_long"] == 1
-        await server.stop()
+        await server.close()
         await until(lambda: bool(feed.problems), "told")
         assert server.address in feed.problems[0]
         await server.start()
