@@ -68,8 +68,6 @@ class Clocks:
         direction = "ahead of" if ahead else "behind"
         return f"its clock is {abs(self.offset_s):.2f} s {direction} {', '.join(far) or 'the others'}: see chrony"
 
-    def widened_sigma_m(self, sigma_m: float, speed_mps: float) -> float:
-        """The sigma of a place whose stamp is as wrong as the own clock, where that is beyond the limit."""
-        if abs(self.offset_s) <= LIMIT_S:
-            return sigma_m
-        return float((sigma_m**2 + (speed_mps * self.offset_s) ** 2) ** 0.5)
+    def sigma_m(self, speed_mps: float) -> float:
+        """By how much a place is doubted whose stamp is as wrong as the own clock, where that is beyond the limit."""
+        return 0.0 if abs(self.offset_s) <= LIMIT_S else speed_mps * abs(self.offset_s)

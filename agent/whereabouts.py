@@ -45,10 +45,11 @@ class Whereabouts:
         self.vehicle: VehicleState | None = None
         self.clocks = Clocks(member.id, others)
         self.positioning = Positioning(member.id, others, mission.mission_id, boot, history, numbers, counters)
+        self.is_estimated = member.localization != "exact"
         # A drone whose heading is not known has to be seen by others, or to see them: else it would never get to know its frame.
-        self.is_unplaced = member.localization != "exact" and member.yaw_sigma_deg > _HEADING_DEG
+        self.is_unplaced = self.is_estimated and member.yaw_sigma_deg > _HEADING_DEG
         self._epochs: EpochWatch | None = None  # a frame that is known exactly does not jump
-        if member.localization != "exact":
+        if self.is_estimated:
             self._epochs = EpochWatch(mission.limits.speed_mps, epoch_offset)
 
     @property
@@ -95,8 +96,10 @@ class Whereabouts:
         """With the epoch that it belongs to, and with the error that a wrong clock makes of a motion."""
         if self._epochs is not None:
             state = self._epochs.take(state)
-        sigma_m = self.clocks.widened_sigma_m(state.position_sigma_m, hypot(*state.velocity_mps))
-        return state if sigma_m == state.position_sigma_m else replace(state, position_sigma_m=sigma_m)
+        clock_m = self.clocks.sigma_m(hypot(*state.velocity_mps))
+        if clock_m == 0.0:
+            return state
+        return replace(state, position_sigma_m=hypot(state.position_sigma_m, clock_m), clock_sigma_m=clock_m)
 
 
 def _plausible(state: VehicleState) -> bool:

@@ -144,6 +144,7 @@ class Cone(Entry, frozen=True, kw_only=True):
     apex_m: Position
     apex_sigma_m: PositiveMetres
     yaw_sigma_rad: SigmaRadians
+    clock_sigma_m: PositiveMetres = 0.0  # of apex_sigma_m: what the drone's wrong clock makes of its motion
     orders: tuple[ConeOrder, ConeOrder]  # first: cluster 1 is the electron; second: cluster 2 is
     energies_kev: tuple[KiloElectronvolt, KiloElectronvolt]  # clusters 1 and 2
     energy_sigmas_kev: tuple[KiloElectronvolt, KiloElectronvolt]
@@ -183,6 +184,7 @@ class Exposure(Entry, frozen=True, kw_only=True):
     poses: Annotated[tuple[PoseSample, ...], Meta(min_length=1, max_length=256)]  # 10 Hz or more
     position_sigma_m: PositiveMetres
     yaw_sigma_rad: SigmaRadians
+    clock_sigma_m: PositiveMetres = 0.0  # of position_sigma_m: what the drone's wrong clock makes of its motion
 
     def flaw(self) -> str | None:
         """The interval, its live time and its poses must fit together."""

@@ -102,19 +102,21 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform) -> CountO
     middle_ns = (exposure.stamp_ns + exposure.end_ns) // 2
     counts = np.array([exposure.counts.hits, exposure.counts.photopeak, exposure.counts.coincidences], dtype=np.float64)
     place = _position(exposure.poses, middle_ns - exposure.stamp_ns)
-    told = exposure.position_sigma_m, exposure.yaw_sigma_rad
-    sigmas = _sigmas(mission_from_local, place, told)
+    sigmas = _sigmas(exposure, mission_from_local, place, exposure.position_sigma_m)
     position = mission_from_local.apply_point(place)
     return CountObservation(
         exposure.end_ns, middle_ns, position, exposure.live_time_s, counts, *sigmas, mission_from_local, exposure
     )
 
 
-def _sigmas(mission_from_local: Transform, place: Vector3, told: tuple[float, float]) -> tuple[float, float]:
+def _sigmas(entry: Cone | Exposure, mission_from_local: Transform, place: Vector3, told_m: float) -> tuple[float, float]:
     """Of position and heading at a place of the local frame. Where that frame is estimated, its covariance has in it how wrong
-    the drone's own localisation is, whatever the drone tells of itself.
+    the drone's own localisation is, whatever the drone tells of it, but not what a wrong clock adds.
     """
-    return told if mission_from_local.covariance is None else mission_from_local.sigmas_at(place)
+    if mission_from_local.covariance is None:
+        return told_m, entry.yaw_sigma_rad
+    position_m, yaw_rad = mission_from_local.sigmas_at(place)
+    return math.hypot(position_m, entry.clock_sigma_m), yaw_rad
 
 
 def _position(poses: Sequence[PoseSample], offset_ns: int) -> Vector3:
@@ -141,5 +143,5 @@ def _observe_cone(cone: Cone, mission_from_local: Transform) -> ConeObservation 
         readings.append(ConeSurface(cone.stamp_ns, apex, axis, order.theta_rad, order.sigma_rad, order.probability))
     if not readings:
         return None
-    sigmas = _sigmas(mission_from_local, cone.apex_m, (cone.apex_sigma_m, cone.yaw_sigma_rad))
+    sigmas = _sigmas(cone, mission_from_local, cone.apex_m, cone.apex_sigma_m)
     return ConeObservation(cone.stamp_ns, tuple(readings), *sigmas, mission_from_local, cone)

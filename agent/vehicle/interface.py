@@ -37,6 +37,7 @@ class VehicleState(Struct, frozen=True, kw_only=True):
     in_air: bool
     healthy: bool  # ready to arm, or flying without a failsafe
     battery: float | None = None  # 0 .. 1
+    clock_sigma_m: float = 0.0  # of position_sigma_m: what a wrong clock makes of the motion
 
 
 class GnssFix(Struct, frozen=True, kw_only=True):

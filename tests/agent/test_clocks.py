@@ -70,8 +70,8 @@ def test_strangers_and_absurd_stamps_are_not_heard():
 
 def test_a_place_is_doubted_by_how_far_the_drone_flies_in_the_offset():
     clocks, _ = exchanged({"a": 0, "b": 120, "c": 0})
-    assert clocks["a"].widened_sigma_m(0.3, 5.0) == 0.3
-    assert clocks["b"].widened_sigma_m(0.3, 5.0) == pytest.approx(math.hypot(0.3, 0.6), abs=0.02)
+    assert clocks["a"].sigma_m(5.0) == 0.0
+    assert clocks["b"].sigma_m(5.0) == pytest.approx(0.6, abs=0.02)
 
 
 def test_pilots_tell_each_other_and_the_one_that_is_ahead_widens_its_sigma():

@@ -90,5 +90,7 @@ def test_the_errors_of_an_estimated_frame_count_instead_of_what_the_drone_tells(
         math.sqrt(0.25 + (50.0 * 0.1) ** 2)
     )  # the heading's error turns what is far away
     assert seen.yaw_sigma_rad == pytest.approx(0.1)
+    late = observe(msgspec.structs.replace(far, clock_sigma_m=2.0), Transform(0.3, (5.0, 0.0, 0.0), covariance))
+    assert late.position_sigma_m == pytest.approx(math.hypot(seen.position_sigma_m, 2.0))
     exposure = kit.exposure_entry(kit.mission_of(), 0.0, (30.0, 40.0, 3.0))
     assert observe(exposure, Transform(0.3, (5.0, 0.0, 0.0), covariance)).position_sigma_m == pytest.approx(seen.position_sigma_m)
