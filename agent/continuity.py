@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from math import atan2, remainder, tau
+from math import remainder, tau
 
 import numpy as np
 
+from agent.attitude import Quaternion, Vector3, yaw_of
 from agent.frames.transform import Transform
-from agent.poses import Quaternion, Vector3
 
 # 1 sigma of what the two poses and the motion between them add: position of each axis, m, and heading, rad.
 ADDED_M, ADDED_RAD = 0.3, 0.03
@@ -43,9 +43,3 @@ def carried_on(
     to_origin[:2, 3] = turned[1], -turned[0]
     added = np.diag([ADDED_M**2, ADDED_M**2, ADDED_M**2, ADDED_RAD**2])
     return Transform(yaw_rad, translation, to_origin @ (at_place @ old @ at_place.T + added) @ to_origin.T)
-
-
-def yaw_of(quaternion: Quaternion) -> float:
-    """Heading of the body's x axis, rad."""
-    w, x, y, z = quaternion
-    return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from agent.attitude import yaw_of
 from agent.config import MissionConfig
 from agent.frames.geodesy import mission_from_geodetic
 from agent.frames.sightings import Fixes, Sightings
@@ -122,9 +123,7 @@ class Intake:
 
     def _add_samples(self, number: int, exposure: Exposure) -> None:
         for pose in exposure.poses:
-            w, x, y, z = pose.quaternion
-            yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-            sample = Sample(exposure.stamp_ns + pose.offset_ns, exposure.epoch, pose.position_m, yaw_rad)
+            sample = Sample(exposure.stamp_ns + pose.offset_ns, exposure.epoch, pose.position_m, yaw_of(pose.quaternion))
             if sample.stamp_ns < self._earliest_ns:
                 continue
             before_ns = self.tracks[number].insert(sample)

@@ -5,11 +5,11 @@ The agent's local frame has its origin at the launch place; its axes are east, n
 
 from __future__ import annotations
 
-from math import atan2, hypot, pi, sqrt
+from math import hypot, pi, sqrt
 
+from agent.attitude import Quaternion, yaw_of
 from agent.vehicle.interface import LaunchPlace, Vector3
 
-Quaternion = tuple[float, float, float, float]  # w, x, y, z
 _HALF = sqrt(0.5)
 
 
@@ -64,9 +64,8 @@ def up_share(quaternion: Quaternion) -> float:
 def heading(quaternion: Quaternion, rates_rps: Vector3) -> tuple[float, float]:
     """Heading (rad) of an attitude, and how fast it changes (rad/s) at these body rates; in the attitude's own pair of frames."""
     w, x, y, z = quaternion
-    yaw_rad = atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     side, up = 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)  # of the vertical, along the body's second and third axis
-    return yaw_rad, (side * rates_rps[1] + up * rates_rps[2]) / max(0.01, side * side + up * up)
+    return yaw_of(quaternion), (side * rates_rps[1] + up * rates_rps[2]) / max(0.01, side * side + up * up)
 
 
 def ned_yaw(yaw_rad: float) -> float:

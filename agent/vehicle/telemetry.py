@@ -6,10 +6,10 @@ from math import isfinite, radians
 
 from msgspec import Struct
 
+from agent.attitude import Quaternion
 from agent.config import VehicleConfig
 from agent.vehicle.clock import BootClock
 from agent.vehicle.frame import (
-    Quaternion,
     enu_from_flu,
     enu_from_ned,
     enu_from_ned_position,

@@ -23,8 +23,9 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
+from agent.attitude import Quaternion
 from agent.feed import LineFeed
-from agent.vehicle.frame import Quaternion, frd_from_flu, ned_from_enu
+from agent.vehicle.frame import frd_from_flu, ned_from_enu
 from agent.vehicle.interface import Vector3
 
 STALE_NS = 500_000_000

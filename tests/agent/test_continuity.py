@@ -10,7 +10,8 @@ from msgspec.structs import replace
 from one_pilot import MISSION, START_NS, TICK_NS, state
 from scipy.spatial.transform import Rotation
 
-from agent.continuity import ADDED_M, ADDED_RAD, carried_on, yaw_of
+from agent.attitude import yaw_of
+from agent.continuity import ADDED_M, ADDED_RAD, carried_on
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.ownframe import OwnFrame
