@@ -13,6 +13,7 @@ from protocol.messages import Cone, ConeOrder, Counts, Coverage, Entry, Exposure
 
 EXPOSURE_NS = 500_000_000
 SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
+LATE_NS = 3_000_000_000  # by which a camera's readouts may come late: what it has not told of by then it has not seen
 
 
 class Observer:
@@ -71,6 +72,24 @@ class Observer:
             entries += self._exposure()
         return entries
 
+    def unseen(self, now_ns: int) -> list[Entry]:
+        """Where the drone has been while its camera told of nothing: exposures without live time. They say nothing of the source,
+        but without them nobody could tell any more where this drone's frame lies.
+        """
+        entries: list[Entry] = []
+        span_ns = self.history.span_ns
+        if span_ns is None:
+            return entries
+        until_ns = min(now_ns - LATE_NS, span_ns[1])
+        while until_ns - max(self._end_ns, span_ns[0]) >= EXPOSURE_NS:
+            if self._start_ns is not None:
+                entries += self._exposure()  # what it told of last
+                continue
+            self._start_ns = max(self._end_ns, span_ns[0])
+            self._end_ns = self._start_ns + EXPOSURE_NS
+            entries += self._exposure()
+        return entries
+
     def _cone(self, event: ConeEvent) -> Cone:
         state = self.history.at(event.stamp_ns)
         pose = self.history.pose(event.stamp_ns)
@@ -88,6 +107,7 @@ class Observer:
             apex_m=position,
             apex_sigma_m=state.position_sigma_m,
             yaw_sigma_rad=state.yaw_sigma_rad,
+            clock_sigma_m=state.clock_sigma_m,
             orders=(_order(event, first, 0), _order(event, second, 1)),
             energies_kev=event.energies_kev,
             energy_sigmas_kev=event.energy_sigmas_kev,
@@ -123,6 +143,7 @@ class Observer:
                 poses=tuple(poses),
                 position_sigma_m=state.position_sigma_m,
                 yaw_sigma_rad=state.yaw_sigma_rad,
+                clock_sigma_m=state.clock_sigma_m,
             )
         ]
 

@@ -231,6 +231,9 @@ class Pilot:
             self._outbox.put(act.plan)
         if act.searched is not None:
             self._record(self._observer.coverage(*act.searched, self._conduct.swath_m), now_ns)
+        if self._where.is_estimated:
+            for entry in self._observer.unseen(now_ns):
+                self._record(entry, now_ns)
         self._report(now_ns)
         return Step(self._outbox.take(), act.command)
 

@@ -40,6 +40,11 @@ class PoseHistory:
             self._stamps.popleft()
             self._states.popleft()
 
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Stamps of the oldest and the newest telemetry kept; None where there is none."""
+        return (self._stamps[0], self._stamps[-1]) if self._stamps else None
+
     def at(self, stamp_ns: int) -> VehicleState | None:
         """The telemetry nearest before ``stamp_ns`` (the oldest known, where none is)."""
         if not self._states:

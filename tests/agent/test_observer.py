@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -5,11 +7,12 @@ from scipy.spatial.transform import Rotation
 
 from agent.config import DroneConfig
 from agent.detector.detection import ConeEvent, Detections
-from agent.observer import Observer
+from agent.observer import EXPOSURE_NS, LATE_NS, Observer
 from agent.vehicle.interface import FlightMode, VehicleState
-from protocol.messages import Cone, Exposure
+from protocol.messages import Cone, Counts, Exposure
 
 SECOND = 1_000_000_000
+START_NS = 1_800_000_000 * SECOND
 CAMERA_RPY_DEG = (10.0, -70.0, 35.0)
 
 
@@ -54,6 +57,28 @@ def test_counts_add_up_to_exposures():
     assert [(entry.stamp_ns, entry.end_ns) for entry in exposures] == [(0, 3 * step), (3 * step, 6 * step)]
     assert [(e.counts.hits, e.counts.photopeak, e.counts.coincidences) for e in exposures] == [(3, 3, 6), (12, 3, 6)]
     assert [entry.live_time_s for entry in exposures] == pytest.approx([0.57, 0.57])
+
+
+def test_where_a_drone_is_whose_camera_is_silent():
+    """Nothing while the camera works; then what it told of last, and poses without live time, up to what it may still tell."""
+    observer, step = Observer(DroneConfig(id="a"), "0" * 16, "1" * 16), SECOND // 10
+    seen, unseen = [], []
+    for tick in range(1, 101):
+        now_ns = START_NS + tick * step
+        observer.history.add(telemetry(now_ns - step, (0.1 * tick, 0.0, 8.0), Rotation.identity()))
+        if tick <= 42:
+            seen += observer.observe(Detections(now_ns - step, now_ns, 0.09, hits=3))
+        unseen += observer.unseen(now_ns)
+        if tick <= 42:
+            assert not unseen
+    last, *rest = unseen
+    assert (last.stamp_ns, last.end_ns, last.counts.hits) == (seen[-1].end_ns, START_NS + 42 * step, 6)
+    assert all(before.end_ns == after.stamp_ns for before, after in pairwise(unseen))
+    assert {(exposure.live_time_s, exposure.counts) for exposure in rest} == {(0.0, Counts(0, 0, 0))}
+    assert now_ns - LATE_NS - EXPOSURE_NS < rest[-1].end_ns <= now_ns - LATE_NS
+    late = Detections(rest[-1].end_ns, rest[-1].end_ns + EXPOSURE_NS, 0.4, hits=5)
+    (again,) = observer.observe(late)
+    assert (again.counts.hits, again.live_time_s) == (5, 0.4)
 
 
 @pytest.fixture

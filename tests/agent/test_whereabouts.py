@@ -24,7 +24,7 @@ def mission_of(member=LAYOUT):
     return replace(MISSION, drones=(member, DroneInMission(id="d2", localization="rtk")))
 
 
-def flown(one, seconds=4.0, mission=None, began_ns=START_NS, jump_at_s=None, **values):
+def flown(one, seconds=4.0, mission=None, began_ns=START_NS, jump_at_s=None, camera=True, **values):
     """What it has said last of each kind; hovering, with a readout every 0.2 s. ``jump_at_s``: when it jumps by 15 m."""
     last = {}
     if mission is not None:
@@ -36,7 +36,7 @@ def flown(one, seconds=4.0, mission=None, began_ns=START_NS, jump_at_s=None, **v
         x = 15.0 if jump_at_s is not None and tick >= jump_at_s * 20 else 0.0
         one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, position=(x, 0.0, 3.0), **values))
         told = []
-        if tick % 4 == 0:
+        if camera and tick % 4 == 0:
             told = one.observe_detector(Readout(now_ns - 4 * TICK_NS, now_ns, now_ns - 4 * TICK_NS, 0.2, NONE))
         step = one.step(now_ns)
         step = replace(step, publications=[*told, *step.publications])
@@ -59,6 +59,14 @@ def test_the_frame_of_the_layout_is_known_after_the_first_keyframe_and_published
     other.receive(key_of("radron", frame), encode(frame), frame.stamp_ns)
     assert other.frames.graph.mission_from_local("d1", 0) is None  # every agent derives frames from its own log
     assert not any(name.startswith("dropped") for name in other.counters)
+
+
+def test_a_drone_without_a_camera_tells_where_it_is_where_its_frame_is_estimated():
+    mission = mission_of()
+    last = flown(pilot("d1", mission), 6.0, mission, camera=False)
+    assert last[Exposure].live_time_s == 0.0
+    assert last[Frame].translation_m == pytest.approx((5.0, 5.0, 0.0), abs=0.1)
+    assert Exposure not in flown(pilot(), 6.0, MISSION, camera=False)
 
 
 def test_exact_frames_are_not_published():
