@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from statistics import median
+from statistics import median_high, median_low
 
 from protocol.messages import Status
 
@@ -25,7 +25,9 @@ class Clocks:
         self._drone = drone
         self._heard: dict[str, deque[tuple[int, int]]] = {name: deque() for name in others}  # arrival, delay
         self._returned: dict[str, int] = {}  # what each says of this drone's delay
-        self.offset_s = 0.0  # of the own clock against the median of all that are known, the own included
+        # Of the own clock against the median of all that are known, the own included. Where they fall into halves (two drones),
+        # nobody can tell which is right: then against the other half, on both sides.
+        self.offset_s = 0.0
 
     def hear(self, status: Status, now_ns: int) -> None:
         """A status has arrived, ``now_ns`` by the own clock. Copies and late ones do no harm: only the least delay counts."""
@@ -41,8 +43,8 @@ class Clocks:
             self._returned[status.drone] = status.delays_ns[self._drone]
         else:
             self._returned.pop(status.drone, None)
-        offsets_s = self.offsets_s(now_ns)
-        self.offset_s = -median((0.0, *(-offset_s for offset_s in offsets_s.values())))
+        offsets_s = (0.0, *self.offsets_s(now_ns).values())
+        self.offset_s = max(median_low(offsets_s), median_high(offsets_s), key=abs)
 
     def delays_ns(self, now_ns: int) -> dict[str, int]:
         """The least delay of each drone heard in the last seconds: what this drone tells of them."""

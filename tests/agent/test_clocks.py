@@ -38,6 +38,13 @@ def test_the_one_clock_that_is_wrong_is_told_by_its_owner_alone():
     assert clocks["c"].problem(now_ns("c")) is None
 
 
+def test_of_two_clocks_that_differ_both_are_doubted():
+    """By all of the difference: it is beyond the limit, half of it would not be."""
+    clocks, now_ns = exchanged({"a": 0, "b": 80}, names=("a", "b"))
+    assert clocks["a"].problem(now_ns("a")) == "its clock is 0.08 s behind b: see chrony"
+    assert clocks["b"].problem(now_ns("b")) == "its clock is 0.08 s ahead of a: see chrony"
+
+
 def test_a_clock_behind_and_seconds_off():
     clocks, now_ns = exchanged({"a": -3_700_000, "b": 0, "c": 0})
     assert clocks["a"].problem(now_ns("a")) == "its clock is 3700.00 s behind b, c: see chrony"
