@@ -53,7 +53,7 @@ class Fusion:
         self._step_of: dict[EntryId, int] = {}  # where in the timeline an entry's observation is
         self._base: Any = self.estimator.initial(None)  # state before the first step of the timeline
         self._states: dict[int, Any] = {}  # checkpoints after their steps; ascending: the last one is the chain's end
-        self._start_ns: int | None = None
+        self._first_step = _NEVER  # once started: what was measured before it says nothing
         self._now_step = _NEVER
         self._stale = True
 
@@ -77,9 +77,9 @@ class Fusion:
 
     def start(self, stamp_ns: int) -> None:
         """The mission began: the origin of a ``given`` schedule. Only the first call counts."""
-        if self._start_ns is None and not self.log.horizon_ns:
-            self._start_ns = stamp_ns
-            self._drop_before(stamp_ns - BEFORE_START_NS)
+        if self._first_step == _NEVER and not self.log.horizon_ns:
+            self._first_step = -(-(stamp_ns - BEFORE_START_NS) // self._grid_ns)
+            self._drop_before(self._first_step * self._grid_ns)
             self._base = self.estimator.initial(stamp_ns)
             self._rewind(_NEVER)
 
@@ -137,9 +137,9 @@ class Fusion:
         observation = observe(entry, transform)
         if observation is None:
             return
-        if self._start_ns is not None and observation.stamp_ns < self._start_ns - BEFORE_START_NS:
-            return
         step = observation.stamp_ns // self._grid_ns
+        if step < self._first_step:
+            return
         self._step_of[entry.entry_id] = step
         if step not in self._timeline:
             self._timeline[step] = {}

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from agent.config import DroneInMission
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
-from agent.fusion.engine import Fusion
+from agent.fusion.engine import BEFORE_START_NS, Fusion
 from agent.fusion.paper import PaperEstimator
 from agent.fusion.registry import estimator_named
 from protocol.codec import encode
@@ -412,6 +412,21 @@ def test_an_entry_of_ages_ago_is_no_long_replay(kit, mission, entries):
     fusion.advance(kit.T0_NS + END_NS, budget=1000)
     assert not fusion.pending
     assert fusion.hypothesis is not None
+
+
+@pytest.mark.parametrize("into_step_s", [0.0, 0.1, 0.2, 0.3, 0.4])
+def test_a_start_leaves_out_the_same_whenever_it_is_told(kit, mission, entries, in_order, into_step_s):
+    """Also of the step of the grid in which the bound lies."""
+    start_ns = kit.T0_NS + BEFORE_START_NS + round((10.0 + into_step_s) * 1e9)
+    told_first, told_last = fusion_of(mission), fusion_of(mission)
+    told_first.start(start_ns)
+    for fusion in (told_first, told_last):
+        kit.feed(fusion, entries)
+        kit.settle(fusion, kit.T0_NS + END_NS)
+    told_last.start(start_ns)
+    kit.settle(told_last, kit.T0_NS + END_NS)
+    assert agrees(kit, told_first, told_last)
+    assert not agrees(kit, told_first, in_order)
 
 
 def test_time_does_not_run_back(kit, mission, entries, in_order):
