@@ -1,4 +1,4 @@
-"""Attitudes as quaternions (w, x, y, z): what they turn, and which heading they have."""
+"""Attitudes as quaternions (w, x, y, z): their heading, what they turn, and what lies between two of them."""
 
 from __future__ import annotations
 
@@ -12,3 +12,23 @@ def yaw_of(quaternion: Quaternion) -> float:
     """Heading of the body's x axis, rad."""
     w, x, y, z = quaternion
     return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def turned(rotation: Quaternion, vector: Vector3) -> Vector3:
+    """A vector (3,) turned by a quaternion, which need not be of unit length."""
+    w, x, y, z = rotation
+    a, b, c = vector
+    double = 2.0 / (w * w + x * x + y * y + z * z)
+    tx, ty, tz = double * (y * c - z * b), double * (z * a - x * c), double * (x * b - y * a)
+    return a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx
+
+
+def blended(before: Quaternion, after: Quaternion, part: float) -> Quaternion:
+    """Normalised linear interpolation, at ``part`` of the way: exact enough between poses 50 ms apart."""
+    bw, bx, by, bz = before
+    aw, ax, ay, az = after
+    if bw * aw + bx * ax + by * ay + bz * az < 0.0:  # the same attitude, by the nearer of its two quaternions
+        aw, ax, ay, az = -aw, -ax, -ay, -az
+    w, x, y, z = bw + part * (aw - bw), bx + part * (ax - bx), by + part * (ay - by), bz + part * (az - bz)
+    size = (w * w + x * x + y * y + z * z) ** 0.5
+    return w / size, x / size, y / size, z / size

@@ -6,9 +6,10 @@ from itertools import count
 
 from scipy.spatial.transform import Rotation
 
+from agent.attitude import Quaternion, Vector3, turned
 from agent.config import DroneConfig
 from agent.detector.detection import ConeEvent, Detections
-from agent.poses import HISTORY_NS, PoseHistory, Quaternion, Vector3, turned
+from agent.poses import HISTORY_NS, PoseHistory
 from protocol.messages import Cone, ConeOrder, Counts, Coverage, Entry, Exposure, PoseSample
 
 EXPOSURE_NS = 500_000_000

@@ -6,13 +6,11 @@ from bisect import bisect_right
 from collections import deque
 from typing import NamedTuple
 
+from agent.attitude import Quaternion, Vector3, blended
 from agent.vehicle.interface import VehicleState
 
 HISTORY_NS = 5_000_000_000
 AHEAD_NS = 300_000_000  # an event may be stamped so much later than the newest telemetry, which is on its way still
-
-Vector3 = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]  # w, x, y, z
 
 
 class Placed(NamedTuple):
@@ -51,7 +49,7 @@ class PoseHistory:
             return None
         return self._states[max(0, bisect_right(self._stamps, stamp_ns) - 1)]
 
-    def pose(self, stamp_ns: int) -> tuple[tuple[float, float, float], Quaternion] | None:
+    def pose(self, stamp_ns: int) -> tuple[Vector3, Quaternion] | None:
         """Position and attitude at ``stamp_ns``, linear between neighbours of one epoch, held at the ends."""
         if not self._states:
             return None
@@ -64,7 +62,7 @@ class PoseHistory:
         part = (stamp_ns - before.stamp_ns) / span
         b, a = before.position_m, after.position_m
         position = (b[0] + part * (a[0] - b[0]), b[1] + part * (a[1] - b[1]), b[2] + part * (a[2] - b[2]))
-        return position, _blend(before.quaternion, after.quaternion, part)
+        return position, blended(before.quaternion, after.quaternion, part)
 
     def placed(self, stamp_ns: int) -> Placed | None:
         """Where the vehicle was at ``stamp_ns``; just after the newest telemetry it goes straight on. None where nobody knows."""
@@ -77,23 +75,3 @@ class PoseHistory:
         after_s = max(0, stamp_ns - self._stamps[-1]) * 1e-9
         u, v, w = state.velocity_mps
         return Placed(state.epoch, (x + after_s * u, y + after_s * v, z + after_s * w), quaternion)
-
-
-def turned(rotation: Quaternion, vector: Vector3) -> Vector3:
-    """A vector (3,) turned by a quaternion, which need not be of unit length."""
-    w, x, y, z = rotation
-    a, b, c = vector
-    double = 2.0 / (w * w + x * x + y * y + z * z)
-    tx, ty, tz = double * (y * c - z * b), double * (z * a - x * c), double * (x * b - y * a)
-    return a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx
-
-
-def _blend(before: Quaternion, after: Quaternion, part: float) -> Quaternion:
-    """Normalised linear interpolation: exact enough between poses 50 ms apart."""
-    bw, bx, by, bz = before
-    aw, ax, ay, az = after
-    if bw * aw + bx * ax + by * ay + bz * az < 0.0:  # the same attitude, by the nearer of its two quaternions
-        aw, ax, ay, az = -aw, -ax, -ay, -az
-    w, x, y, z = bw + part * (aw - bw), bx + part * (ax - bx), by + part * (ay - by), bz + part * (az - bz)
-    size = (w * w + x * x + y * y + z * z) ** 0.5
-    return w / size, x / size, y / size, z / size

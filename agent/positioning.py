@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from math import sqrt
 
-from agent.poses import PoseHistory, Vector3, turned
+from agent.attitude import Vector3, turned
+from agent.poses import PoseHistory
 from agent.vehicle.interface import GnssFix, SeenDrone
 from protocol.messages import Fix, Sighting
 
