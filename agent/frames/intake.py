@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right, insort
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -48,14 +49,20 @@ class Intake:
         self.dirty: int | None = None
         self._buckets: dict[int, _Bucket] = {}
         self._fix_stamps: list[list[int]] = [[] for _ in mission.drones]
+        self._exposures: dict[EntryId, Exposure] = {}
         self._earliest_ns = 0
 
     def receive(self, entry: Entry) -> None:
-        """Take in an exposure, a sighting or a fix; anything else says nothing about frames."""
+        """Take in an exposure, a sighting or a fix; anything else says nothing about frames.
+
+        An entry takes the place of one of the same identity, whatever that was: so the log has decided (``ObservationLog``).
+        """
         number = self._number.get(entry.drone)
         if number is None:
             return
+        self._displace(entry.entry_id, number)
         if isinstance(entry, Exposure):
+            self._exposures[entry.entry_id] = entry
             self._add_samples(number, entry)
         elif entry.stamp_ns < self._earliest_ns:
             return
@@ -121,9 +128,42 @@ class Intake:
             insort(self.indices, index)
         return self._buckets[index]
 
+    def _displace(self, identity: EntryId, number: int) -> None:
+        """Forget the entry of that identity, if there is one."""
+        bucket = self._buckets.get(self._index(identity.stamp_ns))
+        if bucket is not None and identity in bucket.sightings:
+            del bucket.sightings[identity]
+            self._leave(identity.stamp_ns)
+        elif bucket is not None and identity in bucket.fixes:
+            del bucket.fixes[identity]
+            stamps = self._fix_stamps[number]
+            del stamps[bisect_left(stamps, identity.stamp_ns)]
+            self._leave(identity.stamp_ns)
+        exposure = self._exposures.pop(identity, None)
+        if exposure is None:
+            return
+        for sample in _samples(exposure):
+            before_ns = self.tracks[number].remove(sample)
+            if before_ns is not None:
+                self._touch(self._index(before_ns + 1))
+                self._leave(sample.stamp_ns)
+        for other in self._exposures.values():  # one of the same time may have samples that were hidden by these
+            if other.drone == exposure.drone and other.stamp_ns <= exposure.end_ns and exposure.stamp_ns <= other.end_ns:
+                self._add_samples(number, other)
+
+    def _leave(self, stamp_ns: int) -> None:
+        """Something measured then was taken away: a keyframe of which nothing is left is none."""
+        index = self._index(stamp_ns)
+        self._touch(index)
+        bucket, until_ns = self._buckets.get(index), index * self.grid_ns
+        if bucket is None or bucket.sightings or bucket.fixes:
+            return
+        if not any(track.any_within(until_ns - self.grid_ns, until_ns) for track in self.tracks):
+            del self._buckets[index]
+            del self.indices[bisect_left(self.indices, index)]
+
     def _add_samples(self, number: int, exposure: Exposure) -> None:
-        for pose in exposure.poses:
-            sample = Sample(exposure.stamp_ns + pose.offset_ns, exposure.epoch, pose.position_m, yaw_of(pose.quaternion))
+        for sample in _samples(exposure):
             if sample.stamp_ns < self._earliest_ns:
                 continue
             before_ns = self.tracks[number].insert(sample)
@@ -196,6 +236,11 @@ class Intake:
             return 1.0
         apart = max(stamp_ns - stamps[place - 1], 1) / self._correlation_ns
         return max(1.0, (2.0 if self._slam[number] else 0.5) / apart)
+
+
+def _samples(exposure: Exposure) -> Iterator[Sample]:
+    for pose in exposure.poses:
+        yield Sample(exposure.stamp_ns + pose.offset_ns, exposure.epoch, pose.position_m, yaw_of(pose.quaternion))
 
 
 def _ints(column: object) -> Any:

@@ -43,6 +43,7 @@ class SwarmFrames:
         self._beginning = beginning(len(mission.drones))
         self._checkpoints: dict[int, Checkpoint] = {}  # ascending
         self._lines = [_Line() for _ in mission.drones]
+        self._epochs: list[set[int]] = [set() for _ in mission.drones]  # that the graph has something of
         self._newest = self._beginning  # what the graph is of
         self._estimating = False  # keyframes are due that the next call of ``advance`` is to estimate
         self._waiting: list[Entry] = []  # received meanwhile
@@ -133,7 +134,8 @@ class SwarmFrames:
         if line.stamps_ns and from_ns <= line.stamps_ns[0]:
             from_ns = 0  # what is known first holds for all times before it
         segments = track.segments
-        known: dict[int, list[Known]] = {segment.epoch: [] for segment in segments}
+        epochs = self._epochs[drone] = self._epochs[drone] | {segment.epoch for segment in segments}
+        known: dict[int, list[Known]] = {epoch: [] for epoch in sorted(epochs)}
         for segment, following in zip_longest(segments, segments[1:]):
             end_ns = ALWAYS if following is None else following.stamp_ns
             if end_ns > from_ns:

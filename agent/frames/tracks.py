@@ -68,6 +68,19 @@ class Track:
         self._forget(index)
         return self._stamps[index - 1] if index else -1
 
+    def remove(self, sample: Sample) -> int | None:
+        """Forget a sample. Returns the stamp after which the track is another one now (None: nowhere, it was not held)."""
+        index = bisect_left(self._samples, sample)
+        if index == len(self._samples) or self._samples[index] != sample:
+            return None
+        del self._stamps[index], self._samples[index]
+        self._forget(index)
+        return self._stamps[index - 1] if index else -1
+
+    def any_within(self, after_ns: int, until_ns: int) -> bool:
+        """Whether there are samples in (after_ns, until_ns]."""
+        return bisect_right(self._stamps, after_ns) < bisect_right(self._stamps, until_ns)
+
     def drop_before(self, stamp_ns: int) -> None:
         """Forget the samples before that stamp."""
         count = bisect_left(self._stamps, stamp_ns)

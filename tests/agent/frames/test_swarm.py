@@ -12,7 +12,7 @@ from msgspec import structs
 from sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run, settle
 
 from agent.frames.swarm import BEFORE_START_NS, SwarmFrames
-from protocol.messages import Counts, Exposure, Fix, PoseSample, Sighting
+from protocol.messages import Counts, Coverage, Entry, Exposure, Fix, PoseSample, Sighting
 
 CHI2_90 = 7.78  # of four numbers, 90 % are below it
 DRIFT = {"drift_m": 0.1, "yaw_drift_deg": 0.2}  # 1 % of 100 m, 0.1 degrees by the root of seconds and of metres at 3 m/s each
@@ -343,6 +343,52 @@ def test_what_comes_two_minutes_late_is_counted_as_if_in_time():
     assert frames.pending
     settle(frames, int(flown.stamps_ns[-1]) + SECOND)
     assert before != lines(frames, flown) == lines(at_once(flown), flown)
+
+
+def rivals(flown):
+    """An entry, and others of the same identity: by kind."""
+    of_d2 = [entry for entry in flown.entries if entry.drone == "d2" and entry.stamp_ns > START_NS + 5 * SECOND]
+    exposure = next(entry for entry in of_d2 if isinstance(entry, Exposure))
+    fix = next(entry for entry in of_d2 if isinstance(entry, Fix))
+    sighting = next(entry for entry in of_d2 if isinstance(entry, Sighting))
+    elsewhere = tuple(structs.replace(pose, position_m=(0.0, 3.0, 5.0)) for pose in exposure.poses)
+    later = structs.replace(exposure.poses[0], offset_ns=450_000_000)
+    return {
+        "elsewhere": (exposure, structs.replace(exposure, poses=elsewhere)),
+        "another epoch": (structs.replace(exposure, epoch=3), exposure),
+        "another moment": (structs.replace(exposure, poses=(later,)), exposure),
+        "a fix elsewhere": (fix, structs.replace(fix, latitude_deg=fix.latitude_deg + 1e-4)),
+        "another one seen": (sighting, structs.replace(sighting, target="d1" if sighting.target == "d3" else "d3")),
+        "no fix, but a sighting": (fix, structs.replace(sighting, **identity_of(fix))),
+        "no sighting, but a path": (sighting, Coverage(**identity_of(sighting), epoch=0, path_m=((0.0, 0.0),), swath_m=1.0)),
+        "no exposure, but a fix": (exposure, structs.replace(fix, **identity_of(exposure))),
+    }
+
+
+def identity_of(entry):
+    return {name: getattr(entry, name) for name in Entry.__struct_fields__}
+
+
+@pytest.mark.parametrize("kind", list(rivals(fly(satellites(), 6.0, 1, datum=True))))
+def test_of_two_entries_of_one_identity_the_one_that_the_log_keeps_counts_alone(kind):
+    """By its hash the log keeps the second; whoever got that one first never hears of the other."""
+    flown = fly(satellites(), 12.0, 1, datum=True)
+    loser, winner = rivals(flown)[kind]
+    rest = [entry for entry in flown.entries if entry.entry_id != winner.entry_id]
+    end_ns = int(flown.stamps_ns[-1]) + SECOND
+    alone, both = SwarmFrames(flown.mission), SwarmFrames(flown.mission)
+    for entry in rest:
+        alone.receive(entry)
+        both.receive(entry)
+    alone.receive(winner)
+    both.receive(loser)
+    settle(both, end_ns)
+    both.receive(winner)
+    for frames in (alone, both):
+        settle(frames, end_ns)
+    assert lines(both, flown) == lines(alone, flown)
+    assert both.graph.mission_from_local("d2", 3) is None
+    assert "d2" not in both.suspects()
 
 
 def test_until_a_late_entry_is_counted_the_frames_before_serve():
