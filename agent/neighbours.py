@@ -9,11 +9,15 @@ the best to the last resort:
 3. its localisation has jumped: by a frame that continues its motion (``carried_on``), until the log has a better one;
 4. its frame, or the own one, is not known: from where this drone sees it alone;
 5. nor is it seen, but it is still near its launch place: from the mission's launch layout.
+
+One that flew and is heard no more still hangs there: its autopilot stops it. It is kept away from where it is seen, or for a
+while from where it must have stopped.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from functools import partial
 from math import hypot
 
@@ -28,7 +32,7 @@ from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.peers import Peer, Peers
 from agent.sights import offset, placed_alone, places
-from protocol.messages import Pose, Stage
+from protocol.messages import Pose, Sighting, Stage
 
 WORST_SIGMA_M = 5.0  # whoever knows its place less well is kept away from no further: it could drive the swarm off its circle
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that is not believed any more
@@ -38,6 +42,9 @@ _TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 _ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 _SIGMAS = 3.0
 _DOUBT_SIGMAS, _MOST_DOUBT_M = 2.0, 1.0  # by which even the bare separation grows where frames are estimated
+SILENT_NS = 1_000_000_000  # without a pose, ten times as long as from one to the next
+SILENCE_NS = 20_000_000_000  # for which a drone that is not heard is taken to be where it stopped; an agent is back by then
+_GOES_ON_S = 1.0  # for which its autopilot goes on without it (PX4: COM_OF_LOSS_T), and the way that this leaves unknown
 _POSE_GAP_NS = 500_000_000  # between two poses that a place is told from
 
 
@@ -71,21 +78,40 @@ class Neighbourhood:
         self._carried: dict[str, int] = {}  # the epoch of which the frame is one by continuity
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
-        """Everybody who is heard, is not on the ground, and of whom it can be told where it is; by id."""
-        found = []
-        for name in peers.alive(me.now_ns):
+        """Everybody who is not on the ground, and of whom it can be told where it is; by id."""
+        found, alive = [], peers.alive(me.now_ns)
+        for name in peers.names:
             peer = peers[name]
             if peer.pose is None or (peer.status is not None and peer.status.stage in _ON_GROUND):
                 continue
             mission_from_theirs = self._frame_of(name, peer.pose)
             plan = None
-            if mission_from_theirs is not None and me.local_from_mission is not None:
+            if me.now_ns - peer.pose.stamp_ns > SILENT_NS:
+                plan = self._silent(name, peer, peer.pose, mission_from_theirs, me)
+            elif mission_from_theirs is not None and me.local_from_mission is not None:
                 plan = self._placed_by_frames(name, peer, peer.pose, mission_from_theirs, me.local_from_mission, me)
-            takes_part = plan is not None and peer.status is not None and peer.status.stage in _TAKING_PART
-            plan = plan or _placed_by_sights(name, peer, peer.pose, me) or self._placed_by_layout(name, peer.pose, me)
+            heard = name in alive
+            takes_part = heard and plan is not None and peer.status is not None and peer.status.stage in _TAKING_PART
+            if heard:
+                plan = plan or _placed_by_sights(name, peer.sights, peer.pose, me) or self._placed_by_layout(name, peer.pose, me)
             if plan is not None:
                 found.append(Neighbour(name, plan, takes_part))
         return found
+
+    def _silent(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
+        """One that is heard no more: by what was seen of it since, or where it must have stopped."""
+        stopped_ns = pose.stamp_ns + round(_GOES_ON_S * 1e9)
+        seen = _placed_by_sights(name, [sight for sight in peer.sights if sight.stamp_ns > stopped_ns], pose, me)
+        if seen is not None or peer.status is None or me.now_ns - pose.stamp_ns > SILENCE_NS:
+            return seen
+        if mission_from_theirs is None or me.local_from_mission is None:
+            return None
+        local_from_theirs = _bare(me.local_from_mission) @ _bare(mission_from_theirs)
+        (x, y, z), (u, v, w) = pose.position_m, pose.velocity_mps
+        stopped = PeerState(local_from_theirs.apply_point((x + _GOES_ON_S * u, y + _GOES_ON_S * v, z + _GOES_ON_S * w)))
+        theirs_m = mission_from_theirs.sigmas_at(pose.position_m)[0] or pose.position_sigma_m
+        sigma_m = hypot(me.sigma_m, theirs_m, 0.5 * _GOES_ON_S * hypot(u, v))
+        return PeerPlan.from_pose(name, me.now_ns, stopped, min(sigma_m, WORST_SIGMA_M), _doubt_m(sigma_m))
 
     def _frame_of(self, name: str, pose: Pose) -> Transform | None:
         """Its frame, or one by the continuity of its motion after a jump; one that is not believed any more with all doubt."""
@@ -137,9 +163,9 @@ class Neighbourhood:
         return PeerPlan.from_pose(name, me.now_ns, state, sigma_m, _doubt_m(sigma_m))
 
 
-def _placed_by_sights(name: str, peer: Peer, pose: Pose, me: Self) -> PeerPlan | None:
+def _placed_by_sights(name: str, sights: Sequence[Sighting], pose: Pose, me: Self) -> PeerPlan | None:
     """From what this drone sees alone. Of its pose only the speed counts, which is the same in every frame."""
-    seen = places(peer.sights, me.epoch, me.now_ns, _nowhere)
+    seen = places(sights, me.epoch, me.now_ns, _nowhere)
     alone = placed_alone(seen, me.now_ns, hypot(*pose.velocity_mps[:2]))
     if alone is None:
         return None

@@ -36,6 +36,11 @@ class Peers:
     def __getitem__(self, drone: str) -> Peer:
         return self._peers[drone]
 
+    @property
+    def names(self) -> list[str]:
+        """Ids of all, heard or not, sorted."""
+        return sorted(self._peers)
+
     def receive(self, message: Pose | Plan | Estimate | Status, now_ns: int) -> str | None:
         """Keep news; the newest stamp wins. Returns why it was dropped, or None."""
         peer = self._peers.get(message.drone)

@@ -71,6 +71,30 @@ def test_who_counts(stage, flies, takes_part):
     assert [other.takes_part for other in found] == ([takes_part] if flies else [])
 
 
+def after_silence(seconds, stage=Stage.TRACK):
+    """b was heard at 0, at x = 1 m of its frame and going on at 2 m/s."""
+    peers, now_ns = Peers(["b"]), round(seconds * SECOND)
+    for message in (pose(), status(stage)):
+        assert peers.receive(message, 0) is None
+    found = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION)).around(peers, Self(now_ns, 0, 0.1, Transform()))
+    return found, now_ns
+
+
+@pytest.mark.parametrize(("seconds", "takes_part"), [(1.5, True), (5.0, False), (19.0, False)])
+def test_a_drone_that_is_heard_no_more_hangs_where_its_autopilot_stopped_it(seconds, takes_part):
+    (other,), now_ns = after_silence(seconds)
+    for later_ns in (now_ns, now_ns + 3 * SECOND):
+        assert other.plan.state(later_ns).position == pytest.approx((10.0, 3.0, 3.0))
+    assert other.plan.measured.velocity == (0.0, 0.0, 0.0)
+    assert other.plan.sigma_m >= 1.0
+    assert other.takes_part is takes_part
+
+
+def test_after_a_while_a_silent_drone_is_forgotten_and_one_on_the_ground_at_once():
+    assert after_silence(21.0)[0] == []
+    assert after_silence(5.0, Stage.LANDED)[0] == []
+
+
 def test_silence_and_unknown_frames():
     assert seen(pose(), now_ns=0) != []
     assert seen(status(Stage.TRACK)) == []
@@ -173,6 +197,28 @@ def test_nor_seen_it_is_near_its_launch_place_while_it_has_not_gone_far():
     assert other.plan.measured.position[:2] == pytest.approx((10.0, 0.0))
     assert other.plan.sigma_m == pytest.approx(math.hypot(1.0, 1.0, math.hypot(1.0, 2.0)))
     assert around_a(flying_b(shift=(10.0, 0.0))) == []  # 16 m away from there, in whatever direction
+
+
+@pytest.mark.parametrize("seconds", [4.0, 60.0])
+def test_a_drone_that_is_heard_no_more_is_where_it_is_seen(seconds):
+    """It went on for longer than its autopilot should, and hangs at (10, 15)."""
+    now_ns, peers, graph = NOW_NS + round(seconds * SECOND), Peers(["b"]), FrameGraph()
+    graph.place("b", 0, TRUE)
+    for message in flying_b():
+        assert peers.receive(message, message.stamp_ns) is None
+    for sight in [*sights_of_b(TRUE), *(replace(sight, stamp_ns=sight.stamp_ns + now_ns - NOW_NS) for sight in hanging())]:
+        peers.see(sight)
+    (other,) = Neighbourhood(ESTIMATED, graph).around(peers, Self(now_ns, 0, 0.1, HERE))
+    assert other.plan.state(now_ns + SECOND).position == pytest.approx((10.0, 15.0, 3.0), abs=0.2)
+    assert not other.takes_part
+
+
+def hanging():
+    """What a sees of b that hangs at (10, 15, 3)."""
+    place = (10.0, 15.0, 3.0)
+    distance = float(np.linalg.norm(place))
+    direction = tuple(axis / distance for axis in place)
+    return [replace(sight, direction=direction, range_m=distance) for sight in sights_of_b(TRUE)]
 
 
 def test_a_drone_whose_frame_has_jumped_is_where_it_was_flying():
