@@ -231,9 +231,9 @@ class FramesConfig(_Section, frozen=True, kw_only=True):
 
     keyframe_s: Annotated[float, Meta(ge=0.2, le=10.0)] = 1.0
     settle_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.9
-    gnss_sigma_m: Positive = 1.0  # by which a GNSS position wanders
+    gnss_sigma_m: Positive = 1.5  # by which a GNSS position wanders
     rtk_sigma_m: Positive = 0.05
-    gnss_correlation_s: Positive = 60.0  # of both
+    gnss_correlation_s: Positive = 40.0  # of both
     compass_drift_deg: NonNegative = 0.3  # by which the heading of an autopilot with GNSS wanders in a second
     slam_drift_m: NonNegative = 0.1  # level, after a metre flown, as the root of the distance: 1 % of 100 m
     slam_climb_m: NonNegative = 0.03  # the same upwards; a barometer or rangefinder helps

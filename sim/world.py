@@ -272,13 +272,14 @@ async def _live(config: WorldConfig) -> None:
     os.dup2(2, 1)  # what anybody prints is no truth
     orders = asyncio.StreamReader()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(orders), sys.stdin)
-    loop.add_signal_handler(signal.SIGTERM, orders.feed_eof)
+    signal.signal(signal.SIGTERM, lambda *_: loop.call_soon_threadsafe(orders.feed_eof))
     world = World(config)
     try:
         truths.write(pack(await world.start()))
         await world.run(truths, orders)
     finally:
         await world.close()
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it is ending already, and has yet to say why
         truths.abort()
 
 

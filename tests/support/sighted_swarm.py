@@ -18,6 +18,8 @@ from protocol.messages import Counts, Entry, Exposure, Fix, PoseSample, Sighting
 SECOND = 1_000_000_000
 START_NS = 1_800_000_000 * SECOND
 DATUM = DatumConfig(latitude_deg=49.2, longitude_deg=16.6, altitude_m=250.0)
+GNSS_CORRELATION_S = 60.0
+_FITTING = FramesConfig(gnss_sigma_m=1.0, gnss_correlation_s=GNSS_CORRELATION_S)  # a mission that knows its receivers
 _BOOT = "0" * 16
 _STEP_S = 0.1
 
@@ -136,7 +138,7 @@ def fly(
         )
     area = AreaConfig(polygon_m=((-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0)))
     mission = MissionConfig(
-        name="test", drones=tuple(members), area=area, frames=frames or FramesConfig(), datum=DATUM if datum else None
+        name="test", drones=tuple(members), area=area, frames=frames or _FITTING, datum=DATUM if datum else None
     )
     numbers = {drone.id: iter(range(1, 1_000_000)) for drone in drones}
 
@@ -204,7 +206,7 @@ def _localised(drone: Drone, path: np.ndarray, rng: np.random.Generator) -> tupl
     for k in range(1, count):
         local[k] = local[k - 1] + _turn(-yaw[k]) @ (path[k] - path[k - 1] + noise[k - 1])
     if drone.wander_m:
-        keep = math.exp(-_STEP_S / 60.0)
+        keep = math.exp(-_STEP_S / GNSS_CORRELATION_S)
         wander = drone.wander_m * rng.standard_normal(3)
         for k in range(count):
             local[k] += _turn(-yaw[k]) @ wander
