@@ -73,13 +73,22 @@ class Conduct:
         if self._remembered is not None:
             self._rejoin(self._remembered, vehicle)
 
-    def obey(self, action: Action, stamp_ns: int, now_ns: int, problems: tuple[str, ...]) -> bool:
-        """Carry out an operator's command, or refuse it. ``problems``: what stands against a start."""
+    @property
+    def started_ns(self) -> int | None:
+        """With which start command's stamp the swarm's mission began; None while this drone does not fly it."""
+        return self._mission.started_ns if self.stage not in (Stage.PREFLIGHT, Stage.LANDED) else None
+
+    def obey(self, action: Action, stamp_ns: int, started_ns: int, now_ns: int, problems: tuple[str, ...]) -> bool:
+        """Carry out an operator's command of that stamp, or refuse it.
+
+        started_ns: with which stamp the swarm's mission began, if this is a start. problems: what stands against one.
+        """
         if self._mission.command(action, stamp_ns, self._situation(now_ns, problems)) is not None:
             return False
         if action is Action.START and self._where.vehicle is not None:
             self._navigator.home.took_off(self._where.vehicle)
-            self._knowledge.start(stamp_ns)
+            self._mission.started_ns = started_ns
+            self._knowledge.start(started_ns)
         return True
 
     def divide_anew(self) -> None:

@@ -49,6 +49,7 @@ from protocol.messages import (
 )
 
 _NEWS = (Pose, Plan, Estimate, Status)
+LONGEST_MISSION_NS = 86_400_000_000_000  # who says to have flown for longer has a wrong clock
 COMMAND_AGE_NS = 10_000_000_000  # an older command is not carried out
 
 
@@ -264,8 +265,17 @@ class Pilot:
             return "command_too_old"
         self._problems.unplaced = self._where.is_unplaced
         problems = self._problems.against_start(now_ns, self._where.vehicle, self._peers.statuses(now_ns))
-        obeyed = self._conduct.obey(command.action, command.stamp_ns, now_ns, problems)
+        begun_ns = self._begun_ns(command.stamp_ns, now_ns)
+        obeyed = self._conduct.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems)
         return None if obeyed else "command_refused"
+
+    def _begun_ns(self, stamp_ns: int, now_ns: int) -> int:
+        """When the swarm's mission began for a drone that is started by a command of that stamp: with those that fly it already,
+        so that all leave out the same of what was measured before.
+        """
+        statuses = self._peers.statuses(now_ns).values()
+        begun = (status.started_ns for status in statuses if status.mission == self._mission_id)
+        return min((stamp_ns, *(began for began in begun if began is not None and now_ns - began < LONGEST_MISSION_NS)))
 
     def _record(self, entry: Entry, now_ns: int) -> None:
         """Publish an entry of this drone and keep it, by the very bytes that the others get."""
@@ -291,4 +301,5 @@ class Pilot:
         self._problems.unplaced = self._where.is_unplaced
         problems = self._problems.all(now_ns, self._where.vehicle, self._peers.statuses(now_ns))
         delays_ns = self._where.clocks.delays_ns(now_ns)
-        return Condition(self.stage, dict(self.counters), problems, self.finding, self._watch.message, delays_ns)
+        began_ns, seen = self._conduct.started_ns, self._watch.message
+        return Condition(self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns)

@@ -25,7 +25,7 @@ _PERIODS_NS: dict[type[Message], int] = {
 
 class Condition(Struct, frozen=True):
     """What a status says besides the battery: stage, counters, problems, what the search has ended with ("": it has not), the
-    nuclide that the spectrum shows, and the delays of the others' statuses.
+    nuclide that the spectrum shows, the delays of the others' statuses, and when the mission began.
     """
 
     stage: Stage
@@ -34,6 +34,7 @@ class Condition(Struct, frozen=True):
     finding: str = ""
     recognised: Recognised | None = None
     delays_ns: dict[str, int] = {}
+    started_ns: int | None = None
 
 
 class Outbox:
@@ -118,6 +119,7 @@ class Reporter:
                 finding=now.finding,
                 recognised=now.recognised,
                 delays_ns=now.delays_ns,
+                started_ns=now.started_ns,
             )
 
     def _is_due(self, kind: type[Message], now_ns: int) -> bool:

@@ -336,6 +336,7 @@ class Status(DroneMessage, frozen=True, kw_only=True):
 
     ``delays_ns``: for each drone heard, the least difference of late between the own clock at the arrival of its status and the
     stamp in it. Two drones' clocks differ by half the difference of the two delays that they tell of each other.
+    ``started_ns``: in flight, the stamp of the start command with which the swarm's mission began.
     """
 
     mission: MissionId
@@ -346,6 +347,7 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     problems: Annotated[tuple[Annotated[str, Meta(max_length=256)], ...], Meta(max_length=32)] = ()
     finding: Annotated[str, Meta(max_length=256)] = ""
     recognised: Recognised | None = None  # none: no nuclide stands out (yet)
+    started_ns: StampNs | None = None
     delays_ns: Annotated[dict[DroneId, Annotated[int, Meta(ge=-(2**62), le=2**62)]], Meta(max_length=64)] = {}
 
 

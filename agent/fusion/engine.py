@@ -8,6 +8,7 @@ from typing import Any
 
 from agent.config import MissionConfig
 from agent.frames.graph import FrameGraph
+from agent.frames.swarm import BEFORE_START_NS
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.log import ObservationLog, Outcome, Summary
 from agent.fusion.observation import Observation, observe
@@ -15,7 +16,6 @@ from agent.fusion.registry import estimator_named
 from protocol.messages import AnyEntry, Entry, EntryId
 
 SLICE_UNITS = 400  # work per call of advance, in the estimators' units: about 10 ms
-BEFORE_START_NS = 60_000_000_000  # what was measured longer before the mission's start says nothing: clocks may be years off
 _MOST_CHECKPOINTS = 64  # 0.4 MB each while `bayes` searches
 _NEVER = -1  # before every step
 

@@ -131,6 +131,23 @@ def test_differing_missions_refuse_to_start():
     assert "d2 has another mission file" in status.problems[0]
 
 
+@pytest.mark.parametrize(("began_s", "expected_s"), [(-300, -300), (-100_000, 0), (5, 0), (None, 0)])
+def test_who_is_started_later_begins_with_the_others(began_s, expected_s):
+    """So all leave out the same of what was measured before. Nobody has been flying for more than a day, or will have begun."""
+    one = pilot()
+    one.observe_vehicle(state(START_NS))
+    began_ns = None if began_s is None else START_NS + began_s * SECOND
+    other = Status(
+        stamp_ns=START_NS, drone="d2", mission=MISSION.mission_id, boot="2" * 16, stage=Stage.SURVEY, started_ns=began_ns
+    )
+    one.receive(key_of(MISSION.swarm, other), encode(other), START_NS)
+    assert messages(one.step(START_NS - TICK_NS), Status)[0].started_ns is None
+    one.receive(*command(), START_NS)
+    own = messages(one.step(START_NS + SECOND), Status)[0]
+    assert own.started_ns == START_NS + expected_s * SECOND
+    assert one.memory.started_ns == own.started_ns
+
+
 def test_two_agents_with_one_id_notice():
     one, twin = pilot(), Pilot(MISSION, DroneConfig(id="d1"), boot="f" * 16)
     one.observe_vehicle(state(START_NS))
