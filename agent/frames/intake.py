@@ -96,13 +96,11 @@ class Intake:
 
     def sightings(self, first: int, last: int) -> Sightings:
         """Those of the keyframes ``first`` to ``last``, as far as the tracks of both drones are known around them."""
-        parts = [self._seen(index) for index in self._between(first, last)]
-        return Sightings.joined(parts) if parts else Sightings.empty()
+        return Sightings.joined([self._seen(index) for index in self._between(first, last)])
 
     def fixes(self, first: int, last: int) -> Fixes:
         """Those of the keyframes ``first`` to ``last``."""
-        parts = [self._fixed(index) for index in self._between(first, last)]
-        return Fixes.joined(parts) if parts else Fixes.empty()
+        return Fixes.joined([self._fixed(index) for index in self._between(first, last)])
 
     def heard_of_satellites(self, number: int, stamp_ns: int) -> bool:
         """Whether a drone had a fix shortly before a stamp, or had only just begun."""

@@ -10,8 +10,10 @@ Dempster et al. 1977).
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +28,33 @@ _SPREAD_M = 100.0  # false fixes are anywhere in a cube of this edge
 _NEAREST_M = 0.3  # nearer than that two drones never are; keeps the directions' Jacobians finite
 
 
+class _Columns(ABC):
+    """Rows of data as arrays, one for each field of the dataclass that this is the base of."""
+
+    __slots__: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(getattr(self, self.__slots__[0]))
+
+    def take(self, chosen: NDArray[np.bool_] | Ints | slice) -> Self:
+        """Those rows that are chosen."""
+        return type(self)(*(getattr(self, name)[chosen] for name in self.__slots__))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """All rows, in the order given."""
+        if not parts:
+            return cls.empty()
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__))
+
+    @classmethod
+    @abstractmethod
+    def empty(cls) -> Self:
+        """No rows."""
+
+
 @dataclass(frozen=True, slots=True)
-class Sightings:
+class Sightings(_Columns):
     """M sightings. Drones by their place in the mission; positions and directions in the continuous local frames.
 
     observer, target: (M,). stamp_ns: (M,). at_observer, at_target: (M, 3) where the two were. direction: (M, 3), of the
@@ -45,27 +72,15 @@ class Sightings:
     range_m: Array
     range_var: Array
 
-    def __len__(self) -> int:
-        return len(self.observer)
-
-    def take(self, chosen: NDArray[np.bool_] | Ints | slice) -> Sightings:
-        """Those of them that are chosen."""
-        return Sightings(*(getattr(self, name)[chosen] for name in self.__slots__))
-
-    @staticmethod
-    def joined(parts: Sequence[Sightings]) -> Sightings:
-        """All of them, in the order given."""
-        return Sightings(*(np.concatenate([getattr(part, name) for part in parts]) for name in Sightings.__slots__))
-
-    @staticmethod
-    def empty() -> Sightings:
+    @classmethod
+    def empty(cls) -> Sightings:
         """None of them."""
         none, ints = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
-        return Sightings(ints, ints, ints, none, none, none, np.zeros(0), np.zeros(0), np.zeros(0))
+        return cls(ints, ints, ints, none, none, none, np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True)
-class Fixes:
+class Fixes(_Columns):
     """F absolute places of drones, mission frame. drone: (F,). at: (F, 3) where its track had it then. place, var: (F, 3).
 
     inflation: (F,), by which each counts less because its error is that of the one before.
@@ -78,23 +93,11 @@ class Fixes:
     var: Array
     inflation: Array
 
-    def __len__(self) -> int:
-        return len(self.drone)
-
-    def take(self, chosen: NDArray[np.bool_] | Ints) -> Fixes:
-        """Those of them that are chosen."""
-        return Fixes(*(getattr(self, name)[chosen] for name in self.__slots__))
-
-    @staticmethod
-    def joined(parts: Sequence[Fixes]) -> Fixes:
-        """All of them, in the order given."""
-        return Fixes(*(np.concatenate([getattr(part, name) for part in parts]) for name in Fixes.__slots__))
-
-    @staticmethod
-    def empty() -> Fixes:
+    @classmethod
+    def empty(cls) -> Fixes:
         """None of them."""
         none, ints = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
-        return Fixes(ints, ints, none, none, none, np.zeros(0))
+        return cls(ints, ints, none, none, none, np.zeros(0))
 
 
 def turned(yaw_rad: Array, vectors: Array) -> Array:
