@@ -21,11 +21,9 @@ def layout_finding(mission: MissionConfig, drone: str, place: LaunchPlace | None
     satellites, or one that has not told its origin yet.
     """
     member = next(member for member in mission.drones if member.id == drone)
-    if mission.datum is None or member.localization == "slam" or place is None:
+    if mission.datum is None or member.localization == "slam" or place is None or place.origin is None:
         return None
-    latitude_deg, longitude_deg, altitude_m = place.origin_latitude_deg, place.origin_longitude_deg, place.origin_altitude_m
-    if latitude_deg is None or longitude_deg is None or altitude_m is None:
-        return None
+    latitude_deg, longitude_deg, altitude_m = place.origin
     origin = DatumConfig(latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=altitude_m)
     found, _ = mission_from_launch(mission.datum, origin, (place.east_m, place.north_m, -place.down_m))
     x, y, _ = found.translation

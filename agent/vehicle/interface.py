@@ -8,6 +8,7 @@ from typing import Literal
 from msgspec import Struct
 
 Vector3 = tuple[float, float, float]
+Origin = tuple[float, float, float]  # latitude and longitude in degrees, height above the ellipsoid in metres
 
 
 class FlightMode(StrEnum):
@@ -109,6 +110,14 @@ class LaunchPlace(Struct, frozen=True, kw_only=True):
     booted_ns: int | None = None
     epoch: int = 0
     resets: int | None = None
+
+    @property
+    def origin(self) -> Origin | None:
+        """The geodetic origin; None where there is none."""
+        latitude_deg, longitude_deg, altitude_m = self.origin_latitude_deg, self.origin_longitude_deg, self.origin_altitude_m
+        if latitude_deg is None or longitude_deg is None or altitude_m is None:
+            return None
+        return latitude_deg, longitude_deg, altitude_m
 
 
 class Finding(Struct, frozen=True):

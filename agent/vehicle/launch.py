@@ -6,7 +6,7 @@ from collections import deque
 
 from msgspec.structs import replace
 
-from agent.vehicle.interface import LaunchPlace, Vector3
+from agent.vehicle.interface import LaunchPlace, Origin, Vector3
 from agent.vehicle.messages import GlobalOrigin
 
 WINDOW_S = 5.0
@@ -14,7 +14,6 @@ SHORTEST_S = 1.0  # of standing still, before the mean is believed
 _SAME_DEG = 2e-7  # the origin comes in units of 1e-7 degrees
 _SAME_M = 0.01
 _SAME_BOOT_NS = 2_000_000_000  # an autopilot's clock drifts by less in a flight, and a reboot takes longer
-Origin = tuple[float, float, float]  # degrees, degrees, metres
 
 
 class LaunchSurvey:
@@ -124,7 +123,7 @@ class LaunchSurvey:
             return
         if resets is not None and resets != self._place.resets:
             self._place = replace(self._place, resets=resets)
-        origin, same = _origin_of(self._place), True
+        origin, same = self._place.origin, True
         if origin is not None and self._origin is not None:
             self._moved = not _same_spot(origin, self._origin)
             same = not self._moved and _same_height(origin, self._origin)
@@ -136,19 +135,12 @@ class LaunchSurvey:
             self.problem = None
 
     def _is_same_frame(self, stored: LaunchPlace, booted_ns: int | None) -> bool:
-        origin = _origin_of(stored)
+        origin = stored.origin
         if origin is not None and self._origin is not None:
             return _same_spot(origin, self._origin) and _same_height(origin, self._origin)
         if self._gnss or stored.booted_ns is None or booted_ns is None:
             return False
         return abs(stored.booted_ns - booted_ns) < _SAME_BOOT_NS
-
-
-def _origin_of(place: LaunchPlace) -> Origin | None:
-    latitude_deg, longitude_deg, altitude_m = place.origin_latitude_deg, place.origin_longitude_deg, place.origin_altitude_m
-    if latitude_deg is None or longitude_deg is None or altitude_m is None:
-        return None
-    return latitude_deg, longitude_deg, altitude_m
 
 
 def _same_spot(one: Origin, other: Origin) -> bool:
