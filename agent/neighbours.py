@@ -109,9 +109,8 @@ class Neighbourhood:
         local_from_theirs = _bare(me.local_from_mission) @ _bare(mission_from_theirs)
         (x, y, z), (u, v, w) = pose.position_m, pose.velocity_mps
         stopped = PeerState(local_from_theirs.apply_point((x + _GOES_ON_S * u, y + _GOES_ON_S * v, z + _GOES_ON_S * w)))
-        theirs_m = mission_from_theirs.sigmas_at(pose.position_m)[0] or pose.position_sigma_m
-        sigma_m = hypot(me.sigma_m, theirs_m, 0.5 * _GOES_ON_S * hypot(u, v))
-        return PeerPlan.from_pose(name, me.now_ns, stopped, min(sigma_m, WORST_SIGMA_M), _doubt_m(sigma_m))
+        sigma_m = hypot(me.sigma_m, _sigma_m(pose, mission_from_theirs), 0.5 * _GOES_ON_S * hypot(u, v))
+        return _held(name, me.now_ns, stopped, sigma_m)
 
     def _frame_of(self, name: str, pose: Pose) -> Transform | None:
         """Its frame, or one by the continuity of its motion after a jump; one that is not believed any more with all doubt."""
@@ -140,8 +139,7 @@ class Neighbourhood:
             sigma_m = min(hypot(me.sigma_m, pose.position_sigma_m), WORST_SIGMA_M)
             return _plan(name, peer, pose, local_from_mission @ mission_from_theirs, sigma_m, me.now_ns)
         local_from_theirs = _bare(local_from_mission) @ _bare(mission_from_theirs)
-        theirs_m = mission_from_theirs.sigmas_at(pose.position_m)[0] or pose.position_sigma_m
-        sigma_m = hypot(me.sigma_m, theirs_m)
+        sigma_m = hypot(me.sigma_m, _sigma_m(pose, mission_from_theirs))
         expected = partial(_expected, peer, pose.epoch, local_from_theirs)
         seen = offset(places(peer.sights, me.epoch, me.now_ns, expected), expected)
         if seen is not None:
@@ -159,8 +157,7 @@ class Neighbourhood:
         if me.local_from_mission is None or gone_m > NEAR_LAUNCH_M or pose.epoch != 0:
             return None
         state = PeerState(me.local_from_mission.apply_point(member.origin_m), age_s=(me.now_ns - pose.stamp_ns) * 1e-9)
-        sigma_m = min(hypot(me.sigma_m, member.origin_sigma_m, gone_m), WORST_SIGMA_M)
-        return PeerPlan.from_pose(name, me.now_ns, state, sigma_m, _doubt_m(sigma_m))
+        return _held(name, me.now_ns, state, hypot(me.sigma_m, member.origin_sigma_m, gone_m))
 
 
 def _placed_by_sights(name: str, sights: Sequence[Sighting], pose: Pose, me: Self) -> PeerPlan | None:
@@ -169,8 +166,7 @@ def _placed_by_sights(name: str, sights: Sequence[Sighting], pose: Pose, me: Sel
     alone = placed_alone(seen, me.now_ns, hypot(*pose.velocity_mps[:2]))
     if alone is None:
         return None
-    state, sigma_m = alone
-    return PeerPlan.from_pose(name, me.now_ns, state, min(sigma_m, WORST_SIGMA_M), _doubt_m(sigma_m))
+    return _held(name, me.now_ns, *alone)
 
 
 def _nowhere(_: int) -> None:
@@ -203,6 +199,16 @@ def _stamp(pose: Pose) -> int:
 def _bare(transform: Transform) -> Transform:
     """The same without its covariance, which costs more than the transform."""
     return Transform(transform.yaw_rad, transform.translation)
+
+
+def _sigma_m(pose: Pose, mission_from_theirs: Transform) -> float:
+    """1 sigma of where a drone is in the mission frame: by its frame where that is estimated, else as it tells itself."""
+    return mission_from_theirs.sigmas_at(pose.position_m)[0] or pose.position_sigma_m
+
+
+def _held(name: str, now_ns: int, state: PeerState, sigma_m: float) -> PeerPlan:
+    """Kept away from where it is, as little as is known of that."""
+    return PeerPlan.from_pose(name, now_ns, state, min(sigma_m, WORST_SIGMA_M), _doubt_m(sigma_m))
 
 
 def _doubt_m(sigma_m: float) -> float:
