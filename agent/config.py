@@ -193,6 +193,11 @@ class DroneInMission(_Section, frozen=True, kw_only=True):
     origin_sigma_m: NonNegative = 1.0
     yaw_sigma_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 5.0
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether its frame lies exactly there for the whole flight, so that there is nothing to estimate."""
+        return self.localization == "exact"
+
 
 class DatumConfig(_Section, frozen=True, kw_only=True):
     """Where on Earth the mission frame's origin lies (WGS84, height above the ellipsoid); its axes are east, north, up there."""

@@ -117,8 +117,8 @@ class Node:
         )
         self._closers.append(self._mesh.close)
         self._log.info("mesh is up", boot=boot, mission=self._mission.mission_id)
-        exact = self._localization == "exact"
-        self._vehicle = Px4Vehicle(self._drone.vehicle, self._mission.area.ceiling_m, saved.launch, exact=exact)
+        ceiling_m, exact = self._mission.area.ceiling_m, self._frame_is_exact
+        self._vehicle = Px4Vehicle(self._drone.vehicle, ceiling_m, saved.launch, exact=exact)
         self._closers.append(self._vehicle.close)
         self._vehicle.on_state(guarded("telemetry", self._pilot.observe_vehicle, None))
         self._publish = guarded("publications", self._mesh.publish, None)
@@ -225,11 +225,11 @@ class Node:
     @property
     def _wants_fixes(self) -> bool:
         """Whether fixes tell anybody anything: where this drone's frame is estimated, and the mission lies somewhere on Earth."""
-        return self._localization != "exact" and self._mission.datum is not None
+        return not self._frame_is_exact and self._mission.datum is not None
 
     @property
-    def _localization(self) -> str:
-        return next(member.localization for member in self._mission.drones if member.id == self._drone.id)
+    def _frame_is_exact(self) -> bool:
+        return next(member.is_exact for member in self._mission.drones if member.id == self._drone.id)
 
     async def _recover(self) -> None:
         members = [member.id for member in self._mission.drones]

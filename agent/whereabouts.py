@@ -45,7 +45,7 @@ class Whereabouts:
         self.vehicle: VehicleState | None = None
         self.clocks = Clocks(member.id, others)
         self.positioning = Positioning(member.id, others, mission.mission_id, boot, history, numbers, counters)
-        self.is_estimated = member.localization != "exact"
+        self.is_estimated = not member.is_exact
         # A drone whose heading is not known has to be seen by others, or to see them: else it would never get to know its frame.
         self.is_unplaced = self.is_estimated and member.yaw_sigma_deg > _HEADING_DEG
         self._epochs: EpochWatch | None = None  # a frame that is known exactly does not jump

@@ -55,7 +55,7 @@ class FrameScore:
     def __init__(self, mission: MissionConfig, frames: Frames, truth: MovingFrames, event_s: float | None) -> None:
         """``event_s``: when something happens to a frame that the swarm has to get over."""
         self._names = [drone.id for drone in mission.drones]
-        self._estimated = [drone.localization != "exact" for drone in mission.drones]
+        self._estimated = [not drone.is_exact for drone in mission.drones]
         self._frames, self._truth = frames, truth
         self._told = [0] * len(self._names)
         self._errors_m: list[float] = []

@@ -36,9 +36,8 @@ class Drift:
     def layout(self, number: int) -> tuple[Array, Array, bool]:
         """Where the origin of a drone's frame was put: (3,) metres, (4,) variances, and whether its heading is known."""
         drone = self._drones[number]
-        exact = drone.localization == "exact"
-        sigma_m = _EXACT if exact else max(drone.origin_sigma_m, _EXACT)
-        sigma_rad = _EXACT if exact else max(math.radians(drone.yaw_sigma_deg), _EXACT)
+        sigma_m = _EXACT if drone.is_exact else max(drone.origin_sigma_m, _EXACT)
+        sigma_rad = _EXACT if drone.is_exact else max(math.radians(drone.yaw_sigma_deg), _EXACT)
         known = sigma_rad < _HEADING_KNOWN
         return np.array(drone.origin_m), np.array([sigma_m**2] * 3 + [sigma_rad**2]), known
 
@@ -74,13 +73,13 @@ class Drift:
         """
         drone = self._drones[number]
         per_s = self._per_s[number, 1]
-        if drone.localization not in ("gnss", "rtk") or per_s <= 0.0 or not self.layout(number)[2]:
+        if not self.follows_satellites(number) or per_s <= 0.0 or not self.layout(number)[2]:
             return None
         return float(max(math.radians(drone.yaw_sigma_deg), _EXACT) ** 4 / (per_s * max(seconds, 1e-3)))
 
 
 def _per_second(drone: DroneInMission, frames: FramesConfig) -> tuple[float, float]:
-    if drone.localization == "exact":
+    if drone.is_exact:
         return 0.0, 0.0
     if drone.localization == "slam":
         return frames.wander_m**2, math.radians(frames.slam_yaw_drift_deg) ** 2

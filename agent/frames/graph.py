@@ -39,7 +39,7 @@ class FrameGraph:
         """The layout of the mission file: where the first epoch of each drone lies whose frame is known exactly."""
         graph = cls()
         for drone in mission.drones:
-            if drone.localization == "exact":
+            if drone.is_exact:
                 graph.place(drone.id, LAUNCH_EPOCH, Transform(math.radians(drone.yaw_deg), drone.origin_m))
         return graph
 

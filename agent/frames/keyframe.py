@@ -26,7 +26,7 @@ class Setting:
         self.config = mission.frames
         self.drift = Drift(mission)
         self.intake = intake
-        self.exact = [drone.localization == "exact" for drone in mission.drones]
+        self.exact = [drone.is_exact for drone in mission.drones]
         self.window = math.ceil(mission.frames.window_s / mission.frames.keyframe_s)
 
 

@@ -34,7 +34,7 @@ class SwarmFrames:
     def __init__(self, mission: MissionConfig) -> None:
         self.graph = FrameGraph.from_launch_layout(mission)
         self._names = [drone.id for drone in mission.drones]
-        self._estimated = [drone.localization != "exact" for drone in mission.drones]
+        self._estimated = [not drone.is_exact for drone in mission.drones]
         self._idle = not any(self._estimated)
         self._slice = max(1, _SLICE // len(mission.drones))
         self._settle_ns = round(mission.frames.settle_s * 1e9)
