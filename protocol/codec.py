@@ -66,13 +66,29 @@ def decode(payload: bytes) -> AnyMessage:
 def decode_from(key: str, payload: bytes) -> AnyMessage:
     """Read a message that came in under a key, and hold it against what the key says (kind and sender)."""
     address = parse_key(key)
-    message = decode(payload)
+    message = _as_written(address.kind, payload) or decode(payload)
     kind = type(message).__name__.lower()
     if kind != address.kind:
         raise ProtocolError(f"a {kind} under the key of a {address.kind}")
     sender = message.station if isinstance(message, Command) else message.drone
     if sender != address.sender:
         raise ProtocolError(f"a {kind} of {sender!r} under the key of {address.sender!r}")
+    return message
+
+
+def _as_written(kind: str, payload: bytes) -> AnyMessage | None:
+    """A message that :func:`encode` wrote, read in a third of the time; None where only :func:`decode` can tell what it is.
+
+    Bytes that would be written again just so have no field twice, nothing unknown, and no size beyond the schema's.
+    """
+    _check_size(payload)
+    try:
+        message = _READERS[KINDS[kind]].decode(payload)
+    except (msgspec.DecodeError, RecursionError, OverflowError):
+        return None
+    if _WRITER.encode(message) != payload:
+        return None
+    _refuse_flaw(message)
     return message
 
 

@@ -363,3 +363,17 @@ def test_the_key_must_fit_the_message() -> None:
     assert decode_from(command_key("s", "tower"), encode(command)) == command
     with pytest.raises(ProtocolError):
         decode_from(command_key("s", "hangar"), encode(command))
+
+
+def test_under_a_key_nothing_is_read_that_is_refused_without_one() -> None:
+    key = drone_key("s", "uav1", "pose")
+    as_written = encode(POSE)
+    assert decode_from(key, packed(POSE, epoch=0, x=1)) == decode_from(key, packed(POSE, stamp_ns=1)) == POSE
+    twice = bytes([as_written[0] + 1]) + as_written[1:] + msgpack.packb("epoch") + msgpack.packb(0)
+    bent = packed(POSE, quaternion=(0.0, 0.0, 0.0, 0.0))
+    wide = as_written + bytes(MAX_PAYLOAD_BYTES)
+    for payload in (twice, bent, wide, packed(POSE, x=msgpack.ExtType(5, b"")), as_written[:-1], as_written + b"\x00"):
+        with pytest.raises(ProtocolError):
+            decode(payload)
+        with pytest.raises(ProtocolError):
+            decode_from(key, payload)
