@@ -62,7 +62,9 @@ class Ground:
 
     def slope(self, x: float, y: float) -> tuple[float, float]:
         """Rise per metre east and north at one place."""
-        (east, north), *_ = self.slopes(np.array([[x, y]])).tolist()
+        if self._grid is None:
+            return self._east, self._north
+        (east, north), *_ = self._grid.slopes(np.array([[x, y]])).tolist()
         return east, north
 
     def slopes(self, places: Array) -> Array:

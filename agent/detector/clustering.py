@@ -6,10 +6,10 @@ The tests hold them equal.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
@@ -38,8 +38,7 @@ class Cluster(NamedTuple):
     delay: float
 
 
-@dataclass(frozen=True, slots=True)
-class Clusters:
+class Clusters(Struct, frozen=True):
     """The same for many, in the order of their earliest hits: (N,) each."""
 
     tick: NDArray[np.int64]

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 
-@dataclass(frozen=True, slots=True)
-class ConeEvent:
+class ConeEvent(Struct, frozen=True):
     """One coincidence read as a Compton cone, both ways round. Camera frame: z is the sensor's outward normal.
 
     Row 0 of each array takes cluster 1 for the recoil electron, row 1 cluster 2.
@@ -29,8 +27,7 @@ class ConeEvent:
     separation_mm: float
 
 
-@dataclass(frozen=True, slots=True)
-class Detections:
+class Detections(Struct, frozen=True):
     """What one stretch [start_ns, end_ns) held; stretches of one detector follow each other gap-free."""
 
     start_ns: int
@@ -39,4 +36,4 @@ class Detections:
     hits: int = 0  # clusters above the threshold
     photopeak: int = 0  # single clusters and coincidences with the line's full energy
     coincidences: int = 0  # two clusters within the window
-    cones: tuple[ConeEvent, ...] = field(default=())
+    cones: tuple[ConeEvent, ...] = ()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Iterable
-from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 SENSOR_PIXELS = 256
@@ -15,8 +16,7 @@ SENSOR_THICKNESS_MM = 2.0
 TICK_NS = 25.0 / 16.0  # one fine time-of-arrival step; tick = 16 ToA - FToA
 
 
-@dataclass(frozen=True, slots=True)
-class PixelHits:
+class PixelHits(Struct, frozen=True):
     """Pixel hits in the order in which the camera delivered them (data driven: nearly, not strictly, by time).
 
     tick: (N,) int64, time of arrival in steps of 25/16 ns since the detector's clock was reset.
@@ -51,8 +51,7 @@ class PixelHits:
         return PixelHits(self.tick[which], self.index[which], self.tot[which])
 
 
-@dataclass(frozen=True, slots=True)
-class Readout:
+class Readout(Struct, frozen=True):
     """Everything that a detector saw in [start_ns, end_ns), UTC. Readouts of one detector follow each other gap-free.
 
     ``clock_ns`` is the UTC time of tick 0. ``live_time_s`` excludes dead time. ``lost_hits`` counts what the detector reported

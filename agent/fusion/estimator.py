@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
+from msgspec import Struct, field
 from numpy.typing import NDArray
 
 from agent.fusion.observation import Observation
@@ -17,8 +18,7 @@ from protocol.messages import AnyEntry
 S = TypeVar("S")
 
 
-@dataclass(frozen=True, slots=True)
-class GridStep:
+class GridStep(Struct, frozen=True):
     """One step of the fixed time grid: [start_ns, end_ns) UTC; start_ns = index x the grid's width."""
 
     index: int
@@ -30,8 +30,7 @@ def _horizontal_rms_m(covariance: NDArray[np.float64]) -> float:
     return math.sqrt(max(0.0, float(covariance[0, 0] + covariance[1, 1])))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class Sight(Struct, frozen=True, eq=False):
     """Where a drone's own localisation puts the source: what it has to fly to. Mission frame, as if the drone's poses were true.
 
     The drone's bias (measured minus true) shifts what it sees of itself and of the source alike; so this is known better than
@@ -47,8 +46,7 @@ class Sight:
         return _horizontal_rms_m(self.covariance)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Hypothesis:
+class Hypothesis(Struct, frozen=True, eq=False):
     """Where the source is thought to be at ``stamp_ns``, mission frame. The arrays are read-only.
 
     position: (3,) metres. covariance: (3, 3) m2. velocity: (3,) m/s. cones: how many it follows from.

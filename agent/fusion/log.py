@@ -8,9 +8,10 @@ from __future__ import annotations
 import hashlib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from enum import Enum
 from typing import TypeVar, cast
+
+from msgspec import Struct
 
 from agent.fusion.sequences import Range, SequenceSet
 from protocol.messages import Entry, EntryId
@@ -34,8 +35,7 @@ class Outcome(Enum):
     LATE = "late"  # behind the horizon, and not known from before
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
+class Record(Struct, frozen=True):
     """An entry with its bytes as they crossed the link, and their hash as a number."""
 
     entry: Entry

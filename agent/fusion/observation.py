@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from agent.frames.transform import Transform, Vector3
@@ -16,8 +16,7 @@ _SHORTEST_LIVE_S = 1e-3  # an exposure shorter than this tells nothing
 _SHORTEST_AXIS = 0.5  # a unit vector as sent; anything this short is no direction
 
 
-@dataclass(frozen=True, slots=True)
-class ConeSurface:
+class ConeSurface(Struct, frozen=True):
     """One reading of a Compton cone, mission frame: the source lies at the angle theta_rad from the axis.
 
     apex: metres. axis: unit vector. sigma_rad: 1-sigma width of the surface (ARM). probability: of this reading.
@@ -31,8 +30,7 @@ class ConeSurface:
     probability: float
 
 
-@dataclass(frozen=True, slots=True)
-class ConeObservation:
+class ConeObservation(Struct, frozen=True):
     """A Compton cone with its possible readings, one or two, in the order in which they were published.
 
     ``entry`` is the cone as published, in the publisher's local frame; ``mission_from_local`` brought it here. Sigmas: of the
@@ -62,8 +60,7 @@ class ConeObservation:
         return min(self.readings, key=lambda reading: reading.theta_rad)
 
 
-@dataclass(frozen=True, slots=True)
-class CountObservation:
+class CountObservation(Struct, frozen=True):
     """What a camera counted in an exposure, from the place where it was in its middle, mission frame.
 
     ``stamp_ns`` is the exposure's end: earlier nobody knows of it. The rest as of a cone.

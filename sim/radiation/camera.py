@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from itertools import accumulate
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from agent.detector.readout import Readout
@@ -29,8 +30,7 @@ GUARD_TICKS = 128  # an event's hits end within 200 ns; the last of a slice begi
 _NEAREST_M = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class SourceView:
+class SourceView(Struct, frozen=True):
     """A source as a camera sees it at its true pose. direction: unit vector from camera to source, camera frame.
 
     concrete_m: length of concrete between them.

@@ -6,10 +6,10 @@ Each of the cone's two orders has an angular error that is a mixture of a narrow
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import sin
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from agent.fusion.observation import ConeObservation
@@ -24,8 +24,7 @@ _LEAST_SIGMA_RAD = 0.02
 _PER_TWO_PI = 0.5 / np.pi
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Orders:
+class Orders(Struct, frozen=True, eq=False):
     """The K possible orders of a cone: axes (K, 3) in the mission frame, opening angles (K,), variances (K, 2) and weights (K, 2)
     of their Gaussians.
     """

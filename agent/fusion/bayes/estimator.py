@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from shapely import Polygon
 
@@ -35,8 +36,7 @@ _LEAST_TRUST = -5.0
 _OUTLIER_COST = 1.0  # log likelihood that an exposure costs which does not fit the track at all
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BayesState:
+class BayesState(Struct, frozen=True, eq=False):
     """Either a search or a track, once there is one.
 
     evidence: log likelihood of all observations with the source against none. trust: the same of the last seconds only.
@@ -53,7 +53,7 @@ class BayesState:
     trust: float = 0.0
     background: float = 1.0
     bias_variance: Array | None = None
-    frames: Mapping[int, tuple[int, Transform]] = field(default_factory=dict)
+    frames: Mapping[int, tuple[int, Transform]] = {}
 
 
 class BayesEstimator:
@@ -106,13 +106,14 @@ class BayesEstimator:
         mean, covariance = state.track.seen_at(self._motion, step.start_ns / _NS)
         if not math.isfinite(float(covariance.sum())):
             return None
-        activity = math.exp(float(mean[ACTIVITY])) * REFERENCE_BQ
-        rise = self._ground.slope(mean[0], mean[1])
+        x, y, u, v, log_activity, *_ = mean.tolist()
+        activity = math.exp(log_activity) * REFERENCE_BQ
+        east, north = rise = self._ground.slope(x, y)
         return Hypothesis(
             stamp_ns=step.start_ns,
-            position=np.array([mean[0], mean[1], self._ground.height_m(mean[0], mean[1])]),
+            position=np.array((x, y, self._ground.height_m(x, y))),
             covariance=_on_ground(covariance[:2, :2], rise),
-            velocity=np.array([mean[2], mean[3], mean[2] * rise[0] + mean[3] * rise[1]]),
+            velocity=np.array((u, v, u * east + v * north)),
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns,
             activity_bq=activity,
@@ -267,11 +268,11 @@ class _Sights(Mapping[str, Sight]):
         return known
 
     def _sight(self, b: int) -> Sight:
-        mean, p = self._mean, self._covariance
+        mean, p = self._mean.tolist(), self._covariance
+        x, y = mean[0], mean[1]
         rows = p[:2] + p[b : b + 2]
-        height_m, rise = self._ground.height_m(mean[0], mean[1]), self._ground.slope(mean[0], mean[1])
-        place = np.array([mean[0] + mean[b], mean[1] + mean[b + 1], height_m])
-        return Sight(place, _on_ground(rows[:, :2] + rows[:, b : b + 2], rise))
+        place = np.array((x + mean[b], y + mean[b + 1], self._ground.height_m(x, y)))
+        return Sight(place, _on_ground(rows[:, :2] + rows[:, b : b + 2], self._ground.slope(x, y)))
 
 
 def _moved(
@@ -308,6 +309,7 @@ def _motion(config: BayesEstimatorConfig) -> Motion:
 
 def _on_ground(covariance: Array, rise: tuple[float, float]) -> Array:
     """(2, 2) -> (3, 3), of a place on ground that rises by so much per metre east and north."""
-    lifted = np.vstack((np.eye(2), rise))
-    place: Array = lifted @ covariance @ lifted.T
-    return place
+    (xx, xy), (yx, yy) = covariance.tolist()
+    east, north = rise
+    xz, yz = xx * east + xy * north, yx * east + yy * north
+    return np.array(((xx, xy, xz), (yx, yy, yz), (xz, yz, east * xz + north * yz)))

@@ -9,10 +9,11 @@ more it counts than the others).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from agent.frames.transform import Vector3
@@ -33,8 +34,7 @@ _FAR_OFF = 5.0  # by so many sigmas of what was expected of the rate, counts do 
 _SHORTLY_S = 0.6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sight:
+class _Sight(Struct, frozen=True, eq=False):
     """x, y, z from a camera to each mean, and the distance, (S, M) each; rise (S, M, 2) of the ground there, None where level."""
 
     x: Array
@@ -44,8 +44,7 @@ class _Sight:
     rise: Array | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Mixture:
+class Mixture(Struct, frozen=True, eq=False):
     """weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d); the second index is the mode of motion.
 
     bias_variance: (4 V,) of the vehicles' biases at all times; 0 of vehicles that nothing was heard of.
