@@ -158,7 +158,7 @@ def _replay(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) ->
 def _reaction(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) -> dict[str, float]:
     """Work from a cone's arrival to the hypothesis that has it in, x0 excluded; without waiting for what the estimator holds."""
     fusion = Fusion(mission, FrameGraph.from_launch_layout(mission))
-    hold_ns = round(fusion.estimator.hold_steps * (fusion.estimator.grid_s or mission.fusion.grid_s) * 1e9)
+    hold_ns = round(fusion.estimator.hold_s * 1e9)
     taken = []
     for now_ns, entry, payload in arrivals:
         begin = time.perf_counter()

@@ -26,8 +26,8 @@ class Fusion:
     """Keeps the log of one agent and the hypothesis that follows from it.
 
     Step k of the grid is [k g, (k+1) g) UTC, g the estimator's width or else the mission's. An observation belongs to the step of
-    its stamp. The hypothesis is a pure function of the log's content, of the frames known, and of the grid step in which now
-    lies: entries up to the end of that step, less the estimator's ``hold_steps``, are in it; later ones wait. The way there
+    its stamp. The hypothesis is a pure function of the log's content, of the frames known, and of the grid steps in which now
+    and the estimator's ``hold_s`` before now lie: entries up to the end of the latter are in it; later ones wait. The way there
     (order of arrival, duplicates, delay, how the work was sliced) leaves no trace.
 
     The estimator's state after every step that has observations is a checkpoint. An entry takes the chain of states back to the
@@ -54,18 +54,15 @@ class Fusion:
         self._base: Any = self.estimator.initial(None)  # state before the first step of the timeline
         self._states: dict[int, Any] = {}  # checkpoints after their steps; ascending: the last one is the chain's end
         self._first_step = _NEVER  # once started: what was measured before it says nothing
+        self._hold_ns = round(self.estimator.hold_s * 1e9)
         self._now_step = _NEVER
+        self._due_step = _NEVER  # the newest one that is to be folded
         self._stale = True
 
     @property
     def digest(self) -> str:
         """Digest of the log, 32 hex digits."""
         return self.log.digest
-
-    @property
-    def _due_step(self) -> int:
-        """The newest step that is to be folded."""
-        return self._now_step - self.estimator.hold_steps
 
     @property
     def outlook(self) -> Outlook | None:
@@ -100,9 +97,9 @@ class Fusion:
         ``budget``: at most so many units of the estimator's work; a step is never split and at least one is folded. ``pending``
         tells whether anything is left for the next call. Time never runs back: an earlier now is taken as the latest one.
         """
-        step = now_ns // self._grid_ns
-        if step > self._now_step:
-            self._now_step = step
+        step, due = now_ns // self._grid_ns, (now_ns - self._hold_ns) // self._grid_ns
+        if step > self._now_step or due > self._due_step:
+            self._now_step, self._due_step = max(step, self._now_step), max(due, self._due_step)
             self._stale = True
         if self._revision != self._frames.revision:
             self._take_new_frames()

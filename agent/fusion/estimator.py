@@ -108,7 +108,7 @@ class Estimator(Protocol, Generic[S]):
     name: str
     reads: tuple[type[AnyEntry], ...]  # the kinds of entries that it wants to see as observations
     grid_s: float | None  # width of the time grid that it steps on; None: the mission's
-    hold_steps: int  # by so many steps entries are left to gather before they are folded; else most are folded twice
+    hold_s: float  # for so long entries are left to gather before they are folded; else most are folded twice
 
     def initial(self, start_ns: int | None) -> S:
         """State before the first observation. ``start_ns``: the mission's start, None if it is not known."""

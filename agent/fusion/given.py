@@ -29,7 +29,7 @@ class GivenEstimator:
     name = "given"
     reads: tuple[type[AnyEntry], ...] = ()
     grid_s: float | None = None
-    hold_steps = 0
+    hold_s = 0.0
 
     def __init__(self, config: GivenHypothesisConfig, ground: Ground = LEVEL) -> None:
         self._ground = ground

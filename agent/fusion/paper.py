@@ -62,7 +62,7 @@ class PaperEstimator:
 
     reads: tuple[type[AnyEntry], ...] = (Cone,)
     grid_s: float | None = None
-    hold_steps = 0
+    hold_s = 0.0
 
     def __init__(self, config: PaperEstimatorConfig, search: InitialSearch, rule: Rule, name: str = "paper") -> None:
         self.name = name

@@ -26,7 +26,7 @@ from protocol.messages import AnyEntry, Cone, Exposure
 Array = NDArray[np.float64]
 
 _NS = 1e9
-_HOLD_S = 0.3  # until all drones' entries of a moment are mostly there: a camera's readout, the radio, and a step of the grid
+_HOLD_S = 0.25  # until all drones' entries of a moment are mostly there: a camera's readout at 5 Hz, and the radio
 _TRACK_UNITS, _SEARCH_UNITS = 8, 60  # of work for an observation
 _SITE_SHARE = 0.45  # sigma of a site that stands for a cell, in cells
 _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
@@ -65,7 +65,7 @@ class BayesEstimator:
     name = "bayes"
     reads: tuple[type[AnyEntry], ...] = (Cone, Exposure)
     grid_s: float | None
-    hold_steps: int
+    hold_s = _HOLD_S
 
     def __init__(self, mission: MissionConfig, area: Polygon) -> None:
         """``area``: where the source is searched for, mission frame.
@@ -76,7 +76,6 @@ class BayesEstimator:
         config = mission.fusion.bayes
         self._config: BayesEstimatorConfig = config
         self.grid_s = config.grid_s
-        self.hold_steps = round(_HOLD_S / config.grid_s)
         self._ground = Ground.from_config(mission)
         self._grid = Grid(area, config, self._ground)
         self._response = response_of(mission.nuclide)

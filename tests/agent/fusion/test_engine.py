@@ -166,7 +166,7 @@ def test_with_a_hold_entries_gather_and_are_folded_once(kit, mission, entries):
     """Two steps of 0.5 s: arrivals up to half a second late cost no replay, and the hypothesis is that of the earlier step."""
     plain = estimator_named("paper", mission)
     counting, held = (Counting(plain._config, plain._search, plain._rule) for _ in range(2))
-    held.hold_steps = 2
+    held.hold_s = 1.0
     prompt, fusion = (Fusion(mission, FrameGraph.from_launch_layout(mission), one) for one in (counting, held))
     rng = random.Random(5)
     cones = [entry for entry in entries if isinstance(entry, Cone)]
