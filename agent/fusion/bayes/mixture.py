@@ -35,11 +35,9 @@ _SHORTLY_S = 0.6
 
 
 class _Sight(Struct, frozen=True, eq=False):
-    """x, y, z from a camera to each mean, and the distance, (S, M) each; rise (S, M, 2) of the ground there, None where level."""
+    """From a camera to each mean: way (S, M, 3), distance (S, M); rise (S, M, 2) of the ground there, None where it is level."""
 
-    x: Array
-    y: Array
-    z: Array
+    way: Array
     distance: Array
     rise: Array | None
 
@@ -135,11 +133,11 @@ class Mixture(Struct, frozen=True, eq=False):
         sight = self._seen_from(ground, vehicle, position, age_s)
         distance = sight.distance
         slope = -(2.0 / distance + response.air_per_m) / distance
-        gradient = self._gradient(vehicle, slope * sight.x, slope * sight.y, slope * sight.z, sight.rise, age_s)
+        gradient = self._gradient(vehicle, slope[..., None] * sight.way, sight.rise, age_s)
         gradient[..., ACTIVITY] = 1.0
         gradient[..., BIASES + BIAS * vehicle + GAIN] = 1.0
-        gain = (self.covariance @ gradient[..., None])[..., 0]
-        variance = np.maximum((gain * gradient).sum(axis=-1), 0.0) + MODEL_VARIANCE
+        gain = np.matvec(self.covariance, gradient)
+        variance = np.maximum(np.vecdot(gain, gradient), 0.0) + MODEL_VARIANCE
         strength = np.exp(self.mean[..., ACTIVITY] + self.mean[..., BIASES + BIAS * vehicle + GAIN])
         expected = response.signal(response.flux(distance) * strength * live_time_s, distance)
         shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TRUST, _ROUNDS)
@@ -158,46 +156,45 @@ class Mixture(Struct, frozen=True, eq=False):
         """
         sight = self._seen_from(ground, vehicle, apex, age_s)
         distance = sight.distance
-        directions = np.empty((*distance.shape, 3))
-        directions[..., 0], directions[..., 1], directions[..., 2] = sight.x, sight.y, sight.z
-        directions /= distance[..., None]
+        directions = sight.way / distance[..., None]
         axes = self._turned(vehicle, orders.axis)  # (S, M, K, 3)
-        cosine = np.minimum(np.maximum((axes @ directions[..., None])[..., 0], -1.0), 1.0)
+        cosine = np.minimum(np.maximum(np.matvec(axes, directions), -1.0), 1.0)
         sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _NEAREST_SINE)
         delta = np.arccos(cosine) - orders.theta_rad
         across = (distance[..., None] * sine)[..., None]
         slope = (cosine[..., None] * directions[..., None, :] - axes) / across  # (S, M, K, 3)
-        gradient = self._gradient(vehicle, slope[..., 0], slope[..., 1], slope[..., 2], sight.rise, age_s)  # (S, M, K, d)
+        gradient = self._gradient(vehicle, slope, sight.rise, age_s)  # (S, M, K, d)
         turn = axes[..., 0] * directions[..., None, 1] - axes[..., 1] * directions[..., None, 0]
         gradient[..., BIASES + BIAS * vehicle + HEADING] = turn / sine
         gain = gradient @ self.covariance  # (S, M, K, d)
-        density, precision = orders.density(delta, np.maximum((gain * gradient).sum(axis=-1), 0.0))  # (S, M, K, 2)
+        density, precision = orders.density(delta, np.maximum(np.vecdot(gain, gradient), 0.0))  # (S, M, K, 2)
         directed = density.sum(axis=(-2, -1))
         rate = response.cone_area_mm2 * response.flux(distance) * np.exp(self.mean[..., ACTIVITY])
         heard = rate * (directed + ASTRAY) + response.cone_background_ps
         share = density * (rate / heard)[..., None, None]
         pull = delta[..., None] * precision
-        first = (share * pull).sum(axis=-1)[..., None]  # (S, M, K, 1)
-        second = (share * (pull * pull - precision)).sum(axis=-1)[..., None]
-        moved = -(gain * first).sum(axis=-2)
-        widened = (gain * second).swapaxes(-1, -2) @ gain - moved[..., :, None] * moved[..., None, :]
+        first = np.vecdot(share, pull)  # (S, M, K)
+        second = np.vecdot(share, pull * pull - precision)
+        moved = -np.vecmat(first, gain)
+        widened = (gain * second[..., None]).swapaxes(-1, -2) @ gain - moved[..., :, None] * moved[..., None, :]
         likelihood = np.log(heard / (rate + response.cone_background_ps))
         return self._weighed(likelihood, self.mean + moved, self.covariance + widened)
 
     def _seen_from(self, ground: Ground, vehicle: int, position: Vector3, age_s: float) -> _Sight:
         """From the camera to where each mean was age_s ago: on the ground, whose height the vehicle's bias does not change."""
-        b = BIASES + BIAS * vehicle
-        m = self.mean
-        place_x, place_y = m[..., 0] - age_s * m[..., 2], m[..., 1] - age_s * m[..., 3]
-        x = m[..., 0] + m[..., b] - (age_s * m[..., 2] + position[0])
-        y = m[..., 1] + m[..., b + 1] - (age_s * m[..., 3] + position[1])
+        b, m = BIASES + BIAS * vehicle, self.mean
+        place = m[..., :2] - age_s * m[..., 2:4]
+        way = np.empty((*m.shape[:2], 3))
+        way[..., :2] = place + m[..., b : b + 2]
+        rise = None
         if ground.level:
-            z, rise = np.full(x.shape, ground.height_m(0.0, 0.0) - position[2]), None
+            way[..., 2] = ground.height_m(0.0, 0.0)
         else:
-            places = np.column_stack((place_x.ravel(), place_y.ravel()))
-            z = ground.heights_m(places).reshape(x.shape) - position[2]
-            rise = ground.slopes(places).reshape(*x.shape, 2)
-        return _Sight(x, y, z, np.maximum(np.sqrt(x * x + y * y + z * z), NEAREST_M), rise)
+            places = place.reshape(-1, 2)
+            way[..., 2] = ground.heights_m(places).reshape(way.shape[:2])
+            rise = ground.slopes(places).reshape(place.shape)
+        way -= position
+        return _Sight(way, np.maximum(np.sqrt(np.vecdot(way, way)), NEAREST_M), rise)
 
     def _turned(self, vehicle: int, axes: Array) -> Array:
         """Axes (K, 3) as a camera of the right heading would have them, by each Gaussian's bias; (S, M, K, 3)."""
@@ -209,20 +206,18 @@ class Mixture(Struct, frozen=True, eq=False):
         turned[..., 2] = axes[:, 2]
         return turned
 
-    def _gradient(self, vehicle: int, x: Array, y: Array, z: Array, rise: Array | None, age_s: float) -> Array:
-        """Gradients (..., d) of measurements whose slopes along the source's position are x, y and z (...).
+    def _gradient(self, vehicle: int, slope: Array, rise: Array | None, age_s: float) -> Array:
+        """Gradients (S, M, ..., d) of measurements whose slopes along the source's position are (S, M, ..., 3).
 
         The vehicle's bias enters like the position, and the velocity by how old the measurement is. rise: (S, M, 2) of the
         ground, by which a source that is elsewhere lies higher; None where it is level.
         """
-        b = BIASES + BIAS * vehicle
-        gradient = np.zeros((*x.shape, self.mean.shape[-1]))
-        gradient[..., b], gradient[..., b + 1] = x, y
+        b, flat = BIASES + BIAS * vehicle, slope[..., :2]
+        gradient = np.zeros((*slope.shape[:-1], self.mean.shape[-1]))
+        gradient[..., b : b + 2] = flat
         if rise is not None:
-            rise = rise.reshape(*rise.shape[:2], *(1,) * (x.ndim - 2), 2)
-            x, y = x + z * rise[..., 0], y + z * rise[..., 1]
-        gradient[..., 0], gradient[..., 1] = x, y
-        gradient[..., 2], gradient[..., 3] = -age_s * x, -age_s * y
+            flat = flat + slope[..., 2:] * rise.reshape(*rise.shape[:2], *(1,) * (slope.ndim - 3), 2)
+        gradient[..., :2], gradient[..., 2:4] = flat, -age_s * flat
         return gradient
 
     def _weighed(self, log_likelihood: Array, mean: Array, covariance: Array) -> tuple[Mixture, float]:
