@@ -172,7 +172,7 @@ class BayesEstimator:
                 vehicle,
                 observation.position,
                 observation.live_time_s,
-                observation.counts,
+                self._response.apart(observation.counts),
                 age_s,
             )
             track, gained = taken or (track, -_OUTLIER_COST)
@@ -201,7 +201,11 @@ class BayesEstimator:
         search = search.later(self._grid, time_s)
         if isinstance(observation, CountObservation):
             search = search.after_counts(
-                self._grid, self._response, observation.position, observation.live_time_s, observation.counts
+                self._grid,
+                self._response,
+                observation.position,
+                observation.live_time_s,
+                self._response.apart(observation.counts),
             )
         else:
             search = search.after_cone(self._grid, self._response, observation.apex, Orders.of(observation))

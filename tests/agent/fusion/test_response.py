@@ -27,13 +27,27 @@ def test_counts_are_those_of_a_camera_beside_a_source(nuclide):
     view = camera.SourceView((0.6, -0.36, 0.714), DISTANCE_M, activity_bq)
     readout = beam.BeamCamera(truth.CameraTruth(), nuclide, view, np.random.default_rng(3), 0).expose(0, int(LIVE_S * 1e9))
     found = DetectorChain(DetectionConfig(), nuclide, Calibration.nominal()).process(readout)
-    counted = np.array([found.hits, found.photopeak, found.coincidences])
+    counted = response.apart(np.array([found.hits, found.photopeak, found.coincidences], dtype=np.float64))
     fluence = np.array(fluence_ps * LIVE_S)
     expected = response.signal(fluence, np.array(DISTANCE_M)) + response.background_ps * LIVE_S
     # Areas from one side differ by up to 10 % from the mean of all; four times the noise besides.
     assert (np.abs(counted - expected) < 0.1 * expected + 4.0 * np.sqrt(expected)).all()
     cones = float(response.cone_area_mm2 * fluence + response.cone_background_ps * LIVE_S)
     assert abs(len(found.cones) - cones) < 0.2 * cones + 4.0 * cones**0.5
+
+
+def test_channels_vary_as_the_likelihood_takes_it():
+    """Hits by themselves vary by a quarter more than Poisson's, and with the two channels that are among them."""
+    view = camera.SourceView((0.6, -0.36, 0.714), DISTANCE_M, 1e12)
+    beside = beam.BeamCamera(truth.CameraTruth(), "Cs-137", view, np.random.default_rng(3), 0)
+    chain, response = DetectorChain(DetectionConfig(), "Cs-137", Calibration.nominal()), response_of("Cs-137")
+    found = [chain.process(beside.expose(k * 10**7, (k + 1) * 10**7)) for k in range(1200)]
+    told = np.array([(one.hits, one.photopeak, one.coincidences) for one in found], dtype=np.float64)
+    apart = np.array([response.apart(counts) for counts in told])
+    hits = told[:, 0].var() / told[:, 0].mean()
+    assert hits > 1.15
+    assert apart.var(axis=0) / apart.mean(axis=0) == pytest.approx([1.0, 1.0, 1.0], abs=0.15)
+    assert np.abs(np.corrcoef(apart.T)[0, 1:]).max() < 0.25 < 0.4 < np.corrcoef(told.T)[0, 1:].min()
 
 
 def test_a_nuclide_that_was_not_measured_is_refused_by_name():
