@@ -58,6 +58,7 @@ class Fusion:
         self._now_step = _NEVER
         self._due_step = _NEVER  # the newest one that is to be folded
         self._stale = True
+        self._told: tuple[Any, int] = (None, _NEVER)  # state and step that the hypothesis is of
 
     @property
     def digest(self) -> str:
@@ -184,7 +185,9 @@ class Fusion:
             state = self.estimator.step(state, self._grid_step(index), [slot[identity] for identity in sorted(slot)])
             self._states[index] = state
         self.pending = self._stale = False
-        self.hypothesis = self.estimator.hypothesis(state, self._grid_step(self._now_step))
+        if state is not self._told[0] or self._now_step != self._told[1]:
+            self._told = state, self._now_step
+            self.hypothesis = self.estimator.hypothesis(state, self._grid_step(self._now_step))
         if len(self._states) > _MOST_CHECKPOINTS:
             for index in list(self._states)[1 : _MOST_CHECKPOINTS // 2 : 2]:  # so the older they are the fewer they get
                 del self._states[index]
