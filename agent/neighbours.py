@@ -227,5 +227,5 @@ def _plan(
     plan = peer.plan
     if plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
         return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m)
-    ahead = [local_from_theirs.apply_point(position) for position in plan.positions_m]
+    ahead = local_from_theirs.apply_points(plan.positions_m)
     return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, measured, doubt_m)

@@ -76,6 +76,7 @@ class Localization:
         # From a stream of their own: the errors that wander are the same with biases and without.
         bias = np.array([truth.bias_m, truth.bias_m, 0.0, np.deg2rad(truth.bias_yaw_deg)])
         self._bias = bias * rng.spawn(1)[0].standard_normal((count, 4))
+        self._total: Array = self._error[:, :4] + self._bias
 
     @property
     def position_bias_m(self) -> Array:
@@ -85,8 +86,7 @@ class Localization:
     @property
     def position_error_m(self) -> Array:
         """(N, 3), world axes."""
-        error: Array = self._error[:, :3] + self._bias[:, :3]
-        return error
+        return self._total[:, :3]
 
     @property
     def velocity_error_mps(self) -> Array:
@@ -96,8 +96,7 @@ class Localization:
     @property
     def yaw_error_rad(self) -> Array:
         """(N,)."""
-        error: Array = self._error[:, 3] + self._bias[:, 3]
-        return error
+        return self._total[:, 3]
 
     @property
     def tilt_error(self) -> Array:
@@ -117,4 +116,5 @@ class Localization:
         noise = self._rng.standard_normal((len(self._error), 11))
         self._error *= self._keep
         self._error += self._kick * noise[:, :7]
+        self._total = self._error[:, :4] + self._bias
         self._white = self._white_sigma * noise[:, 7:]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from protocol.codec import decode
+from protocol.codec import decode_from
 from protocol.messages import AnyMessage, Cone, Exposure, Pose, Stage
 from sim.believers import Agent, Believer
 from sim.bound import Bound, bound_of
@@ -80,8 +80,8 @@ class Recorder:
     def hear(self, drone: int, key: str, payload: bytes) -> None:
         """Listen to what a drone publishes, as it leaves."""
         if key.endswith(("/cone", "/exposure")):
-            self.take(drone, decode(payload))
-        elif self._known is not None and key.endswith("/pose") and isinstance(pose := decode(payload), Pose):
+            self.take(drone, decode_from(key, payload))
+        elif self._known is not None and key.endswith("/pose") and isinstance(pose := decode_from(key, payload), Pose):
             self._known.hear(drone, pose.epoch)
 
     def take(self, drone: int, message: AnyMessage) -> None:

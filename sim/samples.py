@@ -62,7 +62,9 @@ def spacing_error_deg(position: Array, centre: Array) -> Array:
     angle = np.degrees(np.arctan2(position[:, 1] - centre[1], position[:, 0] - centre[0]))
     count = len(angle)
     order = np.argsort(angle, kind="stable")
-    gaps = np.diff(angle[order], append=angle[order[0]] + 360.0)
+    ordered = angle[order]
     error = np.empty(count)
-    error[order] = gaps - 360.0 / count
+    error[order[:-1]] = ordered[1:] - ordered[:-1]
+    error[order[-1]] = ordered[0] + 360.0 - ordered[-1]
+    error -= 360.0 / count
     return error

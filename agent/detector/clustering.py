@@ -106,7 +106,7 @@ def _labels_by_event(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_tic
     """A cluster's number for each hit, and their count; hits that are further apart than the gap begin another event."""
     times: list[int] = tick.tolist()
     cells: list[int] = (index + 2 * (index >> 8).astype(np.int64)).tolist()
-    ends: list[int] = (np.flatnonzero(np.diff(tick) > gap_ticks) + 1).tolist()
+    ends: list[int] = ((tick[1:] - tick[:-1] > gap_ticks).nonzero()[0] + 1).tolist()
     labels: list[int] = []
     start = count = 0
     for end in (*ends, len(times)) if times else ():

@@ -8,6 +8,7 @@ cone; arrays go through NumPy.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,6 +46,11 @@ class Transform:
         x, y, z = point
         tx, ty, tz = self.translation
         return (self._cos * x - self._sin * y + tx, self._sin * x + self._cos * y + ty, z + tz)
+
+    def apply_points(self, points: Sequence[Vector3]) -> list[Vector3]:
+        """A few points of frame b, in frame a."""
+        c, s, (tx, ty, tz) = self._cos, self._sin, self.translation
+        return [(c * x - s * y + tx, s * x + c * y + ty, z + tz) for x, y, z in points]
 
     def rotate(self, directions: Array) -> Array:
         """Directions (or velocities) (..., 3) of frame b, in frame a."""

@@ -47,7 +47,8 @@ class Encirclement:
         self._times: Array = config.step_s * np.arange(config.steps + 1, dtype=np.float64)
         self._height_m = config.height_m
         self._radius = 0.0  # of the circle along which the terms below go
-        self._terms: Array = np.empty((0, 4))  # (K + 1, 4): cosine and sine of the angle flown, time, 1
+        self._terms: Array = np.ones((len(self._times), 4))  # (K + 1, 4): cosine and sine of the angle flown, time, 1
+        self._terms[:, 2] = self._times
 
     def reference(
         self,
@@ -104,9 +105,8 @@ class Encirclement:
         """The arc that begins at this angle now; the centre moves on at its velocity."""
         speed = self._config.speed_mps
         if radius != self._radius:
-            angles = (speed / radius) * self._times
-            self._radius = radius
-            self._terms = np.column_stack((np.cos(angles), np.sin(angles), self._times, np.ones(len(angles))))
+            self._radius, angles = radius, (speed / radius) * self._times
+            self._terms[:, 0], self._terms[:, 1] = np.cos(angles), np.sin(angles)
         (x, y, z), (u, v, _), c, s = center, center_velocity, cos(angle), sin(angle)
         states = self._terms @ np.array(  # positions and velocities, by the angle from the first one, time, and 1
             (

@@ -76,7 +76,8 @@ class Leading:
         """From the last centre on with the velocity, and so much nearer to the one wanted as may be."""
         if self._place is None:
             return wanted
-        x, y = (place + elapsed_s * speed for place, speed in zip(self._place, self._velocity, strict=True))
+        (x, y), (u, v) = self._place, self._velocity
+        x, y = x + elapsed_s * u, y + elapsed_s * v
         dx, dy = wanted[0] - x, wanted[1] - y
         share = min(1.0 - exp(-elapsed_s / _CORRECTION_S), _CORRECTION_MPS * elapsed_s / max(hypot(dx, dy), 1e-9))
         return x + share * dx, y + share * dy

@@ -68,8 +68,8 @@ class Tracker:
         self._plan: TrackerPlan | None = None
         self._start: tuple[Vector3, Vector3] | None = None
         self._guess: Array = np.zeros((horizon, 3))
-        self._segments: list[tuple[list[float], list[float], list[float], list[float]]] = []  # start of each step, and its jerk
-        self._end: list[float] = []
+        self._states: Array = np.zeros((3, horizon + 1, 3))  # position, velocity and acceleration at each step
+        self._jerk: Array = np.zeros((horizon, 3))  # from each step on
         self._uneven = False  # the ground under the plan
 
     def reset(self, position: Vector3, velocity: Vector3 = (0.0, 0.0, 0.0)) -> None:
@@ -156,9 +156,10 @@ class Tracker:
         """The virtual vehicle so long after the plan's stamp; at the plan's end it stops."""
         index = max(int(time_s / self._step_s), 0)
         if index >= self._horizon:
-            x, y, z = self._end
+            x, y, z = self._states[0, -1].tolist()
             return (x, y, z), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        (px, py, pz), (vx, vy, vz), (ax, ay, az), (jx, jy, jz) = self._segments[index]
+        (px, py, pz), (vx, vy, vz), (ax, ay, az) = self._states[:, index].tolist()
+        jx, jy, jz = self._jerk[index].tolist()
         t = time_s - index * self._step_s
         h, s = 0.5 * t, t / 3.0
         return (
@@ -193,10 +194,9 @@ class Tracker:
         return sampled(self._plan.positions, (now_ns - self._plan.stamp_ns) * 1e-9, self._step_s, self._times)
 
     def _adopt(self, now_ns: int, start: Array, states: Array, jerk: Array, status: Status) -> TrackerPlan:
-        full = np.concatenate((start[:, None], states), axis=1)
-        positions, velocities, accelerations = full.tolist()  # plain numbers: sampling is done in plain Python
-        self._segments = list(zip(positions[:-1], velocities[:-1], accelerations[:-1], jerk.tolist(), strict=True))
-        self._end = positions[-1]
+        self._states = np.concatenate((start[:, None], states), axis=1)
+        self._jerk = jerk
         self._guess[:-1] = jerk[1:]
-        self._plan = TrackerPlan(now_ns, self._step_s, full[0], full[1], full[2], status)
+        positions, velocities, accelerations = self._states
+        self._plan = TrackerPlan(now_ns, self._step_s, positions, velocities, accelerations, status)
         return self._plan

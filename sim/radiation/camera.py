@@ -65,9 +65,9 @@ class Camera:
         self._area_mm2: list[float] = self._bank.area_mm2.sum(axis=1).tolist()
         total = np.maximum(self._bank.area_mm2.sum(axis=1, keepdims=True), 1e-30)
         self._kind = np.ascontiguousarray(np.cumsum(self._bank.area_mm2, axis=1) / total)
-        self._attenuation = np.array([air_attenuation_per_m(energy) for energy, _ in lines])
-        self._least_attenuation = float(self._attenuation.min())
-        self._concrete = np.array([concrete_attenuation_per_m(energy) for energy, _ in lines])
+        self._attenuation = [air_attenuation_per_m(energy) for energy, _ in lines]
+        self._least_attenuation = min(self._attenuation)
+        self._concrete = [concrete_attenuation_per_m(energy) for energy, _ in lines]
         self._own = Individual(truth, rng)
         self._electronics = Electronics(truth, rng, clock_ns)
         # No event, but the compiled functions are then in memory: that takes longer than a second of exposures.
@@ -95,9 +95,10 @@ class Camera:
             depth = self._least_attenuation * distance_m
             per_mm2 = view.activity_bq * math.exp(-depth) / (4e6 * math.pi * distance_m * distance_m)
             rate = own.sensitivity * per_mm2 * self._area_mm2[place]
-            depths = self._attenuation * distance_m + self._concrete * view.concrete_m
-            least = float(depths.min())
-            excess[k] = depths - least
+            lines = zip(self._attenuation, self._concrete, strict=True)
+            depths = [air * distance_m + concrete * view.concrete_m for air, concrete in lines]
+            least = min(depths)
+            excess[k] = [depth - least for depth in depths]
             bins.append(place)
             symmetries.append(symmetry)
             rates.append(rate * own.past_body(view.direction) * math.exp(depth - least))
