@@ -35,7 +35,8 @@ class LocalFrames:
 
     def turn(self, vectors: Array) -> list[Vector3]:
         """World vectors (N, 3), each in its vehicle's frame."""
-        return [(x, y, z) for x, y, z in (vectors[:, None, :] @ self.matrix)[:, 0].tolist()]
+        turned: list[Vector3] = list(map(tuple, np.vecmat(vectors, self.matrix).tolist()))
+        return turned
 
     def turn_out(self, vectors: Sequence[Sequence[Vector3]]) -> Array:
         """M vectors in each vehicle's frame, in the world: (N, M, 3)."""
@@ -51,15 +52,15 @@ class CameraMount:
     """How a camera sits on its vehicle, and what it sees from there."""
 
     def __init__(self, rpy_deg: Vector3) -> None:
-        self._camera_from_body: Array = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix().T
+        self._camera_from_body: list[Vector3] = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix().T.tolist()
 
     def view(self, position: Array, world_from_body: Quaternion, source: Vector3, activity_bq: float) -> SourceView:
         """A source as the camera sees it; position (3,) of the camera, and source, in the world."""
         x, y, z = position.tolist()
         dx, dy, dz = source[0] - x, source[1] - y, source[2] - z
         distance = sqrt(dx * dx + dy * dy + dz * dz)
-        body = _turn_back(world_from_body, (dx / distance, dy / distance, dz / distance))
-        cx, cy, cz = (self._camera_from_body @ body).tolist()
+        u, v, w = _turn_back(world_from_body, (dx / distance, dy / distance, dz / distance))
+        cx, cy, cz = (a * u + b * v + c * w for a, b, c in self._camera_from_body)
         return SourceView(direction=(cx, cy, cz), distance_m=distance, activity_bq=activity_bq)
 
 

@@ -14,7 +14,7 @@ from shapely import Polygon
 from agent.config import BayesEstimatorConfig, MissionConfig
 from agent.frames.transform import Transform
 from agent.fusion.bayes.cones import Orders
-from agent.fusion.bayes.mixture import Mixture, with_variance
+from agent.fusion.bayes.mixture import Mixture, rms_m, with_variance
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, Motion
 from agent.fusion.bayes.response import REFERENCE_BQ, response_of
 from agent.fusion.bayes.search import Grid, SearchState
@@ -42,7 +42,7 @@ class BayesState(Struct, frozen=True, eq=False):
     evidence: log likelihood of all observations with the source against none. trust: the same of the last seconds only.
     background: how strong it is against the configured one, as the search found. bias_variance: (BIAS V,) of the vehicles
     that made the search's observations; a track has its own. frames: by vehicle the estimated frame, with its epoch, that
-    brought the track's last observation of it here.
+    brought the track's last observation of it here. moments: of the track after the step, for the hypotheses until the next one.
     """
 
     search: SearchState | None = None
@@ -54,6 +54,7 @@ class BayesState(Struct, frozen=True, eq=False):
     background: float = 1.0
     bias_variance: Array | None = None
     frames: Mapping[int, tuple[int, Transform]] = {}
+    moments: tuple[Array, Array] | None = None
 
 
 class BayesEstimator:
@@ -102,7 +103,8 @@ class BayesEstimator:
         """Mean and covariance of the track at the beginning of ``step``."""
         if state.track is None:
             return None
-        mean, covariance = state.track.seen_at(self._motion, step.start_ns / _NS)
+        moments = state.moments or state.track.moments()
+        mean, covariance = state.track.moments_at(moments, self._motion, step.start_ns / _NS)
         if not math.isfinite(float(covariance.sum())):
             return None
         x, y, u, v, log_activity, *_ = mean.tolist()
@@ -147,9 +149,10 @@ class BayesEstimator:
             search = SearchState.at_first(self._grid, step.start_ns / _NS)
             return BayesState(search, cones=state.cones, x0_stamp_ns=state.x0_stamp_ns)
         reduced = state.track.reduced()
-        if reduced.rms_m > self._config.given_up_rms_m:
+        moments = reduced.moments()
+        if rms_m(moments[1], reduced.bias_variance) > self._config.given_up_rms_m:
             return self._given_up(state, reduced)
-        return state if reduced is state.track else replace(state, track=reduced)
+        return replace(state, track=reduced, moments=moments)
 
     def _given_up(self, state: BayesState, track: Mixture) -> BayesState:
         """Search on from what a track says that has become too wide."""

@@ -227,17 +227,6 @@ class Mixture(Struct, frozen=True, eq=False):
         after = Mixture(self.time_s, self.mixed_s, weight / total, mean, covariance, self.bias_variance)
         return after, most + float(np.log(total))
 
-    @property
-    def rms_m(self) -> float:
-        """Horizontal RMS of where the vehicles that were heard see the source in the mean."""
-        seeing, squares = _seeing(self.bias_variance.tobytes())
-        d, weight = len(seeing), self.weight.ravel()
-        place = self.mean.reshape(-1, d) @ seeing
-        apart = place - weight @ place
-        own = self.covariance.reshape(-1, d * d) @ squares
-        squared = float(weight @ own) + float((weight @ (apart * apart)).sum())
-        return math.sqrt(max(squared, 0.0))
-
     def reduced(self) -> Mixture:
         """Without sites of hardly any weight, and with sites that lie close together made one (of the same moments)."""
         if len(self.weight) == 1:
@@ -265,17 +254,26 @@ class Mixture(Struct, frozen=True, eq=False):
             mean[site, mode], covariance[site, mode] = _moments(self.weight[parts], self.mean[parts], self.covariance[parts])
         return replace(self, weight=weight / weight.sum(), mean=mean, covariance=covariance)
 
-    def seen_at(self, motion: Motion, time_s: float) -> tuple[Array, Array]:
-        """Mean (d,) and covariance (d, d) of all at a time that is not earlier."""
-        if time_s - self.time_s > _SHORTLY_S:
-            return self.later(motion, time_s).seen_at(motion, time_s)
+    def moments(self) -> tuple[Array, Array]:
+        """Mean (d,) and covariance (d, d) of all."""
         d = self.mean.shape[-1]
-        mean, covariance = _moments(self.weight.ravel(), self.mean.reshape(-1, d), self.covariance.reshape(-1, d, d))
+        return _moments(self.weight.ravel(), self.mean.reshape(-1, d), self.covariance.reshape(-1, d, d))
+
+    def moments_at(self, moments: tuple[Array, Array], motion: Motion, time_s: float) -> tuple[Array, Array]:
+        """What its ``moments`` are at a time that is not earlier."""
+        if time_s - self.time_s > _SHORTLY_S:
+            return self.later(motion, time_s).moments()
+        mean, covariance = moments[0].copy(), moments[1].copy()
         dt_s = max(0.0, time_s - self.time_s)  # too short for the velocity to change
         mean[:2] += dt_s * mean[2:4]
         covariance[:2] += dt_s * covariance[2:4]
         covariance[:, :2] += dt_s * covariance[:, 2:4]
         return mean, covariance
+
+
+def rms_m(covariance: Array, bias_variance: Array) -> float:
+    """Horizontal RMS of where the vehicles that were heard see the source in the mean, by the covariance (d, d) of a track."""
+    return math.sqrt(max(float(covariance.ravel() @ _seeing(bias_variance.tobytes())), 0.0))
 
 
 def with_variance(bias_variance: Array, vehicle: int, variance: tuple[float, ...]) -> Array:
@@ -295,14 +293,14 @@ def _shares(bias_variance: Array) -> Array:
 
 
 @lru_cache(maxsize=256)
-def _seeing(biases: bytes) -> tuple[Array, Array]:
-    """Where the vehicles that were heard see a source in the mean, by its state: (d, 2), and that by itself, summed, (d d,)."""
+def _seeing(biases: bytes) -> Array:
+    """(d d,): what the parts of a state's covariance count in that of where the heard vehicles see the source in the mean."""
     bias_variance = np.frombuffer(biases)
     seeing, share = np.zeros((BIASES + len(bias_variance), 2)), _shares(bias_variance)
     for axis in (0, 1):
         seeing[axis, axis] = 1.0
         seeing[BIASES + axis :: BIAS, axis] = share
-    return seeing, (seeing @ seeing.T).ravel()
+    return (seeing @ seeing.T).ravel()
 
 
 def _moments(weight: Array, mean: Array, covariance: Array) -> tuple[Array, Array]:
