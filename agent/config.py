@@ -115,11 +115,11 @@ class BayesEstimatorConfig(_Section, frozen=True, kw_only=True):
     activity_bq: tuple[Activity, Activity] = (3e7, 3e10)
     activity_levels: Annotated[int, Meta(ge=2, le=64)] = 8
     velocity_mps: Positive = 0.7  # 1 sigma of each axis of a source that moves
-    velocity_s: Positive = 120.0  # correlation time of that velocity
+    velocity_s: Positive = 300.0  # correlation time of that velocity
     fast_velocity_mps: Positive = 2.0  # the same of one that moves fast
     fast_velocity_s: Positive = 5.0
     hurry_ps: Positive = 0.003  # rate at which a moving source becomes a fast one, or a fast one slow
-    switch_ps: Positive = 0.0005  # rate at which one at rest begins to move, or a moving one stops
+    switch_ps: Positive = 0.0003  # rate at which one at rest begins to move, or a moving one stops
     bias_drift_m: NonNegative = 0.03  # by which a vehicle's position error wanders in a second (as the root of the time)
     bias_yaw_drift_deg: NonNegative = 0.3
     gain_sigma: NonNegative = 0.05  # relative, of what a camera counts against the others
@@ -156,7 +156,7 @@ class DetectionConfig(_Section, frozen=True, kw_only=True):
     """What counts as a cone: energies in keV, cluster sizes in pixels, times in ns."""
 
     energy_window: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.2  # of the line's energy, each side
-    minimum_pixels: Annotated[int, Meta(ge=2, le=1000)] = 15  # of both clusters together
+    minimum_pixels: Annotated[int, Meta(ge=2, le=1000)] = 6  # of both clusters together (paper: 15)
     minimum_photon_kev: NonNegative | None = None  # of a cone; none: what the line's kinematics allow, less 10 keV (Cs-137: 174)
     maximum_electron_kev: Positive | None = None  # of a cone; none: the line's Compton edge (Cs-137: 477)
     cluster_threshold_kev: NonNegative = 5.0

@@ -5,9 +5,9 @@ Tichavsky, Muravchik, Nehorai, "Posterior Cramer-Rao bounds for discrete-time no
 obeys P_k|k-1 = F P_k-1 F' + Q, P_k = (P_k|k-1^-1 + G_k)^-1.
 
 State: x, y, vx, vy of the source, the logarithm of its activity, and the errors (x, y, yaw) of every vehicle's localisation.
-What is measured: counts (Poisson) and cones, their order unknown, by ``sim.information``, seen from the true places. Known are
-the line, the areas, the background, the kind of the source's motion, and how large the localisation's errors are; nothing of the
-activity. G is taken at the truth of this one flight, not on average over flights. Tilt, clocks, gains and shadows do not enter.
+What is measured: counts (Poisson) and the cones that the mission selects, their order unknown, by ``sim.information``, seen from
+the true places. Known are the line, the areas, the background, the kind of the source's motion, and how large the localisation's
+errors are; nothing of the activity. G is taken at the truth of this one flight, not on average over flights. Tilt, clocks, gains and shadows do not enter.
 
 Motion: a source that rests has no noise. One that moves has the Ornstein-Uhlenbeck velocity of the same variance and time of
 turning: for ``circle`` v^2 / 2 along each axis and radius / v; for ``wander`` see ``_wandering``. Such a source could go
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import erf
 
-from sim.information import camera_of
+from sim.information import Camera, camera_of
 from sim.localization import LocalizationTruth
 from sim.radiation.truth import CameraTruth
 from sim.scenario import SourceTruth
@@ -75,6 +75,7 @@ class Bound:
 def bound_of(
     source: SourceTruth,
     camera: CameraTruth,
+    minimum_pixels: int,
     localization: LocalizationTruth,
     sides_m: tuple[float, float],
     time_s: Array,
@@ -85,6 +86,7 @@ def bound_of(
 
     Args:
         source, camera, localization: the truth.
+        minimum_pixels: of the events that are taken for cones.
         sides_m: of the area in which the source may be.
         time_s: (T,) evenly spaced.
         position_m: (T, N, 3) of the vehicles.
@@ -94,7 +96,8 @@ def bound_of(
     block = max(1, round(STEP_S / sample_s))
     steps = len(time_s) // block
     used = slice(0, steps * block)
-    information = _information(source, camera, position_m[used], source_m[used]) * sample_s
+    counting = camera_of(camera, source.nuclide, minimum_pixels)
+    information = _information(counting, source.activity_bq, position_m[used], source_m[used]) * sample_s
     information = information.reshape(steps, block, *information.shape[1:]).sum(axis=1)
     model = _Model.of(source, localization, position_m.shape[1], sides_m, sample_s * block)
     gained = np.einsum("nia,knij,njb->kab", model.seen, information, model.seen)
@@ -175,14 +178,13 @@ def _wandering(source: SourceTruth) -> tuple[float, float]:
     return source.speed_mps**2 * (1.0 + s + s * s) / 6.0, 2.0 * mean_s / spread
 
 
-def _information(source: SourceTruth, camera: CameraTruth, position_m: Array, source_m: Array) -> Array:
+def _information(camera: Camera, activity_bq: float, position_m: Array, source_m: Array) -> Array:
     """(T, N, 4, 4): Fisher information per second of each camera about x, y, log activity and heading as its vehicle has them."""
-    counting = camera_of(camera, source.nuclide)
     line = source_m[:, None, :] - position_m
     distance = np.maximum(np.linalg.norm(line, axis=2), 0.1)
     unit = line / distance[..., None]
     result = np.zeros((*distance.shape, 4, 4))
-    far, both, strength = counting.counts(source.activity_bq, distance)
+    far, both, strength = camera.counts(activity_bq, distance)
     along = unit[..., :2]
     result[..., :2, :2] = far[..., None, None] * along[..., :, None] * along[..., None, :]
     result[..., :2, 2] = result[..., 2, :2] = both[..., None] * along
@@ -191,7 +193,7 @@ def _information(source: SourceTruth, camera: CameraTruth, position_m: Array, so
     turns = np.zeros((*distance.shape, 3, 3))
     turns[..., :2] = (np.eye(3) - unit[..., :, None] * unit[..., None, :])[..., :2] / distance[..., None, None]
     turns[..., 0, 2], turns[..., 1, 2] = -unit[..., 1], unit[..., 0]
-    cones = counting.cones(source.activity_bq, distance)[..., None, None] * (np.swapaxes(turns, -1, -2) @ turns)
+    cones = camera.cones(activity_bq, distance)[..., None, None] * (np.swapaxes(turns, -1, -2) @ turns)
     rows, columns = np.ix_((0, 1, 3), (0, 1, 3))
     result[..., rows, columns] += cones
     return result

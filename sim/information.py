@@ -22,7 +22,8 @@ from sim.radiation.truth import CameraTruth
 Array = NDArray[np.float64]
 
 WINDOW = 0.1  # relative to the line: so near to it an event has all of the photon's energy
-USABLE = 0.5  # of the two-cluster events of full energy: 0.53 mm2 of usable cones (reference, table) of the bank's 1.05
+# Of the two-cluster events of full energy, 0.53 mm2 are usable cones (reference, table) of the bank's 1.05; for cones of so many pixels.
+USABLE, USABLE_PIXELS = 0.5, 15
 CONE_BACKGROUND_PS = 0.005  # coincidences in the energy window (reference, "Detector")
 ASTRAY = 0.12  # share of the source's cones that do not point to it (reference, "Beyond")
 _ASTRAY = (ASTRAY, 0.2, 0.4, 0.6, 0.8, 0.95)  # with those of the background
@@ -77,13 +78,16 @@ class Camera:
         return result
 
 
-def camera_of(truth: CameraTruth, nuclide: str) -> Camera:
-    """What a camera counts of a nuclide. Takes the bank from its store, a moment later from memory."""
-    return _camera(truth, nuclide)
+def camera_of(truth: CameraTruth, nuclide: str, minimum_pixels: int) -> Camera:
+    """What a camera counts of a nuclide, whose cones have so many pixels at least.
+
+    Takes the bank from its store, a moment later from memory.
+    """
+    return _camera(truth, nuclide, minimum_pixels)
 
 
 @cache
-def _camera(truth: CameraTruth, name: str) -> Camera:
+def _camera(truth: CameraTruth, name: str, minimum_pixels: int) -> Camera:
     lines = np.array([energy for energy, _ in nuclide_of(name).lines])
     bank = load_bank(name, truth)
     areas = _mean_area(bank)
@@ -92,7 +96,7 @@ def _camera(truth: CameraTruth, name: str) -> Camera:
     return Camera(
         full_mm2=full,
         other_mm2=float(areas.sum()) - full,
-        cones_mm2=USABLE * float(areas[COMPLETE]),
+        cones_mm2=USABLE * _share_so_large(bank, minimum_pixels) / _share_so_large(bank, USABLE_PIXELS) * float(areas[COMPLETE]),
         full_ps=truth.background_hits_per_s * background,
         other_ps=truth.background_hits_per_s * (1.0 - background),
         scatter_near=truth.scatter_near,
@@ -116,6 +120,13 @@ def _mean_area(bank: EventBank) -> Array:
     weight = np.sqrt(1.0 - z * z) / columns[row]
     result: Array = weight @ bank.area_mm2[:DIRECTION_BINS] / weight.sum()
     return result
+
+
+def _share_so_large(bank: EventBank, pixels: int) -> float:
+    """Share of the complete events, from all directions alike, that have so many pixels at least."""
+    events = np.repeat(np.arange(bank.count.size), bank.count.ravel())
+    bins, kind = np.divmod(events, KINDS)
+    return float(np.mean(np.diff(bank.first)[(bins < DIRECTION_BINS) & (kind == COMPLETE)] >= pixels))
 
 
 def _full_shares(bank: EventBank, lines_kev: Array) -> tuple[Array, float]:

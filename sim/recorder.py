@@ -256,6 +256,7 @@ class Recorder:
         return bound_of(
             truth.source,
             truth.camera,
+            self._mission.detection.minimum_pixels,
             truth.localization,
             (east - west, north - south),
             np.array([row.time_s for row in rows]),

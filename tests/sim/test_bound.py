@@ -31,7 +31,7 @@ def circled(
     phase = 3.0 / radius_m * time_s[:, None] + 2.0 * np.pi * np.arange(vehicles) / vehicles
     position = place[:, None] + np.stack((radius_m * np.cos(phase), radius_m * np.sin(phase), np.full(phase.shape, 3.0)), axis=2)
     kind = SourceTruth(activity_bq=activity_bq, motion="circle" if moving else "static", speed_mps=float(moving))
-    return bound_of(kind, CameraTruth(), errors, AREA_M, time_s, position, place)
+    return bound_of(kind, CameraTruth(), 15, errors, AREA_M, time_s, position, place)
 
 
 def medians(bound: Bound) -> tuple[float | None, float | None]:
@@ -98,7 +98,7 @@ def test_the_median_of_a_gaussian_error() -> None:
 
 def test_rates_are_those_of_the_reference() -> None:
     """One camera at 3 GBq and 12 m: 20 hits/s and 0.67 cones/s; ours: 19.2 that come straight, and 0.66."""
-    camera = camera_of(CameraTruth(), "Cs-137")
+    camera = camera_of(CameraTruth(), "Cs-137", 15)
     photons = 3e9 / (4e6 * np.pi * 12.0**2) * np.exp(-camera.air_per_m * 12.0)
     assert (camera.full_mm2 + camera.other_mm2) * photons == pytest.approx(20.0, rel=0.05)
     assert camera.cones_mm2 * photons == pytest.approx(0.67, rel=0.05)
@@ -107,7 +107,7 @@ def test_rates_are_those_of_the_reference() -> None:
 
 def test_the_information_of_the_counts_is_that_of_poisson_counts() -> None:
     """By finite differences of the expected counts: (dS/dz)^2 / (S + B) for each channel."""
-    camera = camera_of(CameraTruth(), "Cs-137")
+    camera = camera_of(CameraTruth(), "Cs-137", 15)
 
     def expected(distance_m: float, log_activity: float) -> np.ndarray:
         photons = np.exp(log_activity) / (4e6 * np.pi * distance_m**2) * np.exp(-camera.air_per_m * distance_m)
