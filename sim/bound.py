@@ -7,7 +7,8 @@ obeys P_k|k-1 = F P_k-1 F' + Q, P_k = (P_k|k-1^-1 + G_k)^-1.
 State: x, y, vx, vy of the source, the logarithm of its activity, and the errors (x, y, yaw) of every vehicle's localisation.
 What is measured: counts (Poisson) and the cones that the mission selects, their order unknown, by ``sim.information``, seen from
 the true places. Known are the line, the areas, the background, the kind of the source's motion, and how large the localisation's
-errors are; nothing of the activity. G is taken at the truth of this one flight, not on average over flights. Tilt, clocks, gains and shadows do not enter.
+errors are; nothing of the activity. G is taken at the truth of this one flight, not on average over flights. Tilt, clocks, gains
+and shadows do not enter.
 
 Motion: a source that rests has no noise. One that moves has the Ornstein-Uhlenbeck velocity of the same variance and time of
 turning: for ``circle`` v^2 / 2 along each axis and radius / v; for ``wander`` see ``_wandering``. Such a source could go

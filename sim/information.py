@@ -22,7 +22,8 @@ from sim.radiation.truth import CameraTruth
 Array = NDArray[np.float64]
 
 WINDOW = 0.1  # relative to the line: so near to it an event has all of the photon's energy
-# Of the two-cluster events of full energy, 0.53 mm2 are usable cones (reference, table) of the bank's 1.05; for cones of so many pixels.
+# Of the two-cluster events of full energy, 0.53 mm2 are usable cones (reference, table) of the bank's 1.05, where these must have
+# 15 pixels.
 USABLE, USABLE_PIXELS = 0.5, 15
 CONE_BACKGROUND_PS = 0.005  # coincidences in the energy window (reference, "Detector")
 ASTRAY = 0.12  # share of the source's cones that do not point to it (reference, "Beyond")

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from shapely import Point, Polygon
 
+from agent.config import DetectionConfig
 from agent.errors import ConfigError
 from sim.localization import LocalizationTruth
 from sim.scenario import load_scenario, override, shipped
@@ -36,12 +37,13 @@ def test_solo_and_swarm_differ_in_the_number_of_drones():
 
 
 @pytest.mark.parametrize("kind", ["static-solo", "static-swarm", "moving-solo", "moving-swarm"])
-def test_ideal_scenarios_are_the_papers_but_for_the_poses_and_who_estimates(kind):
+def test_ideal_scenarios_are_the_papers_but_for_the_poses_the_smallest_cones_and_who_estimates(kind):
     paper, ideal = load_scenario(f"paper-{kind}"), load_scenario(f"ideal-{kind}")
     perfect = LocalizationTruth(horizontal_m=0, vertical_m=0, height_m=0, yaw_deg=0, tilt_deg=0, velocity_mps=0)
     assert ideal.localization == perfect
     assert ideal.end.lost == "error"
-    mission = override(paper, {"mission.fusion.estimator": "bayes"}).mission
+    mission = override(paper, {"mission.fusion.estimator": "bayes", "mission.detection.minimum_pixels": 6}).mission
+    assert mission.detection == DetectionConfig()
     same = {"name": ideal.name, "description": ideal.description, "localization": perfect, "end": ideal.end}
     assert ideal == msgspec.structs.replace(paper, mission=mission, **same)
 

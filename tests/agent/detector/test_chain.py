@@ -42,7 +42,8 @@ def test_a_coincidence_becomes_a_cone(blob, make_hits):
     ("first", "second", "counts"),
     [
         ((300.0, 9), (200.0, 9), (2, 0, 1, 0)),  # not the line's energy
-        ((300.0, 5), (361.66, 6), (2, 1, 1, 0)),  # too few hits
+        ((300.0, 2), (361.66, 3), (2, 1, 1, 0)),  # too few hits
+        ((300.0, 3), (361.66, 3), (2, 1, 1, 1)),
         ((60.0, 6), (601.66, 12), (2, 1, 1, 1)),  # the lower one can only be the electron
         ((661.66, 20), None, (1, 1, 0, 0)),
         ((4.5, 1), None, (0, 0, 0, 0)),  # below the threshold
