@@ -25,6 +25,11 @@ class GridStep(Struct, frozen=True):
     start_ns: int
     end_ns: int
 
+    @property
+    def middle_ns(self) -> int:
+        """Half-way."""
+        return (self.start_ns + self.end_ns) // 2
+
 
 def _horizontal_rms_m(covariance: NDArray[np.float64]) -> float:
     return math.sqrt(max(0.0, float(covariance[0, 0] + covariance[1, 1])))

@@ -100,18 +100,18 @@ class BayesEstimator:
         return 4 + observations * (_TRACK_UNITS if state.track is not None else _SEARCH_UNITS)
 
     def hypothesis(self, state: BayesState, step: GridStep) -> Hypothesis | None:
-        """Mean and covariance of the track at the beginning of ``step``."""
+        """Mean and covariance of the track in the middle of ``step``; now lies anywhere in it."""
         if state.track is None:
             return None
         moments = state.moments or state.track.moments()
-        mean, covariance = state.track.moments_at(moments, self._motion, step.start_ns / _NS)
+        mean, covariance = state.track.moments_at(moments, self._motion, step.middle_ns / _NS)
         if not math.isfinite(float(covariance.sum())):
             return None
         x, y, u, v, log_activity, *_ = mean.tolist()
         activity = math.exp(log_activity) * REFERENCE_BQ
         east, north = rise = self._ground.slope(x, y)
         return Hypothesis(
-            stamp_ns=step.start_ns,
+            stamp_ns=step.middle_ns,
             position=np.array((x, y, self._ground.height_m(x, y))),
             covariance=_on_ground(covariance[:2, :2], rise),
             velocity=np.array((u, v, u * east + v * north)),
