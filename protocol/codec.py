@@ -84,7 +84,7 @@ def _as_written(kind: str, payload: bytes) -> AnyMessage | None:
     _check_size(payload)
     try:
         message = _READERS[KINDS[kind]].decode(payload)
-    except (msgspec.DecodeError, RecursionError, OverflowError):
+    except (msgspec.DecodeError, ValueError, RecursionError, OverflowError):  # ValueError: text that is not UTF-8
         return None
     if _WRITER.encode(message) != payload:
         return None

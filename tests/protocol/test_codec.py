@@ -168,8 +168,16 @@ def test_mutated_bytes_are_read_or_refused(data: st.DataObject, message: Message
         place = data.draw(st.integers(0, len(payload)))
         cut = data.draw(st.integers(0, 3))
         payload[place : place + cut] = data.draw(st.binary(max_size=4))
+    read = None
     with contextlib.suppress(ProtocolError):
-        assert isinstance(decode(bytes(payload)), Message)
+        read = decode(bytes(payload))
+        assert isinstance(read, Message)
+    key = key_of("swarm-1", message)
+    if read is not None and key_of("swarm-1", read) == key:
+        assert decode_from(key, bytes(payload)) == read
+    else:
+        with pytest.raises(ProtocolError):
+            decode_from(key, bytes(payload))
 
 
 @settings(max_examples=300, deadline=None)
