@@ -24,8 +24,12 @@ BIN_DEG = 2.0
 _ROWS = round(180.0 / BIN_DEG)
 _INTERACTIONS = 2500  # per bin
 _QUOTA = (96, 48, 128)  # kept of them: single, scattered, complete
-_ISOTROPIC_INTERACTIONS = 12000
-_ISOTROPIC_QUOTA = (4000, 600, 600)
+# In front, where a camera that faces the source has it all the time: so many that a flight hardly meets one twice.
+_FRONT_ROWS = round(40.0 / BIN_DEG)
+_FRONT_INTERACTIONS = 40_000
+_FRONT_QUOTA = (1000, 400, 2200)
+_ISOTROPIC_INTERACTIONS = 200_000
+_ISOTROPIC_QUOTA = (20_000, 10_000, 10_000)
 _OCTANT = 0.25 * math.pi
 
 Progress = Callable[[int, int], None]
@@ -102,9 +106,11 @@ def build_bank(
     rng = np.random.default_rng(seed)
     parts: list[Events] = []
     for b, window in enumerate(_windows()):
-        interactions = _INTERACTIONS if only is None or b in only else 0
+        front = b < _ROW_START[_FRONT_ROWS]
+        interactions = (_FRONT_INTERACTIONS if front else _INTERACTIONS) if only is None or b in only else 0
+        quota = _FRONT_QUOTA if front else _QUOTA
         cosine, azimuth = window
-        parts.append(simulate(nuclide.lines, interactions, camera, rng, cosine=cosine, azimuth=azimuth, quota=_QUOTA))
+        parts.append(simulate(nuclide.lines, interactions, camera, rng, cosine=cosine, azimuth=azimuth, quota=quota))
         if progress is not None and b % 10 == 0:
             progress(b, DIRECTION_BINS)
     for lines in (scattered_lines(nuclide), background_lines()):

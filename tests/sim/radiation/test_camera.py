@@ -3,6 +3,9 @@ import math
 import numpy as np
 import pytest
 
+from agent.config import DetectionConfig
+from agent.detector.calibration import Calibration
+from agent.detector.chain import DetectorChain
 from agent.detector.readout import Readout
 from agent.errors import ConfigError
 from sim.radiation import camera as camera_module
@@ -135,3 +138,14 @@ def test_too_many_hits_are_lost_and_reported() -> None:
 def test_an_unknown_nuclide() -> None:
     with pytest.raises(ConfigError, match="known are"):
         Camera(CameraTruth(), "Xx-1", np.random.default_rng(1), 0)
+
+
+def test_a_flight_hardly_meets_an_event_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three minutes in front of a source: what comes again and again, an estimator would take for what the source is like."""
+    monkeypatch.setattr(camera_module, "load_bank", lambda name, truth: partial_bank(name, 25.0))
+    camera = Camera(CameraTruth(), "Cs-137", np.random.default_rng(4), 0)
+    chain = DetectorChain(DetectionConfig(), "Cs-137", Calibration.nominal())
+    ahead = SourceView(direction(25.0, 0.3), 7.0, 3e9)
+    cones = [cone for readout in expose(camera, 180.0, ahead) for cone in chain.process(readout).cones]
+    assert len(cones) > 400
+    assert len({(cone.energies_kev, cone.separation_mm) for cone in cones}) > 0.85 * len(cones)
