@@ -64,7 +64,9 @@ def _entries(mission: MissionConfig) -> list[Entry]:
             away = SOURCE - places[len(places) // 2]
             distance = float(np.linalg.norm(away))
             fluence = 3.0 * response.flux(np.array(distance))
-            counts = rng.poisson((response.signal(fluence, np.array(distance)) + response.background_ps) * EXPOSURE_S)
+            partial, full = rng.poisson(
+                (response.signal(fluence, np.array(distance)) + response.background_ps) * EXPOSURE_S
+            ).tolist()
             poses = tuple(PoseSample(round(k * 1e8), tuple(p.tolist()), (1.0, 0.0, 0.0, 0.0)) for k, p in enumerate(places))
             entries.append(
                 Exposure(
@@ -73,7 +75,7 @@ def _entries(mission: MissionConfig) -> list[Entry]:
                     sequence=100_000 + number,
                     end_ns=stamp_ns + round(EXPOSURE_S * 1e9),
                     live_time_s=EXPOSURE_S,
-                    counts=Counts(*counts.tolist()),
+                    counts=Counts(hits=partial + full, photopeak=full, coincidences=0),
                     poses=poses,
                     position_sigma_m=0.1,
                     yaw_sigma_rad=0.01,

@@ -10,18 +10,31 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Powers to which the likelihoods of the channels are taken. While it is not known from which side the photons come, hits count
-# for less: cameras see 14 % fewer from the edge, and many are of scattered photons.
-TRACK_TRUST: Array = np.array([1.0, 1.0, 1.0])
-SEARCH_TRUST: Array = np.array([0.3, 1.0, 1.0])
+# Powers to which the likelihoods of the channels are taken. While it is not known from which side the photons come, events of
+# less than a photon's energy count for less: cameras see 14 % fewer from the edge, and many are of scattered photons.
+TRACK_TRUST: Array = np.array([1.0, 1.0])
+SEARCH_TRUST: Array = np.array([0.3, 1.0])
 MODEL_VARIANCE = 0.03**2  # of the logarithm of a camera's rate, in each exposure: its area differs a little from side to side
 _LARGEST_SHIFT = 1.5  # of one round
 _SETTLED = 1e-3
+_LARGEST_VARIANCE = 10.0
 
 
 def log_nothing(counts: Array, background: Array, trust: Array) -> Array:
-    """Log likelihood (...) of counts (3,) of a background (..., 3) alone, but for terms that are the same for every source."""
+    """Log likelihood (...) of counts (2,) of a background (..., 2) alone, but for terms that are the same for every source."""
     result: Array = (counts * np.log(background) - background) @ trust
+    return result
+
+
+def surprise(counts: Array, expected: Array, background: Array, variance: Array) -> Array:
+    """(...): square of how far all counts together are off what was expected, in units of what both may vary; as for fit_rate.
+
+    Of the counts themselves, not of the fit: the better a track is known, the less it is moved by counts that do not fit.
+    """
+    signal = expected.sum(axis=-1)
+    mean = signal + background.sum()
+    off = counts.sum() - mean
+    result: Array = off * off / (mean + signal * signal * np.expm1(np.minimum(variance, _LARGEST_VARIANCE)))
     return result
 
 
@@ -31,11 +44,11 @@ def fit_rate(
     """Fit the factor e^z by which a source counts more than expected, where z ~ N(0, variance) beforehand.
 
     Args:
-        counts: (3,) what was counted.
-        expected: (..., 3) signal for z = 0.
-        background: (3,) or more axes, to which the others are broadcast.
+        counts: (2,) what was counted, by the channels of Response.
+        expected: (..., 2) signal for z = 0.
+        background: (2,) or more axes, to which the others are broadcast.
         variance: (...) of z before the counts.
-        trust: (3,).
+        trust: (2,).
         rounds: of Fisher scoring, at most.
 
     Returns:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from agent.frames.transform import Vector3
 from agent.fusion.bayes.cones import ASTRAY, Orders
-from agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TRUST, fit_rate, log_nothing
+from agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TRUST, fit_rate, log_nothing, surprise
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEADING, Motion
 from agent.fusion.bayes.response import NEAREST_M, Response
 from agent.ground import Ground
@@ -30,7 +30,7 @@ _MIX_S = 1.0  # the modes are mixed this often
 _LEAST_WEIGHT = 1e-4  # relative to the heaviest site
 _NEAR = 0.5  # sites nearer than this share of their sigma are one
 _NEAREST_SINE = 1e-3
-_FAR_OFF = 5.0  # by so many sigmas of what was expected of the rate, counts do not fit
+_FAR_OFF = 5.0  # by so many sigmas of what was expected, counts do not fit
 _SHORTLY_S = 0.6
 
 
@@ -124,11 +124,11 @@ class Mixture(Struct, frozen=True, eq=False):
         counts: Array,
         age_s: float,
     ) -> tuple[Mixture, float] | None:
-        """After an exposure of a vehicle (by its place among the biases) with counts (3,) at a position (mission frame).
+        """After an exposure of a vehicle (by its place among the biases) with counts (2,) at a position (mission frame).
 
-        background: (3,) expected. age_s: how long before ``time_s`` the exposure's middle was. Also returns the log likelihood
+        background: (2,) expected. age_s: how long before ``time_s`` the exposure's middle was. Also returns the log likelihood
         against there being no source. The logarithm of the rate is linear in the state near each mean; along that direction the
-        counts are fitted. None where they do not fit at all: a noisy pixel, a burst, or a track that is wrong.
+        counts are fitted. None where they do not fit at all: a noisy pixel, a burst, a dead camera, or a track that is wrong.
         """
         sight = self._seen_from(ground, vehicle, position, age_s)
         distance = sight.distance
@@ -140,9 +140,9 @@ class Mixture(Struct, frozen=True, eq=False):
         variance = np.maximum(np.vecdot(gain, gradient), 0.0) + MODEL_VARIANCE
         strength = np.exp(self.mean[..., ACTIVITY] + self.mean[..., BIASES + BIAS * vehicle + GAIN])
         expected = response.signal(response.flux(distance) * strength * live_time_s, distance)
-        shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TRUST, _ROUNDS)
-        if float((self.weight * shift * shift / variance).sum()) > _FAR_OFF**2:
+        if float((self.weight * surprise(counts, expected, background, variance)).sum()) > _FAR_OFF**2:
             return None
+        shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TRUST, _ROUNDS)
         mean = self.mean + gain * (shift / variance)[..., None]
         shrink = (1.0 - after / variance) / variance
         covariance = self.covariance - (shrink[..., None] * gain)[..., :, None] * gain[..., None, :]

@@ -47,35 +47,34 @@ class Channel:
 class Response:
     """What a camera counts of one nuclide in the chain of agent.detector, configured as by default.
 
-    photons_per_decay: of all lines above 100 keV; air_per_m: the mean of their attenuations. channels: as ``apart`` has them;
-    full-energy events are those in the window of any of the nuclide's lines. cones: events that became one.
+    photons_per_decay: of all lines above 100 keV; air_per_m: the mean of their attenuations. channels: events with less than a
+    photon's energy, and those in the window of any of the nuclide's lines. cones: events that became one.
     """
 
     nuclide: str
     photons_per_decay: float
     air_per_m: float
-    channels: tuple[Channel, Channel, Channel]
+    channels: tuple[Channel, Channel]
     cones: Channel
 
     @staticmethod
     def apart(counts: Array) -> Array:
-        """Counts (3,) of an exposure (hits, full-energy events, coincidences) as channels that vary nearly independently:
-        the hits that are neither, full-energy events, coincidences.
+        """Counts (3,) of an exposure (hits, full-energy events, coincidences) by channels: each event is in one of them.
 
-        A full-energy event is one hit, a coincidence two, so that hits by themselves vary by a quarter more than Poisson's,
-        together with the others. Coincidences of full energy, a third of both, stay in both.
+        A full-energy event is one hit or a coincidence, and a coincidence is two hits. Hits by themselves vary by a quarter more
+        than Poisson's; taken for independent, the three would tell twice as much as there is.
         """
         hits, photopeak, coincidences = counts.tolist()
-        return np.array([max(hits - photopeak - coincidences, 0.0), photopeak, coincidences])
+        return np.array([max(hits - photopeak - coincidences, 0.0), photopeak])
 
     @cached_property
     def background_ps(self) -> Array:
-        """(3,) counts per second of the channels without a source."""
+        """(2,) counts per second of the channels without a source."""
         return np.array([channel.background_ps for channel in self.channels])
 
     @cached_property
     def _terms(self) -> tuple[Array, Array, Array]:
-        """Areas, direct and scattered parts of the channels, (3,) each."""
+        """Areas, direct and scattered parts of the channels, (2,) each."""
         area_mm2, direct, scattered = np.array([(c.area_mm2, c.direct, c.scattered) for c in self.channels]).T
         return area_mm2, direct, scattered
 
@@ -96,7 +95,7 @@ class Response:
         return result
 
     def signal(self, fluence: Array, distance_m: Array) -> Array:
-        """Expected counts (..., 3) of the channels from photons per mm2 (...) that came from a distance (...)."""
+        """Expected counts (..., 2) of the channels from photons per mm2 (...) that came from a distance (...)."""
         area_mm2, direct, scattered = self._terms
         depth = self.air_per_m * distance_m
         result: Array = area_mm2 * (direct + scattered * depth[..., None]) * fluence[..., None]
@@ -105,8 +104,8 @@ class Response:
 
 def _response(nuclide: str, photons_per_decay: float, air_per_m: float, *rows: tuple[float, float, float, float]) -> Response:
     hits, photopeak, coincidences, cones = (Channel(*row) for row in rows)
-    other = hits.less(photopeak).less(coincidences)
-    return Response(nuclide, photons_per_decay, air_per_m, (other, photopeak, coincidences), cones)
+    partial = hits.less(photopeak).less(coincidences)
+    return Response(nuclide, photons_per_decay, air_per_m, (partial, photopeak), cones)
 
 
 # As printed by ``python -m benchmarks.channel_response --events 400000 Cs-137 Co-60 I-131 Ir-192 Na-22``: hits, photopeak,

@@ -124,13 +124,13 @@ class SearchState:
         return replace(self, time_s=time_s, weight=np.stack(modes))
 
     def after_counts(self, grid: Grid, response: Response, position: Vector3, live_time_s: float, counts: Array) -> SearchState:
-        """After an exposure at a place (mission frame) with counts (3,)."""
+        """After an exposure at a place (mission frame) with counts (2,)."""
         far = _seen_from(grid, position)[0]
         distance = np.geomspace(float(far.min()) * 0.999, float(far.max()) * 1.001, _DISTANCES)
         fluence = response.flux(distance) * np.exp(grid.log_activity)[:, None] * live_time_s
         # What a cell leaves open: its activities, and its places, which differ in distance.
         spread = grid.activity_variance + (2.0 * grid.cell_m / np.maximum(distance, grid.cell_m)) ** 2 / 12.0
-        background = grid.background[:, None] * (response.background_ps * live_time_s)  # (B, 3)
+        background = grid.background[:, None] * (response.background_ps * live_time_s)  # (B, 2)
         alone = log_nothing(counts, background, SEARCH_TRUST)  # (B,)
         _, _, table = fit_rate(
             counts,

@@ -45,7 +45,8 @@ def entries_of(kit, mission, rng, seconds):
             place = above(SOURCE[0] + radius * math.cos(angle), SOURCE[1] + radius * math.sin(angle))
             distance = float(np.linalg.norm(place - SOURCE))
             flux = 2e9 * 0.851 / (4e6 * math.pi * distance**2) * math.exp(-0.0093 * distance)
-            counts = Counts(*rng.poisson((np.array([20.0, 2.9, 2.0]) * flux + (1.5, 0.03, 0.01)) * 0.5).tolist())
+            single, full, pairs = rng.poisson((np.array([13.1, 2.9, 2.0]) * flux + (1.45, 0.03, 0.01)) * 0.5).tolist()
+            counts = Counts(hits=single + full + 2 * pairs, photopeak=full, coincidences=pairs)
             exposure = kit.exposure_entry(mission, number * 0.5, place, drone=drone, sequence=10 * number, duration_s=0.5)
             entries.append(msgspec.structs.replace(exposure, counts=counts))
             for k in range(int(rng.poisson(0.55 * flux * 0.5))):
