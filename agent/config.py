@@ -112,8 +112,8 @@ class BayesEstimatorConfig(_Section, frozen=True, kw_only=True):
     """Parameters of the Bayesian estimator: what is held possible of the source beforehand, and of the vehicles' poses."""
 
     grid_s: Annotated[float, Meta(ge=0.05, le=1.0)] = 0.1
-    activity_bq: tuple[Activity, Activity] = (3e7, 3e10)
-    activity_levels: Annotated[int, Meta(ge=2, le=64)] = 8
+    activity_bq: tuple[Activity, Activity] = (3e7, 3e12)  # up to what is lost of industrial radiography and teletherapy
+    activity_levels: Annotated[int, Meta(ge=2, le=64)] = 12
     velocity_mps: Positive = 0.7  # 1 sigma of each axis of a source that moves
     velocity_s: Positive = 300.0  # correlation time of that velocity
     fast_velocity_mps: Positive = 2.0  # the same of one that moves fast

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import correlate1d, gaussian_filter
 from shapely import Polygon, contains_xy
 
 from agent.config import BayesEstimatorConfig
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 Weights = NDArray[np.float32]  # there are many of them, and every checkpoint has its own
 
 _MOVE_S = 0.5  # motion is carried out in steps of at least so long
+_NARROW = 0.5  # in cells squared; a kernel of three has a variance of 1 at most
 _LONGEST_MOVE_S = 60.0  # and counts for so long at most: a stamp may be years off
 _OUTLIERS = 0.01  # share of exposures that say nothing: a noisy pixel, a burst; one of them alone makes no source
 _TINY = 1e-30
@@ -119,8 +120,7 @@ class SearchState:
         dt_s = min(dt_s, _LONGEST_MOVE_S)
         modes = [self.weight[0]]
         for weight, diffusion_m2ps in zip(self.weight[1:], grid.diffusion_m2ps, strict=True):
-            blur = (diffusion_m2ps * dt_s) ** 0.5 / grid.cell_m
-            modes.append(gaussian_filter(weight, (0.0, blur, blur), mode="reflect", truncate=3.0))
+            modes.append(_blurred(weight, diffusion_m2ps * dt_s / grid.cell_m**2))
         return replace(self, time_s=time_s, weight=np.stack(modes))
 
     def after_counts(self, grid: Grid, response: Response, position: Vector3, live_time_s: float, counts: Array) -> SearchState:
@@ -204,6 +204,17 @@ class SearchState:
         possible = np.flatnonzero(odds > _EXCLUDED)
         first = int(possible[-1]) + 1 if len(possible) else 0
         return float(np.exp(grid.log_activity[first])) * REFERENCE_BQ if first < len(levels) else None
+
+
+def _blurred(weight: Weights, variance: float) -> Weights:
+    """Diffused along the last two axes by a variance in cells squared; nothing leaves."""
+    if variance > _NARROW:
+        blur = variance**0.5
+        return np.asarray(gaussian_filter(weight, (0.0, blur, blur), mode="reflect", truncate=3.0))
+    to_next = 0.5 * variance  # a Gaussian that is sampled at the cells and cut off would be too narrow, in large cells nothing
+    for axis in (-2, -1):
+        weight = correlate1d(weight, (to_next, 1.0 - variance, to_next), axis=axis, mode="reflect")
+    return weight
 
 
 def _interpolated(table: Weights, distance: Array, far: Array) -> Weights:
