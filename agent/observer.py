@@ -14,6 +14,8 @@ from protocol.messages import Cone, ConeOrder, Counts, Coverage, Entry, Exposure
 
 EXPOSURE_NS = 500_000_000
 SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
+SILENT_S = 20.0  # without any hit. The background makes 1.5 a second; where it is half of that, a healthy camera is silent for so
+# long once in 1200 hours of live time (0.75 / s exp(-0.75 x 20))
 LATE_NS = 3_000_000_000  # by which a camera's readouts may come late: what it has not told of by then it has not seen
 
 
@@ -29,6 +31,7 @@ class Observer:
         self._body_from_camera: Quaternion = (w, x, y, z)
         self.history = PoseHistory()
         self.dropped = 0
+        self._silent_s = 0.0  # live time since the last hit
         self._start_ns: int | None = None
         self._epoch = 0
         self._end_ns = 0
@@ -48,12 +51,28 @@ class Observer:
             swath_m=swath_m,
         )
 
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What the operator has to know of the camera, a line or none."""
+        if not self._is_silent:
+            return ()
+        return (f"camera: no hit for {SILENT_S:g} s or more, not even of the background; what it says is left out",)
+
+    @property
+    def _is_silent(self) -> bool:
+        return self._silent_s >= SILENT_S
+
     def observe(self, detections: Detections) -> list[Entry]:
         """Log entries that a stretch of detections gives; counts are held until an exposure is full.
 
+        A camera from which hits have stopped has told of nothing (see ``unseen``): its zeros are no absence of a source.
         Stretches are dropped, and counted in ``dropped``, when nobody knows where they were taken (before the vehicle's first
         telemetry, or longer than the poses are kept) and when they overlap what was observed already (a clock stepped back).
         """
+        self._silent_s = 0.0 if detections.hits else self._silent_s + detections.live_time_s
+        if self._is_silent:
+            self._live_s = 0.0  # nor does what is held say anything
+            return self._exposure() if self._start_ns is not None else []
         start_ns, end_ns = detections.start_ns, detections.end_ns
         state = self.history.at(start_ns)
         if state is None or start_ns < self._end_ns or not start_ns <= end_ns <= start_ns + HISTORY_NS:

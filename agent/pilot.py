@@ -178,8 +178,9 @@ class Pilot:
         for entry in self._observer.observe(self._chain.process(readout)):
             self._record(entry, readout.end_ns)
         self._watch.look(readout.end_ns)
-        self._problems.noticed = self._watch.problems
+        self._problems.noticed = (*self._chain.noise.problems, *self._observer.problems, *self._watch.problems)
         self.counters["pixel_hits_lost"] = self._chain.lost_hits
+        self.counters["pixel_hits_of_noise"] = self._chain.noise.masked_hits
         self.counters["detections_dropped"] = self._observer.dropped
         return self._outbox.take()
 

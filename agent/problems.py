@@ -17,8 +17,8 @@ class Problems:
     """The problems of one drone. A flying drone reports them but flies on.
 
     ``blocked``, ``warned``: what the shell has found, with and without power to stand against a start. ``noticed``, ``seen``:
-    what the pilot has found, without that power, in the camera's spectrum and of clocks, places and frames. ``unplaced``: there
-    is nothing yet that its heading could be derived from.
+    what the pilot has found, without that power, of the camera and its spectrum and of clocks, places and frames.
+    ``unplaced``: there is nothing yet that its heading could be derived from.
     """
 
     def __init__(self, drone: str, mission_id: str) -> None:

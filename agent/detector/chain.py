@@ -10,6 +10,7 @@ from agent.detector.calibration import Calibration
 from agent.detector.clustering import FEW, cluster_few, cluster_many
 from agent.detector.detection import Detections
 from agent.detector.events import EnergySink, EventReader, Tally
+from agent.detector.noise import NoiseMask
 from agent.detector.readout import TICK_NS, PixelHits, Readout
 
 _HOLD_NS = 1_000_000  # at most so much of a readout is held back, however dense the hits are
@@ -20,7 +21,8 @@ class DetectorChain:
     """One detector's chain. Feed it readouts in order; what comes out does not depend on how the stream was cut into readouts.
 
     Hits whose event may go on beyond the end of a readout are held back and come out with the next one.
-    ``lost_hits`` counts what the detector reported as lost, what came with a stamp far ahead, and what has no energy.
+    ``lost_hits`` counts what the detector reported as lost, what came with a stamp far ahead, and what has no energy; ``noise``
+    knows which pixels are noisy, and counts the hits that are left out for it.
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class DetectorChain:
         self._clock_ns = 0
         self._held_live_s = 0.0
         self.lost_hits = 0
+        self.noise = NoiseMask()
 
     def process(self, readout: Readout) -> Detections:
         """Counts and cones of the next stretch of time.
@@ -108,6 +111,7 @@ class DetectorChain:
         return Detections(start_ns, end_ns, live_time_s, found.hits, found.photopeak, found.coincidences, tuple(found.cones))
 
     def _evaluate(self, hits: PixelHits) -> Tally:
+        hits = self.noise.without_noise(hits, self._clock_ns)
         if len(hits) == 0:
             return Tally()
         energy = self._calibration.energy_kev(hits.index, hits.tot)
