@@ -153,7 +153,11 @@ class FusionConfig(_Section, frozen=True, kw_only=True):
 
 
 class DetectionConfig(_Section, frozen=True, kw_only=True):
-    """What counts as a cone: energies in keV, cluster sizes in pixels, times in ns."""
+    """What counts as a cone: energies in keV, cluster sizes in pixels, times in ns.
+
+    The rates that estimator ``bayes`` expects were measured with these values (benchmarks/channel_response.py): where any but
+    ``minimum_pixels`` are others, it is wrong about activities.
+    """
 
     energy_window: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.2  # of the line's energy, each side
     minimum_pixels: Annotated[int, Meta(ge=2, le=1000)] = 6  # of both clusters together (paper: 15)
@@ -168,7 +172,8 @@ class TrackConfig(_Section, frozen=True, kw_only=True):
     """When tracking ends: after ``duration_s`` the swarm returns.
 
     When the source counts as lost: by an estimator that knows how sure it is, where the hypothesis' RMS is above ``lost_rms_m``;
-    then the swarm encircles what is left of it as widely as that. By any other one, after ``no_cone_timeout_s`` without a cone;
+    then the swarm encircles what is left of it as widely as that. ``bayes`` comes so far only when nothing is heard at all: else
+    it gives a track up before (``given_up_rms_m``), and searches from what it knows. By any other one, after ``no_cone_timeout_s`` without a cone;
     then it searches outward from where the source was last believed to be, the circle growing by ``widening_mps``.
     """
 
