@@ -173,8 +173,9 @@ class TrackConfig(_Section, frozen=True, kw_only=True):
 
     When the source counts as lost: by an estimator that knows how sure it is, where the hypothesis' RMS is above ``lost_rms_m``;
     then the swarm encircles what is left of it as widely as that. ``bayes`` comes so far only when nothing is heard at all: else
-    it gives a track up before (``given_up_rms_m``), and searches from what it knows. By any other one, after ``no_cone_timeout_s`` without a cone;
-    then it searches outward from where the source was last believed to be, the circle growing by ``widening_mps``.
+    it gives a track up before (``given_up_rms_m``), and searches from what it knows. By any other one, after
+    ``no_cone_timeout_s`` without a cone; then it searches outward from where the source was last believed to be, the circle
+    growing by ``widening_mps``.
     """
 
     lost_rms_m: Positive = 15.0
