@@ -33,9 +33,7 @@ _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
 _MOST_TRUST = 40.0  # log likelihood that is remembered in a track's favour
 _TRUST_S = 10.0  # and for how long, of exposures; so a track that is spoken against is given up before long
 _LEAST_TRUST = -5.0
-_AREA_VARIANCE = (
-    0.08**2
-)  # of the log activity: cameras face the source, and areas are means of all sides (I-131: 9 % more in front)
+_AREA_VARIANCE = 0.08**2  # of the log activity: cameras face the source (I-131: 9 % more), areas are means of all sides
 _OUTLIER_COST = 1.0  # log likelihood that an exposure costs which does not fit the track at all
 
 
