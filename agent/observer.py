@@ -14,8 +14,10 @@ from protocol.messages import Cone, ConeOrder, Counts, Coverage, Entry, Exposure
 
 EXPOSURE_NS = 500_000_000
 SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
-SILENT_S = 20.0  # without any hit. The background makes 1.5 a second; where it is half of that, a healthy camera is silent for so
-# long once in 1200 hours of live time (0.75 / s exp(-0.75 x 20))
+# Live time without any hit. The background makes 1.5 a second; a healthy camera is then mute once in 600 hours, and silent for so
+# long once in 1200 even where the background is half of that (a gap of T at the rate r begins r exp(-r T) times a second).
+MUTE_S = 10.0  # says nothing of the source any more: its zeros are likelier those of a dead camera
+SILENT_S = 20.0  # is told to the operator
 LATE_NS = 3_000_000_000  # by which a camera's readouts may come late: what it has not told of by then it has not seen
 
 
@@ -54,13 +56,9 @@ class Observer:
     @property
     def problems(self) -> tuple[str, ...]:
         """What the operator has to know of the camera, a line or none."""
-        if not self._is_silent:
+        if self._silent_s < SILENT_S:
             return ()
-        return (f"camera: no hit for {SILENT_S:g} s or more, not even of the background; what it says is left out",)
-
-    @property
-    def _is_silent(self) -> bool:
-        return self._silent_s >= SILENT_S
+        return (f"camera: no hit for {SILENT_S:g} s or more, not even of the background; its counts are left out",)
 
     def observe(self, detections: Detections) -> list[Entry]:
         """Log entries that a stretch of detections gives; counts are held until an exposure is full.
@@ -70,7 +68,7 @@ class Observer:
         telemetry, or longer than the poses are kept) and when they overlap what was observed already (a clock stepped back).
         """
         self._silent_s = 0.0 if detections.hits else self._silent_s + detections.live_time_s
-        if self._is_silent:
+        if self._silent_s >= MUTE_S:
             self._live_s = 0.0  # nor does what is held say anything
             return self._exposure() if self._start_ns is not None else []
         start_ns, end_ns = detections.start_ns, detections.end_ns

@@ -7,43 +7,43 @@ from numpy.typing import NDArray
 
 from agent.detector.readout import SENSOR_PIXELS, PixelHits
 
-BEAT_NS = 100_000_000  # one burst is within one of them
-PERIOD_BEATS = 200  # after which the count begins anew
-LEAST_BEATS = 9  # in which a pixel fires too often before it is left out
-SHARE = 200  # times the mean of all pixels is too often
-QUIET_BEATS = 1  # within a period are none of a noisy pixel any more
-TERM_PERIODS = 3  # in which a pixel has to be quiet to be let in again; twice as many after each relapse
+BEAT_NS = 100_000_000  # a burst is within one of them, or two
+SHARE = 400  # times the mean of all pixels is too often
+NOISY = 9.0  # beats in which a pixel fires too often, until it is left out
+QUIET = 1.0  # beats, up to which a noisy pixel has been quiet
+PERIOD_BEATS = 200  # for which it is quiet or not
+TERM_PERIODS = 3  # in which it has to be quiet to be let in again; twice as many after each relapse
 LONGEST_TERM = 192  # an hour
 _PIXELS = SENSOR_PIXELS**2
 
 
 class NoiseMask:
-    """Which pixels of one camera are noisy. ``masked_hits`` counts the hits that they have been left out with.
+    """Which pixels of one camera are noisy. ``masked_hits`` counts the hits left out so far, ``pixels`` who is out now.
 
-    Time is cut into beats of 0.1 s. With m the mean number of hits of a pixel in a beat, one with c hits gains
-    min(c, 1 + SHARE m) - SHARE m: at most 1, however many hits a burst has, and less than nothing while it fires no more than
-    SHARE times as often as the mean. Who has gained more than LEAST_BEATS within a period of 20 s is noisy. So a pixel that fires
-    30 times a second is left out after a second, one that fires once a second after some ten, and one that adds less
-    than SHARE / 65536 = 0.3 % to the hits of all pixels never, because it does no harm.
+    Time is cut into beats of 0.1 s. With m the mean number of hits of a healthy pixel in a beat, one with c hits gains
+    min(c, 1 + SHARE m) - SHARE m: about 1 at most, however many hits a burst has, and less than nothing while it fires no more
+    than SHARE times as often as the mean; below nothing it does not fall (Page's test, Biometrika 41, 1954). Who has gained more
+    than NOISY is left out. So where there is only background a pixel that fires 30 times a second is left out after a second,
+    one that fires once a second after ten, and nowhere one that adds less than SHARE / 65536 = 0.6 % to the hits of all pixels.
 
-    A healthy pixel is not touched. The background makes 8 hits a second on all pixels together, so 0.002 on each within a period:
-    ten beats with a hit of the same one do not happen (0.002^10 / 10!). In any field it would have to fire 200 times as often as
-    the mean; the border of the sensor facing a source that shines on its edge has some three times the mean (measured with the
-    simulated camera: I-131 and Ir-192, 2.3 to 3.4).
+    A healthy pixel is not touched. At a mean of 0.0001 hits a second (the natural background) it would have to be hit ten times
+    within minutes, in any field 400 times as often as the others: the border of a sensor that a source shines on from the side
+    is hit a few times as often.
 
-    A noisy pixel is let in again after a minute in which it was quiet, and after twice as long whenever it was too soon. Each one
+    A noisy pixel is let in again after a minute in which it was quiet, and after twice as long whenever that was too soon. Each
     takes 1.5e-5 of the sensor's area from the counts, for which nothing is corrected.
     """
 
     def __init__(self) -> None:
         self.masked_hits = 0
-        self.pixels = 0  # that are left out now
+        self.pixels = 0
         self._beat = 0
         self._fired: list[NDArray[np.uint16]] = []  # in this beat
-        self._expected = 0.0  # SHARE times the mean of the beats of this period
-        self._score = np.zeros(_PIXELS, np.int32)  # sum of min(c, 1 + SHARE m) over them
+        self._expected = 0.0  # SHARE m, summed over all beats so far
+        self._mark = np.zeros(_PIXELS)  # what a pixel had gained when it last fired, and what was expected by then
+        self._restless = np.zeros(_PIXELS, np.bool_)  # in this period
         self._sentence = np.zeros(_PIXELS, np.int16)  # periods until it is let in; 0: is not left out
-        self._term = np.zeros(_PIXELS, np.int16)  # of its latest sentence
+        self._term = np.zeros(_PIXELS, np.int16)  # its latest sentence
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -94,32 +94,33 @@ class NoiseMask:
         healthy = np.count_nonzero(self._sentence[fired] == 0) if self.pixels else len(fired)
         expected = SHARE * healthy / _PIXELS
         most = 1 + round(expected)
+        times: int | NDArray[np.intp] = 1  # where a pixel stands there twice the assignment below does it once
         if most > 1:
-            fired.sort()
-            last = np.append(fired[1:] != fired[:-1], True).nonzero()[0]  # of each pixel's hits
-            fired = fired[last]
-            score = self._score[fired] + np.minimum(np.diff(last, prepend=-1), most)
-        else:
-            score = self._score[fired] + 1  # once, also where a pixel stands there twice
-        self._score[fired] = score
+            fired, counts = np.unique(fired, return_counts=True)
+            times = np.minimum(counts, most)
+        mark = np.maximum(self._mark[fired], self._expected) + times
+        self._mark[fired] = mark
         self._expected += expected
-        limit = LEAST_BEATS + self._expected
-        if score.max() > limit:
-            self._leave_out(fired[score > limit])
+        if self.pixels:
+            self._restless[fired[mark > self._expected + QUIET]] = True
+        if mark.max() > self._expected + NOISY:
+            self._leave_out(fired[mark > self._expected + NOISY])
 
     def _leave_out(self, noisy: NDArray[np.uint16]) -> None:
         """Who is among them and not left out yet begins its sentence."""
-        new = np.unique(noisy[self._sentence[noisy] == 0])
+        new = noisy[self._sentence[noisy] == 0]
+        if len(new) == 0:
+            return
+        new = np.unique(new)
         self._term[new] = np.clip(2 * self._term[new], TERM_PERIODS, LONGEST_TERM)
-        self._sentence[new] = self._term[new]
+        self._sentence[new] = self._term[new] + 1  # the rest of this period does not count
         self.pixels += len(new)
 
     def _close_period(self) -> None:
         """Each pixel left out has a period less before it if it was quiet, and its whole term again if it was not."""
-        if self.pixels:
-            out = self._sentence.nonzero()[0]
-            quiet = self._score[out] <= QUIET_BEATS + self._expected
-            self._sentence[out] = np.where(quiet, self._sentence[out] - 1, self._term[out])
-            self.pixels = int(np.count_nonzero(self._sentence))
-        self._score.fill(0)
-        self._expected = 0.0
+        if self.pixels == 0:
+            return
+        out = self._sentence.nonzero()[0]
+        self._sentence[out] = np.where(self._restless[out], self._term[out], self._sentence[out] - 1)
+        self.pixels = int(np.count_nonzero(self._sentence))
+        self._restless.fill(False)

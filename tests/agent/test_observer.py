@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from agent.config import DroneConfig
 from agent.detector.detection import ConeEvent, Detections
-from agent.observer import EXPOSURE_NS, LATE_NS, Observer
+from agent.observer import EXPOSURE_NS, LATE_NS, MUTE_S, SILENT_S, Observer
 from agent.vehicle.interface import FlightMode, VehicleState
 from protocol.messages import Cone, Counts, Exposure
 
@@ -79,6 +79,47 @@ def test_where_a_drone_is_whose_camera_is_silent():
     late = Detections(rest[-1].end_ns, rest[-1].end_ns + EXPOSURE_NS, 0.4, hits=5)
     (again,) = observer.observe(late)
     assert (again.counts.hits, again.live_time_s) == (5, 0.4)
+
+
+def test_zeros_of_a_dead_camera_are_no_absence_of_a_source():
+    """From MUTE_S without a hit on there are poses but no live time, from SILENT_S on the operator knows; a hit ends both."""
+    observer, step = Observer(DroneConfig(id="a"), "0" * 16, "1" * 16), SECOND // 5
+    entries = []
+    for tick in range(1, 176):
+        now_ns = START_NS + tick * step
+        observer.history.add(telemetry(now_ns - step, (0.1 * tick, 0.0, 8.0), Rotation.identity()))
+        hits = 1 if tick <= 25 or tick > 150 else 0  # the last one after 5 s, the next after 30 s
+        entries += [*observer.observe(Detections(now_ns - step, now_ns, 0.2, hits=hits)), *observer.unseen(now_ns)]
+        silent_s = 0.2 * (tick - 25)
+        if silent_s < SILENT_S - 0.3 or hits:
+            assert observer.problems == ()
+        elif silent_s > SILENT_S + 0.3:
+            assert len(observer.problems) == 1
+            assert "no hit for 20 s" in observer.problems[0]
+    assert all(before.end_ns <= after.stamp_ns for before, after in pairwise(entries))
+    mute_from_ns, heard_from_ns = START_NS + int((5.0 + MUTE_S) * SECOND), START_NS + 30 * SECOND
+    for entry in entries:
+        if entry.end_ns <= mute_from_ns - SECOND or entry.stamp_ns >= heard_from_ns:
+            assert entry.live_time_s == pytest.approx((entry.end_ns - entry.stamp_ns) * 1e-9)
+        elif entry.end_ns > mute_from_ns:
+            assert (entry.live_time_s, entry.counts) == (0.0, Counts(0, 0, 0))
+    mute = [entry for entry in entries if mute_from_ns < entry.end_ns <= heard_from_ns]
+    assert sum(entry.end_ns - entry.stamp_ns for entry in mute) > (30 - 15) * SECOND - LATE_NS - SECOND
+    assert entries[-1].counts.hits > 0
+    assert observer.dropped == 0
+
+
+def test_a_camera_that_never_had_a_hit_is_told_of_even_before_anybody_knows_where_it_is():
+    observer = Observer(DroneConfig(id="a"), "0" * 16, "1" * 16)
+    for second in range(21):
+        observer.observe(Detections(second * SECOND, (second + 1) * SECOND, 1.0))
+    assert len(observer.problems) == 1
+
+
+def test_dead_time_is_not_silence(observer):
+    for second in range(60):
+        observer.observe(Detections(second * SECOND, (second + 1) * SECOND, 0.1))
+    assert observer.problems == ()
 
 
 @pytest.fixture
