@@ -119,7 +119,7 @@ class BayesEstimatorConfig(_Section, frozen=True, kw_only=True):
     fast_velocity_mps: Positive = 2.0  # the same of one that moves fast
     fast_velocity_s: Positive = 5.0
     hurry_ps: Positive = 0.003  # rate at which a moving source becomes a fast one, or a fast one slow
-    switch_ps: Positive = 0.0003  # rate at which one at rest begins to move, or a moving one stops
+    switch_ps: Positive = 0.00005  # rate at which one at rest begins to move, or a moving one stops
     bias_drift_m: NonNegative = 0.03  # by which a vehicle's position error wanders in a second (as the root of the time)
     bias_yaw_drift_deg: NonNegative = 0.3
     gain_sigma: NonNegative = 0.05  # relative, of what a camera counts against the others
