@@ -22,9 +22,9 @@ from sim.radiation.truth import CameraTruth
 Array = NDArray[np.float64]
 
 WINDOW = 0.1  # relative to the line: so near to it an event has all of the photon's energy
-# Of the two-cluster events of full energy, 0.53 mm2 are usable cones (reference, table) of the bank's 1.05, where these must have
-# 15 pixels.
-USABLE, USABLE_PIXELS = 0.5, 15
+# Of the two-cluster events of full energy that have enough pixels: 0.53 mm2 of usable cones of 15 pixels (reference, table) of the
+# bank's 1.05 mm2, of which 72 % have so many.
+USABLE = 0.7
 CONE_BACKGROUND_PS = 0.005  # coincidences in the energy window (reference, "Detector")
 ASTRAY = 0.12  # share of the source's cones that do not point to it (reference, "Beyond")
 _ASTRAY = (ASTRAY, 0.2, 0.4, 0.6, 0.8, 0.95)  # with those of the background
@@ -97,7 +97,7 @@ def _camera(truth: CameraTruth, name: str, minimum_pixels: int) -> Camera:
     return Camera(
         full_mm2=full,
         other_mm2=float(areas.sum()) - full,
-        cones_mm2=USABLE * _share_so_large(bank, minimum_pixels) / _share_so_large(bank, USABLE_PIXELS) * float(areas[COMPLETE]),
+        cones_mm2=USABLE * _share_so_large(bank, minimum_pixels) * float(areas[COMPLETE]),
         full_ps=truth.background_hits_per_s * background,
         other_ps=truth.background_hits_per_s * (1.0 - background),
         scatter_near=truth.scatter_near,
