@@ -61,6 +61,7 @@ class Summary:
 
     rows: int
     lost_rows: int
+    noise_rows: int
     duration_s: float
     live_time_s: float
     hits: int
@@ -115,6 +116,7 @@ def analyse(
     return Summary(
         rows=reader.rows,
         lost_rows=chain.lost_hits,
+        noise_rows=chain.noise.masked_hits,
         duration_s=(parts[-1].end_ns - parts[0].start_ns) * 1e-9,
         live_time_s=sum(part.live_time_s for part in parts),
         hits=sum(part.hits for part in parts),

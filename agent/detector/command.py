@@ -63,6 +63,8 @@ def summary_table(name: str, nuclide: str, summary: Summary) -> Table:
     table.add_row("pixel hits", f"{summary.rows - summary.lost_rows:,}")
     if summary.lost_rows:
         table.add_row("overflow rows", f"{summary.lost_rows:,}")
+    if summary.noise_rows:
+        table.add_row("of noisy pixels", f"{summary.noise_rows:,}")
     table.add_row("duration, live", f"{summary.duration_s:.6g} s, {live:.6g} s")
     table.add_row("clusters", rate(summary.hits))
     table.add_row("full energy", rate(summary.photopeak))

@@ -51,6 +51,7 @@ def test_a_file_becomes_a_table_of_cones(measurement):
     assert len(rows) > 50
     assert f"{len(rows)} cones" in done.stdout
     assert "661.66 keV" in done.stdout
+    assert "noisy" not in done.stdout
     for row in rows:
         axis = [float(row[f"axis_{name}"]) for name in "xyz"]
         assert np.linalg.norm(axis) == pytest.approx(1.0, abs=1e-4)
@@ -60,6 +61,15 @@ def test_a_file_becomes_a_table_of_cones(measurement):
     assert polar == pytest.approx(np.rad2deg(np.arccos(0.6)), abs=3.0)
     stamps = [int(row["stamp_ns"]) for row in rows]
     assert stamps == sorted(stamps)
+
+
+def test_hits_of_a_noisy_pixel_are_left_out_and_told_of(tmp_path, make_hits, blob):
+    """Two of three hits are in the same place, 20 a second."""
+    blobs = [blob(k * 5e7, (1.0, 1.0, 0.0) if k % 3 else (0.1 * (k % 60) - 3.0, -2.0, 0.0), 100.0, 1) for k in range(1, 200)]
+    done = run(write(tmp_path / "noisy.t3pa", make_hits(blobs)), "--csv", tmp_path / "cones.csv", "--nuclide", "Cs-137")
+    assert done.returncode == 0, done.stderr
+    noisy = int(done.stdout.split("of noisy pixels")[1].split()[1])
+    assert 100 < noisy < 133
 
 
 def test_the_nuclide_is_taken_from_the_spectrum(measurement):
