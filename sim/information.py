@@ -22,8 +22,8 @@ from sim.radiation.truth import CameraTruth
 Array = NDArray[np.float64]
 
 WINDOW = 0.1  # relative to the line: so near to it an event has all of the photon's energy
-# Of the two-cluster events of full energy that have enough pixels: 0.53 mm2 of usable cones of 15 pixels (reference, table) of the
-# bank's 1.05 mm2, of which 72 % have so many.
+# Of the two-cluster events of full energy that have enough pixels: 0.53 mm2 of usable cones of 15 pixels (reference, table) of
+# the bank's 1.05 mm2, of which 72 % have so many.
 USABLE = 0.7
 CONE_BACKGROUND_PS = 0.005  # coincidences in the energy window (reference, "Detector")
 ASTRAY = 0.12  # share of the source's cones that do not point to it (reference, "Beyond")
