@@ -10,9 +10,9 @@ from agent.detector.readout import SENSOR_PIXELS, PixelHits
 BEAT_NS = 100_000_000  # a burst is within one of them, or two
 SHARE = 400  # times the mean of all pixels is too often
 NOISY = 9.0  # beats in which a pixel fires too often, until it is left out
-QUIET = 1.0  # beats, up to which a noisy pixel has been quiet
-PERIOD_BEATS = 200  # for which it is quiet or not
-TERM_PERIODS = 3  # in which it has to be quiet to be let in again; twice as many after each relapse
+QUIET = 1.0  # beats in a period, up to which a noisy pixel was quiet in it
+PERIOD_BEATS = 200
+TERM_PERIODS = 3  # for so many in a row it has to be quiet to be let in again; twice as many after each relapse
 LONGEST_TERM = 192  # an hour
 _PIXELS = SENSOR_PIXELS**2
 
@@ -40,7 +40,7 @@ class NoiseMask:
         self._beat = 0
         self._fired: list[NDArray[np.uint16]] = []  # in this beat
         self._expected = 0.0  # SHARE m, summed over all beats so far
-        self._mark = np.zeros(_PIXELS)  # what a pixel had gained when it last fired, and what was expected by then
+        self._mark = np.zeros(_PIXELS)  # what a pixel had gained when it last fired, plus _expected then
         self._restless = np.zeros(_PIXELS, np.bool_)  # in this period
         self._sentence = np.zeros(_PIXELS, np.int16)  # periods until it is let in; 0: is not left out
         self._term = np.zeros(_PIXELS, np.int16)  # its latest sentence
@@ -114,6 +114,7 @@ class NoiseMask:
         new = np.unique(new)
         self._term[new] = np.clip(2 * self._term[new], TERM_PERIODS, LONGEST_TERM)
         self._sentence[new] = self._term[new] + 1  # the rest of this period does not count
+        self._mark[new] = 0.0
         self.pixels += len(new)
 
     def _close_period(self) -> None:
@@ -122,5 +123,6 @@ class NoiseMask:
             return
         out = self._sentence.nonzero()[0]
         self._sentence[out] = np.where(self._restless[out], self._term[out], self._sentence[out] - 1)
+        self._mark[out] = 0.0  # what it gained in one period does not count in the next
         self.pixels = int(np.count_nonzero(self._sentence))
         self._restless.fill(False)

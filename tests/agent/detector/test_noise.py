@@ -119,7 +119,8 @@ def test_who_was_quiet_for_a_minute_comes_back_and_after_a_relapse_only_for_two(
     rng = np.random.default_rng(6)
     mask = NoiseMask()
     background = field(rng, 8.0, 0.0, 600.0)
-    hits = merged(noise(rng, 30.0, 2.0, 10.0), noise(rng, 30.0, 300.0, 310.0), background)
+    now_and_then = at(np.arange(30.0, 290.0, 45.0), NOISY)  # as healthy pixels are hit, too
+    hits = merged(noise(rng, 30.0, 2.0, 10.0), now_and_then, noise(rng, 30.0, 300.0, 310.0), background)
     out = []
     for second in range(600):
         low, high = np.searchsorted(hits.tick, (second * 640_000_000, (second + 1) * 640_000_000))
