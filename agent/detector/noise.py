@@ -25,6 +25,7 @@ class NoiseMask:
     than SHARE times as often as the mean; below nothing it does not fall (Page's test, Biometrika 41, 1954). Who has gained more
     than NOISY is left out. So where there is only background a pixel that fires 30 times a second is left out after a second,
     one that fires once a second after ten, and nowhere one that adds less than SHARE / 65536 = 0.6 % to the hits of all pixels.
+    So more than 160 pixels that are equally noisy, a column or a row, hide each other; noise of that kind is not looked for.
 
     A healthy pixel is not touched. At a mean of 0.0001 hits a second (the natural background) it would have to be hit ten times
     within minutes, in any field 400 times as often as the others: the border of a sensor that a source shines on from the side
