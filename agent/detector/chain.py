@@ -111,7 +111,7 @@ class DetectorChain:
         return Detections(start_ns, end_ns, live_time_s, found.hits, found.photopeak, found.coincidences, tuple(found.cones))
 
     def _evaluate(self, hits: PixelHits) -> Tally:
-        hits = self.noise.without_noise(hits, self._clock_ns)
+        hits = self.noise.without_noise(hits, self._clock_ns, self._start_ns or 0)
         if len(hits) == 0:
             return Tally()
         energy = self._calibration.energy_kev(hits.index, hits.tot)

@@ -53,17 +53,17 @@ class NoiseMask:
             return ()
         return (f"camera: {self.pixels} noisy {'pixel' if self.pixels == 1 else 'pixels'} masked",)
 
-    def without_noise(self, hits: PixelHits, clock_ns: int) -> PixelHits:
+    def without_noise(self, hits: PixelHits, clock_ns: int, since_ns: int) -> PixelHits:
         """The hits, sorted by time, less those of noisy pixels. ``clock_ns``: UTC time of tick 0.
 
         A beat is judged when the next one begins, so that the result does not depend on how many hits are given at a time. Hits
-        that come late belong to the present beat.
+        from before ``since_ns``, UTC, come late (or have a wrong stamp) and belong to that time's beat.
         """
         count = len(hits)
         kept: NDArray[np.bool_] | None = None
         first = 0
         while first < count:
-            beat = (clock_ns + int(hits.tick[first]) * 25 // 16) // BEAT_NS
+            beat = max(clock_ns + int(hits.tick[first]) * 25 // 16, since_ns) // BEAT_NS
             following = -((clock_ns - (beat + 1) * BEAT_NS) * 16 // 25)  # the first tick of the next beat
             end = count if hits.tick[-1] < following else int(hits.tick.searchsorted(following))
             self._advance(beat)

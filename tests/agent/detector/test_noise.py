@@ -40,13 +40,13 @@ def noise(rng, per_s, start_s, end_s, pixel=NOISY):
 
 def left_out(mask, hits):
     """Pixels of the hits that did not come through."""
-    kept = mask.without_noise(hits, CLOCK_NS)
+    kept = mask.without_noise(hits, CLOCK_NS, 0)
     return [] if len(kept) == len(hits) else np.setdiff1d(hits.index, kept.index).tolist()
 
 
 def onset_s(mask, hits):
     """When the first hit was left out."""
-    kept = mask.without_noise(hits, CLOCK_NS)
+    kept = mask.without_noise(hits, CLOCK_NS, 0)
     different = np.flatnonzero(hits.tick[: len(kept)] != kept.tick)
     return hits.tick[different[0]] / 0.64e9 if len(different) else np.inf
 
@@ -124,7 +124,7 @@ def test_who_was_quiet_for_a_minute_comes_back_and_after_a_relapse_only_for_two(
     out = []
     for second in range(600):
         low, high = np.searchsorted(hits.tick, (second * 640_000_000, (second + 1) * 640_000_000))
-        mask.without_noise(hits.take(slice(low, high)), CLOCK_NS)
+        mask.without_noise(hits.take(slice(low, high)), CLOCK_NS, 0)
         out.append(mask.pixels)
     first, second = np.flatnonzero(out[:300]), np.flatnonzero(out[300:])
     assert first[0] <= 4
@@ -139,7 +139,7 @@ def test_who_stays_noisy_stays_out():
     rng = np.random.default_rng(7)
     mask = NoiseMask()
     hits = merged(noise(rng, 1.0, 0.0, 1000.0), noise(rng, 30.0, 0.0, 1000.0, pixel=7), field(rng, 8.0, 0.0, 1000.0))
-    kept = mask.without_noise(hits, CLOCK_NS)
+    kept = mask.without_noise(hits, CLOCK_NS, 0)
     assert np.count_nonzero(kept.index == 7) < 45
     assert np.count_nonzero(kept.index == NOISY) < 40
     assert mask.problems == ("camera: 2 noisy pixels masked",)
@@ -150,10 +150,10 @@ def test_the_result_does_not_depend_on_how_many_hits_are_given_at_a_time(length_
     rng = np.random.default_rng(8)
     hits = merged(noise(rng, 20.0, 1.0, 15.0), noise(rng, 500.0, 4.0, 50.0, pixel=9), field(rng, 2000.0, 0.0, 60.0))
     whole, cut = NoiseMask(), NoiseMask()
-    expected = whole.without_noise(hits, CLOCK_NS)
+    expected = whole.without_noise(hits, CLOCK_NS, 0)
     edges = np.arange(0.0, 60.0 + length_s, length_s) * 0.64e9
     places = np.searchsorted(hits.tick, edges)
-    parts = [cut.without_noise(hits.take(slice(a, b)), CLOCK_NS) for a, b in pairwise(places)]
+    parts = [cut.without_noise(hits.take(slice(a, b)), CLOCK_NS, 0) for a, b in pairwise(places)]
     np.testing.assert_array_equal(PixelHits.joined(parts).tick, expected.tick)
     assert cut.masked_hits == whole.masked_hits > 0
 
@@ -161,9 +161,9 @@ def test_the_result_does_not_depend_on_how_many_hits_are_given_at_a_time(length_
 def test_a_clock_that_is_set_back_does_not_stop_the_watch():
     rng = np.random.default_rng(9)
     mask = NoiseMask()
-    mask.without_noise(field(rng, 8.0, 0.0, 5.0), CLOCK_NS + 86_400 * SECOND)
+    mask.without_noise(field(rng, 8.0, 0.0, 5.0), CLOCK_NS + 86_400 * SECOND, 0)
     hits = noise(rng, 30.0, 0.0, 5.0)
-    assert len(mask.without_noise(hits, CLOCK_NS)) < 60
+    assert len(mask.without_noise(hits, CLOCK_NS, 0)) < 60
 
 
 def test_hits_that_come_late_are_reckoned_once():
@@ -171,7 +171,16 @@ def test_hits_that_come_late_are_reckoned_once():
     mask = NoiseMask()
     for beat in range(1, 8):
         times_s = (np.array([-0.05, 0.01, 0.02]) + beat * BEAT_NS / SECOND) - 777e-9
-        mask.without_noise(at(times_s, NOISY), CLOCK_NS)
+        mask.without_noise(at(times_s, NOISY), CLOCK_NS, 0)
+    assert mask.pixels == 0
+
+
+def test_wrong_stamps_are_of_the_present_beat():
+    """Or else each of them would be judged by itself, and they would make many beats of one."""
+    mask = NoiseMask()
+    wrong = PixelHits(np.arange(-1000, 0) * 10**12, np.full(1000, NOISY, np.uint16), np.full(1000, 80, np.uint16))
+    assert len(mask.without_noise(wrong, CLOCK_NS, CLOCK_NS)) == 1000
+    mask.without_noise(at([1.0], 5), CLOCK_NS, CLOCK_NS)
     assert mask.pixels == 0
 
 
@@ -192,5 +201,5 @@ def test_a_healthy_camera_is_not_touched(activity_bq, direction, seconds):
     mask = NoiseMask()
     for start_ns in range(CLOCK_NS, CLOCK_NS + seconds * SECOND, SECOND // 5):
         hits = seen.expose(start_ns, start_ns + SECOND // 5, views).hits
-        mask.without_noise(hits.take(hits.tick.argsort(kind="stable")), CLOCK_NS)
+        mask.without_noise(hits.take(hits.tick.argsort(kind="stable")), CLOCK_NS, 0)
     assert (mask.pixels, mask.masked_hits) == (0, 0)
