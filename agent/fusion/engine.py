@@ -26,8 +26,8 @@ class Fusion:
     """Keeps the log of one agent and the hypothesis that follows from it.
 
     Step k of the grid is [k g, (k+1) g) UTC, g the estimator's width or else the mission's. An observation belongs to the step of
-    its stamp. The hypothesis is a pure function of the log's content, of the frames known, and of the grid steps in which now
-    and the estimator's ``hold_s`` before now lie: entries up to the end of the latter are in it; later ones wait. The way there
+    its stamp. The hypothesis is a pure function of the log's content, of the frames known, and of the grid step in which the time
+    the estimator's ``hold_s`` ago lies: entries up to the end of that step are in it; later ones wait. The way there
     (order of arrival, duplicates, delay, how the work was sliced) leaves no trace.
 
     The estimator's state after every step that has observations is a checkpoint. An entry takes the chain of states back to the
@@ -55,10 +55,9 @@ class Fusion:
         self._states: dict[int, Any] = {}  # checkpoints after their steps; ascending: the last one is the chain's end
         self._first_step = _NEVER  # once started: what was measured before it says nothing
         self._hold_ns = round(self.estimator.hold_s * 1e9)
-        self._now_step = _NEVER
         self._due_step = _NEVER  # the newest one that is to be folded
         self._stale = True
-        self._told: tuple[Any, int] = (None, _NEVER)  # state and step that the hypothesis is of
+        self._told: tuple[Any, int] = (None, _NEVER)  # state and due step that the hypothesis is of
 
     @property
     def digest(self) -> str:
@@ -68,10 +67,10 @@ class Fusion:
     @property
     def outlook(self) -> Outlook | None:
         """What is known while there is no hypothesis; None where there is one, or the estimator knows of no such thing."""
-        if self.hypothesis is not None or self._now_step == _NEVER:
+        if self.hypothesis is not None or self._due_step == _NEVER:
             return None
         state = next(reversed(self._states.values()), self._base)
-        return self.estimator.outlook(state, self._grid_step(self._now_step))
+        return self.estimator.outlook(state, self._now_step)
 
     def start(self, stamp_ns: int) -> None:
         """The mission began: the origin of a ``given`` schedule. Only the first call counts."""
@@ -98,9 +97,9 @@ class Fusion:
         ``budget``: at most so many units of the estimator's work; a step is never split and at least one is folded. ``pending``
         tells whether anything is left for the next call. Time never runs back: an earlier now is taken as the latest one.
         """
-        step, due = now_ns // self._grid_ns, (now_ns - self._hold_ns) // self._grid_ns
-        if step > self._now_step or due > self._due_step:
-            self._now_step, self._due_step = max(step, self._now_step), max(due, self._due_step)
+        due = (now_ns - self._hold_ns) // self._grid_ns
+        if due > self._due_step:
+            self._due_step = due
             self._stale = True
         if self._revision != self._frames.revision:
             self._take_new_frames()
@@ -185,9 +184,9 @@ class Fusion:
             state = self.estimator.step(state, self._grid_step(index), [slot[identity] for identity in sorted(slot)])
             self._states[index] = state
         self.pending = self._stale = False
-        if state is not self._told[0] or self._now_step != self._told[1]:
-            self._told = state, self._now_step
-            self.hypothesis = self.estimator.hypothesis(state, self._grid_step(self._now_step))
+        if state is not self._told[0] or self._due_step != self._told[1]:
+            self._told = state, self._due_step
+            self.hypothesis = self.estimator.hypothesis(state, self._now_step)
         if len(self._states) > _MOST_CHECKPOINTS:
             for index in list(self._states)[1 : _MOST_CHECKPOINTS // 2 : 2]:  # so the older they are the fewer they get
                 del self._states[index]
@@ -208,5 +207,10 @@ class Fusion:
             self._displace(entry.entry_id)
             self._place(entry)
 
-    def _grid_step(self, index: int) -> GridStep:
-        return GridStep(index, index * self._grid_ns, (index + 1) * self._grid_ns)
+    @property
+    def _now_step(self) -> GridStep:
+        """All times that are now while the due step is what it is."""
+        return self._grid_step(self._due_step, self._hold_ns)
+
+    def _grid_step(self, index: int, later_ns: int = 0) -> GridStep:
+        return GridStep(index, index * self._grid_ns + later_ns, (index + 1) * self._grid_ns + later_ns)

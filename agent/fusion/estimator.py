@@ -129,7 +129,8 @@ class Estimator(Protocol, Generic[S]):
         """What a step from this state with so many observations costs, in units of about 25 microseconds."""
 
     def hypothesis(self, state: S, step: GridStep) -> Hypothesis | None:
-        """What the state says as seen from ``step``, which is the step of its last observation or a later one."""
+        """What the state says as seen from ``step``, in which now lies: that of its last observation or a later time, later by
+        the hold than the grid's."""
 
     def outlook(self, state: S, step: GridStep) -> Outlook | None:
         """What the state says while it has no hypothesis; None where it has one, or the estimator knows of no such thing."""

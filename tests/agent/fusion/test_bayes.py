@@ -177,7 +177,8 @@ def test_a_source_that_runs_is_kept(kit):
     entries = entries_of(kit, mission, np.random.default_rng(2), 120.0, source_at, 3e9)
     found = hypotheses(kit, mission, entries, 120.0)
     errors = np.linalg.norm(errors_of(found[-160:], source_at), axis=1)
-    assert np.median(errors) < 2.0  # seen from 12 m, twice as far as it would be flown
+    claimed = np.median([hypothesis.rms_m for _, hypothesis in found[-160:]])
+    assert np.median(errors) < claimed < 2.6  # seen from 12 m, twice as far as it would be flown
     assert errors.max() < 12.0
 
 
