@@ -123,10 +123,15 @@ def _mean_area(bank: EventBank) -> Array:
     return result
 
 
+def _bins_and_kinds(bank: EventBank) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(E,) each: of every event."""
+    events = np.repeat(np.arange(bank.count.size), bank.count.ravel())
+    return np.divmod(events, KINDS)
+
+
 def _share_so_large(bank: EventBank, pixels: int) -> float:
     """Share of the complete events, from all directions alike, that have so many pixels at least."""
-    events = np.repeat(np.arange(bank.count.size), bank.count.ravel())
-    bins, kind = np.divmod(events, KINDS)
+    bins, kind = _bins_and_kinds(bank)
     return float(np.mean(np.diff(bank.first)[(bins < DIRECTION_BINS) & (kind == COMPLETE)] >= pixels))
 
 
@@ -135,8 +140,7 @@ def _full_shares(bank: EventBank, lines_kev: Array) -> tuple[Array, float]:
     until = np.concatenate(([0.0], np.cumsum(bank.pixels["energy_kev"], dtype=np.float64)))
     energy = until[bank.first[1:]] - until[bank.first[:-1]]
     full = np.any(np.abs(energy[:, None] / lines_kev - 1.0) <= WINDOW, axis=1)
-    bins, kind = (index.ravel() for index in np.indices(bank.count.shape))
-    bins, kind = np.repeat(bins, bank.count.ravel()), np.repeat(kind, bank.count.ravel())
+    bins, kind = _bins_and_kinds(bank)
     direct = bins < DIRECTION_BINS
     source = np.array([np.mean(full[direct & (kind == k)]) for k in range(KINDS)])
     area = bank.area_mm2[BACKGROUND_BIN]

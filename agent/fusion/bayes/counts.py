@@ -17,7 +17,7 @@ SEARCH_TRUST: Array = np.array([0.3, 1.0])
 MODEL_VARIANCE = 0.03**2  # of the logarithm of a camera's rate, in each exposure: its area differs a little from side to side
 _LARGEST_SHIFT = 1.5  # of one round
 _SETTLED = 1e-3
-_LARGEST_VARIANCE = 10.0
+_LARGEST_VARIANCE = 10.0  # of the log rate: with more, nothing surprises
 
 
 def log_nothing(counts: Array, background: Array, trust: Array) -> Array:
