@@ -3,34 +3,54 @@ PYTHON ?= python3
 BIN := .venv/bin
 SIM := .venv/.sim
 DEV := .venv/.dev
-# Not compiled ahead: most of what comes with the libraries is never imported.
+DOCS := .venv/.docs
+# Bytecode is not compiled in advance: most of the libraries' modules are never imported.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 export OMP_NUM_THREADS = 1
 
-.PHONY: demo test docker-test bench table lint clean
+.PHONY: demo docs test test-slow test-all px4-test docker-test bench table figures lint clean
 
 demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two minutes; results/demo/
-	$(BIN)/radron-sim live demo --seed 1 --out results/demo
+	$(BIN)/radron-sim live demo --seed 5 --out results/demo
 
-test: $(DEV)  ## all tests
+test: $(DEV)  ## the tests, without the slow ones
+	$(BIN)/pytest -n 2 -m "not slow"
+
+test-slow: $(DEV)  ## the slow tests, of more than ten seconds each
+	$(BIN)/pytest -n 2 -m slow
+
+test-all: $(DEV)  ## all tests
 	$(BIN)/pytest -n 2
+
+# A real PX4: PX4_BIN=.../build/px4_sitl_default/bin/px4 (or PX4_IMAGE=px4io/px4-sitl:v1.17.0, by docker); PX4_TEST=emulated: emulated vehicles.
+px4-test: $(SIM)  ## two missions, hold, a killed agent, lost GNSS, live on a real PX4; exit code 77 without one; results/px4-test/
+	$(BIN)/radron-sim px4-test --out results/px4-test
 
 docker-test: $(DEV)  ## the swarm in containers; needs a docker engine, or root to start one
 	deploy/docker/test.sh
 
-bench: $(SIM)  ## all measurements of speed, one after another
+bench: $(SIM)  ## all benchmarks, one after another
 	@set -e; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file; done
 
-table: $(SIM)  ## the paper's table beside ours, 50 flights a column; results/table/
+table: $(SIM)  ## comparison with the paper's table, 50 flights a column; results/table/
 	$(BIN)/radron-sim table --runs 50 --out results/table
 
-lint: $(DEV)  ## style, types and who may import whom
+figures: $(SIM)  ## regenerates all figures of README and docs, about two hours on two cores; results/figures/
+	$(BIN)/python docs/figures/results.py
+	$(BIN)/python docs/figures/estimator.py --out docs
+	$(BIN)/python benchmarks/stabilization.py --exact --figure docs/stabilization.png
+
+docs: $(DOCS)  ## the documentation site, readable offline: build/site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo "Built build/site. To read it with its search: $(BIN)/python -m http.server --directory build/site"
+
+lint: $(DEV)  ## style, types and import contracts
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-clean:  ## the environment, the results and all caches
+clean:  ## removes the environment, the results and all caches
 	rm -rf .venv build dist results *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache
 
 $(SIM): pyproject.toml constraints.txt
@@ -44,4 +64,9 @@ $(SIM): pyproject.toml constraints.txt
 $(DEV): $(SIM)
 	@echo "Adding the tools for tests and checks ..."
 	@$(PIP) --no-build-isolation --editable '.[sim,dev]'
+	@touch $@
+
+$(DOCS): $(SIM)
+	@echo "Adding the tools for the documentation ..."
+	@$(PIP) --no-build-isolation --editable '.[sim,docs]'
 	@touch $@

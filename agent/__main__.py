@@ -1,14 +1,14 @@
-"""``python -m agent DRONE.toml [--verbose] PARENT``: the agent itself, as its supervisor starts it."""
+"""``python -m agent DRONE.toml [--verbose] PARENT``: the agent's own process, started by its supervisor."""
 
 import os
 import signal
 import sys
 
-from agent.beat import BEAT_FD, Beat, die_with
+from agent.shell.heartbeat import HEARTBEAT_FD, Heartbeat, die_with
 
 if __name__ == "__main__":
-    die_with(int(sys.argv[-1]))  # before anything that takes its time
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a terminal: the supervisor gets it too, and asks us to end
-    from agent.running import run_agent
+    die_with(int(sys.argv[-1]))  # first of all: the imports below take a second
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C also reaches the supervisor, which stops this process
+    from agent.shell.running import run_agent
 
-    os._exit(run_agent(sys.argv[1], "--verbose" in sys.argv, Beat(BEAT_FD)))
+    os._exit(run_agent(sys.argv[1], "--verbose" in sys.argv, Heartbeat(HEARTBEAT_FD)))

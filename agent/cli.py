@@ -8,13 +8,16 @@ from typing import Annotated
 
 import typer
 
+from agent import version
 from agent.commands import command, preflight, run
 from agent.errors import RadronError
 from protocol.errors import ProtocolError
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, help="One drone of the swarm, on board.")
+_HELP = "One drone of the swarm, on board."
+app = typer.Typer(no_args_is_help=True, add_completion=False)
 
 
+app.callback(help=_HELP)(version.options)
 app.command()(run)
 app.command()(preflight)
 app.command()(command)
@@ -32,7 +35,7 @@ def cones(
         int | None, typer.Option(min=8, max=56, help="Bits of the file's ToA, if it wraps unnoticed.", show_default="recognised")
     ] = None,
 ) -> None:
-    """Turn the pixel hits of a file into Compton cones, and say what the file holds.
+    """Turn the pixel hits of a file into Compton cones, and summarise the file.
 
     The CSV has one line per cone: stamp_ns since the detector's clock was reset; axis_x, axis_y, axis_z in the camera's frame (x
     along the pixel rows, y up, z out of the sensor), from the absorbed photon to the electron if cluster 1 was the electron
@@ -50,7 +53,7 @@ def replay(
         Path, typer.Argument(metavar="FLIGHT.mcap", help="Any file of a recorded flight, or a folder with one flight.")
     ],
 ) -> None:
-    """Fly a recorded flight again, and say whether every hypothesis, setpoint and message comes out identical, bit for bit.
+    """Replay a recorded flight, and verify that every hypothesis, setpoint and message is identical, bit for bit.
 
     Exit code 0: identical; 1: different; 2: the flight cannot be replayed (to its end).
     """
@@ -59,10 +62,31 @@ def replay(
     raise typer.Exit(run_replay(flight))
 
 
+@app.command()
+def identify(
+    flight: Annotated[
+        Path, typer.Argument(metavar="FLIGHT.mcap", help="Any file of a recorded flight, or a folder with one flight.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="Draw setpoint against position into this file (needs matplotlib).")
+    ] = None,
+) -> None:
+    """Identify the vehicle's response to setpoints from a recorded flight, and print it as [vehicle.response] for the drone file.
+
+    An agent identifies drag and lag in its first seconds of flight: the section gives the values that it starts from.
+    """
+    from agent.flight.identify_command import run_identify  # noqa: PLC0415  belongs to this command alone
+
+    run_identify(flight, out)
+
+
 def main() -> None:
-    """Run the command; what the user can mend ends in one line and exit code 2."""
+    """Run the command; errors that the user can fix end in one line and exit code 2."""
     try:
         app()
     except (RadronError, ProtocolError) as error:
         print(f"radron-agent: {error}", file=sys.stderr)
+        sys.exit(2)
+    except OSError as error:  # mostly the disk: full, missing or no permission, which the user can fix
+        print(f"radron-agent: {error.filename or 'input or output'}: {error.strerror or error}", file=sys.stderr)
         sys.exit(2)

@@ -1,4 +1,4 @@
-"""``radron-agent run``, ``preflight`` and ``command``. What is heavy is imported by the command that needs it."""
+"""``radron-agent run``, ``preflight`` and ``command``. Slow imports are left to the command that needs them."""
 
 from __future__ import annotations
 
@@ -17,33 +17,35 @@ if TYPE_CHECKING:
 
     from agent.vehicle.interface import Finding
 
-ConfigOption = Annotated[Path, typer.Option(metavar="DRONE.toml", help="The drone file; RADRON_ variables stand over it.")]
+ConfigOption = Annotated[Path, typer.Option(metavar="DRONE.toml", help="The drone file; RADRON_ variables override it.")]
 _COLOURS = {"ok": "green", "not yet": "yellow", "failed": "red"}
 
 
 def run(
-    config: ConfigOption, verbose: Annotated[bool, typer.Option("--verbose", help="Log counters, too, each 10 s.")] = False
+    config: ConfigOption, verbose: Annotated[bool, typer.Option("--verbose", help="Also log the counters every 10 s.")] = False
 ) -> None:
     """Fly this drone's part of the mission, until SIGINT or SIGTERM.
 
     Nothing moves without an operator's start command. This process becomes the watchdog, and the agent is its child. Exit codes:
-    0 asked to end; 2 something to be mended, said in one line; 70 the agent hung or broke, so that the autopilot took over.
+    0 stopped on request; 2 an error that the user can fix, in one line; 70 the agent hung or crashed: the autopilot took over.
     """
     agent = [sys.executable, "-m", "agent", str(config), *(["--verbose"] if verbose else [])]
     sys.stderr.flush()
-    os.execv(sys.executable, [sys.executable, "-m", "agent.supervisor", *agent])  # without this command's imports: 12 MB
+    os.execv(sys.executable, [sys.executable, "-m", "agent.shell.supervisor", *agent])  # without this command's imports: 12 MB
 
 
 def preflight(
     config: ConfigOption,
-    wait: Annotated[float, typer.Option(metavar="SECONDS", min=0.0, max=600.0, help="For what is not yet ready.")] = 10.0,
+    wait: Annotated[
+        float, typer.Option(metavar="SECONDS", min=0.0, max=600.0, help="How long to wait until all is ready.")
+    ] = 10.0,
 ) -> None:
-    """Connect everything, command nothing, and say what is ready. Exit code 0 if all is, else 1."""
+    """Connect everything, command nothing, and report what is ready. Exit code 0 if everything is ready, else 1."""
     from rich.console import Console  # noqa: PLC0415
     from rich.live import Live  # noqa: PLC0415
 
-    from agent.overrides import load_drone  # noqa: PLC0415
-    from agent.preflight import Preflight  # noqa: PLC0415
+    from agent.preflight.check import Preflight  # noqa: PLC0415
+    from agent.shell.overrides import load_drone  # noqa: PLC0415
 
     drone, mission = load_drone(config, os.environ)
     check = Preflight(drone, mission)
@@ -62,15 +64,15 @@ def command(
     action: Annotated[Action, typer.Argument(help="What the swarm is to do.")],
     swarm: Annotated[str, typer.Option(metavar="NAME", help="The swarm's name, as in its mission file.")],
     connect: Annotated[list[str], typer.Option(metavar="tcp/HOST:PORT", help="A drone's endpoint; may be given several times.")],
-    drones: Annotated[str, typer.Option(metavar="d1,d2", help="Only these.", show_default="all")] = "",
-    anyway: Annotated[bool, typer.Option("--anyway", help="Start those that can though drones report problems.")] = False,
+    drones: Annotated[str, typer.Option(metavar="d1,d2", help="Only these drones.", show_default="all")] = "",
+    anyway: Annotated[bool, typer.Option("--anyway", help="Start those that can, although others report problems.")] = False,
 ) -> None:
-    """Command a swarm, and see it done. Exit code 2 where a drone refuses, with its reasons."""
-    from agent import commander  # noqa: PLC0415
+    """Command a swarm, and wait until it has obeyed. Exit code 2 if a drone refuses, with its reasons."""
+    from agent import groundcontrol  # noqa: PLC0415
 
     names = tuple(name for name in drones.split(",") if name)
-    order = commander.Order(action, swarm, tuple(connect), names, anyway)
-    asyncio.run(commander.command(order, print))
+    order = groundcontrol.Order(action, swarm, tuple(connect), names, anyway)
+    asyncio.run(groundcontrol.command(order, print))
 
 
 def _table(drone: str, findings: list[Finding]) -> Table:

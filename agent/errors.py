@@ -2,7 +2,7 @@
 
 
 class RadronError(Exception):
-    """Something that the user can mend; the text says what is wrong, where, and what to do."""
+    """An error that the user can fix; the text says what is wrong, where, and what to do."""
 
 
 class ConfigError(RadronError):
@@ -19,3 +19,7 @@ class VehicleError(RadronError):
 
 class FlightRecordError(RadronError):
     """A recorded flight that cannot be replayed, or a folder that cannot take one."""
+
+
+class OutputError(RadronError):
+    """A file that cannot, or must not, be written."""

@@ -1,4 +1,4 @@
-"""A TCP feed on the vehicle network: taken up, read, and taken up anew for as long as it is wanted."""
+"""A TCP feed on the vehicle network: connected, read, and reconnected until it is closed."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from agent.errors import ConfigError, RadronError
 
 Item = TypeVar("Item")
 
-BACKOFF_S = (0.2, 2.0)  # before the first and the later attempts to connect, doubled each time
-SILENCE_S = 3.0  # whoever has nothing to say sends an empty line or frame each second; a link that is silent for so long is dead
-LONGEST_BYTES = 8192  # of a line
+BACKOFF_S = (0.2, 2.0)  # pause after the first attempt to connect, doubled each time up to the second
+SILENCE_S = 3.0  # timeout of a silent link: without data, a sender sends an empty line or frame each second
+LONGEST_BYTES = 8192  # in a line
 _READ_BYTES = 1 << 18
 
 
 class CorruptFeedError(RadronError):
-    """Bytes that are none of this feed."""
+    """Bytes that do not belong to the feed's format."""
 
 
 class Feed(Generic[Item]):
-    """What comes from ``address`` ("host:port"). ``problem``: what is wrong with the link now. ``counters``: connections."""
+    """Items from ``address`` ("host:port"). ``problem``: what is wrong with the link now. ``counters``: connections."""
 
     def __init__(self, what: str, key: str, address: str, decoder: Callable[[], Callable[[bytes], Iterable[Item]]]) -> None:
-        """A feed that is not taken up yet.
+        """A feed that is not connected yet.
 
         Args:
-            what: is at the other end, in words.
+            what: the sender, in words.
             key: of the address in the drone file.
-            address: of the other end.
-            decoder: makes for each connection what turns its bytes, cut anywhere, into items; it raises a RadronError where they
-                are none, and the link is taken up anew.
+            address: of the sender.
+            decoder: makes a decoder for each connection, from bytes, split anywhere, to items; it raises a RadronError for
+                malformed bytes, and the link is reconnected.
 
         Raises:
-            ConfigError: the address is none.
+            ConfigError: not an address.
         """
         host, _, port = address.rpartition(":")
         if not host or not port.isdigit() or not 0 < int(port) < 65536:
@@ -50,7 +50,7 @@ class Feed(Generic[Item]):
         self.counters: Counter[str] = Counter()
 
     async def items(self) -> AsyncIterator[Item]:
-        """What has come, until ``close``."""
+        """The items as they arrive, until ``close``."""
         pause_s = BACKOFF_S[0]
         while not self._closed.is_set():
             try:
@@ -66,19 +66,19 @@ class Feed(Generic[Item]):
                         pause_s, self.problem = BACKOFF_S[0], None
                         yield item
                 finally:
-                    self._link.abort()  # nothing is sent on this link, so there is nothing to wait for
+                    self._link.abort()  # nothing is sent on this link, so nothing can be lost
             await self._wait(pause_s)
             pause_s = min(2.0 * pause_s, BACKOFF_S[1])
 
     async def _read(self, reader: asyncio.StreamReader) -> AsyncIterator[Item]:
-        """What comes on one connection; ends, and says why in ``problem``, where it ends."""
+        """The items of one connection; at its end ``problem`` says why it ended."""
         decode = self._decoder()
         while not self._closed.is_set():
             try:
                 for item in decode(await _received(reader)):
                     yield item
             except RadronError as error:
-                self.problem = f"{self._what} sends what is no feed: {error}"
+                self.problem = f"{self._what} sends malformed data: {error}"
                 return
             except TimeoutError:
                 self.problem = f"no data from {self._what} for {SILENCE_S:g} s"
@@ -88,7 +88,7 @@ class Feed(Generic[Item]):
                 return
 
     async def _wait(self, pause_s: float) -> None:
-        """Sleep, but not beyond ``close``."""
+        """Sleep, at most until ``close``."""
         try:
             async with asyncio.timeout(pause_s):
                 await self._closed.wait()
@@ -96,14 +96,14 @@ class Feed(Generic[Item]):
             pass
 
     async def close(self) -> None:
-        """Let go of the link; ``items`` ends."""
+        """Close the link; ``items`` ends."""
         self._closed.set()
         if self._link is not None:
             self._link.abort()
 
 
 class LineFeed(Feed[list[bytes]]):
-    """A feed of lines: some at a time, without their ends and the empty ones. ``counters``: those of the link, lines_too_long."""
+    """A feed of lines, in batches, without line ends and empty lines. ``counters``: those of the link, lines_too_long."""
 
     def __init__(self, what: str, key: str, address: str) -> None:
         """As in ``Feed``."""
@@ -125,15 +125,15 @@ class LineFeed(Feed[list[bytes]]):
 
 
 async def _received(reader: asyncio.StreamReader) -> bytes:
-    """The next bytes. Raises OSError (or TimeoutError, which is one) where the link has gone."""
+    """The next bytes. Raises OSError (or TimeoutError, a subclass) when the link is lost."""
     async with asyncio.timeout(SILENCE_S):
         data = await reader.read(_READ_BYTES)
     if not data:
-        raise OSError("it was closed")
+        raise OSError("closed by the sender")
     return data
 
 
 def _reason(error: OSError) -> str:
     if isinstance(error, TimeoutError):
-        return "it does not answer"
+        return "no answer"
     return os.strerror(error.errno).lower() if error.errno is not None and error.errno > 0 else str(error)

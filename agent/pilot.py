@@ -1,6 +1,6 @@
-"""The brain of one drone: what it hears, sees and measures goes in, messages and a command come out.
+"""The pilot program of one drone: messages, telemetry and readouts go in; messages and a vehicle command come out.
 
-The same pilot flies in lockstep, live and in a replay: once made it does no I/O, reads no clock and draws no random numbers.
+The same pilot flies in lockstep, live and in a replay: once made, it does no I/O, reads no clock and draws no random numbers.
 """
 
 from __future__ import annotations
@@ -8,53 +8,50 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 from msgspec import Struct
 
-from agent.conduct import Conduct
-from agent.config import DroneConfig, MissionConfig
+from agent.config.drone import DroneConfig
+from agent.config.mission import MissionConfig
 from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.readout import Readout
 from agent.detector.recognition import NuclideWatch
 from agent.errors import ConfigError
-from agent.exchange import LogExchange
 from agent.frames.swarm import SwarmFrames
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import Hypothesis, Outlook
-from agent.knowledge import Knowledge
-from agent.memory import Memory
-from agent.mission import FLYING
-from agent.observer import Observer
-from agent.peers import Peers
-from agent.problems import TWIN_NS, Problems
-from agent.reporter import Condition, Outbox, Reporter
+from agent.fusion.exchange import LogExchange
+from agent.fusion.posterior import Posterior, posterior_of
+from agent.localization.clocks import Clocks
+from agent.localization.ownpose import OwnPose
+from agent.localization.poseproblems import pose_problems
+from agent.mission.executive import Executive
+from agent.mission.memory import Memory
+from agent.mission.problems import TWIN_NS, Problems
+from agent.mission.reporter import Condition, Outbox, Reporter
+from agent.mission.stages import FLYING
+from agent.mission.worldmodel import WorldModel
+from agent.navigation.peers import Peers
+from agent.sensing.observer import Observer
+from agent.sensing.positionsensors import PositionSensors
 from agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
-from agent.whereabouts import Whereabouts
 from protocol.codec import decode_from
+from protocol.entries import Coverage, Entry
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
-from protocol.messages import (
-    AnyMessage,
-    Command,
-    Coverage,
-    Entry,
-    Estimate,
-    Frame,
-    Plan,
-    Pose,
-    Stage,
-    Status,
-)
+from protocol.messages import AnyMessage, Command, Estimate, Frame, Plan, Pose, Stage, Status
 
-_NEWS = (Pose, Plan, Estimate, Status)
-LONGEST_MISSION_NS = 86_400_000_000_000  # who says to have flown for longer has a wrong clock
-COMMAND_AGE_NS = 10_000_000_000  # an older command is not carried out
+_NEWS = (Pose, Plan, Status)
+_FOR_ONLOOKERS = (Frame, Estimate)  # every agent derives these from its own log
+LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
+COMMAND_AGE_NS = 10_000_000_000  # an older command is refused
 
 
 class Step(Struct, frozen=True):
-    """What a step yields: payloads to publish under their keys, and what the autopilot is to do."""
+    """Result of a step: payloads to publish under their keys, and the command for the autopilot."""
 
     publications: list[tuple[str, bytes]]
     command: VehicleCommand
@@ -77,8 +74,8 @@ class Pilot:
             mission: the same on every drone.
             drone: this one.
             boot: 16 hex digits, new at every start of the agent.
-            listeners: estimators that fuse the same log without any say in the flight.
-            memory: of the agent that flew this drone before; the flight goes on if telemetry shows it in the air.
+            listeners: estimators that fuse the same log without influence on the flight.
+            memory: from the agent that flew this drone before; the flight continues if telemetry shows it in the air.
 
         Raises:
             ConfigError: the drone is not one of the mission's.
@@ -91,16 +88,19 @@ class Pilot:
         self._swarm, self._mission_id = mission.swarm, mission.mission_id
         self._id, self._boot = drone.id, boot
         self.counters: Counter[str] = Counter()
-        self._knowledge = Knowledge(mission, listeners)
-        self._observer = Observer(drone, self._mission_id, boot)
-        history, numbers = self._observer.history, self._observer.numbers
-        epoch_offset = memory.epoch_offset if memory is not None else 0
-        self._where = Whereabouts(mission, member, boot, self.frames, history, numbers, self.counters, epoch_offset)
+        self._world = WorldModel(mission, listeners)
+        others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
+        self._clocks = Clocks(drone.id, others)
+        graph, speed_mps = self.frames.graph, mission.limits.speed_mps
+        self._own = OwnPose(member, graph, self._clocks, self.counters, speed_mps, epoch_offset)
+        history, numbers = self._own.history, count(1)
+        self._observer = Observer(drone, self._mission_id, boot, history, numbers)
+        self._sensors = PositionSensors(drone.id, others, self._mission_id, boot, history, numbers, self.counters)
         calibration = load_calibration(Path(drone.calibration)) if drone.calibration else Calibration.nominal()
         self._watch = NuclideWatch(mission.nuclide)
         self._chain = DetectorChain(mission.detection, mission.nuclide, calibration, self._watch.add)
-        self._peers = Peers([name for name in ids if name != drone.id])
-        self._conduct = Conduct(mission, drone, self._knowledge, self._where, self.counters, memory)
+        self._peers = Peers(others)
+        self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory)
         self._problems = Problems(drone.id, self._mission_id)
         self._exchange = LogExchange(mission.swarm, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
@@ -108,43 +108,49 @@ class Pilot:
 
     @property
     def stage(self) -> Stage:
-        """What the drone is doing."""
-        return self._conduct.stage
+        """The present stage of the mission."""
+        return self._executive.stage
 
     @property
     def memory(self) -> Memory | None:
-        """What an agent that is restarted must know: the same object as long as nothing in it changes."""
-        return self._conduct.memory
+        """State for an agent that is restarted in flight: the same object as long as nothing in it changes."""
+        return self._executive.memory
 
     @property
     def frames(self) -> SwarmFrames:
-        """Where the local frames of all drones lie in the mission frame."""
-        return self._knowledge.frames
+        """The estimated local frames of all drones in the mission frame."""
+        return self._world.frames
 
     @property
     def fusion(self) -> Fusion:
-        """The log and the estimator that is flown by."""
-        return self._knowledge.fusion
+        """The log, and the estimator that the drone flies by."""
+        return self._world.fusion
 
     @property
     def listeners(self) -> Mapping[str, Fusion]:
         """Further estimators on the same log, by name."""
-        return self._knowledge.listeners
+        return self._world.listeners
 
     @property
     def hypothesis(self) -> Hypothesis | None:
-        """Where the source is believed to be; mission frame."""
+        """The source estimate, mission frame; None before there is one."""
         return self.fusion.hypothesis
 
     @property
     def outlook(self) -> Outlook | None:
-        """What is known while there is no hypothesis."""
+        """The posterior of the search while there is no hypothesis."""
         return self.fusion.outlook
+
+    def posteriors(self, now_ns: int) -> dict[str, Posterior]:
+        """What the estimator that is flown by and the listeners hold possible, by name; without those that tell nothing yet."""
+        named = {self.fusion.estimator.name: self.fusion, **self.listeners}
+        found = {name: posterior_of(fusion, now_ns) for name, fusion in named.items()}
+        return {name: posterior for name, posterior in found.items() if posterior is not None}
 
     @property
     def finding(self) -> str:
-        """What the search has ended with, where it has found nothing; else empty."""
-        return self._conduct.finding
+        """The result of a search that ended without finding a source; else empty."""
+        return self._executive.finding
 
     @property
     def digest(self) -> str:
@@ -152,29 +158,29 @@ class Pilot:
         return self.fusion.digest
 
     def warn(self, problems: tuple[str, ...]) -> None:
-        """Take what the operator has to know of this drone, in place of what was given before."""
+        """Set the warnings that the shell has for the operator; replaces the previous ones."""
         self._problems.warned = problems
 
     def block(self, problems: tuple[str, ...]) -> None:
-        """Take what stands against a start besides what the pilot sees by itself, in place of what was given before."""
+        """Set the problems found by the shell that prevent a start; replaces the previous ones."""
         self._problems.blocked = problems
 
     def log_summary(self) -> bytes:
-        """What the log holds: a request for what it lacks, to be answered by the others' ``log_answer``."""
+        """A summary of the log: a request for missing entries, answered by the others' ``log_answer``."""
         return self._exchange.summary()
 
     def log_answer(self, request: bytes) -> list[tuple[str, bytes]]:
-        """Keys and payloads of log entries that the asker lacks; a bounded number, the oldest first."""
+        """Keys and payloads of log entries missing at the asking drone; a bounded number, oldest first."""
         return self._exchange.answer(request)
 
     def observe_vehicle(self, state: VehicleState) -> None:
-        """Take the newest telemetry. What is older than known, not finite or absurdly far away is counted and dropped."""
-        vehicle = self._where.follow(state)
+        """Take the newest telemetry. What is not newer than known, not finite or out of range is counted and dropped."""
+        vehicle = self._own.take(state)
         if vehicle is not None:
-            self._conduct.follow(vehicle)
+            self._executive.follow(vehicle)
 
     def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
-        """Take what the camera saw. Returns what it becomes, log entries of this drone, to be published at once."""
+        """Take a readout of the camera. Returns the resulting log entries, to be published at once."""
         for entry in self._observer.observe(self._chain.process(readout)):
             self._record(entry, readout.end_ns)
         self._watch.look(readout.end_ns)
@@ -185,30 +191,30 @@ class Pilot:
         return self._outbox.take()
 
     def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
-        """Take what a satellite receiver says. Returns the log entry that it becomes, to be published at once."""
-        entry = self._where.positioning.fix(fix)
+        """Take a satellite fix. Returns the resulting log entry, to be published at once."""
+        entry = self._sensors.fix(fix)
         if entry is not None:
             self._record(entry, entry.stamp_ns)
         return self._outbox.take()
 
     def observe_sightings(self, seen: Sequence[SeenDrone]) -> list[tuple[str, bytes]]:
-        """Take what sensors have seen of the other drones. Returns what it becomes, log entries, to be published at once."""
-        for sight in seen:
-            entry = self._where.positioning.sighting(sight)
+        """Take relative observations of other drones. Returns the resulting log entries, to be published at once."""
+        for sighting in seen:
+            entry = self._sensors.sighting(sighting)
             if entry is not None:
                 self._record(entry, entry.stamp_ns)
                 self._peers.see(entry)
         return self._outbox.take()
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> None:
-        """Take a message from the mesh. Whatever is wrong with it is counted and dropped, never raised."""
+        """Take a message from the mesh. An invalid one is counted and dropped, never raised."""
         try:
-            message = decode_from(key, payload)
-            swarm = parse_key(key).swarm
+            address = parse_key(key)  # as it is where the mesh has read it already
+            message = decode_from(address, payload)
         except ProtocolError:
             self.counters["rejected_malformed"] += 1
             return
-        if swarm != self._swarm:
+        if address.swarm != self._swarm:
             self.counters["dropped_other_swarm"] += 1
             return
         reason = self._dispatch(message, payload, now_ns)
@@ -216,24 +222,24 @@ class Pilot:
             self.counters[f"dropped_{reason}"] += 1
 
     def advance(self, now_ns: int) -> None:
-        """Fold what came in, so that the hypothesis rests on it without waiting for the next step.
+        """Process new log entries, so that the hypothesis includes them before the next step.
 
-        Costs nearly nothing when nothing came in; much at once is folded in slices over several calls.
+        Costs almost nothing without new entries; a large backlog is processed in slices over several calls.
         """
-        self._knowledge.advance(now_ns)
+        self._world.advance(now_ns)
 
     def step(self, now_ns: int) -> Step:
-        """Decide: fold the log, move on in the mission, plan, and report. To be called at 20 Hz or more."""
+        """Process the log, advance the mission, plan, and report. To be called at 20 Hz or more."""
         self.advance(now_ns)
         stage, finding = self.stage, self.finding
-        act = self._conduct.step(now_ns, self._peers)
+        act = self._executive.step(now_ns, self._peers)
         if self.stage is not stage or (self.finding and not finding):
             self._reporter.hurry(now_ns)
         if act.plan is not None:
             self._outbox.put(act.plan)
         if act.searched is not None:
-            self._record(self._observer.coverage(*act.searched, self._conduct.swath_m), now_ns)
-        if self._where.is_estimated:
+            self._record(self._observer.coverage(*act.searched, self._executive.swath_m), now_ns)
+        if self._own.is_estimated:
             for entry in self._observer.unseen(now_ns):
                 self._record(entry, now_ns)
         self._report(now_ns)
@@ -250,9 +256,9 @@ class Pilot:
                 self._problems.hear_twin(now_ns)
             return "own_id"
         if isinstance(message, Status):
-            self._where.clocks.hear(message, now_ns)  # however old its stamp seems
-        if isinstance(message, Frame):
-            return None  # for onlookers: every agent derives the frames from its own log
+            self._clocks.hear(message, now_ns)  # however old its stamp seems
+        if isinstance(message, _FOR_ONLOOKERS):
+            return None
         if isinstance(message, _NEWS):
             return self._peers.receive(message, now_ns)
         return "unused"
@@ -264,43 +270,45 @@ class Pilot:
             return None
         if abs(now_ns - command.stamp_ns) > COMMAND_AGE_NS:
             return "command_too_old"
-        self._problems.unplaced = self._where.is_unplaced
-        problems = self._problems.against_start(now_ns, self._where.vehicle, self._peers.statuses(now_ns))
+        self._problems.unplaced = self._own.is_unplaced
+        problems = self._problems.against_start(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
         begun_ns = self._begun_ns(command.stamp_ns, now_ns)
-        obeyed = self._conduct.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems)
+        obeyed = self._executive.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems)
         return None if obeyed else "command_refused"
 
     def _begun_ns(self, stamp_ns: int, now_ns: int) -> int:
-        """When the swarm's mission began for a drone that is started by a command of that stamp: with those that fly it already,
-        so that all leave out the same of what was measured before.
+        """Start of the swarm's mission for a drone that is started by a command of that stamp: that of the drones that fly it
+        already, so that all ignore the same earlier measurements.
         """
         statuses = self._peers.statuses(now_ns).values()
         begun = (status.started_ns for status in statuses if status.mission == self._mission_id)
         return min((stamp_ns, *(began for began in begun if began is not None and now_ns - began < LONGEST_MISSION_NS)))
 
     def _record(self, entry: Entry, now_ns: int) -> None:
-        """Publish an entry of this drone and keep it, by the very bytes that the others get."""
+        """Publish an entry of this drone and log it, from the same bytes that the others get."""
         payload = self._outbox.put(entry)
         if payload is not None:
             self._fold(entry, payload, now_ns)
 
     def _fold(self, entry: Entry, payload: bytes, now_ns: int) -> None:
-        if not self._knowledge.take(entry, payload, now_ns):
+        if not self._world.take(entry, payload, now_ns):
             return
-        self._where.take(entry)
+        self._own.take_entry(entry)
         if isinstance(entry, Coverage) and entry.drone == self._id and entry.boot != self._boot:
-            self._conduct.divide_anew()  # of this drone before its agent was restarted
+            self._executive.divide_anew()  # by this drone before its agent was restarted
 
     def _report(self, now_ns: int) -> None:
         believed = (self.hypothesis, self.fusion.digest) if self.hypothesis is not None else None
-        vehicle, condition = self._where.vehicle, partial(self._condition, now_ns)
-        for message in self._reporter.due(now_ns, vehicle, self._where.frame, believed, condition):
+        vehicle, frame, condition = self._own.vehicle, self._own.frame, partial(self._condition, now_ns)
+        placed = frame.mission_from_local if frame is not None else None
+        for message in self._reporter.due(now_ns, vehicle, placed, believed, condition):
             self._outbox.put(message)
 
     def _condition(self, now_ns: int) -> Condition:
-        self._problems.seen = self._where.problems(now_ns, self.stage in FLYING)
-        self._problems.unplaced = self._where.is_unplaced
-        problems = self._problems.all(now_ns, self._where.vehicle, self._peers.statuses(now_ns))
-        delays_ns = self._where.clocks.delays_ns(now_ns)
-        began_ns, seen = self._conduct.started_ns, self._watch.message
+        self._problems.seen = pose_problems(self._id, self._own, self._clocks, self.frames, now_ns, self.stage in FLYING)
+        self._problems.unplaced = self._own.is_unplaced
+        self._problems.flown = self._executive.problems(now_ns)
+        problems = self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
+        delays_ns = self._clocks.delays_ns(now_ns)
+        began_ns, seen = self._executive.started_ns, self._watch.message
         return Condition(self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns)

@@ -1,4 +1,4 @@
-"""What a camera counts beside a known source: ``python -m benchmarks.channel_response --events 400000 Cs-137 Co-60 ...``.
+"""Count rates of a camera near a known source: ``python -m benchmarks.channel_response --events 400000 Cs-137 Co-60 ...``.
 
 The simulated camera looks at a source from several distances, its heading turning evenly as in flight, the source 5 to 45 degrees
 below the horizon; its hits go through the chain of agent.detector with the default configuration. A channel's rate over the
@@ -16,7 +16,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from sim.radiation.camera import Camera, SourceView

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.calibration import NOMINAL, Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.readout import PixelHits, Readout

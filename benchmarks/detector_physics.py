@@ -1,7 +1,7 @@
-"""The simulated detector beside the reference: efficiencies, effective areas and the angular resolution at 662 keV.
+"""The simulated detector against a reference: efficiencies, effective areas and the angular resolution at 662 keV.
 
-The reference is a prototype's independent Monte Carlo without K fluorescence. A K line photon's own small cluster is given to its
-neighbour where the table says "satellites merged"; "two clusters" counts everything above 5 keV.
+The reference is a prototype's independent Monte Carlo without K fluorescence. The small cluster of a K fluorescence photon is
+merged with its neighbour in rows with "satellites merged"; "two clusters" counts everything above 5 keV.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""The estimate of the drones' frames: what a keyframe costs on one core, and how well frames are known after 20 s of flight.
+"""The estimate of the drones' frames: cost of a keyframe on one core, and accuracy of the frames after 20 s of flight.
 
-Flights and errors are those of ``tests/support/sighted_swarm.py``: 3 m/s, sightings with 2 degrees, 0.3 m and 10 % of false ones.
+Flights and errors are those of ``tests/support/sighted_swarm.py``: 3 m/s, sightings with errors of 2 degrees and
+0.3 m, 10 % of them false.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def accuracy(console: Console) -> None:
             headings = np.random.default_rng(seed).uniform(-180.0, 180.0, 2)
             drones = [Drone("d1", kind="exact")]
             drones += [
-                Drone(f"d{k + 2}", yaw_deg=h, told_yaw_deg=0.0, yaw_sigma_deg=180.0, **DRIFT) for k, h in enumerate(headings)
+                Drone(f"d{k + 2}", yaw_deg=h, reported_yaw_deg=0.0, yaw_sigma_deg=180.0, **DRIFT) for k, h in enumerate(headings)
             ]
             flown = fly(drones, 20.5, seed, sensor)
             frames, _, _ = estimated(flown)

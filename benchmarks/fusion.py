@@ -1,4 +1,4 @@
-"""What the fusion costs one agent of a swarm of three: per simulated second, per cone, per idle call, and for x0.
+"""Cost of the fusion for one agent of a swarm of three: per simulated second, per cone, per idle call, and for x0.
 
 Run: python benchmarks/fusion.py
 """
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from agent.config import AreaConfig, DroneInMission, FusionConfig, MissionConfig
+from agent.config.mission import AreaConfig, DroneInMission, FusionConfig, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.fusion.bayes.response import response_of
@@ -23,7 +23,7 @@ from agent.fusion.initial import InitialSearch
 from agent.fusion.observation import ConeObservation, observe
 from agent.fusion.registry import estimator_named
 from protocol.codec import encode
-from protocol.messages import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample
+from protocol.entries import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample
 
 SECONDS = 120
 STEP_NS = 50_000_000  # the pilot calls at 20 Hz
@@ -145,7 +145,7 @@ def _flight(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) ->
 
 
 def _replay(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) -> dict[str, float]:
-    """Everything is there at once: one long replay, in slices."""
+    """All entries at once: one long replay, in slices."""
     fusion = Fusion(mission, FrameGraph.from_launch_layout(mission))
     for _, entry, payload in arrivals:
         fusion.receive(entry, payload)
@@ -158,7 +158,7 @@ def _replay(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) ->
 
 
 def _reaction(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) -> dict[str, float]:
-    """Work from a cone's arrival to the hypothesis that has it in, x0 excluded; without waiting for what the estimator holds."""
+    """Computing time from a cone's arrival to the hypothesis that includes it, without x0 and the estimator's hold time."""
     fusion = Fusion(mission, FrameGraph.from_launch_layout(mission))
     hold_ns = round(fusion.estimator.hold_s * 1e9)
     taken = []
@@ -172,7 +172,7 @@ def _reaction(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) 
 
 
 def _steps(mission: MissionConfig, arrivals: list[tuple[int, Entry, bytes]]) -> dict[str, float]:
-    """What one cone and one exposure cost in a step of their own, once there is a track, and one exposure before."""
+    """Cost of a step with one cone and of one with one exposure while tracking, and of one with an exposure while searching."""
     estimator = estimator_named("bayes", mission)
     seen = sorted((s for _, entry, _ in arrivals if (s := observe(entry, Transform())) is not None), key=lambda s: s.stamp_ns)
     state = estimator.initial(None)

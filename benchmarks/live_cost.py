@@ -1,10 +1,10 @@
-"""What the live swarm costs: CPU and memory of each agent, of the world and of the launcher, and how evenly setpoints come.
+"""Cost of the live swarm: CPU and memory of each agent, of the world and of the launcher, and regularity of the setpoints.
 
 Flies ``radron-sim live`` and watches its processes. Agent: the node and its watchdog together, over the last 30 s of tracking.
-Setpoints: those that say something new, as they come in at the vehicle, over the whole flight.
+Setpoints: newly computed ones, at their arrival at the vehicle, over the whole flight.
 
 Run: python benchmarks/live_cost.py [--drones 3 10] [--seconds 45] [--busy 2] [--json OUT]
-``--busy``: so many endless loops run beside it, at normal priority, during the flight.
+``--busy``: number of endless loops that run during the flight, at normal priority.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def main() -> None:
 
 @contextmanager
 def _busy(number: int) -> Iterator[None]:
-    """Endless loops beside the flight."""
+    """Endless loops during the flight."""
     loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(number)]
     try:
         yield
@@ -67,7 +67,7 @@ def _busy(number: int) -> Iterator[None]:
 
 
 def _cost(folder: Path, seen: dict[int, Seen]) -> dict[str, float]:
-    """CPU in percent of a core over the end of tracking, memory in MB at its largest."""
+    """CPU in percent of a core over the end of tracking, peak memory in MB."""
     found = flights(folder)
     stretches = [stretch for flight in found.values() if (stretch := tracking(flight)) is not None]
     if len(stretches) < len(found):
@@ -91,14 +91,14 @@ def _cost(folder: Path, seen: dict[int, Seen]) -> dict[str, float]:
 
 
 def _setpoints(folder: Path, found: dict[str, RecordedFlight]) -> dict[str, float]:
-    """Newly computed setpoints as the vehicles saw them: the lowest rate and the largest gap of all."""
+    """Newly computed setpoints as received by the vehicles: the lowest rate and the longest gap."""
     agents = json.loads((folder / "agents.json").read_text())["agents"]
     rates = [agent["computed_setpoints"] / _offboard_s(found[agent["drone"]]) for agent in agents]
     return {"setpoint_hz": min(rates), "setpoint_gap_ms": 1e3 * max(agent["largest_gap_s"] for agent in agents)}
 
 
 def _offboard_s(flight: RecordedFlight) -> float:
-    """For how long this agent gave setpoints."""
+    """How long this agent sent setpoints, seconds."""
     given = [
         record.publish_ns
         for record in flight.records()

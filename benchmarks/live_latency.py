@@ -1,9 +1,9 @@
-"""From the publication of a cone to the hypothesis with it in every other agent, beside Zenoh's own put -> callback.
+"""Latency from the publication of a cone to the hypothesis that includes it in every other agent, against raw Zenoh.
 
 Flies ``radron-sim live`` (real agents, real Zenoh, real MAVLink) and reads the agents' flight records: the wall time of the
-publication at the publisher, and those at which a receiver's pilot was given the cone and had the hypothesis that rests on it.
-Meanwhile other processes exchange payloads of a cone's size over Zenoh and nothing else: one sends to one, another to as many as
-an agent sends to (the other agents and the observer).
+publication at the publisher, and those at which a receiver's pilot received the cone and had the hypothesis that includes it.
+Meanwhile other processes exchange payloads of a cone's size over raw Zenoh (put to callback): one sends to one peer, another to
+as many as an agent does (the other agents and the observer).
 
 Run: python benchmarks/live_latency.py [--scenario demo] [--drones 3] [--flight DIR of an earlier flight] [--json OUT]
 """
@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def _flown(folder: Path, options: argparse.Namespace) -> dict[str, list[tuple[float, float]]]:
-    """Fly; returns the samples of raw Zenoh meanwhile."""
+    """Fly; returns the samples of raw Zenoh taken meanwhile."""
     arguments = [options.scenario, "--seed", str(options.seed)]
     if options.drones is not None:
         arguments += ["--drones", str(options.drones)]
@@ -89,7 +89,7 @@ def _delays(found: dict[str, RecordedFlight]) -> tuple[dict[str, list[float]], t
 
 
 def _arrivals(flight: RecordedFlight, published: dict[bytes, int]) -> list[tuple[int, int, int]]:
-    """Wall times of a cone's publication, of its coming to this pilot, and of the first hypothesis made after that."""
+    """Wall times of a cone's publication, of its arrival at this pilot, and of the first hypothesis after that."""
     arrivals: list[tuple[int, int, int]] = []
     waiting: dict[bytes, int] = {}
     known: set[bytes] = set()

@@ -18,8 +18,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from sim.live import fly_live
-from sim.liveview import View
+from sim.live.swarm import fly_live
+from sim.live.view import View
 from sim.lockstep import fly
 from sim.result import Flight
 from sim.scenario import load_scenario
@@ -30,7 +30,7 @@ _BEGIN, _END = "<!-- table: benchmarks/live_vs_lockstep.py -->", "<!-- end of th
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Of one flight."""
+    """Figures of one flight."""
 
     time_to_x0_s: float | None
     x0_error_m: float | None
@@ -61,7 +61,7 @@ def figures(flight: Flight) -> Figures:
 
 
 def live(scenario: str, seed: int) -> Figures:
-    """In a process of its own: a Zenoh session may not be open when another flight starts its processes."""
+    """Fly live, in a separate process: no Zenoh session may be open while another flight starts its processes."""
     with TemporaryDirectory(prefix="radron-") as folder:
         flight, report = asyncio.run(fly_live(load_scenario(scenario), seed, Path(folder), None, View()))
     if not report.agreed:
@@ -90,7 +90,7 @@ def _cell(values: Sequence[float | None]) -> str:
 
 
 def write(path: Path, text: str) -> None:
-    """Put the table into a page, between its marks."""
+    """Write the table into a page, between its markers."""
     page = path.read_text(encoding="utf-8")
     marked = re.compile(f"{re.escape(_BEGIN)}.*?{re.escape(_END)}", re.DOTALL)
     if not marked.search(page):

@@ -1,6 +1,6 @@
-"""The mesh alone: how soon it is complete, and how long a message takes, beside raw Zenoh in the same run.
+"""The mesh alone: time until it is complete, and message latency, against raw Zenoh in the same run.
 
-`python benchmarks/mesh.py [--seconds S] [--drones 3,6,10] [--json OUT]`. All peers are processes of their own on this machine.
+`python benchmarks/mesh.py [--seconds S] [--drones 3,6,10] [--json OUT]`. Each peer is a separate process on this machine.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def show(meshes: dict[int, tuple[float, float]], delays: dict[str, tuple[float, 
 
 
 def full_mesh(number: int) -> tuple[float, float]:
-    """Seconds until all see all: since the first process was started, and since the last one began to open its session."""
+    """Seconds until every peer sees all others: since the first process started; since the last one began to open its session."""
     ends = [f"tcp/127.0.0.1:{port}" for port in free_ports(number)]
     start_s = time.monotonic()
     peers = [start(join, f"d{i}", ends[i], tuple(ends[:i]), number) for i in range(number)]
@@ -128,7 +128,7 @@ def hear(pipe: Connection, raw_end: str, mesh_end: str) -> None:
 
 
 def tell(pipe: Connection, ends: list[str], seconds: float) -> None:
-    """Stamps its messages with the monotonic clock, which is one for all processes of a machine."""
+    """Stamps its messages with the monotonic clock, which all processes of a machine share."""
 
     async def run() -> None:
         raw = await open_session(MeshConfig(listen=ends[2], connect=(ends[0],)), dial_all=False)
@@ -158,7 +158,7 @@ def tell(pipe: Connection, ends: list[str], seconds: float) -> None:
 
 
 def start(work: Callable[..., None], *arguments: object) -> tuple[BaseProcess, Connection]:
-    """A process that works, and the pipe to it; those with more than one step say first that they are ready."""
+    """A worker process, and the pipe to it; those with more than one step report first that they are ready."""
     ours, theirs = SPAWN.Pipe()
     process = SPAWN.Process(target=work, args=(theirs, *arguments), daemon=True)
     process.start()
@@ -192,7 +192,7 @@ async def until(condition: Callable[[], object]) -> None:
 
 
 def ignore(key: str, payload: bytes) -> None:
-    """What nobody reads."""
+    """Discard a message."""
 
 
 if __name__ == "__main__":

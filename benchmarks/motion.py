@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from agent.config import EncirclementConfig
+from agent.config.mission import EncirclementConfig
 from agent.motion.encirclement import Encirclement
 from agent.motion.tracker import Status, Tracker
 
@@ -35,7 +35,7 @@ TRIPLE = np.array([[15.0, 0.0], [-5.0, 12.0], [-4.0, -13.0]])
 
 
 def timed(function: Callable[..., Any], spent: list[float]) -> Callable[..., Any]:
-    """The same function, which notes how long each call takes, in ms."""
+    """The same function, which records the duration of each call in ms."""
 
     def call(*args: Any, **named: Any) -> Any:
         begun = time.perf_counter()
@@ -76,7 +76,7 @@ def costs(console: Console) -> None:
 
 
 def stabilisation(console: Console) -> None:
-    """Settling, stillness and distances of both laws."""
+    """Settling times, remaining motion and distances of both laws."""
     title = f"Seconds until every gap is within 5 degrees: worst from any start, median and worst of {SEEDS * STEPS} steps"
     columns = ("start", "median", "worst", "RMS deg", "speed m/s", "nearest m")
     table = Table("law", *columns, title=title)

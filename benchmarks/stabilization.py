@@ -1,7 +1,8 @@
-"""How fast and how still the swarm forms up again after each 10 m step of the hypothesis, by both flocking laws.
+"""Stabilisation of the swarm after each 10 m step of the hypothesis: settling time and remaining motion with both flocking laws.
 
-`python benchmarks/stabilization.py [--seeds N] [--figure FILE]`: flies the scenario ``stabilization`` in lockstep (vehicle lag,
-localisation noise, radio delay) and prints a table; with ``--figure`` draws one flight of each law, one above the other.
+`python benchmarks/stabilization.py [--seeds N] [--exact] [--figure FILE]`: flies the scenario ``stabilization`` in lockstep (lag
+of the vehicles, localisation noise, radio delay) and prints a table; with ``--figure`` draws one flight of each, side by side.
+``--exact``: poses without error, to see the laws alone; with errors the vehicles wander about their positions on the circle.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import argparse
 import sys
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -18,7 +20,7 @@ from sim.figures.style import dress, drone_colour, new_figure, save
 from sim.lockstep import fly
 from sim.result import Flight
 from sim.scenario import load_scenario
-from sim.statistics import hypothesis_steps, settling_times
+from sim.scoring.statistics import hypothesis_steps, settling_times
 
 LAWS = ("smooth", "paper")
 SETTLED_S = 20.0  # so long after a step, what is left is the unrest of the law and the noise
@@ -36,7 +38,7 @@ def measure(flight: Flight) -> tuple[list[float], list[float], list[float]]:
 
 
 def draw(flights: dict[str, Flight]) -> Figure:
-    """Speed and spacing error of one flight by each law, in the manner of the paper's figure."""
+    """Speed and spacing error of one flight with each law, like the paper's figure."""
     figure = new_figure(10.0, 6.0)
     panels = figure.subplots(2, len(flights), sharex=True, sharey="row")
     for column, (law, flight) in enumerate(flights.items()):
@@ -62,9 +64,12 @@ def main() -> None:
     """Fly, print, draw."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument("--exact", action="store_true")
     parser.add_argument("--figure", type=Path)
     arguments = parser.parse_args()
     scenario = load_scenario("stabilization")
+    if arguments.exact:
+        scenario = msgspec.structs.replace(scenario, localization=load_scenario("ideal-static-swarm").localization)
     speed_mps = scenario.mission.encirclement.speed_mps
     shown: dict[str, Flight] = {}
     print("law     steps  settled within 5 deg: median, worst   RMS when settled   speed: mean, RMS off v, 95 %   nearest")

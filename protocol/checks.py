@@ -1,4 +1,4 @@
-"""What a message's numbers can contradict each other in, apart from their ranges."""
+"""Consistency checks on the numbers of a message, apart from their ranges."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from collections.abc import Sequence
 
 
 def is_unit(vector: Sequence[float]) -> bool:
-    """Whether a direction or quaternion has unit norm, to what single precision and rounding leave of it."""
+    """Whether a direction or quaternion has unit norm, within single precision and rounding."""
     return abs(math.hypot(*vector) - 1.0) < 1e-3
 
 
 def flaw_of_covariance(rows: Sequence[Sequence[float]]) -> str | None:
-    """Why a square matrix is no covariance: signs, symmetry, correlations; None if it is. The slack is for rounding."""
+    """Why a square matrix is not a covariance: signs, symmetry, correlations; None if it is one. The tolerance is for
+    rounding.
+    """
     if any(row[place] < 0.0 for place, row in enumerate(rows)):
         return "a variance is negative"
     for i, row in enumerate(rows):

@@ -1,4 +1,4 @@
-"""msgpack <-> message. What does not fit the schema, the limits or the key ends in one ``ProtocolError``."""
+"""msgpack <-> message. Anything that violates the schema, the limits or the key raises ``ProtocolError``."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from typing import NoReturn
 import msgpack
 import msgspec
 
+from protocol.entries import Entry
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
-from protocol.messages import KINDS, AnyMessage, Command, Message
+from protocol.message import Message
+from protocol.messages import KINDS, AnyMessage, Command
 
 MAX_PAYLOAD_BYTES = 64 * 1024
+MAX_ENTRY_BYTES = 2 * 1024  # of a log entry, which every agent keeps in memory until the mission ends
 _LIMITS = {
     "max_str_len": 1024,
     "max_bin_len": 1024,
@@ -38,8 +41,8 @@ def encode(message: Message) -> bytes:
         payload = _WRITER.encode(message)
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
         raise ProtocolError(f"not serialisable: {str(error)[:120]}") from None
-    _check_size(payload)
-    try:  # what one wrote oneself has no field twice and no extension, so that the quick reader serves
+    _check_size(payload, _limit_of(type(message)))
+    try:  # own messages have no duplicate field and no extension type, so that the fast reader suffices
         written = reader.decode(payload)
     except (msgspec.DecodeError, RecursionError, OverflowError) as error:
         raise ProtocolError(f"not a message: {str(error)[:200]}") from None
@@ -48,23 +51,25 @@ def encode(message: Message) -> bytes:
 
 
 def decode(payload: bytes) -> AnyMessage:
-    """Read any message. Unknown fields are ignored; missing required ones and fields given twice are refused.
+    """Decode any message. Unknown fields are ignored; missing required fields and duplicate fields are refused.
 
-    Every number of the schema has bounds, which NaN and infinity fail too.
+    Every number of the schema has bounds, which NaN and infinity violate too.
 
     Raises:
-        ProtocolError: whatever is wrong with the bytes.
+        ProtocolError: for any error in the bytes.
     """
     _check_size(payload)
     try:
         document = msgpack.unpackb(payload, use_list=False, object_pairs_hook=_object, ext_hook=_refuse_extension, **_LIMITS)
     except (ValueError, TypeError, RecursionError, MemoryError, msgpack.UnpackException) as error:
         raise ProtocolError(f"not msgpack within the limits: {type(error).__name__}: {str(error)[:120]}") from None
-    return _read(document)
+    message = _read(document)
+    _check_size(payload, _limit_of(type(message)))
+    return message
 
 
 def decode_from(key: str, payload: bytes) -> AnyMessage:
-    """Read a message that came in under a key, and hold it against what the key says (kind and sender)."""
+    """Decode a message received under a key, and check it against the key (kind and sender)."""
     address = parse_key(key)
     message = _as_written(address.kind, payload) or decode(payload)
     kind = type(message).__name__.lower()
@@ -77,11 +82,11 @@ def decode_from(key: str, payload: bytes) -> AnyMessage:
 
 
 def _as_written(kind: str, payload: bytes) -> AnyMessage | None:
-    """A message that :func:`encode` wrote, read in a third of the time; None where only :func:`decode` can tell what it is.
+    """Decode a message written by :func:`encode`, in a third of the time; None where :func:`decode` is needed.
 
-    Bytes that would be written again just so have no field twice, nothing unknown, and no size beyond the schema's.
+    Bytes that :func:`encode` reproduces have no duplicate field, nothing unknown, and no size beyond the schema's.
     """
-    _check_size(payload)
+    _check_size(payload, _limit_of(KINDS[kind]))
     try:
         message = _READERS[KINDS[kind]].decode(payload)
     except (msgspec.DecodeError, ValueError, RecursionError, OverflowError):  # ValueError: text that is not UTF-8
@@ -93,7 +98,7 @@ def _as_written(kind: str, payload: bytes) -> AnyMessage | None:
 
 
 def _object(pairs: list[tuple[object, object]]) -> dict[object, object]:
-    """A map whose keys differ: of a field given twice, two readers could take different ones."""
+    """A map with unique keys: of a duplicate field, two readers could take different values."""
     fields = dict(pairs)
     if len(fields) != len(pairs):
         raise ValueError("a field is given twice")
@@ -104,9 +109,13 @@ def _refuse_extension(code: int, data: bytes) -> NoReturn:
     raise ValueError(f"extension type {code}")
 
 
-def _check_size(payload: bytes) -> None:
-    if len(payload) > MAX_PAYLOAD_BYTES:
-        raise ProtocolError(f"payload of {len(payload)} bytes is over the limit of {MAX_PAYLOAD_BYTES}")
+def _limit_of(kind: type[Message]) -> int:
+    return MAX_ENTRY_BYTES if issubclass(kind, Entry) else MAX_PAYLOAD_BYTES
+
+
+def _check_size(payload: bytes, limit: int = MAX_PAYLOAD_BYTES) -> None:
+    if len(payload) > limit:
+        raise ProtocolError(f"payload of {len(payload)} bytes is over the limit of {limit}")
 
 
 def _read(document: object) -> AnyMessage:
@@ -114,7 +123,7 @@ def _read(document: object) -> AnyMessage:
     message_type = KINDS.get(kind) if isinstance(kind, str) else None
     if message_type is None:
         raise ProtocolError("not a message: no map with a known kind")
-    try:  # converting to one type takes a tenth of the time that a union of all would
+    try:  # converting to one type takes a tenth of the time of a union of all
         message: AnyMessage = msgspec.convert(document, message_type)
     except (msgspec.ValidationError, RecursionError, OverflowError) as error:
         raise ProtocolError(f"not a message: {str(error)[:200]}") from None

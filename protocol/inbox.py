@@ -1,7 +1,7 @@
-"""Messages on their way from Zenoh's threads into the event loop: entries and commands lossless and in order, of news the newest.
+"""Messages from Zenoh's threads to the event loop: entries and commands lossless and in order, of other kinds only the newest.
 
 A burst costs the loop one call from another thread. It is delivered in slices, commands first and log entries last, so that a
-flood of recovered entries neither delays the control step nor lets poses grow old.
+backlog of recovered entries neither delays the control step nor makes poses stale.
 """
 
 from __future__ import annotations
@@ -12,27 +12,28 @@ import threading
 from collections import Counter, deque
 from collections.abc import Callable
 
-from protocol.codec import MAX_PAYLOAD_BYTES
+from protocol.codec import MAX_ENTRY_BYTES, MAX_PAYLOAD_BYTES
+from protocol.entries import Entry
 from protocol.errors import ProtocolError
-from protocol.keys import parse_key
-from protocol.messages import DRONE_KINDS, Entry
+from protocol.keys import Key, parse_key
+from protocol.messages import DRONE_KINDS
 
 ENTRY_KINDS = tuple(kind for kind, message in DRONE_KINDS.items() if issubclass(message, Entry))
 NEWS_KINDS = tuple(kind for kind in DRONE_KINDS if kind not in ENTRY_KINDS)
 SLICE_MESSAGES = 100
 SLICE_S = 0.005
-MOST_ENTRIES = 50_000  # waiting for delivery; what is beyond is dropped, and brought back by the log query
+MOST_ENTRIES = 50_000  # waiting for delivery; more are dropped, and recovered by the log query
 MOST_COMMANDS = 1_000
 MOST_NEWS_KEYS = 1_000  # a swarm of 64 drones has 320
 
-Receive = Callable[[str, bytes], None]
+Receive = Callable[[Key, bytes], None]
 
 
 class Inbox:
-    """Takes messages in any thread, delivers them in the loop's.
+    """Takes messages in any thread, delivers them in the loop's, with their keys as read here once.
 
-    Counts ``received`` (delivered), ``superseded`` (news that newer news replaced); of what it drops ``overflow`` (beyond the
-    bounds above), ``oversized``, ``other_swarm``, ``unknown_key``.
+    Counts ``received`` (delivered), ``superseded`` (replaced by a newer one before delivery); and of what it drops ``overflow``
+    (beyond the bounds above), ``oversized``, ``other_swarm``, ``unknown_key``.
     """
 
     def __init__(
@@ -44,17 +45,17 @@ class Inbox:
         self._drained = drained
         self._counters = counters
         self._intake: deque[tuple[str, bytes | None]] = deque()  # append and popleft are atomic
-        self._called = False  # the loop has been told of what is in the intake
-        self._delivering = False  # the next slice is due
+        self._called = False  # a call that empties the intake is scheduled
+        self._delivering = False  # the next slice is scheduled
         self._closed = False
         self._overflow_lock = threading.Lock()
         self._overflow = 0
-        self._commands: deque[tuple[str, bytes]] = deque()
-        self._news: dict[str, bytes] = {}
-        self._entries: deque[tuple[str, bytes]] = deque()
+        self._commands: deque[tuple[Key, bytes]] = deque()
+        self._news: dict[Key, bytes] = {}
+        self._entries: deque[tuple[Key, bytes]] = deque()
 
     def put(self, key: str, payload: bytes | None) -> None:
-        """Take a message, in any thread; None stands for a payload that was too large to be taken over."""
+        """Take a message, in any thread; None stands for a payload that was too large."""
         if len(self._intake) >= MOST_ENTRIES:  # the loop stands still
             with self._overflow_lock:
                 self._overflow += 1
@@ -66,11 +67,11 @@ class Inbox:
                 self._loop.call_soon_threadsafe(self._take_in)
 
     def close(self) -> None:
-        """Deliver nothing any more."""
+        """Stop delivering."""
         self._closed = True
 
     def _take_in(self) -> None:
-        self._called = False  # before the intake is emptied: what comes in meanwhile calls again
+        self._called = False  # before the intake is emptied: later messages schedule another call
         for _ in range(len(self._intake)):
             self._sort(*self._intake.popleft())
         with self._overflow_lock:
@@ -79,19 +80,19 @@ class Inbox:
         if not self._delivering:
             self._deliver()
 
-    def _sort(self, key: str, payload: bytes | None) -> None:
+    def _sort(self, text: str, payload: bytes | None) -> None:
         try:
-            address = parse_key(key)
+            key = parse_key(text)
         except ProtocolError:
             self._counters["unknown_key"] += 1
             return
-        if address.swarm != self._swarm:
+        if key.swarm != self._swarm:
             self._counters["other_swarm"] += 1
-        elif payload is None or len(payload) > MAX_PAYLOAD_BYTES:
+        elif payload is None or len(payload) > (MAX_ENTRY_BYTES if key.kind in ENTRY_KINDS else MAX_PAYLOAD_BYTES):
             self._counters["oversized"] += 1
-        elif address.kind in ENTRY_KINDS:
+        elif key.kind in ENTRY_KINDS:
             self._keep(self._entries, MOST_ENTRIES, key, payload)
-        elif address.kind == "command":
+        elif key.kind == "command":
             self._keep(self._commands, MOST_COMMANDS, key, payload)
         elif key in self._news:
             self._news[key] = payload
@@ -101,7 +102,7 @@ class Inbox:
         else:
             self._count_overflow(1)
 
-    def _keep(self, queue: deque[tuple[str, bytes]], most: int, key: str, payload: bytes) -> None:
+    def _keep(self, queue: deque[tuple[Key, bytes]], most: int, key: Key, payload: bytes) -> None:
         if len(queue) < most:
             queue.append((key, payload))
         else:
@@ -112,7 +113,7 @@ class Inbox:
             self._counters["overflow"] += lost
 
     def _deliver(self) -> None:
-        """One slice; the next one follows when the loop has seen to everything else that is due."""
+        """One slice; the next follows when the loop has processed everything else that is due."""
         self._delivering = False
         until_s = self._loop.time() + SLICE_S
         try:
@@ -124,14 +125,14 @@ class Inbox:
                 self._receive(*message)
                 if self._loop.time() > until_s:
                     break
-        finally:  # an error of the receiver concerns one message
+        finally:  # an exception of the receiver affects one message only
             if not self._closed and (self._commands or self._news or self._entries):
                 self._delivering = True
                 self._loop.call_soon(self._deliver)
         if not self._closed:
             self._drained()
 
-    def _next(self) -> tuple[str, bytes] | None:
+    def _next(self) -> tuple[Key, bytes] | None:
         if self._commands:
             return self._commands.popleft()
         if self._news:

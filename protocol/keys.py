@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from typing import NamedTuple
 
 from protocol.errors import ProtocolError
-from protocol.messages import DRONE_KINDS, Command, DroneMessage, Message
+from protocol.message import DroneMessage, Message
+from protocol.messages import DRONE_KINDS, Command
 from protocol.units import IDENTIFIER, STATION
 
 VERSION = 1
@@ -15,8 +15,8 @@ ROOT = f"radron/{VERSION}"
 _IDENTIFIER = re.compile(IDENTIFIER)
 
 
-class Address(NamedTuple):
-    """What a key says of the message under it."""
+class Key(str):
+    """A valid message key with its parts: read once where a message comes in, and passed on as what it is."""
 
     swarm: str
     sender: str  # a drone's id or a station's name
@@ -46,13 +46,17 @@ def key_of(swarm: str, message: Message) -> str:
     raise ProtocolError(f"{type(message).__name__} has no key")
 
 
-@lru_cache(maxsize=1024)  # a swarm has a few dozen keys; refusals are not kept
-def parse_key(key: str) -> Address:
-    """Read a message key.
+def parse_key(key: str) -> Key:
+    """Read a message key; one that has been read already is returned as it is.
 
     Raises:
         ProtocolError: another version, another layout, an unknown kind or a name that is no identifier.
     """
+    return key if isinstance(key, Key) else _parsed(key)
+
+
+@lru_cache(maxsize=1024)  # a swarm has a few dozen keys; refusals are not kept
+def _parsed(key: str) -> Key:
     parts = key.split("/")
     if parts[:2] != ROOT.split("/"):
         raise ProtocolError(f"key {key[:80]!r} does not start with {ROOT}/")
@@ -61,11 +65,13 @@ def parse_key(key: str) -> Address:
     elif len(parts) == 5 and parts[3] != STATION and parts[4] in DRONE_KINDS:
         swarm, sender, kind = parts[2], parts[3], parts[4]
     else:
-        raise ProtocolError(f"key {key[:80]!r} names no message")
-    return Address(_identifier(swarm, "swarm"), _identifier(sender, "sender"), kind)
+        raise ProtocolError(f"key {key[:80]!r} is not the key of a message")
+    read = Key(key)
+    read.swarm, read.sender, read.kind = _identifier(swarm, "swarm"), _identifier(sender, "sender"), kind
+    return read
 
 
 def _identifier(name: str, what: str) -> str:
     if not _IDENTIFIER.match(name):
-        raise ProtocolError(f"{what} {name[:40]!r} is no identifier: use up to 32 of a-z, 0-9 and '-'")
+        raise ProtocolError(f"{what} {name[:40]!r} is not an identifier: use up to 32 of a-z, 0-9 and '-'")
     return name

@@ -1,10 +1,11 @@
-"""How a swarm uses Zenoh: the settings of a session, its opening, and errors that say what to do."""
+"""Settings, opening and closing of a Zenoh session, with errors that say what to do."""
 
 from __future__ import annotations
 
 import asyncio
 import concurrent.futures
 import contextlib
+import errno
 import ipaddress
 import json
 import os
@@ -25,20 +26,20 @@ T = TypeVar("T")
 
 OPEN_S = 5.0  # a session opens in 0.5 s at most, reachable peers or not
 LOOKUP_S = 1.5
-CLOSE_S = 2.0  # 0.8 s when a peer is dialled that is stopped; twice that on a busy machine
+CLOSE_S = 2.0  # it takes 0.8 s while a stopped peer is dialled; twice that on a busy machine
 _ENDPOINT = re.compile(r"tcp/(?P<host>[^\s/?#]+):(?P<port>\d{1,5})\Z")
-_RUNTIME = "(rx: (worker_threads: 16))"  # with Zenoh's two, vanished peers stall the reception from healthy ones for 10 s
+_RUNTIME = "(rx: (worker_threads: 16))"  # by default there are two: vanished peers then stall the reception from others for 10 s
 
-# Each was chosen by partition tests. One-way dialling and "greater-zid" keep two peers from opening two half sessions.
+# Each value was chosen by partition tests. One-way dialling and "greater-zid" keep two peers from opening two half sessions.
 _SETTINGS: dict[str, object] = {
     "mode": "peer",
     "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
     "transport/link/tx/lease": 1000,  # ms after which a silent peer is gone
     "transport/link/tx/keep_alive": 4,
-    "transport/link/tx/queue/size/data_high": 16,  # of 64 KiB for each peer, at the priority of log entries
-    "transport/unicast/open_timeout": 750,  # ms, two round trips; closing waits for it while a peer is dialled that is stopped
+    "transport/link/tx/queue/size/data_high": 16,  # batches of 64 KiB for each peer, at the priority of log entries
+    "transport/unicast/open_timeout": 750,  # ms, two round trips; closing waits for it while a stopped peer is dialled
     "transport/unicast/accept_timeout": 750,
-    "transport/shared_memory/enabled": False,  # drones share none, and a killed process leaves its segments behind
+    "transport/shared_memory/enabled": False,  # drones share no memory, and a killed process leaves its segments behind
     "queries_default_timeout": 1000,
 }
 
@@ -46,20 +47,20 @@ _SETTINGS: dict[str, object] = {
 class MeshConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where a session listens and which peers it dials, as Zenoh endpoints: ``tcp/10.7.1.11:7447``.
 
-    Of two drones only one may dial the other (by convention the one of the higher index).
+    Of two drones only one may dial the other (by convention the one with the higher index).
     """
 
-    listen: str | None = None  # none: dial only (operators)
+    listen: str | None = None  # None: dial only (operators)
     connect: tuple[str, ...] = ()
-    multicast: bool = False  # find peers by multicast, too
+    multicast: bool = False  # also find peers by multicast
 
 
 async def open_session(config: MeshConfig, dial_all: bool) -> zenoh.Session:
-    """Open a Zenoh session. A peer that cannot be reached is no error: it is dialled again until it answers.
+    """Open a Zenoh session. An unreachable peer is no error: it is dialled until it answers.
 
     Args:
-        config: endpoints; names among them are looked up here, once (Zenoh would again at each try, and stand still meanwhile).
-        dial_all: dial also every peer that is heard of through another: for a session that does not listen.
+        config: endpoints; host names are resolved here, once (Zenoh would resolve them at each attempt, and block meanwhile).
+        dial_all: also dial every peer announced by another one: for a session that does not listen.
 
     Raises:
         MeshError: a malformed endpoint, an unknown name, a port in use.
@@ -76,7 +77,7 @@ async def open_session(config: MeshConfig, dial_all: bool) -> zenoh.Session:
             await close_session(await opening)  # a thread of Zenoh that outlives the interpreter aborts the process
         raise
     except TimeoutError:
-        raise MeshError(f"mesh: the Zenoh session does not open within {OPEN_S:g} s; see whether the network is up") from None
+        raise MeshError(f"mesh: the Zenoh session does not open within {OPEN_S:g} s; check that the network is up") from None
     except zenoh.ZError as error:
         raise MeshError(_explain(str(error), config)) from None
 
@@ -88,7 +89,7 @@ def _open(settings: zenoh.Config) -> zenoh.Session:
 
 
 def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
-    """The result of a blocking call, made in a thread of its own that does not keep the process from ending."""
+    """The result of a blocking call, made in a separate daemon thread."""
     outcome: concurrent.futures.Future[T] = concurrent.futures.Future()
     outcome.set_running_or_notify_cancel()
 
@@ -105,10 +106,10 @@ def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
 async def close_session(session: zenoh.Session) -> None:
     """Close a Zenoh session, within ``CLOSE_S`` whatever its peers do.
 
-    What takes longer is left to a thread; a process that ends before that thread does may abort instead.
+    If it takes longer, a thread finishes it; a process that ends before that thread may abort.
     """
     with contextlib.suppress(TimeoutError, zenoh.ZError):
-        _do_not_linger(session.info.links())  # those that are younger than what the listener has seen
+        _do_not_linger(session.info.links())  # also links newer than the listener's last event
         await asyncio.wait_for(in_thread(session.close), CLOSE_S)
 
 
@@ -117,14 +118,14 @@ def _on_link(event: zenoh.LinkEvent) -> None:
 
 
 def _do_not_linger(links: Iterable[zenoh.Link]) -> None:
-    """Let the kernel deliver in the background what is still to be sent when a link is closed.
+    """Let the kernel send remaining data in the background when a link is closed.
 
-    Zenoh gives its sockets a linger time of 10 s: for so long a link to a peer that stopped reading would hold up close(), and,
-    when such a peer is given up, a receive thread with whatever waits there for its turn.
+    Zenoh gives its sockets a linger time of 10 s: for that long a link to a peer that has stopped reading would block close(),
+    and, when such a peer is given up, a receive thread with everything queued there.
     """
     ends = {(link.src.partition("/")[2], link.dst.partition("/")[2]) for link in links}
     for name in os.listdir("/proc/self/fd"):
-        with contextlib.suppress(OSError):  # no socket, not connected, closed meanwhile
+        with contextlib.suppress(OSError):  # not a socket, not connected, or closed meanwhile
             link = socket.socket(fileno=int(name))
             try:
                 if link.family in (socket.AF_INET, socket.AF_INET6) and _ends(link) in ends:
@@ -155,26 +156,31 @@ async def _settings_of(config: MeshConfig, dial_all: bool) -> dict[str, object]:
 
 
 async def _numeric(where: str, endpoint: str) -> str:
-    """The endpoint with its host as a number."""
+    """The endpoint with a numeric host."""
     match = _ENDPOINT.match(endpoint)
     if match is None or int(match["port"]) > 65535:
-        raise MeshError(f"{where}: {endpoint!r} is no endpoint; expected tcp/HOST:PORT, such as tcp/10.7.1.11:7447")
+        raise MeshError(f"{where}: {endpoint!r} is not an endpoint; expected tcp/HOST:PORT, such as tcp/10.7.1.11:7447")
     host, port = match["host"].strip("[]"), int(match["port"])
     try:
         found = await asyncio.wait_for(in_thread(lambda: socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)), LOOKUP_S)
     except TimeoutError:
-        raise MeshError(f"{where}: {endpoint!r}: looking up {host!r} takes too long; give its address as a number") from None
+        raise MeshError(f"{where}: {endpoint!r}: resolving {host!r} takes too long; give a numeric address") from None
     except (OSError, UnicodeError):
-        raise MeshError(f"{where}: {endpoint!r}: the host {host!r} is unknown; give its address as a number") from None
+        raise MeshError(f"{where}: {endpoint!r}: the host {host!r} is unknown; give a numeric address") from None
     address = ipaddress.ip_address(str(found[0][4][0]).partition("%")[0])
     if address.is_unspecified:
-        raise MeshError(f"{where}: {endpoint!r} is no address of one interface; peers must be able to dial it: name one")
+        raise MeshError(f"{where}: {endpoint!r} is not the address of one interface; give one that peers can dial")
     return f"tcp/{_host_port((str(address), port))}"
 
 
 def _explain(text: str, config: MeshConfig) -> str:
-    """One line of Zenoh's error."""
-    reason = re.search(r"([A-Z][a-z ]+) \(os error \d+\)", text)
+    """Zenoh's error in one line."""
+    reason = re.search(r"([A-Z][a-z ]+) \(os error (\d+)\)", text)
+    if reason is not None and config.listen is not None and int(reason[2]) == errno.EADDRNOTAVAIL:
+        return (
+            f"mesh.listen: {config.listen!r} is not an address of this computer (`ip address` shows them): "
+            "correct this drone's entry in mesh.endpoints, or its id"
+        )
     if reason is not None and config.listen is not None:
-        return f"mesh.listen: {config.listen!r} cannot be listened at: {reason[1].lower()}; is another agent running there?"
+        return f"mesh.listen: cannot listen at {config.listen!r}: {reason[1].lower()}; is another agent running on this port?"
     return f"mesh: {text.partition(' at /')[0].splitlines()[0][:160]}"

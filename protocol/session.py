@@ -1,8 +1,8 @@
-"""The mesh: one drone's, or one operator's, Zenoh session and its bridge to asyncio.
+"""The mesh: the Zenoh session of a drone or an operator, and its bridge to asyncio.
 
-Publications never block: everything goes out with congestion control DROP, at a priority that Zenoh's own blocking traffic
-(queries and recovery of the advanced publishers, priority DATA) does not use. What a log entry loses by that is recovered.
-Zenoh calls that can block are made in threads of their own. A process with a session must not fork: spawn.
+Publications never block: everything is sent with congestion control DROP, at a priority that Zenoh's own blocking traffic
+(queries and recovery of the advanced publishers, priority DATA) does not use. Log entries that are dropped are recovered.
+Zenoh calls that can block are made in separate threads. A process with a session must not fork: spawn.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from protocol.units import STATION
 
 __all__ = ["Mesh", "MeshConfig"]
 
-CACHE_ENTRIES = 2_000  # of each kind, for peers that join late or were cut off; what is older comes by the log query
-HEARTBEAT_S = 0.5  # after which the loss of a last entry is noticed
+CACHE_ENTRIES = 2_000  # of each kind, for peers that join late or were cut off; older ones come by the log query
+HEARTBEAT_S = 0.5  # the loss of a last entry is noticed after this time
 ASK_S = 1.0
-MOST_ANSWERS = 8  # log queries that are answered at a time
+MOST_ANSWERS = 8  # log queries answered at the same time
 
 Answer = Callable[[bytes], list[tuple[str, bytes]]]
 
@@ -36,7 +36,7 @@ Answer = Callable[[bytes], list[tuple[str, bytes]]]
 class Mesh:
     """An open session. All calls, and all calls back, are made in the thread of the event loop that opened it.
 
-    ``counters``: those of ``Inbox``; ``publish_failed``; ``entries_missed`` (lost beyond Zenoh's recovery: to be asked for);
+    ``counters``: those of ``Inbox``; ``publish_failed``; ``entries_missed`` (beyond Zenoh's recovery: left to the log query);
     of the log query ``log_asked``, ``log_replies``, ``log_ask_failed``, ``log_answered``, ``log_answer_failed``,
     ``log_answer_refused``.
     """
@@ -59,7 +59,7 @@ class Mesh:
         self._loop = asyncio.get_running_loop()
         self._inbox = Inbox(self._loop, swarm, receive, drained or (lambda: None), self.counters)
         self._publishers: dict[str, zenoh.Publisher | ext.AdvancedPublisher] = {}
-        self._declared: list[object] = []  # Zenoh undeclares what nobody holds
+        self._declared: list[object] = []  # Zenoh undeclares what is not referenced
         self._alive: set[str] = set()
         self._answers = 0
 
@@ -79,16 +79,16 @@ class Mesh:
         Args:
             config: endpoints.
             swarm: its name.
-            drone: own id; none for an operator, who gets no history, is not seen in ``alive`` and is not asked for a log.
-            receive: called with key and payload of every message of the swarm but one's own. Entries and commands come
-                without loss (within the bounds of ``Inbox``) and, of one key, in order; of news only the newest.
+            drone: own id; None for an operator, who gets no history, is not listed in ``alive`` and is not asked for a log.
+            receive: called with key and payload of every message of the swarm except the own ones. Entries and commands come
+                without loss (within the bounds of ``Inbox``) and, for one key, in order; of other kinds only the newest.
             drained: called after each burst of ``receive``.
-            answer: from a peer's summary to the (key, payload) of the entries that it lacks.
+            answer: from a peer's summary to the (key, payload) of the entries missing there.
 
         Raises:
             MeshError: the session cannot be opened as configured.
         """
-        drone_key(swarm, drone or "any", "alive")  # names that make no key are refused
+        drone_key(swarm, drone or "any", "alive")  # invalid names are refused
         session = await open_session(config, dial_all=config.listen is None)
         mesh = cls(session, swarm, drone, receive, drained, answer)
         declaring = in_thread(mesh._declare)
@@ -105,16 +105,16 @@ class Mesh:
 
     @property
     def alive(self) -> frozenset[str]:
-        """Drones whose liveliness token is there, without this one itself: of a process that was killed it is gone at once,
-        of one that stands still or is cut off after a second.
+        """The other drones with a liveliness token: a killed process loses it at once, a stopped or disconnected one after a
+        second.
         """
         return frozenset(self._alive)
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Send a message, or drop it where the way is congested; never blocks, never fails because of the network.
+        """Send a message, or drop it on congestion; never blocks, never fails because of the network.
 
         Raises:
-            ProtocolError: the key is none of this swarm's.
+            ProtocolError: not a key of this swarm.
         """
         publisher = self._publishers.get(key)
         try:
@@ -125,10 +125,10 @@ class Mesh:
             self.counters["publish_failed"] += 1
 
     async def ask(self, drone: str, summary: bytes) -> int:
-        """Ask a drone for the log entries that the holder of this summary lacks. They come through ``receive``.
+        """Ask a drone for the log entries missing in this summary. They come through ``receive``.
 
         Returns:
-            The number of replies; some of them may still be about to be delivered. 0 also for a drone that is not there.
+            The number of replies, some of which may not be delivered yet. 0 also for a drone that cannot be reached.
         """
         ended: asyncio.Future[None] = self._loop.create_future()
         replies = 0
@@ -147,7 +147,7 @@ class Mesh:
         key = drone_key(self._swarm, drone, "log")
         self._count("log_asked")
         try:
-            async with asyncio.timeout(1.2 * ASK_S):  # Zenoh's own timeout ends it before
+            async with asyncio.timeout(1.2 * ASK_S):  # Zenoh's own timeout comes first
                 await in_thread(
                     lambda: self._session.get(
                         key,
@@ -157,7 +157,7 @@ class Mesh:
                         consolidation=zenoh.ConsolidationMode.NONE,  # all entries of one kind have the same key
                         accept_replies=zenoh.ReplyKeyExpr.ANY,
                         timeout=ASK_S,
-                        congestion_control=CongestionControl.BLOCK,  # of the replies, too; they are sent in a thread of their own
+                        congestion_control=CongestionControl.BLOCK,  # also for the replies, which are sent in a separate thread
                         priority=Priority.DATA_LOW,
                     )
                 )
@@ -168,13 +168,13 @@ class Mesh:
         return replies
 
     async def close(self) -> None:
-        """Leave the swarm, within a second whatever the peers do. Nothing is received any more, and publications fail."""
+        """Leave the swarm, within a second whatever the peers do. Afterwards nothing is received, and publications fail."""
         self._inbox.close()
         await close_session(self._session)
         self._alive.clear()
 
     def _declare(self) -> None:
-        """Everything that the session has; the token comes last, so that who is seen alive listens already."""
+        """Declare everything; the token last, so that a drone that is seen alive already listens."""
         on_sample = Callback(self._take, indirect=False)
         places = [f"*/{kind}" for kind in NEWS_KINDS] + [f"{STATION}/*/command"]
         for place in places:
@@ -213,7 +213,7 @@ class Mesh:
     def _publisher(self, key: str) -> zenoh.Publisher | ext.AdvancedPublisher:
         address = parse_key(key)
         if address.swarm != self._swarm:
-            raise ProtocolError(f"key {key!r} is not of the swarm {self._swarm!r}")
+            raise ProtocolError(f"key {str(key)!r} is not of the swarm {self._swarm!r}")
         if address.kind in ENTRY_KINDS:
             return ext.declare_advanced_publisher(
                 self._session,
@@ -224,11 +224,11 @@ class Mesh:
                 sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S),
                 publisher_detection=True,
             )
-        # A priority of their own keeps commands from being dropped for news.
+        # With a separate priority, commands are not dropped in favour of frequent messages.
         priority = Priority.INTERACTIVE_HIGH if address.kind == "command" else Priority.INTERACTIVE_LOW
         return self._session.declare_publisher(key, congestion_control=CongestionControl.DROP, priority=priority)
 
-    # Called in Zenoh's threads; they make no Zenoh call that leaves the process.
+    # Called in Zenoh's threads; they must not make Zenoh calls that leave the process.
 
     def _take(self, sample: zenoh.Sample) -> None:
         payload = sample.payload
@@ -256,7 +256,7 @@ class Mesh:
         self.counters[name] += number
 
     def _reply(self, query: zenoh.Query) -> None:
-        """Answer a log query; whatever goes wrong is counted."""
+        """Answer a log query; failures are counted."""
         entries: list[tuple[str, bytes]] = []
         if self._answers >= MOST_ANSWERS:
             self._count("log_answer_refused")
@@ -268,7 +268,7 @@ class Mesh:
                 self._count("log_answer_failed")
 
         def send() -> None:
-            with query:  # ends it for the peer
+            with query:  # leaving the block ends it for the peer
                 for key, payload in entries:
                     query.reply(key, payload)
 

@@ -1,4 +1,4 @@
-"""What a log holds, as a drone tells it to a peer that is to send what is lacking (the payload of the ``log`` query).
+"""Summary of a log that a drone sends to a peer when it asks for missing entries (the payload of the ``log`` query).
 
 msgpack: ``[mission, [[drone, boot, [first, last, first, last, ...]], ...]]``, ranges of sequence numbers in ascending order.
 """
@@ -18,7 +18,7 @@ from protocol.errors import ProtocolError
 from protocol.units import BootId, Count, DroneId, MissionId
 
 MOST_PUBLISHERS = 512  # one for each start of each agent
-MOST_RANGES = 3072  # of all publishers together: what fits into a payload at 9 bytes a number
+MOST_RANGES = 3072  # of all publishers together: fits into a payload at 9 bytes a number
 
 Summary = Mapping[tuple[str, str], tuple[tuple[int, int], ...]]  # (drone, boot) -> (first, last) of the sequences held
 
@@ -35,10 +35,10 @@ class _Document(Struct, frozen=True, array_like=True):
 
 
 def encode_summary(mission: str, summary: Summary) -> bytes:
-    """Serialise; the result is accepted by :func:`decode_summary`.
+    """Encode; the result is accepted by :func:`decode_summary`.
 
-    A log with more gaps than fit is told by its oldest ranges, evenly over the publishers. What is left out is sent again for
-    nothing, but the oldest gaps close first, so that a drone that asks again and again gets everything.
+    Of a log with more gaps than fit, the oldest ranges are sent, evenly over the publishers. Entries left out of the summary are
+    sent again unnecessarily, but the oldest gaps close first, so that repeated queries obtain everything.
     """
     publishers = list(summary.items())[:MOST_PUBLISHERS]
     share = MOST_RANGES // max(1, len(publishers))
@@ -52,7 +52,7 @@ def decode_summary(payload: bytes) -> tuple[str, dict[tuple[str, str], tuple[tup
     """Mission id and ranges by (drone, boot).
 
     Raises:
-        ProtocolError: whatever is wrong with the bytes.
+        ProtocolError: for any error in the bytes.
     """
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise ProtocolError(f"summary of {len(payload)} bytes is over the limit of {MAX_PAYLOAD_BYTES}")
@@ -67,7 +67,7 @@ def decode_summary(payload: bytes) -> tuple[str, dict[tuple[str, str], tuple[tup
 
 
 def _ranges(bounds: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
-    """Pairs of bounds; they must be whole and in ascending order."""
+    """Pairs of bounds; they must be complete and in ascending order."""
     if len(bounds) % 2:
         raise ProtocolError("not a summary: a range has no end")
     ranges = tuple(zip(bounds[::2], bounds[1::2], strict=True))

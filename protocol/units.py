@@ -1,6 +1,6 @@
-"""The types of the messages' fields: names and numbers with their units and limits.
+"""Types of the messages' fields: names and numbers with their units and limits.
 
-Every number has bounds (which NaN and infinity fail, too) and every text a pattern: what nobody can mean is refused on reading.
+Every number has bounds (which NaN and infinity violate too) and every text a pattern: impossible values are refused on reading.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-STATION = "station"  # holds the place of a drone's id in the keys of operators; no drone may have it
+STATION = "station"  # replaces a drone's id in the keys of operators; no drone may have it
 IDENTIFIER = r"^[a-z0-9][a-z0-9-]{0,31}\Z"
 HEX_16 = r"^[0-9a-f]{16}\Z"
 
@@ -35,8 +35,8 @@ MetresPerSecond = Annotated[float, Meta(ge=-200.0, le=200.0)]
 Unit = Annotated[float, Meta(ge=-1.000001, le=1.000001)]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 Radians = Annotated[float, Meta(ge=-6.3, le=6.3)]
-SigmaRadians = Annotated[float, Meta(ge=0.0, le=6.3)]  # 0: known exactly
-SensorSigmaRadians = Annotated[float, Meta(ge=1e-4, le=6.3)]  # no sensor measures exactly; estimators divide by it
+SigmaRadians = Annotated[float, Meta(ge=0.0, le=6.3)]  # 0: exact
+SensorSigmaRadians = Annotated[float, Meta(ge=1e-4, le=6.3)]  # no sensor is exact; estimators divide by it
 SensorSigmaMetres = Annotated[float, Meta(ge=1e-3, le=1e5)]
 KiloElectronvolt = Annotated[float, Meta(ge=1e-3, le=10_000.0)]
 Seconds = Annotated[float, Meta(ge=0.0, le=3600.0)]

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 import typer
 
+from agent import version
 from agent.errors import RadronError
 from protocol.errors import ProtocolError
-from sim.commands import campaign, run, table
-from sim.consistency_command import consistency
-from sim.live_command import live
+from sim.commands.consistency import consistency
+from sim.commands.flights import campaign, run, scenarios, table
+from sim.live.command import live
+from sim.px4test.command import px4_test
 from sim.radiation.hits import hits
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, help="The simulated world: radiation, detectors, vehicles, radio.")
+_HELP = "The simulated world: radiation, detectors, vehicles, radio."
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")  # unless set: matrices are small, and Ctrl-C must reach the main thread
+app = typer.Typer(no_args_is_help=True, add_completion=False)
 
 
+app.callback(help=_HELP)(version.options)
+app.command()(scenarios)
 app.command()(live)
+app.command()(px4_test)
 app.command()(run)
 app.command()(campaign)
 app.command()(table)
@@ -25,9 +33,14 @@ app.command()(hits)
 
 
 def main() -> None:
-    """Run the command; what the user can mend ends in one line and exit code 2."""
+    """Run the command; errors that the user can fix end in one line and exit code 2."""
+    for name in _ONE_THREAD:
+        os.environ.setdefault(name, "1")
     try:
         app()
     except (RadronError, ProtocolError) as error:
         print(f"radron-sim: {error}", file=sys.stderr)
+        sys.exit(2)
+    except OSError as error:  # mostly the disk: full, missing or no permission, which the user can fix
+        print(f"radron-sim: {error.filename or 'input or output'}: {error.strerror or error}", file=sys.stderr)
         sys.exit(2)

@@ -1,4 +1,4 @@
-"""What the commands show while they work; on the error stream, so that the output stays clean."""
+"""Messages and progress of the commands, on standard error, so that standard output stays clean."""
 
 from __future__ import annotations
 
@@ -18,44 +18,51 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from sim.campaign import Watch
-from sim.workers import Outcome
+from sim.campaign.flights import Watch
+from sim.campaign.workers import Outcome
 
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
-_PLAIN_EVERY_S = 10.0  # between two lines where there is no terminal to redraw
+_PLAIN_EVERY_S = 10.0  # between two lines if there is no terminal
 
 
 def say(text: str, console: Console = err) -> None:
-    """A line as it is, however long, on the error stream unless told otherwise."""
+    """Print a line without wrapping or markup, on standard error by default."""
     console.print(text, markup=False, soft_wrap=True)
 
 
 @contextmanager
 def flight_progress(name: str) -> Iterator[Callable[[float, str], None]]:
-    """Shows one flight: what the swarm is doing, its time, and how much faster than real time that is."""
+    """Shows one flight: the swarm's stage, the simulated time, and the ratio to real time."""
     began = time.monotonic()
     columns = SpinnerColumn(), TextColumn("{task.description}")
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
-        task = progress.add_task(f"{name}: making ready")
-        now = Every(_PLAIN_EVERY_S)
-
-        def show(sim_s: float, what: str) -> None:
-            elapsed_s = max(time.monotonic() - began, 1e-3)
-            text = f"{name}: {what} | {sim_s:.0f} s flown, {sim_s / elapsed_s:.0f} x real time"
-            progress.update(task, description=escape(text))
-            if not err.is_terminal and now():
+    try:
+        with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
+            text = f"{name}: preparing"
+            task = progress.add_task(escape(text))
+            if not err.is_terminal:
                 say(text)
+            now = Every(_PLAIN_EVERY_S)
 
-        yield show
+            def show(sim_s: float, what: str) -> None:
+                elapsed_s = max(time.monotonic() - began, 1e-3)
+                text = f"{name}: {what} | {sim_s:.0f} s flown, {sim_s / elapsed_s:.0f} x real time"
+                progress.update(task, description=escape(text))
+                if not err.is_terminal and now():
+                    say(text)
+
+            yield show
+    except KeyboardInterrupt:
+        say(f"{name}: interrupted; nothing is written")
+        raise
 
 
 @contextmanager
 def campaign_progress(name: str) -> Iterator[Watch]:
-    """Shows a campaign: how many runs are flown, the time gone and the time to come, and which failed."""
+    """Shows a campaign: number of runs flown, elapsed and remaining time, and failed flights."""
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs,"),
-        TimeElapsedColumn(), TextColumn("gone,"), TimeRemainingColumn(), TextColumn("to come"),
+        TimeElapsedColumn(), TextColumn("elapsed,"), TimeRemainingColumn(), TextColumn("remaining"),
     )  # fmt: skip
     with Progress(*columns, console=err, speed_estimate_period=600.0, disable=not err.is_terminal) as progress:
         task = progress.add_task(name, total=None)
@@ -65,7 +72,7 @@ def campaign_progress(name: str) -> Iterator[Watch]:
             if outcome is None:
                 progress.reset(task, total=total, completed=done)
                 if done:
-                    say(f"{name}: {done} of {total} runs are there already; going on")
+                    say(f"{name}: {done} of {total} runs exist already; resuming")
             else:
                 progress.update(task, completed=done)
                 if outcome.result is None:
@@ -76,19 +83,19 @@ def campaign_progress(name: str) -> Iterator[Watch]:
         try:
             yield show
         except KeyboardInterrupt:
-            say(f"{name}: stopped; what is flown into an --out folder is kept, and the same command goes on from there")
+            say(f"{name}: interrupted; flights in an --out folder are kept: rerun to resume")
             raise
 
 
 class Every:
-    """True when called some time after it last was."""
+    """A rate limit: true at most once in ``every_s`` seconds."""
 
     def __init__(self, every_s: float) -> None:
         self._every_s = every_s
         self._last_s = time.monotonic()
 
     def __call__(self) -> bool:
-        """Whether it is time again."""
+        """Whether the interval since the last true result is over."""
         now_s = time.monotonic()
         if now_s - self._last_s < self._every_s:
             return False

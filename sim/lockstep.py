@@ -1,7 +1,7 @@
 """The swarm in one process, faster than real time, reproducible from a seed.
 
-Every drone is a full agent: its own pilot, log, fusion and tracker. What they say to each other passes through the codec and the
-radio; what they know of the world comes as telemetry and pixel hits. The truth stays in here.
+Every drone is a full agent: its own pilot, log, fusion and tracker. Messages between agents pass through the codec and the
+simulated radio; the world reaches them as telemetry and pixel hits. They never see the truth.
 """
 
 from __future__ import annotations
@@ -16,35 +16,36 @@ from tempfile import TemporaryDirectory
 import msgspec
 import numpy as np
 
-from agent.config import DroneConfig
+from agent.config.drone import DroneConfig, VehicleConfig
 from agent.pilot import Pilot
 from agent.vehicle.interface import VehicleState
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
-from sim.cameras import Cameras
-from sim.framescore import FrameScore
-from sim.launch import launch_places
-from sim.localization import Localization
-from sim.movingframes import MovingFrames
-from sim.radio import Radio
-from sim.recorder import LONGEST_START_S, Recorder
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
-from sim.sightings import Sightings
-from sim.source import source_path
+from sim.scoring.framescore import FrameScore
+from sim.scoring.recorder import LONGEST_START_S, Recorder
 from sim.streams import streams
-from sim.terrain import Terrain
 from sim.vehicle.autopilot import Autopilot
-from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, attitude
-from sim.walls import Walls
+from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, Setpoints, attitude
+from sim.world.cameras import Cameras
+from sim.world.launch import launch_places
+from sim.world.localization import Localization
+from sim.world.movingframes import MovingFrames
+from sim.world.radio import Radio
+from sim.world.sightings import Sightings
+from sim.world.source import source_path
+from sim.world.terrain import Terrain
+from sim.world.walls import Walls
 
 TICK_NS = 50_000_000  # agents and autopilots step at 20 Hz
-EXPOSE_TICKS = 2  # the geometry of a camera's exposure is that of the middle of 0.1 s
-READ_TICKS = 4  # cameras hand over their hits at 5 Hz
+EXPOSE_TICKS = 2  # a camera is exposed for 0.1 s at the pose in the middle
+READ_TICKS = 4  # cameras are read out at 5 Hz
 EPOCH_NS = 1_767_225_600_000_000_000  # 2026-01-01 UTC: simulated missions begin here
-START_S = 0.5  # the operator's command, after the agents have heard of each other
+START_S = 0.5  # the operator's start command, after the agents have received each other's messages
 Progress = Callable[[float, str], None]
+Watch = Callable[[float, Sequence[Pilot]], None]
 
 
 def fly(
@@ -54,28 +55,32 @@ def fly(
     listen: Sequence[str] = (),
     law: str | None = None,
     progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> Flight:
     """Fly one mission.
 
     Args:
-        scenario: the mission and the truth it meets.
-        seed: all randomness of the run; the same seed gives the same result, bit for bit, but for the wall times (of the flight
-            itself, without setting up).
-        estimator: instead of the mission's own.
-        listen: estimators that fuse the same log on the first drone without any say in the flight.
-        law: flocking law instead of the mission's own.
-        progress: called about every simulated second with the time and what the swarm is doing.
+        scenario: the mission and the truth.
+        seed: of all random numbers of the run; the same seed gives the same result, bit for bit, except the wall times (of the
+            flight itself, without setup).
+        estimator: replaces the mission's own.
+        listen: estimators that fuse the same log on the first drone without influence on the flight.
+        law: flocking law, replaces the mission's own.
+        progress: called about every simulated second with the time and the swarm's state.
+        watch: called after every tick with the time (s, since the start of the simulation) and the drones' pilots.
 
     Raises:
-        ConfigError: an estimator or law that is not known, or an estimator where the hypothesis is given.
+        ConfigError: an unknown estimator or law, or an estimator where the hypothesis is given.
     """
     world = _World(chosen(scenario, estimator, law), seed, listen)
-    gc.disable()  # a flight makes hardly any cycles, and searching for them takes 2 % of its time
+    gc.disable()  # a flight makes hardly any reference cycles, and the search for them takes 2 % of its time
     try:
         started = time.perf_counter()
         end = False
         while not end:
             end = world.tick()
+            if watch is not None:
+                watch(world.time_s, world.pilots)
             if progress is not None and world.ticks % 20 == 0:
                 progress(world.time_s, world.describe())
         wall_s = time.perf_counter() - started
@@ -86,7 +91,7 @@ def fly(
 
 
 class _World:
-    """Everything that is, at one instant."""
+    """The complete state of the simulated world and its agents."""
 
     def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str]) -> None:
         mission = scenario.mission
@@ -100,14 +105,14 @@ class _World:
         if scenario.sightings is not None:
             walls = Walls(scenario.walls) if scenario.walls else None
             self._sightings = Sightings(scenario.sightings, names, walls, TICK_NS * 1e-9, random.sightings)
-        configs = [DroneConfig(id=drone.id, vehicle_lag_s=scenario.vehicle_lag_s) for drone in mission.drones]
+        configs = [DroneConfig(id=drone.id, vehicle=VehicleConfig(response=scenario.response)) for drone in mission.drones]
         self._cameras: Cameras | None = None
         if scenario.measured:
             self._cameras = Cameras(scenario, configs, random.cameras, EPOCH_NS)
         with TemporaryDirectory() as folder:
             if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
                 configs = _calibrated(configs, self._cameras, Path(folder))
-            self._pilots = [
+            self.pilots = [
                 Pilot(mission, config, boot=f"{seed & 0xFFFFFFFF:08x}{k:08x}", listeners=listen if k == 0 else ())
                 for k, config in enumerate(configs)
             ]
@@ -121,11 +126,11 @@ class _World:
             for home, yaw in zip(self._estimated, self._frames.yaw_rad.tolist(), strict=True)
         ]
         self._radio = Radio(scenario.radio, count, random.radio)
-        first = self._pilots[0]
+        first = self.pilots[0]
         known = None
         if self._frames.moving:
             known = FrameScore(mission, first.frames, self._frames, scenario.localization.event_s)
-        self.recorder = Recorder(scenario, self._pilots, self._frames, TICK_NS * 1e-9, first.listeners, known)
+        self.recorder = Recorder(scenario, self.pilots, self._frames, TICK_NS * 1e-9, first.listeners, known)
         self._source = None
         if scenario.source is not None:
             duration_s = LONGEST_START_S + scenario.end.longest_s(mission)
@@ -137,7 +142,7 @@ class _World:
         return self.ticks * TICK_NS * 1e-9
 
     def describe(self) -> str:
-        """The stage of the first drone, and what the swarm believes."""
+        """The stage of the first drone, and the swarm's source estimate."""
         return self.recorder.describe()
 
     def tick(self) -> bool:
@@ -147,7 +152,7 @@ class _World:
         measured = self._sense(now_ns, source)
         if self.ticks == round(START_S * 1e9 / TICK_NS):
             self._command_start(now_ns)
-        for drone, pilot in enumerate(self._pilots):
+        for drone, pilot in enumerate(self.pilots):
             for key, payload in self._radio.receive(drone, now_ns):
                 pilot.receive(key, payload, now_ns)
             step = pilot.step(now_ns)
@@ -161,54 +166,54 @@ class _World:
         return self.recorder.sample(self.time_s, motion.position_m, motion.velocity_mps, source, error.position_error_m)
 
     def _sense(self, now_ns: int, source: tuple[float, float] | None) -> list[list[tuple[str, bytes]]]:
-        """Telemetry, fixes, sightings and readouts to the pilots; returns what each publishes of them."""
+        """Pass telemetry, fixes, sightings and readouts to the pilots; returns what each publishes in response."""
         self._telemetry(now_ns)
-        published: list[list[tuple[str, bytes]]] = [[] for _ in self._pilots]
+        published: list[list[tuple[str, bytes]]] = [[] for _ in self.pilots]
         self._localize(now_ns, published)
         if self._cameras is None:
             return published
         if self.ticks % EXPOSE_TICKS == EXPOSE_TICKS // 2:
             half_ns = EXPOSE_TICKS * TICK_NS // 2
-            for drone in range(len(self._pilots)):
+            for drone in range(len(self.pilots)):
                 self._cameras.expose(drone, now_ns - half_ns, now_ns + half_ns, self._multirotors, source)
         if self.ticks % READ_TICKS != 0 or self.ticks == 0:
             return published
-        for drone, pilot in enumerate(self._pilots):
+        for drone, pilot in enumerate(self.pilots):
             published[drone] += pilot.observe_detector(self._cameras.read_out(drone))
         return published
 
     def _localize(self, now_ns: int, published: list[list[tuple[str, bytes]]]) -> None:
-        """What satellites and the others' sight say of where the drones are."""
+        """Pass fixes and relative observations to the pilots."""
         motion = self._multirotors
         for drone, receiver in enumerate(self._frames.receiver):
             fix = receiver.fix(now_ns, motion.position_m[drone]) if receiver is not None else None
             if fix is not None:
-                published[drone] += self._pilots[drone].observe_fix(fix)
+                published[drone] += self.pilots[drone].observe_fix(fix)
         if self._sightings is None:
             return
         if self._sightings.due(self.ticks):
-            attitudes = [motion.quaternion(drone) for drone in range(len(self._pilots))]
+            attitudes = [motion.quaternion(drone) for drone in range(len(self.pilots))]
             self._sightings.look(now_ns, motion.position_m, attitudes)
         for drone, seen in self._sightings.take(now_ns):
-            published[drone] += self._pilots[drone].observe_sightings(seen)
+            published[drone] += self.pilots[drone].observe_sightings(seen)
 
     def _telemetry(self, now_ns: int) -> None:
         motion, error, frames = self._multirotors, self._localization, self._frames
         self._estimated = frames.local(motion.position_m + error.position_error_m)
         velocities = frames.turn(motion.velocity_mps + error.velocity_error_mps)
-        # A wrong attitude looks like another thrust.
-        accelerations = frames.turn(motion.acceleration_mps2 + GRAVITY_MPS2 * error.tilt_error)
+        # An attitude error acts like another thrust.
+        thrusts = frames.turn(motion.thrust_mps2 + GRAVITY_MPS2 * error.tilt_error)
         yaws = (motion.yaw_rad + error.yaw_error_rad - frames.yaw_rad).tolist()
         heights = (self._terrain.above_ground(motion.position_m)[:, 2] + error.height_error_m).tolist()
         epochs, told_m = frames.epoch, frames.told_m
-        for drone, (pilot, autopilot) in enumerate(zip(self._pilots, self._autopilots, strict=True)):
+        for drone, (pilot, autopilot) in enumerate(zip(self.pilots, self._autopilots, strict=True)):
             pilot.observe_vehicle(
                 VehicleState(
                     stamp_ns=now_ns,
                     epoch=epochs[drone],
                     position_m=self._estimated[drone],
                     velocity_mps=velocities[drone],
-                    quaternion=attitude(yaws[drone], *accelerations[drone]),
+                    quaternion=attitude(yaws[drone], *thrusts[drone]),
                     height_m=heights[drone],
                     position_sigma_m=hypot(error.position_sigma_m[0], told_m[drone]),
                     yaw_sigma_rad=error.yaw_sigma_rad,
@@ -221,23 +226,29 @@ class _World:
 
     def _command_start(self, now_ns: int) -> None:
         mission = self._mission
-        for pilot in self._pilots:
+        for pilot in self.pilots:
             command = Command(stamp_ns=now_ns, station="lockstep", mission=mission.mission_id, action=Action.START)
             pilot.receive(key_of(mission.swarm, command), encode(command), now_ns)
 
     def _move(self) -> None:
         motion, error = self._multirotors, self._localization
-        flat = self._terrain.flat and not self._frames.moving  # where a frame sinks or rises, home is not where the ground is
+        flat = self._terrain.flat and not self._frames.moving  # where a frame moves vertically, home is not at ground level
         heights = None if flat else self._terrain.above_ground(motion.position_m)[:, 2].tolist()
         for drone, (autopilot, estimated) in enumerate(zip(self._autopilots, self._estimated, strict=True)):
             autopilot.step(estimated, None if heights is None else estimated[2] - heights[drone])
         targets = [autopilot.target for autopilot in self._autopilots]
-        setpoints = self._frames.turn_out([(target.position, target.velocity) for target in targets])
-        # The autopilot steers its estimate, not its true position.
-        position_sp = setpoints[:, 0] + self._frames.origin - error.position_error_m
-        yaw_sp = np.array([target.yaw for target in targets]) + self._frames.yaw_rad - error.yaw_error_rad
+        turned = self._frames.to_world([(target.position, target.velocity, target.acceleration) for target in targets])
+        yaws = np.array([(target.yaw, target.yaw_rate) for target in targets])
+        setpoints = Setpoints(
+            turned[:, 0] + self._frames.origin,
+            turned[:, 1],
+            turned[:, 2],
+            yaws[:, 0] + self._frames.yaw_rad - error.yaw_error_rad,
+            yaws[:, 1],
+        )
         grounded = np.array([autopilot.grounded for autopilot in self._autopilots])
-        motion.step(position_sp, setpoints[:, 1], yaw_sp, grounded)
+        # The autopilot controls its estimates, not its true position and velocity.
+        motion.step(setpoints, grounded, error.position_error_m, error.velocity_error_mps)
         if not flat:
             motion.rest_on(motion.position_m[:, 2] - self._terrain.above_ground(motion.position_m)[:, 2])
         error.step()

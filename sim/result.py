@@ -1,4 +1,4 @@
-"""What a simulated flight yields: one flat record for the statistics, and a trace for the figures."""
+"""Results of a simulated flight: one flat record for the statistics, and a trace for the figures."""
 
 from __future__ import annotations
 
@@ -12,40 +12,43 @@ from numpy.typing import NDArray
 class RunResult(Struct, frozen=True, kw_only=True):
     """One flight. Errors are horizontal, over all tracking samples, lost runs included; truth is the simulation's.
 
-    time_to_x0_s: from the beginning of the search; 0 where it was declared on the way up.
+    time_to_x0_s: time of the initial estimate since the beginning of the search; 0 if it came during the climb.
 
     Safety is judged by true positions at every tick (20 Hz):
-        min_separation_m: least horizontal distance of any two drones that are off the ground, climbs and landings included;
-            None where no two ever were (a single drone).
-        fence_breaches: how often a drone off the ground left the area with its margin or rose above the ceiling, or one that
-            follows setpoints (survey, track, reacquire) sank below the floor.
+        min_separation_m: least horizontal distance between two drones off the ground, including climbs and landings;
+            None if there never were two (a single drone).
+        fence_breaches: number of times that a drone off the ground left the area with its margin or rose above the ceiling, or
+            one that follows setpoints (survey, track, reacquire) sank below the floor.
         Off the ground is more than 0.5 m above it. There is no tolerance.
 
-    What the estimator claims against what is true:
-        error_relative_median_m: as error_median_m, but of where each vehicle's own localisation puts the source, which is what it
-            flies to, against the source as that localisation would see it (the truth and the vehicle's position error);
-            None where the position errors are not known.
-        x0_rms_m: horizontal RMS of the posterior when x0 was declared.
-        error_sample_m, nees_sample, region: of the first drone at one instant of the run, half-way through the tracking that the
-            scenario asks for (of a run that ends before: its last tracking sample). region: probability of the smallest region
-            of the posterior, as a Gaussian, that holds the truth: at most 0.9 where the truth is in the 90 % region.
-        bound_median_m, bound_relative_median_m: what error_median_m and error_relative_median_m could be at best for the
-            trajectories flown (``sim.bound``).
+    Horizontal deviations of the vehicles from their plans, by the drones' own poses and plans (None without any):
+        deviation_search_m, deviation_circle_m: RMS in the survey, and while tracking, including the approach to the circle.
+        deviation_most_m: the largest in both.
 
-    Of frames that are estimated, as the first drone has them (None, or empty, where all are exact):
-        best_position_error_m: median while tracking of the error of the drone whose own localisation is the best, against the
-            mission frame as it lay at the start. Errors of frames are of the drones' places, horizontal.
-        frames_known_s: when all frames were known first, since the start of the simulation.
+    Stated uncertainty against the truth:
+        error_relative_median_m: like error_median_m, but in each vehicle's own localisation, by which it flies: its position of
+            the source against the true one plus the vehicle's position error; None where the position errors are unknown.
+        x0_rms_m: horizontal RMS of the posterior when x0 was declared.
+        error_sample_m, nees_sample, region: of the first drone at one time of the run, half-way through the scenario's tracking
+            time (of a run that ends before: its last tracking sample). region: probability of the smallest region
+            of the posterior, as a Gaussian, that contains the truth: at most 0.9 where the truth is in the 90 % region.
+        bound_median_m, bound_relative_median_m: bounds of error_median_m and error_relative_median_m for the
+            trajectories flown (``sim.scoring.bound``).
+
+    Estimated frames, of the first drone (None, or empty, where all are exact):
+        best_position_error_m: median error, while tracking, of the drone with the best localisation, against the mission
+            frame at the start. Frame errors are horizontal errors of the drones' positions.
+        frames_known_s: first time at which all frames were known, since the start of the simulation.
         frame_error_median_m: over all drones and the tracking, where the frame is known.
         suspects: drones that were suspected for more than half of the tracking, separated by commas.
-        recovery_s: how long after the first event of the scenario's localisation the hypothesis' error was above 3 m (twice its
-            median before, where that is more) for the last time; 60 where that took longer or never ended; None without event.
+        recovery_s: time from the first localisation event of the scenario until the hypothesis' error was last above 3 m (twice
+            its median before, where that is more); at most 60; None without event.
 
-    Of a flight that finds nothing:
-        nothing_found: what the mission says in the end: no source, or none that is strong enough (of an estimator that only
-            listened: it excludes what the mission is after).
-        excluded_bq: a source of this activity or more would have been found, wherever in the area, as known when the mission said
-            that there was nothing, else in the end; None where there is a hypothesis, or nothing is excluded.
+    A flight that finds nothing:
+        nothing_found: the mission's result: no source, or none that is strong enough (for an estimator that only
+            listened: it excludes the activities that the mission searches for).
+        excluded_bq: a source of this activity or more would have been found anywhere in the area, at the time of that result,
+            else at the end; None with a hypothesis, or where nothing is excluded.
         false_hypothesis: there was a hypothesis although there is no source.
 
     ``wall_s`` and ``realtime_factor`` are the only fields that differ between two runs of one seed.
@@ -85,6 +88,9 @@ class RunResult(Struct, frozen=True, kw_only=True):
     frame_error_median_m: float | None = None
     suspects: str = ""
     recovery_s: float | None = None
+    deviation_search_m: float | None = None
+    deviation_circle_m: float | None = None
+    deviation_most_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,18 +108,14 @@ class ConeTrace:
 class Trace:
     """Time series of one flight, sampled at a fixed rate from the takeoff of the first drone on. Mission frame ENU, metres.
 
-    time_s: (T,) since the start of the simulation.
-    position_m, velocity_mps: (T, N, 3), true.
-    stage: (T, N) of protocol Stage strings.
-    source_m: (T, 3), true; NaN where there is no source.
-    hypothesis_m: (T, N, 3) of each drone, NaN where it has none.
-    covariance_m2: (T, 2, 2) of the first drone's posterior, NaN where it has none; sigma_m: (T,) its RMS.
-    activity_bq, activity_sigma_bq, evidence: (T,) of the first drone's hypothesis, NaN where the estimator does not know.
-    bound_m: (T,) least median error for the trajectories flown so far (``sim.bound``), NaN where there is no source.
-    own_error_m, own_bound_m: (T,) error in the first vehicle's own frame, NaN where it is not known; what it could be at best.
-    source_bq: true activity, None where there is no source.
-    spacing_error_deg: (T, N), signed deviation from 360/N of the gap to the next drone, counter-clockwise around the hypothesis;
-    NaN before tracking.
+    time_s: (T,) since the start of the simulation. position_m, velocity_mps: (T, N, 3), true. stage: (T, N) of protocol Stage
+    strings. source_m: (T, 3), true; NaN without a source. hypothesis_m: (T, N, 3) of each drone, NaN where it has none.
+    covariance_m2: (T, 2, 2) of the first drone's posterior, NaN where it has none; sigma_m: (T,) its RMS. activity_bq,
+    activity_sigma_bq, evidence: (T,) of the first drone's hypothesis, NaN where the estimator does not give them. bound_m: (T,)
+    least median error for the trajectories flown so far (``sim.scoring.bound``), NaN without a source. own_error_m, own_bound_m:
+    (T,) error in the first vehicle's own frame, NaN where unknown; and its bound. source_bq: true activity, None without a
+    source. spacing_error_deg: (T, N), signed deviation from 360/N of the gap to the next drone, counter-clockwise around the
+    hypothesis; NaN before tracking.
     """
 
     time_s: NDArray[np.float64]
@@ -139,7 +141,7 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """A finished flight. ``listened``: results of the estimators that heard the same cones but did not fly."""
+    """A finished flight. ``listened``: results of the estimators that received the same cones but did not fly."""
 
     result: RunResult
     trace: Trace

@@ -1,4 +1,4 @@
-"""Scenario files: a mission, and the truth that it meets. The agents see the mission only."""
+"""Scenario files: a mission, and the truth. The agents see the mission only."""
 
 from __future__ import annotations
 
@@ -13,25 +13,28 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.config import MissionConfig, Point2, convert, read_toml, with_ground_grid
+from agent.config.drone import ResponseConfig
+from agent.config.loading import convert, read_toml, with_ground_grid
+from agent.config.mission import Corner, MissionConfig
+from agent.config.section import Degrees
 from agent.errors import ConfigError
-from sim.launch import StartTruth
-from sim.localization import LocalizationTruth
-from sim.positioning import check_vehicles
+from agent.fusion.registry import check_estimator
 from sim.radiation.camera import CameraTruth
 from sim.radiation.nuclides import NUCLIDES
-from sim.radio import RadioTruth
-from sim.sightings import SightingTruth
-from sim.terrain import TerrainTruth
 from sim.vehicle.multirotor import MultirotorTruth
-from sim.walls import WallTruth
+from sim.world.launch import StartTruth
+from sim.world.localization import LocalizationTruth
+from sim.world.localizers import check_vehicles
+from sim.world.radio import RadioTruth
+from sim.world.sightings import SightingTruth
+from sim.world.terrain import TerrainTruth
+from sim.world.walls import WallTruth
 
 LONGEST_TRACK_S = 36_000.0
 Duration = Annotated[float, Meta(gt=0.0, le=LONGEST_TRACK_S)]
-Lag = Annotated[float, Meta(ge=0.0, le=10.0)]
-COMING_HOME_S = 300.0  # return and landing, with much to spare
-EDGE_M = 3.0  # a wandering source turns back so far from the edge of the area
-_LEAST_SHARE = 1e-3  # of its bounding box that an area fills, or drawing a place in it takes too long
+COMING_HOME_S = 300.0  # return and landing, with a large reserve
+EDGE_M = 3.0  # a wandering source turns back at this distance from the edge of the area
+_LEAST_SHARE = 1e-3  # least share of its bounding box that an area fills; below it, drawing a position in it takes too long
 _FOLDER = Path(__file__).parent / "scenarios"
 
 
@@ -39,25 +42,37 @@ class _Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     pass
 
 
+class LegTruth(_Section, frozen=True, kw_only=True):
+    """A leg of a source's path: ``for_s`` straight on at ``speed_mps`` (0: at rest), after turning left by ``turn_deg``."""
+
+    for_s: Duration
+    speed_mps: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
+    turn_deg: Degrees = 0.0
+
+
 class SourceTruth(_Section, frozen=True, kw_only=True):
-    """The radioactive source, on the ground. Where it starts is drawn from the seed unless ``start_m`` is given.
+    """The radioactive source, on the ground. Its start is drawn from the seed unless ``start_m`` is given.
 
     ``motion``: ``static``; ``circle`` around the area's centre with ``circle_radius_m`` at ``speed_mps``; ``wander``: straight
-    and curved stretches inside the area, each at a speed between ``slowest`` (a share) of ``speed_mps`` and all of it.
+    and curved stretches inside the area, each at a speed between ``slowest`` (a fraction) of ``speed_mps`` and ``speed_mps``;
+    ``legs``: one leg after the other from a heading that is drawn from the seed, then at rest, wherever that leads.
     """
 
     activity_bq: Annotated[float, Meta(gt=0.0, le=1e13)]
     nuclide: str = "Cs-137"
-    motion: Literal["static", "circle", "wander"] = "static"
+    motion: Literal["static", "circle", "wander", "legs"] = "static"
     speed_mps: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
     slowest: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.5
     circle_radius_m: Annotated[float, Meta(ge=0.0, le=1e5)] = 40.0
-    start_m: Point2 | None = None
+    legs: Annotated[tuple[LegTruth, ...], Meta(max_length=1000)] = ()
+    start_m: Corner | None = None
 
     def check(self, area: Polygon, where: str) -> None:
-        """Raise ConfigError where the source cannot move in this area as it should."""
+        """Raise ConfigError where the source cannot move in this area as configured."""
         if self.motion == "circle" and self.circle_radius_m == 0.0:
             raise ConfigError(f"{where}: source.motion = 'circle' needs source.circle_radius_m > 0; or give motion = 'static'")
+        if (self.motion == "legs") != bool(self.legs):
+            raise ConfigError(f"{where}: source.legs and source.motion = 'legs' need each other")
         if self.motion == "wander" and area.buffer(-EDGE_M).is_empty:
             raise ConfigError(
                 f"{where}: source.motion = 'wander' needs an area more than {2.0 * EDGE_M:g} m wide; "
@@ -68,11 +83,11 @@ class SourceTruth(_Section, frozen=True, kw_only=True):
 
 
 class EndTruth(_Section, frozen=True, kw_only=True):
-    """When a run ends, and when the source counts as lost.
+    """End of a run, and criterion of a lost source.
 
-    A run ends when all have landed, after ``search_s`` without a hypothesis, or after ``track_s`` of tracking; a mission that
-    says itself how long it tracks (``mission.track.duration_s``) is flown until all have landed. Whatever happens, it ends
-    ``COMING_HOME_S`` after the longest search and tracking together: a drone that never lands ends no run.
+    A run ends when all have landed, after ``search_s`` without a hypothesis, or after ``track_s`` of tracking; a mission with a
+    tracking time of its own (``mission.track.duration_s``) is flown until all have landed. In any case it ends ``COMING_HOME_S``
+    after the longest search and tracking together, even if a drone never lands.
 
     ``lost``: ``error``: the error is above 20 m for 10 s (the run goes on); ``no-cone``: the paper's rule, 20 s without a cone
     (ends the run).
@@ -83,12 +98,12 @@ class EndTruth(_Section, frozen=True, kw_only=True):
     lost: Literal["error", "no-cone"] = "error"
 
     def longest_s(self, mission: MissionConfig) -> float:
-        """Upper time of a run, from the beginning of the search."""
+        """Longest duration of a run (s), from the beginning of the search."""
         return self.search_s + max(self.track_s, mission.track.duration_s or 0.0) + COMING_HOME_S
 
 
 class Scenario(_Section, frozen=True, kw_only=True):
-    """A mission and the truth that it meets."""
+    """A mission and the truth for its simulation."""
 
     name: str
     description: str
@@ -99,21 +114,21 @@ class Scenario(_Section, frozen=True, kw_only=True):
     camera: CameraTruth = CameraTruth()
     vehicle: MultirotorTruth = MultirotorTruth()
     localization: LocalizationTruth = LocalizationTruth()
-    sightings: SightingTruth | None = None  # none: the drones do not see each other
+    sightings: SightingTruth | None = None  # None: no relative observations
     radio: RadioTruth = RadioTruth()
     start: StartTruth = StartTruth()
     end: EndTruth = EndTruth()
-    # What the drone files say of the lag: the 0.38 s of PX4 on a circle and half a setpoint period of 0.05 s.
-    vehicle_lag_s: Lag = 0.4
+    response: ResponseConfig = ResponseConfig()  # of the vehicles by the drone files, whether true or not
 
     @property
     def measured(self) -> bool:
-        """Whether the drones' cameras are read: also where there is no source, but not for a hypothesis that is given."""
+        """Whether the drones' cameras are simulated: also without a source, but not where the hypothesis is given."""
         return self.source is not None or self.mission.fusion.estimator != "given"
 
     def check(self, where: str) -> None:
-        """Raise ConfigError where the values contradict each other."""
+        """Raise ConfigError where values contradict each other."""
         self.mission.check(where)
+        check_estimator(self.mission.fusion.estimator, f"{where}: mission.fusion.estimator")
         for key, nuclide in (("mission.nuclide", self.mission.nuclide), ("source.nuclide", self.source and self.source.nuclide)):
             if nuclide is not None and nuclide not in NUCLIDES:
                 raise ConfigError(f"{where}: {key}: unknown nuclide {nuclide!r}; known: {', '.join(NUCLIDES)}")
@@ -141,10 +156,10 @@ def shipped() -> list[str]:
 
 
 def load_scenario(name_or_path: str, *, with_grid: bool = True) -> Scenario:
-    """Load a shipped scenario by name, or a scenario file; ``with_grid``: and the elevation grid that its mission names.
+    """Load a shipped scenario by name, or a scenario file; ``with_grid``: with its mission's elevation grid.
 
     Raises:
-        ConfigError: unknown name, unreadable file, a key or value that does not fit.
+        ConfigError: unknown name, unreadable file, an invalid key or value.
     """
     path = Path(name_or_path)
     if path.suffix != ".toml":
@@ -163,15 +178,15 @@ def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:
     """The scenario with some values changed.
 
     Keys: ``radius_m`` and ``speed_mps`` (of the encirclement; the speed also of the survey), ``activity_bq`` and
-    ``source_speed_mps``, ``drones`` (how many), or any dotted path such as ``mission.fusion.paper.process_noise_m2ps``.
+    ``source_speed_mps``, ``drones`` (their number), or any dotted path such as ``mission.fusion.paper.process_noise_m2ps``.
 
     Raises:
-        ConfigError: a key that is not there, or a value that does not fit.
+        ConfigError: an unknown key or an invalid value.
     """
     document = msgspec.to_builtins(scenario)
     estimator = values.get("mission.fusion.estimator", "given")
     if scenario.mission.fusion.estimator == "given" and estimator != "given":
-        raise ConfigError(f"{scenario.name}: its hypothesis is given, not estimated; estimator {estimator!r} has no place in it")
+        raise ConfigError(f"{scenario.name}: its hypothesis is given, not estimated; it does not use estimator {estimator!r}")
     for key, value in values.items():
         if key == "drones":
             document["mission"]["drones"] = _line_up(document["mission"]["drones"], _whole(key, value))
@@ -183,7 +198,7 @@ def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:
 
 
 def chosen(scenario: Scenario, estimator: str | None, law: str | None) -> Scenario:
-    """The scenario with another estimator and another flocking law, where these are given; errors as of ``override``."""
+    """The scenario with another estimator and another flocking law, where given; errors as in ``override``."""
     values = {"mission.fusion.estimator": estimator, "mission.encirclement.law": law}
     return override(scenario, {key: name for key, name in values.items() if name is not None})
 
@@ -197,19 +212,35 @@ _SHORT = {
 
 
 def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, object]:
-    """A scenario document. ``base = "other"`` fills what a file does not say itself from a file beside it; of several,
-    ``base = ["one", "other"]``, the later ones count where they say something else.
+    """A scenario document. ``base = "other"`` takes missing values from another scenario: a file beside it, a shipped one, or any
+    path. Of several, ``base = ["one", "other"]``, later ones override earlier ones.
     """
     document = read_toml(path)
     bases = document.pop("base", [])
     if isinstance(bases, str):
         bases = [bases]
-    if path in seen or not isinstance(bases, list) or not all(isinstance(base, str) for base in bases):
-        raise ConfigError(f"{path}: base: expected the name of another scenario in the same folder, or a list of names")
+    if not isinstance(bases, list) or not all(isinstance(base, str) for base in bases):
+        raise ConfigError(f"{path}: base: expected the name or path of another scenario, or a list of them")
     whole: dict[str, object] = {}
     for base in bases:
-        whole = _merge(whole, _read(path.with_name(f"{base}.toml"), (*seen, path)))
+        found = _base(path, base)
+        if found.resolve() in (path.resolve(), *seen):
+            raise ConfigError(f"{path}: base: {base!r} leads back to this file")
+        whole = _merge(whole, _read(found, (*seen, path.resolve())))
     return _merge(whole, document)
+
+
+def _base(path: Path, base: str) -> Path:
+    """The file of a base named in ``path``: beside it first, then among the shipped ones."""
+    named = base if base.endswith(".toml") else f"{base}.toml"
+    for folder in (path.parent, _FOLDER):
+        try:
+            if (folder / named).is_file():
+                return folder / named
+        except OSError:  # a name that no file can have
+            break
+    known = ", ".join(sorted(file.stem for file in _FOLDER.glob("*.toml")))
+    raise ConfigError(f"{path}: base: there is no {named!r} in {path.parent}, nor among the shipped scenarios: {known}")
 
 
 def _merge(base: dict[str, object], over: dict[str, object]) -> dict[str, object]:
@@ -253,7 +284,7 @@ def _whole(key: str, value: str | float) -> int:
 
 
 def _line_up(drones: list[dict[str, Any]], count: int) -> list[dict[str, Any]]:
-    """``count`` drones: those given, then more of them beside the last, 5 m apart along x."""
+    """``count`` drones: the given ones, then further ones beside the last, 5 m apart along x."""
     x, y, z = drones[-1]["origin_m"]
     missing = range(1, count - len(drones) + 1)
     return [*drones[:count], *({"id": f"x{k}", "origin_m": (x + 5.0 * k, y, z), "yaw_deg": 0.0} for k in missing)]

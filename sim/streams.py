@@ -1,6 +1,6 @@
-"""The random numbers of a run: from its seed one independent stream for each thing that is random.
+"""Random streams of a run: one independent generator for each random quantity, all from one seed.
 
-A thing that is new gets a stream of its own by a key of its own, so that nothing else of a seed's flight changes.
+A new quantity gets a stream with its own key, so that flights with existing seeds do not change otherwise.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Streams(NamedTuple):
 
 
 def streams(seed: int, drones: int) -> Streams:
-    """The streams of a run with so many drones."""
+    """The streams of a run with this number of drones."""
     children = np.random.SeedSequence(seed).spawn(5 + drones)
     generators = [np.random.default_rng(child) for child in children]
     source, start, vehicle, localization, radio, *cameras = generators

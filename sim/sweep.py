@@ -1,8 +1,8 @@
-"""Which scenarios a campaign flies: the named ones, each at every point of the sweep."""
+"""The cases of a campaign: the named scenarios, each at every point of the sweep."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ Sweep = Mapping[str, tuple[Value, ...]]  # parameter -> its values, in the order
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A scenario at one point of the sweep; ``point`` has the parameters in the order of the sweep."""
+    """A scenario at one point of the sweep; ``point``: parameters and their values, in the order of the sweep."""
 
     name: str
     scenario: Scenario
@@ -26,12 +26,12 @@ class Case:
 
     @property
     def key(self) -> tuple[str, tuple[Value, ...]]:
-        """Tells the cases of a campaign apart: the name, and the values of the sweep."""
+        """Identifies the case within its campaign: the name, and the values of the sweep."""
         return self.name, tuple(value for _, value in self.point)
 
     @property
     def label(self) -> str:
-        """Such as ``paper-static-swarm radius_m=8``."""
+        """Name and point, such as ``paper-static-swarm radius_m=8``."""
         return " ".join([self.name, *(f"{key}={_text(value)}" for key, value in self.point)])
 
 
@@ -63,7 +63,7 @@ def parse_settings(texts: Sequence[str]) -> dict[str, Value]:
 
 
 def cases(names: Sequence[str], sweep: Sweep, settings: Mapping[str, Value] | None = None) -> tuple[Case, ...]:
-    """Load the scenarios (by name or path) and vary them over the whole grid of the sweep, all checked.
+    """Load the scenarios (by name or path), and vary and check them over the whole grid of the sweep.
 
     Raises:
         ConfigError: an unknown scenario, key or value; two scenarios of one name.
@@ -74,13 +74,42 @@ def cases(names: Sequence[str], sweep: Sweep, settings: Mapping[str, Value] | No
     for name in names:
         scenario = load_scenario(name)
         if any(case.name == scenario.name for case in found):
-            raise ConfigError(f"two of the scenarios are called {scenario.name!r}; give each once, under a name of its own")
+            raise ConfigError(f"two scenarios have the name {scenario.name!r}; give each scenario once, with a unique name")
         for values in product(*sweep.values()):
             point = dict(zip(sweep, values, strict=True))
             changes = {**(settings or {}), **point}
             varied = override(scenario, changes) if changes else scenario
             found.append(Case(scenario.name, varied, tuple(point.items())))
     return tuple(found)
+
+
+def without_effect(flown: Sequence[Case], settings: Iterable[str], estimator: str | None, law: str | None) -> list[str]:
+    """A line for each parameter that is set or swept, but has no effect in one of the cases.
+
+    ``settings``: the parameters that are set; ``estimator``, ``law``: of all flights, None for the scenario's own.
+    """
+    told = []
+    for case in flown:
+        name = estimator or case.scenario.mission.fusion.estimator
+        by_rms = name == "bayes" and (law or case.scenario.mission.encirclement.law) == "smooth"
+        told += [_unheeded(key, name, by_rms) for key in (*settings, *(key for key, _ in case.point))]
+    return list(dict.fromkeys(text for text in told if text is not None))
+
+
+def _unheeded(key: str, estimator: str, by_rms: bool) -> str | None:
+    """``by_rms``: the radius of the circle follows the estimate's RMS."""
+    match key.rsplit(".", maxsplit=1)[-1]:
+        case "radius_m" if by_rms:
+            return (
+                f"note: {key} is only the upper limit of the circle's radius, which with the smooth law and estimator bayes "
+                "follows the estimate's RMS: set mission.encirclement.nearest_m, or fly --law paper"
+            )
+        case "nearest_m" if not by_rms:
+            return f"note: {key} has an effect only with the smooth law and estimator bayes: set radius_m"
+    for section, family in (("mission.fusion.paper.", "paper"), ("mission.fusion.bayes.", "bayes")):
+        if key.startswith(section) and not estimator.startswith(family):
+            return f"note: {key} has no effect on estimator {estimator}: fly --estimator {family}"
+    return None
 
 
 def _split(text: str, option: str, example: str) -> tuple[str, str]:
@@ -91,7 +120,7 @@ def _split(text: str, option: str, example: str) -> tuple[str, str]:
 
 
 def _value(text: str) -> Value:
-    """A number where it is one (an int stays an int: ``drones=3``), else the text as it is."""
+    """The text as a number if it is one (an int stays an int: ``drones=3``), else unchanged."""
     for number in (int, float):
         try:
             return number(text)

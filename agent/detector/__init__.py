@@ -1,1 +1,1 @@
-"""Pixel hits -> clusters -> coincidences -> cones."""
+"""The detection chain: pixel hits -> clusters -> coincidences -> cones."""

@@ -1,10 +1,8 @@
-"""A whole ``.t3pa`` file: its cones as CSV, and a summary of what it holds."""
+"""Analysis of a whole ``.t3pa`` file: its cones as CSV, and a summary."""
 
 from __future__ import annotations
 
 import csv
-import os
-import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.detection import ConeEvent, Detections
@@ -21,6 +19,7 @@ from agent.detector.lines import lines_of
 from agent.detector.recognition import CANDIDATES, Recogniser, Recognition
 from agent.detector.t3pa import T3paReader, readouts
 from agent.errors import DetectorError
+from agent.outputs import replacing
 
 # Times in ns since the detector's clock was reset; camera frame (x along the rows, y up, z the outward normal). The axis is that
 # of reading 1 (cluster 1 is the electron), from the absorbed photon to the electron; reading 2 has its opposite.
@@ -42,12 +41,12 @@ CSV_COLUMNS = (
 )
 _BIN_KEV = 2.0
 _BINS = 1000
-_SURE = 100.0  # evidence at which the rest of a file cannot change the nuclide
+_SURE = 100.0  # evidence above which the rest of a file cannot change the result
 
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """A full-energy peak: the line, where it was found, and its width."""
+    """A full-energy peak: the line, its measured centre and width, keV."""
 
     line_kev: float
     centre_kev: float
@@ -57,11 +56,12 @@ class Peak:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What a file holds."""
+    """Summary of a file."""
 
     rows: int
     lost_rows: int
     noise_rows: int
+    torn: bool  # the file ends in the middle of a row, which is ignored
     duration_s: float
     live_time_s: float
     hits: int
@@ -82,10 +82,11 @@ def analyse(
     *,
     progress: Callable[[int], None] = lambda position_bytes: None,
 ) -> Summary:
-    """Write the cones of a file to ``csv_path`` and sum it up; on any error nothing is left behind.
+    """Write the cones of a file to ``csv_path`` and summarise it; after an error no CSV is left behind.
 
     Raises:
-        DetectorError: the file is not readable to its end, or the CSV cannot be written.
+        DetectorError: the file cannot be read to its end.
+        OutputError: the CSV cannot be written, or is the recording itself.
         ConfigError: an unknown nuclide.
     """
     spectrum = np.zeros(_BINS, np.int64)
@@ -109,15 +110,16 @@ def analyse(
         scan.add(part.cones)
         parts.append(
             Detections(part.start_ns, part.end_ns, part.live_time_s, part.hits, part.photopeak, part.coincidences)
-        )  # without the cones, of which a long file has millions
+        )  # the cones are left out: a long file has millions
         return part.cones
 
-    cones = _write_csv(csv_path, stretches())
+    cones = _write_csv(csv_path, reader.path, stretches())
     return Summary(
         rows=reader.rows,
         lost_rows=chain.lost_hits,
         noise_rows=chain.noise.masked_hits,
-        duration_s=(parts[-1].end_ns - parts[0].start_ns) * 1e-9,
+        torn=reader.torn,
+        duration_s=(parts[-1].end_ns - parts[0].start_ns) * 1e-9 if parts else 0.0,
         live_time_s=sum(part.live_time_s for part in parts),
         hits=sum(part.hits for part in parts),
         photopeak=sum(part.photopeak for part in parts),
@@ -136,10 +138,10 @@ def recognise(
     *,
     progress: Callable[[int], None] = lambda position_bytes: None,
 ) -> Recognition:
-    """Which nuclide a file is of; reads as much of it as is needed to be sure.
+    """Recognise the nuclide of a file; reads only as much of it as is needed.
 
     Raises:
-        DetectorError: the file is not readable so far, or nothing stands out.
+        DetectorError: the file cannot be read, or no nuclide stands out.
     """
     recogniser = Recogniser()
     chain = DetectorChain(config, None, calibration, on_energies=recogniser.add)
@@ -160,7 +162,7 @@ def recognise(
 
 
 def find_peak(spectrum: NDArray[np.int64], lines_kev: Iterable[float]) -> Peak | None:
-    """The strongest full-energy peak near one of the lines, in a spectrum of 2 keV bins; None where there are too few events.
+    """The strongest full-energy peak near one of the lines, in a spectrum of 2 keV bins; None with too few events.
 
     Centre and width come from the moments within 1.5 times the half width of a 5 % resolution, in two passes.
     """
@@ -181,30 +183,16 @@ def find_peak(spectrum: NDArray[np.int64], lines_kev: Iterable[float]) -> Peak |
     return best
 
 
-def _write_csv(path: Path, stretches: Iterable[tuple[ConeEvent, ...]]) -> int:
-    """Returns the number of cones.
-
-    Written beside the target and put into place at the end, so that a failure leaves no half of a file.
-    """
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    except OSError as error:
-        raise DetectorError(f"{path}: cannot be written: {error.strerror}") from None
-    try:
-        with os.fdopen(handle, "w", newline="", encoding="ascii") as file:
-            writer = csv.writer(file)
-            writer.writerow(CSV_COLUMNS)
-            written = 0
-            for cones in stretches:
-                writer.writerows(_row(cone) for cone in cones)
-                written += len(cones)
-        os.chmod(name, 0o644)  # mkstemp's is for the owner alone
-        os.replace(name, path)
-        return written
-    except OSError as error:
-        raise DetectorError(f"{path}: cannot be written: {error.strerror}") from None
-    finally:
-        Path(name).unlink(missing_ok=True)
+def _write_csv(path: Path, recording: Path, stretches: Iterable[tuple[ConeEvent, ...]]) -> int:
+    """Write the cones; returns their number."""
+    written = 0
+    with replacing(path, (recording,)) as temporary, temporary.open("w", newline="", encoding="ascii") as file:
+        writer = csv.writer(file)
+        writer.writerow(CSV_COLUMNS)
+        for cones in stretches:
+            writer.writerows(_row(cone) for cone in cones)
+            written += len(cones)
+    return written
 
 
 def _row(cone: ConeEvent) -> tuple[str | int, ...]:

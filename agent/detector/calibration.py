@@ -1,4 +1,4 @@
-"""Time over threshold -> energy, pixel by pixel: ToT = a E + b - c / (E - t)."""
+"""Energy calibration of each pixel, from time over threshold: ToT = a E + b - c / (E - t)."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ NOMINAL = (1.6, 24.0, 60.0, 1.8)  # a (counts/keV), b (counts), c (counts keV), 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """What turns each pixel's time over threshold, in 25 ns counts, into energy.
+    """Converts each pixel's time over threshold, in 25 ns counts, into energy.
 
-    With u = E - t the relation reads a u^2 - y u - c = 0, y = ToT - (a t + b), whose positive root is the energy above t:
-    E = t + (y + sqrt(y^2 + 4 a c)) / (2 a). table: (65536, 4) of t, a t + b, 4 a c and 1 / (2 a), by matrix index.
+    With u = E - t the relation reads a u^2 - y u - c = 0, y = ToT - (a t + b), whose positive root is the energy above t: E = t +
+    (y + sqrt(y^2 + 4 a c)) / (2 a). table: (65536, 4) of t, a t + b, 4 a c and 1 / (2 a), by matrix index.
     """
 
     table: NDArray[np.float64]
@@ -40,7 +40,7 @@ class Calibration:
 
     @classmethod
     def nominal(cls) -> Calibration:
-        """The same typical constants for every pixel: for a camera whose own are not known."""
+        """Typical constants, the same for every pixel: for a camera without its own calibration."""
         a, b, c, t = (np.full(SENSOR_PIXELS**2, value) for value in NOMINAL)
         return cls.of(a, b, c, t)
 
@@ -62,7 +62,7 @@ def load_calibration(folder: Path) -> Calibration:
 def _load_matrix(path: Path) -> NDArray[np.float64]:
     try:
         with path.open(encoding="utf-8") as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # an empty file: its shape says it below
+            warnings.simplefilter("ignore", UserWarning)  # an empty file: its shape is reported below
             matrix = np.loadtxt(file, dtype=np.float64, ndmin=2)
     except OSError as error:
         raise DetectorError(f"{path}: cannot be read: {error.strerror}") from None

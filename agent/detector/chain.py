@@ -1,11 +1,11 @@
-"""The whole chain on a stream of readouts: pixel hits -> clusters -> coincidences -> cones and counts."""
+"""The detection chain on a stream of readouts: pixel hits -> clusters -> coincidences -> cones and counts."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.clustering import FEW, cluster_few, cluster_many
 from agent.detector.detection import Detections
@@ -13,16 +13,16 @@ from agent.detector.events import EnergySink, EventReader, Tally
 from agent.detector.noise import NoiseMask
 from agent.detector.readout import TICK_NS, PixelHits, Readout
 
-_HOLD_NS = 1_000_000  # at most so much of a readout is held back, however dense the hits are
-_AHEAD_NS = 1e9  # hits stamped further ahead of their readout are of a wrong clock
+_HOLD_NS = 1_000_000  # longest part of a readout that is held back, however dense the hits are
+_AHEAD_NS = 1e9  # hits stamped further ahead of their readout have a wrong clock
 
 
 class DetectorChain:
-    """One detector's chain. Feed it readouts in order; what comes out does not depend on how the stream was cut into readouts.
+    """The chain of one detector. Readouts are given in order; the results do not depend on how the stream is cut into readouts.
 
-    Hits whose event may go on beyond the end of a readout are held back and come out with the next one.
-    ``lost_hits`` counts what the detector reported as lost, what came with a stamp far ahead, and what has no energy; ``noise``
-    knows which pixels are noisy, and counts the hits that are left out for it.
+    Hits whose event may continue beyond the end of a readout are held back and appear with the next one. ``lost_hits`` counts
+    hits that the detector reported as lost, hits with a stamp far ahead, and hits without energy; ``noise`` is the mask of noisy
+    pixels with the count of masked hits.
     """
 
     def __init__(
@@ -32,10 +32,14 @@ class DetectorChain:
         calibration: Calibration,
         on_energies: EnergySink | None = None,
     ) -> None:
-        """``nuclide`` None: hits and coincidences only. ``on_energies`` is shown the energies in keV of all events.
+        """Args:
+            config: coincidence window, thresholds and line windows.
+            nuclide: whose lines make cones; None: hits and coincidences only.
+            calibration: of the camera.
+            on_energies: receives the energies (keV) of all events.
 
         Raises:
-            ConfigError: the nuclide is not known.
+            ConfigError: the nuclide is unknown.
         """
         self._calibration = calibration
         self._events = EventReader(config, nuclide, on_energies)
@@ -51,10 +55,10 @@ class DetectorChain:
         self.noise = NoiseMask()
 
     def process(self, readout: Readout) -> Detections:
-        """Counts and cones of the next stretch of time.
+        """Counts and cones of the next time interval.
 
-        The stretch starts where the one before ended. It ends with the readout or, where an event is held back, just before that
-        event's first hit. Hits that arrive later than their own stretch are counted in the present one.
+        The interval starts where the previous one ended. It ends with the readout or, where an event is held back, just before
+        that event's first hit. Hits that arrive later than their own interval are counted in the present one.
         """
         if self._start_ns is None:
             self._start_ns = readout.start_ns
@@ -83,14 +87,14 @@ class DetectorChain:
         return self._detections(end_ns, readout.live_time_s, self._evaluate(hits))
 
     def flush(self) -> Detections:
-        """What is still held back, at the end of the stream."""
+        """The results that are still held back, at the end of the stream."""
         held, self._held = self._held, PixelHits.none()
         if self._start_ns is None:
             self._start_ns = self._end_ns
         return self._detections(self._end_ns, 0.0, self._evaluate(held))
 
     def _finished(self, tick: NDArray[np.int64], inside: int, watermark: int) -> int:
-        """How many of the sorted hits no later hit can join: all up to the last pause before the watermark."""
+        """Number of the sorted hits that no later hit can join: all up to the last pause before the watermark."""
         oldest = watermark - int(_HOLD_NS / TICK_NS)
         following = watermark
         for done in range(inside, 0, -1):
@@ -101,7 +105,7 @@ class DetectorChain:
         return 0
 
     def _detections(self, end_ns: int, live_time_s: float, found: Tally) -> Detections:
-        """Close the stretch; the live time is shared between it and what is held back by their lengths."""
+        """Close the interval; the live time is divided between it and the part held back, by length."""
         assert self._start_ns is not None
         start_ns, self._start_ns = self._start_ns, end_ns
         live_time_s += self._held_live_s
@@ -115,7 +119,7 @@ class DetectorChain:
         if len(hits) == 0:
             return Tally()
         energy = self._calibration.energy_kev(hits.index, hits.tot)
-        if energy.min() <= 0.0:  # what a pixel's calibration can make of a few counts
+        if energy.min() <= 0.0:  # possible from a pixel's calibration at a few counts
             known = energy > 0.0
             self.lost_hits += int(len(hits) - known.sum())
             hits, energy = hits.take(known), energy[known]

@@ -1,7 +1,7 @@
 """Pixel hits -> clusters: hits that touch (8 neighbours) and follow each other within a time gap.
 
-Two ways to find what belongs together: event by event for the few hits of one readout, and sorting with a sparse graph for many.
-The tests hold them equal.
+There are two algorithms with equal results (held equal by the tests): event by event for the few hits of one readout, and sorting
+with a sparse graph for many.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS
 
-FEW = 300  # hits, up to which going from event to event is faster
+FEW = 300  # up to so many hits the event-by-event algorithm is faster
 _STRIDE = SENSOR_PIXELS + 2  # of a row in the padded matrix, so that no neighbour lies across an edge
 _AROUND = tuple(row * _STRIDE + column for row in (-1, 0, 1) for column in (-1, 0, 1) if (row, column) != (0, 0))
 _CELLS = _STRIDE * (SENSOR_PIXELS + 2)
@@ -26,7 +26,7 @@ _CENTRE = (SENSOR_PIXELS - 1) / 2.0
 class Cluster(NamedTuple):
     """Touching hits. Camera frame, mm; ticks are steps of 25/16 ns.
 
-    tick: the earliest hit; pixels: hits in it; x_mm, y_mm: energy-weighted; delay: ticks from the earliest hit to the
+    tick: the earliest hit; pixels: number of hits; x_mm, y_mm: energy-weighted; delay: ticks from the earliest hit to the
     energy-weighted mean time of arrival.
     """
 
@@ -39,7 +39,7 @@ class Cluster(NamedTuple):
 
 
 class Clusters(Struct, frozen=True):
-    """The same for many, in the order of their earliest hits: (N,) each."""
+    """Many clusters as arrays (N,), in the order of their earliest hits."""
 
     tick: NDArray[np.int64]
     energy_kev: NDArray[np.float64]
@@ -52,13 +52,13 @@ class Clusters(Struct, frozen=True):
         return len(self.tick)
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Clusters:
-        """Some of the clusters."""
+        """The chosen clusters."""
         return Clusters(
             self.tick[which], self.energy_kev[which], self.pixels[which], self.x_mm[which], self.y_mm[which], self.delay[which]
         )
 
     def each(self) -> list[Cluster]:
-        """One by one."""
+        """The clusters one by one."""
         columns = (self.tick, self.energy_kev, self.pixels, self.x_mm, self.y_mm, self.delay)
         return [Cluster(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
 
@@ -73,7 +73,7 @@ def cluster_few(
 def cluster_many(
     tick: NDArray[np.int64], index: NDArray[np.uint16], energy_kev: NDArray[np.float64], gap_ticks: float
 ) -> Clusters:
-    """As cluster_few."""
+    """The same as ``cluster_few``, faster for many hits."""
     return _clusters(tick, index, energy_kev, *_labels(tick, index, gap_ticks))
 
 
@@ -84,9 +84,9 @@ def _clusters(
     label: NDArray[np.intp],
     count: int,
 ) -> Clusters:
-    """The sums over the hits (N,) that carry each label."""
+    """Clusters from the sums over the hits (N,) with each label."""
     first = _first(label, count)
-    first.sort()  # in order of time, as the hits are
+    first.sort()  # in order of time, like the hits
     place = np.empty(count, np.intp)
     place[label[first]] = np.arange(count)
     label = place[label]
@@ -103,7 +103,7 @@ def _clusters(
 
 
 def _labels_by_event(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_ticks: float) -> tuple[NDArray[np.intp], int]:
-    """A cluster's number for each hit, and their count; hits that are further apart than the gap begin another event."""
+    """Cluster labels of the hits, and their count; hits further apart than the gap begin another event."""
     times: list[int] = tick.tolist()
     cells: list[int] = (index + 2 * (index >> 8).astype(np.int64)).tolist()
     ends: list[int] = ((tick[1:] - tick[:-1] > gap_ticks).nonzero()[0] + 1).tolist()
@@ -112,7 +112,7 @@ def _labels_by_event(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_tic
     for end in (*ends, len(times)) if times else ():
         if times[end - 1] - times[start] <= gap_ticks:
             own, number = _flooded(cells[start:end])
-        else:  # so long that hits may touch and yet be too far apart: a pile-up
+        else:  # a pile-up: so long that touching hits may be too far apart in time
             found, number = _labels(tick[start:end], index[start:end], gap_ticks)
             own = found.tolist()
         labels += [count + label for label in own] if number > 1 else [count] * (end - start)
@@ -122,12 +122,12 @@ def _labels_by_event(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_tic
 
 
 def _flooded(cells: list[int]) -> tuple[list[int], int]:
-    """As _labels of hits (N,) that are all within the gap of each other, so that only their places in the padded matrix count."""
+    """Like ``_labels`` for hits (N,) that are all within the gap, so that only their cells in the padded matrix matter."""
     left = set(cells)
     parts: list[list[int]] = []
     while left:
         part = [left.pop()]
-        for cell in part:  # which grows meanwhile
+        for cell in part:  # grows during the loop
             if not left:
                 break
             for step in _AROUND:
@@ -142,10 +142,10 @@ def _flooded(cells: list[int]) -> tuple[list[int], int]:
 
 
 def _labels(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_ticks: float) -> tuple[NDArray[np.intp], int]:
-    """A cluster's number for each hit, and their count.
+    """Cluster labels of the hits, and their count.
 
-    Hits are sorted by (burst, row, column), where hits further apart than the gap fall into different bursts. Neighbours then
-    follow each other, or from one place on that a binary search finds.
+    Hits are sorted by (burst, row, column), where hits further apart than the gap belong to different bursts. Neighbours then
+    follow each other directly, or begin at a place that a binary search finds.
     """
     n = len(tick)
     pixel = index.astype(np.int64)
@@ -181,11 +181,11 @@ def _labels(tick: NDArray[np.int64], index: NDArray[np.uint16], gap_ticks: float
 def _first(label: NDArray[np.intp], count: int) -> NDArray[np.intp]:
     """The first hit of each cluster, (count,)."""
     first = np.empty(count, np.intp)
-    first[label[::-1]] = np.arange(len(label) - 1, -1, -1)  # the last one written is the first
+    first[label[::-1]] = np.arange(len(label) - 1, -1, -1)  # the last one written is the first hit
     return first
 
 
 def _sum_by(label: NDArray[np.intp], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Sums of the values (N,) that carry each label, (count,)."""
+    """Sums of the values (N,) by label, (count,)."""
     sums: NDArray[np.float64] = np.bincount(label, values, count).astype(np.float64, copy=False)
     return sums

@@ -1,4 +1,4 @@
-"""Clusters that belong together: fluorescence satellites, and the clusters of one photon."""
+"""Coincidence grouping: fluorescence satellites are merged with their parents, and the clusters of one photon are grouped."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from agent.detector.clustering import Cluster
 SATELLITE_KEV = (14.0, 38.0)
 SATELLITE_REACH_MM = 1.2
 SATELLITE_PIXELS = 8
-_MOST_CLUSTERS = 10  # one photon makes fewer; a longer event is a pile-up and stays as it is
+_MOST_CLUSTERS = 10  # one photon makes fewer; a longer event is a pile-up and is left unchanged
 
 
 def events_of(clusters: Iterable[Cluster], window_ticks: float) -> list[list[Cluster]]:
-    """Group clusters that are sorted by tick, chained while each follows within the window of the one before."""
+    """Group clusters that are sorted by tick: a group continues while each follows the one before within the window."""
     events: list[list[Cluster]] = []
     last = -(1 << 62)
     for cluster in clusters:
@@ -27,13 +27,14 @@ def events_of(clusters: Iterable[Cluster], window_ticks: float) -> list[list[Clu
 
 
 def merge_satellites(event: list[Cluster]) -> list[Cluster]:
-    """Give the K fluorescence that left its parent's cluster back to it. Returns the rest in order of time.
+    """Merge K fluorescence clusters into the clusters that they came from. Returns the result in order of time.
 
     A photoelectric absorption in CdTe mostly emits a K photon of 23-31 keV, which is absorbed about 0.1 mm away and often makes a
-    small cluster of its own. Taken for a recoil electron it would yield a wrong cone, as a third cluster it would spoil a right
-    one. A cluster is a satellite when its energy is in that band, it is small, and a cluster of the event with no less energy
-    lies within 1.2 mm; energy, hits and earliest time then go to that parent (the largest, of several), whose position stays.
-    True recoil electrons of this kind are lost with them; they are rare, since Compton scattering by so small an angle is.
+    small cluster of its own. Taken for a recoil electron it would yield a wrong cone; as a third cluster it would spoil a correct
+    one. A cluster is a satellite when its energy is in that band, it is small, and a cluster of the event with at least its
+    energy lies within 1.2 mm. Its energy, hits and earliest time are added to that parent (the largest, of several), whose
+    position is kept. True recoil electrons of this kind are lost with them; they are rare, since Compton scattering by so small
+    an angle is.
     """
     if not 2 <= len(event) <= _MOST_CLUSTERS or not any(map(_may_be_satellite, event)):
         return event
@@ -54,7 +55,7 @@ def _may_be_satellite(cluster: Cluster) -> bool:
 
 
 def _parent(by_energy: list[Cluster], of: int) -> int | None:
-    """Place of the largest cluster within reach of one, among those that are larger."""
+    """Index of the largest cluster within reach of one, among those that are larger."""
     small = by_energy[of]
     for place in range(len(by_energy) - 1, of, -1):
         x, y = by_energy[place].x_mm - small.x_mm, by_energy[place].y_mm - small.y_mm

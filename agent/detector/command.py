@@ -9,12 +9,13 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.analysis import Summary, analyse, recognise
 from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.lines import lines_of
 from agent.detector.recognition import Recognition
 from agent.detector.t3pa import T3paReader
+from agent.outputs import check_output
 
 AUTO = "auto"
 
@@ -26,6 +27,7 @@ def run_cones(file: Path, csv: Path, nuclide: str, calibration: Path | None, toa
     """
     if nuclide != AUTO:
         lines_of(nuclide)
+    check_output(csv, (file,))
     constants = Calibration.nominal() if calibration is None else load_calibration(calibration)
     reader = T3paReader(file, toa_bits)
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
@@ -49,11 +51,15 @@ def run_cones(file: Path, csv: Path, nuclide: str, calibration: Path | None, toa
             progress=lambda position: progress.update(task, completed=position),
         )
     Console().print(summary_table(file.name, nuclide, summary))
+    if summary.torn:
+        Console(stderr=True).print(
+            f"{file}: ends in the middle of a row, which was left out (an interrupted measurement?)", highlight=False
+        )
     Console().print(f"{summary.cones} cones in {csv}", highlight=False)
 
 
 def summary_table(name: str, nuclide: str, summary: Summary) -> Table:
-    """What a file holds, for the terminal."""
+    """The summary of a file as a table for the terminal."""
     table = Table(title=f"{name}, {nuclide}", show_header=False)
     live = summary.live_time_s
 

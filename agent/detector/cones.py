@@ -1,7 +1,7 @@
-"""A coincidence read as a Compton cone, both ways round: which of the two clusters was the recoil electron is not known.
+"""A coincidence as a Compton cone, in both orders: which of the two clusters was the recoil electron is unknown.
 
-Kinematics: paper, Eqs. (1)-(3), with the energies fitted to the line. Probabilities and widths start from the formulas of
-the project's estimation reference ("Beyond").
+Kinematics: paper, Eqs. (1)-(3), with the energies fitted to the line. Probabilities and widths start from the formulas of the
+project's estimation reference ("Beyond").
 """
 
 from __future__ import annotations
@@ -12,24 +12,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from agent.detector.detection import ConeEvent
-from agent.detector.response import DOPPLER_MOMENTUM, ELECTRON_KEV, attenuation_per_mm, energy_variance, position_variance
+from agent.detector.sensor import DOPPLER_MOMENTUM, ELECTRON_KEV, attenuation_per_mm, energy_variance, position_variance
 
-ORDER_FLOOR = 0.03  # of each order's probability: what the weights do not know of
+ORDER_FLOOR = 0.03  # least probability of each order, for effects that the weights do not model
 SIGMA_MAX_RAD = 0.35
 SIGMA_FLOOR_RAD = 0.02
-# Beyond the Compton edge: the share, and the width in 1 sigma of the core, of what the inner shells' Doppler broadening and
-# several scatters in one cluster put there. Set with transported Cs-137 events so that the probabilities are frequencies.
+# Beyond the Compton edge: the share, and the 1-sigma width of the core, of events that the Doppler broadening of inner shells and
+# several scatters in one cluster put there. Fitted to transported Cs-137 events so that the probabilities are calibrated.
 TAIL, TAIL_WIDTH = 0.15, 7.0
-BELOW_EDGE = 1.0  # mean of what transported Cs-137 and I-131 events near the edge and beyond it truly were, in 1 sigma
+# mean true position, in 1 sigma below the edge, of transported Cs-137 and I-131 events near the edge and beyond it
+BELOW_EDGE = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A gamma line and what its Compton kinematics allow, keV.
+    """A gamma line and the limits of its Compton kinematics, keV.
 
-    A coincidence makes a cone only where in one of its readings the measured electron energy is at most
-    ``maximum_electron_kev`` and the measured photon energy at least ``minimum_photon_kev`` (the predecessor's selection). The
-    other reading is then kept, too, with its probability: near the edge the noise of the energies decides which one passes.
+    A coincidence makes a cone only where in one of its orders the measured electron energy is at most ``maximum_electron_kev``
+    and the measured photon energy at least ``minimum_photon_kev`` (the predecessor's selection). The other order is then kept
+    too, with its probability: near the edge the energy noise decides which one passes.
     """
 
     energy_kev: float
@@ -38,7 +39,7 @@ class Line:
 
     @classmethod
     def of(cls, energy_kev: float, maximum_electron_kev: float | None = None, minimum_photon_kev: float | None = None) -> Line:
-        """The limits default to the Compton edge, and to the energy of a photon scattered straight back less 10 keV."""
+        """The limits default to the Compton edge, and to the energy of a backscattered photon less 10 keV."""
         edge = compton_edge_kev(energy_kev)
         return cls(
             energy_kev,
@@ -47,7 +48,7 @@ class Line:
         )
 
     def allows(self, electron_kev: float, photon_kev: float) -> bool:
-        """Whether a reading with these measured energies is within the limits."""
+        """Whether these measured energies are within the limits."""
         return electron_kev <= self.maximum_electron_kev and photon_kev >= self.minimum_photon_kev
 
 
@@ -65,12 +66,12 @@ def klein_nishina_recoil(energy_kev: float, electron_kev: float) -> float:
 
 
 def _cosine(energy_kev: float, photon_kev: float) -> float:
-    """Of the scattering angle; below -1 where the photon has less energy than scattering can leave it."""
+    """Cosine of the scattering angle; below -1 where the photon has less energy than a scatter can leave it."""
     return 1.0 + ELECTRON_KEV * (1.0 / energy_kev - 1.0 / photon_kev)
 
 
 def doppler_kev(energy_kev: float, photon_kev: float, cosine: float) -> float:
-    """1 sigma of the scattered photon's energy at a given angle, from the bound electron's momentum p:
+    """1 sigma (keV) of the scattered photon's energy at a given angle, from the bound electron's momentum p:
 
     p |k - k'| E' / (m c E).
     """
@@ -83,8 +84,9 @@ def cone_event(
 ) -> ConeEvent:
     """The cone of a coincidence. ``separation_mm``: cluster 1 minus cluster 2, camera frame.
 
-    The difference between the line and the measured sum is shared by the two energies in proportion to their variances, so that
-    they add up to the line: both then have the variance v = v1 v2 / (v1 + v2). At least one order must be allowed by the line.
+    The difference between the line and the measured sum is divided between the two energies in proportion to their variances, so
+    that they add up to the line; both then have the variance v = v1 v2 / (v1 + v2). At least one order must be allowed by the
+    line.
     """
     measured_1, measured_2 = energies_kev
     variance_1, variance_2 = energy_variance(measured_1), energy_variance(measured_2)
@@ -118,11 +120,12 @@ def cone_event(
 
 
 def _reading(line: Line, electron_kev: float, variance: float, length_mm: float) -> tuple[float, float, float]:
-    """Opening angle, its 1 sigma (ARM) in rad and the weight of one order; the energies add up to the line.
+    """Opening angle, its 1 sigma (ARM) in rad, and the weight of one order; the energies add up to the line.
 
-    Weight: Klein-Nishina for the recoil energy, times the chance that the scattered photon is absorbed at this distance; beyond
-    the Compton edge a Gaussian of the resolution. Near the edge and beyond, the energy tells no more than that the photon went
-    back, and few directions lie straight behind: the angle is that of BELOW_EDGE of the resolution below the edge.
+    The weight is the Klein-Nishina cross section for the recoil energy times the probability that the scattered photon is
+    absorbed at this distance; beyond the Compton edge, a Gaussian of the resolution. Near the edge and beyond, the energy only
+    tells that the photon was scattered back, and few directions lie exactly behind: the angle is then that of BELOW_EDGE of the
+    resolution below the edge.
     """
     photon_kev = line.energy_kev - electron_kev
     edge = compton_edge_kev(line.energy_kev)

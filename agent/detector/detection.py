@@ -1,4 +1,4 @@
-"""What the detector chain hands to the pilot: counts, and cones in the camera's own frame."""
+"""Results of the detection chain for the pilot: counts, and cones in the camera frame."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 
 
 class ConeEvent(Struct, frozen=True):
-    """One coincidence read as a Compton cone, both ways round. Camera frame: z is the sensor's outward normal.
+    """One coincidence as a Compton cone, in both orders. Camera frame: z is the sensor's outward normal.
 
-    Row 0 of each array takes cluster 1 for the recoil electron, row 1 cluster 2.
-    axis: (2, 3) unit vectors from the absorbed photon to the electron; the source lies at angle theta from it.
-    theta_rad, sigma_rad, probability: (2,); the probabilities add up to 1. A reading beyond the Compton edge has the theta of
-    those just below it, and the probability that the resolution and the Doppler broadening put it there: seldom 0.
-    energies_kev, energy_sigmas_kev: (2,) of clusters 1 and 2.
+    Row 0 of each array takes cluster 1 as the recoil electron, row 1 cluster 2. axis: (2, 3) unit vectors from the absorbed
+    photon to the electron; the source lies at angle theta from it. theta_rad, sigma_rad, probability: (2,); the probabilities add
+    up to 1. An order beyond the Compton edge has the theta of those just below it, and the probability that resolution and
+    Doppler broadening put it there, which is seldom 0. energies_kev, energy_sigmas_kev: (2,) of clusters 1 and 2.
     """
 
     stamp_ns: int
@@ -28,7 +27,7 @@ class ConeEvent(Struct, frozen=True):
 
 
 class Detections(Struct, frozen=True):
-    """What one stretch [start_ns, end_ns) held; stretches of one detector follow each other gap-free."""
+    """Counts and cones of the interval [start_ns, end_ns); the intervals of one detector are contiguous."""
 
     start_ns: int
     end_ns: int

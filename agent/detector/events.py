@@ -1,4 +1,4 @@
-"""Clusters -> what the events of one stretch are worth: counts by channel, and cones."""
+"""Clusters -> events: counts by channel, and cones."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.clustering import Cluster, Clusters
 from agent.detector.coincidence import events_of, merge_satellites
 from agent.detector.cones import Line, cone_event
 from agent.detector.detection import ConeEvent
 from agent.detector.lines import lines_of
 from agent.detector.readout import SENSOR_THICKNESS_MM, TICK_NS
-from agent.detector.response import MM_PER_TICK
+from agent.detector.sensor import MM_PER_TICK
 
 EnergySink = Callable[[Sequence[float] | NDArray[np.float64]], None]
 
 
 @dataclass(slots=True)
 class Tally:
-    """Counts (see Detections) and cones, in order of time."""
+    """Counts (see ``Detections``) and cones, in order of time."""
 
     hits: int = 0
     photopeak: int = 0
@@ -32,10 +32,10 @@ class Tally:
 
 
 class EventReader:
-    """Reads events: which hold a line's full energy, which are coincidences, and which of these make a cone."""
+    """Classifies events: full-energy events, coincidences, and the coincidences that make a cone."""
 
     def __init__(self, config: DetectionConfig, nuclide: str | None, on_energies: EnergySink | None = None) -> None:
-        """``nuclide`` None: no event has a full energy, none makes a cone. Raises ConfigError where it is not known."""
+        """``nuclide`` None: no event counts as full energy, none makes a cone. Raises ConfigError for an unknown nuclide."""
         self._windows = tuple(
             (energy, config.energy_window * energy, Line.of(energy, config.maximum_electron_kev, config.minimum_photon_kev))
             for energy in (() if nuclide is None else lines_of(nuclide))
@@ -53,7 +53,7 @@ class EventReader:
         return tally
 
     def read_many(self, clusters: Clusters, clock_ns: int) -> Tally:
-        """The same: clusters that are alone are counted at a stroke."""
+        """The same for many clusters: isolated ones are counted as arrays."""
         gap = np.ones(len(clusters) + 1, np.bool_)
         gap[1:-1] = np.diff(clusters.tick) > self._window_ticks
         alone = gap[:-1] & gap[1:]
@@ -97,7 +97,7 @@ class EventReader:
         return best
 
     def _cone(self, first: Cluster, second: Cluster, line: Line, clock_ns: int) -> ConeEvent | None:
-        """The cone of a coincidence, unless it is too small or no reading of it has energies within the limits (paper)."""
+        """The cone of a coincidence; None where it is too small or no order has energies within the limits (paper)."""
         if first.pixels + second.pixels < self._minimum_pixels:
             return None
         energies = (first.energy_kev, second.energy_kev)

@@ -1,4 +1,4 @@
-"""Where one far source lies, as seen by a camera that did not move: the likelihood of its cones over the sphere."""
+"""Direction of one distant source seen by a camera at rest: the likelihood of its cones over the sphere."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from scipy.special import logsumexp
 
 from agent.detector.detection import ConeEvent
 
-MOST_CONES = 5000  # more cost time and add less than the width of the fine grid
+MOST_CONES = 5000  # more take time and improve less than the spacing of the fine grid
 _GRID = 4000  # directions on the sphere, 3 degrees apart
 _FINE_RAD = np.deg2rad(0.25)
 _FINE_REACH = 24  # steps to each side
-_BLOCK = 50  # cones at a time
+_BLOCK = 50  # cones per array operation
 _LEAST_EVIDENCE = 5.0  # natural logarithm of the Bayes factor
 
 
@@ -29,19 +29,19 @@ class Direction:
 
     @property
     def polar_deg(self) -> float:
-        """Angle from the sensor's outward normal."""
+        """Angle (deg) from the sensor's outward normal."""
         return float(np.rad2deg(np.arccos(np.clip(self.unit[2], -1.0, 1.0))))
 
     @property
     def azimuth_deg(self) -> float:
-        """In the sensor's plane, from x (along the rows) towards y."""
+        """Azimuth (deg) in the sensor's plane, from x (along the rows) towards y."""
         return float(np.rad2deg(np.arctan2(self.unit[1], self.unit[0])))
 
 
 class DirectionScan:
-    """Collects cones and finds the direction that they agree on.
+    """Collects cones and finds the direction that is most likely for all of them.
 
-    The likelihood of a cone in the direction u is 0.88 sum_o 2 pi_o p(delta_o) / max(sin theta_o, 0.15) + 0.12, with delta_o the
+    The likelihood of a cone for the direction u is 0.88 sum_o 2 pi_o p(delta_o) / max(sin theta_o, 0.15) + 0.12, with delta_o the
     angle from u to the cone of order o and p a Gaussian core with a tail (estimation reference, "Beyond").
     """
 
@@ -50,7 +50,7 @@ class DirectionScan:
         self._numbers: list[NDArray[np.float64]] = []
 
     def add(self, cones: Iterable[ConeEvent]) -> None:
-        """Take cones until there are MOST_CONES."""
+        """Add cones, up to MOST_CONES."""
         for cone in cones:
             if len(self._axis) == MOST_CONES:
                 return
@@ -58,10 +58,10 @@ class DirectionScan:
             self._numbers.append(np.stack((cone.theta_rad, cone.sigma_rad, cone.probability)))
 
     def best(self) -> Direction | None:
-        """The most likely direction; None where the cones fit no single source better than evenly spread ones.
+        """The most likely direction; None where the cones fit a single source no better than isotropic ones.
 
-        As the likelihood of a cone has the mean 1 over the sphere, the mean of their product is the Bayes factor of one far
-        source against cones from everywhere.
+        As the likelihood of a cone has the mean 1 over the sphere, the mean of their product is the Bayes factor of one distant
+        source against isotropic cones.
         """
         if not self._axis:
             return None
@@ -73,7 +73,7 @@ class DirectionScan:
             return None
         peak = coarse[log_likelihood.argmax()]
         spread = _rms_angle(coarse, log_likelihood, peak)
-        if spread < _FINE_RAD * _FINE_REACH / 2.0:  # the fine grid holds the posterior
+        if spread < _FINE_RAD * _FINE_REACH / 2.0:  # the fine grid contains the posterior
             fine = _patch(peak)
             log_likelihood = _log_likelihood(fine, axis, theta, sigma, probability)
             peak = fine[log_likelihood.argmax()]
@@ -88,7 +88,7 @@ def _log_likelihood(
     sigma: NDArray[np.float64],
     probability: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """For each of the directions (D, 3), from axes (N, 2, 3) and the rest (N, 2)."""
+    """Log likelihood (D,) of the directions (D, 3), from axes (N, 2, 3) and the other arrays (N, 2)."""
     total = np.zeros(len(directions))
     for start in range(0, len(axis), _BLOCK):
         part = slice(start, start + _BLOCK)
@@ -101,13 +101,13 @@ def _log_likelihood(
 
 
 def _rms_angle(directions: NDArray[np.float64], log_likelihood: NDArray[np.float64], centre: NDArray[np.float64]) -> float:
-    """Of the posterior over the directions, from the centre."""
+    """RMS angle (rad) of the posterior over the directions from the centre."""
     angle = np.arccos(np.clip(directions @ centre, -1.0, 1.0))
     return float(np.sqrt(np.average(angle**2, weights=np.exp(log_likelihood - log_likelihood.max()))))
 
 
 def _sphere(count: int) -> NDArray[np.float64]:
-    """Nearly even directions: a Fibonacci spiral, (count, 3)."""
+    """Nearly uniform directions (count, 3): a Fibonacci spiral."""
     i = np.arange(count) + 0.5
     z = 1.0 - 2.0 * i / count
     angle = np.pi * (1.0 + np.sqrt(5.0)) * i

@@ -53,7 +53,7 @@ GAMMAS: dict[str, tuple[tuple[float, float], ...]] = {
     "Na-22": ((511.00, 1.80), (1274.54, 0.9994)),
 }
 
-# Those that a CdTe camera of 2 mm can use for full-energy events and cones, keV.
+# Lines that a CdTe camera of 2 mm can use for full-energy events and cones, keV.
 LINES_KEV: dict[str, tuple[float, ...]] = {
     "Am-241": (59.54,),
     "Ba-133": (81.00, 276.40, 302.85, 356.01, 383.85),
@@ -68,7 +68,7 @@ LINES_KEV: dict[str, tuple[float, ...]] = {
 
 
 def lines_of(nuclide: str) -> tuple[float, ...]:
-    """Energies in keV, ascending.
+    """Line energies (keV) of a nuclide, ascending.
 
     Raises:
         ConfigError: a nuclide that is not in the table.

@@ -1,4 +1,4 @@
-"""What a Timepix3 camera hands over: the interface between a detector (real, file or simulated) and the agent."""
+"""Timepix3 readouts: the interface between a detector (real, recorded or simulated) and the agent."""
 
 from __future__ import annotations
 
@@ -17,11 +17,10 @@ TICK_NS = 25.0 / 16.0  # one fine time-of-arrival step; tick = 16 ToA - FToA
 
 
 class PixelHits(Struct, frozen=True):
-    """Pixel hits in the order in which the camera delivered them (data driven: nearly, not strictly, by time).
+    """Pixel hits in the order in which the camera delivered them (data-driven: nearly, but not strictly, by time).
 
-    tick: (N,) int64, time of arrival in steps of 25/16 ns since the detector's clock was reset.
-    index: (N,) uint16, matrix index = 256 row + column, 0 at the lower left seen from the front.
-    tot: (N,) uint16, time over threshold in 25 ns counts.
+    tick: (N,) int64, time of arrival in steps of 25/16 ns since the detector's clock was reset. index: (N,) uint16, matrix index
+    = 256 row + column, 0 at the lower left seen from the front. tot: (N,) uint16, time over threshold in 25 ns counts.
     """
 
     tick: NDArray[np.int64]
@@ -38,7 +37,7 @@ class PixelHits(Struct, frozen=True):
 
     @classmethod
     def joined(cls, parts: Iterable[PixelHits]) -> PixelHits:
-        """One after another; none of no parts."""
+        """The hits of all parts in sequence; no hits without parts."""
         hits = (cls.none(), *parts)
         return cls(
             np.concatenate([part.tick for part in hits]),
@@ -47,15 +46,15 @@ class PixelHits(Struct, frozen=True):
         )
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp] | slice) -> PixelHits:
-        """Some of them."""
+        """The chosen hits."""
         return PixelHits(self.tick[which], self.index[which], self.tot[which])
 
 
 class Readout(Struct, frozen=True):
-    """Everything that a detector saw in [start_ns, end_ns), UTC. Readouts of one detector follow each other gap-free.
+    """Everything that a detector measured in [start_ns, end_ns), UTC. Readouts of one detector are contiguous.
 
-    ``clock_ns`` is the UTC time of tick 0. ``live_time_s`` excludes dead time. ``lost_hits`` counts what the detector reported
-    as lost (overflow).
+    ``clock_ns`` is the UTC time of tick 0. ``live_time_s`` excludes dead time. ``lost_hits`` counts hits that the detector
+    reported as lost (overflow).
     """
 
     start_ns: int
@@ -67,7 +66,7 @@ class Readout(Struct, frozen=True):
 
 
 def first_hits(readout: Readout, most: int) -> Readout:
-    """The readout with no more than its first ``most`` hits. The others count as lost, and the time from them on as dead."""
+    """The readout with at most its first ``most`` hits. The others count as lost, and the time from then on as dead time."""
     hits = readout.hits
     if len(hits) <= most:
         return readout
@@ -85,11 +84,11 @@ class Detector(Protocol):
     """A source of readouts: the camera itself, a recording in real time, or the simulation's feed."""
 
     def readouts(self) -> AsyncIterator[Readout]:
-        """Readouts as they come, while the detector is open. A lost link is taken up again and stands in ``problems``."""
+        """Readouts as they arrive, while the detector is open. A lost link is reopened, and reported in ``problems``."""
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong now, a line each."""
+        """Present problems, one line each."""
 
     async def close(self) -> None:
-        """Let go of the device or link; ``readouts`` ends."""
+        """Release the device or link; ``readouts`` ends."""

@@ -1,10 +1,11 @@
-"""Which nuclide a spectrum is of: the energies of a camera's events against the lines of those that are known.
+"""Nuclide recognition: the spectrum of a camera's events against the lines of the known nuclides.
 
-The spectrum is a sum of parts with free, non-negative strengths: full-energy peaks of a nuclide, their relative strengths given
-by photons per decay and the sensor; its Compton continuum (Klein-Nishina); peaks of the natural background (K, U and Th series);
-and broad humps that stand for scattered photons and the background's continuum. For each nuclide the parts are fitted by maximum
-likelihood (Poisson), with its peaks and without. A nuclide is recognised where its peaks are beyond doubt and every other
-nuclide explains the spectrum much worse. Only shapes enter, so neither activity nor distance need be known.
+The spectrum is modelled as a sum of components with free, non-negative strengths: full-energy peaks of a nuclide, with relative
+strengths from photons per decay and the sensor's efficiency; its Compton continuum (Klein-Nishina); peaks of the natural
+background (K, U and Th series); and broad humps for scattered photons and the background's continuum. For each nuclide the
+components are fitted by maximum likelihood (Poisson), with its peaks and without. A nuclide is recognised where its peaks are
+significant and every other nuclide explains the spectrum much worse. Only shapes enter, so neither activity nor distance need be
+known.
 """
 
 from __future__ import annotations
@@ -14,25 +15,23 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erf
 
 from agent.detector.cones import compton_edge_kev, klein_nishina_recoil
 from agent.detector.lines import GAMMAS
-from agent.detector.response import attenuation_per_mm, energy_variance
+from agent.detector.sensor import attenuation_per_mm, energy_variance
+from agent.geometry import Array
 from protocol.messages import Recognised
 
-Array = NDArray[np.float64]
-
-CANDIDATES = tuple(name for name in GAMMAS if name != "K-40")  # which is everywhere
+CANDIDATES = tuple(name for name in GAMMAS if name != "K-40")  # present everywhere
 LEAST_EVIDENCE = 10.0  # natural logarithm of a likelihood ratio: 4.5 standard deviations
-LEAST_SHARE = 0.01  # of the events in the peaks: below, small errors of the calibration would be taken for peaks
+LEAST_SHARE = 0.01  # of the events in the peaks: below it, small calibration errors would be taken for peaks
 LEAST_EVENTS = 50
 LOOK_NS = 10_000_000_000
-_EDGES_KEV: Array = np.geomspace(45.0, 1600.0, 141)  # 2.6 % wide: a standard deviation
+_EDGES_KEV: Array = np.geomspace(45.0, 1600.0, 141)  # 2.6 % wide: one standard deviation of the resolution
 _HUMPS = 9
-_ROUNDS = (150, 40)  # of the fit at the first look, and at later ones, which go on from the one before
-_LEAST_STRENGTH = 1e-5  # from which a part that was not needed before starts again
+_ROUNDS = (150, 40)  # iterations of the first fit, and of later ones, which start from the one before
+_LEAST_STRENGTH = 1e-5  # initial strength of a component that had vanished
 
 # Effective area for full-energy events, mm2, mean over all directions, by energy in keV: photons that the simulated sensor turns
 # into a peak of the agent's resolution.
@@ -49,8 +48,8 @@ _NATURAL: tuple[tuple[tuple[float, float], ...], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """``evidence``: natural logarithm of how much likelier the spectrum is with the nuclide's peaks than without them, or than
-    with the next best nuclide, whichever is less. ``peak_events``: events in its peaks. ``events``: in the spectrum.
+    """``evidence``: natural logarithm of the likelihood ratio of the spectrum with the nuclide's peaks to that without them, or
+    to that with the next best nuclide, whichever is less. ``peak_events``: events in its peaks. ``events``: in the spectrum.
     """
 
     nuclide: str
@@ -60,34 +59,34 @@ class Recognition:
 
     @property
     def certain(self) -> bool:
-        """Whether the nuclide is recognised."""
+        """Whether the nuclide is recognised with certainty."""
         return self.evidence >= LEAST_EVIDENCE and self.peak_events >= LEAST_SHARE * self.events
 
 
 class Recogniser:
-    """Accumulates the energies of events; ``look`` says of which nuclide they are."""
+    """Accumulates event energies; ``look`` evaluates them."""
 
     def __init__(self) -> None:
         self._counts: Array = np.zeros(len(_EDGES_KEV) - 1)
-        self._shares: tuple[Array, Array] | None = None  # of the parts at the last look, with peaks and without
+        self._shares: tuple[Array, Array] | None = None  # component shares of the last fit, with peaks and without
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
-        """Take the energies of events: single clusters, and sums over the clusters of one photon."""
-        place = np.searchsorted(_EDGES_KEV, energies_kev)  # 0 and the last are beyond the ends
+        """Add the energies (keV) of events: single clusters, and sums over the clusters of one photon."""
+        place = np.searchsorted(_EDGES_KEV, energies_kev)  # 0 and the last are outside of the spectrum
         self._counts += np.bincount(place, minlength=len(_EDGES_KEV) + 1)[1:-1]
 
     @property
     def events(self) -> int:
-        """So many were within 45 to 1600 keV."""
+        """Number of events between 45 and 1600 keV."""
         return int(self._counts.sum())
 
     def best(self) -> Recognition | None:
-        """The nuclide that stands out; None where none does."""
+        """The recognised nuclide; None where none stands out."""
         found = self.look()
         return found if found is not None and found.certain else None
 
     def look(self) -> Recognition | None:
-        """The nuclide that fits best, however badly; None with less than LEAST_EVENTS."""
+        """The nuclide that fits best, however badly; None with fewer than LEAST_EVENTS."""
         if self.events < LEAST_EVENTS:
             return None
         parts = _parts()
@@ -103,21 +102,21 @@ class Recogniser:
 
 
 class NuclideWatch:
-    """Recognises the nuclide in flight, looking every LOOK_NS, and holds it against the one that the mission is after."""
+    """Recognises the nuclide in flight, every LOOK_NS, and compares it with the mission's."""
 
     def __init__(self, expected: str) -> None:
         self._expected = expected
         self._recogniser = Recogniser()
-        _parts()  # worked out now: in flight it would take longer than a step
+        _parts()  # computed now: in flight it would take longer than a control step
         self._looked_ns: int | None = None
         self.recognised: Recognition | None = None
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
-        """Take the energies of events."""
+        """Add the energies (keV) of events."""
         self._recogniser.add(energies_kev)
 
     def look(self, now_ns: int) -> None:
-        """Look again, if it is time."""
+        """Evaluate again, if it is time."""
         if self._looked_ns is None:
             self._looked_ns = now_ns
         elif now_ns - self._looked_ns >= LOOK_NS:
@@ -126,13 +125,13 @@ class NuclideWatch:
 
     @property
     def message(self) -> Recognised | None:
-        """For a status."""
+        """The result for the status message."""
         found = self.recognised
         return None if found is None else Recognised(found.nuclide, found.evidence)
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What speaks against the mission's nuclide, a line or none."""
+        """A line where the spectrum contradicts the mission's nuclide, or none."""
         found = self.recognised
         if found is None or found.nuclide == self._expected:
             return ()
@@ -147,9 +146,9 @@ def _even(parts: Array) -> Array:
 
 
 def _fitted(counts: Array, parts: Array, share: Array, rounds: int) -> tuple[Array, Array]:
-    """Largest log likelihood of each candidate (C,), and the shares (C, K) of its parts (C, K, B) in the counts (B,).
+    """Largest log likelihood of each candidate (C,), and the shares (C, K) of its components (C, K, B) in the counts (B,).
 
-    Expectation maximisation from ``share``: it keeps the strengths positive and their sum that of the counts.
+    Expectation maximisation from ``share``: it keeps the strengths positive and their sum equal to that of the counts.
     """
     present = counts > 0
     counts, parts = counts[present], parts[:, :, present]
@@ -163,7 +162,7 @@ def _fitted(counts: Array, parts: Array, share: Array, rounds: int) -> tuple[Arr
 
 
 def _peaks(lines: Iterable[tuple[float, float]]) -> Array:
-    """(B,) shares of the events in the full-energy peaks of lines (keV, photons per decay)."""
+    """Shares (B,) of the events in the full-energy peaks of lines (keV, photons per decay)."""
     shape = np.zeros(len(_EDGES_KEV) - 1)
     for energy, photons in lines:
         area = np.exp(np.interp(np.log(energy), np.log(_PEAK_KEV), np.log(_PEAK_MM2)))
@@ -172,7 +171,7 @@ def _peaks(lines: Iterable[tuple[float, float]]) -> Array:
 
 
 def _continuum(lines: Iterable[tuple[float, float]]) -> Array:
-    """(B,) shares of the events that are recoil electrons of photons which were scattered once and left."""
+    """Shares (B,) of the events that are recoil electrons of photons that scattered once and escaped."""
     shape = np.zeros(len(_EDGES_KEV) - 1)
     for energy, photons in lines:
         photo, total = attenuation_per_mm(energy)
@@ -186,7 +185,7 @@ def _continuum(lines: Iterable[tuple[float, float]]) -> Array:
 
 
 def _humps() -> Array:
-    """(_HUMPS, B): triangles over the logarithm of the energy that add up to what is even in it."""
+    """(_HUMPS, B): triangles over the logarithm of the energy, which add up to a constant."""
     middle = np.log(np.sqrt(_EDGES_KEV[1:] * _EDGES_KEV[:-1]))
     centre = np.linspace(middle[0], middle[-1], _HUMPS)
     height = np.maximum(1.0 - np.abs(middle - centre[:, None]) / (centre[1] - centre[0]), 0.0)
@@ -194,7 +193,7 @@ def _humps() -> Array:
 
 
 def _normalised(shape: Array) -> Array:
-    """To a sum of 1; what is nothing stays nothing."""
+    """The shape scaled to a sum of 1; zero stays zero."""
     result: Array = shape / max(float(shape.sum()), 1e-300)
     return result
 
@@ -207,6 +206,6 @@ def _normal(z: Array) -> Array:
 
 @cache
 def _parts() -> Array:
-    """(C, K, B): peaks and continuum of each candidate, then what is common to all."""
+    """(C, K, B): peaks and continuum of each candidate, then the components common to all."""
     common = np.concatenate(([_peaks(lines) for lines in _NATURAL], _humps()))
     return np.array([np.concatenate(([_peaks(GAMMAS[name]), _continuum(GAMMAS[name])], common)) for name in CANDIDATES])

@@ -1,4 +1,4 @@
-"""Readouts as bytes: the frames of a detector's TCP feed.
+"""Binary frames of readouts on a detector's TCP feed.
 
 A frame is, little-endian: the length of what follows (4 bytes), the version (1), start_ns, end_ns, clock_ns (8 each), live_time_s
 (8, IEEE 754), lost_hits (4), the number of hits N (4), then tick (N times 8), index (N times 2) and tot (N times 2).
@@ -16,14 +16,14 @@ from agent.detector.readout import PixelHits, Readout
 from agent.errors import DetectorError
 
 VERSION = 1
-MAXIMUM_HITS = 1_000_000  # of a frame: more than twice what a MiniPIX can deliver in 0.2 s
+MAXIMUM_HITS = 1_000_000  # per frame: more than twice what a MiniPIX can deliver in 0.2 s
 _LENGTH = struct.Struct("<I")
 _HEADER = struct.Struct("<BqqqdII")
 _HIT_BYTES = 12
 _MAXIMUM_BYTES = _HEADER.size + MAXIMUM_HITS * _HIT_BYTES
 _LAST_NS = 1 << 62
 _LAST_TICK = 1 << 57  # seven years: 25 times as much still fits 64 bits
-_ROUNDING_S = 1e-6  # by which a live time may exceed the time between the stamps
+_ROUNDING_S = 1e-6  # tolerance of the live time against the difference of the stamps
 
 
 def pack(readout: Readout) -> bytes:
@@ -43,16 +43,16 @@ def pack(readout: Readout) -> bytes:
 
 
 class Unpacker:
-    """Turns a stream of bytes, cut anywhere, back into readouts. Holds at most one frame beside what it is fed."""
+    """Turns a stream of bytes, divided anywhere, into readouts. Buffers at most one frame beside its input."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Readout]:
-        """The readouts that are complete with ``data``, one by one; those before a corrupt frame come before the error.
+        """The readouts that are complete with ``data``, one by one; those before a corrupt frame are yielded before the error.
 
         Raises:
-            DetectorError: not such a stream; nothing that follows can be trusted, the link must be taken up anew.
+            DetectorError: not such a stream; what follows cannot be trusted, and the link must be reopened.
         """
         self._buffer += data
         while len(self._buffer) >= _LENGTH.size:

@@ -1,1 +1,1 @@
-"""The flight recorder: everything that a pilot was given and what it made of it, and the proof that it would do so again."""
+"""The flight recorder, which records all inputs and outputs of a pilot, and the replay that verifies them bit for bit."""

@@ -1,42 +1,33 @@
-"""``radron-agent replay``: progress and verdict on the terminal."""
+"""``radron-agent replay``: progress and result on the terminal."""
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from agent.flight.progress import progress_bar
 from agent.flight.replay import ReplayReport, replay
 
-SHOW_AFTER_S = 2.0  # nobody needs a progress bar for less
 IDENTICAL, DIFFERENT, UNUSABLE = 0, 1, 2  # exit codes
 
 
 def run_replay(path: Path) -> int:
-    """Replay a flight, with a progress bar on stderr and the verdict on stdout; returns the exit code. Raises RadronError."""
+    """Replay a flight, with a progress bar on stderr and the result on stdout; returns the exit code. Raises RadronError."""
     terminal = Console(stderr=True)
-    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
-    began_s = time.monotonic()
-    with Progress(*columns, console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
-        task = progress.add_task(f"replaying {path.name}", total=1.0, visible=False)
-
-        def show(done: float) -> None:
-            progress.update(task, completed=done, visible=time.monotonic() - began_s > SHOW_AFTER_S)
-
+    with progress_bar(terminal, f"replaying {path.name}") as show:
         report = replay(path, show)
     out = Console(highlight=False, soft_wrap=True)
     out.print(_table(report))
     out.print(verdict(report), markup=False)
-    if report.differing:
-        return DIFFERENT
-    return UNUSABLE if report.flaw is not None else IDENTICAL
+    if report.identical:
+        return IDENTICAL
+    return DIFFERENT if report.differing else UNUSABLE
 
 
 def verdict(report: ReplayReport) -> str:
-    """What came of it, in a sentence or two."""
+    """The result in one or two sentences."""
     made = sum(report.compared.values())
     text = f"{report.drone}, {report.duration_s:.1f} s"
     if report.truncated:

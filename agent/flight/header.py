@@ -1,4 +1,4 @@
-"""What a flight's records begin with: everything from which its pilot was made."""
+"""The header of a flight's records: all inputs from which its pilot was constructed."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from agent.config import DroneConfig, MissionConfig
+from agent.config.drone import DroneConfig
+from agent.config.mission import MissionConfig
 from agent.detector.calibration import NAMES
 from agent.errors import ConfigError
-from agent.memory import Memory
+from agent.mission.memory import Memory
 from agent.pilot import Pilot
 
 _PACKAGES = ("radron", "numpy", "scipy", "osqp", "shapely", "msgpack", "msgspec")
 
 
 class FlightHeader(Struct, frozen=True, kw_only=True):
-    """``calibration``: texts of the camera's files by name, empty for the nominal camera. ``versions``: of what computed."""
+    """``calibration``: contents of the camera's calibration files by name, empty for the nominal camera. ``versions``: of the
+    packages used.
+    """
 
     mission: MissionConfig
     drone: DroneConfig
@@ -56,7 +59,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
         )
 
     def pilot(self, folder: Path) -> Pilot:
-        """The pilot as it was at the beginning; ``folder``: where the calibration may be written."""
+        """The pilot as it was constructed; ``folder``: where the calibration may be written."""
         drone = msgspec.structs.replace(self.drone, calibration=str(folder) if self.calibration else None)
         for name, text in self.calibration.items():
             (folder / Path(name).name).write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Recorded flights read back: the segments of one flight as one sequence of records, as far as they are whole."""
+"""Reader of recorded flights: the segments of one flight as one sequence of records, as far as they are intact."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ class FlightRecord(NamedTuple):
 
 
 class RecordedFlight:
-    """One flight's files.
+    """The files of one flight.
 
-    ``header``: of the flight. After reading: ``flaw``: what kept it from being read to its end; None if nothing did.
-    ``truncated``: the last file has no proper end, as is the rule where a process was killed. ``read_bytes``: how much of
-    ``size_bytes`` is read.
+    ``header``: of the flight. After reading: ``flaw``: why it could not be read to its end, or None; ``truncated``: the last file
+    has no proper end, as after a killed process; ``read_bytes``: how much of ``size_bytes`` has been read.
     """
 
     def __init__(self, path: Path) -> None:
         """``path``: any file of a flight, or a folder with one flight.
 
         Raises:
-            FlightRecordError: no such file, not a recorded flight, a folder with several, or the beginning of the flight is gone.
+            FlightRecordError: no such file, not a recorded flight, a folder with several, or the beginning of the
+                flight is missing.
         """
         self.files = _files(path)
         self.size_bytes = sum(file.stat().st_size for file in self.files)
@@ -53,10 +53,12 @@ class RecordedFlight:
         first = next(iter(self.records()), None)
         if self._first_sequence not in (None, 0) or (first is None and self.flaw is not None):
             reason = self.flaw or "its first file was removed to keep the folder within its limit"
-            raise FlightRecordError(f"{self.files[0]}: the beginning of this flight is gone, so it cannot be replayed: {reason}")
+            raise FlightRecordError(
+                f"{self.files[0]}: it cannot be replayed, as the beginning of the flight is missing: {reason}"
+            )
 
     def records(self) -> Iterator[FlightRecord]:
-        """All records in their order, up to the end, a gap or damage."""
+        """All records in order, up to the end, a gap or damage."""
         self.read_bytes, self.truncated, self.flaw = 0, False, None
         self._first_sequence: int | None = None
         expected: int | None = None
@@ -66,7 +68,7 @@ class RecordedFlight:
                 if expected is None:
                     self._first_sequence = sequence
                 elif sequence != expected:
-                    self.flaw = f"{sequence - expected} records are lacking in {file.name}"
+                    self.flaw = f"{sequence - expected} records are missing in {file.name}"
                     return
                 expected = sequence + 1
                 yield record
@@ -89,7 +91,7 @@ class RecordedFlight:
             except _DAMAGE as error:
                 if stream.read(1):
                     self.flaw = f"{file.name} is damaged: {type(error).__name__}: {error}"
-                else:  # it was the file's end that came too early
+                else:  # the file ended too early
                     self.truncated = True
 
 
@@ -98,7 +100,7 @@ def _items(stream: BinaryIO) -> Iterator[McapRecord]:
 
 
 def _files(path: Path) -> list[Path]:
-    """The segments of a flight in their order."""
+    """The segments of a flight in order."""
     if path.is_dir():
         found = sorted(path.glob("*.mcap"))
         flights = {_flight(file): file for file in reversed(found)}
@@ -114,13 +116,13 @@ def _files(path: Path) -> list[Path]:
 
 
 def _flight(file: Path) -> str:
-    """What the names of a flight's segments share: all but the segment's number."""
+    """The part of the name that a flight's segments share: everything but the segment's number."""
     name, _, number = file.stem.rpartition("-")
     return name if number.isdecimal() else file.stem
 
 
 def _header(file: Path) -> FlightHeader:
-    """The header that a segment begins with, its attachments included."""
+    """The header at the beginning of a segment, with its attachments."""
     header: FlightHeader | None = None
     calibration = {}
     with file.open("rb") as stream:

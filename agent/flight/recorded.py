@@ -1,4 +1,4 @@
-"""A pilot whose every call is recorded before it is carried out, and its results after."""
+"""A pilot whose calls are recorded before they are made, and whose results are recorded after them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agent.flight import topics
 from agent.flight.topics import Sink
 from agent.frames.swarm import SwarmFrames
 from agent.fusion.estimator import Hypothesis, Outlook
-from agent.memory import Memory
+from agent.mission.memory import Memory
 from agent.pilot import Pilot, Step
 from agent.vehicle.interface import GnssFix, SeenDrone, VehicleState
 from protocol.messages import Stage
@@ -23,7 +23,7 @@ R = TypeVar("R")
 
 
 class RecordedPilot:
-    """The same calls as ``Pilot``. What a call ends in, an exception too, is what the pilot itself would have ended in."""
+    """The same interface as ``Pilot``, with the same results and exceptions."""
 
     def __init__(self, pilot: Pilot, sink: Sink) -> None:
         self._pilot = pilot
@@ -32,27 +32,27 @@ class RecordedPilot:
 
     @property
     def stage(self) -> Stage:
-        """What the drone is doing."""
+        """The drone's stage."""
         return self._pilot.stage
 
     @property
     def frames(self) -> SwarmFrames:
-        """Where the local frames of all drones lie in the mission frame."""
+        """Frames of all drones relative to the mission frame."""
         return self._pilot.frames
 
     @property
     def hypothesis(self) -> Hypothesis | None:
-        """Where the source is believed to be; mission frame."""
+        """The source estimate; mission frame."""
         return self._pilot.hypothesis
 
     @property
     def outlook(self) -> Outlook | None:
-        """What is known while there is no hypothesis."""
+        """The search state while there is no hypothesis."""
         return self._pilot.outlook
 
     @property
     def finding(self) -> str:
-        """What the search has ended with, where it has found nothing; else empty."""
+        """The result of a search that has found nothing; else empty."""
         return self._pilot.finding
 
     @property
@@ -62,12 +62,12 @@ class RecordedPilot:
 
     @property
     def memory(self) -> Memory | None:
-        """What a restarted agent must know."""
+        """The state that a restarted agent needs."""
         return self._pilot.memory
 
     @property
     def counters(self) -> Counter[str]:
-        """What the pilot has counted."""
+        """The pilot's event counters."""
         return self._pilot.counters
 
     def observe_vehicle(self, state: VehicleState) -> None:
@@ -129,7 +129,7 @@ class RecordedPilot:
         return step
 
     def log_summary(self) -> bytes:
-        """See ``Pilot``. It changes nothing and leaves no record."""
+        """See ``Pilot``. Has no side effects, and is not recorded."""
         return self._pilot.log_summary()
 
     def log_answer(self, request: bytes) -> list[tuple[str, bytes]]:

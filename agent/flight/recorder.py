@@ -1,4 +1,4 @@
-"""Takes a flight's records to disk without the flight ever waiting for it."""
+"""Writes a flight's records to disk without ever delaying the flight loop."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from agent.errors import FlightRecordError
 from agent.flight.header import FlightHeader
 from agent.flight.segment import Segment, prune, segment_path
 
-SEGMENT_BYTES = 64_000_000  # at most, and a quarter of the limit: so old records go in small portions
-MOST_WAITING_BYTES = 32_000_000  # minutes of flight; a disk that stalls for longer loses records
-WRITE_S = 0.1  # small portions: the writing thread holds the interpreter for less than a millisecond
+SEGMENT_BYTES = 64_000_000  # at most, and at most a quarter of the limit, so that old records are removed in small portions
+MOST_WAITING_BYTES = 32_000_000  # minutes of flight; if the disk stalls for longer, records are lost
+WRITE_S = 0.1  # small portions: the writing thread holds the interpreter lock for less than a millisecond
 FLUSH_S = 0.5
 SYNC_S = 5.0
-RETRY_S = 10.0  # after the disk refused
+RETRY_S = 10.0  # after a write error
 
 
 class _Record(NamedTuple):
@@ -31,10 +31,10 @@ class _Record(NamedTuple):
 
 
 class FlightRecorder:
-    """Writes the records of one flight; a thread of its own does the writing.
+    """Writes the records of one flight on a thread of its own.
 
-    Everything older than about ``FLUSH_S`` survives a kill of the process. Where the disk refuses or is too slow, records are
-    lost: they are counted, ``problems`` says so, and the gap shows in the records' sequence numbers.
+    Everything older than about ``FLUSH_S`` survives a kill of the process. Where the disk fails or is too slow, records are lost:
+    they are counted, ``problems`` reports it, and the gap shows in the records' sequence numbers.
     """
 
     def __init__(
@@ -43,8 +43,8 @@ class FlightRecorder:
         """Open the first segment.
 
         Args:
-            folder: where the files go; made if it is not there.
-            limit_mb: of all files in the folder together; the oldest go first, those of this flight included.
+            folder: for the files; created if missing.
+            limit_mb: of all files in the folder together; the oldest are removed first, those of this flight included.
             header: of the flight.
             clock_ns: wall time.
 
@@ -76,7 +76,7 @@ class FlightRecorder:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong now, a line each."""
+        """Present problems, one line each."""
         problem = self._problem
         if problem is None and self._is_full:
             problem = f"flight records are being lost: the disk is too slow ({self._folder})"
@@ -87,7 +87,7 @@ class FlightRecorder:
         return self._put_bytes - self._taken_bytes > MOST_WAITING_BYTES
 
     def write(self, topic: str, data: bytes, log_ns: int | None = None) -> None:
-        """Keep a record; ``log_ns``: its time, None: now. Never raises, never waits."""
+        """Queue a record; ``log_ns``: its time, None: now. Never raises, never waits."""
         now_ns = self._clock_ns()
         record = _Record(topic, data, now_ns if log_ns is None else max(0, log_ns), now_ns, self._sequence)
         self._sequence += 1
@@ -98,7 +98,7 @@ class FlightRecorder:
         self._waiting.append(record)
 
     def close(self) -> None:
-        """Write what waits and end the file; waits for the disk, but not for long."""
+        """Write the queue and close the file; waits for the disk, but not for long."""
         self._closing.set()
         self._thread.join(timeout=1.0)
 
@@ -109,7 +109,7 @@ class FlightRecorder:
         self._guarded(self._close_segment)
 
     def _guarded(self, work: Callable[[], None]) -> None:
-        """Nothing that goes wrong here may end the recording for good."""
+        """Run a task; errors are reported as problems and never end the recording."""
         try:
             work()
         except Exception as error:
@@ -159,5 +159,5 @@ class FlightRecorder:
     def _abandon_segment(self) -> None:
         segment, self._segment = self._segment, None
         if segment is not None:
-            with suppress(OSError):  # the reason why it is abandoned
+            with suppress(OSError):  # the error for which it is abandoned
                 segment.close()

@@ -1,4 +1,4 @@
-"""A recorded flight flown again by the very same pilot code: is every result identical, bit for bit?"""
+"""Replay of a recorded flight by the same pilot code, to verify that every result is identical, bit for bit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SHOWN = 200  # characters of a result in a report
 
 
 class Difference(Struct, frozen=True, kw_only=True):
-    """The first result that is not the recorded one: its time after the flight's beginning, and both texts."""
+    """The first result that differs from the recorded one: its time after the beginning of the flight, and both texts."""
 
     time_s: float
     log_ns: int
@@ -31,10 +31,10 @@ class Difference(Struct, frozen=True, kw_only=True):
 
 
 class ReplayReport(Struct, frozen=True, kw_only=True):
-    """What came of a replay.
+    """The result of a replay.
 
     ``calls``, ``compared``, ``differing``: numbers by topic. ``truncated``: the records end where the process was killed.
-    ``flaw``: what kept the flight from being read to its end; up to there it was compared.
+    ``flaw``: why the flight could not be read to its end; it was compared up to there.
     """
 
     drone: str
@@ -51,7 +51,7 @@ class ReplayReport(Struct, frozen=True, kw_only=True):
 
     @property
     def identical(self) -> bool:
-        """Every result that was recorded came out again with the same bits."""
+        """Whether every recorded result was reproduced with the same bits."""
         return not self.differing and self.flaw is None
 
 
@@ -60,14 +60,14 @@ def replay(path: Path, progress: Callable[[float], None] | None = None) -> Repla
 
     Args:
         path: any file of the flight, or a folder with one flight.
-        progress: called now and then with how much is done, 0 to 1.
+        progress: called regularly with the share done, 0 to 1.
 
     Raises:
-        FlightRecordError: nothing that can be replayed.
+        FlightRecordError: the flight cannot be replayed.
     """
     flight = RecordedFlight(path)
     with TemporaryDirectory() as folder:
-        heard = _Heard()
+        heard = _Received()
         pilot = RecordedPilot(flight.header.pilot(Path(folder)), heard)
         comparison = _Comparison()
         for count, (call, results, is_last) in enumerate(_groups(flight)):
@@ -98,8 +98,8 @@ class _Group(NamedTuple):
     is_last: bool
 
 
-class _Heard:
-    """Keeps the results of the call that is being repeated."""
+class _Received:
+    """Collects the results of the call that is being repeated."""
 
     def __init__(self) -> None:
         self.results: list[tuple[str, bytes]] = []
@@ -111,7 +111,7 @@ class _Heard:
 
 
 class _Comparison:
-    """Counts, and the first difference."""
+    """Counts of compared and differing results, and the first difference."""
 
     def __init__(self) -> None:
         self.calls: Counter[str] = Counter()
@@ -123,7 +123,7 @@ class _Comparison:
 
     @property
     def duration_s(self) -> float:
-        """From the first call to the last one."""
+        """Time from the first call to the last one."""
         return (self._now_ns - self._began_ns) * 1e-9 if self._began_ns is not None else 0.0
 
     def compare(
@@ -134,7 +134,7 @@ class _Comparison:
         error: str | None,
         is_last: bool,
     ) -> None:
-        """Hold the results of a call against the recorded ones. The last call's may have been cut off."""
+        """Compare the results of a call with the recorded ones. Those of the last call may have been cut off."""
         self._now_ns = call.publish_ns
         if self._began_ns is None:
             self._began_ns = call.publish_ns
@@ -177,14 +177,14 @@ def _groups(flight: RecordedFlight) -> Iterator[_Group]:
 
 
 def _repeat(pilot: RecordedPilot, call: FlightRecord) -> str | None:
-    """Make a call again. Returns why it cannot be made; an exception of the pilot's own is among its results."""
+    """Repeat a call. Returns why it cannot be made, or None; an exception of the pilot itself is among its results."""
     try:
         action = _action(pilot, call)
     except (RadronError, msgspec.MsgspecError, ValueError, TypeError) as error:
         return f"the record cannot be read: {error}"
     try:
         action()
-    except Exception:  # has become a result, as it did in flight
+    except Exception:  # recorded as a result, as in flight
         return None
     return None
 

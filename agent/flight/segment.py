@@ -1,4 +1,4 @@
-"""One MCAP file of a flight. A flight is cut into segments, so that old ones can be removed while it goes on."""
+"""One MCAP file of a flight. A flight is divided into segments, so that old ones can be removed while it goes on."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ CALIBRATION_TYPE = "text/plain"  # of the attachments
 
 
 def segment_path(folder: Path, header: FlightHeader, number: int) -> Path:
-    """Name of a segment: sorted by name they are in the order of time, and those of one flight share its boot."""
+    """Path of a segment: names sort by time, and those of one flight share its boot id."""
     began = datetime.fromtimestamp(header.started_ns // 1_000_000_000, UTC)
     return folder / f"{header.drone.id}-{began:%Y%m%dT%H%M%SZ}-{header.boot}-{number:04d}.mcap"
 
 
 class Segment:
-    """Writes one file, in compressed chunks: what was written is on disk, and readable, from the next ``flush`` on.
+    """Writes one file in compressed chunks: what was written is on disk, and readable, from the next ``flush`` on.
 
     Raises OSError where the disk does.
     """
@@ -38,7 +38,7 @@ class Segment:
         try:
             self._begin(header, number)
         except OSError:
-            with suppress(OSError):  # closing writes what is buffered
+            with suppress(OSError):  # closing writes the buffer
                 self._file.close()
             path.unlink(missing_ok=True)
             raise
@@ -54,7 +54,7 @@ class Segment:
 
     @property
     def size_bytes(self) -> int:
-        """What is in the file."""
+        """Size of the file so far."""
         return self._file.tell()
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int, sequence: int) -> None:
@@ -67,11 +67,11 @@ class Segment:
         self._writer.add_message(channel, log_ns, data, publish_ns, sequence)
 
     def flush(self) -> None:
-        """Hand everything to the operating system: from then on it survives this process."""
+        """Hand everything to the operating system: it then survives the end of this process."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def sync(self) -> None:
-        """Wait until it is on the disk: from then on it survives a loss of power."""
+        """Wait until everything is on the disk: it then survives a power failure."""
         os.fdatasync(self._file.fileno())
 
     def close(self) -> None:
@@ -83,12 +83,12 @@ class Segment:
 
 
 def prune(folder: Path, limit_bytes: int, keep: Path) -> None:
-    """Remove the oldest segments of whatever flight until all together are below the limit; never ``keep``."""
+    """Remove the oldest segments, of whatever flight, until the total is below the limit; never ``keep``."""
     found = []
     for path in folder.glob("*.mcap"):
         try:
             about = path.stat()
-        except OSError:  # another agent has removed it meanwhile
+        except OSError:  # removed by another agent meanwhile
             continue
         found.append((about.st_mtime_ns, path, about.st_size))
     excess = sum(size for _, _, size in found) - limit_bytes

@@ -1,8 +1,8 @@
-"""The topics of a flight's records, and what stands in each.
+"""The topics of a flight's records, and their contents.
 
-``in/`` and ``call/`` are what the pilot was given, in the order of the calls; after each follow under ``out/`` its results.
+``in/`` and ``call/`` are the pilot's inputs, in the order of the calls; the results of each call follow under ``out/``.
 ``log_time`` is the pilot's time where a call has one, else wall time; ``publish_time`` is the wall time of the record: of a call
-when it came, of a result when it was there. ``sequence`` counts the records of a flight, so that a lost one is noticed.
+when it was made, of a result when it was there. ``sequence`` counts the records of a flight, so that a lost one is noticed.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleS
 VEHICLE = "in/vehicle"  # JSON: telemetry
 DETECTOR = "in/detector"  # readout as in agent/detector/wire.py
 FIX = "in/fix"  # JSON: of a satellite receiver
-SIGHTINGS = "in/sightings"  # JSON: list of what was seen of other drones at once
+SIGHTINGS = "in/sightings"  # JSON: list of relative observations made at one time
 MESSAGE = "in/message"  # msgpack: [key, payload]
-QUERY = "in/query"  # a peer's request for what its log lacks: protocol/summary.py
+QUERY = "in/query"  # a peer's request for missing log entries: protocol/summary.py
 WARN = "in/warn"  # JSON: list of texts
 BLOCK = "in/block"
 ADVANCE = "call/advance"  # JSON: {}
 STEP = "call/step"
-HYPOTHESIS = "out/hypothesis"  # JSON, whenever it was made anew; null where it was taken back
-COMMAND = "out/command"  # JSON: what the autopilot is to do
+HYPOTHESIS = "out/hypothesis"  # JSON, after every update; null where it was withdrawn
+COMMAND = "out/command"  # JSON: the command to the autopilot
 PUBLICATION = "out/publication"  # msgpack: [key, payload]
 ANSWER = "out/answer"  # JSON: {entries, bytes} given to a query
 ERROR = "out/error"  # JSON: the exception that a call ended in
@@ -40,14 +40,14 @@ ENCODINGS = {DETECTOR: "radron-readout", QUERY: "msgpack", MESSAGE: "msgpack", P
 
 
 class Sink(Protocol):
-    """Where records go."""
+    """Destination of records."""
 
     def write(self, topic: str, data: bytes, log_ns: int | None = None) -> None:
         """Keep a record. ``log_ns``: its time; None: now. Never raises, never waits."""
 
 
 def encode_state(state: VehicleState) -> bytes:
-    """Telemetry as JSON. Numbers that JSON does not know (NaN) are written as Python and JavaScript do."""
+    """Telemetry as JSON. Numbers that JSON lacks (NaN) are written as Python and JavaScript do."""
     numbers = (*state.position_m, *state.velocity_mps, *state.quaternion, state.height_m)
     if isfinite(sum(numbers) + state.position_sigma_m + state.yaw_sigma_rad):
         return msgspec.json.encode(state)
@@ -60,7 +60,7 @@ def decode_state(data: bytes) -> VehicleState:
 
 
 def encode_given(given: GnssFix | list[SeenDrone]) -> bytes:
-    """A fix or sights as JSON, with numbers that JSON does not know as in telemetry."""
+    """A fix or relative observations as JSON, with NaN as in telemetry."""
     return json.dumps(msgspec.to_builtins(given)).encode()
 
 
@@ -70,12 +70,12 @@ def decode_fix(data: bytes) -> GnssFix:
 
 
 def decode_sightings(data: bytes) -> list[SeenDrone]:
-    """Sights from JSON."""
+    """Relative observations from JSON."""
     return msgspec.convert(json.loads(data), list[SeenDrone])
 
 
 def encode_readout(readout: Readout) -> bytes:
-    """A readout; nothing for one that is too large to be kept: such a flight cannot be replayed beyond it."""
+    """A readout; empty for one that is too large: the flight cannot be replayed beyond it."""
     try:
         return pack(readout)
     except DetectorError:
@@ -83,7 +83,7 @@ def encode_readout(readout: Readout) -> bytes:
 
 
 def decode_readout(data: bytes) -> Readout:
-    """A readout.
+    """Decode one readout.
 
     Raises:
         FlightRecordError: not exactly one.
@@ -112,7 +112,7 @@ def encode_command(command: VehicleCommand) -> bytes:
 
 
 def encode_hypothesis(hypothesis: Hypothesis | None, digest: str) -> bytes:
-    """A hypothesis (mission frame) as JSON, with the digest of the log that it follows from."""
+    """A hypothesis (mission frame) as JSON, with the digest of the log it was computed from."""
     if hypothesis is None:
         return b"null"
     return msgspec.json.encode(

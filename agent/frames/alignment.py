@@ -1,9 +1,10 @@
-"""One drone's pose from what it and others saw of each other, with nothing known before: every heading is tried.
+"""One drone's pose from relative observations between it and the others, without a prior: every heading is tried.
 
-For each of a fan of headings a place is guessed (the median of what single sightings with a range say; where the bearings cross;
-around the others where there are ranges only), and all these starts are fitted at once by Gauss-Newton with errors that are first
-taken to be wide and then shrink to what they are (graduated, as in Yang et al. 2020): false positives lose their weight, and
-neighbouring starts run into the same optimum. It is to be believed only where any other heading explains the data clearly worse.
+For each of a set of headings a position is guessed (the median of what single sightings with a range imply; where the bearings
+cross; places around the others where there are only ranges). All these starts are refined at once by Gauss-Newton with variances
+that begin wide and shrink to their stated values (graduated non-convexity, as in Yang et al. 2020): false positives lose their
+weight, and neighbouring starts run into the same optimum. The result is reliable only where every other heading explains the data
+clearly worse.
 """
 
 from __future__ import annotations
@@ -12,34 +13,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.frames.sightings import (
-    Array,
+from agent.frames.residuals import (
+    NEAREST_M,
     Fixes,
     Ints,
     Sightings,
-    belief,
     fix_evidence,
+    inlier_probability,
     sighting_evidence,
     turned,
     turned_per_yaw,
 )
+from agent.geometry import Array
 
 HEADINGS = 16
-_FEW_HEADINGS, _AROUND, _ABOVE_M = 8, 6, 2.0  # and places around the others, above and below, where only ranges are known
-_WIDTHS = (400.0, 400.0, 100.0, 100.0, 25.0, 9.0, 4.0, 1.0, 1.0, 1.0, 1.0)  # of the variances, round by round
-_DISTINCT_YAW = 0.35  # rad; further apart two solutions are two
+_FEW_HEADINGS, _AROUND, _ABOVE_M = 8, 6, 2.0  # start positions around the others where there are only ranges
+_WIDTHS = (400.0, 400.0, 100.0, 100.0, 25.0, 9.0, 4.0, 1.0, 1.0, 1.0, 1.0)  # factors on the variances, one per iteration
+_DISTINCT_YAW = 0.35  # rad; solutions whose headings differ by more are distinct
 _DISTINCT_M = 1.0
-_NEAREST_M = 0.3
-_FLOOR = np.array([1e-6, 1e-6, 1e-6, 1e-6])  # information that a fit never lacks, so that it can be solved
+_FLOOR = np.array([1e-6, 1e-6, 1e-6, 1e-6])  # prior information that keeps every fit solvable
 
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """M sightings of or by one drone, the other ends' places known. outward: (M,) whether it is the drone that saw.
+    """M sightings by or of one drone, with the positions of the other drones known.
 
-    moved: (M, 3) the drone's displacement since the reference, its local frame. other: (M, 3) where the other one was, mission
-    frame. direction: (M, 3) local frame where outward, else mission frame. Variances as in ``Sightings``.
-    places: (F, 3) where the drone was by a fix, moved_place: (F, 3), place_var: (F, 3).
+    outward: (M,) true where this drone is the observer. moved: (M, 3) this drone's displacement since the reference time, in its
+    local frame. other: (M, 3) position of the other drone, mission frame. direction: (M, 3), in this drone's local frame where
+    outward, else in the mission frame. Variances as in ``Sightings``. places: (F, 3) positions of this drone by fixes, mission
+    frame; moved_place: (F, 3), its displacements at those times; place_var: (F, 3) m^2.
     """
 
     outward: Ints
@@ -56,8 +58,8 @@ class Views:
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """The best pose (4,), its covariance (4, 4) as far as the others are known exactly, the logarithm of its likelihood, by how
-    much that is above the next best of another heading or place, and the share of sightings that it explains.
+    """The best pose (4,), its covariance (4, 4) with the others' poses taken as exact, its log likelihood, the margin over the
+    next best solution of another heading or position (log likelihood ratio), and the share of sightings that it explains.
     """
 
     pose: Array
@@ -68,10 +70,11 @@ class Alignment:
 
 
 def views_of(drone: int, data: Sightings, others: Array, others_var: Array, at: Array, fixes: Fixes, moving_var: Array) -> Views:
-    """Sightings by or of ``drone`` as seen from it.
+    """Sightings by or of ``drone``, expressed from its side.
 
-    others: (M, 4) poses of the other ends at the sightings' times; others_var: (M, 2) variances of their places (each axis) and
-    headings. at: (3,) the reference in the drone's continuous frame. moving_var: (M,) m^2 of drift since.
+    others: (M, 4) poses of the other drones at the times of the sightings; others_var: (M, 2) variances of their positions (per
+    axis) and headings. at: (3,) the reference position in the drone's continuous frame. moving_var: (M,) m^2 of drift since each
+    sighting.
     """
     outward = data.observer == drone
     own = np.where(outward[:, None], data.at_observer, data.at_target)
@@ -93,7 +96,7 @@ def views_of(drone: int, data: Sightings, others: Array, others_var: Array, at: 
 
 
 def align(views: Views) -> Alignment | None:
-    """The pose that explains most; None where there is nothing to go by."""
+    """The pose that explains the data best; None without data."""
     starts = _starts(views)
     if not len(starts):
         return None
@@ -113,12 +116,12 @@ def align(views: Views) -> Alignment | None:
 
 
 def evidence_of(views: Views, pose: Array) -> float:
-    """Logarithm of the likelihood of the data with the drone at one pose (4,)."""
+    """Log likelihood of the data for one pose (4,) of the drone."""
     return float(_fit(views, pose[None], 1.0)[2][0])
 
 
 def _starts(views: Views) -> Array:
-    """(S, 4) poses to start from."""
+    """Initial poses (S, 4)."""
     yaws: Array = np.arange(HEADINGS, dtype=np.float64) * (2.0 * np.pi / HEADINGS)
     arm = turned(yaws[:, None], np.broadcast_to(views.moved, (HEADINGS, *views.moved.shape)))
     toward = _toward(views, yaws)
@@ -147,15 +150,17 @@ def _starts(views: Views) -> Array:
 
 
 def _toward(views: Views, yaws: Array) -> Array:
-    """(S, M, 3) measured directions from the drone to the others, mission frame, were the drone's heading ``yaws`` (S,)."""
+    """Measured directions (S, M, 3) from the drone to the others in the mission frame, for headings ``yaws`` (S,)."""
     outward = views.outward[:, None] == 1
     own = turned(yaws[:, None], np.broadcast_to(views.direction, (len(yaws), *views.direction.shape)))
     return np.where(outward, own, -views.direction)
 
 
 def _fit(views: Views, pose: Array, width: float) -> tuple[Array, Array, Array, Array]:
-    """Of poses (S, 4): information (S, 4, 4), gradient (S, 4), log likelihood (S,), share of sightings explained (S,), all
-    variances taken ``width`` times as large."""
+    """One Gauss-Newton step's terms for poses (S, 4), with all variances multiplied by ``width``.
+
+    Returns information (S, 4, 4), gradient (S, 4), log likelihood (S,) and the share of sightings explained (S,).
+    """
     count, yaw = len(pose), pose[:, 3][:, None]
     information, pull = np.zeros((count, 4, 4)), np.zeros((count, 4))
     information += np.diag(_FLOOR)
@@ -163,10 +168,10 @@ def _fit(views: Views, pose: Array, width: float) -> tuple[Array, Array, Array, 
     if len(views.other):
         arm = turned(yaw, np.broadcast_to(views.moved, (count, *views.moved.shape)))
         apart = views.other - pose[:, None, :3] - arm  # from the drone to the others
-        distance = np.maximum(np.sqrt((apart * apart).sum(-1)), _NEAREST_M)
+        distance = np.maximum(np.sqrt((apart * apart).sum(-1)), NEAREST_M)
         along = apart / distance[..., None]
         toward = _toward(views, pose[:, 3])
-        slope = np.zeros((*distance.shape, 4, 4))  # of (direction, range) by (x, y, z, yaw)
+        slope = np.zeros((*distance.shape, 4, 4))  # derivative of (direction, range) by (x, y, z, yaw)
         arm_slope = turned_per_yaw(arm)
         across = (np.eye(3) - along[..., :, None] * along[..., None, :]) / distance[..., None, None]
         slope[..., :3, :3] = -across
@@ -177,7 +182,7 @@ def _fit(views: Views, pose: Array, width: float) -> tuple[Array, Array, Array, 
         direction_var, range_var = width * views.direction_var, width * views.range_var
         squared = residual**2
         true, false = sighting_evidence(squared[..., :3].sum(-1), direction_var, squared[..., 3], range_var)
-        weight = belief(true, false)
+        weight = inlier_probability(true, false)
         weights = np.empty(residual.shape)
         weights[..., :3] = (weight / direction_var)[..., None]
         weights[..., 3] = weight / range_var
@@ -201,7 +206,7 @@ def _add_places(views: Views, pose: Array, width: float, information: Array, pul
     slope = np.zeros((*residual.shape, 4))
     slope[..., :3] = np.eye(3)
     slope[..., 3] = turned_per_yaw(arm)
-    weighted = (slope * (belief(true, false)[..., None] / var)[..., None]).reshape(count, -1, 4)
+    weighted = (slope * (inlier_probability(true, false)[..., None] / var)[..., None]).reshape(count, -1, 4)
     information += np.swapaxes(weighted, 1, 2) @ slope.reshape(count, -1, 4)
     pull -= (np.swapaxes(weighted, 1, 2) @ residual.reshape(count, -1, 1))[..., 0]
     evidence += np.logaddexp(true, false).sum(1)

@@ -1,4 +1,4 @@
-"""What is remembered from keyframe to keyframe: the joint estimate, each drone's standing, and what was told of its frame."""
+"""The state carried from keyframe to keyframe: the joint estimate, each drone's status, and the published frames."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from agent.frames.consistency import Tally
 from agent.frames.joint import Joint
 from agent.frames.placement import Placement
 
-Emission = tuple[int, int, Placement | None]  # drone, from which stamp on, where its continuous frame lies
+Emission = tuple[int, int, Placement | None]  # drone, first stamp, placement of its continuous frame
 
 
 @dataclass(frozen=True, slots=True)
 class Suspicion:
-    """Why a drone's frame is not believed, the stamp of the last keyframe that said so, whether it stays so anyway, and whether
-    it may as well be another drone's that is wrong."""
+    """Why a drone's frame is not trusted, the stamp of the last keyframe that found so, whether the suspicion is permanent, and
+    whether the other drone of the pair may be the faulty one instead.
+    """
 
     reason: str
     stamp_ns: int
@@ -26,23 +27,23 @@ class Suspicion:
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """What is remembered of one drone from keyframe to keyframe."""
+    """The state of one drone between keyframes."""
 
-    launched: bool = False  # its layout has been used, or may not be any more
-    sound_ns: int = -1  # stamp of the last keyframe at which sightings confirmed its frame, and none contradicted it
-    since: int = -1  # keyframe from which on its sightings tell of its present frame
-    contradicted: int = 0  # keyframes in a row
-    missed: int = 0  # fixes in a row that did not fit
-    lost_ns: int | None = None  # from which stamp on its frame is lost; none: it is not
-    attempted: int = -1  # keyframe of the last attempt to find its frame
-    trusted: bool = True  # its layout and compass count
+    launched: bool = False  # its layout has been used, or must not be used any more
+    sound_ns: int = -1  # stamp of the last keyframe at which sightings confirmed its frame and none contradicted it
+    since: int = -1  # first keyframe whose sightings refer to its present frame
+    contradicted: int = 0  # consecutive keyframes
+    missed: int = 0  # consecutive fixes rejected as outliers
+    lost_ns: int | None = None  # stamp since which its frame is unknown; None while it is known
+    attempted: int = -1  # keyframe of the last attempt to align its frame
+    trusted: bool = True  # whether its layout and compass are used
     suspicion: Suspicion | None = None
     known: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """The estimate after a keyframe; everything that the next one needs."""
+    """The complete state after a keyframe, from which the next one is computed."""
 
     index: int
     joint: Joint
@@ -52,6 +53,6 @@ class Checkpoint:
 
 
 def beginning(count: int) -> Checkpoint:
-    """Before the first keyframe of a mission of ``count`` drones."""
+    """The state before the first keyframe of a mission of ``count`` drones."""
     nobody = Joint(np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 0)), np.zeros((count, 3)), np.zeros(count))
     return Checkpoint(-1, nobody, (Member(),) * count, ())

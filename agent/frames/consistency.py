@@ -1,7 +1,7 @@
-"""Who contradicts whom: of which pairs of drones the sightings fit to where the two are taken to be.
+"""Which pairs of drones have sightings that agree with their estimated poses.
 
-A frame that is wrong (a drone that lies, a jump nobody told of) makes nearly all sightings of that drone false positives; honest
-ones are false in one case of ten. With three drones and more the pairs tell who it is: the one that nobody agrees with.
+A wrong frame (a spoofed or faulty pose, an unreported jump) turns nearly all sightings of that drone into outliers; correct
+drones have one outlier in ten. With three or more drones the pairs identify the faulty one: it disagrees with everybody.
 """
 
 from __future__ import annotations
@@ -12,29 +12,28 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.frames.sightings import Array, Sightings
+from agent.frames.residuals import Sightings
+from agent.geometry import Array
 
 Flags = NDArray[np.bool_]
 
-KEYFRAMES = 4  # over which sightings are counted
-_FEWEST, _FEW, _ENOUGH = (
-    2,
-    4,
-    8,
-)  # sightings of one kind for them to agree for a moment, to agree, to disagree (hardly ever by chance)
-_AGREE, _DISAGREE = 0.6, 0.35  # shares believed
+KEYFRAMES = 4  # number of keyframes over which sightings are counted
+_FEWEST, _FEW, _ENOUGH = 2, 4, 8  # sightings of a pair to agree once, to agree, to disagree (rarely by chance)
+_AGREE, _DISAGREE = 0.6, 0.35  # shares of inliers
 
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Of one keyframe, by observer and target: believed (N, N) sum of the weights, seen (N, N) number of sightings."""
+    """Counts of one keyframe by observer and target: believed (N, N), the sum of the inlier probabilities; seen (N, N), the
+    number of sightings.
+    """
 
     believed: Array
     seen: Array
 
 
 def tally(count: int, sightings: Sightings, weights: Array) -> Tally:
-    """Count the sightings of a keyframe; ``count``: drones of the mission."""
+    """Count the sightings of a keyframe. ``count``: number of drones in the mission."""
     believed, seen = np.zeros((count, count)), np.zeros((count, count))
     np.add.at(believed, (sightings.observer, sightings.target), weights)
     np.add.at(seen, (sightings.observer, sightings.target), 1.0)
@@ -42,7 +41,7 @@ def tally(count: int, sightings: Sightings, weights: Array) -> Tally:
 
 
 def without(one: Tally, drone: int) -> Tally:
-    """The same, nothing counted of one drone."""
+    """A copy with the counts of one drone set to zero."""
     believed, seen = one.believed.copy(), one.seen.copy()
     for array in (believed, seen):
         array[drone] = array[:, drone] = 0.0
@@ -50,7 +49,7 @@ def without(one: Tally, drone: int) -> Tally:
 
 
 def agreeing(one: Tally) -> Flags:
-    """(N,) drones of which a keyframe's sightings between them and another one fit."""
+    """(N,) true for drones that have an agreeing pair in one keyframe."""
     both, believed = one.seen + one.seen.T, one.believed + one.believed.T
     fits: Flags = (both >= _FEWEST) & (believed >= _AGREE * both)
     confirmed: Flags = np.any(fits, axis=1)
@@ -59,17 +58,19 @@ def agreeing(one: Tally) -> Flags:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """agree, disagree: (N, N) symmetric, between two drones whichever saw the other. blind: (N,) drones whose own sightings
-    are nearly all wrong."""
+    """agree, disagree: (N, N), symmetric, for pairs of drones whichever was the observer. blind: (N,) true for drones whose own
+    sightings are nearly all outliers.
+    """
 
     agree: Flags
     disagree: Flags
     blind: Flags
 
-    def culprit(self) -> int | None:
-        """The drone whose frame must be wrong; None where there is no contradiction, or where it cannot be told whose it is.
+    def faulty_drone(self) -> int | None:
+        """The drone whose frame must be wrong; None without a contradiction, or where it cannot be told which one is wrong.
 
-        More disagree with it than agree, and more so than with those that disagree with it (several may lie: one after another).
+        It is a drone that disagrees with more drones than it agrees with, and more so than those that it disagrees with (there
+        may be several faulty ones: they are found one after another).
         """
         score = self.disagree.sum(1) - self.agree.sum(1)
         for drone in np.argsort(-score, kind="stable"):
@@ -78,17 +79,17 @@ class Verdict:
                 return int(drone)
         return None
 
-    def quarrels(self) -> list[tuple[int, int]]:
-        """Pairs that disagree, each once."""
+    def conflicts(self) -> list[tuple[int, int]]:
+        """Pairs of drones that disagree, each once."""
         return [(int(a), int(b)) for a, b in np.argwhere(np.triu(self.disagree))]
 
 
 def verdict(tallies: Sequence[Tally]) -> Verdict:
-    """What the sightings of some keyframes say together."""
+    """Combine the counts of several keyframes."""
     believed, seen = sum(one.believed for one in tallies), sum(one.seen for one in tallies)
     assert isinstance(believed, np.ndarray)
     assert isinstance(seen, np.ndarray)
-    # A pair agrees if either direction does: one with a broken camera is still seen where it is.
+    # One agreeing direction is enough: a drone with a faulty camera is still seen where it is.
     good = (seen >= _FEW) & (believed >= _AGREE * seen)
     bad = (seen >= _ENOUGH) & (believed <= _DISAGREE * seen)
     both = seen + seen.T

@@ -1,4 +1,4 @@
-"""One keyframe after another: all drones' poses carried on, corrected, judged, and found anew where they are not known."""
+"""The keyframe loop: all drones' poses are predicted, corrected, checked for consistency, and realigned where unknown."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.config import MissionConfig
+from agent.config.mission import MissionConfig
 from agent.frames.checkpoint import Checkpoint
 from agent.frames.consistency import KEYFRAMES, tally, verdict
 from agent.frames.finding import find
 from agent.frames.graph import LAUNCH_EPOCH
 from agent.frames.intake import Intake
 from agent.frames.joint import NO_HEADINGS, Headings, corrected
-from agent.frames.judgement import forgive, judge
+from agent.frames.judgement import clear_suspicions, judge
 from agent.frames.keyframe import Keyframe, Setting
 from agent.frames.placement import Placement
 
-_RETRY = 3  # keyframes between attempts to find a frame again
-_ATTEMPTS = 2  # of all drones in one keyframe: each takes some 20 ms, in which nothing else flies
-_TOO_WIDE_M = 25.0  # sigma of a place that is as good as none
+_RETRY = 3  # keyframes between attempts to align a lost frame
+_ATTEMPTS = 2  # attempts per keyframe over all drones: one takes about 20 ms, during which the flight loop waits
+_TOO_WIDE_M = 25.0  # sigma of a position beyond which it counts as unknown
 
 
 class Estimate:
-    """Steps from checkpoint to checkpoint; keeps nothing itself."""
+    """Computes each checkpoint from the one before; holds no state of its own."""
 
     def __init__(self, mission: MissionConfig, intake: Intake) -> None:
         self._setting = Setting(mission, intake)
@@ -35,17 +35,17 @@ class Estimate:
             _launch(keyframe, drone)
         _correct(keyframe)
         judged = verdict(keyframe.tallies)
-        quarrelling = {drone for pair in judged.quarrels() for drone in pair}
+        conflicting = {drone for pair in judged.conflicts() for drone in pair}
         judge(keyframe, judged)
-        for drone in _to_be_found(keyframe):
-            find(keyframe, drone, quarrelling)
-        forgive(keyframe)
+        for drone in _due_for_alignment(keyframe):
+            find(keyframe, drone, conflicting)
+        clear_suspicions(keyframe)
         _publish(keyframe)
         return keyframe.checkpoint()
 
 
 def _launch(keyframe: Keyframe, drone: int) -> None:
-    """A drone begins where the layout puts it, if that says how it is turned."""
+    """Initialise a drone's pose from the layout, if that gives its heading."""
     track, member = keyframe.intake.tracks[drone], keyframe.members[drone]
     if member.launched or track.first_ns is None or track.first_ns > keyframe.stamp_ns:
         return
@@ -62,7 +62,7 @@ def _launch(keyframe: Keyframe, drone: int) -> None:
 
 
 def _correct(keyframe: Keyframe) -> None:
-    """What was measured since the last keyframe."""
+    """Apply the measurements since the last keyframe."""
     slots = keyframe.joint.slots()
     seen = keyframe.intake.sightings(keyframe.before + 1, keyframe.index)
     seen = seen.take((slots[seen.observer] >= 0) & (slots[seen.target] >= 0))
@@ -77,8 +77,8 @@ def _correct(keyframe: Keyframe) -> None:
         keyframe.members[drone] = replace(keyframe.members[drone], missed=missed)
 
 
-def _to_be_found(keyframe: Keyframe) -> list[int]:
-    """Whose frame is to be looked for now: those for which it was tried longest ago."""
+def _due_for_alignment(keyframe: Keyframe) -> list[int]:
+    """Drones whose frames are to be aligned now: those whose last attempt is the oldest."""
     known = set(keyframe.joint.drones.tolist())
     lost = [
         drone
@@ -89,7 +89,7 @@ def _to_be_found(keyframe: Keyframe) -> list[int]:
 
 
 def _headings(keyframe: Keyframe) -> Headings:
-    """What the compasses say of those that still go by them."""
+    """Compass headings of the drones that still use them."""
     rows = []
     for drone in keyframe.joint.drones.tolist():
         var = keyframe.drift.compass_var(drone, keyframe.seconds)
@@ -102,7 +102,7 @@ def _headings(keyframe: Keyframe) -> Headings:
 
 
 def _publish(keyframe: Keyframe) -> None:
-    """Each frame from now on."""
+    """Publish each frame as valid from now on."""
     told = {drone for drone, _, _ in keyframe.emissions}
     for row, drone in enumerate(keyframe.joint.drones.tolist()):
         if drone in told or keyframe.setting.exact[drone]:

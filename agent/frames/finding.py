@@ -1,4 +1,4 @@
-"""Where a drone is whose frame is not known or not believed: by all that was seen between it and the others for a while."""
+"""Alignment of a drone whose frame is unknown or not trusted, by recent sightings between it and the others."""
 
 from __future__ import annotations
 
@@ -11,29 +11,32 @@ from agent.frames.alignment import Alignment, Views, align, evidence_of, views_o
 from agent.frames.joint import Joint, corrected
 from agent.frames.keyframe import SPEED_MPS, Keyframe
 from agent.frames.placement import Placement
-from agent.frames.sightings import Array, Fixes, Ints, Sightings, turned
+from agent.frames.residuals import Fixes, Ints, Sightings, turned
+from agent.geometry import Array
 
-_MOST_VIEWS = 120  # sightings that an alignment looks at; of more every n-th
+_MOST_VIEWS = 120  # most sightings used in an alignment; of more, every n-th
 _FEWEST_VIEWS = 4
-_SHARE = 0.35  # of the sightings that an alignment must explain: one of two others may lie
-_WIDE = np.array([1e4, 1e4, 1e4, math.pi**2])  # m^2, rad^2: nothing known
-_OUTSIDE = 16.3  # chi-square of three numbers: one in a thousand is above it
+_SHARE = 0.35  # share of the sightings that an alignment must explain: one of two observers may be faulty
+_WIDE = np.array([1e4, 1e4, 1e4, math.pi**2])  # m^2, rad^2: an uninformative prior
+_OUTSIDE = 16.3  # chi-square of three degrees of freedom, exceeded by one in a thousand
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A pose, and the data by which it was found."""
+    """A pose, and the data it was estimated from."""
 
     alignment: Alignment
     seen: Sightings
     fixes: Fixes
 
 
-def find(keyframe: Keyframe, drone: int, quarrelling: set[int]) -> None:
-    """Look for a drone whose frame is not known, by all that was seen of it since it is not; ``quarrelling``: who contradict."""
+def find(keyframe: Keyframe, drone: int, conflicting: set[int]) -> None:
+    """Align a drone whose frame is unknown, by the sightings since it was lost. ``conflicting``: drones that contradict each
+    other.
+    """
     member = keyframe.members[drone]
     first = max(member.since, keyframe.index - keyframe.setting.window)
-    found = _found(keyframe, drone, first, quarrelling)
+    found = _found(keyframe, drone, first, conflicting)
     keyframe.members[drone] = replace(keyframe.members[drone], attempted=keyframe.index)
     if found is None:
         return
@@ -44,10 +47,11 @@ def find(keyframe: Keyframe, drone: int, quarrelling: set[int]) -> None:
 
 
 def aligned_better(keyframe: Keyframe, drone: int, first: int) -> Found | None:
-    """A drone's pose by the others' sightings since keyframe ``first`` alone, if these speak clearly for it and against the pose
-    that the drone has."""
+    """A drone's pose by the others' sightings since keyframe ``first`` alone, if they clearly support it and contradict its
+    present pose; else None.
+    """
     others = keyframe.joint.without(drone)
-    found = _aligned(keyframe, drone, others, first, by_claims=False)
+    found = _aligned(keyframe, drone, others, first, use_own_data=False)
     if found is None:
         return None
     row = int(np.searchsorted(keyframe.joint.drones, drone))
@@ -56,40 +60,41 @@ def aligned_better(keyframe: Keyframe, drone: int, first: int) -> Found | None:
 
 
 def insert(keyframe: Keyframe, drone: int, found: Found) -> None:
-    """Into the joint estimate, by the same data: so its errors and the others' are known to be the same ones."""
+    """Add a found pose to the joint estimate by its own data, so that its correlations with the other poses are kept."""
     alignment, seen, fixes = found.alignment, found.seen, found.fixes
     wide = keyframe.joint.with_drone(drone, alignment.pose, np.diag(_WIDE))
     doubt = keyframe.joint.with_drone(drone, alignment.pose, alignment.covariance).covariance
     result = corrected(wide, seen, keyframe.older_var(seen), fixes, doubt=doubt)
-    # What it drifted since is common to all older sightings.
+    # Drift since then is common to all older sightings.
     age_s = float(np.mean(1e-9 * (keyframe.stamp_ns - seen.stamp_ns))) if len(seen) else 0.0
     drifted = keyframe.drift.over(drone, age_s, age_s * SPEED_MPS)
     keyframe.joint = result.joint.widened(drone, drifted)
-    if len(fixes) and result.fixes[0] < 0.5 and keyframe.members[drone].trusted and len(seen):  # the first one is the layout
+    if len(fixes) and result.fixes[0] < 0.5 and keyframe.members[drone].trusted and len(seen):  # the first fix is the layout
         place = ", ".join(f"{axis:.0f}" for axis in keyframe.drift.layout(drone)[0])
         keyframe.suspect(drone, f"it was not launched where the mission has it ({place})", lasting=True)
 
 
-def _found(keyframe: Keyframe, drone: int, first: int, quarrelling: set[int]) -> Found | None:
-    """By those that agree with each other. Where two contradict each other, one of them is believed, namely the one by whom
-    alone the drone was launched where the mission has it."""
+def _found(keyframe: Keyframe, drone: int, first: int, conflicting: set[int]) -> Found | None:
+    """The pose from drones that agree with each other. Of two drones that contradict each other, the one is used whose sightings
+    alone are consistent with the drone's launch position in the mission file.
+    """
     trusted = keyframe.members[drone].trusted
-    sides = sorted(quarrelling & set(keyframe.joint.drones.tolist()))
+    sides = sorted(conflicting & set(keyframe.joint.drones.tolist()))
     if not sides or not trusted:
-        return _aligned(keyframe, drone, keyframe.joint, first, by_claims=trusted)
+        return _aligned(keyframe, drone, keyframe.joint, first, use_own_data=trusted)
     fitting = []
     for side in sides:
         others = keyframe.joint
         for other in sides:
             others = others if other == side else others.without(other)
-        found = _aligned(keyframe, drone, others, first, by_claims=True)
-        if found is not None and _launched_right(keyframe, drone, found.alignment):
+        found = _aligned(keyframe, drone, others, first, use_own_data=True)
+        if found is not None and _fits_layout(keyframe, drone, found.alignment):
             fitting.append(found)
     return fitting[0] if len(fitting) == 1 else None
 
 
-def _launched_right(keyframe: Keyframe, drone: int, alignment: Alignment) -> bool:
-    """Whether a pose has the origin of the drone's frame where the layout has it, as far as one can tell."""
+def _fits_layout(keyframe: Keyframe, drone: int, alignment: Alignment) -> bool:
+    """Whether a pose is consistent with the layout of the drone's frame."""
     layout = _layout_as_fix(keyframe, drone)
     placement = Placement(alignment.pose, alignment.covariance, keyframe.joint.at[drone])
     pose, covariance = placement.carried(layout.at[0])
@@ -97,15 +102,16 @@ def _launched_right(keyframe: Keyframe, drone: int, alignment: Alignment) -> boo
     return bool(((pose[:3] - layout.place[0]) ** 2 / var).sum() < _OUTSIDE)
 
 
-def _aligned(keyframe: Keyframe, drone: int, others: Joint, first: int, by_claims: bool) -> Found | None:
-    """A drone's pose by sightings between it and ``others`` since keyframe ``first``, and by its own claims (layout, fixes)
-    where these are trusted; None while that leaves it open."""
+def _aligned(keyframe: Keyframe, drone: int, others: Joint, first: int, use_own_data: bool) -> Found | None:
+    """A drone's pose by sightings between it and ``others`` since keyframe ``first``, and by its own data (layout, fixes) where
+    those are trusted; None while the solution is ambiguous.
+    """
     slots, config = others.slots(), keyframe.config
     seen = keyframe.intake.sightings(first, keyframe.index)
     of_it = (seen.observer == drone) & (slots[seen.target] >= 0) | (seen.target == drone) & (slots[seen.observer] >= 0)
     seen = seen.take(of_it)
     fixes = Fixes.empty()
-    if by_claims:
+    if use_own_data:
         fixes = keyframe.intake.fixes(first, keyframe.index)
         fixes = Fixes.joined([_layout_as_fix(keyframe, drone), fixes.take(fixes.drone == drone)])
     if len(seen) + max(len(fixes) - 1, 0) < _FEWEST_VIEWS:
@@ -120,7 +126,7 @@ def _aligned(keyframe: Keyframe, drone: int, others: Joint, first: int, by_claim
 
 
 def _views(keyframe: Keyframe, drone: int, others: Joint, seen: Sightings, fixes: Fixes) -> Views:
-    """Some of the sightings between a drone and ``others``, and fixes, as seen from it."""
+    """A subset of the sightings between a drone and ``others``, and fixes, expressed from the drone's side."""
     stride = -(-len(seen) // _MOST_VIEWS)
     seen = seen.take(slice(None, None, stride)) if stride > 1 else seen
     outward = seen.observer == drone
@@ -137,7 +143,7 @@ def _views(keyframe: Keyframe, drone: int, others: Joint, seen: Sightings, fixes
 
 
 def _layout_as_fix(keyframe: Keyframe, drone: int) -> Fixes:
-    """The place of the frame's origin in the layout, by what its track may have drifted since."""
+    """The layout position of the frame's origin as a fix, with the drift of the track since then in its variance."""
     origin, variances, _ = keyframe.drift.layout(drone)
     first_ns = keyframe.intake.tracks[drone].first_ns
     assert first_ns is not None

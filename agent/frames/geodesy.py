@@ -1,21 +1,20 @@
-"""Between places on Earth and the mission frame: WGS84 geodetic coordinates, and east, north, up at the mission's datum.
+"""From WGS84 geodetic coordinates to the mission frame: east, north, up (metres) at the mission's datum.
 
-All of it is pymap3d's closed formulas on Earth-centred coordinates. In double precision those have a grain of 1e-9 m; there
-and back is the same within 1e-8 m (``tests/agent/frames/test_geodesy.py``: the whole globe, poles and date line too).
+The conversions are pymap3d's closed formulas on Earth-centred coordinates, exact to 1e-8 m in double precision
+(``tests/agent/frames/test_geodesy.py``: the whole globe, with the poles and the date line).
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pymap3d
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from agent.config import DatumConfig
-from agent.frames.rigid import Rigid
-from agent.frames.transform import Transform, Vector3
-
-Array = NDArray[np.float64]
+from agent.config.mission import DatumConfig
+from agent.frames.transform import Transform
+from agent.geometry import Array, Vector3
 
 
 def mission_from_geodetic(datum: DatumConfig, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Vector3:
@@ -30,37 +29,26 @@ def mission_from_geodetics(datum: DatumConfig, places: Array) -> Array:
     return np.stack((east, north, up), axis=-1)
 
 
-def geodetic_from_mission(datum: DatumConfig, point: Vector3) -> Vector3:
-    """A point of the datum's frame as latitude and longitude in degrees (-180 .. 180) and height above the ellipsoid."""
-    latitude_deg, longitude_deg, altitude_m = geodetics_from_mission(datum, np.array(point)).tolist()
-    return latitude_deg, longitude_deg, altitude_m
-
-
-def geodetics_from_mission(datum: DatumConfig, points: Array) -> Array:
-    """The same for points (..., 3)."""
-    latitude, longitude, altitude = pymap3d.enu2geodetic(points[..., 0], points[..., 1], points[..., 2], *_place(datum))
-    return np.stack((latitude, longitude, altitude), axis=-1)
-
-
-def enu_from_enu(to: DatumConfig, of: DatumConfig) -> Rigid:
-    """The frame of one datum in the frame of another: they lie apart, and their ups and norths differ too.
-
-    Up differs by the angle between the two verticals; north by the meridians' convergence, the difference in longitude times
-    the sine of the latitude: near the poles that is everything.
-    """
-    turn = _ecef_from_enu(to).T @ _ecef_from_enu(of)
-    origin = mission_from_geodetic(to, of.latitude_deg, of.longitude_deg, of.altitude_m)
-    return Rigid(Rotation.from_matrix(turn), origin)
-
-
 def mission_from_launch(mission: DatumConfig, origin: DatumConfig, launch_m: Vector3) -> tuple[Transform, float]:
-    """Where the frame of a vehicle lies that was launched at ``launch_m`` (east, north, up) of the frame at ``origin``.
+    """Transform from a vehicle's local frame into the mission frame, for an autopilot with a geodetic origin of its own.
 
-    An autopilot has a geodetic origin of its own, wherever it was switched on. Returns the transform from the vehicle's local
-    frame (east, north, up from the launch place) into the mission frame with up kept up, and the angle (rad) by which it is not.
+    The two frames have different verticals (1 mrad in 6.4 km) and, by the meridians' convergence, different norths.
+
+    Args:
+        mission: datum of the mission frame.
+        origin: geodetic origin of the vehicle, wherever its autopilot was switched on.
+        launch_m: launch place (east, north, up; metres) in the frame at ``origin``; the local frame begins there.
+
+    Returns:
+        The transform of yaw and translation that is nearest, and the tilt (rad) that it leaves out: a point p of the local
+        frame is wrong by 2 sin(tilt / 2) |p| at most.
     """
-    launch = Rigid(Rotation.identity(), launch_m)
-    return (enu_from_enu(mission, origin) @ launch).level()
+    rotation = _ecef_from_enu(mission).T @ _ecef_from_enu(origin)
+    start = mission_from_geodetic(mission, origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
+    x, y, z = (rotation @ launch_m + start).tolist()
+    yaw_rad = math.atan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1])
+    tilt_rad = float((Rotation.from_matrix(rotation) * Rotation.from_euler("z", -yaw_rad)).magnitude())
+    return Transform(yaw_rad, (x, y, z)), tilt_rad
 
 
 def _place(datum: DatumConfig) -> Vector3:

@@ -1,4 +1,4 @@
-"""Whose coordinates are these: the transforms from the drones' local frames into the mission frame, by drone, epoch and time."""
+"""Transforms from the drones' local frames into the mission frame, by drone, epoch and time."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from agent.config import MissionConfig
+from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform
 
 LAUNCH_EPOCH = 0  # the epoch in which a drone's localisation starts
 
-Known = tuple[int, Transform | None]  # from this stamp on; None: lost
+Known = tuple[int, Transform | None]  # first stamp of validity, transform; None: lost
 
 
 @dataclass(slots=True)
 class _Line:
-    """One epoch of one drone: transforms by the stamps from which they hold; from where on which revisions changed them."""
+    """One epoch of one drone: transforms by their first stamps, and the stamps from which each revision changed them."""
 
     stamps_ns: list[int] = field(default_factory=list)
     transforms: list[Transform | None] = field(default_factory=list)
@@ -25,9 +25,9 @@ class _Line:
 
 
 class FrameGraph:
-    """``mission_from_local`` of every drone and epoch that is known, piecewise constant in time.
+    """``mission_from_local`` of every known drone and epoch, piecewise constant in time.
 
-    ``revision`` grows with every change, so that whoever has used a transform can notice cheaply that one is new.
+    ``revision`` grows with every change, so that users of a transform can check cheaply whether it is still current.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class FrameGraph:
 
     @classmethod
     def from_launch_layout(cls, mission: MissionConfig) -> FrameGraph:
-        """The layout of the mission file: where the first epoch of each drone lies whose frame is known exactly."""
+        """Frames known exactly from the layout of the mission file: the first epoch of each drone with exact localisation."""
         graph = cls()
         for drone in mission.drones:
             if drone.is_exact:
@@ -44,12 +44,13 @@ class FrameGraph:
         return graph
 
     def place(self, drone: str, epoch: int, mission_from_local: Transform) -> None:
-        """Make a frame known for all times; a newer transform replaces the older ones, they are never averaged."""
+        """Set a frame for all times. A newer transform replaces the older one; they are not averaged."""
         self.replace_from(drone, epoch, 0, [(0, mission_from_local)])
 
     def replace_from(self, drone: str, epoch: int, stamp_ns: int, known: Sequence[Known]) -> None:
-        """Let that epoch's frame from ``stamp_ns`` on be what is given, in the order of time. What is the same as before is no
-        change."""
+        """Replace that epoch's transforms from ``stamp_ns`` on by the given ones, in order of time. Equal values count as no
+        change.
+        """
         line = self._lines.setdefault((drone, epoch), _Line())
         first = bisect_left(line.stamps_ns, stamp_ns)
         same = 0
@@ -61,7 +62,7 @@ class FrameGraph:
         rest = known[same:]
         if not rest and first == len(line.stamps_ns):
             return
-        # Before the first stamp known the first transform holds: it changes back to the beginning.
+        # Before the first known stamp the first transform holds, so the change reaches back to the beginning.
         stamps = [*line.stamps_ns[first : first + 1], *(stamp for stamp, _ in rest[:1])]
         changed_ns = min(stamps) if first else 0
         line.stamps_ns[first:] = [stamp for stamp, _ in rest]
@@ -72,9 +73,9 @@ class FrameGraph:
         line.changes.append((self.revision, changed_ns))
 
     def mission_from_local(self, drone: str, epoch: int, stamp_ns: int | None = None) -> Transform | None:
-        """Transform of a local frame in that epoch at ``stamp_ns`` (none: now), or None while nobody knows it.
+        """Transform of the local frame of that epoch at ``stamp_ns`` (None: now), or None while it is unknown.
 
-        What is known first holds for all times before, too: so observations that waited for it can be placed.
+        The first known transform also holds for all times before, so that observations that waited for it can be used.
         """
         line = self._lines.get((drone, epoch))
         if line is None or not line.transforms:
@@ -84,7 +85,7 @@ class FrameGraph:
         return line.transforms[max(bisect_right(line.stamps_ns, stamp_ns) - 1, 0)]
 
     def changes(self, revision: int) -> dict[tuple[str, int], int]:
-        """By drone and epoch: from which stamp on its transform is another one than at that revision."""
+        """By drone and epoch: the stamp from which its transform differs from the one at ``revision``."""
         found = {}
         for key, line in self._lines.items():
             newer = line.changes[bisect_right(line.changes, revision, key=lambda change: change[0]) :]

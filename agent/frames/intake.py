@@ -1,4 +1,4 @@
-"""From log entries to what the estimate of the frames reads: tracks, and sightings and fixes by keyframe."""
+"""Sorts log entries into the inputs of the frame estimate: tracks, and sightings and fixes by keyframe."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from agent.attitude import yaw_of
-from agent.config import MissionConfig
+from agent.config.mission import MissionConfig
 from agent.frames.geodesy import mission_from_geodetic
-from agent.frames.sightings import Fixes, Sightings
+from agent.frames.residuals import Fixes, Sightings
 from agent.frames.tracks import Sample, Track
-from protocol.messages import Entry, EntryId, Exposure, Fix, Sighting
+from agent.geometry import yaw_of
+from protocol.entries import Entry, EntryId, Exposure, Fix, Sighting
 
-_OUTAGE_NS = 5_000_000_000  # without a fix, after which an autopilot goes on by something else
-_ATTITUDE_VAR = math.radians(0.5) ** 2  # of the observer's roll and pitch, which the sightings' sigmas do not count
+_OUTAGE_NS = 5_000_000_000  # after so long without a fix, an autopilot is assumed to navigate by other means
+_ATTITUDE_VAR = math.radians(0.5) ** 2  # of the observer's roll and pitch, which the sightings' sigmas do not include
 
 
 @dataclass(slots=True)
 class _Bucket:
-    """What was measured within one keyframe's interval, and the arrays made of it once the tracks were there."""
+    """Measurements within one keyframe's interval, and the arrays built from them once the tracks are known."""
 
     sightings: dict[EntryId, Sighting] = field(default_factory=dict)
     fixes: dict[EntryId, Fix] = field(default_factory=dict)
@@ -32,10 +32,10 @@ class _Bucket:
 
 
 class Intake:
-    """Keeps what was received. Keyframe k stands for the interval ((k - 1) g, k g], g the keyframes' distance.
+    """Holds what was received. Keyframe k covers the interval ((k - 1) g, k g], with the keyframe interval g.
 
-    ``indices``: the keyframes of whose interval anything was received, ascending. ``dirty``: the earliest one that what was
-    received since ``taken`` may change.
+    ``indices``: keyframes with any data, ascending. ``dirty``: the earliest keyframe affected by what was received since the last
+    call of ``taken``.
     """
 
     def __init__(self, mission: MissionConfig) -> None:
@@ -53,9 +53,9 @@ class Intake:
         self._earliest_ns = 0
 
     def receive(self, entry: Entry) -> None:
-        """Take in an exposure, a sighting or a fix; anything else says nothing about frames.
+        """Add an exposure, a sighting or a fix; other entries are ignored, as they carry no information about frames.
 
-        An entry takes the place of one of the same identity, whatever that was: so the log has decided (``ObservationLog``).
+        An entry replaces one with the same identity, whatever its kind; conflicts have been resolved by ``ObservationLog``.
         """
         number = self._number.get(entry.drone)
         if number is None:
@@ -73,7 +73,7 @@ class Intake:
             insort(self._fix_stamps[number], entry.stamp_ns)
 
     def taken(self) -> int | None:
-        """The earliest keyframe that is to be estimated anew, forgotten with this call; its arrays are made anew, too."""
+        """The earliest keyframe to be recomputed, or None; the call resets it and discards the affected arrays."""
         dirty, self.dirty = self.dirty, None
         if dirty is not None:
             for index in self.indices[bisect_left(self.indices, dirty) :]:
@@ -81,7 +81,7 @@ class Intake:
         return dirty
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Forget what was measured before that stamp's keyframe interval, and take no more of it in."""
+        """Discard measurements before that stamp's keyframe interval, and ignore further ones."""
         index = self._index(stamp_ns)
         stamp_ns = self._earliest_ns = (index - 1) * self.grid_ns + 1
         first = bisect_left(self.indices, index)
@@ -95,15 +95,15 @@ class Intake:
         self._touch(0)
 
     def sightings(self, first: int, last: int) -> Sightings:
-        """Those of the keyframes ``first`` to ``last``, as far as the tracks of both drones are known around them."""
+        """Sightings of the keyframes ``first`` to ``last`` for which both drones' tracks are known."""
         return Sightings.joined([self._seen(index) for index in self._between(first, last)])
 
     def fixes(self, first: int, last: int) -> Fixes:
-        """Those of the keyframes ``first`` to ``last``."""
+        """Fixes of the keyframes ``first`` to ``last``."""
         return Fixes.joined([self._fixed(index) for index in self._between(first, last)])
 
-    def heard_of_satellites(self, number: int, stamp_ns: int) -> bool:
-        """Whether a drone had a fix shortly before a stamp, or had only just begun."""
+    def has_recent_fix(self, number: int, stamp_ns: int) -> bool:
+        """Whether a drone had a fix shortly before a stamp, or has only just started."""
         stamps, first_ns = self._fix_stamps[number], self.tracks[number].first_ns
         place = bisect_right(stamps, stamp_ns)
         latest_ns = stamps[place - 1] if place else first_ns
@@ -127,7 +127,7 @@ class Intake:
         return self._buckets[index]
 
     def _displace(self, identity: EntryId, number: int) -> None:
-        """Forget the entry of that identity, if there is one."""
+        """Remove the entry with that identity, if there is one."""
         bucket = self._buckets.get(self._index(identity.stamp_ns))
         if bucket is not None and identity in bucket.sightings:
             del bucket.sightings[identity]
@@ -145,12 +145,12 @@ class Intake:
             if before_ns is not None:
                 self._touch(self._index(before_ns + 1))
                 self._leave(sample.stamp_ns)
-        for other in self._exposures.values():  # one of the same time may have samples that were hidden by these
+        for other in self._exposures.values():  # another exposure at the same time may have samples that this one had hidden
             if other.drone == exposure.drone and other.stamp_ns <= exposure.end_ns and exposure.stamp_ns <= other.end_ns:
                 self._add_samples(number, other)
 
     def _leave(self, stamp_ns: int) -> None:
-        """Something measured then was taken away: a keyframe of which nothing is left is none."""
+        """Remove a measurement's stamp; a keyframe without any data is dropped."""
         index = self._index(stamp_ns)
         self._touch(index)
         bucket, until_ns = self._buckets.get(index), index * self.grid_ns
@@ -181,7 +181,7 @@ class Intake:
         return bucket.seen
 
     def _sighting(self, entry: Sighting) -> tuple[object, ...] | None:
-        """One row of ``Sightings``; None while a track is not known at its time."""
+        """One row of ``Sightings``; None while a track is unknown at its time."""
         observer, target = self._number[entry.drone], self._number[entry.target]
         joined = self.tracks[observer].joined(entry.epoch, entry.stamp_ns)
         at_target = self.tracks[target].at(entry.stamp_ns)
@@ -210,7 +210,7 @@ class Intake:
         return bucket.fixed
 
     def _fix(self, entry: Fix) -> tuple[object, ...] | None:
-        """One row of ``Fixes``; None while the drone's track is not known at its time, or without a datum."""
+        """One row of ``Fixes``; None while the drone's track is unknown at its time, or without a datum."""
         number = self._number[entry.drone]
         joined = self.tracks[number].joined(entry.epoch, entry.stamp_ns)
         if joined is None or self._datum is None:
@@ -222,11 +222,12 @@ class Intake:
         return number, entry.stamp_ns, at, place, var, self._inflation(number, entry.stamp_ns)
 
     def _inflation(self, number: int, stamp_ns: int) -> float:
-        """By how much a fix counts less because its error is nearly that of the fix before.
+        """Factor on the variance of a fix whose error is correlated with that of the fix before.
 
-        An error that is correlated over tau: the mean of fixes over a time T >> tau has the variance 2 sigma^2 tau / T, whatever
-        their rate, so one each dt counts as 2 tau / dt. An autopilot that follows its receiver has the same error in its track;
-        there the frame wanders with it (``Drift``), and tau / (2 dt) gives the filter the variance sigma^2 in the long run.
+        For an error with correlation time tau, the mean of fixes over T >> tau has the variance 2 sigma^2 tau / T whatever their
+        rate, so a fix every dt counts with the factor 2 tau / dt. The track of an autopilot that follows its receiver has the
+        same error; there the frame itself wanders (``Drift``), and tau / (2 dt) gives the filter the steady-state variance
+        sigma^2.
         """
         stamps = self._fix_stamps[number]
         place = bisect_left(stamps, stamp_ns)

@@ -1,9 +1,9 @@
-"""The joint estimate of all drones' poses: one Gaussian over (x, y, z, yaw) of each, carried on by their own tracks, corrected by
-what they see of each other and by fixes.
+"""The joint Gaussian over all drones' poses (x, y, z, yaw): predicted by their own tracks, corrected by relative observations and
+fixes.
 
-Cooperative localisation with the joint covariance kept whole (Roumeliotis and Bekey 2002): what two drones' errors have in
-common after a sighting is not counted again at the next one. Each correction is one robust batch (``sightings``), linearised
-anew until it stands.
+Cooperative localisation with the full joint covariance (Roumeliotis and Bekey 2002), so that errors that two drones share after a
+sighting are not counted as independent at the next one. Each correction is one robust batch (``residuals``), relinearised until
+it converges.
 """
 
 from __future__ import annotations
@@ -12,30 +12,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.frames.sightings import (
-    Array,
+from agent.frames.residuals import (
     Fixes,
     Ints,
     Sightings,
-    belief,
     fix_evidence,
     fix_residuals,
+    inlier_probability,
     sighting_evidence,
     sighting_residuals,
     turned,
     turned_per_yaw,
 )
+from agent.geometry import Array
 
-_ROUNDS = 8  # of linearising; the usual keyframe takes three
-_STILL = 0.02  # of its sigmas by which the estimate still moves when it stands
+_ROUNDS = 8  # most iterations; three are usual
+_STILL = 0.02  # convergence: the step in units of sigma
 
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """Poses at a reference time. drones: (n,) their places in the mission, ascending. pose: (n, 4). covariance: (4n, 4n).
+    """Poses at a reference time. drones: (n,) indices in the mission, ascending. pose: (n, 4). covariance: (4n, 4n).
 
-    at: (N, 3) where each of the mission's drones was in its continuous frame at that time (nobody's: zeros). far: (N,) metres
-    flown until then.
+    at: (N, 3) position of each of the mission's drones in its continuous frame at that time (zeros where unknown). far: (N,)
+    metres flown until then.
     """
 
     drones: Ints
@@ -45,17 +45,17 @@ class Joint:
     far: Array
 
     def slots(self) -> Ints:
-        """(N,) row of each of the mission's drones in ``pose``, -1 where it is not in it."""
+        """(N,) row of each of the mission's drones in ``pose``; -1 where it is missing."""
         rows = np.full(len(self.at), -1, dtype=np.int64)
         rows[self.drones] = np.arange(len(self.drones))
         return rows
 
     def block(self, row: int) -> Array:
-        """(4, 4) covariance of one drone's pose."""
+        """Covariance (4, 4) of one drone's pose."""
         return self.covariance[4 * row : 4 * row + 4, 4 * row : 4 * row + 4]
 
     def moved(self, at: Array, far: Array, noise: Array) -> Joint:
-        """Each drone goes on to ``at`` (N, 3) along its own track; noise: (n, 4) variances that this adds."""
+        """The prediction: each drone moves to ``at`` (N, 3) along its own track. noise: (n, 4) variances added."""
         count = len(self.drones)
         if not count:
             return Joint(self.drones, self.pose, self.covariance, at, far)
@@ -71,7 +71,7 @@ class Joint:
         return Joint(self.drones, pose, covariance, at, far)
 
     def with_drone(self, drone: int, pose: Array, covariance: Array) -> Joint:
-        """One more drone, of which nothing that is known of the others says anything."""
+        """A copy with one more drone, uncorrelated with the others."""
         row = int(np.searchsorted(self.drones, drone))
         count = len(self.drones)
         wider = np.zeros((4 * count + 4, 4 * count + 4))
@@ -81,7 +81,7 @@ class Joint:
         return Joint(np.insert(self.drones, row, drone), np.insert(self.pose, row, pose, axis=0), wider, self.at, self.far)
 
     def without(self, drone: int) -> Joint:
-        """The same, one drone forgotten."""
+        """A copy with one drone marginalised out."""
         row = int(np.searchsorted(self.drones, drone))
         kept = np.delete(np.arange(len(self.covariance)), np.arange(4 * row, 4 * row + 4))
         return Joint(
@@ -89,7 +89,7 @@ class Joint:
         )
 
     def widened(self, drone: int, variances: Array) -> Joint:
-        """The same, one drone's pose less certain by (4,) variances."""
+        """A copy with variances (4,) added to one drone's pose."""
         covariance = self.covariance.copy()
         row = 4 * int(np.searchsorted(self.drones, drone))
         covariance[np.arange(row, row + 4), np.arange(row, row + 4)] += variances
@@ -98,7 +98,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Corrected:
-    """A corrected estimate, and how much each sighting (M,) and fix (F,) is believed after it."""
+    """A corrected estimate, and the inlier probabilities of each sighting (M,) and fix (F,)."""
 
     joint: Joint
     sightings: Array
@@ -107,7 +107,7 @@ class Corrected:
 
 @dataclass(frozen=True, slots=True)
 class Headings:
-    """What is known of local frames' headings by compasses: drone (H,), yaw_rad (H,), var (H,)."""
+    """Compass measurements of local frames' headings: drone (H,), yaw_rad (H,), var (H,)."""
 
     drone: Ints
     yaw_rad: Array
@@ -125,10 +125,10 @@ def corrected(
     headings: Headings = NO_HEADINGS,
     doubt: Array | None = None,
 ) -> Corrected:
-    """The estimate after sightings between drones that are all in it, fixes and headings of such.
+    """The posterior after sightings between drones in the estimate, and their fixes and headings.
 
-    older_var: (M,) m^2 by which the displacement between the two is less certain than their poses (drift since the sighting).
-    doubt: covariance to judge the first round by instead of the prior's, where the prior's mean is known better than it says.
+    older_var: (M,) m^2 added to the uncertainty of the displacement between the two (drift since the sighting). doubt: covariance
+    for weighting the first iteration, instead of the prior's, where the prior's mean is better than its covariance states.
     """
     if not len(sightings) and not len(fixes) and not len(headings.drone):
         return Corrected(prior, np.zeros(0), np.zeros(0))
@@ -139,7 +139,7 @@ def corrected(
     for _ in range(_ROUNDS):
         information, pull, covariance_weights = batch.linearised(pose, covariance)
         information += stiffness
-        pull += stiffness @ _less(prior.pose, pose).ravel()
+        pull += stiffness @ _pose_difference(prior.pose, pose).ravel()
         covariance = _inverse(information)
         step = (covariance @ pull).reshape(-1, 4)
         pose = pose + step
@@ -151,7 +151,7 @@ def corrected(
 
 
 class _Batch:
-    """What the rounds of one correction have in common."""
+    """The data that the iterations of one correction share."""
 
     def __init__(self, prior: Joint, sightings: Sightings, older_var: Array, fixes: Fixes, headings: Headings) -> None:
         slots = prior.slots()
@@ -165,7 +165,7 @@ class _Batch:
     def linearised(self, pose: Array, covariance: Array) -> tuple[Array, Array, tuple[Array, Array]]:
         """Information matrix and gradient at ``pose`` (n, 4), and the weights of sightings and fixes.
 
-        A datum is judged by its own error and the one that ``covariance`` leaves to its prediction.
+        The innovation covariance of a datum is its own error plus what ``covariance`` leaves to its prediction.
         """
         count = len(pose)
         information, pull = np.zeros((4 * count, 4 * count)), np.zeros(4 * count)
@@ -194,7 +194,7 @@ class _Batch:
         direction_var = data.direction_var + self.older_var / distance**2
         range_var = data.range_var + self.older_var
         squared = residual**2
-        weight = belief(
+        weight = inlier_probability(
             *sighting_evidence(
                 squared[:, :3].sum(1), direction_var + 0.5 * spread[:, :3].sum(1), squared[:, 3], range_var + spread[:, 3]
             )
@@ -216,22 +216,22 @@ class _Batch:
         slopes[np.arange(len(data)), :, self.fixed] = by_pose
         flat = slopes.reshape(3 * len(data), -1)
         spread = np.maximum(((flat @ covariance) * flat).sum(1), 0.0).reshape(-1, 3)
-        weight = belief(*fix_evidence(residual**2, data.var + spread))
+        weight = inlier_probability(*fix_evidence(residual**2, data.var + spread))
         weighted = flat * (weight[:, None] / (data.var * data.inflation[:, None])).reshape(-1, 1)
         information += weighted.T @ flat
         pull -= weighted.T @ residual.ravel()
         return weight
 
 
-def _less(a: Array, b: Array) -> Array:
-    """Poses a - b, headings within half a turn."""
+def _pose_difference(a: Array, b: Array) -> Array:
+    """Difference a - b of poses, with headings wrapped to half a turn."""
     off = a - b
     off[:, 3] = np.arctan2(np.sin(off[:, 3]), np.cos(off[:, 3]))
     return off
 
 
 def _inverse(matrix: Array) -> Array:
-    """Of a positive definite matrix with scales far apart."""
+    """Inverse of a positive definite matrix whose scales differ widely."""
     scale = 1.0 / np.sqrt(matrix.diagonal())
     inverse = scale[:, None] * np.linalg.inv(scale[:, None] * matrix * scale) * scale
     symmetric: Array = 0.5 * (inverse + inverse.T)

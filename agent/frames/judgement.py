@@ -1,4 +1,4 @@
-"""Whose frame is wrong: suspects named, and the one that contradicts the others placed anew."""
+"""Fault isolation: suspects are named, and the drone that contradicts the others is realigned."""
 
 from __future__ import annotations
 
@@ -10,35 +10,35 @@ from agent.frames.consistency import Verdict, agreeing, without
 from agent.frames.finding import aligned_better, insert
 from agent.frames.keyframe import Keyframe
 
-_FIRM = 2  # keyframes in a row for which a frame is contradicted before anything is done
-_PATIENCE = 5  # keyframes for which a contradicted frame is kept while no better place is found; fixes in a row that do not fit
+_FIRM = 2  # consecutive keyframes of contradiction before anything is done
+_PATIENCE = 5  # keyframes for which a contradicted frame is kept while there is no better pose; consecutive rejected fixes
 _MISSED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])
 
 
 def judge(keyframe: Keyframe, judged: Verdict) -> None:
-    """Find out whose frame is wrong, and place it anew by what the others see of it."""
-    culprit = judged.culprit()
+    """Isolate drones with wrong frames, and realign them by the others' sightings of them."""
+    faulty_drone = judged.faulty_drone()
     confirmed = agreeing(keyframe.tallies[-1])
     for drone in keyframe.joint.drones.tolist():
         member = keyframe.members[drone]
-        if drone == culprit:
+        if drone == faulty_drone:
             keyframe.members[drone] = replace(member, contradicted=member.contradicted + 1)
         else:
             sound = confirmed[drone] and not judged.disagree[drone].any()
             sound_ns = keyframe.stamp_ns if sound else member.sound_ns
             keyframe.members[drone] = replace(member, contradicted=0, sound_ns=sound_ns)
         _check_fixes(keyframe, drone, judged)
-    if culprit is None:
-        _name_quarrels(keyframe, judged)
-    elif keyframe.members[culprit].contradicted >= _FIRM and not keyframe.setting.exact[culprit]:
-        _convict(keyframe, culprit, judged)
+    if faulty_drone is None:
+        _report_conflicts(keyframe, judged)
+    elif keyframe.members[faulty_drone].contradicted >= _FIRM and not keyframe.setting.exact[faulty_drone]:
+        _isolate(keyframe, faulty_drone, judged)
     for drone in np.flatnonzero(judged.blind).tolist():
         if not judged.disagree[drone].any():
-            keyframe.suspect(drone, "its sightings of the others contradict where they are")
+            keyframe.suspect(drone, "its sightings of the others contradict their positions")
 
 
-def forgive(keyframe: Keyframe) -> None:
-    """Who has not been contradicted for a while is believed again."""
+def clear_suspicions(keyframe: Keyframe) -> None:
+    """Clear the suspicion of drones that have not been contradicted for a while."""
     longest_ns = round(keyframe.config.suspect_s * 1e9)
     for drone, member in enumerate(keyframe.members):
         suspicion = member.suspicion
@@ -52,31 +52,31 @@ def _check_fixes(keyframe: Keyframe, drone: int, judged: Verdict) -> None:
         return
     if judged.agree[drone].any():
         keyframe.suspect(drone, "its fixes contradict the sightings between it and the others")
-    else:  # nobody confirms where it is taken to be
+    else:  # no sighting confirms its estimated pose
         keyframe.joint = keyframe.joint.widened(drone, _MISSED_VAR)
-        keyframe.suspect(drone, "its fixes contradicted where it was taken to be; it is placed by them again")
+        keyframe.suspect(drone, "its fixes contradicted its estimated position; the position now follows the fixes")
 
 
-def _name_quarrels(keyframe: Keyframe, judged: Verdict) -> None:
-    """Two contradict each other, and nobody tells which of them is wrong."""
-    for a, b in judged.quarrels():
+def _report_conflicts(keyframe: Keyframe, judged: Verdict) -> None:
+    """Report pairs of drones that contradict each other, where it cannot be told which of the two is wrong."""
+    for a, b in judged.conflicts():
         for one, other in ((a, b), (b, a)):
             name = keyframe.setting.names[other]
             reason = f"its frame and that of {name} contradict the sightings between them; one of the two is wrong"
             keyframe.suspect(one, reason, ambiguous=True)
 
 
-def _convict(keyframe: Keyframe, culprit: int, judged: Verdict) -> None:
-    others = [keyframe.setting.names[other] for other in np.flatnonzero(judged.disagree[culprit])]
-    keyframe.suspect(culprit, f"its frame contradicts the sightings between it and {_listed(others)}")
-    _place_anew(keyframe, culprit)
-    for drone, member in enumerate(keyframe.members):  # now it is known who it was
+def _isolate(keyframe: Keyframe, faulty_drone: int, judged: Verdict) -> None:
+    others = [keyframe.setting.names[other] for other in np.flatnonzero(judged.disagree[faulty_drone])]
+    keyframe.suspect(faulty_drone, f"its frame contradicts the sightings between it and {_listed(others)}")
+    _realign(keyframe, faulty_drone)
+    for drone, member in enumerate(keyframe.members):  # the faulty drone is known now
         if member.suspicion is not None and member.suspicion.ambiguous:
             keyframe.members[drone] = replace(member, suspicion=None)
 
 
-def _place_anew(keyframe: Keyframe, drone: int) -> None:
-    """A contradicted drone: placed where the others' sightings have it, or, when they cannot tell for long, nowhere."""
+def _realign(keyframe: Keyframe, drone: int) -> None:
+    """Realign a contradicted drone by the others' sightings, or mark its frame unknown where they stay ambiguous for long."""
     member = keyframe.members[drone]
     after_sound = member.sound_ns // keyframe.intake.grid_ns + 1
     first = max(after_sound, member.since, keyframe.index - keyframe.setting.window)

@@ -1,4 +1,4 @@
-"""Where a drone's continuous frame lies, as estimated at one keyframe."""
+"""The estimated pose of a drone's continuous frame at one keyframe."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.frames.sightings import Array
 from agent.frames.transform import Transform
+from agent.geometry import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """pose: (4,) of the drone, mission frame (its place, its frame's heading). covariance: (4, 4). at: (3,) the same place in the
-    continuous frame."""
+    """pose: (4,) of the drone in the mission frame (its position, its frame's heading). covariance: (4, 4). at: (3,) the same
+    position in the continuous frame.
+    """
 
     pose: Array
     covariance: Array
@@ -27,7 +28,7 @@ class Placement:
         return Transform(heading, (east, north, up), covariance)
 
     def carried(self, at: Array) -> tuple[Array, Array]:
-        """Pose and covariance of a drone that is now ``at`` (3,), if this placement still holds."""
+        """Pose and covariance of a drone that has moved to ``at`` (3,), under this placement."""
         yaw = self.pose[3]
         c, s = np.cos(yaw), np.sin(yaw)
         x, y, z = at - self.at

@@ -1,4 +1,4 @@
-"""All frames of a swarm as a function of the log: estimated keyframe by keyframe, anew from where something came late."""
+"""All frames of a swarm as a pure function of the log: estimated keyframe by keyframe, and recomputed after late entries."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Mapping
 from itertools import zip_longest
 
-from agent.config import MissionConfig
+from agent.config.mission import MissionConfig
 from agent.frames.checkpoint import Checkpoint, beginning
 from agent.frames.estimate import Estimate
 from agent.frames.graph import FrameGraph, Known
@@ -14,21 +14,21 @@ from agent.frames.intake import Intake
 from agent.frames.placement import Placement
 from agent.frames.tracks import ALWAYS, Segment
 from agent.frames.transform import Transform
-from protocol.messages import Entry
+from protocol.entries import Entry
 
-BEFORE_START_NS = 60_000_000_000  # what was measured longer before the mission's start says nothing: clocks may be years off
-_SLICE = 24  # keyframes of one drone per call of advance: about 20 ms
-_RECENT = 64  # checkpoints that are all kept; of older ones every 8th
+BEFORE_START_NS = 60_000_000_000  # earlier measurements are ignored: clocks may be years off
+_SLICE = 24  # keyframe updates of one drone per call of ``advance``: about 20 ms
+_RECENT = 64  # number of recent checkpoints that are all kept; of older ones every 8th
 _EVERY = 8
 
 
 class SwarmFrames:
     """``mission_from_local`` of every drone whose localisation is not exact, in ``graph``.
 
-    The graph is a pure function of what was received (in any order) and of the last keyframe that is due. The checkpoints after
-    keyframes are kept; an entry takes them back to the last one before its interval, and the keyframes since are estimated again.
-    Until all of them are, the graph and the suspects stay what they were: nobody flies by frames that lack the last minute. What
-    comes in meanwhile has its turn after that. Where all drones are exact nothing is done at all.
+    The graph is a pure function of what was received (in any order) and of the last keyframe that is due. Checkpoints are kept; a
+    late entry rolls the estimate back to the last checkpoint before its interval, and the keyframes since are computed again. The
+    graph and the suspects keep their values until that is complete, so that no drone flies by frames that lack the last minute.
+    Entries received meanwhile are processed afterwards. Where all drones are exact, nothing is computed.
     """
 
     def __init__(self, mission: MissionConfig) -> None:
@@ -43,27 +43,27 @@ class SwarmFrames:
         self._beginning = beginning(len(mission.drones))
         self._checkpoints: dict[int, Checkpoint] = {}  # ascending
         self._lines = [_Line() for _ in mission.drones]
-        self._epochs: list[set[int]] = [set() for _ in mission.drones]  # that the graph has something of
-        self._newest = self._beginning  # what the graph is of
-        self._estimating = False  # keyframes are due that the next call of ``advance`` is to estimate
-        self._waiting: list[Entry] = []  # received meanwhile
+        self._epochs: list[set[int]] = [set() for _ in mission.drones]  # epochs in the graph, by drone
+        self._newest = self._beginning  # the checkpoint that the graph shows
+        self._estimating = False  # keyframes are due that the next call of ``advance`` estimates
+        self._waiting: list[Entry] = []  # entries received while estimating
         self._started = False
         self._due = -1
 
     @property
     def pending(self) -> bool:
-        """Whether the graph lacks something that was received; the next calls of ``advance`` bring it."""
+        """Whether the graph lacks something that was received; further calls of ``advance`` add it."""
         return self._estimating or bool(self._waiting)
 
     def start(self, stamp_ns: int) -> None:
-        """The mission began: what was measured long before says nothing. Only the first call counts."""
+        """Set the start of the mission: much older measurements are ignored. Only the first call counts."""
         if self._started or self._idle:
             return
         self._started, self._estimating = True, False
         self._intake.drop_before(stamp_ns - BEFORE_START_NS)
 
     def receive(self, entry: Entry) -> None:
-        """Take an entry of the log in, each once, in any order."""
+        """Add an entry of the log; each once, in any order."""
         if self._idle:
             return
         if self._estimating:
@@ -72,7 +72,7 @@ class SwarmFrames:
             self._intake.receive(entry)
 
     def advance(self, now_ns: int) -> None:
-        """Estimate the keyframes that are due, and those again that something late has changed; a few at a time."""
+        """Estimate keyframes that are due, and recompute those that late entries have changed; a limited number per call."""
         if self._idle:
             return
         if not self._estimating:
@@ -99,7 +99,7 @@ class SwarmFrames:
                 self._publish(drone, line)
 
     def suspects(self) -> Mapping[str, str]:
-        """By drone: why its frame is not believed, or not known."""
+        """By drone: why its frame is not trusted, or not known."""
         found = {}
         for drone, member in enumerate(self._newest.members):
             if member.suspicion is not None:
@@ -119,20 +119,20 @@ class SwarmFrames:
             line.undo_after(last)
 
     def _thin(self) -> None:
-        """Of old checkpoints only some are kept: a very late entry has a few more keyframes estimated again."""
+        """Drop most of the old checkpoints: a very late entry then costs a few more keyframes."""
         if len(self._checkpoints) % _RECENT == 0:
             for index in list(self._checkpoints)[:-_RECENT]:
                 if index % _EVERY:
                     del self._checkpoints[index]
 
     def _publish(self, drone: int, line: _Line) -> None:
-        """Bring the graph up to date: placements of the continuous frame, as transforms of the segments that they hold for."""
+        """Update the graph: placements of the continuous frame become transforms of the segments that they hold for."""
         track = self._intake.tracks[drone]
         from_ns = min(line.taken_changed_ns(), track.taken_changed_ns())
         if from_ns == ALWAYS:
             return
         if line.stamps_ns and from_ns <= line.stamps_ns[0]:
-            from_ns = 0  # what is known first holds for all times before it
+            from_ns = 0  # the first known placement holds for all times before it
         segments = track.segments
         epochs = self._epochs[drone] = self._epochs[drone] | {segment.epoch for segment in segments}
         known: dict[int, list[Known]] = {epoch: [] for epoch in sorted(epochs)}
@@ -145,21 +145,21 @@ class SwarmFrames:
 
 
 class _Line:
-    """Where one drone's continuous frame lies, from which stamps on; and how to go back to what it was at an earlier keyframe."""
+    """Placements of one drone's continuous frame by their first stamps, with an undo history by keyframe."""
 
     def __init__(self) -> None:
         self.stamps_ns: list[int] = []
         self._placements: list[Placement | None] = []
         self._changed_ns = ALWAYS
-        self._undo: list[tuple[int, int, list[int], list[Placement | None]]] = []  # keyframe, length left, what was cut off
+        self._undo: list[tuple[int, int, list[int], list[Placement | None]]] = []  # keyframe, length kept, what was cut off
 
     def taken_changed_ns(self) -> int:
-        """From which stamp on it is another one since this was last asked (``ALWAYS``: it is not)."""
+        """The earliest stamp changed since the last call (``ALWAYS``: none)."""
         changed, self._changed_ns = self._changed_ns, ALWAYS
         return changed
 
     def add(self, index: int, from_ns: int, placement: Placement | None) -> None:
-        """From that stamp on it lies there, says the keyframe of that index."""
+        """Add a placement that holds from that stamp on, computed at keyframe ``index``."""
         kept = bisect_left(self.stamps_ns, from_ns)
         self._undo.append((index, kept, self.stamps_ns[kept:], self._placements[kept:]))
         self.stamps_ns[kept:] = [from_ns]
@@ -167,7 +167,7 @@ class _Line:
         self._changed_ns = min(self._changed_ns, from_ns)
 
     def undo_after(self, index: int) -> None:
-        """Take back what later keyframes said."""
+        """Undo the placements of later keyframes."""
         while self._undo and self._undo[-1][0] > index:
             _, kept, stamps, placements = self._undo.pop()
             self._changed_ns = min(self._changed_ns, self.stamps_ns[kept])

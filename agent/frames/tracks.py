@@ -1,8 +1,8 @@
-"""A drone's own track: where its localisation said it was, as one continuous path over all epochs and jumps.
+"""A drone's own track: its localisation's positions as one continuous path across epochs and jumps.
 
-Where the localisation jumps (a new epoch, or a step that no vehicle flies), the vehicle itself does not: it goes on as it flew.
-So the stretches between jumps, here *segments*, are joined to one *continuous* track, whose frame is that of the first
-segment. Everything is a function of the samples alone, whatever order they came in.
+Where the localisation jumps (a new epoch, or a step that no vehicle can fly), the vehicle itself does not: it continues at its
+velocity. So the stretches between jumps, here *segments*, are joined to one *continuous* track in the frame of the first segment.
+Everything is a function of the samples alone, whatever order they arrived in.
 """
 
 from __future__ import annotations
@@ -11,18 +11,19 @@ import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
-from agent.frames.transform import Transform, Vector3
+from agent.frames.transform import Transform
+from agent.geometry import Vector3
 
-_FASTEST_MPS = 25.0  # no vehicle of the swarm: a step that needs more is a jump of its localisation
-_STEP_M = 1.0  # which the autopilot's corrections may add to that in one step
-_LONGEST_GAP_NS = 1_000_000_000  # between samples, for a place between them to be interpolated
+_FASTEST_MPS = 25.0  # faster than any vehicle of the swarm: a step that needs more is a jump of the localisation
+_STEP_M = 1.0  # added to that, for the autopilot's corrections in one step
+_LONGEST_GAP_NS = 1_000_000_000  # longest gap between samples across which positions are interpolated
 ALWAYS = 2**63  # later than any stamp
-_SLOPE_NS = 500_000_000  # samples further apart tell no velocity
+_SLOPE_NS = 500_000_000  # samples further apart give no velocity
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Sample:
-    """Where a drone was at ``stamp_ns`` by its own localisation of that epoch; ``yaw_rad``: its body's heading there."""
+    """A drone's position at ``stamp_ns`` by its own localisation of that epoch; ``yaw_rad``: heading of its body."""
 
     stamp_ns: int
     epoch: int
@@ -32,30 +33,30 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A stretch without jumps, from the index of its first sample; ``gap_s``: what lies between it and the one before."""
+    """A stretch without jumps, from the index of its first sample; ``gap_s``: time since the segment before."""
 
     first: int
     stamp_ns: int
     epoch: int
-    joined: Transform  # continuous from local
+    joined: Transform  # continuous frame from local frame
     gap_s: float
 
 
 class Track:
-    """Samples in the order of time, and what follows from them, worked out when it is asked for."""
+    """Samples in order of time, and what is derived from them on demand."""
 
     def __init__(self) -> None:
         self._stamps: list[int] = []
         self._samples: list[Sample] = []
-        self._places: list[Vector3] = []  # in the continuous frame; as far as they are worked out
+        self._places: list[Vector3] = []  # in the continuous frame; as far as computed
         self._flown: list[float] = []  # metres along the track
         self._segments: list[Segment] = []
         self._changed_ns = ALWAYS
 
     def insert(self, sample: Sample) -> int | None:
-        """Take a sample in. Returns the stamp after which the track is another one now (None: nowhere).
+        """Add a sample. Returns the stamp after which the track has changed (None: nowhere).
 
-        Of two samples of the same stamp and epoch the lesser one stays, whichever came first.
+        Of two samples of the same stamp and epoch the lesser one is kept, whichever came first.
         """
         index = bisect_left(self._samples, (sample.stamp_ns, sample.epoch), key=lambda held: (held.stamp_ns, held.epoch))
         if index < len(self._samples) and (self._stamps[index], self._samples[index].epoch) == (sample.stamp_ns, sample.epoch):
@@ -69,7 +70,7 @@ class Track:
         return self._stamps[index - 1] if index else -1
 
     def remove(self, sample: Sample) -> int | None:
-        """Forget a sample. Returns the stamp after which the track is another one now (None: nowhere, it was not held)."""
+        """Remove a sample. Returns the stamp after which the track has changed (None: it was not held)."""
         index = bisect_left(self._samples, sample)
         if index == len(self._samples) or self._samples[index] != sample:
             return None
@@ -82,32 +83,33 @@ class Track:
         return bisect_right(self._stamps, after_ns) < bisect_right(self._stamps, until_ns)
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Forget the samples before that stamp."""
+        """Discard the samples before that stamp."""
         count = bisect_left(self._stamps, stamp_ns)
         if count:
             del self._stamps[:count], self._samples[:count]
             self._forget(0)
 
     def taken_changed_ns(self) -> int:
-        """From which stamp on the segments are others since this was last asked (``ALWAYS``: they are not)."""
+        """The earliest stamp from which segments have changed since the last call (``ALWAYS``: none)."""
         self._join()
         changed, self._changed_ns = self._changed_ns, ALWAYS
         return changed
 
     @property
     def first_ns(self) -> int | None:
-        """Stamp of the first sample; None where there is none."""
+        """Stamp of the first sample; None without samples."""
         return self._stamps[0] if self._stamps else None
 
     @property
     def segments(self) -> list[Segment]:
-        """All segments, in the order of time."""
+        """All segments, in order of time."""
         self._join()
         return self._segments
 
     def reference(self, stamp_ns: int) -> tuple[Vector3, float] | None:
-        """Place in the continuous frame, and metres flown, at a stamp, or at the last sample before where there is no later one
-        near enough; None before the first one."""
+        """Position in the continuous frame and metres flown at a stamp, or at the last sample before it where there is no later
+        one close enough; None before the first sample.
+        """
         after = bisect_right(self._stamps, stamp_ns)
         if not after:
             return None
@@ -120,7 +122,7 @@ class Track:
         return _between(self._places[before], self._places[after], share), flown
 
     def at(self, stamp_ns: int) -> Vector3 | None:
-        """Place in the continuous frame; None where no samples lie close around the stamp."""
+        """Position in the continuous frame; None where no samples lie close enough around the stamp."""
         after = bisect_left(self._stamps, stamp_ns)
         if after == len(self._stamps) or (after == 0 and self._stamps[0] != stamp_ns):
             return None
@@ -133,7 +135,7 @@ class Track:
         return _between(self._places[after - 1], self._places[after], (stamp_ns - self._stamps[after - 1]) / gap)
 
     def joined(self, epoch: int, stamp_ns: int) -> Transform | None:
-        """Continuous frame from local frame of that epoch at a stamp; None where the drone was in no such epoch around then."""
+        """Continuous frame from the local frame of that epoch at a stamp; None if the drone was not in that epoch then."""
         self._join()
         index = bisect_right(self._segments, stamp_ns, key=lambda segment: segment.stamp_ns)
         for near in (index - 1, index, index - 2):
@@ -142,14 +144,14 @@ class Track:
         return None
 
     def gaps_s(self, after_ns: int, until_ns: int) -> list[float]:
-        """What lies between the segments that begin in (after_ns, until_ns], and the ones before them."""
+        """Gaps (s) before the segments that begin in (after_ns, until_ns]."""
         self._join()
         first = bisect_right(self._segments, after_ns, key=lambda segment: segment.stamp_ns)
         last = bisect_right(self._segments, until_ns, key=lambda segment: segment.stamp_ns)
         return [segment.gap_s for segment in self._segments[max(first, 1) : last]]
 
     def _forget(self, index: int) -> None:
-        """What follows from the sample at ``index`` and later ones is to be worked out again."""
+        """Discard what is derived from the sample at ``index`` and later ones."""
         del self._places[index:], self._flown[index:]
         while self._segments and self._segments[-1].first >= index:
             self._note(self._segments.pop().stamp_ns)
@@ -176,7 +178,9 @@ class Track:
         return math.dist(before.position_m, after.position_m) > _STEP_M + _FASTEST_MPS * gap_s
 
     def _onward(self, index: int) -> tuple[Transform, float]:
-        """The segment that begins at ``index``, so that the vehicle flies and turns on as before."""
+        """Join of the segment that begins at ``index``, by assuming that the vehicle kept its velocity and turn rate, and its gap
+        (s).
+        """
         before, after = self._samples[index - 1], self._samples[index]
         gap_ns = after.stamp_ns - before.stamp_ns
         place = self._places[index - 1]

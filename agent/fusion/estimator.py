@@ -1,4 +1,4 @@
-"""The interface behind which the estimators stand, and what they yield."""
+"""The interface of the estimators, and their results: the source estimate and the posterior of a search."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from msgspec import Struct, field
 from numpy.typing import NDArray
 
 from agent.fusion.observation import Observation
-from protocol.messages import AnyEntry
+from protocol.entries import AnyEntry
 
 S = TypeVar("S")
 
 
 class GridStep(Struct, frozen=True):
-    """One step of the fixed time grid: [start_ns, end_ns) UTC; start_ns = index x the grid's width."""
+    """One step of the fixed time grid: [start_ns, end_ns) UTC; start_ns = index times the step width."""
 
     index: int
     start_ns: int
@@ -27,7 +27,7 @@ class GridStep(Struct, frozen=True):
 
     @property
     def middle_ns(self) -> int:
-        """Half-way."""
+        """The middle of the step."""
         return (self.start_ns + self.end_ns) // 2
 
 
@@ -36,10 +36,12 @@ def _horizontal_rms_m(covariance: NDArray[np.float64]) -> float:
 
 
 class Sight(Struct, frozen=True, eq=False):
-    """Where a drone's own localisation puts the source: what it has to fly to. Mission frame, as if the drone's poses were true.
+    """The apparent place of the source for a drone: relative to its own, biased localisation. Mission frame, as if the drone's
+    poses were true.
 
-    The drone's bias (measured minus true) shifts what it sees of itself and of the source alike; so this is known better than
-    where the source is in truth. position: (3,) metres. covariance: (3, 3) m2.
+    The drone's bias (measured minus true) shifts its own position and the source it sees alike; so the apparent place y = x + b
+    has a smaller covariance than the true place x, and is what the drone has to fly to. position: (3,) metres. covariance:
+    (3, 3) m2.
     """
 
     position: NDArray[np.float64]
@@ -47,18 +49,18 @@ class Sight(Struct, frozen=True, eq=False):
 
     @property
     def rms_m(self) -> float:
-        """Horizontal RMS, metres."""
+        """Horizontal 1-sigma radius, sqrt(P_xx + P_yy), metres."""
         return _horizontal_rms_m(self.covariance)
 
 
 class Hypothesis(Struct, frozen=True, eq=False):
-    """Where the source is thought to be at ``stamp_ns``, mission frame. The arrays are read-only.
+    """The source estimate ("hypothesis" in the paper) at ``stamp_ns``, mission frame. The arrays are read-only.
 
-    position: (3,) metres. covariance: (3, 3) m2. velocity: (3,) m/s. cones: how many it follows from.
-    x0_stamp_ns: when the first hypothesis was declared. activity_bq: None if the estimator does not know.
-    evidence: natural logarithm of how much likelier the observations are with a source than by background alone; None if the
-    estimator does not know: then ``covariance`` is the filter's own, and need not be calibrated.
-    sights: by drone, where its own localisation puts the source; empty if the estimator knows no biases.
+    position: (3,) metres. covariance: (3, 3) m2. velocity: (3,) m/s. cones: number of cones used. x0_stamp_ns: when the initial
+    estimate was declared. activity_bq, activity_sigma_bq: None if the estimator has no estimate of it.
+    evidence: log Bayes factor of a source against background alone; None if the estimator does not compute it: then
+    ``covariance`` is the filter's own, and need not match the actual error.
+    sights: the apparent place by drone; empty if the estimator has no pose biases.
     """
 
     stamp_ns: int
@@ -78,21 +80,21 @@ class Hypothesis(Struct, frozen=True, eq=False):
 
     @property
     def rms_m(self) -> float:
-        """Horizontal RMS of the posterior, metres."""
+        """Horizontal 1-sigma radius, sqrt(P_xx + P_yy), metres."""
         return _horizontal_rms_m(self.covariance)
 
     def sight_of(self, drone: str) -> Sight:
-        """Where the source is for a drone's own localisation; the hypothesis itself where nothing is known of its bias."""
+        """The apparent place of the source for a drone; the hypothesis itself if the drone's bias is not estimated."""
         return self.sights.get(drone) or Sight(self.position, self.covariance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlook:
-    """What is known while no hypothesis is declared: where a source may be, if there is one. Mission frame.
+    """The posterior of a search, while no hypothesis is declared. Mission frame.
 
-    places: (C, 2) metres. weight: (C,) probabilities of a source being there, adding up to 1 - ``none``. activity_bq: (C,) mean
-    of the activity that a source there would have. none: probability that there is no source.
-    excluded_bq: a source of this activity or more would have shown, in the mean over the places where it may have been; None:
+    places: (C, 2) centres of the cells, metres. weight: (C,) P(source in the cell), adding up to 1 - ``none``. activity_bq: (C,)
+    geometric mean of the activity given a source in the cell. none: P(no source).
+    excluded_bq: sources of this activity or more are excluded, in the mean over the places where they may have been; None:
     nothing is excluded yet.
     """
 
@@ -104,16 +106,16 @@ class Outlook:
 
 
 class Estimator(Protocol, Generic[S]):
-    """Observations -> hypothesis, as pure functions on an immutable state ``S``.
+    """Observations to hypothesis, as pure functions on an immutable state ``S``.
 
     Nothing but the arguments may enter a result: no clock, no random state, no memory of earlier calls. Then the hypothesis is a
-    function of the log, and a late entry is merged by stepping again from an earlier state.
+    function of the log, and a late entry is merged by a replay from an earlier state.
     """
 
     name: str
-    reads: tuple[type[AnyEntry], ...]  # the kinds of entries that it wants to see as observations
-    grid_s: float | None  # width of the time grid that it steps on; None: the mission's
-    hold_s: float  # for so long entries are left to gather before they are folded; else most are folded twice
+    reads: tuple[type[AnyEntry], ...]  # the kinds of entries that it uses
+    grid_s: float | None  # step width of its time grid; None: the mission's
+    hold_s: float  # delay by which it lags behind now, so that most entries arrive before their step is computed
 
     def initial(self, start_ns: int | None) -> S:
         """State before the first observation. ``start_ns``: the mission's start, None if it is not known."""
@@ -121,16 +123,17 @@ class Estimator(Protocol, Generic[S]):
     def step(self, state: S, step: GridStep, observations: Sequence[Observation]) -> S:
         """State after a grid step that has observations (in the order of their entries' identities).
 
-        Called in ascending order, for such steps only: what passes in empty steps between (noise, motion) is for the
-        estimator to account for, and must not depend on where now is.
+        Called in ascending order, for such steps only: the estimator itself accounts for the empty steps between (process noise,
+        motion), and may not depend on now.
         """
 
     def work(self, state: S, observations: int) -> int:
-        """What a step from this state with so many observations costs, in units of about 25 microseconds."""
+        """Cost of a step from this state with so many observations, in units of about 25 microseconds."""
 
     def hypothesis(self, state: S, step: GridStep) -> Hypothesis | None:
-        """What the state says as seen from ``step``, in which now lies: that of its last observation or a later time, later by
-        the hold than the grid's."""
+        """The source estimate of the state, predicted to ``step``, the interval in which now lies: not before its last
+        observation's step; shifted by ``hold_s`` against the grid.
+        """
 
     def outlook(self, state: S, step: GridStep) -> Outlook | None:
-        """What the state says while it has no hypothesis; None where it has one, or the estimator knows of no such thing."""
+        """The posterior of a search; None if the state has a hypothesis, or the estimator has no such posterior."""

@@ -1,4 +1,4 @@
-"""The estimator ``given``: a hypothesis that moves by the schedule of the mission file (the paper's swarm stabilisation)."""
+"""The estimator ``given``: a hypothesis that moves by a schedule in the mission file (the paper's swarm stabilisation)."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from itertools import pairwise
 
 import numpy as np
 
-from agent.config import GivenHypothesisConfig
+from agent.config.mission import GivenHypothesisConfig
 from agent.errors import ConfigError
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import Observation
-from agent.ground import LEVEL, Ground
-from protocol.messages import AnyEntry
+from agent.terrain.ground import LEVEL, Ground
+from protocol.entries import AnyEntry
 
 _NS = 1_000_000_000
 
 
 class GivenEstimator:
-    """Holds each place of the schedule until the next one's time; jumps take effect at the first grid step that begins
-    at or after that time. Nothing before the schedule's first time, nor before the mission's start.
+    """Holds each place of the schedule until the next one's time; jumps take effect at the first grid step that begins at or
+    after that time. There is no hypothesis before the schedule's first time, nor before the mission's start.
 
     Raises:
-        ConfigError: times of the schedule that do not ascend.
+        ConfigError: the schedule's times do not ascend.
     """
 
     name = "given"
@@ -43,7 +43,7 @@ class GivenEstimator:
         return start_ns
 
     def step(self, state: int | None, step: GridStep, observations: Sequence[Observation]) -> int | None:
-        """Reads nothing."""
+        """Uses no observations."""
         return state
 
     def work(self, state: int | None, observations: int) -> int:
@@ -51,7 +51,7 @@ class GivenEstimator:
         return 1 + observations
 
     def hypothesis(self, state: int | None, step: GridStep) -> Hypothesis | None:
-        """The schedule's place at the beginning of the step, known exactly."""
+        """The schedule's place at the beginning of the step, without error."""
         if state is None:
             return None
         row = bisect_right(self._offsets_ns, step.start_ns - state) - 1
@@ -68,5 +68,5 @@ class GivenEstimator:
         )
 
     def outlook(self, state: int | None, step: GridStep) -> Outlook | None:
-        """Nothing is known before there is a hypothesis."""
+        """None: it has no posterior of a search."""
         return None

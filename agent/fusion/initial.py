@@ -1,30 +1,38 @@
-"""The initial hypothesis x0 from M cones: non-linear least squares (paper, Sec. V-A; reference, "The paper's filter")."""
+"""The initial hypothesis x0 from M cones: non-linear least squares (paper, Sec. V-A; Baca et al., "Gamma radiation source
+localization for micro aerial vehicles with a miniature single-detector Compton event camera", ICUAS 2021, arXiv:2011.03356).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from shapely import Point, Polygon, contains_xy
 
 from agent.fusion.observation import ConeSurface
-from agent.ground import LEVEL, Ground
+from agent.geometry import Array
+from agent.terrain.ground import LEVEL, Ground
 
 GRID_PITCH_M = 2.0
-_TINY_M = 1e-9  # keeps the gradient finite on a cone's axis
-
-Array = NDArray[np.float64]
+_TINY_M = 1e-9  # floor of ``across``, for a finite gradient on a cone's axis
 
 
 class InitialSearch:
-    """Finds the point on the ground of the searched area with the least squared distance to the cones.
+    """Finds the point on the ground of the searched area with the least sum of squared distances to the M cones:
 
-    Residual of a cone, with v = p - apex and alpha = angle(v, axis): |v| sin(alpha - theta). It is started from the best point of
-    a grid over the area, because the sum of squares has local minima (at the apexes, to begin with), and kept inside the
-    area's bounding box, because cones that hardly cross leave the distance along them open. The result is never worse than the
-    best grid point.
+        x0 = argmin_p sum_m r_m(p)^2,   r_m = |v_m| sin(alpha_m - theta_m),   v_m = p - apex_m,   alpha_m = angle(v_m, axis_m),
+
+    p = (x, y, ground height). With along = v . axis = |v| cos(alpha) and across = |v - along axis| = |v| sin(alpha),
+
+        r = across cos(theta) - along sin(theta)
+        dr/dv = cos(theta) (v - along axis) / across - sin(theta) axis
+        dr/dx = (dr/dv)_x + (dr/dv)_z dz/dx      (likewise y): the ground takes p up and down.
+
+    r is the distance to the cone's surface while |alpha - theta| < 90 deg, beyond that to the surface's continuation behind the
+    apex. The search starts from the best point of a grid over the area, because the sum of squares has local minima (at the
+    apexes, for example: paper, Sec. V-B), and stays in the area's bounding box, because nearly parallel cones leave the distance
+    along them undetermined. The result is never worse than the best grid point.
     """
 
     def __init__(self, area: Polygon, ground: Ground = LEVEL) -> None:
@@ -42,14 +50,14 @@ class InitialSearch:
         self._grid = inside
 
     def solve(self, cones: Sequence[ConeSurface]) -> tuple[float, float]:
-        """(x, y) of x0 from the cones, metres, mission frame. The same cones give the same bits."""
+        """(x, y) of x0, mission frame, metres; bit-identical for the same cones."""
         apex = np.array([cone.apex for cone in cones])
         axis = np.array([cone.axis for cone in cones])
         theta = np.array([cone.theta_rad for cone in cones])
         cos, sin = np.cos(theta), np.sin(theta)
 
         def distances(ground: Array) -> tuple[Array, Array, Array, Array]:
-            """Of points (..., 2): v (..., M, 3), |v| cos alpha, |v| sin alpha and the residual, (..., M) each."""
+            """Of points (..., 2): v (..., M, 3), along, across and r, (..., M) each."""
             heights = self.ground.heights_m(ground.reshape(-1, 2)).reshape(*ground.shape[:-1], 1)
             v = np.concatenate([ground, heights], axis=-1)[..., None, :] - apex
             along = np.sum(v * axis, axis=-1)

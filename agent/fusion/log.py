@@ -1,6 +1,6 @@
-"""The observation log: the grow-only set of what anybody measured in this mission (DESIGN, "Messages and keys").
+"""The observation log: the grow-only set of all measurements made in this mission.
 
-Whatever way and order the entries come in, two logs with the same entries have the same digest.
+Two logs with the same entries have the same digest, whatever the order in which the entries arrived.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TypeVar, cast
 from msgspec import Struct
 
 from agent.fusion.sequences import Range, SequenceSet
-from protocol.messages import Entry, EntryId
+from protocol.entries import Entry, EntryId
 
 E = TypeVar("E", bound=Entry)
 _DIGEST_BYTES = 16
@@ -25,14 +25,13 @@ Summary = Mapping[Publisher, tuple[Range, ...]]  # ranges of the sequence number
 
 
 class Outcome(Enum):
-    """What became of an entry that was offered to the log. The first two changed the log."""
+    """Result of offering an entry to the log. The first two changed the log."""
 
     ADDED = "added"
     REPLACED = "replaced"  # took the place of an entry of the same identity and other bytes
     DUPLICATE = "duplicate"
     CONFLICT = "conflict"  # same identity and other bytes; the entry held stays
     FOREIGN = "foreign"  # of another mission, or of a drone that is not in it
-    LATE = "late"  # behind the horizon, and not known from before
 
 
 class Record(Struct, frozen=True):
@@ -46,23 +45,23 @@ class Record(Struct, frozen=True):
 class ObservationLog:
     """Entries of one mission by identity.
 
-    Digest: the sum, modulo 2^128, of the BLAKE2b-128 hashes of the entries' bytes. A sum does not depend on the order,
-    takes one addition per entry, and unlike XOR does not cancel equal terms. It tells accidents apart, not forgers: those are for
-    the publisher's signature.
+    Digest: the sum, modulo 2^128, of the BLAKE2b-128 hashes of the entries' bytes. A sum is independent of the order, takes one
+    addition per entry, and unlike XOR does not cancel equal terms. It detects accidental differences, not forgeries: the
+    publisher's signature is for those.
 
     One identity with two payloads (a publisher's fault) resolves to the payload with the smaller hash, whichever came first.
 
-    Memory: it grows. Nothing calls ``compact`` in flight, on purpose: a restarted agent begins with an empty log and must
-    be able to get all of it, and any entry may come late and have everything after it folded again. Three drones at 3 GBq give
-    5 exposures and 2.5 cones a second (scenario ``demo``, tracking): 4.2 kB/s of payloads, 15 MB per hour, and some 100 MB per
-    hour with entries, observations and indices.
+    The log is never compacted: a restarted agent begins with an empty log and must be able to get all of it, and an entry may
+    arrive late, after which all later grid steps are computed again. Memory: three drones at 3 GBq publish 5 exposures and 2.5
+    cones a second (scenario ``demo``, tracking), 4.2 kB/s or 15 MB per hour of payloads, and about 100 MB per hour with decoded
+    entries, observations and indices. A single entry is bounded by ``protocol.codec.MAX_ENTRY_BYTES``;
+    ``agent.shell.memory`` warns the operator before memory runs out.
     """
 
     def __init__(self, mission_id: str, drones: Iterable[str]) -> None:
-        """``drones``: ids of those whose entries are taken in, the mission's."""
+        """``drones``: ids of the mission's drones; only their entries are accepted."""
         self.mission_id = mission_id
         self._drones = frozenset(drones)
-        self.horizon_ns = 0  # entries stamped before it are compacted
         self.counters: dict[str, int] = {outcome.value: 0 for outcome in Outcome}
         self._records: dict[EntryId, Record] = {}
         self._by_kind: defaultdict[type[Entry], dict[EntryId, Entry]] = defaultdict(dict)
@@ -72,28 +71,25 @@ class ObservationLog:
         self._sum = 0
 
     def __len__(self) -> int:
-        """Number of entries held, without the compacted ones."""
+        """Number of entries held."""
         return len(self._records)
 
     def __iter__(self) -> Iterator[Record]:
         """The records held, in the order of their identities."""
         return (self._records[identity] for identity in sorted(self._records))
 
-    def __contains__(self, identity: EntryId) -> bool:
-        return identity in self._records
-
     def entries(self, kind: type[E]) -> list[E]:
-        """The entries of one kind (without compacted ones) in the order of their identities: a function of the log's content."""
+        """The entries of one kind in the order of their identities: a function of the log's content."""
         held = self._by_kind[kind]
         return [cast(E, held[identity]) for identity in sorted(held)]
 
     def revision(self, kind: type[Entry]) -> int:
-        """Grows whenever ``entries(kind)`` changes, so that whoever works from them can notice cheaply."""
+        """A counter that grows whenever ``entries(kind)`` changes: a cheap test for changes."""
         return self._revisions[kind]
 
     @property
     def digest(self) -> str:
-        """32 hex digits over everything that was ever taken in, compacted entries included."""
+        """32 hex digits over all entries held."""
         return f"{self._sum:032x}"
 
     def add(self, entry: Entry, payload: bytes) -> Outcome:
@@ -106,8 +102,6 @@ class ObservationLog:
         if entry.mission != self.mission_id or entry.drone not in self._drones:
             return Outcome.FOREIGN
         held = self._held.setdefault((entry.drone, entry.boot), SequenceSet())
-        if entry.stamp_ns < self.horizon_ns:
-            return Outcome.DUPLICATE if entry.sequence in held else Outcome.LATE
         record = Record(entry, payload, int.from_bytes(hashlib.blake2b(payload, digest_size=_DIGEST_BYTES).digest()))
         identity = entry.entry_id
         present = self._records.get(identity)
@@ -133,46 +127,18 @@ class ObservationLog:
         self._revisions[kind] += 1
 
     def summary(self) -> dict[Publisher, tuple[Range, ...]]:
-        """What this log holds or has compacted: a peer that gets it can tell what is lacking."""
+        """The sequence numbers held of each publisher: a peer that gets this can tell which entries are missing here."""
         return {publisher: tuple(held) for publisher, held in self._held.items() if any(held)}
 
     def missing_from(self, summary: Summary) -> list[Record]:
-        """The records held here that a log of this summary lacks, in the order of their identities.
+        """The records held here that are missing from a log with this summary, in the order of their identities.
 
-        The work goes with what is lacking, which is mostly nothing or little: every peer asks every few seconds.
+        The cost is proportional to what is missing, usually little or nothing: every peer asks every few seconds.
         """
         missing: list[EntryId] = []
         for publisher, held in self._held.items():
             numbered = self._numbered[publisher]
             for first, last in held.without(SequenceSet(summary.get(publisher, ()))):
                 for sequence in range(first, last + 1):
-                    missing += numbered.get(sequence, ())  # none: compacted
+                    missing += numbered[sequence]
         return [self._records[identity] for identity in sorted(missing)]
-
-    def agreed_until_ns(self, peers: Iterable[Summary]) -> int:
-        """Stamp before which neither this log nor any of the peers' lacks an entry that one of them has.
-
-        While a peer holds something that is lacking here, its stamp is not known: then nothing beyond the horizon is agreed.
-        """
-        agreed = max((identity.stamp_ns + 1 for identity in self._records), default=self.horizon_ns)
-        for summary in peers:
-            for publisher, ranges in summary.items():
-                held = self._held.get(publisher)
-                if held is None or not held.covers(SequenceSet(ranges)):
-                    return self.horizon_ns
-            missing = self.missing_from(summary)
-            if missing:
-                agreed = min(agreed, missing[0].entry.stamp_ns)
-        return agreed
-
-    def compact(self, before_ns: int) -> None:
-        """Forget the bytes of entries stamped before ``before_ns``. Digest and summary go on covering them.
-
-        Only to be done where nobody lacks such an entry (``agreed_until_ns``): from then on an unknown one is refused, and the
-        digests of the swarm would differ for good.
-        """
-        self.horizon_ns = max(self.horizon_ns, before_ns)
-        for identity in [identity for identity in self._records if identity.stamp_ns < self.horizon_ns]:
-            self._forget(identity, type(self._records.pop(identity).entry))
-            numbered = self._numbered[identity.drone, identity.boot]
-            numbered[identity.sequence] = tuple(other for other in numbered[identity.sequence] if other != identity)

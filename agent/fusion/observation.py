@@ -1,4 +1,4 @@
-"""Log entry -> observation in the mission frame: what the estimators read."""
+"""From a log entry (made by ``sensing.observer``) to an observation in the mission frame, the input of the estimators."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from agent.frames.transform import Transform, Vector3
-from protocol.messages import Cone, Entry, Exposure, PoseSample
+from agent.frames.transform import Transform
+from agent.geometry import Vector3
+from protocol.entries import Cone, Entry, Exposure, PoseSample
 
-_SHORTEST_LIVE_S = 1e-3  # an exposure shorter than this tells nothing
-_SHORTEST_AXIS = 0.5  # a unit vector as sent; anything this short is no direction
+_SHORTEST_LIVE_S = 1e-3  # exposures shorter than this hold no information
+_SHORTEST_AXIS = 0.5  # a shorter "unit vector" is no direction
 
 
 class ConeSurface(Struct, frozen=True):
     """One reading of a Compton cone, mission frame: the source lies at the angle theta_rad from the axis.
 
-    apex: metres. axis: unit vector. sigma_rad: 1-sigma width of the surface (ARM). probability: of this reading.
+    apex: c_e' of the paper (Sec. IV-A), metres. axis: unit vector, from the absorbed photon to the recoil electron. theta_rad:
+    scattering angle, eq. (3). sigma_rad: 1-sigma width of the surface (angular resolution measure, ARM). probability: of this
+    reading.
     """
 
     stamp_ns: int
@@ -33,8 +36,8 @@ class ConeSurface(Struct, frozen=True):
 class ConeObservation(Struct, frozen=True):
     """A Compton cone with its possible readings, one or two, in the order in which they were published.
 
-    ``entry`` is the cone as published, in the publisher's local frame; ``mission_from_local`` brought it here. Sigmas: of the
-    horizontal distance by which the drone's position may be wrong, and of its heading.
+    ``entry``: the cone as published, in the publisher's local frame; ``mission_from_local``: the transform of that frame.
+    Sigmas: 1-sigma errors of the drone's position (of the horizontal distance) and heading.
     """
 
     stamp_ns: int
@@ -46,7 +49,7 @@ class ConeObservation(Struct, frozen=True):
 
     @property
     def apex(self) -> Vector3:
-        """Where it was measured, mission frame."""
+        """Position of the camera, mission frame, metres."""
         return self.readings[0].apex
 
     @property
@@ -56,14 +59,14 @@ class ConeObservation(Struct, frozen=True):
 
     @property
     def forward(self) -> ConeSurface:
-        """The reading by which the photon was turned least: the cluster with less energy was the electron."""
+        """The reading with the smaller scattering angle: the cluster with less energy was the electron."""
         return min(self.readings, key=lambda reading: reading.theta_rad)
 
 
 class CountObservation(Struct, frozen=True):
-    """What a camera counted in an exposure, from the place where it was in its middle, mission frame.
+    """The counts of an exposure, and the camera's position in the middle of it, mission frame, metres.
 
-    ``stamp_ns`` is the exposure's end: earlier nobody knows of it. The rest as of a cone.
+    ``stamp_ns``: the exposure's end, before which it is not known. The other fields as for a cone.
     """
 
     stamp_ns: int
@@ -81,10 +84,10 @@ Observation = ConeObservation | CountObservation
 
 
 def observe(entry: Entry, mission_from_local: Transform) -> Observation | None:
-    """Bring an entry into the mission frame; None if it says nothing about the source.
+    """Transform an entry into the mission frame; None if it holds no information about the source.
 
-    That is decided by the entry's content alone, so that every agent decides alike: a cone says nothing if both of its
-    orders are impossible (probability 0) or have no direction for an axis, an exposure without live time.
+    That is decided by the entry's content alone, so that all agents decide alike: a cone whose readings are both impossible
+    (probability 0) or have no axis, or an exposure without live time.
     """
     if isinstance(entry, Cone):
         return _observe_cone(entry, mission_from_local)
@@ -107,8 +110,8 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform) -> CountO
 
 
 def _sigmas(entry: Cone | Exposure, mission_from_local: Transform, place: Vector3, told_m: float) -> tuple[float, float]:
-    """Of position and heading at a place of the local frame. Where that frame is estimated, its covariance has in it how wrong
-    the drone's own localisation is, whatever the drone tells of it, but not what a wrong clock adds.
+    """1-sigma errors of position and heading at a place of the local frame. The covariance of an estimated frame includes the
+    error of the drone's own localisation, whatever the drone states, but not the error that a wrong clock adds.
     """
     if mission_from_local.covariance is None:
         return told_m, entry.yaw_sigma_rad
@@ -117,7 +120,7 @@ def _sigmas(entry: Cone | Exposure, mission_from_local: Transform, place: Vector
 
 
 def _position(poses: Sequence[PoseSample], offset_ns: int) -> Vector3:
-    """Where the drone was at an offset: between the samples before and after, or at the nearest one; local frame."""
+    """The drone's position at an offset, interpolated between the neighbouring samples, or that of the last one; local frame."""
     after = next((place for place, sample in enumerate(poses) if sample.offset_ns >= offset_ns), len(poses) - 1)
     late, early = poses[after], poses[max(after - 1, 0)]
     span_ns = late.offset_ns - early.offset_ns

@@ -1,4 +1,4 @@
-"""The estimator ``paper``: the linear Kalman filter of the paper (Sec. IV-B), track by detection."""
+"""The estimator ``paper``: the paper's linear Kalman filter (Sec. IV-B, eqs. (4) to (7)), track-by-detection."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.config import PaperEstimatorConfig
-from agent.frames.transform import Vector3
+from agent.config.mission import PaperEstimatorConfig
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.initial import InitialSearch
 from agent.fusion.observation import ConeObservation, ConeSurface, Observation
 from agent.fusion.projection import Rule, project
-from protocol.messages import AnyEntry, Cone
+from agent.geometry import Vector3
+from protocol.entries import AnyEntry, Cone
 
 _NS = 1e9
-BEYOND_M = 200.0  # around the area: twice what a camera sees a source from
+BEYOND_M = 200.0  # margin around the area: twice the distance at which a camera detects a source
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """The filter after its last cone: x = (x, y, 0) in metres and the horizontal part of its covariance, m2."""
+    """The filter after its last cone: x and y of x_k, metres, and the horizontal part of its covariance P_k, m2."""
 
     stamp_ns: int
     x: float
@@ -36,28 +36,34 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class PaperState:
-    """The cones gathered for x0, and the track once there is one."""
+    """The cones gathered for x0 (paper, Sec. V-A), and the track once there is one."""
 
     gathered: tuple[ConeSurface, ...] = ()
-    seen: int = 0  # cones so far, those that were no use for x0 included
+    seen: int = 0  # cones so far, including those that are too close together for x0
     track: Track | None = None
 
 
 class PaperEstimator:
-    """F = I, process noise q dt, and each cone a position measurement with covariance R = P R_C P^T.
+    """The filter. With x_k the position and S_k its covariance (P is the paper's rotation):
 
-    The first M cones of pairwise baseline give x0. From then on each cone projects the hypothesis onto itself
-    (``projection.project``), and R trusts that only along the line of projection: rho along it, rho x 1e4 across.
+        prediction   x_k = F x_k-1, F = I (eq. (4));   S <- S + q dt I
+        measurement  z = the projection of x_k onto the cone (eq. (6)), H = I
+                     R = P R_C P', R_C = diag(rho, 1e4 rho, 1e4 rho) (eq. (7)); first column of P: the direction of projection
+        correction   K = S (S + R)^-1,   x <- x + K (z - x),   S <- (I - K) S.
 
-    A filter of positions needs one reading of a cone. The paper does not say how it tells the electron from the photon; by
-    default the reading with the smaller scattering angle is taken (``PaperEstimatorConfig.order``).
+    Names: q = ``process_noise_m2ps``, rho = ``measurement_variance_m2``, 1e4 = ``cross_axis_factor``. The paper prints no process
+    noise; q dt is its predecessor's (Baca et al. 2021). The first ``initial_cones`` (M) cones of pairwise baseline
+    ``initial_baseline_m`` give x0 (Sec. V-A, ``initial.InitialSearch``) with the variance ``initial_variance_m2``.
 
-    The source stays on the ground (z = 0, as the predecessor flew it, unless the mission knows better): the state is the paper's
-    (x, y, z), with a z that follows from x and y, so a correction moves it along the ground only.
+    The filter needs one reading of a cone. The paper does not say how it distinguishes the electron from the photon; by
+    default the reading with the smaller scattering angle is used (``PaperEstimatorConfig.order``).
 
-    The hypothesis stays in the area's bounding box enlarged by ``BEYOND_M``: a cone says nothing if its apex lies outside of that
-    box, where no drone can be, or if it would move the hypothesis out of it. Otherwise a drone that does not know where it is
-    (positions of messages go up to 100 km) would take the hypothesis away with it, and one cone would be enough.
+    The source stays on the ground (z = 0, as in the predecessor, unless the mission has an elevation model): z follows from x and
+    y, so a correction moves the hypothesis along the ground only.
+
+    The hypothesis stays in the area's bounding box enlarged by ``BEYOND_M``: a cone is ignored if its apex lies outside of that
+    box, where no drone can be, or if it would move the hypothesis out of it. Otherwise a single cone of a drone with a wrong
+    position (messages allow up to 100 km) could take the hypothesis away.
     """
 
     reads: tuple[type[AnyEntry], ...] = (Cone,)
@@ -74,11 +80,11 @@ class PaperEstimator:
         self._region = (west - BEYOND_M, south - BEYOND_M, east + BEYOND_M, north + BEYOND_M)
 
     def initial(self, start_ns: int | None) -> PaperState:
-        """Nothing gathered; the mission's start does not matter."""
+        """No cones gathered; independent of the mission's start."""
         return PaperState()
 
     def step(self, state: PaperState, step: GridStep, observations: Sequence[Observation]) -> PaperState:
-        """Take the step's cones in, one after another."""
+        """Process the step's cones, one after another."""
         gathered, seen, track = state.gathered, state.seen, state.track
         for observation in observations:
             if not isinstance(observation, ConeObservation):
@@ -115,7 +121,7 @@ class PaperEstimator:
         )
 
     def outlook(self, state: PaperState, step: GridStep) -> Outlook | None:
-        """Nothing is known before there is a hypothesis."""
+        """None: it has no posterior of a search."""
         return None
 
     def _is_near(self, x: float, y: float) -> bool:
@@ -137,10 +143,14 @@ class PaperEstimator:
         return Track(stamp_ns, track.x, track.y, track.pxx + grown, track.pxy, track.pyy + grown, track.cones, track.x0_stamp_ns)
 
     def _correct(self, track: Track, cone: ConeSurface) -> Track:
-        """LKF correction with H = I and R = P R_C P^T, where P's first column is the normal of the projection.
+        """LKF correction, as three scalar corrections in turn.
 
-        R is diagonal in the axes of P, so the measurement is three independent scalars, and three scalar corrections in
-        turn are the same correction without a matrix to invert. ``dx, dy, dz``: how far x has been moved so far.
+        R is diagonal in the axes p_a of P, so the measurement is three independent scalars p_a . z of variance R_a. On ground of
+        slope (east, north), p_a . (x, y, z(x, y)) has the gradient h = (p_ax + p_az east, p_ay + p_az north); for each a
+
+            g = S h,   s = h . g + R_a,   x <- x + g (p_a . (z - x)) / s,   S <- S - g g' / s,
+
+        which equals the correction with the whole R without a matrix to invert. ``dx, dy, dz``: correction of x so far.
         """
         x, y, pxx, pxy, pyy = track.x, track.y, track.pxx, track.pxy, track.pyy
         correction = project((x, y, self._ground.height_m(x, y)), cone.apex, cone.axis, cone.theta_rad, self._rule)
@@ -149,7 +159,7 @@ class PaperEstimator:
             east, north = self._ground.slope(x, y)
             dx = dy = dz = 0.0
             for (ax, ay, az), variance in self._axes(correction.normal):
-                hx, hy = ax + az * east, ay + az * north  # the ground takes the source up or down with it
+                hx, hy = ax + az * east, ay + az * north  # the source follows the ground
                 gx, gy = pxx * hx + pxy * hy, pxy * hx + pyy * hy
                 spread = hx * gx + hy * gy + variance
                 move = (ax * (ix - dx) + ay * (iy - dy) + az * (iz - dz)) / spread
@@ -162,7 +172,7 @@ class PaperEstimator:
         return Track(track.stamp_ns, x, y, pxx, pxy, pyy, track.cones + 1, track.x0_stamp_ns)
 
     def _axes(self, normal: Vector3) -> tuple[tuple[Vector3, float], ...]:
-        """The columns of P with the diagonal of R_C."""
+        """The columns of P with the diagonal of R_C (eq. (7))."""
         rho = self._config.measurement_variance_m2
         first, second = _perpendicular(normal)
         return (normal, rho), (first, rho * self._config.cross_axis_factor), (second, rho * self._config.cross_axis_factor)

@@ -1,20 +1,26 @@
-"""The estimators by name, as the commands and the mission file call them."""
+"""The estimators by name, as the commands and the mission file call them: those of this package, and those of installed ones.
+
+Another package adds an estimator by an entry point of the group ``radron.estimators``: its name is the estimator's, its object a
+callable that takes a ``MissionConfig`` and returns an ``Estimator``. Only what is installed can be named: neither a mission file
+nor a recorded flight can make an agent import anything else.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING, Any
 
-from shapely import Polygon
-
-from agent.config import MissionConfig
+from agent.config.mission import MissionConfig
 from agent.errors import ConfigError
-from agent.fusion.estimator import Estimator
-from agent.fusion.given import GivenEstimator
-from agent.fusion.initial import InitialSearch
-from agent.fusion.paper import PaperEstimator
-from agent.fusion.projection import Rule
-from agent.ground import Ground
+
+if TYPE_CHECKING:
+    from agent.fusion.estimator import Estimator
+    from agent.fusion.paper import PaperEstimator
+    from agent.fusion.projection import Rule
+
+GROUP = "radron.estimators"  # of entry points
+_MEMBERS = ("name", "reads", "grid_s", "hold_s", "initial", "step", "work", "hypothesis", "outlook")
 
 
 def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
@@ -24,28 +30,72 @@ def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
     - ``paper-geometric``: the same with the rule that the geometry asks for.
     - ``bayes``: the posterior from cones and counts, at rest or moving, with the poses' biases.
     - ``given``: the schedule of fusion.given.
+    - any other: of an installed package.
 
     Raises:
-        ConfigError: no such estimator, or the mission lacks what it needs.
+        ConfigError: no such estimator, the mission lacks what it needs, or what is installed under that name is no estimator.
     """
     maker = _MAKERS.get(name)
-    if maker is None:
-        raise ConfigError(f"estimator {name!r} is unknown; use one of {', '.join(ESTIMATORS)}")
-    return maker(mission)
+    return maker(mission) if maker is not None else _installed(_entry_point(name, "fusion.estimator"), mission)
+
+
+def check_estimator(name: str, where: str) -> None:
+    """Raise ConfigError, naming ``where``, if there is no estimator of that name; nothing is imported to find out."""
+    if name not in _MAKERS:
+        _entry_point(name, where)
+
+
+def _entry_point(name: str, where: str) -> EntryPoint:
+    found = {point.name: point for point in entry_points(group=GROUP)}
+    if name not in found:
+        known = ", ".join([*ESTIMATORS, *sorted(set(found) - set(ESTIMATORS))])
+        raise ConfigError(f"{where}: unknown estimator {name!r}; known: {known}")
+    return found[name]
+
+
+def _installed(point: EntryPoint, mission: MissionConfig) -> Estimator[Any]:
+    """The estimator that another package provides.
+
+    Raises:
+        ConfigError: it cannot be imported or made, or lacks a member of the interface.
+    """
+    try:
+        estimator = point.load()(mission)
+    except ConfigError:
+        raise
+    except Exception as error:  # foreign code: it may fail in any way
+        raise ConfigError(
+            f"estimator {point.name!r}: {point.value} cannot be used: {type(error).__name__}: {error}; correct or uninstall it"
+        ) from error
+    lacking = [member for member in _MEMBERS if not hasattr(estimator, member)]
+    if lacking:
+        raise ConfigError(f"estimator {point.name!r}: {point.value} makes no estimator: it lacks {', '.join(lacking)}")
+    return estimator  # type: ignore[no-any-return]  # as far as can be seen, it is one
 
 
 def _paper(mission: MissionConfig, rule: Rule, name: str) -> PaperEstimator:
+    from shapely import Polygon  # noqa: PLC0415  names are checked before anything heavy is imported
+
+    from agent.fusion.initial import InitialSearch  # noqa: PLC0415
+    from agent.fusion.paper import PaperEstimator  # noqa: PLC0415
+    from agent.terrain.ground import Ground  # noqa: PLC0415
+
     ground = Ground.from_config(mission)
     return PaperEstimator(mission.fusion.paper, InitialSearch(Polygon(mission.area.polygon_m), ground), rule, name)
 
 
 def _bayes(mission: MissionConfig) -> Estimator[Any]:
+    from shapely import Polygon  # noqa: PLC0415
+
     from agent.fusion.bayes.estimator import BayesEstimator  # noqa: PLC0415  a drone that flies by another has no memory for it
 
     return BayesEstimator(mission, Polygon(mission.area.polygon_m))
 
 
-def _given(mission: MissionConfig) -> GivenEstimator:
+def _given(mission: MissionConfig) -> Estimator[Any]:
+    from agent.fusion.given import GivenEstimator  # noqa: PLC0415
+    from agent.terrain.ground import Ground  # noqa: PLC0415
+
     if mission.fusion.given is None:
         raise ConfigError("estimator 'given' needs fusion.given.schedule in the mission")
     return GivenEstimator(mission.fusion.given, Ground.from_config(mission))
@@ -57,4 +107,4 @@ _MAKERS: dict[str, Callable[[MissionConfig], Estimator[Any]]] = {
     "bayes": _bayes,
     "given": _given,
 }
-ESTIMATORS: tuple[str, ...] = tuple(_MAKERS)
+ESTIMATORS: tuple[str, ...] = tuple(_MAKERS)  # those of this package

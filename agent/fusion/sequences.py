@@ -1,4 +1,4 @@
-"""A set of sequence numbers, kept as ranges: small while the numbers are nearly gap-free, as those of one boot are."""
+"""A set of sequence numbers, kept as ranges: small while the numbers have few gaps, as those of one boot do."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class SequenceSet:
                 self._lasts.append(last)
 
     def add(self, number: int) -> None:
-        """Take a number in; one that is held changes nothing."""
+        """Add a number; one that is held already changes nothing."""
         place = bisect_right(self._firsts, number)  # ranges before this index start at or before the number
         if place and number <= self._lasts[place - 1]:
             return
@@ -47,14 +47,6 @@ class SequenceSet:
 
     def __iter__(self) -> Iterator[Range]:
         return zip(self._firsts, self._lasts, strict=True)
-
-    def covers(self, other: SequenceSet) -> bool:
-        """Whether every number of the other set is in this one."""
-        for first, last in other:
-            place = bisect_right(self._firsts, first)
-            if not place or last > self._lasts[place - 1]:
-                return False
-        return True
 
     def without(self, other: SequenceSet) -> Iterator[Range]:
         """The numbers of this set that are not in the other one, as ranges."""

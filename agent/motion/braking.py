@@ -1,4 +1,4 @@
-"""Where there is no plan: to a given velocity as fast as the limits allow."""
+"""Braking, for when there is no plan: jerks that reach a given velocity as fast as the limits allow."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from math import hypot
 
 import numpy as np
 
-from agent.motion.reference import Array
+from agent.geometry import Array
 
-_TIME_S = 0.5  # time constant at which the velocity is reached once the limits allow
+_TIME_S = 0.5  # time constant of the approach to the velocity once it is within the limits
 
 
 def brake(
@@ -20,7 +20,10 @@ def brake(
     step_s: float,
     horizon: int,
 ) -> Array:
-    """Jerks (H, 2) from this velocity and acceleration (2,) to the target velocity. ``limits``: acceleration, jerk."""
+    """Jerks (H, 2), m/s^3, that lead from this velocity and acceleration (2,) to the target velocity.
+
+    limits: acceleration (m/s^2) and jerk (m/s^3).
+    """
     (vx, vy), (ax, ay), (limit, rate) = velocity, acceleration, limits
     jerks = []
     for _ in range(horizon):

@@ -1,19 +1,19 @@
-"""The tracker's vertical part: within the limits, between floor and ceiling."""
+"""The tracker's vertical part: climbing within the limits and between floor and ceiling."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from agent.config import LimitsConfig
+from agent.config.mission import LimitsConfig
+from agent.geometry import Array
 from agent.motion.braking import brake
 from agent.motion.fence import Fence
 from agent.motion.prediction import Prediction
 from agent.motion.qp import HalfPlanes, LimitedProblem
-from agent.motion.reference import Array
 from agent.motion.steering import Peaks, Status
 
-_UNEVEN_M = 0.5  # from floor and ceiling, where the ground ahead is known by a model only
-_ACCELERATION_SHARE = 0.5  # of the limit; the rest is for the turns
+_UNEVEN_M = 0.5  # extra margin to floor and ceiling where the ground ahead is known from a model only
+_ACCELERATION_SHARE = 0.5  # share of the acceleration limit; the rest is for turns
 
 
 class Climbing:
@@ -29,9 +29,10 @@ class Climbing:
         self._planes = HalfPlanes(normals, offsets, np.ones((2, horizon)))
 
     def jerk(self, start: Array, optimum: Array, peaks: Peaks, guess: Array, ground: Array | None = None) -> tuple[Status, Array]:
-        """Jerks (H,) from the unconstrained optimum (4, H, 1) and its peaks. start: (3, 1); guess: (H, 1), to begin with.
+        """Jerks (H,) from the unconstrained optimum (4, H, 1) and its peaks. start: (3, 1); guess: (H, 1), initial values for the
+        solver.
 
-        ground: (H,), under the plan at its steps, where it is not even: floor and ceiling are above it then.
+        ground: (H,) height below the plan at its steps, where it is not level; floor and ceiling are then relative to it.
         """
         if self._within_limits(float(start[0, 0]), optimum, peaks, ground):
             return Status.FREE, optimum[0, :, 0]

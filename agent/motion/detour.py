@@ -1,4 +1,4 @@
-"""The shortest way between two points that stays inside an area."""
+"""Shortest paths between two points inside an area."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from scipy.sparse.csgraph import dijkstra
 from shapely import MultiPolygon, Polygon
 from shapely.geometry.polygon import orient
 
-_EPS_M = 1e-4  # by so much a way may leave the area: corners are touched, and coordinates are rounded
+_EPS_M = 1e-4  # paths may leave the area by this much: they touch corners, and coordinates are rounded
 
 
 class Detours:
-    """Shortest ways inside one area (visibility graph over the corners that point inwards, built when first needed)."""
+    """Shortest paths inside one area, by a visibility graph over its reflex corners, built when first needed."""
 
     def __init__(self, area: Polygon | MultiPolygon) -> None:
         self._area = area
@@ -22,9 +22,9 @@ class Detours:
         self._graph: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def between(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Corners (P, 2) of the shortest way from start (2,) to end (2,), both excluded; the straight line has none.
+        """Corners (P, 2) of the shortest path from start (2,) to end (2,), without the two; none where the straight line is free.
 
-        Where the area does not connect the two, the straight line is all there is.
+        Where the area does not connect the two, the straight line is returned.
         """
         if self._sees(start[None], end[None])[0]:
             return np.empty((0, 2))
@@ -52,7 +52,7 @@ class Detours:
         return seen
 
     def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Inward corners (C, 2) and the distances (C, C) between those that see each other, else infinity."""
+        """Reflex corners (C, 2) and the distances (C, C) between those that see each other, else infinity."""
         if self._graph is None:
             corners = np.concatenate([_inward_corners(part) for part in shapely.get_parts(self._area)])
             first, second = np.triu_indices(len(corners), k=1)
@@ -66,7 +66,7 @@ class Detours:
 
 
 def _inward_corners(part: Polygon) -> NDArray[np.float64]:
-    """Corners (C, 2) at which the area's boundary turns around an obstacle."""
+    """Corners (C, 2) at which the area's boundary bends around an obstacle."""
     oriented = orient(part)  # exterior counter-clockwise, holes clockwise: the area is on the left
     found = []
     for ring in (oriented.exterior, *oriented.interiors):

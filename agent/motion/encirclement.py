@@ -1,13 +1,13 @@
-"""Encirclement: each drone's own arc around the hypothesis, from the poses of all; no leader and no negotiation.
+"""Encirclement: each drone's own arc around the hypothesis, from the poses of all drones, without leader or negotiation.
 
 Two laws (``EncirclementConfig.law``):
 
 - ``paper``: Sec. V-C of the paper. The drone starts its arc a fixed bias beta away from its nearest neighbour by central
-  angle. The law knows no rest: at uniform spacing the bias still points away from whichever neighbour happens to be nearer, so
-  the spacing chatters around 2 pi / N by what the tracker does with a step of beta between two replans.
-- ``smooth``: a virtual structure. N slots, 2 pi / N apart, rotate at v/r; drones keep their cyclic order, and the structure's
-  phase is the one that lies nearest (least squares) to the angles of all of them. Every drone computes the same structure
-  from the same poses and flies to its own slot. It follows the movement of the centre by feed-forward.
+  angle. The law has no equilibrium: at uniform spacing the bias still points away from whichever neighbour happens to be nearer,
+  so the spacing chatters around 2 pi / N by the tracker's response to a step of beta between two replans.
+- ``smooth``: a virtual structure. N slots, 2 pi / N apart, rotate at v/r; drones keep their cyclic order, and the phase of the
+  structure is the least-squares fit to the angles of all drones. Every drone computes the same structure from the same poses
+  and flies to its own slot. The movement of the centre enters by feed-forward.
 """
 
 from __future__ import annotations
@@ -17,22 +17,24 @@ from math import atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 
-from agent.config import EncirclementConfig, LimitsConfig
-from agent.motion.reference import Array, PeerState, Reference, Vector3
+from agent.config.mission import EncirclementConfig, LimitsConfig
+from agent.geometry import Array, Vector3
+from agent.motion.reference import PeerState, Reference
 
-_LOOKAHEAD_S = 0.5  # angles are compared this far ahead: a drone near the centre has no angle, but it has a direction
-_CLOSING_SHARE = 0.5  # of the acceleration limit that closing in may use; the rest is for the turn and for corrections
-_AT_SLOT_M = 0.01  # nearer than this there is no way to lead
-_SPEED_SHARE = 0.85  # of the speed limit that closing in and circling may use together
+# angles are compared this far ahead: a drone near the centre has a direction of motion, but no meaningful angle
+_LOOKAHEAD_S = 0.5
+_CLOSING_SHARE = 0.5  # share of the acceleration limit for closing in; the rest is for the turn and for corrections
+_AT_SLOT_M = 0.01  # offsets below this are not led
+_SPEED_SHARE = 0.85  # share of the speed limit for closing in and circling together
 
 
 def wrapped(angle: float) -> float:
-    """The same angle in [-pi, pi)."""
+    """The angle wrapped to [-pi, pi)."""
     return (angle + pi) % (2.0 * pi) - pi
 
 
 def minimum_radius(drones: int, separation_m: float) -> float:
-    """Smallest circle on which so many evenly spaced drones are ``separation_m`` apart: d / (2 sin(pi / N))."""
+    """Radius of the smallest circle on which evenly spaced drones are ``separation_m`` apart: d / (2 sin(pi / N))."""
     return 0.0 if drones < 2 else separation_m / (2.0 * sin(pi / drones))
 
 
@@ -40,13 +42,13 @@ class Encirclement:
     """Reference trajectories on the circle around a centre, counter-clockwise."""
 
     def __init__(self, config: EncirclementConfig, limits: LimitsConfig, margin_m: float = 2.5) -> None:
-        """``margin_m``: what neighbours on the smallest circle keep beyond ``limits.separation_m``."""
+        """``margin_m``: distance between neighbours on the smallest circle, beyond ``limits.separation_m``."""
         self._config = config
         self._limits = limits
         self._spacing_m = limits.separation_m + margin_m
         self._times: Array = config.step_s * np.arange(config.steps + 1, dtype=np.float64)
         self._height_m = config.height_m
-        self._radius = 0.0  # of the circle along which the terms below go
+        self._radius = 0.0  # radius that the terms below were computed for
         self._terms: Array = np.ones((len(self._times), 4))  # (K + 1, 4): cosine and sine of the angle flown, time, 1
         self._terms[:, 2] = self._times
 
@@ -64,10 +66,14 @@ class Encirclement:
     ) -> Reference:
         """The arc to fly now, by the configured law.
 
-        ``me`` is best the tracker's own state, ``others`` the states in the peers' plans (poses serve too); stale peers must
-        not be passed. ``center``: hypothesis; its z is the ground, and the flight is at z + height_m. ``radius_m``, ``height_m``:
-        instead of the configured ones. The radius is never below what the separation of all drones needs, who keep away from
-        each other by ``doubt_m`` more for not knowing quite where they are.
+        Args:
+            me: this drone; preferably the tracker's own state.
+            others: the other drones; preferably the states in their plans (poses work too), without stale ones.
+            my_id: breaks ties between drones at the same angle.
+            center: the hypothesis; its z is the ground, and the flight is at z + height_m.
+            center_velocity: of the hypothesis, m/s.
+            radius_m, height_m: override the configured ones. The radius is never below what the separation of all drones needs.
+            doubt_m: added to that separation, for position errors and deviations from the plans.
         """
         radius = max(radius_m or self._config.radius_m, minimum_radius(len(others) + 1, self._spacing_m + doubt_m))
         self._height_m = height_m or self._config.height_m
@@ -77,10 +83,10 @@ class Encirclement:
         return self._approach(me, self._arc(_angle(me, center, 0.0) + offset, radius, center, center_velocity))
 
     def _paper(self, me: PeerState, others: Mapping[str, PeerState], center: Vector3, radius: float) -> Reference:
-        """Sec. V-C: t[k] = (r, phi + beta_i + k (v/r) dT), beta_i = -sgn(theta_i) beta; alone: no bias.
+        """Sec. V-C: t[k] = (r, phi + beta_i + k (v/r) dT), beta_i = -sgn(theta_i) beta; no bias for a single drone.
 
-        theta_i: signed angle from this drone to its nearest neighbour by central angle. The paper prints k r v dT; an angle
-        per time of a speed v on the radius r is v/r.
+        theta_i: signed angle from this drone to its nearest neighbour by central angle. The paper prints k r v dT; the angular
+        rate of a speed v on the radius r is v/r.
         """
         phi = _angle(me, center, 0.0)
         theta = min((wrapped(_angle(other, center, 0.0) - phi) for _, other in sorted(others.items())), key=abs, default=0.0)
@@ -90,25 +96,25 @@ class Encirclement:
     def _offset_from_slot(
         self, me: PeerState, others: Mapping[str, PeerState], my_id: str, center: Vector3, center_velocity: Vector3
     ) -> float:
-        """Angle from this drone to its slot. Of two drones at the same angle, the smaller id comes first."""
+        """Angle (rad) from this drone to its slot. Of two drones at the same angle, the smaller id comes first."""
         mine = _angle(me, center, _LOOKAHEAD_S, center_velocity)
-        ahead = []  # the others' angles from mine, in [0, 2 pi]: their order from here on around the circle
+        ahead = []  # angles from this drone to the others, in [0, 2 pi]: their order around the circle
         for name, other in others.items():
             gap = (_angle(other, center, _LOOKAHEAD_S, center_velocity) - mine) % (2.0 * pi)
             ahead.append((2.0 * pi if gap == 0.0 and name < my_id else gap, name))
         ahead.sort()
-        # Mean over all drones of (angle - rank 2 pi / N), my own rank and angle being 0: the phase that fits them best.
+        # Least-squares phase: the mean over all drones of (angle - rank 2 pi / N); this drone has rank and angle 0.
         count = len(ahead) + 1
         return sum(gap - 2.0 * pi * rank / count for rank, (gap, _) in enumerate(ahead, start=1)) / count
 
     def _arc(self, angle: float, radius: float, center: Vector3, center_velocity: Vector3) -> Reference:
-        """The arc that begins at this angle now; the centre moves on at its velocity."""
+        """The arc that begins at this angle now, around a centre that moves on at its velocity."""
         speed = self._config.speed_mps
         if radius != self._radius:
             self._radius, angles = radius, (speed / radius) * self._times
             self._terms[:, 0], self._terms[:, 1] = np.cos(angles), np.sin(angles)
         (x, y, z), (u, v, _), c, s = center, center_velocity, cos(angle), sin(angle)
-        states = self._terms @ np.array(  # positions and velocities, by the angle from the first one, time, and 1
+        states = self._terms @ np.array(  # positions and velocities, linear in the four terms
             (
                 (radius * c, radius * s, 0.0, -speed * s, speed * c, 0.0),
                 (-radius * s, radius * c, 0.0, -speed * c, -speed * s, 0.0),
@@ -119,9 +125,10 @@ class Encirclement:
         return Reference(states[:, :3], states[:, 3:], self._config.step_s)
 
     def _approach(self, me: PeerState, slot: Reference) -> Reference:
-        """Lead from where the drone is to its moving slot: the offset shrinks straight and as fast as the limits allow.
+        """Lead from the drone's position to its moving slot: the offset shrinks along a straight line as fast as the limits
+        allow.
 
-        Closing speed over the remaining offset s: min(v_c, sqrt(2 a_c s)), the way of a vehicle that brakes in time.
+        Closing speed over the remaining offset s: min(v_c, sqrt(2 a_c s)), the profile of a vehicle that brakes in time.
         """
         dx, dy, dz = (a - b for a, b in zip(me.position, slot.positions[0].tolist(), strict=True))
         vx, vy, _ = slot.velocities[0].tolist()
@@ -129,7 +136,7 @@ class Encirclement:
         offset = hypot(dx, dy)
         if offset > _AT_SLOT_M:
             dx, dy = dx / offset, dy / offset
-            cap, recede = _SPEED_SHARE * limits.speed_mps, vx * dx + vy * dy  # closing in uses up the speed that there is
+            cap, recede = _SPEED_SHARE * limits.speed_mps, vx * dx + vy * dy  # closing in uses the speed that circling leaves
             closing = max(0.5, recede + sqrt(max(0.0, cap * cap - vx * vx - vy * vy + recede * recede)))
             remaining, speed = _stopping_profile(offset, closing, _CLOSING_SHARE * limits.acceleration_mps2, self._times)
             slot.positions[:, 0] += dx * remaining
@@ -144,7 +151,7 @@ class Encirclement:
 
 
 def _angle(drone: PeerState, center: Vector3, ahead_s: float, center_velocity: Vector3 = (0.0, 0.0, 0.0)) -> float:
-    """Central angle of a drone ``ahead_s`` from now."""
+    """Central angle (rad) of a drone ``ahead_s`` from now."""
     time = drone.age_s + ahead_s
     return atan2(
         drone.position[1] + drone.velocity[1] * time - center[1] - center_velocity[1] * ahead_s,
@@ -153,12 +160,14 @@ def _angle(drone: PeerState, center: Vector3, ahead_s: float, center_velocity: V
 
 
 def _stopping_profile(distance: float, speed: float, deceleration: float, times: Array) -> tuple[Array, Array]:
-    """Remaining distance and speed (K + 1,) of going ``distance`` at ``speed``, braking with ``deceleration`` to stand there."""
+    """Remaining distance and speed (K + 1,) for a motion over ``distance`` at ``speed`` that brakes with ``deceleration`` to a
+    stop.
+    """
     braking = speed * speed / (2.0 * deceleration)
     cruise = max(0.0, (distance - braking) / speed)
     start = sqrt(min(distance, braking))
     slope = sqrt(0.5 * deceleration)
-    if cruise == 0.0:  # near enough to brake from the beginning, as mostly
+    if cruise == 0.0:  # close enough to brake from the beginning: the usual case
         root = np.maximum(0.0, start - slope * times)
         return root * root, (2.0 * slope) * root
     root = np.maximum(0.0, start - slope * np.maximum(0.0, times - cruise))

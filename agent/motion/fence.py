@@ -1,4 +1,4 @@
-"""The fence: where a drone may fly. A simple polygon, convex or not, with floor and ceiling."""
+"""The geofence of a drone: a simple polygon, convex or not, with floor and ceiling."""
 
 from __future__ import annotations
 
@@ -8,28 +8,31 @@ from math import hypot
 import numpy as np
 import shapely
 
-from agent.config import AreaConfig
+from agent.config.mission import AreaConfig
 from agent.errors import ConfigError
-from agent.motion.reference import Array
+from agent.geometry import Array
 
-_PIECES = 12  # half-planes of a local convex piece at most
-_SIMPLIFY_M = 0.5  # the buffered outline may cut its round corners by this much
+_PIECES = 12  # most half-planes of a local convex piece
+_SIMPLIFY_M = 0.5  # tolerance of the buffered outline at its round corners
 
 
 class Fence:
-    """A polygon in the planning frame, and heights in between.
+    """A polygon in the planning frame with a range of heights, metres.
 
-    The tracker needs convex constraints: ``half_planes`` gives a convex piece of the polygon around a place. For a convex polygon
-    that is all of it.
+    The tracker needs convex constraints: ``half_planes`` gives a convex piece of the polygon around a position; of a convex
+    polygon, all of it.
     """
 
     def __init__(self, outline: shapely.Polygon, floor_m: float, ceiling_m: float) -> None:
-        """``outline``: valid, without holes (holes are ignored). Raises ConfigError where nothing would be left."""
+        """``outline``: valid, without holes (holes are ignored). Raises ConfigError if it is empty or crosses itself."""
         if not outline.is_valid or outline.area <= 0.0:
             raise ConfigError("fence: the outline is not a simple polygon; check area.polygon_m")
         if floor_m >= ceiling_m:
             raise ConfigError(f"fence: floor_m = {floor_m:g} must be below ceiling_m = {ceiling_m:g}")
         self.outline = shapely.Polygon(outline.exterior)
+        self._boundary = self.outline.exterior
+        shapely.prepare(self.outline)
+        shapely.prepare(self._boundary)
         self.floor_m, self.ceiling_m = floor_m, ceiling_m
         corners = np.asarray(self.outline.exterior.normalize().coords)[:-1]
         if not self.outline.exterior.normalize().is_ccw:
@@ -46,29 +49,28 @@ class Fence:
     def from_area(
         cls, area: AreaConfig, points: Sequence[tuple[float, float]] | Array | None = None, ground_m: float = 0.0
     ) -> Fence:
-        """The area and its margin around. ``points``: its corners in the planning frame (as configured: the mission frame);
-        ``ground_m``: height of the ground in that frame.
+        """The area widened by its margin.
+
+        Args:
+            area: of the mission.
+            points: its corners (N, 2) in the planning frame; None: as configured, in the mission frame.
+            ground_m: height of the ground in the planning frame.
         """
         polygon = shapely.Polygon(area.polygon_m if points is None else points)
         outline = polygon.buffer(area.fence_margin_m, quad_segs=4).simplify(_SIMPLIFY_M) if area.fence_margin_m > 0.0 else polygon
         return cls(outline, area.floor_m + ground_m, area.ceiling_m + ground_m)
 
-    def contains(self, x: float, y: float, z: float) -> bool:
-        """Whether a place is inside."""
-        return self.floor_m <= z <= self.ceiling_m and bool(shapely.contains_xy(self.outline, x, y))
-
     def clearance(self, x: float, y: float) -> float:
-        """Distance of a place inside from the boundary; below zero outside."""
-        place = np.array([x, y])
-        gap = self._nearest(place, self._starts, self._starts + self._edges) - place
-        distance = float(np.hypot(gap[:, 0], gap[:, 1]).min())
+        """Horizontal distance (m) of a place from the boundary: positive inside, negative outside."""
+        distance = float(self._boundary.distance(shapely.Point(x, y)))
         return distance if shapely.contains_xy(self.outline, x, y) else -distance
 
     def half_planes(self, x: float, y: float) -> tuple[Array, Array]:
-        """Convex piece of the polygon around (x, y): normals (M, 2) pointing inward and offsets (M,), inside where n . p >= b.
+        """Convex piece of the polygon around (x, y): inward normals (M, 2) and offsets (M,); inside is where n . p >= b.
 
-        Non-convex: the boundary nearest to the place gives a half-plane; what of the boundary lies behind it is done with; and so
-        on. From outside, the piece begins at the nearest place inside.
+        In a non-convex polygon the nearest point of the boundary gives the first half-plane; the boundary behind it is cut off,
+        and the rest gives the next one in the same way. For a place outside, the only half-plane is at the nearest boundary.
+        The clipping is written by hand: with shapely's intersections a piece of an L-shaped fence takes 2.1 times as long.
         """
         if self._planes is not None:
             return self._planes
@@ -78,7 +80,7 @@ class Fence:
         normals, offsets = [], []
         starts, ends = self._starts, self._starts + self._edges
         for _ in range(_PIECES):
-            near = self._nearest(place, starts, ends)
+            near = _nearest(place, starts, ends)
             gaps = np.hypot(near[:, 0] - x, near[:, 1] - y)
             first = int(gaps.argmin())
             normal = (place - near[first]) / max(float(gaps[first]), 1e-9)
@@ -91,22 +93,21 @@ class Fence:
         return np.array(normals), np.array(offsets)
 
     def _way_in(self, place: Array) -> tuple[Array, Array]:
-        near = self._nearest(place, self._starts, self._starts + self._edges)
-        nearest = near[int(np.hypot(*(near - place).T).argmin())]
+        nearest = shapely.get_coordinates(shapely.shortest_line(self._boundary, shapely.Point(place)))[0]
         inward = (nearest - place) / max(hypot(*(nearest - place)), 1e-9)
         return inward[None, :], np.array([float(inward @ nearest)])
 
-    @staticmethod
-    def _nearest(place: Array, starts: Array, ends: Array) -> Array:
-        """Nearest points (E, 2) of the edges to a place."""
-        edges = ends - starts
-        along = np.einsum("ij,ij->i", place - starts, edges) / np.maximum(np.einsum("ij,ij->i", edges, edges), 1e-12)
-        points: Array = starts + np.clip(along, 0.0, 1.0)[:, None] * edges
-        return points
+
+def _nearest(place: Array, starts: Array, ends: Array) -> Array:
+    """Points (E, 2) of the edges that are nearest to a place (2,)."""
+    edges = ends - starts
+    along = np.einsum("ij,ij->i", place - starts, edges) / np.maximum(np.einsum("ij,ij->i", edges, edges), 1e-12)
+    points: Array = starts + np.clip(along, 0.0, 1.0)[:, None] * edges
+    return points
 
 
 def _in_front(starts: Array, ends: Array, normal: Array, offset: float) -> tuple[Array, Array]:
-    """What of the edges lies in n . p > b, clipped."""
+    """The parts (starts, ends) of the edges that lie in n . p > b."""
     first, last = starts @ normal - offset, ends @ normal - offset
     keep = np.maximum(first, last) > 1e-6
     starts, ends, first, last = starts[keep], ends[keep], first[keep], last[keep]

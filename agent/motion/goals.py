@@ -6,15 +6,16 @@ from math import hypot
 
 import numpy as np
 
-from agent.config import LimitsConfig
+from agent.config.mission import LimitsConfig
+from agent.geometry import Array
 from agent.motion.fence import Fence
-from agent.motion.reference import Array, Reference
+from agent.motion.reference import Reference
 
 Piece = tuple[Array, Array]  # half-planes n . p >= b: normals (M, 2), offsets (M,)
 
-_FENCE_INSIDE_M = 1.5  # plans stay this far inside the fence, for what the vehicle deviates from them
+_FENCE_INSIDE_M = 1.5  # margin of plans to the fence, for the vehicle's deviation from them
 _HEIGHT_INSIDE_M = 0.5
-_REACH_S = 0.5  # goals may be this much further ahead than full speed could lead
+_REACH_S = 0.5  # goals may be this much further ahead than full speed allows
 
 
 class Goals:
@@ -23,21 +24,22 @@ class Goals:
     def __init__(self, limits: LimitsConfig, fence: Fence, step_s: float, horizon: int) -> None:
         self._fence, self._step_s, self._horizon = fence, step_s, horizon
         self._low, self._high = fence.floor_m + _HEIGHT_INSIDE_M, fence.ceiling_m - _HEIGHT_INSIDE_M
-        self._known = (0.0, 0.0, 0.0)  # a place, and how far the fence is from it
+        self._known = (0.0, 0.0, 0.0)  # a position, and its clearance from the fence
         self._times: Array = step_s * np.arange(1, horizon + 1, dtype=np.float64)
         self._speed, self._climb = limits.speed_mps, limits.climb_mps
         self._reach: Array = self._times + _REACH_S  # seconds
-        flat = 0.5**0.5 * self._speed * self._reach  # within these boxes, everything is within reach
+        flat = 0.5**0.5 * self._speed * self._reach  # inside these boxes, every goal is within reach
         self._boxes: Array = np.column_stack((flat, flat, self._climb * self._reach))
 
     def inside(self, x: float, y: float) -> Piece:
-        """Convex piece of the fence around a place, less what plans keep from it."""
+        """Convex piece of the fence around a position, shrunk by the margin that plans keep."""
         normals, offsets = self._fence.half_planes(x, y)
         return normals, offsets + _FENCE_INSIDE_M
 
     def surely_inside(self, x: float, y: float, radius_m: float) -> bool:
-        """Whether all within this radius is inside. The distance from the fence is looked up only where one seen before is not
-        enough: it changes by no more than the way flown since."""
+        """Whether the circle of this radius lies inside the fence. The fence is queried only where the last known clearance does
+        not decide: it changes by at most the distance flown since.
+        """
         known_x, known_y, known_m = self._known
         way = hypot(x - known_x, y - known_y)
         if known_m - way > radius_m:
@@ -49,9 +51,9 @@ class Goals:
         return distance > radius_m
 
     def of(self, reference: Reference, start: Array, height: float) -> Array:
-        """(2 + 2 H, 3): velocity and acceleration at the start (3, 3), goal positions relative to it, goal velocities.
+        """Goals (2 + 2 H, 3): velocity and acceleration at the start (3, 3), goal positions relative to it, goal velocities.
 
-        ``height``: z of the start as the reference's and the fence's z count: above the ground where that is not even.
+        ``height``: z of the start in the height reference of goals and fence: above the ground where that is not level.
         """
         horizon = self._horizon
         wanted = np.empty((2 + 2 * horizon, 3))
@@ -80,13 +82,13 @@ class Goals:
             positions[:], velocities[:] = reference.positions[1 : horizon + 1], reference.velocities[1 : horizon + 1]
             return
         known = np.arange(count + 1) * reference.step_s
-        after = np.maximum(0.0, self._times - known[-1])  # beyond its end the reference goes straight on
+        after = np.maximum(0.0, self._times - known[-1])  # the reference continues straight beyond its end
         for axis in range(3):
             velocities[:, axis] = np.interp(self._times, known, reference.velocities[:, axis])
             positions[:, axis] = np.interp(self._times, known, reference.positions[:, axis]) + after * velocities[:, axis]
 
     def _bring_within_reach(self, offsets: Array, velocities: Array) -> None:
-        """Move goals to where full speed could lead: further ones would only cost the solver accuracy."""
+        """Limit goals to the distance that full speed allows: goals further away would only cost the solver accuracy."""
         most = np.abs(offsets).max(axis=0).tolist()
         if max(most[0], most[1]) > self._speed * self._reach[0]:
             reach = self._speed * self._reach
@@ -104,7 +106,7 @@ class Goals:
 
 
 def _bring_inside(positions: Array, velocities: Array, inside: Piece) -> None:
-    """Move goals (H, 2) beyond the fence onto it: they would press against it."""
+    """Move goals (H, 2) that lie beyond the fence onto its boundary."""
     normals, offsets = inside
     outside = positions @ normals.T < offsets
     if outside.any():

@@ -1,8 +1,8 @@
-"""Where to measure next while the source is searched for: the waypoint that promises to teach most on the way and there.
+"""Informative search: the waypoint from which the expected information gain, on the way and there, is largest.
 
-How much a count of T seconds teaches of where a source is: 4 T Var(sqrt(lambda)) over what is held possible, lambda being the
-expected rate (the square root of a Poisson count has a variance of 1/4, whatever the rate). Where all that is held possible would
-count alike there is nothing to learn: far away, or where a source has been excluded.
+The information that a count over T seconds gives about the position of a source is 4 T Var(sqrt(lambda)) over the possible
+positions, with the expected rate lambda (the square root of a Poisson count has a variance of 1/4, whatever the rate). It is zero
+where all possible positions give the same rate: far away, or where a source has been excluded.
 """
 
 from __future__ import annotations
@@ -16,28 +16,27 @@ from msgspec import Struct
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from agent.motion.reference import Array
+from agent.geometry import Array, Point2
 
-Point2 = tuple[float, float]
 Indices = NDArray[np.intp]
 
-# Rough figures are enough to plan with: one camera's hits per second at 1 m from 1 Bq, those without any source, and attenuation
+# Approximate values suffice for planning: hits per second of one camera at 1 m from 1 Bq, the background rate, and attenuation
 # in air (of Cs-137 at 662 keV: 15.8 mm2 x 0.851 / 4 pi, 1.5 hits/s, 0.00934 per m).
 HITS_PER_BQ = 1.07e-6
 BACKGROUND_PS = 1.5
 _AIR_PER_M = 0.00934
-_BLOCKS = 300  # that a belief is pooled into, more where they would become too large
-_NODES = 200  # of the lattice of waypoints, likewise
-_COARSEST_M = 12.0  # of both; a weak source shows within about as much
-LARGEST_M2 = 90_000.0  # of the rectangle around an area, for the work to stay within a few ms
-_SAMPLES = 12  # of what is learnt on the way to a waypoint
-_HORIZON_S = 15.0  # for so long it is looked at what is learnt
-_STAY = 0.5  # staying at a place teaches less and less
-_LEFT = 0.2  # weight of what is left to the others
+_BLOCKS = 300  # blocks that a belief is pooled into; more where they would become too large
+_NODES = 200  # nodes of the waypoint lattice; more likewise
+_COARSEST_M = 12.0  # largest spacing of both: about the distance at which a weak source shows
+LARGEST_M2 = 90_000.0  # largest bounding box of an area: limits the computation to a few ms
+_SAMPLES = 12  # points at which the rate is evaluated on the way to a waypoint
+_HORIZON_S = 15.0  # time over which information is counted
+_STAY = 0.5  # weight of time spent at the waypoint: staying gives diminishing returns
+_LEFT = 0.2  # weight of positions that are left to the other drones
 
 
 class Belief(Struct, frozen=True):
-    """Where a source may be. places (C, 2) metres, a regular grid; weight (C,), adding up to 1 - none; activity_bq (C,)."""
+    """Where a source may be. places: (C, 2) m, a regular grid; weight: (C,), summing to 1 - none; activity_bq: (C,)."""
 
     places: Array
     weight: Array
@@ -46,10 +45,10 @@ class Belief(Struct, frozen=True):
 
 
 class Waypoints:
-    """Chooses waypoints inside one area, whose bounds enclose no more than LARGEST_M2."""
+    """Chooses waypoints inside one area, whose bounding box is at most LARGEST_M2."""
 
     def __init__(self, area: Polygon, height_m: float, speed_mps: float, acceleration_mps2: float) -> None:
-        """``height_m``: above the ground, where the source lies. Speed and acceleration are those flown with."""
+        """``height_m``: above the ground, on which the source lies. Speed and acceleration are those flown with."""
         self._height_m, self._speed_mps, self._turn_mps2 = height_m, speed_mps, acceleration_mps2
         west, south, east, north = area.bounds
         pitch_m = min(max(sqrt((east - west) * (north - south) / _NODES), 2.0), _COARSEST_M)
@@ -60,13 +59,13 @@ class Waypoints:
         x, y = np.meshgrid(west + self._pitch[0] * (np.arange(columns) + 0.5), south + self._pitch[1] * (np.arange(rows) + 0.5))
         self._nodes: Array = np.column_stack((x.ravel(), y.ravel()))  # (W, 2)
         inside = shapely.contains_xy(area, self._nodes[:, 0], self._nodes[:, 1])
-        if not inside.any():  # a sliver of an area
+        if not inside.any():  # the area is a sliver between the nodes
             middle = area.representative_point()
             self._candidates: Array = np.array([[middle.x, middle.y]])
         else:
             self._candidates = self._nodes[inside]
-        self._places: Array | None = None  # of the belief that the following are for
-        self._blocks: Indices = np.empty(0, np.intp)  # (C,) which block a place belongs to
+        self._places: Array | None = None  # the grid that the following were computed for
+        self._blocks: Indices = np.empty(0, np.intp)  # (C,) block of each grid position
         self._centres: Array = np.empty((0, 2))
         self._gain: Array = np.empty((0, 0))  # (W, blocks) hits per second and Bq
 
@@ -75,11 +74,11 @@ class Waypoints:
 
         Args:
             belief: where a source may be.
-            position: this drone's; the frame of the area.
+            position: this drone's; frame of the area.
             velocity: this drone's.
-            others: where those are with whom the search is shared; what is nearer to them is mostly left to them.
+            others: positions of the drones that share the search; what is nearer to them is mostly left to them.
         """
-        rates = self._teaching(*self._pooled(belief), position, others)
+        rates = self._information_rate(*self._pooled(belief), position, others)
         away = self._candidates - position
         distance = np.hypot(away[:, 0], away[:, 1])
         ahead = away / np.maximum(distance, 1e-6)[:, None]
@@ -93,16 +92,16 @@ class Waypoints:
         return x, y
 
     def _pooled(self, belief: Belief) -> tuple[Array, Array, float]:
-        """Weights (B,) and activities (B,) of the belief in blocks, and the weight of no source."""
+        """Weights (B,) and activities (B,) of the belief by block, and the weight of no source."""
         if self._places is None or not np.array_equal(belief.places, self._places):
-            self._lay_out(belief.places)
+            self._make_blocks(belief.places)
         self._places = belief.places
         count = len(self._centres)
         weight = np.bincount(self._blocks, belief.weight, count).astype(np.float64)
         activity = np.bincount(self._blocks, belief.weight * belief.activity_bq, count) / np.maximum(weight, 1e-300)
         return weight, activity, belief.none
 
-    def _lay_out(self, places: Array) -> None:
+    def _make_blocks(self, places: Array) -> None:
         low, high = places.min(axis=0), places.max(axis=0)
         block_m = min(max(sqrt(max(float(np.prod(high - low)), 1.0) / _BLOCKS), 1.0), _COARSEST_M)
         sides = np.maximum(high - low, 1e-6)
@@ -115,8 +114,8 @@ class Waypoints:
         squared = np.einsum("wbx,wbx->wb", apart, apart) + self._height_m**2 + block_m**2 / 6.0
         self._gain = HITS_PER_BQ * np.exp(-_AIR_PER_M * np.sqrt(squared)) / squared
 
-    def _teaching(self, weight: Array, activity: Array, none: float, position: Point2, others: Sequence[Point2]) -> Array:
-        """4 Var(sqrt(lambda)) (W,) for counts at each node, per second."""
+    def _information_rate(self, weight: Array, activity: Array, none: float, position: Point2, others: Sequence[Point2]) -> Array:
+        """Information rate 4 Var(sqrt(lambda)) (W,) of counts at each node, per second."""
         if others:
             mine = np.hypot(*(self._centres - position).T)
             nearest = np.min([np.hypot(*(self._centres - other).T) for other in others], axis=0)
@@ -130,7 +129,7 @@ class Waypoints:
         return found
 
     def _node_at(self, points: Array) -> Indices:
-        """Numbers (...) of the nodes nearest to points (..., 2)."""
+        """Indices (...) of the nodes nearest to points (..., 2)."""
         columns = np.clip(((points[..., 0] - self._corner[0]) / self._pitch[0]).astype(np.intp), 0, self._shape[1] - 1)
         rows = np.clip(((points[..., 1] - self._corner[1]) / self._pitch[1]).astype(np.intp), 0, self._shape[0] - 1)
         numbers: Indices = rows * self._shape[1] + columns

@@ -1,8 +1,8 @@
-"""Lanes that cover one connected piece of an area: everything lies within half the spacing of some lane.
+"""Lanes that cover one connected piece of an area: every point is within half the lane spacing of some lane.
 
 The piece is cut into slabs, and each slab into cells in which its cross-section is one interval. The lane of a cell runs along
-the slab's middle and, where the piece does not reach the middle, along its edge; so every point of a cross-section is within
-half a slab of the lane. Cells that continue each other give one lane.
+the middle of the slab or, where the piece does not reach the middle, along its edge; so every point of a cross-section is within
+half a slab of the lane. Adjoining cells share one lane.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _EPS_M = 1e-6
 
 @dataclass(slots=True)
 class _OpenLane:
-    """A lane while the scan goes along the slab. ``low``, ``high``: the cross-section at its right end."""
+    """A lane during the scan along the slab. ``low``, ``high``: the cross-section at its right end."""
 
     low: float
     high: float
@@ -33,10 +33,10 @@ def lanes(piece: Polygon, spacing_m: float) -> list[NDArray[np.float64]]:
 
     Args:
         piece: connected area, metres.
-        spacing_m: largest distance between lanes; they are spread evenly.
+        spacing_m: largest distance between lanes; they are evenly spaced.
 
     Returns:
-        Polylines (P, 2) within ``piece``, slab by slab; P = 1 where a corner needs no more than a visit.
+        Polylines (P, 2) within ``piece``, slab by slab; P = 1 where a corner needs only a visit.
     """
     along = _lane_direction(piece, spacing_m)
     rotation = np.array([along, (-along[1], along[0])])  # rows: along the lanes, across them
@@ -54,9 +54,9 @@ def lanes(piece: Polygon, spacing_m: float) -> list[NDArray[np.float64]]:
 
 
 def _lane_direction(piece: Polygon, spacing_m: float) -> NDArray[np.float64]:
-    """Unit vector (2,) along the edge of the piece across which it is narrowest; nearest to x among equals.
+    """Unit vector (2,) along the edge across which the piece is narrowest; of equals, the one nearest to x.
 
-    Edges shorter than the spacing have a say only where there is no longer one: they round off what a drone has covered.
+    Edges shorter than the spacing count only where there is no longer one: they approximate the rounded ends of covered swaths.
     """
     corners = shapely.get_coordinates(piece.exterior)
     steps = np.diff(corners, axis=0)
@@ -91,7 +91,7 @@ def _lanes_of_slab(cell: Polygon, middle: float) -> list[NDArray[np.float64]]:
 
 
 def _edges(cell: Polygon) -> NDArray[np.float64]:
-    """All edges but the upright ones as (M, 2, 2), each from left to right."""
+    """All edges except vertical ones as (M, 2, 2), each from left to right."""
     rings = [shapely.get_coordinates(ring) for ring in (cell.exterior, *cell.interiors)]
     segments = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings])
     segments = segments[np.abs(segments[:, 1, 0] - segments[:, 0, 0]) > _EPS_M]
@@ -111,7 +111,7 @@ _Section = tuple[tuple[float, float], tuple[float, float]]  # lower edge at star
 
 
 def _sections(segments: NDArray[np.float64], start: float, end: float) -> list[_Section]:
-    """The intervals of the cross-section between two neighbouring stops, from the lowest up."""
+    """The intervals of the cross-section between two neighbouring stops, in ascending order."""
     half = 0.5 * (start + end)
     spanning = segments[(segments[:, 0, 0] <= half) & (segments[:, 1, 0] > half)]
     x = np.clip(np.array([[start, half, end]]), spanning[:, 0, :1], spanning[:, 1, :1])
@@ -122,7 +122,7 @@ def _sections(segments: NDArray[np.float64], start: float, end: float) -> list[_
 
 
 def _follow(lane: _OpenLane, sections: list[_Section], open_lanes: list[_OpenLane]) -> int | None:
-    """Number of the section that goes on where a lane ends; None where it ends, splits or merges with another."""
+    """Index of the section that continues a lane; None where the lane ends, splits or merges with another."""
     meeting = [number for number, section in enumerate(sections) if _meets(lane, section)]
     if len(meeting) != 1 or sum(_meets(other, sections[meeting[0]]) for other in open_lanes) != 1:
         return None
@@ -136,7 +136,7 @@ def _meets(lane: _OpenLane, section: _Section) -> bool:
 def _along(
     start: float, end: float, low: tuple[float, float], high: tuple[float, float], middle: float
 ) -> list[tuple[float, float]]:
-    """Points of the middle line between two stops, held inside the section."""
+    """Points of the middle line between two stops, clamped to the section."""
     fractions = [0.0, 1.0]
     for first, last in (low, high):
         if (first - middle) * (last - middle) < 0.0:
@@ -151,7 +151,7 @@ def _along(
 
 
 def _thinned(points: list[tuple[float, float]]) -> NDArray[np.float64]:
-    """The polyline without repeated points and points on a straight line."""
+    """The polyline without repeated and collinear points."""
     line: NDArray[np.float64] = np.array(points)
     far = np.concatenate([[True], np.abs(np.diff(line, axis=0)).max(axis=1) > _EPS_M])
     line = line[far]

@@ -1,4 +1,4 @@
-"""Where the centre of the circle is now: the hypothesis carried on by its velocity, within what a wrong one may do."""
+"""The centre of the circle now: the hypothesis extrapolated by its velocity, with limits on the effect of a wrong one."""
 
 from __future__ import annotations
 
@@ -8,39 +8,40 @@ import shapely
 from shapely import Point, Polygon
 from shapely.ops import nearest_points
 
-from agent.config import AreaConfig
+from agent.config.mission import AreaConfig
+from agent.geometry import Point2
 
-Point2 = tuple[float, float]
-
-_LONGEST_S = 1.0  # an older hypothesis is not carried on further
-_SMOOTHING_S = 0.7  # time constant of the velocity: what jumps with each measurement drives the circle about
-_CORRECTION_S = 0.5  # time constant of the place where it is not as expected
-_CORRECTION_MPS = 4.0  # at most: neighbours who all turn at once at full speed come too near to each other
-_SURELY = 0.999  # of a distance from the outline: no rounding makes that too much
-_FORGET_S = 2.0  # after so long without a look what was smoothed is worth nothing
+_LONGEST_S = 1.0  # longest extrapolation of a hypothesis
+_SMOOTHING_S = 0.7  # time constant of the velocity: without smoothing, every update would shake the circle
+_CORRECTION_S = 0.5  # time constant of position corrections
+_CORRECTION_MPS = 4.0  # speed limit of corrections: neighbours that turn at full speed all at once come too close to each other
+_SURELY = 0.999  # factor on clearances that absorbs rounding
+_FORGET_S = 2.0  # smoothed values older than this are discarded
 
 
 class Leading:
-    """Leads the source of one drone's circle. Mission frame."""
+    """Extrapolates the source for one drone's circle. Mission frame."""
 
     def __init__(self, area: AreaConfig, most_mps: float, room_m: float) -> None:
-        """``most_mps``: a source is taken as no faster. ``room_m``: what the circle needs around its centre inside the fence."""
+        """``most_mps``: greatest speed assumed for a source. ``room_m``: clearance that the circle needs around its centre inside
+        the fence.
+        """
         self._most_mps = max(0.0, most_mps)
         self._within = Polygon(area.polygon_m).buffer(max(0.0, area.fence_margin_m - room_m))
         shapely.prepare(self._within)
-        self._clear = (0.0, 0.0, 0.0)  # a place inside, and how far its surroundings are inside too
+        self._clear = (0.0, 0.0, 0.0)  # a position inside, and its clearance
         self._velocity = (0.0, 0.0)
         self._place: Point2 | None = None
         self._known_ns = 0
 
     def centre(self, now_ns: int, stamp_ns: int, place: Point2, velocity: Point2) -> tuple[Point2, Point2]:
-        """Place and velocity of the centre now.
+        """Position and velocity of the centre now.
 
         Args:
             now_ns: UTC.
             stamp_ns: of the hypothesis.
-            place: where the source was then.
-            velocity: of the source.
+            place: position of the source at that time, m.
+            velocity: of the source, m/s.
         """
         if not isfinite(sum(place) + sum(velocity)):
             return self._place or (0.0, 0.0), (0.0, 0.0)
@@ -53,11 +54,11 @@ class Leading:
         x, y = self._place = self._moved((place[0] + lead_s * u, place[1] + lead_s * v), elapsed_s)
         if self._inside(x, y):
             return (x, y), (u, v)
-        nearest, _ = nearest_points(self._within, Point(x, y))  # a circle out there would lie beyond the fence
+        nearest, _ = nearest_points(self._within, Point(x, y))  # a circle further out would lie beyond the fence
         return (nearest.x, nearest.y), (0.0, 0.0)
 
     def _inside(self, x: float, y: float) -> bool:
-        """Whether the circle can be there. The outline is looked up only where that is not clear from a place known inside."""
+        """Whether the circle fits at a position. The outline is queried only where the last known clearance does not decide."""
         known_x, known_y, clear_m = self._clear
         if hypot(x - known_x, y - known_y) < clear_m:
             return True
@@ -73,7 +74,7 @@ class Leading:
         return keep * self._velocity[0] + new * velocity[0], keep * self._velocity[1] + new * velocity[1]
 
     def _moved(self, wanted: Point2, elapsed_s: float) -> Point2:
-        """From the last centre on with the velocity, and so much nearer to the one wanted as may be."""
+        """The last centre moved on by the velocity, and corrected towards ``wanted`` within the limit."""
         if self._place is None:
             return wanted
         (x, y), (u, v) = self._place, self._velocity

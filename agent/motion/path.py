@@ -1,4 +1,4 @@
-"""Following a survey path: how far a drone has come, and the reference over the horizon from there at constant speed."""
+"""Following a survey path: the progress of a drone along it, and the reference over the horizon at constant speed."""
 
 from __future__ import annotations
 
@@ -8,26 +8,30 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-_LEAD_IN_M = 2.0  # nearer to the path than this, the reference lies on the path itself
-_SHORTEST_M = 0.1  # a shorter path is a place to stay at, not a way to go back and forth on
-_REACH_M = 3.0  # more than a drone flies between two looks at its progress, less than the way to a lane nearby
+_LEAD_IN_M = 2.0  # closer to the path than this, the reference lies on the path
+_SHORTEST_M = 0.1  # a shorter path is a single point to stay at
+_REACH_M = 3.0  # more than a drone flies between two updates, less than the distance to a neighbouring lane
 
 
 class PathFollower:
-    """A polyline by its arc length. At the end the way leads back along it, and so on: arc lengths have no limit.
+    """A polyline by arc length. At its end the path reverses, and so on: arc lengths are unbounded.
 
-    Progress along it is the caller's to keep; nothing here changes after construction. Coordinates are horizontal, metres.
-    Corners are not rounded: that is the tracker's doing.
+    The caller keeps the progress; the object is immutable. Coordinates are horizontal, metres. Corners are not rounded: the
+    tracker does that.
     """
 
     def __init__(self, path: NDArray[np.float64]) -> None:
-        """``path``: (M, 2) with M >= 1; repeated points do no harm. One shorter than 0.1 m is its first point."""
+        """``path``: (M, 2) with M >= 1; repeated points are allowed. A path shorter than 0.1 m is reduced to its first point.
+
+        Raises:
+            ValueError: another shape.
+        """
         if path.ndim != 2 or path.shape[1] != 2 or len(path) == 0:
             raise ValueError(f"a path needs the shape (M, 2) with M >= 1, this one has {path.shape}")
         lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
         if lengths[-1] < _SHORTEST_M:
             path, lengths = path[:1], lengths[:1]
-        moved = np.concatenate([[True], np.diff(lengths) > 0.0])  # lanes that meet are apart by less than the sum resolves
+        moved = np.concatenate([[True], np.diff(lengths) > 0.0])  # adjoining lanes may be apart by less than the sum resolves
         self._points = path[moved]
         self._lengths = lengths[moved]
         self._x, self._y = np.ascontiguousarray(self._points[:, 0]), np.ascontiguousarray(self._points[:, 1])
@@ -41,7 +45,7 @@ class PathFollower:
 
     @property
     def length_m(self) -> float:
-        """Length of the path once through."""
+        """Length of the path, one way."""
         return self._starts[-1]
 
     def at(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -50,10 +54,10 @@ class PathFollower:
         return np.stack([np.interp(folded, self._lengths, self._x), np.interp(folded, self._lengths, self._y)], axis=1)
 
     def advance(self, s: float, position: Sequence[float], reach_m: float = _REACH_M) -> float:
-        """The progress of a drone at ``position`` that had come to ``s``.
+        """The progress of a drone at ``position`` whose progress was ``s``.
 
-        It is the nearest point of the path not behind s and at most ``reach_m`` ahead; this window keeps a drone from skipping
-        to the next lane, or over the end of the path, where the way there and the way back are equally near.
+        It is the nearest point of the path between s and s + ``reach_m``; this window keeps a drone from skipping to the next
+        lane, or across the end of the path, where the way out and the way back are equally near.
         """
         best, best_gap = s, math.inf
         for begin, x, y, dx, dy, length in self._legs_from(s, s + reach_m):
@@ -67,13 +71,13 @@ class PathFollower:
     def reference(
         self, s: float, position: Sequence[float], speed_mps: float, steps: int, step_s: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where to be now and at the next ``steps`` steps, at constant speed along the path from ``s`` on.
+        """Positions now and at the next ``steps`` steps, at constant speed along the path from ``s`` on.
 
-        A drone that is off the path is led back to it first, straight and at the same speed. ``position`` should be the tracker's
-        own, which the vehicle follows with a lag: with the measured one the reference would hold the tracker back.
+        A drone that is off the path is first led back to it, straight and at the same speed. ``position`` should be the
+        tracker's, which the vehicle follows with a lag: with the measured one the reference would hold the tracker back.
 
         Returns:
-            Positions (steps + 1, 2) and velocities (steps + 1, 2), each velocity the step to the next position over its time.
+            Positions (steps + 1, 2) and velocities (steps + 1, 2), each velocity the difference to the next position per step.
         """
         travel = speed_mps * step_s * np.arange(steps + 2, dtype=np.float64)
         entry = self.at(np.array([s]))[0]
@@ -88,7 +92,7 @@ class PathFollower:
         return points[:-1], np.diff(points, axis=0) / step_s
 
     def _legs_from(self, low: float, high: float) -> list[tuple[float, float, float, float, float, float]]:
-        """The legs (arc length at the start, start, unit vector, length) that overlap [low, high], in the order of flight."""
+        """The legs (arc length at the start, start, unit vector, length) that overlap [low, high], in order of flight."""
         if not self._legs:
             return []
         found = []

@@ -10,21 +10,20 @@ from functools import cache
 
 import numpy as np
 
-from agent.motion.reference import Array
+from agent.geometry import Array
 
-# Cost of one step: position error 1 /m2, velocity error and jerk as below. They place the closed loop at about 1.5 rad/s.
+# Cost per step: position error 1 /m2, velocity error and jerk as below. The closed loop then has about 1.5 rad/s.
 VELOCITY_WEIGHT = 0.3  # s2
 JERK_WEIGHT = 0.05  # s6
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Matrices over a horizon of H steps; the rows are the steps 1 .. H.
+    """Matrices over a horizon of H steps; rows are the steps 1 .. H.
 
-    position, velocity, acceleration: (H, H), from the jerks; forced: (3 H, H), the three together; free: (3 H, 2), from (v0, a0),
-    with p0 = 0.
-    hessian: (H, H) of the tracking cost. optimum: (4 H, 2 + 2 H), from (v0, a0, reference positions - p0, reference velocities)
-    to what minimises it without constraints: jerks, positions - p0, velocities, accelerations.
+    position, velocity, acceleration: (H, H), from the jerks; forced: (3 H, H), the three stacked; free: (3 H, 2), from (v0, a0),
+    with p0 = 0. hessian: (H, H) of the tracking cost. optimum: (4 H, 2 + 2 H), from (v0, a0, reference positions - p0, reference
+    velocities) to the unconstrained minimum: jerks, positions - p0, velocities, accelerations.
     """
 
     position: Array
@@ -36,9 +35,9 @@ class Prediction:
     optimum: Array
 
 
-@cache  # the same for all drones and flights
+@cache  # shared by all drones and flights
 def predict(horizon: int, step_s: float) -> Prediction:
-    """Condense the model and solve the unconstrained problem once and for all."""
+    """Condense the model and solve the unconstrained problem, once for each horizon."""
     h = step_s
     transition = np.array([[1.0, h, h * h / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
     response = np.array([h**3 / 6.0, h * h / 2.0, h])

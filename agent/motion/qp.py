@@ -1,49 +1,55 @@
-"""The constrained part of the tracker's problem: limits and half-planes, solved by OSQP.
+"""The constrained tracking problem: limits and half-planes, solved by OSQP.
 
-Unknowns are the deviations w of the jerks from the unconstrained optimum, so the cost is w' H w / 2 and every bound is a limit
-minus what the optimum already has. Half-planes are soft, one slack per step, at a price beside which tracking counts little: a
-drone that finds itself inside a forbidden zone is led out of it instead of getting no answer.
+The unknowns are the deviations w of the jerks from the unconstrained optimum, so the cost is w' H w / 2 and every bound is a
+limit minus the optimum's own value. Half-planes are soft, with one slack per step, whose cost dominates the tracking cost: a
+drone inside a forbidden zone is led out of it instead of the problem being infeasible.
 
-The solver must answer alike on every run: no limit on time, its step size adapted at fixed iterations, and those limited.
+The solver must be deterministic: no time limit, its step size adapted at fixed iterations, and a limited number of these.
 """
 
 from __future__ import annotations
 
+import ctypes
+import signal
 from dataclasses import dataclass
 from math import cos, pi, sin
+from typing import Any
 
 import numpy as np
 import osqp
 from numpy.typing import NDArray
 from scipy import sparse
 
+from agent.geometry import Array
 from agent.motion.prediction import Prediction
-from agent.motion.reference import Array
 
-# Both signs of each: eight sides. Rounded, so that what should be zero is, and needs no place in the matrix.
+# Both signs of each: eight sides. Rounded, so that zeros are exact and need no entry in the matrix.
 _OCTAGON: Array = np.array([[cos(k * pi / 4.0), sin(k * pi / 4.0)] for k in range(4)]).round(15)
 OCTAGON_INRADIUS = cos(pi / 8.0)  # of an octagon whose corners lie on the unit circle
 _SLACK_WEIGHT = 100.0  # cost of a step's slack, 1/m2; a position error costs 1/m2
 _SETTINGS = {
     "verbose": False,
-    "eps_abs": 1e-2,  # m, m/s, m/s2: a plan need not be finer
+    "eps_abs": 1e-2,  # m, m/s, m/s2: accurate enough for a plan
     "eps_rel": 1e-3,
     "max_iter": 300,
     "check_termination": 5,
-    "adaptive_rho": 1,  # at every "adaptive_rho_interval" iterations; 2 would go by the clock
+    "adaptive_rho": 1,  # at every "adaptive_rho_interval" iterations; 2 would depend on the clock
     "adaptive_rho_interval": 25,
     "rho": 0.03,
     "warm_starting": True,
     "polishing": False,
 }
 _USABLE = ("solved", "solved inaccurate", "maximum iterations reached")
+_INTERRUPTED = "interrupted"
+# Not part of OSQP's interface, but what it asks itself in each iteration; it also knows of a SIGINT that came after the last one.
+_has_caught_sigint = ctypes.CDLL(osqp.ext_builtin.__file__).osqp_is_interrupted
 
 
 @dataclass(frozen=True, slots=True)
 class HalfPlanes:
     """Up to R half-planes n . p >= b per step. normals: (R, H, axes); offsets: (R, H); -inf where there is none.
 
-    yielding: (R, H) metres by which this row gives way per metre of the step's slack; more than 1 for what matters less.
+    yielding: (R, H) metres by which the row yields per metre of the step's slack; more than 1 for rows of lower priority.
     """
 
     normals: Array
@@ -52,9 +58,9 @@ class HalfPlanes:
 
 
 class LimitedProblem:
-    """One or two axes of the tracker's problem with limits on speed, acceleration and jerk, and half-planes on the position.
+    """One or two axes of the tracking problem with limits on speed, acceleration and jerk, and half-planes on the position.
 
-    Two axes share one octagon, inscribed in the circle of the limit; one axis has an interval.
+    With two axes each limit is an octagon inscribed in its circle; with one axis, an interval.
     """
 
     def __init__(self, prediction: Prediction, step_s: float, axes: int, limits: tuple[float, float, float], rows: int) -> None:
@@ -91,7 +97,7 @@ class LimitedProblem:
         )
 
     def _layout(self, fixed: sparse.spmatrix) -> tuple[sparse.csc_matrix, NDArray[np.int32]]:
-        """Constraint matrix with placeholders for the half-planes, and where their values sit in its data.
+        """Constraint matrix with placeholders for the half-planes, and the positions of their values in its data.
 
         Order of the placeholders: row of the step, axis, lower triangle of (H, H); then row of the step, slack of each step.
         """
@@ -112,25 +118,25 @@ class LimitedProblem:
         )
         matrix = sparse.vstack((fixed, planes), format="csc")
         matrix.sort_indices()
-        # The k-th placeholder's place: look its column and row up among those of the final matrix, which are in this order.
+        # Position of the k-th placeholder: its column and row among those of the final matrix, which are in this order.
         height, width = matrix.shape
         entries = np.repeat(np.arange(width), np.diff(matrix.indptr)) * height + matrix.indices
         where = np.searchsorted(entries, columns_index * height + fixed.shape[0] + rows_index)
         return matrix, where.astype(np.int32)
 
     def solve(self, start: Array, optimum: Array, planes: HalfPlanes | None, guess: Array) -> Array | None:
-        """Jerks (H, axes) within the limits that come nearest in cost to the unconstrained optimum.
+        """Jerks (H, axes) within the limits, with the least cost above the unconstrained optimum; None without a usable solution.
 
         start: (3, axes), position, velocity, acceleration now; optimum: (4, H, axes), jerk, position, velocity, acceleration;
-        guess: (H, axes), jerks to begin the search with.
-        A vehicle that is beyond a limit already has to come back, not to be back at once. None: no usable answer.
+        guess: (H, axes), initial jerks. A vehicle beyond a limit must approach it again, not be within it at once.
         """
         jerk, position, velocity, acceleration = optimum
         horizon, axes = self._horizon, self._axes
         lower, upper = self._lower, self._upper
         size = len(self._directions) * horizon
         rate, force = start[1:] @ self._directions.T
-        speed = float(np.abs(rate + force * np.abs(force) / (2.0 * self._jerk)).max())  # once the acceleration is taken back
+        # after the acceleration has been taken back
+        speed = float(np.abs(rate + force * np.abs(force) / (2.0 * self._jerk)).max())
         pull = float(np.abs(force).max())
         braked = np.maximum(self._speed, speed - 0.5 * self._acceleration * self._times)
         eased = np.maximum(self._acceleration, pull - 0.5 * self._jerk * self._times)
@@ -152,8 +158,27 @@ class LimitedProblem:
             )
         self._first[: axes * horizon] = (guess - jerk).T.ravel()
         self._solver.warm_start(x=self._first)
-        result = self._solver.solve(raise_error=False)
+        result = _solved(self._solver)
         if result.info.status not in _USABLE:
             return None
         found: Array = jerk + result.x[: axes * horizon].reshape(axes, horizon).T
         return np.clip(found, -self._jerk, self._jerk)
+
+
+def _solved(solver: osqp.OSQP) -> Any:
+    """OSQP's result; no SIGINT gets lost meanwhile.
+
+    OSQP catches SIGINT itself while it solves, and only stops. So it is kept back until the solution is there; where another
+    thread of the process lets it through, it is raised anew: it ends a simulation, and where it is ignored, as an agent does,
+    the problem is solved once more.
+    """
+    while True:
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            result = solver.solve(raise_error=False)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if _has_caught_sigint():
+            signal.raise_signal(signal.SIGINT)
+        if result.info.status != _INTERRUPTED:
+            return result

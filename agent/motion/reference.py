@@ -1,20 +1,17 @@
-"""What the planners of a drone's motion hand to its tracker, and what they know of the other drones.
+"""What planners hand to the tracker, and what they know of the other drones.
 
-All of ``agent.motion`` works in one planning frame, the drone's own local ENU: metres, seconds, radians.
+All of ``agent.motion`` works in one planning frame, the drone's own local ENU frame: metres, seconds, radians.
 """
 
 from __future__ import annotations
 
-import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Vector3 = tuple[float, float, float]
+from agent.geometry import Array, Vector3
 
 
 class PeerState(Struct, frozen=True):
-    """Where a drone is and how it moves. ``age_s``: how long ago that was true; consumers extrapolate by it."""
+    """Position (m) and velocity (m/s) of a drone. ``age_s``: age of these; users extrapolate by it."""
 
     position: Vector3
     velocity: Vector3 = (0.0, 0.0, 0.0)
@@ -22,7 +19,7 @@ class PeerState(Struct, frozen=True):
 
 
 class Reference(Struct, frozen=True):
-    """Where a drone should be at the times 0, step_s, 2 step_s, ... from now; it need not be feasible.
+    """Wanted positions of a drone at the times 0, step_s, 2 step_s, ... from now; they need not be feasible.
 
     positions: (K + 1, 3) m; velocities: (K + 1, 3) m/s.
     """

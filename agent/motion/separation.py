@@ -1,8 +1,8 @@
-"""Keeping apart: half-planes along the horizon from the peers' plans, and the last resort from where they really are.
+"""Inter-agent separation: half-planes along the horizon from the peers' plans; as a last resort evasion by measured positions.
 
-Distances are horizontal: flying over one another is no way to pass, because of the downwash. Of two drones the one with the
-smaller id has the right of way: the other keeps the whole margin, it keeps 60 % of it, so that they do not both dodge fully and
-meet again.
+Distances are horizontal: because of the downwash, drones do not pass above one another. Of two drones the one with the smaller id
+has the right of way: the other keeps the whole margin and it keeps 60 % of it, so that they do not both evade fully and meet
+again.
 """
 
 from __future__ import annotations
@@ -13,21 +13,25 @@ from math import cos, hypot, sin, sqrt
 import numpy as np
 from msgspec import Struct
 
-from agent.config import LimitsConfig
-from agent.motion.reference import Array, PeerState, Vector3
+from agent.config.mission import LimitsConfig
+from agent.geometry import Array, Vector3
+from agent.motion.reference import PeerState
 
-MARGIN_M = 2.0  # of plans beyond the separation of vehicles: what vehicles deviate from their plans in a transient
-_SIGMAS = 2.0
-_PASS_TURN = 0.35  # rad; the one that gives way sees the other turned by this, so it passes on one side and not head-on
+LEAST_MARGIN_M = 2.0  # of plans, beyond the separation of vehicles: covers a vehicle's deviation from its plan in a transient
+_MARGIN_SIGMAS = 3.0  # of the combined recent RMS deviation of both
+DOUBT_SIGMAS = 2.0  # of a position error, that separation and fence allow for
+_RIGHT_OF_WAY = 0.6  # share of the margin kept by the one with the right of way
+# rad; the one that gives way rotates the other's direction by this, and so passes on one side instead of head-on
+_PASS_TURN = 0.35
 
 
 class PeerPlan(Struct, frozen=True):
-    """What another drone is going to do, already in my planning frame.
+    """The plan of another drone, in this drone's planning frame.
 
-    positions: (H, 3) m, at stamp_ns, stamp_ns + step_s, ...; plain numbers, because most plans are looked at once and found to be
-    far away. sigma_m: 1-sigma error of the other's position relative to mine.
-    ``measured``: where it was by its own localisation, for the last resort; None where there is no fresh pose. doubt_m: by how
-    much even the bare separation grows for it, because the frames are estimated by which it is placed.
+    positions: (H, 3) m, at stamp_ns, stamp_ns + step_s, ...; plain floats, because most plans are read once and found to be far
+    away. sigma_m: 1-sigma error of the other's position relative to this drone. measured: its position by its own localisation,
+    for the last resort; None without a fresh pose. doubt_m: added even to the bare separation, because the frames it is placed by
+    are estimated. deviation_m: horizontal RMS deviation from its plans.
     """
 
     id: str
@@ -37,18 +41,26 @@ class PeerPlan(Struct, frozen=True):
     sigma_m: float = 0.0
     measured: PeerState | None = None
     doubt_m: float = 0.0
+    deviation_m: float = 0.0
 
     @classmethod
     def from_pose(
-        cls, peer: str, now_ns: int, state: PeerState, sigma_m: float = 0.0, doubt_m: float = 0.0, horizon_s: float = 4.0
+        cls,
+        peer: str,
+        now_ns: int,
+        state: PeerState,
+        sigma_m: float = 0.0,
+        doubt_m: float = 0.0,
+        deviation_m: float = 0.0,
+        horizon_s: float = 4.0,
     ) -> PeerPlan:
-        """Straight on, for a drone that has sent no plan."""
+        """Constant velocity, for a drone that has sent no plan."""
         (x, y, z), (u, v, w) = state.position, state.velocity
         positions = [(x + t * u, y + t * v, z + t * w) for t in (state.age_s, state.age_s + horizon_s)]
-        return cls(peer, now_ns, horizon_s, positions, sigma_m, state, doubt_m)
+        return cls(peer, now_ns, horizon_s, positions, sigma_m, state, doubt_m, deviation_m)
 
     def at(self, now_ns: int, times: Array) -> Array:
-        """Horizontal positions (T, 2) at these seconds from now; beyond the plan it goes straight on."""
+        """Horizontal positions (T, 2) at these times (s) from now; extrapolated beyond the plan."""
         return sampled(np.array(self.positions), (now_ns - self.stamp_ns) * 1e-9, self.step_s, times)
 
     def steps(self, now_ns: int, step_s: float, count: int) -> list[tuple[float, float]]:
@@ -56,7 +68,7 @@ class PeerPlan(Struct, frozen=True):
         age_s = (now_ns - self.stamp_ns) * 1e-9
         if self.step_s != step_s or age_s < 0.0 or len(self.positions) == 1:
             return [(x, y) for x, y in self.at(now_ns, step_s * np.arange(count + 1.0)).tolist()]
-        # The plan has the same steps: all places lie by the same share between two of its points.
+        # Equal steps: all positions lie at the same fraction between two points of the plan.
         place = age_s / step_s
         first = min(int(place), len(self.positions) - 2)
         share = place - first
@@ -69,7 +81,7 @@ class PeerPlan(Struct, frozen=True):
         return found + [(px + k * dx, py + k * dy) for k in range(1, count + 2 - len(found))]
 
     def state(self, now_ns: int) -> PeerState:
-        """Where the plan has it now; better than a pose for spacing: free of noise and of the vehicle's lag."""
+        """The plan's state now; better than a pose for spacing, as it is free of noise and of the vehicle's lag."""
         place = (now_ns - self.stamp_ns) * 1e-9 / self.step_s
         if len(self.positions) == 1:
             return PeerState(self.positions[0])
@@ -80,7 +92,7 @@ class PeerPlan(Struct, frozen=True):
 
 
 def sampled(positions: Array, age_s: float, step_s: float, times: Array) -> Array:
-    """Horizontal positions (T, 2) of a plan (H, 3) of this age, at these seconds from now; beyond its end it goes straight on."""
+    """Horizontal positions (T, 2) of a plan (H, 3) of this age at these times (s) from now; extrapolated beyond its end."""
     if len(positions) == 1:
         return np.repeat(positions[:, :2], len(times), axis=0)
     flat = positions[:, :2]
@@ -92,18 +104,23 @@ def sampled(positions: Array, age_s: float, step_s: float, times: Array) -> Arra
     return found
 
 
-def keep_away(me: str, peer: PeerPlan, separation_m: float) -> float:
-    """Distance that my plan keeps from this peer's."""
-    margin = MARGIN_M if peer.id < me else 0.6 * MARGIN_M
-    return separation_m + margin + _SIGMAS * peer.sigma_m
+def margin_m(own_m: float, peer_m: float) -> float:
+    """Margin (m) of plans beyond the separation of vehicles, from the RMS deviations of both."""
+    return max(LEAST_MARGIN_M, _MARGIN_SIGMAS * hypot(own_m, peer_m))
+
+
+def keep_away(me: str, peer: PeerPlan, separation_m: float, own_m: float = 0.0) -> float:
+    """Distance (m) that this drone's plan keeps from the peer's; ``own_m``: RMS deviation of this drone from its plans."""
+    margin = margin_m(own_m, peer.deviation_m) * (1.0 if peer.id < me else _RIGHT_OF_WAY)
+    return separation_m + margin + DOUBT_SIGMAS * peer.sigma_m
 
 
 def half_planes(nominal: Array, here: tuple[float, float], other: Array, distance: float, yields: bool) -> tuple[Array, Array]:
-    """Half-planes n . p >= b, tangents to the circles of radius ``distance`` around the other.
+    """Half-planes n . p >= b, tangents to the circles of radius ``distance`` around the other drone.
 
-    nominal: (H, 2), where I would be; other: (H + 1, 2), where it will be now and at the steps. Returns normals (H, 2), offsets
-    (H,). The normal turns with the nominal relative position but never by more than a right angle from step to step: a
-    nominal path through the other must not be taken for one around it.
+    nominal: (H, 2), this drone's planned positions; other: (H + 1, 2), the other's positions now and at the steps. Returns
+    normals (H, 2) and offsets (H,). The normal turns with the nominal relative position, but never by more than a right angle
+    from step to step: a nominal path through the other drone must not be taken for one around it.
     """
     relative = nominal - other[1:]
     normals = np.empty_like(relative)
@@ -124,10 +141,10 @@ def half_planes(nominal: Array, here: tuple[float, float], other: Array, distanc
 def escape(
     me: str, state: PeerState, peers: Sequence[PeerPlan], limits: LimitsConfig, reaction_s: float
 ) -> tuple[float, float] | None:
-    """The last resort: horizontal velocity to take at once, or None while measured positions and velocities give no cause.
+    """The last resort: a horizontal velocity (m/s) to take at once, or None while measured positions and velocities need none.
 
-    Cause: if both braked from now on, going straight, we would still come nearer than the separation. Then both do, and the one
-    that has to give way also backs off.
+    It is needed if both drones, braking from now on along straight lines, would still come closer than the separation. Then both
+    brake, and the one that has to give way also backs off.
     """
     worst, answer = 0.0, None
     for peer in sorted(peers, key=lambda peer: peer.id):
@@ -139,7 +156,7 @@ def escape(
         y = state.position[1] - other.position[1] - other.velocity[1] * other.age_s
         u, w = state.velocity[0] - other.velocity[0], state.velocity[1] - other.velocity[1]
         closing_squared = u * u + w * w
-        braking_s = reaction_s + sqrt(closing_squared) / (4.0 * limits.acceleration_mps2)  # both brake; at half speed on average
+        braking_s = reaction_s + sqrt(closing_squared) / (4.0 * limits.acceleration_mps2)  # both brake; half the speed on average
         passing_s = min(max(0.0, -(x * u + y * w) / closing_squared), braking_s) if closing_squared > 1e-6 else 0.0
         miss = hypot(x + u * passing_s, y + w * passing_s)
         approaching = x * u + y * w < 0.0

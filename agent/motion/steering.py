@@ -1,4 +1,4 @@
-"""The tracker's horizontal part: within the limits, away from the others, inside the fence; and the last resort."""
+"""The tracker's horizontal part: within the limits, separated from the others, inside the fence; and the last resort."""
 
 from __future__ import annotations
 
@@ -9,42 +9,47 @@ from math import sqrt
 import numpy as np
 from msgspec import Struct
 
-from agent.config import LimitsConfig
+from agent.config.drone import ResponseConfig
+from agent.config.mission import LimitsConfig
+from agent.geometry import Array
 from agent.motion.braking import brake
+from agent.motion.feedforward import reaction_s
 from agent.motion.goals import Piece
 from agent.motion.prediction import Prediction
 from agent.motion.qp import OCTAGON_INRADIUS, HalfPlanes, LimitedProblem
-from agent.motion.reference import Array, PeerState
+from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan, escape, half_planes, keep_away
 
 _ROWS = 3  # half-planes per step in the constrained problem
-_NEAR_M = 2.0  # half-planes nearer than this to the plan enter the problem
-_FENCE_YIELDS = 2.0  # the fence gives way before the separation does
-_DEVIATION_S = 1.0  # time constant at which vehicles come back to their plans
+_NEAR_M = 2.0  # half-planes closer than this to the plan enter the problem
+_FENCE_YIELDS = 1.0  # where the two conflict, the fence yields, by at most the margin between the vehicles
+_DEVIATION_S = 1.0  # time constant of a vehicle's return to its plan
 
-Peaks = list[list[float]]  # (4, 3): largest jerk, way from the start, speed and acceleration of a plan along each axis
+Peaks = list[list[float]]  # (4, 3): largest jerk, displacement, speed and acceleration of a plan along each axis
 
 
 class Status(StrEnum):
-    """How a plan came about."""
+    """How a plan was found."""
 
     FREE = "free"  # no limit active
     CONSTRAINED = "constrained"  # solved within limits
-    BRAKING = "braking"  # no solution: brake
-    ESCAPING = "escaping"  # too close to another drone: brake or back off
+    BRAKING = "braking"  # no solution: braking
+    ESCAPING = "escaping"  # too close to another drone: braking or backing off
 
 
 class Situation(Struct, frozen=True):
-    """What one replan starts from.
+    """Inputs of one replan.
 
-    start: (3, 3), the virtual vehicle's position, velocity, acceleration; measured: the real one; previous: tells where the plan
-    before this one would be at the steps, (H, 2); inside: tells the fence here, less what plans keep from it; surely_inside:
-    whether the unconstrained optimum is far from it; guess: (H, 3) jerks to begin the search with.
+    start: (3, 3), the virtual vehicle's position, velocity, acceleration; measured: the real vehicle's state; response: its
+    response to setpoints; previous: gives the positions (H, 2) of the plan before this one at the steps; inside: gives the convex
+    piece of the fence, less the margin; surely_inside: whether the unconstrained optimum is far from the fence; guess: (H, 3)
+    initial jerks.
     """
 
     now_ns: int
     start: Array
     measured: PeerState
+    response: ResponseConfig
     previous: Callable[[], Array]
     inside: Callable[[], Piece]
     surely_inside: bool
@@ -52,7 +57,7 @@ class Situation(Struct, frozen=True):
 
 
 class _Neighbour(Struct, frozen=True):
-    """A peer that comes near: its positions (H + 1, 2) now and at the steps, the distance to keep, and the bare separation."""
+    """A nearby peer: positions (H + 1, 2) now and at the steps, distance to keep, and bare separation."""
 
     positions: Array
     distance: float
@@ -63,12 +68,10 @@ class _Neighbour(Struct, frozen=True):
 class Steering:
     """Horizontal jerks for each replan."""
 
-    def __init__(
-        self, limits: LimitsConfig, prediction: Prediction, step_s: float, horizon: int, *, reaction_s: float, drone_id: str
-    ) -> None:
-        """``reaction_s``: by which the vehicle follows late; ``drone_id`` decides on the right of way."""
+    def __init__(self, limits: LimitsConfig, prediction: Prediction, step_s: float, horizon: int, drone_id: str) -> None:
+        """``drone_id`` decides the right of way."""
         self._limits, self._prediction, self._id = limits, prediction, drone_id
-        self._step_s, self._horizon, self._reaction_s = step_s, horizon, reaction_s
+        self._step_s, self._horizon = step_s, horizon
         flat = (limits.speed_mps, limits.acceleration_mps2, limits.jerk_mps3)
         self._problem = LimitedProblem(prediction, step_s, 2, flat, _ROWS)
         self._speed_squared = (limits.speed_mps * OCTAGON_INRADIUS) ** 2
@@ -76,7 +79,9 @@ class Steering:
         self._fading: list[float] = np.exp(-step_s * np.arange(horizon + 1) / _DEVIATION_S).tolist()
 
     def jerk(self, situation: Situation, optimum: Array, peaks: Peaks, peers: Sequence[PeerPlan]) -> tuple[Status, Array]:
-        """Jerks (H, 2) from the unconstrained optimum (4, H, 3): that itself, the constrained one, or the last resort."""
+        """Jerks (H, 2) from the unconstrained optimum (4, H, 3): the optimum itself, the constrained solution, or the last
+        resort.
+        """
         neighbours, clear = self._neighbours(situation, optimum[1, :, :2], peers)
         clear = clear and self._within_limits(optimum[:, :, :2], peaks)
         if clear and situation.surely_inside:
@@ -92,7 +97,7 @@ class Steering:
             optimum[1, :, :2] + self._prediction.position @ (found - optimum[0, :, :2]), neighbours
         ):
             return Status.CONSTRAINED, found
-        away = escape(self._id, situation.measured, peers, self._limits, self._reaction_s)
+        away = escape(self._id, situation.measured, peers, self._limits, reaction_s(situation.response))
         if away is not None:
             return Status.ESCAPING, self._brake(situation, away)
         return (Status.BRAKING, self._brake(situation, (0.0, 0.0))) if found is None else (Status.CONSTRAINED, found)
@@ -108,15 +113,16 @@ class Steering:
         return within
 
     def _neighbours(self, situation: Situation, position: Array, peers: Sequence[PeerPlan]) -> tuple[list[_Neighbour], bool]:
-        """The peers that come near to the optimum (H, 2), and whether it keeps its distance from all."""
+        """The peers close to the optimum (H, 2), and whether it keeps its distance from all of them."""
         neighbours: list[_Neighbour] = []
         clear = True
         if not peers:
             return neighbours, clear
         (x, y, _), (virtual_x, virtual_y, _), mine = situation.measured.position, situation.start[0].tolist(), position.tolist()
+        own_m = situation.response.tracking_error_m
         for peer in peers:
             theirs = self._corrected(peer, situation.now_ns, x - virtual_x, y - virtual_y)
-            distance = keep_away(self._id, peer, self._limits.separation_m)
+            distance = keep_away(self._id, peer, self._limits.separation_m, own_m)
             apart = [(px - qx) ** 2 + (py - qy) ** 2 for (px, py), (qx, qy) in zip(mine, theirs[1:], strict=True)]
             clearance = sqrt(min(apart)) - distance
             if clearance < _NEAR_M:
@@ -126,9 +132,9 @@ class Steering:
         return neighbours, clear
 
     def _corrected(self, peer: PeerPlan, now_ns: int, x: float, y: float) -> list[tuple[float, float]]:
-        """A peer's planned positions (H + 1, 2), moved by how far it is off its plan and I am off mine (x, y).
+        """A peer's planned positions (H + 1, 2), shifted by its deviation from its plan minus this drone's own (x, y).
 
-        Plans are kept apart, but vehicles collide. Deviations fade along the horizon.
+        Plans are kept apart, but it is vehicles that collide. The deviations decay along the horizon.
         """
         positions = peer.steps(now_ns, self._step_s, self._horizon)
         dx, dy = -x, -y
@@ -160,9 +166,9 @@ class Steering:
         return HalfPlanes(normals, offsets, yielding)
 
     def _apart(self, position: Array, neighbours: Sequence[_Neighbour]) -> bool:
-        """Whether a solution (H, 2) keeps the bare separation from the others, as far as that is in its hands.
+        """Whether a solution (H, 2) keeps the bare separation from the others, as far as it can.
 
-        Where the distance is growing already there is nothing better to do.
+        Where the distance is growing already, no better solution exists.
         """
         for other in neighbours:
             apart = position - other.positions[1:]

@@ -1,8 +1,8 @@
-"""The search before there is a hypothesis: N fair segments of the area, a space-filling path in each (paper, Sec. V-A).
+"""The search before the first hypothesis: N segments of equal area, each with a space-filling path (paper, Sec. V-A).
 
-Everything here is a pure function: drones that put in the same area, the same coverage, the same members and the same starts get
-the same paths, without a leader. So ``starts`` must be common knowledge too, such as the ends of the last ``Coverage`` entries;
-a drone's own newest position is not. All coordinates are horizontal, metres, in one frame (the mission frame).
+All functions are pure: drones with the same area, coverage, members and starts compute the same paths, without a leader. So
+``starts`` must be common knowledge too, such as the ends of the last ``Coverage`` entries; a drone's own latest position is not.
+All coordinates are horizontal, metres, in one frame (the mission frame).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from shapely import LineString, MultiPolygon, Point, Polygon
 
+from agent.geometry import Point2
 from agent.motion.detour import Detours
 from agent.motion.lanes import lanes
 
 Area: TypeAlias = Polygon | MultiPolygon
-Point2: TypeAlias = tuple[float, float]
-Swath: TypeAlias = tuple[NDArray[np.float64], float]  # path (K, 2) that was flown, width that it covers
+Swath: TypeAlias = tuple[NDArray[np.float64], float]  # flown path (K, 2), width that it covers
 
-_SLIVER = 0.15  # of the swath: what is narrower than this is left out, it comes from lag and cut corners
-_EQUAL = 1.02  # two extents that differ by less count as equal, lest rounding turns a cut
+_SLIVER = 0.15  # share of the swath width: narrower remainders come from lag and cut corners, and are left out
+_EQUAL = 1.02  # extents within this ratio count as equal, so that rounding does not rotate a cut
 
 
 def survey_paths(
@@ -35,14 +35,14 @@ def survey_paths(
     lane_spacing_m: float,
     starts: Mapping[str, Point2] | None = None,
 ) -> dict[str, NDArray[np.float64]]:
-    """Who flies where: a path (M, 2) for each drone over what is not covered yet; (0, 2) where nothing is left.
+    """A path (M, 2) for each drone over what is not covered yet; (0, 2) where nothing is left.
 
     Args:
         area: simple polygon to search.
-        drones: ids of those alive, in any order.
-        coverage: what was flown, by anybody, also by those that dropped out.
+        drones: ids of the active drones, in any order.
+        coverage: swaths flown by any drone, including those that dropped out.
         lane_spacing_m: largest distance between lanes.
-        starts: where the drones are, as everybody knows it; those missing are placed by their ids.
+        starts: positions of the drones, as common knowledge; drones without one are ordered by id.
     """
     segments = divide(uncovered(area, coverage), drones, starts)
     detours = Detours(area)
@@ -51,10 +51,10 @@ def survey_paths(
 
 
 def divide(area: Area, drones: Sequence[str], starts: Mapping[str, Point2] | None = None) -> dict[str, Area]:
-    """Segments of equal area, one for each drone, each on the side of the area on which the drone is.
+    """Segments of equal area, one for each drone, each on the drone's side of the area.
 
-    The area is cut in two, as the swarm is halved, and so on; always by the shorter of the two cuts across the sides of the
-    smallest rectangle around it. A segment may be in several pieces where the area is not convex.
+    Area and swarm are halved recursively, always by the shorter of the two cuts across the sides of the minimum rotated
+    rectangle. A segment may consist of several pieces where the area is not convex.
     """
     return dict(sorted(_divide(area, sorted(set(drones)), starts or {})))
 
@@ -62,16 +62,16 @@ def divide(area: Area, drones: Sequence[str], starts: Mapping[str, Point2] | Non
 def sweep(segment: Area, lane_spacing_m: float, start: Point2 | None = None, within: Area | None = None) -> NDArray[np.float64]:
     """A path (M, 2) that passes every point of the segment within half the lane spacing, beginning near ``start``.
 
-    Lanes run back and forth along each piece of the segment. The way from one lane to the next stays inside ``within``
-    (default: the segment), around its corners where needed.
+    Lanes run back and forth along each piece of the segment. The connections between lanes stay inside ``within`` (default: the
+    segment), around its corners where needed.
     """
     return _sweep(segment, lane_spacing_m, start, Detours(segment if within is None else within))
 
 
 def uncovered(area: Area, coverage: Sequence[Swath]) -> Area:
-    """What of the area is farther than half its width from every flown path, slivers left out; may be empty.
+    """The part of the area farther than half a swath's width from every flown path, without slivers; may be empty.
 
-    Rounded ends are drawn with chords, so that coverage is never claimed that was not flown.
+    Rounded ends are drawn with chords, so that coverage is never overstated.
     """
     if not coverage:
         return area
@@ -96,7 +96,7 @@ def _divide(area: Area, drones: list[str], starts: Mapping[str, Point2]) -> list
 
 
 def _axes(area: Area) -> list[NDArray[np.float64]]:
-    """Unit vectors (2,) along the sides of the smallest rectangle around the area, the one nearer to x first; x or y positive."""
+    """Unit vectors (2,) along the sides of the minimum rotated rectangle, the one nearer to x first; x or y positive."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(area))
     side = corners[1] - corners[0]
     side = side / np.hypot(side[0], side[1])
@@ -105,7 +105,7 @@ def _axes(area: Area) -> list[NDArray[np.float64]]:
 
 
 def _cut(area: Area, along: NDArray[np.float64], share: float) -> tuple[Area, Area]:
-    """The area on this and on the other side of a line across ``along``, with ``share`` of its size on this side."""
+    """The parts of the area on both sides of a line across ``along``, the first one with ``share`` of its size."""
     corners = shapely.get_coordinates(area)
     places = corners @ along
     start, end = float(places.min()), float(places.max())
@@ -116,7 +116,7 @@ def _cut(area: Area, along: NDArray[np.float64], share: float) -> tuple[Area, Ar
         return Polygon([along * x + across * y for x, y in ((low, left), (high, left), (high, right), (low, right))])
 
     def excess(place: float) -> float:
-        if place in (start, end):  # where the line lies on a side of the area, an intersection can come out as nothing
+        if place in (start, end):  # for a line on a side of the area, an intersection can come out empty
             return float(place == end) - share
         return float(area.intersection(side(start - 1.0, place)).area / area.area - share)
 
@@ -145,7 +145,7 @@ def _sweep(segment: Area, lane_spacing_m: float, start: Point2 | None, detours: 
 
 
 def _order(found: list[NDArray[np.float64]], start: Point2 | None) -> list[tuple[int, bool]]:
-    """In which order to fly the lanes, and which of them backwards: always the nearest next, from the best beginning."""
+    """The order in which to fly the lanes, and which of them backwards: nearest next, from the best beginning."""
     ends = np.array([[lane[0], lane[-1]] for lane in found]).reshape(-1, 2)  # 2n and 2n + 1: the ends of lane n
     gaps = np.hypot(*(ends[:, None] - ends[None]).transpose(2, 0, 1))
     approach = np.zeros(len(ends)) if start is None else np.hypot(*(ends - start).T)

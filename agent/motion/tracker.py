@@ -1,9 +1,9 @@
-"""MPC trajectory tracker: from a reference that jumps to a plan that the vehicle can fly (after Baca et al. 2018).
+"""MPC trajectory tracker: from a reference that may jump to a plan that the vehicle can fly (after Baca et al. 2018).
 
 The tracker drives a virtual vehicle, a triple integrator, whose state is free of measurement noise; the real one follows it. At
 every replan the virtual vehicle's next seconds are optimised to follow the reference within the limits. Mostly no limit is
-active, and the answer is a matrix product (``prediction``); where one is, OSQP solves the constrained problem (``qp``); and where
-that fails or the vehicles come too close to each other, the plan is to brake (``steering``).
+active, and the solution is a matrix product (``prediction``); where one is, OSQP solves the constrained problem (``qp``); where
+that fails or vehicles come too close to each other, the plan is to brake (``steering``).
 """
 
 from __future__ import annotations
@@ -15,17 +15,19 @@ from math import dist, hypot
 import numpy as np
 from msgspec import Struct
 
-from agent.config import LimitsConfig
+from agent.config.drone import ResponseConfig
+from agent.config.mission import LimitsConfig
+from agent.geometry import Array, Vector3
 from agent.motion.climbing import Climbing
+from agent.motion.feedforward import feedforward
 from agent.motion.fence import Fence
 from agent.motion.goals import Goals
 from agent.motion.prediction import predict
-from agent.motion.reference import Array, PeerState, Reference, Vector3
+from agent.motion.reference import PeerState, Reference
 from agent.motion.separation import PeerPlan, sampled
 from agent.motion.steering import Situation, Status, Steering
 
-_DEPARTED_M = 5.0  # a vehicle further than this from the virtual one does not follow it: start again from where it is
-_CURVATURE_S2 = 1.1  # by PX4's cascade a vehicle flies turns wide by this times the acceleration (0.7-1.1 m at 0.75 m/s2)
+_DEPARTED_M = 5.0  # a vehicle further than this from the virtual one does not follow it: the tracker restarts from its position
 
 __all__ = ["Relief", "Status", "Tracker", "TrackerPlan"]
 
@@ -34,7 +36,7 @@ Relief = Callable[[Array], Array]
 
 
 class TrackerPlan(Struct, frozen=True):
-    """The virtual vehicle from now on. positions, velocities, accelerations: (H + 1, 3), at stamp_ns, stamp_ns + step_s, ..."""
+    """The virtual vehicle's plan. positions, velocities, accelerations: (H + 1, 3), at stamp_ns, stamp_ns + step_s, ..."""
 
     stamp_ns: int
     step_s: float
@@ -53,34 +55,38 @@ class Tracker:
         fence: Fence,
         step_s: float = 0.2,
         horizon: int = 20,
-        lead_s: float = 0.38,
         *,
+        response: ResponseConfig | None = None,
         drone_id: str = "",
     ) -> None:
-        """``lead_s``: by which the vehicle follows its setpoints late. ``drone_id`` decides on the right of way."""
-        self._step_s, self._horizon, self._lead_s = step_s, horizon, lead_s
+        """``response``: of the vehicle, until ``follow_by`` changes it. ``drone_id`` decides the right of way."""
+        self._step_s, self._horizon = step_s, horizon
+        self._response = response or ResponseConfig()
         self._limits = limits
         self._prediction = predict(horizon, step_s)
         self._goals = Goals(limits, fence, step_s, horizon)
-        self._steering = Steering(limits, self._prediction, step_s, horizon, reaction_s=lead_s, drone_id=drone_id)
+        self._steering = Steering(limits, self._prediction, step_s, horizon, drone_id)
         self._climbing = Climbing(limits, fence, self._prediction, step_s, horizon)
         self._times: Array = step_s * np.arange(1, horizon + 1, dtype=np.float64)
         self._plan: TrackerPlan | None = None
         self._start: tuple[Vector3, Vector3] | None = None
         self._guess: Array = np.zeros((horizon, 3))
         self._states: Array = np.zeros((3, horizon + 1, 3))  # position, velocity and acceleration at each step
-        self._jerk: Array = np.zeros((horizon, 3))  # from each step on
-        self._uneven = False  # the ground under the plan
+        self._jerk: Array = np.zeros((horizon, 3))  # constant over the step that begins there
 
     def reset(self, position: Vector3, velocity: Vector3 = (0.0, 0.0, 0.0)) -> None:
-        """Start again from here: after a change of mode or a jump of the frame."""
+        """Restart from here: after a change of mode or a jump of the frame."""
         self._plan = None
         self._start = (position, velocity)
 
-    def confine(self, fence: Fence) -> None:
-        """Keep within another outline from the next plan on: the area lies elsewhere in this frame than it was thought to.
+    def follow_by(self, response: ResponseConfig) -> None:
+        """Set the vehicle's response to setpoints from now on."""
+        self._response = response
 
-        Floor and ceiling stay.
+    def confine(self, fence: Fence) -> None:
+        """Replace the fence outline from the next plan on, when the area's position in this frame has been corrected.
+
+        Floor and ceiling are kept.
         """
         self._goals = Goals(self._limits, fence, self._step_s, self._horizon)
 
@@ -92,14 +98,18 @@ class Tracker:
         peers: Sequence[PeerPlan] = (),
         ground: Relief | None = None,
     ) -> TrackerPlan:
-        """Replan. ``state``: the vehicle's own measured position and velocity; ``reference`` begins now.
+        """Replan.
 
-        ``ground``: heights of the ground (N,) at places (N, 2), where it is not even; the z of the reference, and floor and
-        ceiling of the fence, are above it then, wherever the plan leads.
+        Args:
+            now_ns: UTC; the reference begins now.
+            state: the vehicle's own measured position and velocity.
+            reference: where to fly; may be infeasible.
+            peers: the other drones' plans.
+            ground: heights of the ground (N,) at positions (N, 2), where it is not level; the z of the reference, and floor and
+                ceiling of the fence, are then above the ground along the plan.
         """
         start = self._continued(now_ns, state)
         horizon, (x, y, z) = self._horizon, start[0].tolist()
-        self._uneven = ground is not None
         below = None if ground is None else float(ground(start[:1, :2])[0])
         wanted = self._goals.of(reference, start, z if below is None else z - below)
         optimum = (self._prediction.optimum @ wanted).reshape(4, horizon, 3)
@@ -109,6 +119,7 @@ class Tracker:
             now_ns,
             start,
             state,
+            self._response,
             previous=partial(self._previous, now_ns, start),
             inside=partial(self._goals.inside, x, y),
             surely_inside=self._goals.surely_inside(x, y, hypot(peaks[1][0], peaks[1][1])),
@@ -130,21 +141,24 @@ class Tracker:
         return self._adopt(now_ns, start, states, jerk, upright_status if status is Status.FREE else status)
 
     def state(self, now_ns: int) -> PeerState:
-        """The virtual vehicle now (without lead)."""
-        position, velocity, _ = self._at((now_ns - self._stamp_ns) * 1e-9)
+        """The virtual vehicle's state now, which is where the real one should be."""
+        position, velocity, _, _ = self._at((now_ns - self._stamp_ns) * 1e-9)
         return PeerState(position, velocity)
 
-    def sample(self, now_ns: int) -> tuple[Vector3, Vector3, Vector3]:
-        """Setpoint for now: position, velocity, acceleration, ahead of the vehicle by as much as it follows late.
+    def sample(self, now_ns: int, yaw_rate_rps: float = 0.0) -> tuple[Vector3, Vector3, Vector3]:
+        """Setpoint for now: position, velocity, acceleration, ahead by the vehicle's dead time.
 
-        A cascade of position and velocity control flies p - C a where it is told p, with C near 1 / (k_p k_v); told p + C a, it
-        flies p. Over ground that is not even the same goes for the height in a hollow; over a hilltop it would lead down, and how
-        stiff the vertical control is differs from vehicle to vehicle.
+        The acceleration is the one with which the vehicle flies the plan: see ``agent.motion.feedforward``. ``yaw_rate_rps``: the
+        yaw rate commanded at the same time.
         """
-        (x, y, z), velocity, acceleration = self._at((now_ns - self._stamp_ns) * 1e-9 + self._lead_s)
-        if self._uneven:
-            z += _CURVATURE_S2 * max(acceleration[2], 0.0)
-        return (x + _CURVATURE_S2 * acceleration[0], y + _CURVATURE_S2 * acceleration[1], z), velocity, acceleration
+        response = self._response
+        position, velocity, acceleration, jerk = self._at((now_ns - self._stamp_ns) * 1e-9 + response.lag_s)
+        return position, velocity, feedforward(response, velocity, acceleration, jerk, yaw_rate_rps)
+
+    @property
+    def has_plan(self) -> bool:
+        """Whether there is a plan to follow."""
+        return self._plan is not None
 
     @property
     def _stamp_ns(self) -> int:
@@ -152,12 +166,12 @@ class Tracker:
             raise RuntimeError("the tracker has no plan yet: call plan() first")
         return self._plan.stamp_ns
 
-    def _at(self, time_s: float) -> tuple[Vector3, Vector3, Vector3]:
-        """The virtual vehicle so long after the plan's stamp; at the plan's end it stops."""
+    def _at(self, time_s: float) -> tuple[Vector3, Vector3, Vector3, tuple[float, float]]:
+        """The virtual vehicle at that time after the plan's stamp, with its horizontal jerk; at the plan's end it stops."""
         index = max(int(time_s / self._step_s), 0)
         if index >= self._horizon:
             x, y, z = self._states[0, -1].tolist()
-            return (x, y, z), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+            return (x, y, z), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0)
         (px, py, pz), (vx, vy, vz), (ax, ay, az) = self._states[:, index].tolist()
         jx, jy, jz = self._jerk[index].tolist()
         t = time_s - index * self._step_s
@@ -166,21 +180,22 @@ class Tracker:
             (px + t * (vx + h * (ax + s * jx)), py + t * (vy + h * (ay + s * jy)), pz + t * (vz + h * (az + s * jz))),
             (vx + t * (ax + h * jx), vy + t * (ay + h * jy), vz + t * (az + h * jz)),
             (ax + t * jx, ay + t * jy, az + t * jz),
+            (jx, jy),
         )
 
     def _continued(self, now_ns: int, state: PeerState) -> Array:
         """State (3, 3) that the plan begins with: the virtual vehicle's, unless the real one is elsewhere."""
         if self._plan is not None:
-            virtual = self._at((now_ns - self._plan.stamp_ns) * 1e-9)
-            if dist(virtual[0], state.position) <= _DEPARTED_M:
-                return np.array(virtual)
+            position, velocity, acceleration, _ = self._at((now_ns - self._plan.stamp_ns) * 1e-9)
+            if dist(position, state.position) <= _DEPARTED_M:
+                return np.array((position, velocity, acceleration))
             self._plan = None
         position, velocity = self._start or (state.position, state.velocity)
         self._start = None
         return np.array([position, velocity, (0.0, 0.0, 0.0)])
 
     def _lift(self, optimum: Array, wanted: Array, rise: Array, z: float) -> None:
-        """Make the vertical optimum (4, H) one that follows the ground, which rises by so much (H,) from here along the plan."""
+        """Recompute the vertical optimum (4, H) for ground that rises by ``rise`` (H,) along the plan."""
         goals, horizon = wanted.copy(), self._horizon
         goals[2 : 2 + horizon] += rise
         goals[2 + horizon :] += np.gradient(np.concatenate(((0.0,), rise)), self._step_s)[1:]
@@ -188,7 +203,7 @@ class Tracker:
         optimum[1] += z
 
     def _previous(self, now_ns: int, start: Array) -> Array:
-        """Where the plan so far would be at the steps, (H, 2); without one, here."""
+        """Positions (H, 2) of the previous plan at the steps; without one, the start."""
         if self._plan is None:
             return np.repeat(start[None, 0, :2], self._horizon, axis=0)
         return sampled(self._plan.positions, (now_ns - self._plan.stamp_ns) * 1e-9, self._step_s, self._times)

@@ -1,4 +1,4 @@
-"""UTC of the autopilot's own time stamps, which count from its boot."""
+"""From the autopilot's time since boot to UTC."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ REBOOT_NS = 1_000_000_000  # a stamp this much older than the last one is not a 
 class BootClock:
     """Maps boot time to UTC by the least delayed message of the last two seconds.
 
-    A message arrives late, never early: so the smallest difference between arrival and boot time is the nearest to the clocks'
-    true offset. The window is short, so that the mapping follows a simulation whose time does not run at the wall's speed,
-    a pause or a step of a clock; the drift of real clocks within it is under 0.1 ms.
+    Messages arrive late, never early, so the smallest difference between arrival and boot time is the closest to the true offset
+    of the clocks. The window is short, so that the mapping follows a simulation that does not run in real time, a pause or a step
+    of a clock; real clocks drift by less than 0.1 ms within it.
     """
 
     def __init__(self) -> None:
-        self._offsets: deque[tuple[int, int]] = deque()  # (arrival, offset), offsets growing: the first is the least
+        self._offsets: deque[tuple[int, int]] = deque()  # (arrival, offset), offsets ascending: the first is the smallest
         self._boot_ns = self._arrival_ns = 0
 
     def observe(self, boot_ms: int, arrival_ns: int) -> int:
-        """Take a message's stamp and its time of arrival (UTC); returns the stamp in UTC, which is never after the arrival."""
+        """Take a message's stamp and its arrival (UTC); returns the stamp in UTC, never later than the arrival."""
         boot_ns = boot_ms * 1_000_000
         if boot_ns < self._boot_ns - REBOOT_NS or arrival_ns < self._arrival_ns:
             self._offsets.clear()
@@ -35,10 +35,10 @@ class BootClock:
         return boot_ns + self._offsets[0][1]
 
     def utc_ns(self, boot_ns: int) -> int | None:
-        """A stamp of this clock in UTC, without learning from it; None before there was any message."""
+        """A stamp of this clock in UTC, without updating the offset; None before the first message."""
         return boot_ns + self._offsets[0][1] if self._offsets else None
 
     @property
     def booted_ns(self) -> int | None:
-        """When this clock was 0, UTC."""
+        """When the autopilot was booted, UTC; None before the first message."""
         return self._offsets[0][1] if self._offsets else None

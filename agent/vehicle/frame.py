@@ -1,4 +1,4 @@
-"""Between the autopilot's frames and the agent's: local NED and body FRD there, local ENU and body FLU here.
+"""Conversions between the autopilot's frames (local NED, body FRD) and the agent's (local ENU, body FLU).
 
 The agent's local frame has its origin at the launch place; its axes are east, north, up.
 """
@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from math import hypot, pi, sqrt
 
-from agent.attitude import Quaternion, yaw_of
-from agent.vehicle.interface import LaunchPlace, Vector3
+from agent.geometry import Quaternion, Vector3, yaw_of
+from agent.vehicle.interface import LaunchPlace
 
 _HALF = sqrt(0.5)
 
 
 def enu_from_ned(vector: Vector3) -> Vector3:
-    """A direction, velocity or acceleration; the rule is its own inverse."""
+    """A direction, velocity or acceleration; this conversion is its own inverse."""
     north, east, down = vector
     return east, north, -down
 
@@ -23,13 +23,13 @@ ned_from_enu = enu_from_ned
 
 
 def enu_from_ned_position(position_m: Vector3, launch: LaunchPlace) -> Vector3:
-    """A position in the autopilot's local frame (NED), in the agent's local frame (ENU from the launch place)."""
+    """A position from the autopilot's local frame (NED) to the agent's (ENU from the launch place)."""
     north, east, down = position_m
     return east - launch.east_m, north - launch.north_m, launch.down_m - down
 
 
 def ned_from_enu_position(position_m: Vector3, launch: LaunchPlace) -> Vector3:
-    """A position in the agent's local frame, in the autopilot's."""
+    """A position from the agent's local frame to the autopilot's."""
     east, north, up = position_m
     return north + launch.north_m, east + launch.east_m, launch.down_m - up
 
@@ -43,11 +43,11 @@ def enu_from_flu(quaternion: Quaternion) -> Quaternion:
     return _HALF * (w + z), _HALF * (x + y), _HALF * (x - y), _HALF * (w - z)
 
 
-frd_from_flu = enu_from_flu  # the attitude NED <- FRD from ENU <- FLU: two half turns, done twice, are none
+frd_from_flu = enu_from_flu  # the attitude NED <- FRD from ENU <- FLU: the half turns cancel
 
 
 def turned_on(quaternion: Quaternion, rates_rps: Vector3, time_s: float) -> Quaternion:
-    """The attitude a short time later, at body rates of the same body frame; to the second order of the angle."""
+    """The attitude a short time later at these body rates (rad/s), to second order in the angle."""
     w, x, y, z = quaternion
     a, b, c = (0.5 * rate * time_s for rate in rates_rps)
     turned = (w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b - x * c + z * a, z + w * c + x * b - y * a)
@@ -56,13 +56,13 @@ def turned_on(quaternion: Quaternion, rates_rps: Vector3, time_s: float) -> Quat
 
 
 def up_share(quaternion: Quaternion) -> float:
-    """Cosine of the tilt: how much of the body's vertical axis is vertical. Same for NED <- FRD and ENU <- FLU."""
+    """Cosine of the tilt; the same for NED <- FRD and ENU <- FLU."""
     _, x, y, _ = quaternion
     return 1.0 - 2.0 * (x * x + y * y)
 
 
 def heading(quaternion: Quaternion, rates_rps: Vector3) -> tuple[float, float]:
-    """Heading (rad) of an attitude, and how fast it changes (rad/s) at these body rates; in the attitude's own pair of frames."""
+    """Heading (rad) of an attitude, and its rate (rad/s) at these body rates, in the frames of the attitude."""
     w, x, y, z = quaternion
     side, up = 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)  # of the vertical, along the body's second and third axis
     return yaw_of(quaternion), (side * rates_rps[1] + up * rates_rps[2]) / max(0.01, side * side + up * up)

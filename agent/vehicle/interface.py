@@ -7,7 +7,8 @@ from typing import Literal
 
 from msgspec import Struct
 
-Vector3 = tuple[float, float, float]
+from agent.geometry import Vector3
+
 Origin = tuple[float, float, float]  # latitude and longitude in degrees, height above the ellipsoid in metres
 
 
@@ -23,7 +24,7 @@ class FlightMode(StrEnum):
 
 
 class VehicleState(Struct, frozen=True, kw_only=True):
-    """The newest telemetry. Position by the vehicle's own localisation, with its own sigmas; epoch of that frame."""
+    """Telemetry at one time. Position by the vehicle's own localisation, with its own sigmas; epoch of that frame."""
 
     stamp_ns: int
     epoch: int
@@ -38,7 +39,8 @@ class VehicleState(Struct, frozen=True, kw_only=True):
     in_air: bool
     healthy: bool  # ready to arm, or flying without a failsafe
     battery: float | None = None  # 0 .. 1
-    clock_sigma_m: float = 0.0  # of position_sigma_m: what a wrong clock makes of the motion
+    clock_sigma_m: float = 0.0  # part of position_sigma_m due to a wrong clock
+    position_trusted: bool = True  # False: satellites lost or estimate inconsistent; the drone holds
 
 
 class GnssFix(Struct, frozen=True, kw_only=True):
@@ -53,7 +55,7 @@ class GnssFix(Struct, frozen=True, kw_only=True):
 
 
 class SeenDrone(Struct, frozen=True, kw_only=True):
-    """Another drone as a sensor on board saw it: direction (unit vector, body FLU), range, or both; 1-sigma errors."""
+    """A relative observation of another drone: direction (unit vector, body FLU), range, or both; 1-sigma errors."""
 
     stamp_ns: int
     target: str
@@ -64,7 +66,7 @@ class SeenDrone(Struct, frozen=True, kw_only=True):
 
 
 class Setpoint(Struct, frozen=True):
-    """What the autopilot is to follow now, local ENU."""
+    """The present setpoint for the autopilot, local ENU."""
 
     position_m: Vector3
     velocity_mps: Vector3
@@ -74,7 +76,7 @@ class Setpoint(Struct, frozen=True):
 
 
 class Request(StrEnum):
-    """What the pilot wants of the autopilot; the shell brings it about, and may take its time."""
+    """What the pilot requests of the autopilot; the shell brings it about, possibly after some time."""
 
     STAY = "stay"  # on the ground, disarmed
     TAKEOFF = "takeoff"  # arm and climb to takeoff_height_m
@@ -82,7 +84,7 @@ class Request(StrEnum):
     HOLD = "hold"
     RETURN = "return"
     LAND = "land"
-    RELEASE = "release"  # somebody else has taken over: command nothing
+    RELEASE = "release"  # somebody else has taken over: send no commands
 
 
 class VehicleCommand(Struct, frozen=True):
@@ -96,9 +98,9 @@ class VehicleCommand(Struct, frozen=True):
 class LaunchPlace(Struct, frozen=True, kw_only=True):
     """Where a drone's local frame lies in its autopilot's: the place of the launch in the autopilot's local NED frame.
 
-    A restarted agent knows that it is still the same frame by its geodetic origin, or, where there is none because the autopilot
-    flies without satellites, by when the autopilot was booted. ``epoch``: of the frame by now; ``resets``: the autopilot's count
-    of its estimator's resets by then (none: it has told none).
+    A restarted agent recognises the frame by its geodetic origin or, where there is none because the autopilot flies without
+    satellites, by the boot time of the autopilot. ``epoch``: present epoch of the frame; ``resets``: the autopilot's count of its
+    estimator's resets by then (None: not reported).
     """
 
     north_m: float
@@ -121,7 +123,7 @@ class LaunchPlace(Struct, frozen=True, kw_only=True):
 
 
 class Finding(Struct, frozen=True):
-    """One line of a preflight check. ``not yet``: may come right by itself; ``failed``: somebody has to do something."""
+    """One line of a preflight check. ``not yet``: may resolve by itself; ``failed``: needs action."""
 
     name: str
     verdict: Literal["ok", "not yet", "failed"]

@@ -1,4 +1,4 @@
-"""Where the drone's local frame lies in the autopilot's: found on the ground, or remembered over a restart in flight."""
+"""Where the drone's local frame lies in the autopilot's: measured on the ground, or stored over a restart in flight."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ from collections import deque
 
 from msgspec.structs import replace
 
-from agent.vehicle.interface import LaunchPlace, Origin, Vector3
+from agent.geometry import Vector3
+from agent.vehicle.interface import LaunchPlace, Origin
 from agent.vehicle.messages import GlobalOrigin
 
 WINDOW_S = 5.0
-SHORTEST_S = 1.0  # of standing still, before the mean is believed
+SHORTEST_S = 1.0  # standing still before the mean is used
 _SAME_DEG = 2e-7  # the origin comes in units of 1e-7 degrees
 _SAME_M = 0.01
-_SAME_BOOT_NS = 2_000_000_000  # an autopilot's clock drifts by less in a flight, and a reboot takes longer
+_SAME_BOOT_NS = 2_000_000_000  # clock drift in a flight is smaller, and a reboot takes longer
 
 
 class LaunchSurvey:
     """The mean of the autopilot's local position over the last seconds on the ground, frozen as soon as it is armed.
 
-    Once flown it stays for good, also after a landing elsewhere: what is measured there belongs to the same frame.
+    After the first flight it never changes, also after a landing elsewhere: later measurements belong to the same frame.
 
-    An agent that starts with the vehicle armed has nothing to average: it goes by the place that was stored, provided that the
-    autopilot's frame still has the same geodetic origin. An origin that moves sideways in flight takes the place away: by it
-    the vehicle would be steered, and its cones placed, wrong by as much. (Of the origin's altitude the autopilot may think better
-    without moving its frame: that is only told.)
+    An agent that starts with the vehicle armed has nothing to average: it uses the stored place, provided that the autopilot's
+    frame still has the same geodetic origin. A horizontal shift of the origin in flight invalidates the place: setpoints and
+    cones would be wrong by as much. (The autopilot may correct the origin's altitude without moving its frame: a warning.)
 
-    An autopilot that flies without satellites (``gnss`` False) has no such origin. Its frame is the same one as long as it has
-    not been booted anew; where one comes after all, because a receiver has found satellites, it does not move the frame.
+    An autopilot that flies without satellites (``gnss`` False) has no such origin. Its frame stays the same until it is rebooted;
+    an origin that appears later, because a receiver has found satellites, does not move the frame.
 
-    A frame that jumps in flight is another epoch; for a mission that takes it for known exactly (``exact``) there is none, and it
-    is only told: nobody could say where the other epoch lies.
+    A frame that jumps in flight begins a new epoch. A mission with an exactly known frame (``exact``) has no epochs: the jump is
+    only reported, because the position of the new frame would be unknown.
     """
 
     def __init__(self, stored: LaunchPlace | None = None, gnss: bool = True, exact: bool = False) -> None:
@@ -39,7 +39,7 @@ class LaunchSurvey:
         self.problem: str | None = None
         self._stored = stored
         self._gnss, self._exact = gnss, exact
-        self._jumps = 0  # of a frame that is taken for exact
+        self._jumps = 0  # of an exactly known frame
         self._flown = self._frozen = False
         self._samples: deque[tuple[float, Vector3]] = deque()
         self._origin: Origin | None = None
@@ -51,7 +51,7 @@ class LaunchSurvey:
 
     @property
     def to_keep(self) -> LaunchPlace | None:
-        """What a restarted agent should be given: the place, or before it is known the one that this agent was given."""
+        """The place to store for a restarted agent: this one's, or before it is known the one that was stored."""
         return self._place or self._stored
 
     def take_origin(self, origin: GlobalOrigin) -> None:
@@ -67,10 +67,10 @@ class LaunchSurvey:
         booted_ns: int | None = None,
         resets: int | None = None,
     ) -> None:
-        """Take the autopilot's local position (NED), when it was booted (UTC), and its count of resets by then."""
+        """Take the autopilot's local position (NED, m), its boot time (UTC), and its present count of resets."""
         self._frozen = armed or in_air or self._flown
         if self._origin is None and self._gnss:
-            self.problem = "the autopilot has not yet said where the origin of its local frame lies (no position fix?)"
+            self.problem = "the autopilot has not reported the origin of its local frame yet (no position fix?)"
         elif self._frozen:
             self._hold(booted_ns, resets)
             self._flown = self._flown or (in_air and self._place is not None)
@@ -78,7 +78,7 @@ class LaunchSurvey:
             self._average(now_s, position_m, booted_ns, resets)
 
     def jumped(self) -> None:
-        """The autopilot's frame has jumped: in flight a new epoch begins; before it the place is measured anew."""
+        """The autopilot's frame has jumped: in flight a new epoch begins; before it the place is measured again."""
         if self._frozen and self._exact:
             self._jumps += 1
         elif self._place is not None and self._frozen:
@@ -130,7 +130,7 @@ class LaunchSurvey:
         if not same:
             self.problem = "the autopilot has moved the origin of its local frame in flight: land"
         elif self._jumps:
-            self.problem = "the autopilot's position or heading has jumped in flight, and the mission takes its frame for exact"
+            self.problem = "the autopilot's position or heading has jumped in flight, but the mission defines its frame as exact"
         else:
             self.problem = None
 

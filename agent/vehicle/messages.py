@@ -1,4 +1,4 @@
-"""The MAVLink messages that the agent reads, with their own fields and units, as MavlinkDirect's JSON has them: NaN is null."""
+"""The MAVLink messages that the agent reads, with MAVLink's fields and units, as in MavlinkDirect's JSON: NaN is null."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ class Attitude(Struct, frozen=True):
 
 
 class Odometry(Struct, frozen=True):
-    """ODOMETRY: of all that it says, how often the estimator has been reset by then (modulo 256)."""
+    """ODOMETRY, of which only the count of estimator resets (modulo 256) is read."""
 
     time_usec: int  # since boot
     reset_counter: int
 
 
 class GpsRaw(Struct, frozen=True):
-    """GPS_RAW_INT: what a satellite receiver says; 1e-7 degrees, millimetres."""
+    """GPS_RAW_INT, from a satellite receiver: 1e-7 degrees, millimetres."""
 
     time_usec: int  # since boot
     fix_type: int  # GPS_FIX_TYPE: 3 or more is a position
@@ -98,14 +98,24 @@ class Battery(Struct, frozen=True):
 
 
 class EstimatorStatus(Struct, frozen=True):
-    """ESTIMATOR_STATUS: standard deviations, metres."""
+    """ESTIMATOR_STATUS: standard deviations, metres; ESTIMATOR_STATUS_FLAGS; ratios of innovations to their gates."""
 
     pos_horiz_accuracy: float | None
     pos_vert_accuracy: float | None
+    flags: int = 0x3FF
+    pos_horiz_ratio: float | None = 0.0  # NaN: satellites are not fused
+    vel_ratio: float | None = 0.0
+
+
+class CurrentMode(Struct, frozen=True):
+    """CURRENT_MODE; ``intended_custom_mode``: the mode after a failsafe; 0 unknown."""
+
+    custom_mode: int
+    intended_custom_mode: int = 0
 
 
 class HomePosition(Struct, frozen=True):
-    """HOME_POSITION: that there is one is what counts."""
+    """HOME_POSITION: only its existence matters."""
 
     latitude: int
     longitude: int
@@ -128,6 +138,15 @@ class StatusText(Struct, frozen=True):
     chunk_seq: int = 0
 
 
+class Event(Struct, frozen=True):
+    """EVENT: number and arguments; the text is in the autopilot's own list of events."""
+
+    id: int
+    log_levels: int
+    arguments: tuple[int, ...]
+    sequence: int = 0
+
+
 class CommandAck(Struct, frozen=True):
     """COMMAND_ACK."""
 
@@ -143,8 +162,18 @@ class ParameterValue(Struct, frozen=True):
     param_type: int
 
 
+class ParameterError(Struct, frozen=True):
+    """PARAM_ERROR: the parameter does not exist, or was not set."""
+
+    param_id: str
+    error: int
+
+
 Message = (
     Heartbeat
+    | CurrentMode
+    | Event
+    | ParameterError
     | LocalPosition
     | Attitude
     | Odometry
@@ -166,6 +195,9 @@ DECODERS: dict[str, msgspec.json.Decoder[Message]] = {
     name: msgspec.json.Decoder(kind)
     for name, kind in {
         "HEARTBEAT": Heartbeat,
+        "CURRENT_MODE": CurrentMode,
+        "EVENT": Event,
+        "PARAM_ERROR": ParameterError,
         "LOCAL_POSITION_NED": LocalPosition,
         "ATTITUDE_QUATERNION": Attitude,
         "ODOMETRY": Odometry,

@@ -8,7 +8,7 @@ from agent.vehicle.requests import Act
 ARMED = 0x80  # MAV_MODE_FLAG_SAFETY_ARMED in base_mode
 SET_MODE_FLAGS = 0x81  # armed and custom mode enabled: first parameter of DO_SET_MODE, as MAVSDK gives it
 STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE; PX4 says CRITICAL in a failsafe
-IN_AIR, TAKING_OFF, LANDING = 2, 3, 4  # MAV_LANDED_STATE
+IN_AIR, LANDING = 2, 4  # MAV_LANDED_STATE
 
 _AUTO, _OFFBOARD = 4, 6
 _AUTO_MODES = {
@@ -24,13 +24,14 @@ CUSTOM_MODES = {Act.OFFBOARD: (_OFFBOARD, 0), Act.HOLD: (_AUTO, 3), Act.RETURN: 
 
 
 def flight_mode(custom_mode: int) -> FlightMode:
-    """The mode of a heartbeat. Missions and whatever else is steered from elsewhere count as MANUAL."""
+    """The mode of a heartbeat. Missions and all other modes controlled from elsewhere count as MANUAL."""
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
     if main == _OFFBOARD:
         return FlightMode.OFFBOARD
     return _AUTO_MODES.get(sub, FlightMode.MANUAL) if main == _AUTO else FlightMode.MANUAL
 
 
-def is_in_air(landed_state: int, mode: FlightMode) -> bool:
-    """Whether the vehicle flies, its own takeoff being over."""
-    return landed_state in (IN_AIR, LANDING) or (landed_state == TAKING_OFF and mode is not FlightMode.TAKEOFF)
+def is_in_air(landed_state: int) -> bool:
+    """Whether the vehicle flies and its takeoff is over: by the landed state alone, because the heartbeat's mode may be a second
+    earlier or later."""
+    return landed_state in (IN_AIR, LANDING)

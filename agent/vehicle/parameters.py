@@ -1,4 +1,4 @@
-"""The autopilot's parameters that a flight relies on: what they must be, and what to set where they are not.
+"""The autopilot's parameters that a flight relies on: their allowed values, and what to set otherwise.
 
 Values and their meanings are PX4's (commander, navigator and rtl parameters, 1.13 and later; of vision, 1.14 and later).
 """
@@ -11,12 +11,13 @@ from collections.abc import Callable
 from msgspec import Struct
 
 from agent.vehicle.interface import Finding
-from agent.vehicle.messages import ParameterValue
+from agent.vehicle.messages import ParameterError, ParameterValue
+from agent.vehicle.trust import drift_m
 
 TAKEOFF_ALTITUDE = "MIS_TAKEOFF_ALT"
-ASK_AGAIN_S = 0.5  # an unknown name gets no answer
+ASK_AGAIN_S = 0.5  # PX4 1.17 reports unknown names; older versions do not answer
 MOST_ASKS = 6
-REFRESH_S = 5.0  # a wrong one is read again, so that mending it shows
+REFRESH_S = 5.0  # a wrong value is read again, so that a correction shows
 FLOAT, INT32 = 9, 6  # MAV_PARAM_TYPE
 NEGATIVE = -1.0
 
@@ -26,6 +27,10 @@ _FENCE = {2: "hold", 3: "return", 5: "land"}
 _EV_POSITION, _EV_YAW = 1, 8  # bits of EKF2_EV_CTRL
 _GPS_HEIGHT = 1  # of EKF2_HGT_REF
 _LONGEST_BLIND_US = 5_000_000.0
+# With satellites: after their loss the position error of a real PX4 was 1.9 m after 2 s, 3.4 m after 3 s, and 7.8 m after 5 s,
+# its default; the separation of vehicles is 3 m. PX4 accepts no value below half a second.
+_LONGEST_DRIFT_US, _SHORTEST_DRIFT_US = 2_000_000.0, 500_000.0
+_NO_SUCH = 1  # MAV_PARAM_ERROR
 
 Check = Callable[[float, float], str | None]  # value, ceiling -> what to do, or None
 
@@ -47,7 +52,7 @@ def _without_return(choices: dict[int, str]) -> dict[int, str]:
 
 
 def _loss_time(value: float, _: float) -> str | None:
-    return None if 0.0 < value <= 1.0 else "set it to 1 s or less: so long the vehicle flies on when the agent is gone"
+    return None if 0.0 < value <= 1.0 else "set it to 1 s or less: the vehicle flies on for this long without the agent"
 
 
 def _below_ceiling(value: float, ceiling_m: float) -> str | None:
@@ -55,11 +60,11 @@ def _below_ceiling(value: float, ceiling_m: float) -> str | None:
 
 
 def _distance(value: float, _: float) -> str | None:
-    return None if value > 0.0 else "set it to the farthest distance in metres that the mission needs: 0 means no fence"
+    return None if value > 0.0 else "set it to the largest distance in metres that the mission needs: 0 means no fence"
 
 
 def _guided_by_vision(value: float, _: float) -> str | None:
-    return None if int(value) & _EV_POSITION else "set its bit 0: the autopilot is to use the positions of the vision"
+    return None if int(value) & _EV_POSITION else "set its bit 0: the autopilot must use the positions of the vision system"
 
 
 def _guided_by_vision_alone(value: float, _: float) -> str | None:
@@ -67,12 +72,12 @@ def _guided_by_vision_alone(value: float, _: float) -> str | None:
     return (
         None
         if int(value) & wanted == wanted
-        else "set its bits 0 and 3: without satellites position and heading are the vision's"
+        else "set its bits 0 and 3: without satellites, position and heading come from the vision system"
     )
 
 
 def _no_satellites(value: float, _: float) -> str | None:
-    return None if value == 0.0 else "set it to 0: satellites that are received now and then would pull it out of its frame"
+    return None if value == 0.0 else "set it to 0: occasional satellite fixes would shift its local frame"
 
 
 def _height_without_satellites(value: float, _: float) -> str | None:
@@ -80,44 +85,55 @@ def _height_without_satellites(value: float, _: float) -> str | None:
 
 
 def _blind_time(value: float, _: float) -> str | None:
-    return None if value <= _LONGEST_BLIND_US else "set it to 5000000 or less (us): so long it flies on when the vision is gone"
+    return None if value <= _LONGEST_BLIND_US else "set it to 5000000 or less (us): it flies on for this long without vision"
+
+
+def _drift_time(value: float, _: float) -> str | None:
+    if _SHORTEST_DRIFT_US <= value <= _LONGEST_DRIFT_US:
+        return None
+    lost_m = drift_m(min(value, 5e6) * 1e-6)
+    return (
+        f"set it to {_LONGEST_DRIFT_US:.0f} or less (us; {_SHORTEST_DRIFT_US:.0f} at least): it flies on for this long without "
+        f"satellites, and its position may then be wrong by {lost_m:.0f} m"
+    )
 
 
 _OFFBOARD = Rule("COM_OF_LOSS_T", _loss_time)
-_AGENT_GONE, _REMOTE_GONE = "what the vehicle does when the agent is gone", "what it does when the remote control is gone"
+_AGENT_GONE, _REMOTE_GONE = "the reaction to the loss of the agent", "the reaction to the loss of the remote control"
 RULES = (
     _OFFBOARD,
     Rule("COM_OBL_RC_ACT", _one_of(_OFFBOARD_LOSS, _AGENT_GONE)),
     Rule("NAV_RCL_ACT", _one_of(_REMOTE_LOSS, _REMOTE_GONE)),
     Rule("RTL_RETURN_ALT", _below_ceiling),
     Rule("RTL_DESCEND_ALT", _below_ceiling),
-    Rule("GF_ACTION", _one_of(_FENCE, "what it does at its own fence")),
+    Rule("GF_ACTION", _one_of(_FENCE, "the reaction at its own fence")),
     Rule("GF_MAX_HOR_DIST", _distance),
 )
-# Without satellites PX4 has no home: it can neither return nor keep a fence around it.
+# Without satellites PX4 has no home: neither a return nor a fence around it is possible.
 HOMELESS_RULES = (
     _OFFBOARD,
-    Rule("COM_OBL_RC_ACT", _one_of(_without_return(_OFFBOARD_LOSS), f"{_AGENT_GONE}; it has no home to return to")),
-    Rule("NAV_RCL_ACT", _one_of(_without_return(_REMOTE_LOSS), f"{_REMOTE_GONE}; it has no home to return to")),
+    Rule("COM_OBL_RC_ACT", _one_of(_without_return(_OFFBOARD_LOSS), f"{_AGENT_GONE}; there is no home to return to")),
+    Rule("NAV_RCL_ACT", _one_of(_without_return(_REMOTE_LOSS), f"{_REMOTE_GONE}; there is no home to return to")),
     Rule("EKF2_EV_CTRL", _guided_by_vision_alone),
     Rule("EKF2_GPS_CTRL", _no_satellites),
     Rule("EKF2_HGT_REF", _height_without_satellites),
     Rule("EKF2_NOAID_TOUT", _blind_time),
 )
+SATELLITE_RULES = (Rule("EKF2_NOAID_TOUT", _drift_time),)
 VISION_RULES = (Rule("EKF2_EV_CTRL", _guided_by_vision), Rule("EKF2_NOAID_TOUT", _blind_time))
 
 
 def rules_of(gnss: bool, vision: bool) -> tuple[Rule, ...]:
-    """The rules for an autopilot that flies by satellites or without, and with the vision's poses from this agent or without."""
+    """The rules for an autopilot with or without satellites, and with or without vision poses from this agent."""
     if not gnss:
         return HOMELESS_RULES
-    return RULES + VISION_RULES if vision else RULES
+    return RULES + VISION_RULES if vision else RULES + SATELLITE_RULES
 
 
 def value_of(message: ParameterValue) -> float:
     """The number in a PARAM_VALUE. PX4 puts the bits of an integer into the float.
 
-    The bits of the negative integers next to 0 are a NaN, which is all that arrives: they come out as -1. No parameter that is
+    The bits of negative integers close to 0 are a NaN, which arrives without its bits: the result is -1. No parameter that is
     read here may be negative.
     """
     if message.param_value is None:
@@ -129,14 +145,14 @@ def value_of(message: ParameterValue) -> float:
 
 
 class Parameters:
-    """What is known of the parameters in ``rules``, and of the takeoff altitude."""
+    """The values of the parameters in ``rules`` and of the takeoff altitude, as far as they are known."""
 
     def __init__(self, ceiling_m: float, rules: tuple[Rule, ...] = RULES) -> None:
         self._ceiling_m = ceiling_m
         self._rules = rules
         self._names = (*(rule.name for rule in rules), TAKEOFF_ALTITUDE)
         self._values: dict[str, float] = {}
-        self._asked: dict[str, tuple[int, float]] = {}  # how often, and when last
+        self._asked: dict[str, tuple[int, float]] = {}  # how often, and when last asked for
 
     def receive(self, message: ParameterValue) -> None:
         """Take a PARAM_VALUE, asked for or not."""
@@ -144,8 +160,14 @@ class Parameters:
             self._values[message.param_id] = value_of(message)
             self._asked[message.param_id] = (0, self._asked.get(message.param_id, (0, 0.0))[1])
 
+    def refused(self, message: ParameterError) -> None:
+        """Take a PARAM_ERROR: there will be no answer."""
+        if message.error == _NO_SUCH and message.param_id in self._names:
+            self._values.pop(message.param_id, None)
+            self._asked[message.param_id] = (MOST_ASKS, self._asked.get(message.param_id, (0, 0.0))[1])
+
     def forget(self) -> None:
-        """Begin anew: the autopilot may have been restarted, or be another one."""
+        """Start again: the autopilot may have been restarted, or be another one."""
         self._values.clear()
         self._asked.clear()
 
@@ -180,6 +202,6 @@ class Parameters:
         if name not in self._values:
             if self._asked.get(name, (0, 0.0))[0] < MOST_ASKS:
                 return Finding(name, "not yet", "being read")
-            return Finding(name, "failed", "the autopilot does not answer for it: is it a PX4 of version 1.13 or later?")
+            return Finding(name, "failed", "unknown to the autopilot: is it a PX4 of version 1.13 or later?")
         value, advice = self._values[name], self._advice(name)
         return Finding(name, "ok", f"{value:g}") if advice is None else Finding(name, "failed", f"is {value:g}; {advice}")

@@ -1,4 +1,4 @@
-"""PX4 as the node sees it: states come in at the position's rate, the pilot's commands go out, problems are told in words."""
+"""The PX4 driver: vehicle states at the rate of the position, the pilot's commands, and problems in words."""
 
 from __future__ import annotations
 
@@ -9,12 +9,22 @@ from collections.abc import Callable
 from math import isfinite
 from typing import Literal
 
-from agent.config import VehicleConfig
+from agent.config.drone import VehicleConfig
 from agent.vehicle.frame import ned_from_enu, ned_from_enu_position, ned_yaw
-from agent.vehicle.health import StatusTexts
+from agent.vehicle.health import StatusMessages
 from agent.vehicle.interface import Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
 from agent.vehicle.link import Link, Received
-from agent.vehicle.messages import CommandAck, GpsRaw, Heartbeat, LocalPosition, ParameterValue, StatusText, TimeSync
+from agent.vehicle.messages import (
+    CommandAck,
+    Event,
+    GpsRaw,
+    Heartbeat,
+    LocalPosition,
+    ParameterError,
+    ParameterValue,
+    StatusText,
+    TimeSync,
+)
 from agent.vehicle.modes import CUSTOM_MODES, SET_MODE_FLAGS
 from agent.vehicle.parameters import FLOAT, TAKEOFF_ALTITUDE, Parameters, rules_of
 from agent.vehicle.requests import Act, Requests
@@ -22,28 +32,28 @@ from agent.vehicle.telemetry import Telemetry
 from agent.vehicle.vision import Vision
 
 LOCAL_NED = 1  # MAV_FRAME_LOCAL_NED
-USE_ALL = 0  # type_mask: nothing is to be ignored, not position, velocity, acceleration, yaw nor yaw rate
-STREAM_S = 0.3  # setpoints are streamed for so long before offboard is asked for
-STREAM_GAP_S = 0.5  # after a longer gap the stream begins anew
-SET_UP_S = 1.0  # between attempts to get what is still missing
+USE_ALL = 0  # type_mask: use position, velocity, acceleration, yaw and yaw rate
+STREAM_S = 0.3  # setpoints are streamed for this long before offboard is requested
+STREAM_GAP_S = 0.5  # after a longer gap the stream starts again
+SET_UP_S = 1.0  # between requests for missing streams and values
 MOST_INTERVAL_ASKS = 5  # a slow link or simulation may never reach the rates
-REFUSAL_S = 5.0  # for so long a refusal counts as a problem
-FIX_S = 0.9  # between two fixes: the errors of those in between are the same ones
+REFUSAL_S = 5.0  # a refusal counts as a problem for this long
+FIX_S = 0.9  # between two fixes: the errors of those in between are strongly correlated
 
 _TAKE_OFF, _LAND, _SET_MODE, _ARM, _SET_INTERVAL, _REQUEST = 22, 21, 176, 400, 511, 512  # MAV_CMD
 _WATCHED = {_TAKE_OFF: "to take off", _LAND: "to land", _SET_MODE: "to change its mode", _ARM: "to arm"}
 _RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}  # MAV_RESULT
 _HOME_POSITION, _GLOBAL_ORIGIN = 242, 49
-# Message ids and Hz that are asked for: the rest of the link's streams nobody here reads. (Heartbeats stay at PX4's 1 Hz.)
-_WANTED_HZ = {32: 30.0, 31: 30.0, 331: 10.0, 132: 10.0, 245: 5.0, 1: 2.0, 24: 2.0}
+# Message ids and rates (Hz) that are requested; other streams are not read. (Heartbeats stay at PX4's 1 Hz.)
+_WANTED_HZ = {32: 30.0, 31: 30.0, 331: 10.0, 132: 10.0, 245: 5.0, 24: 5.0, 230: 5.0, 436: 5.0, 1: 2.0}
 _UNWANTED = (30, 33, 36, 74, 83, 85, 105, 141)
-_FEWEST_POSITIONS_PER_S = 20  # with fewer the intervals are asked for again
+_FEWEST_POSITIONS_PER_S = 20  # with fewer the rates are requested again
 
 
 class Px4Vehicle:
     """One PX4. Everything is called, and calls back, in the event loop's thread.
 
-    Nothing is under way between calls: what the autopilot does not show is asked for again by the next heartbeat or command. So
+    Nothing is pending between calls: what the autopilot does not show is requested again with the next heartbeat or command. So
     an agent that hangs goes silent at once, and closing never waits.
     """
 
@@ -54,15 +64,26 @@ class Px4Vehicle:
         launch: LaunchPlace | None = None,
         clock_ns: Callable[[], int] = time.time_ns,
         exact: bool = False,
+        *,
+        clock_s: Callable[[], float] = time.monotonic,
+        link: Link | None = None,
     ) -> None:
-        """``launch``: where the local frame lay before a restart in flight; ``clock_ns``: UTC; ``exact``: the mission takes the
-        local frame for known exactly, so that it has one epoch only.
+        """Not connected yet.
+
+        Args:
+            config: where the autopilot is.
+            mission_ceiling_m: a return must stay below it.
+            launch: where the local frame lay before a restart in flight.
+            clock_ns: UTC.
+            exact: the mission's local frame is known exactly, so that it has only one epoch.
+            clock_s: a clock that never goes back.
+            link: to the autopilot; None: as in ``config``.
         """
         self._config = config
-        self._clock_ns = clock_ns
-        self._link = Link(config.address, clock_ns)
+        self._clock_ns, self._clock_s = clock_ns, clock_s
+        self._link = link or Link(config.address, clock_ns, clock_s, config.system_id)
         self._telemetry = Telemetry(config, launch, exact)
-        self._texts = StatusTexts()
+        self._messages = StatusMessages()
         self._parameters = Parameters(mission_ceiling_m, rules_of(config.gnss, config.vision is not None))
         self._requests = Requests()
         self._vision = Vision(config.vision.address, self._link.send, clock_ns) if config.vision is not None else None
@@ -70,7 +91,7 @@ class Px4Vehicle:
         self._callback: Callable[[VehicleState], None] | None = None
         self._fix_callback: Callable[[GnssFix], None] | None = None
         self._fix_s = float("-inf")
-        self._positions = self._interval_asks = 0  # positions since the last look at what is missing
+        self._positions = self._interval_asks = 0  # positions since the last check of the rates
         self._set_up_s = float("-inf")
         self._stream_from_s = self._setpoint_s = float("-inf")
         self._refusal: tuple[str, float] | None = None
@@ -105,8 +126,8 @@ class Px4Vehicle:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What stands against flying, one line each, with the autopilot's own words."""
-        now_s = time.monotonic()
+        """What prevents flying, one line each, with the autopilot's own messages."""
+        now_s = self._clock_s()
         problems = self._telemetry.problems(now_s)
         if self._telemetry.is_lost(now_s):
             return tuple(problems)
@@ -114,7 +135,7 @@ class Px4Vehicle:
         if self._refusal is not None and now_s - self._refusal[1] < REFUSAL_S:
             problems.append(self._refusal[0])
         if problems:
-            problems += [f"the autopilot says: {text}" for text in self._texts.recent(now_s)]
+            problems += [f"the autopilot says: {text}" for text in self._told(now_s)]
         parameters = self._parameters.findings()
         problems += [f"parameter {finding.name} {finding.text}" for finding in parameters if finding.verdict == "failed"]
         if any(finding.verdict == "not yet" for finding in parameters):
@@ -122,13 +143,13 @@ class Px4Vehicle:
         return tuple(problems)
 
     async def findings(self) -> list[Finding]:
-        """What a preflight check has to say of the vehicle by now; what is "not yet" will be otherwise some seconds later."""
+        """The present findings of a preflight check; "not yet" may change within seconds."""
         vision = [] if self._vision is None else [self._vision_finding()]
         return [self._link_finding(), *vision, self._readiness(), self._launch_finding(), *self._parameters.findings()]
 
     def command(self, command: VehicleCommand) -> None:
-        """Carry out one step's command: the setpoint goes out at once, and what the request still needs is asked for."""
-        now_s = time.monotonic()
+        """Carry out one step's command: send the setpoint at once, and the next command that the request needs."""
+        now_s = self._clock_s()
         streaming = self._stream(command.setpoint, now_s) if command.request is Request.OFFBOARD else False
         seen = self._telemetry.seen
         if seen is None:
@@ -157,12 +178,14 @@ class Px4Vehicle:
                     self._begin_anew()
                 case LocalPosition():
                     self._positions += 1
-                case StatusText():
-                    self._texts.receive(message, now_s)
+                case StatusText() | Event():
+                    self._messages.receive(message, now_s)
                 case CommandAck():
                     self._take_ack(message, now_s)
                 case ParameterValue():
                     self._parameters.receive(message)
+                case ParameterError():
+                    self._parameters.refused(message)
                 case GpsRaw() if now_s - self._fix_s >= FIX_S:
                     self._take_fix(message, now_s)
                 case TimeSync(tc1=0) if self._vision is not None:
@@ -180,15 +203,15 @@ class Px4Vehicle:
             self._fix_callback(fix)
 
     def _begin_anew(self) -> None:
-        """The link is there for the first time or again: the autopilot may have been restarted, or be another one."""
+        """The link is up for the first time or again: the autopilot may have been restarted, or be another one."""
         self._telemetry.begin_anew()
         self._parameters.forget()
         self._interval_asks, self._set_up_s = 0, float("-inf")
 
     def _set_up(self, now_s: float) -> None:
-        """Ask for what is still missing: streams, home, origin, parameters. Asked for again until it is there.
+        """Request what is missing, again and again: streams, home, origin, parameters.
 
-        An autopilot without satellites has neither home nor origin; where it has them after all, it says so by itself.
+        An autopilot without satellites has neither home nor origin; should it get them after all, it reports them by itself.
         """
         for name in self._parameters.due(now_s):
             self._link.send("PARAM_REQUEST_READ", {"param_id": name, "param_index": -1})
@@ -212,15 +235,15 @@ class Px4Vehicle:
             self._link.send_command(_SET_INTERVAL, message, -1)
 
     def _take_ack(self, ack: CommandAck, now_s: float) -> None:
-        """Refusals are kept as a reason to tell; acceptance is believed only when the heartbeat shows it."""
+        """Refusals are kept as a reason to report; acceptance only counts once the heartbeat shows it."""
         if ack.command in _WATCHED and ack.result in _RESULTS:
             self._refusal = f"the autopilot refuses {_WATCHED[ack.command]}: {_RESULTS[ack.result]}", now_s
 
     def _stream(self, setpoint: Setpoint | None, now_s: float) -> bool:
-        """Send the setpoint; returns whether setpoints have been streamed for long enough to ask for offboard.
+        """Send the setpoint; returns whether setpoints have been streamed for long enough to request offboard.
 
-        One that was planned before a jump of the frame would lead away by as much: it is kept back for the moment that it takes
-        until the pilot program knows of the new frame.
+        A setpoint planned before a jump of the frame would be wrong by as much: none is sent until the pilot knows of the new
+        frame.
         """
         launch = self._telemetry.launch.place
         if setpoint is None or launch is None or self._telemetry.frame_in_doubt:
@@ -256,23 +279,33 @@ class Px4Vehicle:
                 self._link.send_command(_SET_MODE, SET_MODE_FLAGS, *CUSTOM_MODES[act])
 
     def _link_finding(self) -> Finding:
-        now_s = time.monotonic()
+        now_s = self._clock_s()
         if not self._telemetry.is_lost(now_s):
             return Finding("autopilot", "ok", self._config.address)
         verdict: Literal["not yet", "failed"] = "not yet" if self._telemetry.seen is None else "failed"
         return Finding("autopilot", verdict, self._telemetry.problems(now_s)[0])
 
     def _readiness(self) -> Finding:
-        reason, now_s = self._telemetry.not_ready(), time.monotonic()
+        reason, now_s = self._telemetry.not_ready(), self._clock_s()
         if reason is None:
             return Finding("ready to arm", "ok", "")
-        return Finding("ready to arm", "not yet", "; ".join((reason, *self._texts.recent(now_s))))
+        return Finding("ready to arm", "not yet", "; ".join((reason, *self._told(now_s))))
+
+    def _told(self, now_s: float) -> tuple[str, ...]:
+        """The autopilot's own messages: on its failsafe or on what keeps it from being armed, and the recent ones."""
+        seen = self._telemetry.seen
+        lasting: tuple[str, ...] = ()
+        if seen is not None and seen.failsafe and self._messages.failsafe:
+            lasting = (self._messages.failsafe,)
+        elif seen is not None and not seen.armed:
+            lasting = self._messages.failed_checks(seen.mode)
+        return tuple(dict.fromkeys((*lasting, *self._messages.recent(now_s))))
 
     def _vision_problems(self) -> tuple[str, ...]:
         if self._vision is None or self._seeing is None:
             return ()
         if self._seeing.done() and not self._seeing.cancelled():
-            return (f"the vision's poses are passed on no more: {self._seeing.exception()!r}",)
+            return (f"internal error: poses of the vision system are not forwarded any more: {self._seeing.exception()!r}",)
         return self._vision.problems
 
     def _vision_finding(self) -> Finding:
@@ -288,5 +321,5 @@ class Px4Vehicle:
 
 
 def _float32(value: float) -> float:
-    """As a parameter carries it."""
+    """Rounded to the precision of a parameter."""
     return ctypes.c_float(value).value

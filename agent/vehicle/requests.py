@@ -1,11 +1,18 @@
-"""How a request of the pilot is brought about: what to ask of the autopilot next, by what its heartbeat shows.
+"""Judges PX4's mode and state from its heartbeat, and chooses the next command that fulfils the pilot's request.
 
-Acknowledgements are not believed (PX4 acknowledges a mode change before it has decided): whatever the heartbeat does not show
-is asked for again. A mode that was reached, or that stood when the request came, and then gave way to another one has been
-changed by somebody else, a human pilot or a failsafe: it is not asked for again until there is a new request.
+Acknowledgements are not relied on (PX4 acknowledges a mode change before it has decided): what the heartbeat does not show is
+commanded again. A mode that was reached, or was active when the request came, and then changed to another one has been changed by
+somebody else, a human pilot or a failsafe: it is not commanded again until there is a new request.
 
-A human pilot who took over from one request keeps the vehicle from the next one too, until the pilot program has seen it and
-released the vehicle: only what is wanted after that is wanted knowing that a human flies.
+In a failsafe the heartbeat shows the mode of the failsafe, and CURRENT_MODE the one the autopilot goes back to when its cause is
+over. A mode that only a failsafe flies has not been reached: it is commanded until the autopilot goes back to it.
+
+Transitions by the autopilot itself count for nobody: after its takeoff it changes to hold, and a heartbeat that is up to a second
+old may still show the hold before that takeoff. After a landing it goes back to the previous mode, and cannot be armed in
+offboard: hold is commanded then.
+
+A human pilot who took over from one request keeps the vehicle also from the next one, until the pilot program has noticed and
+released the vehicle: only later requests take into account that a human flies.
 """
 
 from __future__ import annotations
@@ -16,12 +23,13 @@ from msgspec import Struct
 
 from agent.vehicle.interface import FlightMode, Request
 
-SETTLE_S = 0.3  # a heartbeat that came so long after we asked shows what came of it
-REPEAT_S = 1.5  # longer than a heartbeat of 1 Hz and SETTLE_S: between two asks there is one that tells
+SETTLE_S = 0.3  # a heartbeat this long after a command shows its effect
+URGENT_S = 0.4  # between two commands in a failsafe, which may end at any moment
+REPEAT_S = 1.5  # between two commands: longer than the heartbeat's period of 1 s plus SETTLE_S
 
 
 class Act(Enum):
-    """What is asked of the autopilot."""
+    """A command to the autopilot."""
 
     SET_TAKEOFF_ALTITUDE = auto()
     ARM = auto()
@@ -33,13 +41,15 @@ class Act(Enum):
 
 
 class Seen(Struct, frozen=True):
-    """What the autopilot shows. ``heartbeat_s``: when the newest heartbeat came."""
+    """What the autopilot shows. ``heartbeat_s``: arrival of the newest heartbeat; ``intended``: the mode after a failsafe, None
+    where that is not reported."""
 
     mode: FlightMode
     armed: bool
     in_air: bool
     failsafe: bool
     heartbeat_s: float
+    intended: FlightMode | None = None
 
 
 _TARGETS = {
@@ -49,11 +59,13 @@ _TARGETS = {
     Request.RETURN: FlightMode.RETURN,
     Request.LAND: FlightMode.LAND,
 }
+_OWN = (FlightMode.HOLD, FlightMode.TAKEOFF)  # between these the autopilot changes by itself
+_NOT_ARMABLE = (FlightMode.OFFBOARD, FlightMode.RETURN, FlightMode.LAND)
 _ACTS = {Request.OFFBOARD: Act.OFFBOARD, Request.HOLD: Act.HOLD, Request.RETURN: Act.RETURN, Request.LAND: Act.LAND}
 
 
 class Requests:
-    """Steps a request towards what the heartbeat is to show."""
+    """Drives a request until the heartbeat shows it."""
 
     def __init__(self) -> None:
         self._request = Request.STAY
@@ -62,23 +74,29 @@ class Requests:
         self._begin(Request.STAY, taken_over=False)
 
     def step(self, now_s: float, request: Request, seen: Seen, streaming: bool, altitude_set: bool) -> Act | None:
-        """What to ask for now, if anything.
+        """The command to send now, if any.
 
         Args:
             now_s: a clock that never goes back.
-            request: what the pilot wants; the newest one wins.
+            request: of the pilot program; the newest one wins.
             seen: what the autopilot shows.
             streaming: setpoints have been streamed for long enough to be accepted in offboard.
             altitude_set: the autopilot knows the height to take off to.
         """
         if request is not self._request:
             self._begin(request, self._is_taken_over(seen))
+        if request is Request.STAY:
+            return self._asked(now_s, Act.HOLD if _must_hold(seen) else None, REPEAT_S)
         if request not in _TARGETS:
             return None
         if seen.heartbeat_s > self._asked_s + SETTLE_S:
             self._judge(seen)
         act = None if self._yielded else self._wanted(seen, streaming, altitude_set)
-        if act is None or (act is self._last and now_s - self._asked_s < REPEAT_S):
+        return self._asked(now_s, act, URGENT_S if seen.failsafe else REPEAT_S)
+
+    def _asked(self, now_s: float, act: Act | None, repeat_s: float) -> Act | None:
+        """The command, where it is time to send it."""
+        if act is None or (act is self._last and now_s - self._asked_s < repeat_s):
             return None
         self._last, self._asked_s = act, now_s
         return act
@@ -98,14 +116,16 @@ class Requests:
     def _judge(self, seen: Seen) -> None:
         """Whether the request has been reached, or somebody else has chosen otherwise."""
         if not seen.armed:
-            self._yielded = self._yielded or self._was_armed  # never armed twice by one request
+            self._yielded = self._yielded or self._was_armed  # never arm twice for one request
             return
         self._was_armed = True
+        if seen.failsafe and seen.mode is not FlightMode.MANUAL:
+            return  # offboard loss: the autopilot resumes by itself once setpoints are streamed again
+        before = self._mode_before
+        by_itself = not self._reached and seen.mode in _OWN and before in _OWN
         if seen.mode is _TARGETS[self._request]:
             self._reached = True
-        elif seen.failsafe and seen.mode is not FlightMode.MANUAL:
-            return  # offboard loss: the autopilot comes back by itself once setpoints stream again
-        elif self._reached or self._mode_before not in (None, seen.mode):
+        elif self._reached or (before not in (None, seen.mode) and not by_itself):
             self._yielded = True
         self._mode_before = seen.mode
 
@@ -113,15 +133,29 @@ class Requests:
         request = self._request
         if request is Request.TAKEOFF:
             return self._takeoff(seen, altitude_set)
-        if not seen.armed or seen.mode is _TARGETS[request]:
+        if not seen.armed or self._is_there(seen):
             return None
         if request is Request.OFFBOARD and not (seen.in_air and streaming and not seen.failsafe):
             return None
         return _ACTS[request]
 
+    def _is_there(self, seen: Seen) -> bool:
+        """Whether the requested mode is active, and in a failsafe also the one that it goes back to."""
+        target = _TARGETS[self._request]
+        if seen.failsafe and seen.intended is not None and self._request is not Request.OFFBOARD:
+            return seen.intended is target
+        return seen.mode is target
+
     def _takeoff(self, seen: Seen, altitude_set: bool) -> Act | None:
         if seen.in_air or (seen.armed and seen.mode is FlightMode.TAKEOFF):
             return None
+        if _must_hold(seen):
+            return Act.HOLD
         if not altitude_set:
             return Act.SET_TAKEOFF_ALTITUDE
         return Act.TAKE_OFF if seen.armed else Act.ARM
+
+
+def _must_hold(seen: Seen) -> bool:
+    """Whether the autopilot is on the ground in a mode in which it cannot be armed."""
+    return not seen.armed and not seen.in_air and seen.mode in _NOT_ARMABLE

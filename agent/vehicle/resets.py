@@ -1,35 +1,35 @@
-"""When the autopilot's local frame has jumped: by its count of resets, and by what the reset did.
+"""Jumps of the autopilot's local frame, detected by its count of resets and by the effect of the reset.
 
-PX4 counts in ODOMETRY every reset of its estimator: of position, velocity, height or heading. Many move nothing that matters (the
-velocity at takeoff). The frame is another one after a reset with which position or heading jumped, or with which satellites were
-lost or found, because the autopilot is then guided by something else.
+PX4 counts in ODOMETRY every reset of its estimator: of position, velocity, height or heading. Many do not matter here (the
+velocity at takeoff). The frame changes with a reset in which position or heading jumps, or with which satellites are lost or
+found, because the autopilot then uses another position source.
 
 Positions come in another message (LOCAL_POSITION_NED), so the count may arrive a little before or after the position that jumped.
-A position that jumped is held back until the count says what it was; where it says nothing, it is passed on as it is.
+A position that jumped is held back until the count explains it; if it does not, the position is passed on as it is.
 """
 
 from __future__ import annotations
 
 from math import dist, remainder, tau
 
-from agent.vehicle.interface import Vector3
+from agent.geometry import Vector3
 
-JUMP_M = 0.5  # more than three times what the estimate's noise is
+JUMP_M = 0.5  # more than three times the noise of the estimate
 JUMP_RAD = 0.05
-SETTLE_S = 0.05  # after which the attitude, too, is surely that of the new frame: two messages of 30 Hz
-SWITCH_S = 10.0  # by which the loss of satellites and the reset that follows may differ: PX4 waits for them for 5 s
-LATE_S = 0.2  # by which count and position may differ: the count comes at 10 Hz
-HARDEST_MPS2 = 8.0  # acceleration, and turning, that explain a difference after a gap
+SETTLE_S = 0.05  # after this time the attitude also belongs to the new frame: two messages at 30 Hz
+SWITCH_S = 10.0  # largest delay of the reset after a loss of satellites: PX4 waits for them for 5 s
+LATE_S = 0.2  # largest delay between count and position: the count comes at 10 Hz
+HARDEST_MPS2 = 8.0  # largest acceleration, linear and angular, that may explain a difference after a gap
 HARDEST_RPS2 = 6.0
 _NEVER_S = float("-inf")
 _COUNTS = 256
 
 
 class Resets:
-    """Watches one autopilot; all times are of its clock. ``count``: the newest count of resets; None: it tells none."""
+    """Detector for one autopilot; all times by its clock. ``count``: the newest count of resets; None: not reported."""
 
     def __init__(self, count: int | None = None) -> None:
-        """``count``: of before a restart of the agent: where it has grown since, the frame counts as another one."""
+        """``count``: before a restart of the agent; if it has changed since, the frame counts as another one."""
         self.count: int | None = None
         self._before = count
         self._reset_s = self._jump_s = _NEVER_S
@@ -44,7 +44,7 @@ class Resets:
         if before is not None and (count - before) % _COUNTS:
             self._reset_s = stamp_s
             if self.count is None:
-                self._jump_s = stamp_s  # whatever happened, nobody was there to see it
+                self._jump_s = stamp_s  # the jump itself was not observed
         self.count = count
 
     def take_satellites(self, found: bool) -> None:
@@ -59,7 +59,7 @@ class Resets:
         return self._held
 
     def judge(self, stamp_s: float, position: Vector3, velocity: Vector3, yaw: float, turning: float) -> bool | None:
-        """Whether the frame is another one than at the position before.
+        """Whether the frame has changed since the position before.
 
         Args:
             stamp_s: of the position.
@@ -67,9 +67,10 @@ class Resets:
             yaw, turning: rad, rad/s.
 
         Returns:
-            None: it cannot be told yet, and nothing should be done by this position.
+            None: undecided yet; this position must not be used.
         """
-        if self._jumps(stamp_s, position, velocity, yaw, turning):
+        # After a reset, a filter's position moves faster than its velocity for a moment: that is no second jump.
+        if self._jumps(stamp_s, position, velocity, yaw, turning) and stamp_s - self._jump_s >= LATE_S:
             self._jump_s = stamp_s
         self._last = (stamp_s, position, velocity, yaw, turning)
         jumped, reset = stamp_s - self._jump_s < LATE_S, stamp_s - self._reset_s < LATE_S
@@ -85,7 +86,7 @@ class Resets:
         return True
 
     def _jumps(self, stamp_s: float, position: Vector3, velocity: Vector3, yaw: float, turning: float) -> bool:
-        """Whether motion does not explain the way from the last position to this one."""
+        """Whether the step from the last position to this one is more than motion explains."""
         if self._last is None or stamp_s <= self._last[0]:
             return False
         last_s, last_position, last_velocity, last_yaw, last_turning = self._last

@@ -6,8 +6,8 @@ from math import isfinite, radians
 
 from msgspec import Struct
 
-from agent.attitude import Quaternion
-from agent.config import VehicleConfig
+from agent.config.drone import VehicleConfig
+from agent.geometry import Quaternion, Vector3
 from agent.vehicle.clock import BootClock
 from agent.vehicle.frame import (
     enu_from_flu,
@@ -18,11 +18,12 @@ from agent.vehicle.frame import (
     up_share,
 )
 from agent.vehicle.health import not_ready
-from agent.vehicle.interface import GnssFix, LaunchPlace, Vector3, VehicleState
+from agent.vehicle.interface import FlightMode, GnssFix, LaunchPlace, VehicleState
 from agent.vehicle.launch import LaunchSurvey
 from agent.vehicle.messages import (
     Attitude,
     Battery,
+    CurrentMode,
     DistanceSensor,
     EstimatorStatus,
     ExtendedState,
@@ -38,17 +39,18 @@ from agent.vehicle.messages import (
 from agent.vehicle.modes import ACTIVE, ARMED, CRITICAL, STANDBY, flight_mode, is_in_air
 from agent.vehicle.requests import Seen
 from agent.vehicle.resets import Resets
+from agent.vehicle.trust import PositionTrust
 
-FRESH_S = 0.5  # older attitudes and ranges do not belong to the position
-MISSING_S = 1.0  # for which a stream of 30 Hz must have failed before it is told
-LOST_S = 2.5  # without a heartbeat: two of 1 Hz have failed to come
+FRESH_S = 0.5  # older attitudes and ranges are not used with a position
+MISSING_S = 1.0  # a stream of 30 Hz that has been missing for this long is reported
+LOST_S = 2.5  # without a heartbeat: two at 1 Hz have been lost
 _DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
-_INVALID_SIGNAL = 1  # percent, by the definition of DISTANCE_SENSOR
+_INVALID_SIGNAL = 1  # percent, as defined for DISTANCE_SENSOR
 _FIX_3D = 3  # GPS_FIX_TYPE
 
 
 class _Turning(Struct, frozen=True):
-    """An attitude (NED <- FRD), how it changes, when it held by the autopilot's clock, and when it arrived."""
+    """An attitude (NED <- FRD) and its rates, with its time by the autopilot's clock and its arrival."""
 
     quaternion: Quaternion
     rates_rps: Vector3
@@ -57,17 +59,19 @@ class _Turning(Struct, frozen=True):
 
 
 class Telemetry:
-    """The newest of every message, and what follows from them. Only the newest counts; nothing is queued."""
+    """The newest of every message, and the vehicle state that follows from them. Nothing is queued."""
 
     def __init__(self, config: VehicleConfig, launch: LaunchPlace | None, exact: bool = False) -> None:
-        """``exact``: the mission takes the frame for known exactly, whatever happens to it."""
+        """``launch``: stored before a restart; ``exact``: the mission's local frame is known exactly."""
         self.launch = LaunchSurvey(launch, config.gnss, exact)
         self._resets = Resets(launch.resets if launch is not None else None)
+        self._trust = PositionTrust(config.gnss and config.vision is None)
         self._config = config
         self._clock = BootClock()
         self._heartbeat: Heartbeat | None = None
         self._heartbeat_s = self._position_s = float("-inf")
         self._range_m = (0.0, float("-inf"))  # along the sensor's axis; when it arrived
+        self._intended: FlightMode | None = None
         self._extended: ExtendedState | None = None
         self._status: SystemStatus | None = None
         self._attitude: _Turning | None = None
@@ -77,11 +81,12 @@ class Telemetry:
         self.begin_anew()
 
     def begin_anew(self) -> None:
-        """The link is there for the first time or again: what the autopilot sends only once has to be had anew."""
+        """The link is up for the first time or again: what the autopilot sends only once has to be requested again."""
         self.has_home = self.has_origin = False
+        self._intended = None
 
     def receive(self, message: Message, arrival_ns: int, arrival_s: float) -> VehicleState | None:
-        """Take a message; a position makes a new state, once everything else that it needs is known."""
+        """Take a message; a position yields a new state once everything else is known."""
         match message:
             case LocalPosition():
                 return self._state(message, arrival_ns, arrival_s)
@@ -90,18 +95,17 @@ class Telemetry:
             case Odometry():
                 self._resets.take_count(message.reset_counter, message.time_usec * 1e-6)
             case GpsRaw():
-                self._resets.take_satellites(message.fix_type >= _FIX_3D)
-            case Heartbeat():
-                self._heartbeat, self._heartbeat_s = message, arrival_s
-            case ExtendedState():
-                self._extended = message
-            case SystemStatus():
-                self._status = message
+                found = message.fix_type >= _FIX_3D
+                self._resets.take_satellites(found)
+                self._trust.take_fix(found, arrival_s)
+            case Heartbeat() | CurrentMode() | ExtendedState() | SystemStatus():
+                self._take_condition(message, arrival_s)
             case DistanceSensor():
                 self._take_range(message, arrival_s)
             case EstimatorStatus():
                 sigmas = (message.pos_horiz_accuracy, message.pos_vert_accuracy)
                 self._estimator_sigma_m = max(value for value in (*sigmas, 0.0) if value is not None)
+                self._trust.take_estimator(message, arrival_s)
             case Battery(id=0, battery_remaining=percent):
                 self._battery = percent / 100.0 if percent >= 0 else None
             case HomePosition():
@@ -112,7 +116,7 @@ class Telemetry:
         return None
 
     def fix(self, message: GpsRaw) -> GnssFix | None:
-        """What the satellite receiver says; None where it has no position, says it again, or does not say how good it is."""
+        """The fix of the satellite receiver; None without a position or its accuracy, or where it is a repetition."""
         stamp_ns = self._clock.utc_ns(message.time_usec * 1000)
         if stamp_ns is None or message.fix_type < _FIX_3D or message.h_acc <= 0 or message.v_acc <= 0:
             return None
@@ -130,12 +134,12 @@ class Telemetry:
 
     @property
     def frame_in_doubt(self) -> bool:
-        """Whether the autopilot's frame may have jumped a moment ago: what was planned in the old one should not be flown."""
+        """Whether the autopilot's frame may just have jumped: plans in the old one must not be flown."""
         return self._resets.in_doubt
 
     @property
     def seen(self) -> Seen | None:
-        """What the autopilot shows of its modes; None before it has shown all of it."""
+        """What the autopilot shows of its modes; None before all of it is known."""
         heartbeat, extended = self._heartbeat, self._extended
         if heartbeat is None or extended is None:
             return None
@@ -143,17 +147,18 @@ class Telemetry:
         return Seen(
             mode=mode,
             armed=bool(heartbeat.base_mode & ARMED),
-            in_air=is_in_air(extended.landed_state, mode),
+            in_air=is_in_air(extended.landed_state),
             failsafe=heartbeat.system_status >= CRITICAL,
             heartbeat_s=self._heartbeat_s,
+            intended=self._intended,
         )
 
     def is_lost(self, now_s: float) -> bool:
-        """Whether the link is lost: no heartbeat for so long that two of 1 Hz have failed to come."""
+        """Whether the link is lost: no heartbeat for ``LOST_S``."""
         return now_s - self._heartbeat_s > LOST_S
 
     def problems(self, now_s: float) -> list[str]:
-        """What stands against flying, by what the autopilot reports."""
+        """What prevents flying, by the autopilot's reports."""
         if self._heartbeat is None:
             return ["no heartbeat from the autopilot yet"]
         if self.is_lost(now_s):
@@ -166,12 +171,13 @@ class Telemetry:
             problems = ["the autopilot is in a failsafe"] if seen.failsafe else []
         else:
             reason = self.not_ready()
-            where = f" in mode {seen.mode}" if seen is not None else ""  # from some modes it does not let itself be armed
+            where = f" in mode {seen.mode}" if seen is not None else ""  # in some modes it cannot be armed
             problems = [f"the autopilot is not ready to arm{where}: {reason}"] if reason is not None else []
-        return problems + ([self.launch.problem] if self.launch.problem is not None else [])
+        told = (self._trust.problem(now_s), self.launch.problem)
+        return problems + [problem for problem in told if problem is not None]
 
     def _missing(self, now_s: float) -> list[str]:
-        """What no state can be made without."""
+        """The missing inputs without which there is no state."""
         attitude_s = self._attitude.arrival_s if self._attitude is not None else float("-inf")
         arrivals_s = {"local position": self._position_s, "attitude": attitude_s}
         landed_state = ["landed state"] if self._extended is None else []
@@ -180,12 +186,12 @@ class Telemetry:
     def not_ready(self) -> str | None:
         """What keeps the autopilot from being armed, or None."""
         if self._status is None or self._heartbeat is None:
-            return "its sensors are not known yet"
-        reason = not_ready(self._status, self._config.gnss)
+            return "no sensor status yet"
+        reason = not_ready(self._status)
         if reason is not None:
             return reason
         if self._heartbeat.system_status not in (STANDBY, ACTIVE):
-            return "it is still starting, calibrating or in a failsafe"
+            return "still starting, calibrating or in a failsafe"
         return None if self.has_home or not self._config.gnss else "no home position yet"
 
     def _state(self, message: LocalPosition, arrival_ns: int, arrival_s: float) -> VehicleState | None:
@@ -206,6 +212,7 @@ class Telemetry:
             return None
         if jumped:
             self.launch.jumped()
+            self._trust.jumped(arrival_s)
         booted_ns, resets = self._clock.booted_ns, self._resets.count
         self.launch.observe(arrival_s, place_m, seen.armed, seen.in_air, booted_ns, resets)
         launch = self.launch.place
@@ -219,18 +226,30 @@ class Telemetry:
             velocity_mps=enu_from_ned(velocity_mps),
             quaternion=enu_from_flu(quaternion),
             height_m=self._height_m(position_m[2], up_share(quaternion), arrival_s),
-            position_sigma_m=max(self._config.position_sigma_m, self._estimator_sigma_m),
+            position_sigma_m=max(self._config.position_sigma_m, self._estimator_sigma_m) + self._trust.drift_m(arrival_s),
             yaw_sigma_rad=radians(self._config.yaw_sigma_deg),
             mode=seen.mode,
             armed=seen.armed,
             in_air=seen.in_air,
             healthy=self._is_healthy(seen),
             battery=self._battery,
+            position_trusted=self._trust.at(arrival_s),
         )
 
     def _is_healthy(self, seen: Seen) -> bool:
-        """Ready to arm, or flying without a failsafe. Once it is armed, its readiness to arm is behind it."""
+        """Ready to arm, or flying without a failsafe. Once it is armed, readiness to arm does not matter."""
         return not seen.failsafe if seen.in_air or seen.armed else self.not_ready() is None
+
+    def _take_condition(self, message: Heartbeat | CurrentMode | ExtendedState | SystemStatus, arrival_s: float) -> None:
+        match message:
+            case Heartbeat():
+                self._heartbeat, self._heartbeat_s = message, arrival_s
+            case CurrentMode(intended_custom_mode=intended):
+                self._intended = flight_mode(intended) if intended else None
+            case ExtendedState():
+                self._extended = message
+            case SystemStatus():
+                self._status = message
 
     def _take_range(self, message: DistanceSensor, arrival_s: float) -> None:
         within = message.min_distance < message.current_distance < message.max_distance
@@ -238,7 +257,7 @@ class Telemetry:
             self._range_m = message.current_distance / 100.0, arrival_s
 
     def _height_m(self, above_launch_m: float, up: float, now_s: float) -> float:
-        """Above ground by the rangefinder, whose axis tilts with the body; without it, above the launch place."""
+        """Height above ground by the rangefinder, whose axis tilts with the body; without it, above the launch place."""
         range_m, arrival_s = self._range_m
         return range_m * up if now_s - arrival_s <= FRESH_S else above_launch_m
 

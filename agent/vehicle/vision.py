@@ -1,15 +1,15 @@
-"""An autopilot guided by vision: the poses of a SLAM on board, from its TCP feed to MAVLink's ODOMETRY.
+"""Vision poses for the autopilot: from the TCP feed of a SLAM on board to MAVLink's ODOMETRY.
 
-The feed sends a pose a line, as JSON; 10 to 50 of them a second:
+The feed sends one pose per line, as JSON, at 10 to 50 Hz:
 
 {"stamp_ns": 1767225600000000000, "position_m": [1.0, 2.0, 0.5], "quaternion": [1.0, 0.0, 0.0, 0.0],
  "covariance": [0.01, ... 36 numbers, rows of x, y, z, roll, pitch, yaw], "reset_counter": 0}
 
 Position and attitude (w, x, y, z; local from body FLU) are in the SLAM's own frame: z up, any heading. ``covariance`` (m2,
-rad2; as in ROS) may be left out. ``reset_counter`` grows where that frame jumps.
+rad2; as in ROS) may be omitted. ``reset_counter`` grows where that frame jumps.
 
-PX4 gets them in MAV_FRAME_LOCAL_FRD, an upright frame of any heading; its x is the SLAM's y, so that the drone's local frame,
-which this agent derives from PX4's as if its axes were north, east and down, has the SLAM's axes again.
+PX4 gets them in MAV_FRAME_LOCAL_FRD, an upright frame of any heading. Its x is the SLAM's y, so that the drone's local frame,
+which the agent derives from PX4's as if its axes were north, east and down, has the SLAM's axes again.
 """
 
 from __future__ import annotations
@@ -23,19 +23,18 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
-from agent.attitude import Quaternion
 from agent.feed import LineFeed
+from agent.geometry import Quaternion, Vector3
 from agent.vehicle.frame import frd_from_flu, ned_from_enu
-from agent.vehicle.interface import Vector3
 
 STALE_NS = 500_000_000
-SILENCE_S = 1.0  # without a pose the autopilot soon knows no more where it is
+SILENCE_S = 1.0  # without poses for this long the autopilot soon loses its position
 Counted = Annotated[int, Meta(ge=0, le=255)]
 _LOCAL_FRD, _BODY_FRD, _VISION = 20, 12, 2  # MAV_FRAME, MAV_FRAME, MAV_ESTIMATOR_TYPE
 _UPPER = 21  # numbers of the upper triangle of 6 x 6
-# Places of the variances in the feed's 6 x 6 and in the message's upper triangle. North is the feed's y.
+# Indices of the variances in the feed's 6 x 6 and in the message's upper triangle. North is the feed's y.
 _VARIANCES = ((7, 0), (0, 6), (14, 11), (28, 15), (21, 18), (35, 20))
-_ROUNDING = 1e-2  # of a unit quaternion's length
+_ROUNDING = 1e-2  # tolerance of a unit quaternion's length
 
 
 class VisionPose(Struct, frozen=True, kw_only=True):
@@ -52,14 +51,14 @@ _DECODER = msgspec.json.Decoder(VisionPose)
 
 
 class Vision:
-    """Passes the poses of one feed on.
+    """Forwards the poses of one feed.
 
     ``counters``: poses, malformed, dropped_stale, and those of the link.
     """
 
     def __init__(self, address: str, send: Callable[[str, dict[str, Any]], None], clock_ns: Callable[[], int]) -> None:
-        """``send``: a MAVLink message to the autopilot, by its name. Raises ConfigError where the address is none."""
-        self._feed = LineFeed("the vision", "vehicle.vision.address", address)
+        """``send``: a MAVLink message to the autopilot, by its name. Raises ConfigError where it is not an address."""
+        self._feed = LineFeed("the vision system", "vehicle.vision.address", address)
         self._send = send
         self._clock_ns = clock_ns
         self._pose_s = float("-inf")
@@ -68,13 +67,13 @@ class Vision:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong now, a line each."""
+        """What is wrong now, one line each."""
         if time.monotonic() - self._pose_s < SILENCE_S:
             return ()
-        return (self._feed.problem or self._flaw or f"the vision sends no pose for {SILENCE_S:g} s",)
+        return (self._feed.problem or self._flaw or f"no pose from the vision system for {SILENCE_S:g} s",)
 
     async def run(self) -> None:
-        """Pass on until ``close``."""
+        """Forward poses until ``close``."""
         async for lines in self._feed.items():
             for line in lines:
                 pose = self._pose(line)
@@ -82,34 +81,34 @@ class Vision:
                     self._send("ODOMETRY", odometry(pose))
 
     def _pose(self, line: bytes) -> VisionPose | None:
-        """One line; what is no pose, or an old one, is counted and goes no further."""
+        """One line; malformed lines and stale poses are counted and dropped."""
         try:
             pose = _DECODER.decode(line)
         except msgspec.MsgspecError as error:
             self.counters["malformed"] += 1
-            self._flaw = f"the vision sends what is no pose: {error}"
+            self._flaw = f"the vision system sends malformed poses: {error}"
             return None
         length = hypot(*pose.quaternion)
         if not isfinite(sum(pose.position_m)) or not abs(length - 1.0) < _ROUNDING:
             self.counters["malformed"] += 1
-            self._flaw = f"the vision sends a quaternion of length {length:g}"
+            self._flaw = f"the vision system sends a quaternion of length {length:g}"
             return None
         late_ns = self._clock_ns() - pose.stamp_ns
         if abs(late_ns) > STALE_NS:
             self.counters["dropped_stale"] += 1
-            self._flaw = f"poses of the vision are {late_ns * 1e-9:+.1f} s late and are dropped; is its clock set?"
+            self._flaw = f"poses of the vision system are {late_ns * 1e-9:+.1f} s late and are dropped: check its clock"
             return None
         self.counters["poses"] += 1
         self._pose_s = time.monotonic()
         return pose
 
     async def close(self) -> None:
-        """Let go of the feed; ``run`` ends."""
+        """Close the feed; ``run`` ends."""
         await self._feed.close()
 
 
 def odometry(pose: VisionPose) -> dict[str, Any]:
-    """The fields of an ODOMETRY; None is NaN: not known. Its time is UTC, which PX4 maps to its own by TIMESYNC."""
+    """The fields of an ODOMETRY; None is NaN: unknown. The time is UTC, which PX4 maps to its own by TIMESYNC."""
     x, y, z = ned_from_enu(pose.position_m)
     covariance: list[float | None] = [None] * _UPPER
     if pose.covariance is not None:

@@ -84,7 +84,7 @@ def _sample(launcher: psutil.Process, seen: dict[int, Seen]) -> None:
 
 
 def _kind(command: list[str]) -> str:
-    modules = {"agent.supervisor": "watchdog", "agent": "agent", "sim.world": "world"}
+    modules = {"agent.shell.supervisor": "watchdog", "agent": "agent", "sim.live.world": "world"}
     return next((modules[word] for word in command if word in modules), "other")
 
 

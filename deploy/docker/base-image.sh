@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes the base image, Debian 12 with Python 3.11, from Debian's packages: for machines that reach no container registry.
+# Makes the base image, Debian 12 with Python 3.11, from Debian's packages: for machines without access to a container registry.
 #   deploy/docker/base-image.sh [TAG]     TAG is what ARG BASE_IMAGE of deploy/Dockerfile names, its default by default
 set -euo pipefail
 tag=${1:-python:3.11-slim-bookworm}

@@ -12,7 +12,7 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 mkdir -p "$work/lists/partial" "$work/archives/partial" "$target"
 echo "deb [signed-by=$keys] http://deb.debian.org/debian trixie main" > "$work/sources.list"
-# An apt of its own: that of this machine is left as it is.
+# A separate apt configuration: that of this machine is not changed.
 apt=(apt-get -q -q -o "Dir::Etc::sourcelist=$work/sources.list" -o Dir::Etc::sourceparts=- -o "Dir::State::lists=$work/lists"
     -o Dir::State::status=/dev/null -o "Dir::Cache=$work" -o APT::Sandbox::User= -o Acquire::Retries=3)
 echo "plugins.sh: getting docker's plugins compose and buildx from Debian 13 ..." >&2

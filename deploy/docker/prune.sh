@@ -1,5 +1,5 @@
 #!/bin/sh
-# In the image build: what never runs goes: pip, tests, type stubs, headers, MAVLink dialects that nobody speaks here.
+# In the image build: removes what is never run: pip, tests, type stubs, headers, unused MAVLink dialects.
 set -eu
 cd /opt/radron/lib/python3*/site-packages
 

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Builds the composition, flies it and takes it down again (tests/docker): what `make docker-test` runs.
+# `make docker-test`: builds the composition, flies it and takes it down again (tests/docker).
 #
-# Where it can it makes what is missing: a running engine, compose v2 and buildx, the base image. Exit code 77: no engine can be
-# had here, or not what it needs; the reason is the last line.
+# It provides what is missing if it can: a running engine, compose v2 and buildx, the base image. Exit code 77: no engine, or
+# something that it needs, is available; the reason is the last line.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 base=${BASE_IMAGE:-python:3.11-slim-bookworm}
@@ -11,7 +11,7 @@ work=$(mktemp -d)
 engine=
 
 finish() {
-    # The test takes everything down itself, unless it is ended from outside.
+    # The test takes everything down itself, unless it is killed.
     (cd /; docker compose -p "$project" down --volumes --timeout 1) > /dev/null 2>&1 || true
     docker image rm "radron-agent:$project" "radron-sim:$project" > /dev/null 2>&1 || true
     if [ -n "$engine" ]; then

@@ -1,4 +1,4 @@
-"""Many flights in one picture: box plots, distributions, and how results hang on the swept parameters."""
+"""Plots of many flights: box plots, distributions, and dependence of the results on the swept parameters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from sim.figures.style import DRONES, dress, drone_colour, metres, new_figure, seconds, wrapped
 from sim.result import RunResult
-from sim.statistics import ecdf, summarise
+from sim.scoring.statistics import ecdf, summarise
 from sim.sweep import Case, Value
 
 Groups = Sequence[tuple[Case, Sequence[RunResult]]]
@@ -23,7 +23,7 @@ class _Quantity(NamedTuple):
     of: Callable[[RunResult], float | None]
 
 
-LEGEND_AT_MOST = 28  # cases: beyond, lines and colours would repeat
+LEGEND_AT_MOST = 28  # cases; with more, lines and colours would repeat
 TIME = _Quantity("time to x0 (s)", lambda run: run.time_to_x0_s)
 ERROR = _Quantity("median error of a run (m)", lambda run: run.error_median_m)
 TRACKING = _Quantity("tracking time (s)", lambda run: run.tracking_time_s)
@@ -47,7 +47,7 @@ def boxes_figure(groups: Groups, title: str) -> Figure:
 
 
 def ecdf_figure(groups: Groups, title: str) -> Figure:
-    """Share of all runs that had x0 by a time, and that had at most some median error; runs without never get there."""
+    """Share of all runs that had x0 by a time, and share that had at most some median error; runs without count as never."""
     figure = new_figure(10.0, 4.3)
     panels = figure.subplots(1, 2, sharey=True)
     for panel, quantity in zip(panels, (TIME, ERROR), strict=True):
@@ -60,7 +60,7 @@ def ecdf_figure(groups: Groups, title: str) -> Figure:
         dress(panel, "", quantity.label, "share of the runs" if panel is panels[0] else "")
         panel.set_xlim(left=0.0)
         panel.set_ylim(0.0, 1.02)
-        for line in panel.get_lines():  # on to the edge: nothing more comes
+        for line in panel.get_lines():  # continue the line to the edge of the plot
             x, y = (np.asarray(values) for values in line.get_data())
             line.set_data(np.append(x, panel.get_xlim()[1]), np.append(y, y[-1]))
     figure.suptitle(wrapped((title, *_findings(groups)), 110), x=0.01, ha="left", fontsize=11)
@@ -71,7 +71,7 @@ def ecdf_figure(groups: Groups, title: str) -> Figure:
 
 
 def tuning_figure(groups: Groups, title: str) -> Figure:
-    """The paper's tuning: error and time to x0 against each swept parameter, pooled over the others, a colour per scenario."""
+    """The paper's tuning: error and time to x0 against each swept parameter, pooled over the others, one colour per scenario."""
     parameters = [name for name, _ in groups[0][0].point]
     scenarios = list(dict.fromkeys(case.name for case, _ in groups))
     figure = new_figure(max(5.5, 4.2 * len(parameters)), 6.5)
@@ -97,7 +97,7 @@ def tuning_figure(groups: Groups, title: str) -> Figure:
 
 
 def _curve(axes: Axes, pools: Sequence[Sequence[RunResult]], quantity: _Quantity, place: tuple[int, int], name: str) -> None:
-    """Boxes at each value of a parameter, their medians joined. place: which of how many scenarios this is."""
+    """Boxes at each value of a parameter, with their medians connected. place: index and number of the scenarios."""
     index, count = place
     shift = (index - (count - 1) / 2.0) * 0.7 / count
     colour = drone_colour(index)
@@ -120,7 +120,7 @@ def _box(axes: Axes, values: Sequence[float], place: float, colour: str, *, widt
         boxprops={"facecolor": f"{colour}33", "edgecolor": colour}, medianprops={"color": colour, "linewidth": 2.2},
         whiskerprops={"color": colour}, capprops={"color": colour},
     )  # fmt: skip
-    spread = place + width * 0.35 * np.sin(np.arange(len(values)) * 2.399)  # golden angle: even and without randomness
+    spread = place + width * 0.35 * np.sin(np.arange(len(values)) * 2.399)  # golden angle: even spread without randomness
     x_values, y_values = (spread, values) if upright else (values, spread)
     axes.plot(x_values, y_values, ".", color=colour, markersize=7.0 if len(values) <= 20 else 4.0, alpha=0.6, markeredgewidth=0)
 
@@ -140,30 +140,30 @@ def _row_label(case: Case, runs: Sequence[RunResult]) -> str:
 
 
 def _findings(groups: Groups) -> list[str]:
-    """One case is told in full; of several, the one that finds the source first, and the one that is nearest to it."""
+    """The result in words: in full for a single case; of several, the fastest and the most accurate one."""
     summaries = [(case.label, summarise(runs)) for case, runs in groups]
     if len(groups) == 1:
         _, only = summaries[0]
-        off = f"then {metres(only.error_median_m)} off"
-        return [f"x0 after {seconds(only.time_to_x0_median_s)}, {off} (medians of {only.runs} runs)"]
+        error_text = f"error {metres(only.error_median_m)}"
+        return [f"initial estimate after {seconds(only.time_to_x0_median_s)}, {error_text} (medians of {only.runs} runs)"]
     times = [(time, label) for label, summary in summaries if (time := summary.time_to_x0_median_s) is not None]
     errors = [(error, label) for label, summary in summaries if (error := summary.error_median_m) is not None]
-    soonest = [f"soonest x0: {label}, {seconds(time)}" for time, label in _alone_least(times)]
+    soonest = [f"earliest initial estimate: {label}, {seconds(time)}" for time, label in _alone_least(times)]
     nearest = [f"least error: {label}, {metres(error)}" for error, label in _alone_least(errors)]
     return [*soonest, *nearest]
 
 
 def _alone_least(values: Sequence[tuple[float, str]]) -> list[tuple[float, str]]:
-    """The least value and whose it is; nothing where several share it."""
+    """The least value and its label; empty where several share it."""
     least = [pair for pair in values if pair[0] == min(value for value, _ in values)]
     return least if len(least) == 1 else []
 
 
 def _missing(groups: Groups) -> list[str]:
-    """Runs that no box shows are told."""
+    """The number of runs that no box shows."""
     runs = [run for _, several in groups for run in several]
     never = sum(run.time_to_x0_s is None for run in runs)
-    return [f"{never} of {len(runs)} runs never found the source: in no box, slowest in the medians"] if never else []
+    return [f"{never} of {len(runs)} runs never found the source: not in the boxes, slowest in the medians"] if never else []
 
 
 def _best(groups: Groups) -> list[str]:

@@ -1,19 +1,18 @@
-"""Where a Compton cone meets the ground."""
+"""Intersection of a Compton cone with the ground."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sim.geometry import Array
 
 
 def ground_curve(apex_m: Array, axis: Array, theta_rad: float, reach_m: float, samples: int = 361) -> Array:
     """The cone's intersection with the ground z = 0, horizontal coordinates.
 
-    The cone's rays u have angle(u, axis) = theta. apex_m, axis: (3,), ENU, apex above the ground. Rays that do not come down,
-    or do so farther than ``reach_m`` (horizontally) from the apex, leave NaN, so that a drawn line breaks there.
-    Returns (samples, 2) metres.
+    The cone's rays u have angle(u, axis) = theta. apex_m, axis: (3,), ENU, apex above the ground. Rays that do not reach the
+    ground, or only farther than ``reach_m`` (horizontally) from the apex, give NaN, so that a drawn line breaks there. Returns
+    (samples, 2) metres.
     """
     axis = axis / np.linalg.norm(axis)
     first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])

@@ -1,4 +1,4 @@
-"""Whether an estimator is as good as it says, in pictures: a row for each scenario."""
+"""Consistency of an estimator's stated uncertainty with its errors, as plots: a row for each scenario."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Groups = Sequence[tuple[str, Sequence[RunResult]]]
 
 
 def consistency_figure(groups: Groups, title: str) -> Figure:
-    """For each scenario: the regions' histogram, the NEES' quantiles, and each run's error over its bound.
+    """For each scenario: histogram of the smallest regions, quantiles of the NEES, and each run's error over its bound.
 
-    Grey bands hold 95 % of what a calibrated estimator would show: of each bar, and at each quantile.
+    Grey bands contain 95 % of the results of a calibrated estimator, for each bar and each quantile.
     """
     figure = new_figure(12.0, 1.0 + 3.0 * len(groups))
     panels = figure.subplots(len(groups), 3, squeeze=False)
@@ -28,7 +28,7 @@ def consistency_figure(groups: Groups, title: str) -> Figure:
         _regions(panels[row, 0], [run.region for run in runs if run.region is not None], label)
         _quantiles(panels[row, 1], [run.nees_sample for run in runs if run.nees_sample is not None])
         _bounds(panels[row, 2], runs)
-    what = ["left: how often the truth is in which tenth of the posterior", "middle: squared errors in units of the covariance"]
+    what = ["left: the tenth of the posterior in which the truth lies", "middle: squared errors in units of the covariance"]
     figure.suptitle(wrapped((title, *what, "right: a dot for each run"), 120), x=0.01, ha="left", fontsize=11)
     return figure
 

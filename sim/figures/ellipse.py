@@ -1,4 +1,4 @@
-"""The regions of a Gaussian posterior over the plane that hold the source with some probability."""
+"""Regions of a Gaussian posterior over the plane that contain the source with a given probability."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim.figures.style import ESTIMATE
 
-REGIONS = ((0.9, 0.10), (0.5, 0.18))  # probability, and how strongly it is filled
+REGIONS = ((0.9, 0.10), (0.5, 0.18))  # probability, and opacity
 
 
 def draw_regions(axes: Axes, centre: tuple[float, float], covariance: NDArray[np.float64]) -> None:
@@ -28,5 +28,5 @@ def draw_regions(axes: Axes, centre: tuple[float, float], covariance: NDArray[np
 
 
 def reach_m(covariance: NDArray[np.float64]) -> float:
-    """How far the 90 % region extends from its centre."""
+    """Extent of the 90 % region from its centre."""
     return float(np.sqrt(-2.0 * np.log(0.1) * max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0)))

@@ -10,11 +10,13 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from sim.figures.cones import ground_curve
-from sim.figures.ellipse import draw_regions
+from sim.figures.ellipse import draw_regions, reach_m
 from sim.figures.style import CONE, ESTIMATE, TRUTH, dress, drone_colour, new_figure, swarm_stage, wrapped
 from sim.result import Trace
 
-CONES_SHOWN = 20  # more hide the map
+CONES_SHOWN = 20  # more would cover the map
+_INSET_BELOW = 0.04  # share of the map's width: a smaller 90 % region is also shown enlarged
+_INSET_SIZE = 0.32  # share of the map's width
 _TRACKING = ("track", "reacquire")
 
 
@@ -38,12 +40,12 @@ def map_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
         axes.plot(circling[:, 0], circling[:, 1], color=colour, linewidth=1.3, alpha=0.8)
         axes.plot(*track[0, :2], marker="^", color=colour, markersize=8, markeredgecolor="white", linestyle="")
         axes.plot(*track[end, :2], marker="o", color=colour, markersize=8, markeredgecolor="white", label=name, linestyle="")
-    _draw_truth(axes, trace, end)
-    _draw_estimate(axes, trace, end)
+    _draw_source(axes, trace, end)
     axes.set_aspect("equal")
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
-    dress(axes, wrapped(title, 84), "east of the mission's origin (m)", "north of the mission's origin (m)")
+    _draw_inset(axes, trace, end)
+    dress(axes, wrapped(title, 76), "east of the mission's origin (m)", "north of the mission's origin (m)")
     _legend(axes, trace)
     return figure
 
@@ -59,11 +61,53 @@ def last_tracking(trace: Trace) -> int:
 
 
 def _window(trace: Trace) -> tuple[float, float, float, float]:
-    """What the map shows: the area and all that was flown, and some air around; a square."""
+    """Limits of the map: a square around the area and all tracks, with a margin."""
     points: NDArray[np.float64] = np.vstack([trace.area_m, trace.position_m[:, :, :2].reshape(-1, 2)])
     low, high = points.min(axis=0), points.max(axis=0)
     centre, half = (low + high) / 2.0, float(np.max(high - low)) / 2.0 * 1.06
     return centre[0] - half, centre[0] + half, centre[1] - half, centre[1] + half
+
+
+def _draw_source(axes: Axes, trace: Trace, end: int) -> None:
+    _draw_truth(axes, trace, end)
+    _draw_estimate(axes, trace, end)
+
+
+def _draw_inset(axes: Axes, trace: Trace, end: int) -> None:
+    """The estimate's regions and the true source enlarged, if they are too small on the map."""
+    estimate, covariance = trace.hypothesis_m[end, 0, :2], trace.covariance_m2[end]
+    if not np.isfinite(estimate).all() or not np.isfinite(covariance).all():
+        return
+    truth = trace.source_m[end, :2]
+    error_m = float(np.hypot(*(truth - estimate))) if np.isfinite(truth).all() else 0.0
+    half_m = 1.6 * max(reach_m(covariance), error_m, 0.05)
+    left, right = axes.get_xlim()
+    if 2.0 * half_m > _INSET_BELOW * (right - left):
+        return
+    inset = axes.inset_axes((*_free_corner(axes, trace), _INSET_SIZE, _INSET_SIZE))
+    _draw_source(inset, trace, end)
+    x, y = estimate.tolist()
+    inset.set_xlim(x - half_m, x + half_m)
+    inset.set_ylim(y - half_m, y + half_m)
+    inset.set_aspect("equal")
+    inset.set_xticks([])
+    inset.set_yticks([])
+    inset.set_title(f"enlarged: {2.0 * half_m:.2g} m wide", fontsize=8, pad=2.0)
+    axes.indicate_inset_zoom(inset, edgecolor="#444444")
+
+
+def _free_corner(axes: Axes, trace: Trace) -> tuple[float, float]:
+    """Lower left corner of an inset, in axes coordinates (0 to 1), that hides the fewest points of the tracks."""
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    shares = (trace.position_m[:, :, :2].reshape(-1, 2) - (left, bottom)) / (right - left, top - bottom)
+    far = 0.98 - _INSET_SIZE
+    corners = [(x, y) for y in (far - 0.02, 0.02) for x in (far, 0.02)]  # at the top there must be room for its title
+
+    def hidden(corner: tuple[float, float]) -> int:
+        inside = (shares >= corner) & (shares <= (corner[0] + _INSET_SIZE, corner[1] + _INSET_SIZE))
+        return int(np.count_nonzero(inside.all(axis=1)))
+
+    return min(corners, key=hidden)
 
 
 def _draw_cones(axes: Axes, trace: Trace, end: int, reach_m: float) -> None:

@@ -1,11 +1,10 @@
-"""The posterior over a flight: how it tightens around the truth, how sure it is and with what right, activity, evidence."""
+"""The posterior during a flight: regions around the truth, stated and actual error, activity, evidence."""
 
 from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from sim.figures.ellipse import draw_regions, reach_m
 from sim.figures.map import last_tracking
@@ -23,19 +22,19 @@ from sim.figures.style import (
     swarm_stage,
     wrapped,
 )
+from sim.geometry import Array
 from sim.result import Trace
 
-Array = NDArray[np.float64]
 INSTANTS = 5
 _LEAST_M = 0.01
 _CLEARLY = 0.8
 
 
 def posterior_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
-    """Above: 50 % and 90 % regions of the first drone's posterior at some instants, with the truth in the middle of each.
+    """Above: 50 % and 90 % regions of the first drone's posterior at several times, relative to the truth.
 
-    Below, over time: error, claimed RMS and bound; activity with its 1 sigma; evidence. What an estimator does not know is left
-    out.
+    Below, over time: error, stated RMS and bound; activity with its 1 sigma; evidence. Quantities that the estimator does not
+    give are left out.
     """
     below = [_errors, *([_activity] if _known(trace.activity_bq) else []), *([_evidence] if _known(trace.evidence) else [])]
     figure = new_figure(10.0, 3.0 + 2.3 * len(below))
@@ -54,7 +53,9 @@ def posterior_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
 
 
 def _instants(trace: Trace) -> list[int | None]:
-    """Samples with a posterior, from the first to the last of the tracking, ever further apart; None where there are fewer."""
+    """Samples with a posterior, from the first to the last of the tracking, at increasing intervals; None where there are
+    fewer.
+    """
     has = np.flatnonzero(np.isfinite(trace.covariance_m2[:, 0, 0]))
     has = has[has <= last_tracking(trace)]
     if not len(has):
@@ -66,7 +67,7 @@ def _instants(trace: Trace) -> list[int | None]:
 
 
 def _regions(axes: Axes, trace: Trace, instant: int | None) -> None:
-    """One instant, relative to the truth; east to the right."""
+    """The regions at one time, relative to the truth; east to the right."""
     if instant is None:
         axes.set_visible(False)
         return
@@ -82,7 +83,7 @@ def _regions(axes: Axes, trace: Trace, instant: int | None) -> None:
     axes.set_aspect("equal")
     axes.tick_params(labelsize=7)
     dress(axes)
-    axes.set_title(f"{seconds(float(trace.time_s[instant]))}: {metres(float(np.hypot(x, y)))} off", fontsize=9, loc="left")
+    axes.set_title(f"{seconds(float(trace.time_s[instant]))}: error {metres(float(np.hypot(x, y)))}", fontsize=9, loc="left")
 
 
 def _errors(axes: Axes, trace: Trace) -> None:
@@ -91,7 +92,7 @@ def _errors(axes: Axes, trace: Trace) -> None:
     if _apart(trace):
         lines += [trace.own_error_m, trace.own_bound_m]
     axes.semilogy(trace.time_s, np.maximum(error, _LEAST_M), color=ESTIMATE, linewidth=1.4, label=f"error ({trace.drones[0]})")
-    axes.semilogy(trace.time_s, trace.sigma_m, color=DRONES[0], linewidth=1.3, linestyle="--", label="RMS, as claimed")
+    axes.semilogy(trace.time_s, trace.sigma_m, color=DRONES[0], linewidth=1.3, linestyle="--", label="stated RMS")
     shown = np.where(np.isfinite(trace.sigma_m), trace.bound_m, np.nan)
     axes.semilogy(trace.time_s, shown, color=TRUTH, linewidth=1.0, linestyle=":", label="bound (median)")
     if _apart(trace):
@@ -108,7 +109,7 @@ def _errors(axes: Axes, trace: Trace) -> None:
 
 
 def _apart(trace: Trace) -> bool:
-    """Whether the vehicle's own frame is so wrong that the source is known clearly better in it than in the true one."""
+    """Whether the vehicle's own frame is so wrong that the source is known clearly better in it than in the true frame."""
     both = np.isfinite(trace.own_bound_m) & np.isfinite(trace.bound_m) & np.isfinite(trace.own_error_m)
     return bool(both.any()) and bool(np.median(trace.own_bound_m[both] / trace.bound_m[both]) < _CLEARLY)
 

@@ -1,4 +1,4 @@
-"""How the swarm keeps its circle: speed and spacing (the paper's figure of the swarm stabilisation)."""
+"""Speed and spacing of the encircling swarm (the paper's figure of the swarm stabilisation)."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from matplotlib.figure import Figure
 
 from sim.figures.style import dress, drone_colour, new_figure, seconds, stage_bands, swarm_stage, wrapped
 from sim.result import Trace
-from sim.statistics import hypothesis_steps, settling_times
+from sim.scoring.statistics import hypothesis_steps, settling_times
 
-STEP_M = 5.0  # a jump of the hypothesis that the swarm has to re-organise for
-REST_S = 20.0  # between two jumps, for them to be steps of an experiment and not the unrest of a filter
+STEP_M = 5.0  # a jump of the hypothesis after which the swarm has to rearrange
+REST_S = 20.0  # least time between jumps that count as steps; faster ones are a filter at work
 WITHIN_DEG = 5.0
 
 
 def spacing_figure(trace: Trace, name: str) -> Figure:
-    """Upper: speed of each drone; lower: how far each gap is from uniform; vertical lines where the hypothesis is moved.
+    """Upper: speed of each drone; lower: deviation of each gap from uniform; vertical lines at steps of the hypothesis.
 
-    Jumps in quick succession are a filter at work: they get no lines.
+    Jumps in quick succession are updates of a filter, and get no lines.
     """
     steps = hypothesis_steps(trace.time_s, trace.hypothesis_m[:, 0], STEP_M)
     if len(steps) < 2 or np.diff(steps).min() < REST_S:
@@ -60,7 +60,7 @@ def _draw_spacing(axes: Axes, trace: Trace) -> None:
 
 
 def _findings(trace: Trace, steps: np.ndarray[tuple[int], np.dtype[np.float64]]) -> list[str]:
-    """What the figure shows, in words."""
+    """The figure's result in words."""
     error = trace.spacing_error_deg
     if error.shape[1] < 2 or not np.isfinite(error).any():
         return ["speed of each drone"]

@@ -1,4 +1,4 @@
-"""How all figures look: colours that colour-blind readers can tell apart (Okabe and Ito), and titles that say the result."""
+"""Style of all figures: colours for colour-blind readers (Okabe and Ito), and titles that state the result."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from sim.runfile import replacing
+from agent.outputs import replacing
 
 DRONES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#8C6D31", "#5D3A9B")
 ESTIMATE = "#D55E00"
 TRUTH = "#000000"
 CONE = "#7A7A7A"
 GRID = "#D9D9D9"
-STAGES = {  # only backgrounds; the label in the band says which stage it is
+STAGES = {  # background colours only; the label in the band names the stage
     "takeoff": "#F0F0F0",
     "survey": "#E3EEF7",
     "track": "#FFFFFF",
@@ -39,7 +39,7 @@ def drone_colour(index: int) -> str:
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure that needs no display and no global state."""
+    """An empty figure without display and global state."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -57,14 +57,14 @@ def dress(axes: Axes, title: str = "", x_label: str = "", y_label: str = "") -> 
 
 
 def plain_log(axis: Axis, low: float, high: float) -> None:
-    """Label a logarithmic axis that shows ``low`` to ``high`` by plain numbers, as many as there is room for."""
+    """Label a logarithmic axis from ``low`` to ``high`` with plain numbers, as many as fit."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,)))
     axis.set_major_formatter(FormatStrFormatter("%g"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def stage_bands(axes: Axes, time_s: NDArray[np.float64], stage: NDArray[np.str_], named: bool = True) -> None:
-    """Shade the stages of the mission behind a time axis, and name them at its top. stage: (T,) strings."""
+    """Shade the stages of the mission behind a time axis, with their names at its top. stage: (T,) strings."""
     changes = np.flatnonzero(stage[1:] != stage[:-1]) + 1
     starts = [0, *changes.tolist()]
     ends = [*changes.tolist(), len(stage) - 1]
@@ -73,19 +73,34 @@ def stage_bands(axes: Axes, time_s: NDArray[np.float64], stage: NDArray[np.str_]
         name, left, right = str(stage[start]), float(time_s[start]), float(time_s[end])
         axes.axvspan(left, right, color=STAGES.get(name, "#F0F0F0"), zorder=0, linewidth=0)
         share = (right - left) / span
-        if named and share > 0.004:  # upright where the name has no room along the axis
+        if named and share > 0.004:  # vertical where the name does not fit along the axis
             middle, frame, along = (left + right) / 2.0, axes.get_xaxis_transform(), share > 0.012 * len(name)
             text = axes.text(middle, 0.98, name, transform=frame, ha="center", va="top", fontsize=8, color="#555555")
             text.set_rotation(0.0 if along else 90.0)
 
 
+def mark_event(axes: Axes, time_s: float, text: str) -> None:
+    """Say on a time axis what happened then."""
+    axes.axvline(time_s, color="#555555", linewidth=0.8, linestyle=(0, (4, 2)))
+    axes.annotate(
+        text,
+        (time_s, 0.9),
+        (5, 0),
+        xycoords=axes.get_xaxis_transform(),
+        textcoords="offset points",
+        va="top",
+        fontsize=8,
+        color="#333333",
+    )
+
+
 def swarm_stage(stage: NDArray[np.str_]) -> NDArray[np.str_]:
-    """(T,): the first drone's stage speaks for the swarm. stage: (T, N)."""
+    """(T,): the first drone's stage represents the swarm. stage: (T, N)."""
     return stage[:, 0]
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a PNG as a whole or not at all."""
+    """Write a PNG completely or not at all."""
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=150)
 
@@ -101,7 +116,7 @@ def metres(value: float | None) -> str:
 
 
 def becquerels(value: float) -> str:
-    """An activity in words."""
+    """An activity with a unit prefix."""
     for unit, name in ((1e9, "GBq"), (1e6, "MBq"), (1e3, "kBq")):
         if value >= 0.9995 * unit:
             return f"{value / unit:.3g} {name}"

@@ -13,7 +13,7 @@ F = TypeVar("F", bound=Callable[..., object])
 def jit(function: F) -> F:
     """Compile for nopython mode and keep the machine code between processes.
 
-    numba notices a change of the file that a function stands in, but not of compiled functions that it calls from other files:
+    numba notices changes of the file that contains a function, but not of compiled functions that it calls from other files:
     after editing one of these, delete the ``*.nb?`` files.
     """
     return cast(F, numba.njit(cache=True, error_model="numpy")(function))

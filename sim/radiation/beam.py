@@ -1,4 +1,4 @@
-"""The simulated camera in a fixed beam, by full transport of every photon: slower than Camera, and without a bank."""
+"""The simulated camera in a fixed beam, with full transport of every photon: slower than Camera, and without a bank."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _AREA_INTERACTIONS = 30_000  # the effective area to 0.6 % or better
 
 
 class BeamCamera:
-    """A camera that looks at one source that does not move; arguments and errors as of Camera.
+    """A camera with one source at a fixed direction; arguments and errors as for Camera.
 
-    Of what sets cameras apart it has the energy gain alone: no other sensitivity, drift, shadow or clock.
+    Of the differences between cameras only the energy gain is modelled: no sensitivity, drift, shadow or clock.
     """
 
     def __init__(self, truth: CameraTruth, nuclide: str, view: SourceView, rng: np.random.Generator, clock_ns: int) -> None:
@@ -40,7 +40,7 @@ class BeamCamera:
         self._scattered = scattered_lines(source)
         self._background = background_lines()
         pilot = simulate(self._arriving, _AREA_INTERACTIONS, self._response, rng, direction=view.direction, quota=(0, 0, 0))
-        # Of photons that leave energy in the sensor; a few per cent of these stay below every pixel's threshold.
+        # Of photons that deposit energy in the sensor; a few per cent of these stay below every pixel's threshold.
         self.direct_per_s = view.activity_bq * float(pilot.area_mm2.sum()) / (4e6 * math.pi * view.distance_m**2)
         self.scattered_per_s = self.direct_per_s * (truth.scatter_near + truth.scatter_air * min(attenuation) * view.distance_m)
         self._electronics = Electronics(truth, rng, clock_ns)

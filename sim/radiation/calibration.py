@@ -1,4 +1,4 @@
-"""The camera's true conversion of energy to time over threshold, and the files that tell the agent of it."""
+"""The camera's true conversion of energy to time over threshold, and the calibration files for the agent."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LARGEST_TOT = 1022  # the counter's 10 bits saturate
 
 @dataclass(frozen=True, slots=True)
 class PixelCalibration:
-    """Coefficients by matrix index, (65536,) each; ``true_a`` is the slope that the pixels have, ``a`` what the files say."""
+    """Coefficients by matrix index, (65536,) each; ``true_a`` is the pixels' true slope, ``a`` that of the files."""
 
     a: FloatArray
     b: FloatArray
@@ -30,7 +30,7 @@ class PixelCalibration:
 
     @classmethod
     def draw(cls, truth: CameraTruth, rng: np.random.Generator) -> PixelCalibration:
-        """A camera with the truth's spread, error and gain; draws from rng only where the first two are not zero.
+        """A camera with the truth's spread, error and gain; draws from rng only where one of the first two is not zero.
 
         The gain is drawn from a stream that is split off from rng.
         """

@@ -1,4 +1,4 @@
-"""The simulated camera: sources in view -> a Readout, fast, from the event bank."""
+"""The simulated camera: from sources in view to a readout, fast, from the event bank."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from sim.radiation.truth import CameraTruth
 
 __all__ = ["Camera", "CameraTruth", "SourceView"]
 
-GUARD_TICKS = 128  # an event's hits end within 200 ns; the last of a slice begin so early that all of them are in it
+GUARD_TICKS = 128  # an event's hits end within 200 ns; the last events of a slice begin early enough to end in it
 _NEAREST_M = 0.05
 
 
@@ -43,18 +43,18 @@ class SourceView(Struct, frozen=True):
 
 
 class Camera:
-    """A MiniPIX TPX3 that looks at sources of one nuclide, with background, scatter, air and electronics.
+    """A MiniPIX TPX3 exposed to sources of one nuclide, with background, scatter, air and electronics.
 
-    Concrete and the vehicle's body weaken the direct photons alone: what is scattered comes from everywhere, around them too.
+    Concrete and the vehicle's body attenuate the direct photons only: scattered photons come from all directions.
 
     Args:
-        truth: what is true of the camera.
+        truth: the camera's true parameters.
         nuclide: of all sources.
         rng: the camera's own random numbers.
         clock_ns: UTC time of tick 0.
 
     Raises:
-        ConfigError: the nuclide is not known.
+        ConfigError: an unknown nuclide.
     """
 
     def __init__(self, truth: CameraTruth, nuclide: str, rng: np.random.Generator, clock_ns: int) -> None:
@@ -70,7 +70,7 @@ class Camera:
         self._concrete = [concrete_attenuation_per_m(energy) for energy, _ in lines]
         self._own = Individual(truth, rng)
         self._electronics = Electronics(truth, rng, clock_ns)
-        # No event, but the compiled functions are then in memory: that takes longer than a second of exposures.
+        # Records no event, but loads the compiled functions, which takes longer than a second of exposures.
         self._record(clock_ns, clock_ns, np.empty((0, 5)), [1.0], [BACKGROUND_BIN], [], np.empty((0, len(lines))))
 
     @property
@@ -79,15 +79,15 @@ class Camera:
         return self._electronics.calibration
 
     def expose(self, start_ns: int, end_ns: int, views: Sequence[SourceView]) -> Readout:
-        """All hits of [start_ns, end_ns), UTC, with the sources seen as ``views`` all the while; Poisson in number.
+        """All hits of [start_ns, end_ns), UTC, with the sources at ``views`` throughout; their number is Poisson distributed.
 
-        A clock that is off shifts all stamps of the readout by the same time.
+        A clock offset shifts all stamps of the readout by the same time.
         """
         rng, truth, own = self._rng, self._truth, self._own
         bins: list[int] = []
         symmetries: list[int] = []
         rates: list[float] = []
-        excess = np.empty((len(views), len(self._attenuation)))  # optical depth of each line beyond the least
+        excess = np.empty((len(views), len(self._attenuation)))  # optical depth of each line beyond the least one
         scattered = 0.0
         for k, view in enumerate(views):
             distance_m = max(view.distance_m, _NEAREST_M)
@@ -101,7 +101,7 @@ class Camera:
             excess[k] = [depth - least for depth in depths]
             bins.append(place)
             symmetries.append(symmetry)
-            rates.append(rate * own.past_body(view.direction) * math.exp(depth - least))
+            rates.append(rate * own.body_transmission(view.direction) * math.exp(depth - least))
             scattered += rate * (truth.scatter_near + truth.scatter_air * depth)
         span_s = (end_ns - start_ns) * 1e-9
         bins += (SCATTERED_BIN, BACKGROUND_BIN)
@@ -113,7 +113,7 @@ class Camera:
         return self._stamped(self._record(start_ns, end_ns, rng.random((count, 5)), cumulative, bins, symmetries, excess))
 
     def _stamped(self, readout: Readout) -> Readout:
-        """With the times that the camera's own clock gives."""
+        """The readout with the stamps of the camera's own clock."""
         offset_ns = self._own.clock_offset_ns
         if offset_ns == 0:
             return readout
@@ -167,7 +167,7 @@ def _pick(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Draw events: (N,) bank indices, symmetries and ticks from (N, 5) uniform numbers.
 
-    The rates count the transmission of the most penetrating line; events of other lines are thinned out to theirs.
+    The rates include the transmission of the most penetrating line; events of other lines are thinned out to theirs.
     """
     event = np.empty(len(u), np.int64)
     symmetry = np.empty(len(u), np.int64)

@@ -1,4 +1,4 @@
-"""How much concrete weakens gamma rays: cross sections from xraylib, its composition and density of Portland concrete (NIST)."""
+"""Attenuation of gamma rays by concrete: cross sections from xraylib, composition and density of Portland concrete (NIST)."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _TABLES_END_KEV = 799.0
 def concrete_attenuation_per_m(energy_kev: float) -> float:
     """Linear attenuation coefficient of concrete of 2.3 g/cm3.
 
-    xraylib's tables end at 800 keV. Above, nearly all is Compton scattering on electrons that all materials share, so it
-    falls as the air's does.
+    xraylib's tables end at 800 keV. Above, nearly all interactions are Compton scattering, whose energy dependence all materials
+    share, so it is scaled like air's.
     """
     if energy_kev > _TABLES_END_KEV:
         falls = air_attenuation_per_m(energy_kev) / air_attenuation_per_m(_TABLES_END_KEV)

@@ -1,4 +1,4 @@
-"""The camera's electronics: pixels of events become hits in the order in which the readout delivers them."""
+"""The camera's electronics: pixels of events become hits in the readout's order of delivery."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sim.radiation.truth import CameraTruth
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 
-# Symmetries of the square sensor, as bits: an event from (x, y, z) serves for another direction after them, in this order.
+# Symmetries of the square sensor, as bits; applied in this order, they map an event from (x, y, z) to another direction.
 SWAP, FLIP_COLUMN, FLIP_ROW = 4, 1, 2
 
 
@@ -47,7 +47,7 @@ class Electronics:
     ) -> Readout:
         """Hits of events: (N,) their indices into ``first`` (as of Events), the symmetry applied to each, and its tick.
 
-        Hits beyond the bandwidth are lost, as in a full buffer; the live time ends with the last hit that came through.
+        Hits beyond the bandwidth are lost, like with a full buffer; the live time ends with the last hit that was read out.
         """
         cal = self.calibration
         ticks, index, tot = _deliver(
@@ -76,7 +76,9 @@ def _deliver(
     busy: IntArray,
     dead_ticks: int,
 ) -> tuple[IntArray, NDArray[np.uint16], NDArray[np.uint16]]:
-    """Ticks, matrix indices and ToT of the events' hits, by the end of their pulses: a pixel is read when its pulse is over."""
+    """Ticks, matrix indices and ToT of the events' hits, ordered by the end of their pulses: a pixel is read when its pulse is
+    over.
+    """
     size = 0
     for k in range(len(event)):
         size += first[event[k] + 1] - first[event[k]]
@@ -105,7 +107,7 @@ def _deliver(
     end = np.empty(size, np.int64)
     order = np.argsort(ticks[:size])
     alive = 0
-    for k in range(size):  # in time order: a pixel that is still busy sees nothing
+    for k in range(size):  # in time order: a busy pixel records nothing
         p = order[k]
         if ticks[p] < busy[index[p]]:
             continue

@@ -1,23 +1,22 @@
-"""``radron-sim hits``: what a camera at a fixed place records of a source, as a file of the real camera's format."""
+"""``radron-sim hits``: a recording of a source by a camera at a fixed place, in the real camera's file format."""
 
 from __future__ import annotations
 
 import math
-import os
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from agent.errors import ConfigError
+from agent.outputs import check_output, replacing
 from sim.radiation.nuclides import nuclide as nuclide_of
 
 if TYPE_CHECKING:
     from sim.radiation.beam import BeamCamera
 
 _SLICE_NS = 200_000_000
-_SPREAD = 0.05  # between the pixels of a camera that comes with its calibration
+_SPREAD = 0.05  # between the pixels of a camera with calibration files
 
 
 def hits(
@@ -28,7 +27,7 @@ def hits(
     angle: Annotated[float, typer.Option(help="Angle from the sensor's outward normal to the source, degrees.")] = 0.0,
     azimuth: Annotated[float, typer.Option(help="Direction of that angle, from the columns' (x) axis, degrees.")] = 0.0,
     seconds: Annotated[float, typer.Option(help="Duration in s.")] = 60.0,
-    seed: Annotated[int, typer.Option(help="Of the random numbers; the same seed gives the same file.")] = 1,
+    seed: Annotated[int, typer.Option(help="Random seed; the same seed gives the same file.")] = 1,
     calibration: Annotated[
         Path | None,
         typer.Option(
@@ -45,12 +44,7 @@ def hits(
     _check("--angle", angle, "degrees", -360.0, 360.0)
     _check("--azimuth", azimuth, "degrees", -360.0, 360.0)
     _check("--seed", seed, "", 0, 2**63)
-    if out.is_dir():
-        raise ConfigError(f"{out}: is a folder; give the name of a file")
-    if not out.parent.is_dir():
-        raise ConfigError(f"{out.parent}: no such folder; make it first")
-    if not os.access(out.parent, os.W_OK):
-        raise ConfigError(f"{out.parent}: no permission to write there")
+    check_output(out)
 
     import numpy as np  # noqa: PLC0415  (heavy imports wait until they are needed)
     from rich.console import Console  # noqa: PLC0415
@@ -84,27 +78,22 @@ def _check(name: str, value: float, unit: str, low: float, high: float) -> None:
 
 
 def _record(camera: BeamCamera, span_ns: int, out: Path) -> int:
-    """Write to a file beside ``out``, then rename: an interrupted run leaves nothing."""
+    """Record and write the hits; returns the number of rows."""
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import Progress  # noqa: PLC0415
 
     from sim.radiation.t3pa import T3paWriter  # noqa: PLC0415
 
     terminal = Console(stderr=True)
-    handle, name = tempfile.mkstemp(prefix=f".{out.name}-", dir=out.parent)
-    scratch = Path(name)
-    try:
-        with os.fdopen(handle, "w") as file, Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as bar:
-            writer = T3paWriter(file)
-            task = bar.add_task("Simulating", total=span_ns)
-            for start in range(0, span_ns, _SLICE_NS):
-                end = min(span_ns, start + _SLICE_NS)
-                writer.write(camera.expose(start, end))
-                bar.update(task, completed=end)
-        mask = os.umask(0)
-        os.umask(mask)
-        scratch.chmod(0o666 & ~mask)
-        scratch.rename(out)
-    finally:
-        scratch.unlink(missing_ok=True)
+    with (
+        replacing(out) as temporary,
+        temporary.open("w") as file,
+        Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as bar,
+    ):
+        writer = T3paWriter(file)
+        task = bar.add_task("Simulating", total=span_ns)
+        for start in range(0, span_ns, _SLICE_NS):
+            end = min(span_ns, start + _SLICE_NS)
+            writer.write(camera.expose(start, end))
+            bar.update(task, completed=end)
     return writer.rows

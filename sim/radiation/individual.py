@@ -1,4 +1,4 @@
-"""What sets one simulated camera apart from what is assumed of it: sensitivity, drift of the background, shadow, clock."""
+"""Differences of one simulated camera from the assumed one: sensitivity, background drift, shadow, clock."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from sim.radiation.truth import CameraTruth
 
 
 class Individual:
-    """One camera's own. Drawn from a stream of its own: what is switched on here draws nothing else of a flight anew.
+    """The differences of one camera, drawn from a separate stream: enabling them leaves all other random numbers of a flight
+    unchanged.
 
-    sensitivity: factor of all that it counts. clock_offset_ns: its clock's time minus the vehicle's.
+    sensitivity: factor on all counts. clock_offset_ns: its clock's time minus the vehicle's.
     """
 
     def __init__(self, truth: CameraTruth, rng: np.random.Generator) -> None:
-        """``rng``: the camera's; a stream is split off from it, and it is left as it was."""
+        """``rng``: the camera's; a stream is split off from it, and its state is unchanged."""
         self._truth = truth
         self._rng = rng.spawn(1)[0]
         self.sensitivity = math.exp(truth.sensitivity_spread * self._rng.standard_normal())
@@ -25,7 +26,7 @@ class Individual:
         self._least_cosine = math.cos(math.radians(truth.shadow_half_angle_deg))
 
     def background(self, span_s: float) -> float:
-        """Factor of the background's rate, after so much time has passed: first-order Gauss-Markov in its logarithm."""
+        """Factor of the background's rate, after this time has passed: first-order Gauss-Markov in its logarithm."""
         truth = self._truth
         if truth.background_drift == 0.0:
             return 1.0
@@ -34,11 +35,11 @@ class Individual:
         self._log_background = keep * self._log_background + kick * self._rng.standard_normal()
         return math.exp(self._log_background)
 
-    def past_body(self, direction: tuple[float, float, float]) -> float:
-        """Share of the photons from a direction (unit vector, camera frame) that the vehicle's body lets pass.
+    def body_transmission(self, direction: tuple[float, float, float]) -> float:
+        """Transmission of the vehicle's body for photons from a direction (unit vector, camera frame).
 
-        The body is a ball, so the way through it at an angle a off its middle is sqrt(1 - (sin a / sin A)^2) of that through
-        the middle, with A the half angle under which it is seen.
+        The body is a ball, so the path through it at an angle a from its centre is sqrt(1 - (sin a / sin A)^2) of that through
+        the centre, with A its angular radius.
         """
         cosine = -direction[2]
         if self._truth.shadow == 0.0 or cosine <= self._least_cosine:

@@ -1,9 +1,11 @@
-"""Gamma lines of the nuclides that a search may be after.
+"""Gamma lines of the simulated nuclides.
 
-Energies and intensities (photons per decay) are the evaluated values of NuDat 3 / ENSDF (National Nuclear Data Center),
-rounded to the digits that matter here; Cs-137's is the 0.851 of the project's reference. Weaker lines and the
-characteristic X rays are left out: the capsule of a sealed source absorbs X rays below about 50 keV. Na-22's 511 keV line
-assumes that both annihilation photons leave the capsule (2 x 0.899).
+Energies and intensities (photons per decay) are the evaluated values of NuDat 3 / ENSDF (National Nuclear Data Center), rounded;
+Cs-137's is the 0.851 of the project's reference. Weaker lines and the characteristic X rays are neglected: the capsule of a
+sealed source absorbs X rays below about 50 keV. Na-22's 511 keV line assumes that both annihilation photons leave the capsule (2
+x 0.899).
+
+The table is independent of the agent's (``agent.detector.lines``), so that the truth does not share the agent's errors.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from sim.radiation.nuclides import Nuclide, nuclide
 from sim.radiation.timepix3 import Response, response
 from sim.radiation.truth import CameraTruth
 
-# A bank holds for the code that made it.
+# A bank is valid for the code that made it.
 _MADE_BY = ("bank", "electrons", "events", "materials", "surroundings", "timepix3", "transport")
 
 
@@ -33,10 +33,10 @@ def cache_folder() -> Path:
 
 
 def load_bank(name: str, truth: CameraTruth) -> EventBank:
-    """The bank of a nuclide for that camera: from memory, from disk (mapped, not read), or built and stored, with a progress bar.
+    """The bank of a nuclide for that camera: from memory, from disk (memory-mapped), or built and stored, with a progress bar.
 
     Raises:
-        ConfigError: the nuclide is not known.
+        ConfigError: an unknown nuclide.
     """
     return _load(nuclide(name), response(truth))
 
@@ -48,19 +48,19 @@ def _load(source: Nuclide, camera: Response) -> EventBank:
     if folder.is_dir():
         return _open(folder)
     with _alone(folder):
-        if folder.is_dir():  # another process was first
+        if folder.is_dir():  # another process was faster
             return _open(folder)
         bank = _build(source, camera, int(digest, 16))
         try:
             _save(bank, folder)
         except OSError as error:
-            print(f"radron: the event bank could not be kept in {folder.parent}: {error}", file=sys.stderr)
+            print(f"radron: the event bank could not be stored in {folder.parent}: {error}", file=sys.stderr)
             return bank
     return _open(folder)
 
 
 def _build(source: Nuclide, camera: Response, seed: int) -> EventBank:
-    what = f"Simulating the detector's answer to {source.name} (once)"
+    what = f"Simulating the detector response to {source.name} (once)"
     console = Console(stderr=True)
     if not console.is_terminal:
         print(f"{what} ...", file=sys.stderr, flush=True)
@@ -71,7 +71,7 @@ def _build(source: Nuclide, camera: Response, seed: int) -> EventBank:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Let one process build a bank while others that want the same one wait for it; without a place to lock, all build."""
+    """Let one process build a bank while others that want the same one wait; where no lock file is possible, all build."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         lock = (folder.parent / f".{folder.name}.lock").open("w")
@@ -84,7 +84,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 def bank_key(source: Nuclide, camera: Response) -> str:
-    """16 hex digits that differ when the bank would."""
+    """16 hex digits that identify the bank's inputs."""
     content = hashlib.blake2b(repr((source, camera)).encode(), digest_size=8)
     for module in _MADE_BY:
         content.update(Path(__file__).with_name(f"{module}.py").read_bytes())
@@ -100,7 +100,7 @@ def _save(bank: EventBank, folder: Path) -> None:
             np.save(scratch / f"{item.name}.npy", getattr(bank, item.name))
         scratch.rename(folder)
     except OSError:
-        if not folder.is_dir():  # else another process was first, with the same bank
+        if not folder.is_dir():  # else another process was faster, with the same bank
             raise
     finally:
         shutil.rmtree(scratch, ignore_errors=True)

@@ -1,4 +1,7 @@
-"""Advacam's ``.t3pa``: tab-separated pixel hits with a header row; time in ns = 25 ToA - (25/16) FToA."""
+"""Writer of Advacam's ``.t3pa``: tab-separated pixel hits with a header row; time in ns = 25 ToA - (25/16) FToA.
+
+Independent of the agent's reader, constants included, so that neither can hide an error of the other.
+"""
 
 from __future__ import annotations
 

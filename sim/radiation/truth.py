@@ -1,4 +1,4 @@
-"""What is true of a simulated camera."""
+"""True parameters of a simulated camera."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A MiniPIX TPX3 with a 2 mm CdTe sensor as it really is; each field may be perturbed to mismatch what the agent assumes.
+    """A MiniPIX TPX3 with a 2 mm CdTe sensor with its true parameters; each may be varied to mismatch the agent's model.
 
     Sensor (a change of these builds another event bank):
         drift_ns: an electron cloud's drift over the whole thickness. The pixels are on the rear (z = -1 mm).
@@ -22,7 +22,7 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         pixel_noise_kev: standard deviation per pixel; with the gain noise sqrt(2.5^2 + (0.02 E)^2) keV for a cluster of
             ten pixels.
         threshold_kev: a pixel with less charge is silent.
-        charge_scale: undoes what the silent pixels take from a cluster, as the absolute calibration of a real camera does.
+        charge_scale: compensates for the charge of silent pixels, as the absolute calibration of a real camera does.
         toa_jitter_ns: standard deviation per pixel.
 
     Electronics and surroundings:
@@ -33,14 +33,14 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         scatter_near, scatter_air: hits by photons scattered in ground, mount and air, as a share of the direct ones:
             near + air * mu d, with mu the air's attenuation coefficient and d the distance.
 
-    What nobody on board knows, drawn anew for each camera and flight; all off by default:
-        sensitivity_spread: relative standard deviation of what a camera counts, of the source and of the background alike.
+    Unknown on board, drawn for each camera and flight; all off by default:
+        sensitivity_spread: relative standard deviation of a camera's counts, of source and background alike.
         energy_gain_spread: relative standard deviation of the slope of its energies from the calibration files'.
-        background_drift: standard deviation of the logarithm of the background's rate, which wanders about the configured one
+        background_drift: standard deviation of the logarithm of the background's rate, which varies about the configured one
             with the correlation time background_drift_s.
-        shadow: share of the direct photons that the vehicle's body takes off along the line through its middle. The body is a
-            ball behind the camera (around -z), seen from it under shadow_half_angle_deg to each side.
-        clock_offset_s: the camera's clock is off from the vehicle's by a constant, drawn evenly from minus to plus this.
+        shadow: share of the direct photons that the vehicle's body absorbs along the line through its centre. The body is a
+            ball behind the camera (around -z), with the angular radius shadow_half_angle_deg.
+        clock_offset_s: constant offset of the camera's clock from the vehicle's, uniform between minus and plus this.
     """
 
     drift_ns: Positive = 86.0

@@ -1,11 +1,12 @@
-"""What PX4 does around the flight itself: arming, takeoff, modes, landing, and the offboard-loss failsafe.
+"""Lockstep's autopilot: PX4's arming, takeoff, modes, landing, and offboard-loss failsafe.
 
-Positions here are the vehicle's own, estimated, in its local frame (ENU), as PX4 sees them.
+Positions are the vehicle's own estimates in its local frame (ENU), as in PX4.
 """
 
 from __future__ import annotations
 
-from agent.vehicle.interface import FlightMode, Request, Vector3, VehicleCommand
+from agent.vehicle.interface import FlightMode, Request, VehicleCommand
+from sim.geometry import Vector3
 from sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Reframing, Target
 
 ARMING_S = 1.0
@@ -36,16 +37,16 @@ class Autopilot:
 
     @property
     def target(self) -> Target:
-        """What the vehicle is to follow now."""
+        """The target that the vehicle follows now."""
         return self._guidance.target
 
     @property
     def grounded(self) -> bool:
-        """On the ground with idling or stopped rotors."""
+        """Whether the vehicle is on the ground with idling or stopped rotors."""
         return not self.armed or (self.mode is FlightMode.TAKEOFF and self._armed_for < ARMING_S)
 
     def command(self, command: VehicleCommand) -> None:
-        """Take the pilot's command of this step."""
+        """Apply the pilot's command of this step."""
         request = command.request
         if command.setpoint is not None:
             self._setpoint_age = 0.0
@@ -54,7 +55,9 @@ class Autopilot:
         elif request is Request.OFFBOARD and self.in_air and command.setpoint is not None:
             self.mode, self.failsafe = FlightMode.OFFBOARD, False
             setpoint = command.setpoint
-            self._guidance.target = Target(setpoint.position_m, setpoint.velocity_mps, setpoint.yaw_rad)
+            self._guidance.target = Target(
+                setpoint.position_m, setpoint.velocity_mps, setpoint.yaw_rad, setpoint.acceleration_mps2, setpoint.yaw_rate_rps
+            )
         elif self.armed and request is Request.HOLD and self.in_air and self.mode is not FlightMode.HOLD:
             self._switch(FlightMode.HOLD)
         elif self.armed and request is Request.RETURN and self.mode not in (FlightMode.RETURN, FlightMode.LAND):
@@ -63,14 +66,14 @@ class Autopilot:
             self._switch(FlightMode.LAND)
 
     def reframe(self, frame: Reframing) -> None:
-        """The vehicle's local frame has jumped, and its filter says so."""
+        """The vehicle's local frame has jumped, and its filter reports it."""
         self._guidance.reframe(frame)
 
     def step(self, position: Vector3, ground_m: float | None = None) -> None:
         """Advance the mode logic by one step.
 
-        ``position``: the vehicle's own estimate; ``ground_m``: z of the ground below it (none: as at home), at which its weight
-        comes off the rotors.
+        ``position``: the vehicle's own estimate; ``ground_m``: z of the ground below it (None: as at home), at which the rotors
+        are unloaded.
         """
         self._position = position
         self._ground_m = self._guidance.home[2] if ground_m is None else ground_m
@@ -89,7 +92,7 @@ class Autopilot:
             self._descend(position)
 
     def _switch(self, mode: FlightMode) -> None:
-        """Change to a mode of the autopilot's own: it begins from where the vehicle is, not from the last setpoint."""
+        """Change to an autonomous mode: it begins from the vehicle's position, not from the last setpoint."""
         self.mode = mode
         self._guidance.stay(self._position)
 

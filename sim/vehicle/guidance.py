@@ -1,6 +1,6 @@
-"""The way that an autopilot flies by itself: climbing, going home, descending.
+"""Autonomous flight of an autopilot: climbing, returning home, descending.
 
-The target moves and the vehicle follows it. Positions are the vehicle's own, estimated, in its local frame (ENU).
+The target moves and the vehicle follows it. Positions are the vehicle's own estimates in its local frame (ENU).
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from math import cos, hypot, sin
 from typing import NamedTuple
 
-from agent.vehicle.interface import Vector3
+from sim.geometry import Vector3
 
 ARRIVED_M = 0.3
-BELOW_GROUND_M = 0.5  # where the target of a descent ends, so that the vehicle surely comes down
+BELOW_GROUND_M = 0.5  # end of a descent's target, so that the vehicle is sure to touch the ground
 
 
 class Reframing(NamedTuple):
@@ -22,7 +22,7 @@ class Reframing(NamedTuple):
     translation_m: Vector3
 
     def point(self, place: Vector3) -> Vector3:
-        """A place of the old frame, in the new one."""
+        """A point of the old frame, in the new one."""
         x, y, z = self.direction(place)
         u, v, w = self.translation_m
         return x + u, y + v, z + w
@@ -36,15 +36,17 @@ class Reframing(NamedTuple):
 
 @dataclass(slots=True)
 class Target:
-    """What the vehicle's controllers follow: position and velocity in the local frame, heading."""
+    """The setpoint of the vehicle's controllers, local frame; velocity, acceleration and yaw rate are fed forward."""
 
     position: Vector3
     velocity: Vector3
     yaw: float
+    acceleration: Vector3 = (0.0, 0.0, 0.0)
+    yaw_rate: float = 0.0
 
 
 class Guidance:
-    """A target that moves in fixed steps. ``home``: where the vehicle took off."""
+    """A target that moves in fixed steps. ``home``: takeoff place."""
 
     def __init__(self, home: Vector3, yaw: float, step_s: float) -> None:
         self.home = home
@@ -52,22 +54,28 @@ class Guidance:
         self._step_s = step_s
 
     def stay(self, position: Vector3) -> None:
-        """Rest at ``position``, with the heading as it is."""
+        """Stay at ``position`` with the present heading."""
         self.target = Target(position, (0.0, 0.0, 0.0), self.target.yaw)
 
     def reframe(self, frame: Reframing) -> None:
-        """The local frame has jumped: what was meant stays where it is in the world."""
+        """The local frame has jumped: the target keeps its place in the world."""
         target = self.target
         self.home = frame.point(self.home)
-        self.target = Target(frame.point(target.position), frame.direction(target.velocity), target.yaw + frame.yaw_rad)
+        self.target = Target(
+            frame.point(target.position),
+            frame.direction(target.velocity),
+            target.yaw + frame.yaw_rad,
+            frame.direction(target.acceleration),
+            target.yaw_rate,
+        )
 
     def climb(self, height_m: float, speed_mps: float) -> None:
-        """Go up, to ``height_m`` above home at most."""
+        """Climb, up to ``height_m`` above home."""
         x, y, z = self.target.position
         self._go((x, y, min(self.home[2] + height_m, z + speed_mps * self._step_s)))
 
     def go_home(self, height_m: float, climb_mps: float, speed_mps: float) -> bool:
-        """Go home at ``height_m`` above it or higher, first up and then across; True once the target is there."""
+        """Return home at ``height_m`` above it or higher, first up and then across; True once the target has arrived."""
         x, y, z = self.target.position
         height = self.home[2] + height_m
         if z < height - 1e-6 and hypot(x - self.home[0], y - self.home[1]) > ARRIVED_M:
@@ -82,7 +90,7 @@ class Guidance:
         return False
 
     def descend(self, speed_mps: float, height_m: float = -BELOW_GROUND_M) -> None:
-        """Go down, to ``height_m`` above home at least."""
+        """Descend, down to ``height_m`` above home."""
         x, y, z = self.target.position
         self._go((x, y, max(self.home[2] + height_m, z - speed_mps * self._step_s)))
 

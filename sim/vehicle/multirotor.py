@@ -1,148 +1,246 @@
-"""Horizontal, vertical and heading response of PX4-flown multirotors to setpoints.
-
-A linear model per axis, fitted to what a real PX4 did: on a circle of 12 m at 3 m/s, with position + velocity setpoints at
-20 Hz, the position lags by 0.35-0.41 s and the radius is 0.7-1.1 m too large; feeding acceleration forward changes nothing. The
-response is two delay poles on the setpoint, a position loop P, a velocity loop P and an attitude lag, all of one time step by the
-matrix exponential; tilt limits the acceleration.
-"""
+"""True motion of multirotors flown by PX4: the cascade for each axis, heading, wind, and contact with the ground."""
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, sin
-from typing import Annotated
+from collections.abc import Sequence
+from math import atan2, cos, hypot, radians, sin, tan
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from msgspec import Meta, Struct
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from agent.errors import ConfigError
+from sim.geometry import Array
+from sim.vehicle.cascade import FILTERED, POSITION, THRUST, VELOCITY, Axis, Cascade, Limits, in_steps
 
-Gain = Annotated[float, Meta(gt=0.0, le=100.0)]
-Lag = Annotated[float, Meta(ge=0.01, le=10.0)]
+Gain = Annotated[float, Meta(gt=0.0, le=20.0)]
+NoGain = Annotated[float, Meta(ge=0.0, le=20.0)]
+Rate = Annotated[float, Meta(gt=0.0, le=100.0)]
 GRAVITY_MPS2 = 9.80665
-Array = NDArray[np.float64]
 
 
 class MultirotorTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Parameters of the vehicles as they really are; the agent knows only a lag (its ``vehicle_lag_s``)."""
+    """True parameters of a vehicle. Defaults: PX4's default gains and the values recorded with them (quadrotor of PX4's own
+    simulator, 1 kg, drag 1 N/(m/s)).
+    """
 
-    position_gain_ps: Gain = 0.95
-    velocity_gain_ps: Gain = 1.0
-    attitude_lag_s: Lag = 0.15
-    setpoint_lag_s: Lag = 0.32  # two poles together
-    maximum_acceleration_mps2: Annotated[float, Meta(gt=0.0, le=100.0)] = 5.0  # tilt limit of 27 degrees
-    maximum_yaw_rate_rps: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.5
-    yaw_lag_s: Lag = 0.3
-    gust_mps2: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.1  # 1-sigma acceleration by wind
+    position_gain_ps: Gain = 0.95  # MPC_XY_P
+    velocity_gain_ps: Gain = 1.8  # MPC_XY_VEL_P_ACC
+    integrator_gain_ps2: NoGain = 0.4  # MPC_XY_VEL_I_ACC
+    derivative_gain: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.2  # MPC_XY_VEL_D_ACC
+    attitude_rate_ps: Rate = 4.2  # of the tilt's lag; scales with MC_ROLL_P, known to +-0.5
+    drag_ps: Annotated[float, Meta(ge=0.0, le=10.0)] = 1.0  # per mass, linear in the speed
+    delay_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.03  # from a setpoint to its effect
+    climb_position_gain_ps: Gain = 1.0  # MPC_Z_P; the vertical axis, like the horizontal ones above
+    climb_velocity_gain_ps: Gain = 4.0
+    climb_integrator_gain_ps2: NoGain = 2.0
+    climb_derivative_gain: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.0
+    thrust_rate_ps: Rate = 18.0
+    maximum_tilt_deg: Annotated[float, Meta(gt=0.0, le=80.0)] = 45.0  # MPC_TILTMAX_AIR
+    maximum_speed_mps: Annotated[float, Meta(gt=0.0, le=50.0)] = 12.0  # of setpoints, MPC_XY_VEL_MAX
+    maximum_climb_mps: Annotated[float, Meta(gt=0.0, le=50.0)] = 3.0
+    maximum_descent_mps: Annotated[float, Meta(gt=0.0, le=50.0)] = 1.5
+    yaw_gain_ps: Gain = 2.8  # MC_YAW_P
+    yaw_acceleration_gain_ps: Gain = 2.4  # of the yaw rate's response; fitted to recorded turns, like the next one
+    maximum_yaw_acceleration_rps2: Rate = 4.25
+    maximum_yaw_rate_rps: Rate = 3.49  # MC_YAWRATE_MAX
+    gust_mps2: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.1  # 1-sigma acceleration by gusts
     gust_correlation_s: Annotated[float, Meta(gt=0.0, le=1e6)] = 2.0
 
+    @property
+    def horizontal(self) -> Axis:
+        """Gains of the axes east and north."""
+        return Axis(
+            self.position_gain_ps,
+            self.velocity_gain_ps,
+            self.integrator_gain_ps2,
+            self.derivative_gain,
+            self.attitude_rate_ps,
+            self.drag_ps,
+        )
+
+    @property
+    def vertical(self) -> Axis:
+        """Gains of the axis up."""
+        return Axis(
+            self.climb_position_gain_ps,
+            self.climb_velocity_gain_ps,
+            self.climb_integrator_gain_ps2,
+            self.climb_derivative_gain,
+            self.thrust_rate_ps,
+            self.drag_ps,
+        )
+
+    @property
+    def limits(self) -> Limits:
+        """Limits of the setpoints. Rotors that hover at half of their thrust can double it, or reduce it to zero."""
+        tilted_mps2 = GRAVITY_MPS2 * tan(radians(self.maximum_tilt_deg))
+        return Limits(self.maximum_speed_mps, self.maximum_climb_mps, self.maximum_descent_mps, tilted_mps2, GRAVITY_MPS2)
+
     def check(self, where: str) -> None:
-        """Raise ConfigError where the vehicle would be unstable (Routh's criterion of its three poles)."""
-        if self.position_gain_ps * self.attitude_lag_s >= 1.0:
-            raise ConfigError(
-                f"{where}: vehicle: position_gain_ps = {self.position_gain_ps:g} times attitude_lag_s = {self.attitude_lag_s:g} "
-                "must be below 1, or the vehicle oscillates ever more"
-            )
+        """Raise ConfigError where the vehicle would be unstable (a pole of one of its axes with a positive real part)."""
+        for name, axis in (("horizontal", self.horizontal), ("vertical", self.vertical)):
+            if not axis.stable:
+                raise ConfigError(
+                    f"{where}: vehicle: with these gains the {name} motion is unstable; "
+                    "take smaller ones, or a vehicle that tilts faster"
+                )
+
+
+class Setpoints(NamedTuple):
+    """Setpoints of N vehicles, world frame (ENU). Positions without position control are ignored; a heading of NaN is free."""
+
+    position_m: Array  # (N, 3)
+    velocity_mps: Array  # (N, 3)
+    acceleration_mps2: Array  # (N, 3)
+    yaw_rad: Array  # (N,)
+    yaw_rate_rps: Array  # (N,)
 
 
 class Multirotors:
-    """N vehicles, true motion in the world frame (ENU).
-
-    position_m, velocity_mps, acceleration_mps2: (N, 3) views of the state; yaw_rad: (N,).
-    """
+    """N vehicles, true motion in the world frame (ENU). yaw_rad: (N,)."""
 
     def __init__(
-        self, truth: MultirotorTruth, position_m: Array, yaw_rad: Array, step_s: float, rng: np.random.Generator
+        self,
+        truth: MultirotorTruth | Sequence[MultirotorTruth],
+        position_m: Array,
+        yaw_rad: Array,
+        step_s: float,
+        rng: np.random.Generator,
     ) -> None:
-        self._truth = truth
+        """``truth``: of all, or of each; delay and wind are those of the first."""
+        count = len(position_m)
+        truths = [truth] * count if isinstance(truth, MultirotorTruth) else list(truth)
+        self._truth, self._truths = truths[0], truths
         self._step_s = step_s
         self._rng = rng
-        count = len(position_m)
-        # rows: position, velocity, acceleration, two filter stages of the position and of the velocity setpoint
-        # and last the inputs: position and velocity setpoint
-        self._state = np.zeros((9, count, 3))
-        self._state[[0, 3, 4]] = position_m
-        self._propagate = _discretise(truth, step_s)
+        self._cascade = Cascade(count, step_s, self._truth.delay_s)
+        self._state = self._cascade.state
+        self._state[..., POSITION] = position_m
+        self._late, self._late_s = in_steps(self._truth.delay_s, step_s)
+        self._headings: list[tuple[Array, Array]] = []  # setpoints of heading and its rate, the newest last
+        # gains of heading and its rate, highest rate, largest change of the rate in a step
+        self._yaw_gains = np.zeros((4, count))
+        for drone, one in enumerate(truths):
+            self.equip(drone, one)
         self._gust = np.zeros((count, 3))
-        self._gust_keep = float(np.exp(-step_s / truth.gust_correlation_s))
-        self._gust_kick = truth.gust_mps2 * (1.0 - self._gust_keep**2) ** 0.5
+        self._gust_keep = float(np.exp(-step_s / self._truth.gust_correlation_s))
+        self._gust_kick = self._truth.gust_mps2 * (1.0 - self._gust_keep**2) ** 0.5
+        self._everywhere = np.ones((count, 3), dtype=bool)
+        self._yaw_rate = np.zeros(count)
         self.yaw_rad = np.array(yaw_rad, dtype=np.float64)
 
     @property
     def position_m(self) -> Array:
         """(N, 3), world, metres."""
-        position: Array = self._state[0]
+        position: Array = self._state[..., POSITION]
         return position
 
     @property
     def velocity_mps(self) -> Array:
         """(N, 3), world."""
-        velocity: Array = self._state[1]
+        velocity: Array = self._state[..., VELOCITY]
         return velocity
 
     @property
-    def acceleration_mps2(self) -> Array:
-        """(N, 3), world, without gravity."""
-        acceleration: Array = self._state[2]
-        return acceleration
+    def thrust_mps2(self) -> Array:
+        """(N, 3), world: acceleration by the rotors beyond gravity's, which determines the attitude. Drag is not included."""
+        thrust: Array = self._state[..., THRUST]
+        return thrust
+
+    def vehicle(self, drone: int) -> MultirotorTruth:
+        """The parameters of one vehicle, as given at first."""
+        return self._truths[drone]
+
+    def equip(self, drone: int, truth: MultirotorTruth) -> None:
+        """Change a vehicle's gains, limits and drag."""
+        self._cascade.equip(drone, truth.horizontal, truth.vertical, truth.limits)
+        self._yaw_gains[:, drone] = (
+            truth.yaw_gain_ps,
+            -np.expm1(-truth.yaw_acceleration_gain_ps * self._step_s),
+            truth.maximum_yaw_rate_rps,
+            truth.maximum_yaw_acceleration_rps2 * self._step_s,
+        )
 
     def step(
         self,
-        position_sp: Array,
-        velocity_sp: Array,
-        yaw_sp: Array,
+        setpoints: Setpoints,
         grounded: NDArray[np.bool_],
+        position_error_m: Array,
+        velocity_error_mps: Array,
         unsteered: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Advance one time step towards setpoints (N, 3), (N, 3), (N,); grounded vehicles stay where they are.
+        """Advance one time step towards the setpoints; grounded vehicles stay where they are, and their integrators are reset.
 
-        unsteered: (N, 3), axes along which there is no position to keep, only a velocity.
+        position_error_m, velocity_error_mps: (N, 3), world, estimated minus true: a vehicle controls its estimate. Headings are
+        the true ones. unsteered: (N, 3), axes with velocity control only.
         """
-        count = position_sp.shape[0]
-        if unsteered is not None:
-            position_sp = np.where(unsteered, self._state[0], position_sp)
-            self._state[3:5] = np.where(unsteered, self._state[0], self._state[3:5])
-        truth = self._truth
-        some_rest = grounded.any()
-        resting = self._state[0, grounded] if some_rest else None
-        self._state[7], self._state[8] = position_sp, velocity_sp
-        self._state[:7] = (self._propagate @ self._state.reshape(9, -1)).reshape(7, count, 3)
         self._gust *= self._gust_keep
-        self._gust += self._gust_kick * self._rng.standard_normal((count, 3))
-        self._state[1] += self._gust * self._step_s
-        self._limit_acceleration()
+        self._gust += self._gust_kick * self._rng.standard_normal(self._gust.shape)
+        some_rest = grounded.any()
+        resting = self._state[grounded, :, POSITION] if some_rest else None
+        self._cascade.step(
+            np.stack(setpoints[:3], axis=-1),
+            np.stack((position_error_m, velocity_error_mps)),
+            self._gust,
+            self._everywhere if unsteered is None else ~unsteered,
+        )
+        self._turn(setpoints.yaw_rad, setpoints.yaw_rate_rps, ~grounded)
         if some_rest:
-            self._state[:7, grounded] = 0.0
-            for row in (0, 3, 4):
-                self._state[row, grounded] = resting
-        error = np.remainder(yaw_sp - self.yaw_rad + np.pi, 2.0 * np.pi) - np.pi
-        most = truth.maximum_yaw_rate_rps
-        rate = np.maximum(-most, np.minimum(error / truth.yaw_lag_s, most))
-        self.yaw_rad += rate * self._step_s * ~grounded
+            self._state[grounded, :, VELOCITY:] = 0.0
+            self._state[grounded, :, POSITION] = resting
+
+    def _turn(self, yaw_sp: Array, yaw_rate_sp: Array, free: NDArray[np.bool_]) -> None:
+        """Headings turn the shorter way, after the same delay."""
+        headings = self._headings
+        headings.append((yaw_sp, yaw_rate_sp))
+        if len(headings) > self._late + 2:
+            del headings[0]
+        newest = len(headings) - 1 - self._late
+        wanted, fed_forward = np.zeros_like(yaw_sp), np.zeros_like(yaw_sp)
+        before = self._yaw_rate
+        halfway = self.yaw_rad + 0.5 * self._step_s * before
+        for which, part in ((newest - 1, self._late_s / self._step_s), (newest, 1.0 - self._late_s / self._step_s)):
+            yaw, rate = headings[max(0, which)]
+            error = np.remainder(yaw - halfway + np.pi, 2.0 * np.pi) - np.pi
+            wanted += part * np.where(np.isnan(error), 0.0, error)
+            fed_forward += part * rate
+        gain, share, most, most_change = self._yaw_gains
+        wanted = np.maximum(-most, np.minimum(gain * wanted + fed_forward, most))
+        change = np.maximum(-most_change, np.minimum(share * (wanted - before), most_change))
+        self._yaw_rate = (before + change) * free
+        self.yaw_rad += 0.5 * (before + self._yaw_rate) * self._step_s * free
+        if fed_forward.any():
+            self._rotate_tilt(fed_forward * self._step_s)
+
+    def _rotate_tilt(self, angle: Array) -> None:
+        """PX4 feeds the yaw rate forward about the vertical, not about the rotors' axis: the tilt rotates with it, and is
+        corrected only as fast as the tilt's lag allows. Recorded while circling at 3 m/s and turning at 1.5 rad/s.
+        """
+        c, s = np.cos(angle), np.sin(angle)
+        x, y = self._state[:, 0, THRUST].copy(), self._state[:, 1, THRUST].copy()
+        self._state[:, 0, THRUST], self._state[:, 1, THRUST] = c * x - s * y, s * x + c * y
 
     def rest_on(self, ground_m: Array) -> None:
-        """Nothing sinks below the ground (N,), heights in the world."""
-        below = self._state[0, :, 2] < ground_m
+        """Keep vehicles above the ground (N,), heights in the world."""
+        up = self._state[:, 2]
+        below = up[:, POSITION] < ground_m
         if below.any():
-            self._state[0, below, 2] = ground_m[below]
-            self._state[1:3, below, 2] = np.maximum(self._state[1:3, below, 2], 0.0)
-
-    def _limit_acceleration(self) -> None:
-        acceleration = self._state[2]
-        size = np.hypot(acceleration[:, 0], acceleration[:, 1])
-        limit = self._truth.maximum_acceleration_mps2
-        if size.max() > limit:
-            acceleration[:, :2] *= np.minimum(1.0, limit / np.maximum(size, 1e-9))[:, None]
+            up[below, POSITION] = ground_m[below]
+            for row in (VELOCITY, THRUST, FILTERED):
+                up[below, row] = np.maximum(up[below, row], 0.0)
 
     def quaternion(self, drone: int) -> tuple[float, float, float, float]:
-        """World-from-body attitude (w, x, y, z): heading, and the tilt that the acceleration needs."""
-        ax, ay, az = self._state[2, drone].tolist()
+        """World-from-body attitude (w, x, y, z): heading, and the tilt that points the thrust."""
+        ax, ay, az = self.thrust_mps2[drone].tolist()
         return attitude(float(self.yaw_rad[drone]), ax, ay, az)
 
 
 def attitude(yaw: float, ax: float, ay: float, az: float) -> tuple[float, float, float, float]:
-    """Quaternion of a multirotor with this heading whose thrust gives this acceleration (ENU, m/s2)."""
+    """Quaternion (w, x, y, z) of a multirotor with this heading whose thrust gives this acceleration beyond gravity's (ENU,
+    m/s2).
+    """
     forward = ax * cos(yaw) + ay * sin(yaw)
     left = -ax * sin(yaw) + ay * cos(yaw)
     pitch = atan2(forward, GRAVITY_MPS2 + az)  # nose down is positive about the left axis
@@ -156,18 +254,3 @@ def attitude(yaw: float, ax: float, ay: float, az: float) -> tuple[float, float,
         cr * sp * cy + sr * cp * sy,
         cr * cp * sy - sr * sp * cy,
     )
-
-
-def _discretise(truth: MultirotorTruth, step_s: float) -> Array:
-    """(7, 9) exact zero-order-hold discretisation; states and inputs as in ``Multirotors``."""
-    tau, lag = truth.attitude_lag_s, truth.setpoint_lag_s / 2.0
-    kp, kv = truth.position_gain_ps, truth.velocity_gain_ps
-    a = np.zeros((9, 9))
-    a[0, 1] = a[1, 2] = 1.0
-    a[2, [0, 1, 2, 4, 6]] = np.array([-kv * kp, -kv, -1.0, kv * kp, kv]) / tau
-    a[3, [3, 7]] = -1.0 / lag, 1.0 / lag
-    a[4, [4, 3]] = -1.0 / lag, 1.0 / lag
-    a[5, [5, 8]] = -1.0 / lag, 1.0 / lag
-    a[6, [6, 5]] = -1.0 / lag, 1.0 / lag
-    discrete: Array = expm(a * step_s)
-    return discrete[:7]

@@ -1,4 +1,4 @@
-"""Mission and drone files: what is wrong is said in one line, with the file, the key and what is allowed."""
+"""Mission and drone files: errors in one line, with the file, the key and what is allowed."""
 
 from pathlib import Path
 from typing import Any
@@ -7,7 +7,9 @@ import msgspec
 import pytest
 from msgspec import inspect
 
-from agent.config import DroneConfig, MissionConfig, convert, load_mission, load_toml
+from agent.config.drone import DroneConfig
+from agent.config.loading import convert, load_mission, load_toml
+from agent.config.mission import MissionConfig
 from agent.errors import ConfigError, RadronError
 
 MISSION = """
@@ -94,6 +96,17 @@ def test_no_drones(tmp_path: Path) -> None:
     path = tmp_path / "mission.toml"
     path.write_text('name = "m"\ndrones = []\n[area]\npolygon_m = [[0, 0], [1, 0], [0, 1]]')
     with pytest.raises(ConfigError, match=r"drones: .*length >= 1"):
+        load_mission(path)
+
+
+def test_an_area_of_more_lanes_than_can_be_planned_in_flight(tmp_path: Path) -> None:
+    path = tmp_path / "mission.toml"
+    mission = 'name = "m"\ndrones = [{ id = "d1" }]\n[survey]\nlane_spacing_m = 10\n[area]\npolygon_m = [%s]'
+    path.write_text(mission % "[0, 0], [1e5, 0], [1e5, 1e5], [0, 1e5]")
+    with pytest.raises(ConfigError, match=r"is 100000 m wide; with survey\.lane_spacing_m = 10 that makes more than 300 lanes"):
+        load_mission(path)
+    for corridor in ("[0, 0], [1e4, 1e4], [9e3, 1e4]", "[0, 0], [3e3, 0], [3e3, 3e3], [0, 3e3]"):
+        path.write_text(mission % corridor)
         load_mission(path)
 
 

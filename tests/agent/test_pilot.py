@@ -1,4 +1,4 @@
-"""The pilot by itself: what it says, what it refuses, and that nothing from outside can stop it."""
+"""The pilot alone: what it publishes, what it refuses, and that no input can stop it."""
 
 from itertools import pairwise
 
@@ -24,15 +24,17 @@ from one_pilot import (
     tracking,
 )
 
-from agent.config import DroneConfig, FusionConfig, MissionConfig, SurveyConfig
+from agent.config.drone import DroneConfig
+from agent.config.mission import FusionConfig, MissionConfig, SurveyConfig
 from agent.detector.readout import PixelHits, Readout
 from agent.errors import ConfigError
 from agent.pilot import Pilot
 from agent.vehicle.interface import FlightMode, Request
 from protocol.codec import decode_from, encode
+from protocol.entries import Exposure
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
-from protocol.messages import Action, Exposure, Plan, Pose, Stage, Status
+from protocol.messages import Action, Plan, Pose, Stage, Status
 
 
 def test_a_drone_that_is_not_in_the_mission():
@@ -174,6 +176,7 @@ def test_exposures_follow_each_other_without_gaps():
     assert found[3].poses[1].position_m[0] == pytest.approx((found[3].stamp_ns + SECOND // 10 - START_NS) / TICK_NS * 0.1)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_nothing_from_outside_stops_the_flight(data):

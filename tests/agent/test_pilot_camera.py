@@ -1,4 +1,4 @@
-"""What a drone says of a camera that misbehaves: statuses, and what of it stands against a start."""
+"""Reports on a faulty camera, and which faults prevent a start."""
 
 import numpy as np
 from one_pilot import SECOND, START_NS, TICK_NS, messages, pilot, state

@@ -1,9 +1,9 @@
-"""What two pilots' logs give each other: everything that is lacking, in bounded portions, and nothing else."""
+"""Exchange between two pilots' logs: all missing entries, in bounded portions, and nothing else."""
 
 from one_pilot import AREA, MISSION, SECOND, START_NS, cone_of, pilot
 
-from agent.config import MissionConfig
-from agent.exchange import MOST_BYTES, MOST_ENTRIES
+from agent.config.mission import MissionConfig
+from agent.fusion.exchange import MOST_BYTES, MOST_ENTRIES
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.summary import encode_summary

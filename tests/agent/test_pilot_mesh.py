@@ -1,4 +1,4 @@
-"""Pilots over a real mesh: two agents with one id notice each other, and a restarted one gets its log back."""
+"""Pilots over a real mesh: two agents with the same id notice each other, and a restarted one recovers its log."""
 
 import asyncio
 import time

@@ -1,10 +1,10 @@
-"""What a drone says of the nuclide that its camera sees."""
+"""Reports on the nuclide that a drone's camera sees."""
 
 import numpy as np
 import pytest
 from one_pilot import MISSION, SECOND, START_NS, TICK_NS, messages, pilot, state
 
-from agent.problems import Problems
+from agent.mission.problems import Problems
 from protocol.messages import Status
 
 beam = pytest.importorskip("sim.radiation.beam")
@@ -26,6 +26,7 @@ def last_status(nuclide, activity_bq):
     return status
 
 
+@pytest.mark.slow
 def test_a_source_of_another_nuclide_is_reported():
     status = last_status("Ir-192", 5e8)
     assert status.recognised is not None

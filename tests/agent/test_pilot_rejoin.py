@@ -1,16 +1,18 @@
-"""An agent that is restarted in flight: when it goes on, how, and when it keeps its hands off the vehicle."""
+"""An agent that is restarted in flight: when and how it resumes, and when it leaves the vehicle alone."""
 
 import msgspec
 import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, cone_of, messages, pilot, state, tracking
 
-from agent.config import MissionConfig, TrackConfig
-from agent.memory import OLDEST_NS, REFRESH_NS, Memory
+from agent.config.mission import MissionConfig, TrackConfig
+from agent.mission.memory import OLDEST_NS, REFRESH_NS, Memory
+from agent.navigation.identification import FoundResponse
 from agent.vehicle.interface import FlightMode, Request
 from protocol.codec import encode
+from protocol.entries import Coverage
 from protocol.keys import key_of
-from protocol.messages import Action, Coverage, Plan, Stage, Status
+from protocol.messages import Action, Plan, Stage, Status
 
 BACK_NS = START_NS + 30 * SECOND  # when the agent is there again
 HOME = (5.0, 5.0, 3.0)
@@ -61,6 +63,16 @@ def test_what_is_remembered_follows_the_flight_and_fits_a_file():
     assert one.memory is None
 
 
+def test_what_was_found_of_the_vehicle_is_remembered_with_the_next_stamp_and_gone_on_with():
+    one, _ = back(replace(KEPT, response=FoundResponse(0.9, 0.11, 0.3)))
+    fly(one, BACK_NS, 2.0 * REFRESH_NS / SECOND, FlightMode.OFFBOARD)
+    assert one.memory.response.drag_ps == 0.9
+    assert msgspec.json.decode(msgspec.json.encode(one.memory), type=Memory) == one.memory
+    kept = one.memory
+    fly(one, BACK_NS + 2 * REFRESH_NS, REFRESH_NS / SECOND - 1.0, FlightMode.OFFBOARD, position=(0.5, 0.0, 3.0))
+    assert one.memory is kept  # the deviation has changed meanwhile, and waits
+
+
 def test_goes_on_from_the_failsafe_by_streaming_setpoints():
     one, step = back()
     assert one.stage is Stage.SURVEY
@@ -96,7 +108,7 @@ def test_surveys_until_the_log_is_back_and_then_tracks_by_the_remembered_times()
 
 def test_a_mode_that_stays_is_somebodys_will():
     one, _ = back()
-    requests = fly(one, BACK_NS, 8.0, FlightMode.RETURN, healthy=False)
+    requests = fly(one, BACK_NS, 9.0, FlightMode.RETURN, healthy=False)
     assert requests[:100] == [Request.OFFBOARD] * 100
     assert requests[-1] is Request.RELEASE
     assert one.stage is Stage.RETURN
@@ -145,10 +157,12 @@ def test_one_that_had_been_taken_over_stays_so_until_told_to_resume():
 )
 def test_goes_on_with_what_it_was_doing(stage, mode, request_):
     away = (10.0, 0.0, 3.0)
-    one, step = back(replace(KEPT, stage=stage), mode=mode, healthy=mode is not FlightMode.RETURN, position=away)
+    flies = stage is not Stage.TAKEOFF
+    healthy = mode is not FlightMode.RETURN
+    one, step = back(replace(KEPT, stage=stage), mode=mode, healthy=healthy, position=away, in_air=flies)
     assert (one.stage, step.command.request) == (stage, request_)
     follows = mode if request_ is not Request.OFFBOARD else FlightMode.OFFBOARD
-    assert set(fly(one, BACK_NS, 3.0, follows, position=away)) == {request_}
+    assert set(fly(one, BACK_NS, 3.0, follows, position=away, in_air=flies)) == {request_}
 
 
 @pytest.mark.parametrize(

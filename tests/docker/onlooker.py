@@ -13,7 +13,7 @@ import time
 import tomllib
 from pathlib import Path
 
-from agent.config import load_mission
+from agent.config.loading import load_mission
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
 from protocol.messages import Estimate, Pose, Status

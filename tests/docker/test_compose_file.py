@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
-from agent.overrides import load_drone
+from agent.shell.overrides import load_drone
 from sim.scenario import load_scenario, override
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,8 +48,8 @@ def test_what_flies_has_few_rights(services: dict[str, Any], name: str) -> None:
 def test_an_agent_is_configured_as_its_addresses_say(services: dict[str, Any], tmp_path: Path, name: str, number: int) -> None:
     service = services[name]
     ids = [drone.id for drone in override(load_scenario("demo"), {"drones": 10}).mission.drones]
-    members = "".join(f'[[drones]]\nid = "{drone}"\n' for drone in ids)
-    (tmp_path / "mission.toml").write_text(f'name = "ten"\n{members}[area]\npolygon_m = [[0, 0], [9, 0], [9, 9]]\n')
+    members = "".join(f'[[drones]]\nid = "{drone}"\norigin_m = [{6 * place}, 0, 0]\n' for place, drone in enumerate(ids))
+    (tmp_path / "mission.toml").write_text(f'name = "ten"\n{members}[area]\npolygon_m = [[0, 0], [60, 0], [60, 9]]\n')
     environment = {key: str(value) for key, value in service["environment"].items()}
     drone, _ = load_drone(ROOT / "deploy/compose/drone.toml", {**environment, "RADRON_MISSION": str(tmp_path / "mission.toml")})
 
@@ -72,7 +72,7 @@ def test_an_agent_knows_of_its_localisation_what_the_scenario_says(services: dic
         'name = "one"\ndrones = [{ id = "d1" }]\n[area]\npolygon_m = [[0, 0], [9, 0], [9, 9]]\n'
     )
     drone, _ = load_drone(ROOT / "deploy/compose/drone.toml", {"RADRON_MISSION": str(tmp_path / "mission.toml")})
-    assert drone.vehicle_lag_s == scenario.vehicle_lag_s
+    assert drone.vehicle.response == scenario.response
     assert drone.vehicle.position_sigma_m == scenario.localization.horizontal_m
     assert drone.vehicle.yaw_sigma_deg == scenario.localization.yaw_deg
     assert scenario.camera.calibration_spread == 0.0  # the drone file names no calibration

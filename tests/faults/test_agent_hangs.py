@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 from live_agents import Agent, Vehicles, closing, command, station_endpoint, until, write_configs
 
-from agent.config import load_mission
+from agent.config.loading import load_mission
 from protocol.codec import decode
-from protocol.messages import Coverage, EntryId
+from protocol.entries import Coverage, EntryId
 from protocol.session import Mesh, MeshConfig
 from protocol.summary import encode_summary
 
@@ -76,7 +76,7 @@ class Flight:
 
     def start(self) -> None:
         def started() -> bool:
-            return command(self.folder, "start").returncode == 0
+            return command(self.folder, "start", "--anyway").returncode == 0  # without cameras, of which they warn
 
         until(started, START_S, "a start command that is obeyed")
         for vehicle in range(2):

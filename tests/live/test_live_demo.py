@@ -34,6 +34,7 @@ def test_three_agents_find_the_source_agree_and_leave_nothing_behind(tmp_path: P
     agents = report["agents"]
     assert report["agreed"], run.said
     assert [agent["stage"] for agent in agents] == ["landed"] * 3
+    assert [agent["problems"] for agent in agents] == [[]] * 3  # all can be started again
     assert len({agent["digest"] for agent in agents}) == 1
     assert len({tuple(agent["position_m"]) for agent in agents}) == 1
     assert all(agent["computed_setpoints"] > 100 for agent in agents)

@@ -1,15 +1,17 @@
-"""However the launcher ends, nothing of its flight is left."""
+"""However the launcher ends, no process of its flight is left."""
 
 from __future__ import annotations
 
 import signal
 from pathlib import Path
 
+import pytest
 from live_run import live_run
 
 UP_S = 60.0
 
 
+@pytest.mark.slow
 def test_nothing_survives_a_killed_launcher(tmp_path: Path) -> None:
     with live_run(tmp_path, "demo", "--drones", "2") as run:
         run.until(run.agents_up, UP_S)
@@ -19,6 +21,7 @@ def test_nothing_survives_a_killed_launcher(tmp_path: Path) -> None:
         run.until(lambda: not run.processes() and not run.busy_ports(), 5.0)
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_everything_and_says_so(tmp_path: Path) -> None:
     with live_run(tmp_path, "demo", "--drones", "1") as run:
         run.until(run.agents_up, UP_S)
@@ -26,5 +29,5 @@ def test_an_interrupt_ends_everything_and_says_so(tmp_path: Path) -> None:
         assert run.process.wait(8.0) == 128 + signal.SIGINT, run.said
         assert run.processes() == []
         run.until(lambda: not run.busy_ports(), 1.0)
-        assert "stopped before the end" in run.said
+        assert "stopped on request before the end" in run.said
         assert "Traceback" not in run.said

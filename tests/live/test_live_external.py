@@ -1,4 +1,4 @@
-"""Agents that somebody else starts: the launcher brings the world and the start command."""
+"""Agents that are started elsewhere: the launcher provides the world and the start command."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import subprocess
 import sysconfig
 from pathlib import Path
 
+import pytest
 from live_run import live_run
 
-from agent.config import DetectorConfig, DroneConfig, PeerMeshConfig, VehicleConfig
-from sim.runfolder import as_toml
+from agent.config.drone import DetectorConfig, DroneConfig, PeerMeshConfig, VehicleConfig
+from sim.live.runfolder import as_toml
 
 AGENT = Path(sysconfig.get_path("scripts")) / "radron-agent"
 
 
+@pytest.mark.slow
 def test_an_agent_elsewhere_is_waited_for_and_started(tmp_path: Path) -> None:
     pid = os.getpid()
     host = f"127.{1 + pid % 250}.{1 + pid // 250 % 250}.{1 + pid // 62_500 % 250}"  # ports are fixed: so no other test's address

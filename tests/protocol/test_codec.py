@@ -13,26 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from schema_messages import document, messages
 
-from protocol.codec import MAX_PAYLOAD_BYTES, decode, decode_from, encode
+from protocol.codec import MAX_ENTRY_BYTES, MAX_PAYLOAD_BYTES, decode, decode_from, encode
+from protocol.entries import Cone, ConeOrder, Counts, Coverage, Exposure, PoseSample, Sighting
 from protocol.errors import ProtocolError
 from protocol.keys import command_key, drone_key, key_of
-from protocol.messages import (
-    KINDS,
-    Command,
-    Cone,
-    ConeOrder,
-    Counts,
-    Coverage,
-    Estimate,
-    Exposure,
-    Frame,
-    Message,
-    Plan,
-    Pose,
-    PoseSample,
-    Sighting,
-    Status,
-)
+from protocol.message import Message
+from protocol.messages import KINDS, Command, Estimate, Frame, Plan, Pose, Status
 
 POSE = Pose(
     stamp_ns=1,
@@ -212,15 +198,30 @@ def test_deep_nesting_is_refused(nest: bytes) -> None:
 
 
 def test_the_largest_messages_fit() -> None:
-    corner = (-99_999.123456789,) * 3
-    poses = tuple(PoseSample(number * 10**8, corner, (0.5, 0.5, 0.5, 0.5)) for number in range(256))
-    exposure = msgspec.structs.replace(EXPOSURE, poses=poses, end_ns=EXPOSURE.stamp_ns + 256 * 10**8)
     counters = {f"{number:>064}": 2**40 for number in range(64)}
     status = Status(
         stamp_ns=1, drone="d", mission=HEX, boot=HEX, stage="hold", counters=counters, problems=("\U0001f6f8" * 256,) * 32
     )
-    for message in (exposure, status):
+    for message in (exposure_of(16), status):
         assert decode(encode(message)) == message
+
+
+def exposure_of(poses: int) -> Exposure:
+    """An exposure with so many poses, far from the origin."""
+    samples = tuple(PoseSample(number * 10**8, (-99_999.123456789,) * 3, (0.5, 0.5, 0.5, 0.5)) for number in range(poses))
+    return msgspec.structs.replace(EXPOSURE, poses=samples, end_ns=EXPOSURE.stamp_ns + poses * 10**8)
+
+
+def test_a_log_entry_of_more_than_2_kb_is_refused() -> None:
+    """Every agent keeps all entries in memory until the mission ends; of other messages the newest only."""
+    large = exposure_of(40)
+    payload = msgspec.msgpack.encode(large)
+    assert MAX_ENTRY_BYTES < len(payload) < MAX_PAYLOAD_BYTES
+    assert f"over the limit of {MAX_ENTRY_BYTES}" in refused(payload)
+    with pytest.raises(ProtocolError, match=f"over the limit of {MAX_ENTRY_BYTES}"):
+        decode_from(key_of("s", large), payload)
+    with pytest.raises(ProtocolError, match=f"over the limit of {MAX_ENTRY_BYTES}"):
+        encode(large)
 
 
 def test_map_keys() -> None:

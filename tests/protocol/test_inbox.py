@@ -11,7 +11,7 @@ import pytest
 from meshes import until
 
 from protocol import inbox as inbox_module
-from protocol.codec import MAX_PAYLOAD_BYTES
+from protocol.codec import MAX_ENTRY_BYTES, MAX_PAYLOAD_BYTES
 from protocol.inbox import SLICE_MESSAGES, Inbox
 from protocol.keys import command_key, drone_key
 
@@ -120,12 +120,13 @@ def test_what_is_no_message_of_this_swarm_is_counted_and_dropped() -> None:
         received.inbox.put(drone_key("other", "d1", "cone"), b"")
         received.inbox.put("radron/1/s/d1/nonsense", b"")
         received.inbox.put("no key at all", b"")
-        received.inbox.put(CONE, bytes(MAX_PAYLOAD_BYTES + 1))
+        received.inbox.put(CONE, bytes(MAX_ENTRY_BYTES + 1))
+        received.inbox.put(POSE, bytes(MAX_PAYLOAD_BYTES + 1))
         received.inbox.put(CONE, None)
-        received.inbox.put(CONE, bytes(MAX_PAYLOAD_BYTES))
-        await until(lambda: received.messages)
-        assert len(received.messages) == 1
-        assert received.counters == {"received": 1, "other_swarm": 1, "unknown_key": 2, "oversized": 2}
+        received.inbox.put(CONE, bytes(MAX_ENTRY_BYTES))
+        received.inbox.put(POSE, bytes(MAX_PAYLOAD_BYTES))
+        await until(lambda: len(received.messages) == 2)
+        assert received.counters == {"received": 2, "other_swarm": 1, "unknown_key": 2, "oversized": 3}
 
     asyncio.run(run())
 

@@ -1,4 +1,4 @@
-"""Keys say which swarm, who and what; nothing else is a key."""
+"""Keys name swarm, sender and kind; anything else is refused."""
 
 import contextlib
 
@@ -7,24 +7,35 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.errors import ProtocolError
-from protocol.keys import Address, command_key, drone_key, key_of, parse_key
-from protocol.messages import DRONE_KINDS, Message
+from protocol.keys import Key, command_key, drone_key, key_of, parse_key
+from protocol.message import Message
+from protocol.messages import DRONE_KINDS
 from protocol.units import IDENTIFIER, STATION
 
 identifiers = st.from_regex(IDENTIFIER)
 drones = identifiers.filter(lambda name: name != STATION)
 
 
+def parts(key: Key) -> tuple[str, str, str]:
+    return key.swarm, key.sender, key.kind
+
+
 @given(identifiers, drones, st.sampled_from(sorted(DRONE_KINDS)))
 def test_drone_keys_are_read_back(swarm: str, drone: str, kind: str) -> None:
     key = drone_key(swarm, drone, kind)
     assert key == f"radron/1/{swarm}/{drone}/{kind}"
-    assert parse_key(key) == Address(swarm, drone, kind)
+    assert parts(parse_key(key)) == (swarm, drone, kind)
 
 
 @given(identifiers, identifiers)
 def test_command_keys_are_read_back(swarm: str, station: str) -> None:
-    assert parse_key(command_key(swarm, station)) == Address(swarm, station, "command")
+    assert parts(parse_key(command_key(swarm, station))) == (swarm, station, "command")
+
+
+@given(identifiers, drones, st.sampled_from(sorted(DRONE_KINDS)))
+def test_a_key_that_was_read_is_passed_on_as_it_is(swarm: str, drone: str, kind: str) -> None:
+    key = parse_key(drone_key(swarm, drone, kind))
+    assert parse_key(key) is key
 
 
 @given(

@@ -1,4 +1,4 @@
-"""Every number has bounds (so NaN and infinity never pass), every text and list an end."""
+"""Every number has limits (so NaN and infinity never pass), every text and list a maximum length."""
 
 from collections.abc import Iterator
 

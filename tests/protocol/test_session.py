@@ -194,8 +194,8 @@ def test_two_agents_of_one_id_hear_of_each_other() -> None:
 def test_what_is_too_large_is_dropped_and_counted() -> None:
     async def run() -> None:
         async with pair() as (d1, d2):
-            d1.publish("cone", bytes(MAX_PAYLOAD_BYTES + 1))
-            d1.publish("cone", bytes(MAX_PAYLOAD_BYTES))
+            d1.publish("pose", bytes(MAX_PAYLOAD_BYTES + 1))
+            d1.publish("pose", bytes(MAX_PAYLOAD_BYTES))
             await until(lambda: d2.messages)
             assert [len(payload) for _, payload in d2.messages] == [MAX_PAYLOAD_BYTES]
             assert d2.mesh.counters["oversized"] == 1
@@ -264,12 +264,12 @@ async def _open(config: MeshConfig) -> None:
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        (MeshConfig(listen="7447"), "mesh.listen: '7447' is no endpoint; expected tcp/HOST:PORT"),
-        (MeshConfig(listen="tcp/127.0.0.1:99999"), "is no endpoint"),
-        (MeshConfig(listen="tcp/0.0.0.0:7447"), "no address of one interface"),
-        (MeshConfig(listen="tcp/203.0.113.9:7447"), "cannot be listened at: cannot assign requested address"),
-        (MeshConfig(connect=("udp/127.0.0.1:7447",)), "mesh.connect: 'udp/127.0.0.1:7447' is no endpoint"),
-        (MeshConfig(connect=("tcp/no-such-host.invalid:7447",)), "give its address as a number"),
+        (MeshConfig(listen="7447"), "mesh.listen: '7447' is not an endpoint; expected tcp/HOST:PORT"),
+        (MeshConfig(listen="tcp/127.0.0.1:99999"), "is not an endpoint"),
+        (MeshConfig(listen="tcp/0.0.0.0:7447"), "not the address of one interface"),
+        (MeshConfig(listen="tcp/203.0.113.9:7447"), "is not an address of this computer"),
+        (MeshConfig(connect=("udp/127.0.0.1:7447",)), "mesh.connect: 'udp/127.0.0.1:7447' is not an endpoint"),
+        (MeshConfig(connect=("tcp/no-such-host.invalid:7447",)), "give a numeric address"),
     ],
 )
 def test_what_cannot_work_is_one_line_within_two_seconds(config: MeshConfig, words: str) -> None:
@@ -286,10 +286,10 @@ def test_a_port_in_use_is_one_line() -> None:
     with socket.create_server(("127.0.0.1", port)), pytest.raises(MeshError) as caught:
         asyncio.run(_open(MeshConfig(listen=endpoint(port))))
     assert str(caught.value) == (
-        f"mesh.listen: 'tcp/127.0.0.1:{port}' cannot be listened at: address already in use; is another agent running there?"
+        f"mesh.listen: cannot listen at 'tcp/127.0.0.1:{port}': address already in use; is another agent running on this port?"
     )
 
 
 def test_names_that_make_no_key_are_refused() -> None:
-    with pytest.raises(ProtocolError, match="is no identifier"):
+    with pytest.raises(ProtocolError, match="is not an identifier"):
         asyncio.run(Mesh.open(MeshConfig(), "Swarm", "d1", receive=lambda key, payload: None))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Peers in processes of their own that die, stand still or are cut off; what the others notice, and what is lost (nothing)."""
+"""Peers in separate processes that die, hang or are cut off: the others notice, and nothing is lost."""
 
 import asyncio
 import os

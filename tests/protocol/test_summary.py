@@ -1,4 +1,4 @@
-"""A summary says what a log holds; what is no summary is refused."""
+"""A summary describes a log; anything else is refused."""
 
 import contextlib
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +20,11 @@ sys.path.insert(0, str(Path(__file__).parent / "fakes"))
 import synthetic
 
 import sim.cli
-import sim.commands
+import sim.commands.flights
 import sim.lockstep
 from agent.errors import ConfigError
-from sim.workers import Fly, Job, Outcome, attempt
+from sim.campaign.workers import Fly, Job, Outcome, attempt
+from sim.scenario import shipped
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -62,7 +67,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
         return lambda jobs, one: (attempt(one, job) for job in jobs)
 
     monkeypatch.setattr(sim.lockstep, "fly", fly)
-    monkeypatch.setattr(sim.commands, "in_processes", in_line)
+    monkeypatch.setattr(sim.commands.flights, "in_processes", in_line)
     return calls
 
 
@@ -71,7 +76,7 @@ def test_run_says_one_sentence_and_writes_what_was_asked_for(
 ) -> None:
     code, out, _ = radron_sim("run", "paper-static-swarm", "--seed", 3, "--json", tmp_path / "r.json", "--out", tmp_path / "o")
     assert code == 0
-    assert out.startswith("The source is at (")
+    assert out.startswith("Source estimate: (")
     assert out.count("\n") == 1
     assert {path.name for path in (tmp_path / "o").iterdir()} == {
         "result.json", "map.png", "error.png", "posterior.png", "spacing.png",
@@ -85,7 +90,7 @@ def test_run_puts_only_the_object_on_the_output(radron_sim: Call, flown: list[di
     code, out, err = radron_sim("run", "demo", "--json", "-")
     assert code == 0
     assert json.loads(out)["scenario"] == "demo"
-    assert "The source is at" in err
+    assert "Source estimate: (" in err
 
 
 def test_run_passes_on_estimator_law_listeners_and_settings(radron_sim: Call, flown: list[dict[str, Any]]) -> None:
@@ -97,7 +102,7 @@ def test_run_passes_on_estimator_law_listeners_and_settings(radron_sim: Call, fl
     assert (flown[0]["estimator"], list(flown[0]["listen"]), flown[0]["law"]) == ("paper-geometric", ["paper"], "paper")
     assert flown[0]["scenario"].mission.encirclement.radius_m == 9.0
     assert [json.loads(line)["estimator"] for line in out.splitlines()] == ["paper-geometric", "paper"]
-    assert "paper, which only listened, was" in err
+    assert "paper, listening only: median error" in err
 
 
 @pytest.mark.parametrize(
@@ -152,7 +157,7 @@ def test_a_campaign_prints_its_summary_and_goes_on(tmp_path: Path, radron_sim: C
     assert len(flown) == 6
     again = radron_sim(*arguments)
     assert again[:2] == (0, out)
-    assert "6 of 6 runs are there already" in again[2]
+    assert "6 of 6 runs exist already" in again[2]
     assert len(flown) == 6
 
 
@@ -173,11 +178,12 @@ def test_failed_flights_end_a_campaign_with_code_1_and_are_named(
     assert code == 1
     assert "1 flights failed: demo seed 13" in err
     assert "RuntimeError: the rotor fell off" in err
-    assert out.startswith("demo: x0 after ")
+    assert out.startswith("demo: initial estimate after ")
     assert "in 2 of 2 runs" in out
     assert len((tmp_path / "runs.jsonl").read_text().splitlines()) == 2
 
 
+@pytest.mark.slow
 def test_the_table_flies_paper_by_the_papers_law_and_bayes_as_the_scenario_says(
     tmp_path: Path, radron_sim: Call, flown: list[dict[str, Any]]
 ) -> None:
@@ -207,7 +213,7 @@ def test_errors_of_the_simulation_that_the_user_can_mend_are_one_line(radron_sim
         raise ConfigError("the scenario cannot be flown")
 
     monkeypatch.setattr(sim.lockstep, "fly", fly)
-    assert radron_sim("run", "demo")[::2] == (2, "radron-sim: the scenario cannot be flown\n")
+    assert radron_sim("run", "demo")[::2] == (2, "demo: preparing\nradron-sim: the scenario cannot be flown\n")
 
 
 def test_consistency_holds_claims_against_the_truth_and_goes_on(
@@ -228,3 +234,53 @@ def test_consistency_of_failed_flights_ends_with_code_1(radron_sim: Call, flown:
     assert code == 1
     assert "demo seed 13" in err
     assert "1 flights failed" in out
+
+
+def test_the_version_is_told(radron_sim: Call) -> None:
+    code, out, _ = radron_sim("--version")
+    assert code == 0
+    assert out == f"radron {version('radron')}\n"
+
+
+def test_the_shipped_scenarios_are_listed(radron_sim: Call) -> None:
+    code, out, _ = radron_sim("scenarios")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()] == shipped()
+    assert "demo                    Three drones find a source" in out
+
+
+def test_a_flight_of_more_drones(radron_sim: Call, flown: list[dict[str, Any]]) -> None:
+    code, *_ = radron_sim("run", "demo", "--drones", 5)
+    assert code == 0
+    assert len(flown[0]["scenario"].mission.drones) == 5
+
+
+@pytest.mark.parametrize(
+    ("address", "problem"),
+    [
+        ("127.0.0.1:9", "no Dask cluster answers .Connection refused."),
+        ("tls://127.0.0.1:9", "no Dask cluster answers .Connection refused."),
+        ("scheduler", "expected the address of a scheduler, such as"),
+        ("tcp://[::1", "expected the address of a scheduler, such as"),
+    ],
+)
+def test_no_cluster_is_one_line(radron_sim: Call, tmp_path: Path, address: str, problem: str) -> None:
+    code, _, err = radron_sim("campaign", "demo", "--runs", 1, "--dask", address, "--out", tmp_path / "out")
+    assert code == 2
+    assert re.search(problem, err)
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_a_disk_that_fails_is_one_line(radron_sim: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fly(*_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), "/data/x")
+
+    monkeypatch.setattr(sim.lockstep, "fly", fly)
+    code, _, told = radron_sim("run", "demo")
+    assert (code, told.splitlines()[-1]) == (2, "radron-sim: /data/x: Read-only file system")
+
+
+def test_a_radius_that_the_smooth_law_does_not_heed_is_told(radron_sim: Call, flown: list[dict[str, Any]]) -> None:
+    _, _, told = radron_sim("run", "demo", "--set", "radius_m=10")
+    assert "note: radius_m is only the upper limit of the circle's radius" in told
+    assert "note:" not in radron_sim("run", "demo", "--set", "radius_m=10", "--law", "paper")[2]

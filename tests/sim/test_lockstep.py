@@ -9,14 +9,14 @@ from agent.errors import ConfigError
 from agent.pilot import Pilot
 from protocol.messages import Stage
 from sim.lockstep import fly
-from sim.samples import spacing_error_deg
 from sim.scenario import load_scenario, override
+from sim.scoring.samples import spacing_error_deg
 
 WALL = {"wall_s": 0.0, "realtime_factor": 0.0}
 
 
 def collect_pilots(monkeypatch):
-    """The pilots of the flights to come."""
+    """The pilots of the following flights."""
     pilots = []
 
     class Collected(Pilot):
@@ -67,6 +67,7 @@ def test_all_drones_hold_the_same_hypothesis(demo):
     assert same.mean() >= 0.8
 
 
+@pytest.mark.slow
 def test_equal_logs_are_equal_hypotheses(monkeypatch):
     """Looked at once a second: whenever two drones have the same digest they believe the same, bit for bit."""
     pilots = collect_pilots(monkeypatch)
@@ -90,12 +91,14 @@ def test_listeners_hear_the_same_cones(demo):
     assert listened.error_median_m != demo.result.error_median_m  # of its own hypothesis
 
 
+@pytest.mark.slow
 def test_listening_does_not_touch_the_flight(demo):
     alone = fly(load_scenario("demo"), seed=3)
     assert msgspec.structs.replace(alone.result, **WALL) == msgspec.structs.replace(demo.result, **WALL)
     np.testing.assert_array_equal(alone.trace.position_m, demo.trace.position_m)
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_flight(demo):
     short = override(load_scenario("demo"), {"mission.track.duration_s": 5.0})
     assert fly(short, seed=4).result.hits != demo.result.hits
@@ -157,6 +160,7 @@ def test_biases_and_clock_offsets_reach_the_pilots(monkeypatch):
     assert np.abs(offsets).max() <= 50_000_000
 
 
+@pytest.mark.slow
 def test_local_frames_do_not_matter():
     """Drones that call other directions east and other places zero find the same source, as well as the demo does."""
     scenario = load_scenario("demo")
@@ -173,6 +177,7 @@ def test_local_frames_do_not_matter():
     assert result.min_separation_m > 3.0
 
 
+@pytest.mark.slow
 def test_a_camera_of_unequal_pixels_gives_as_many_cones():
     short = {"mission.track.duration_s": 20.0}
     even, uneven = (
@@ -199,9 +204,13 @@ def test_each_drone_has_the_calibration_of_its_own_camera(monkeypatch):
     assert abs(np.corrcoef(slopes[0].ravel(), slopes[1].ravel())[0, 1]) < 0.03
 
 
+@pytest.mark.slow
 def test_five_drones_are_evenly_spaced_again_soon_after_the_hypothesis_jumps():
-    """The bounds are those of the issue: each gap within 5 degrees 10 s after a step of 10 m, and below 2 degrees RMS then."""
+    """Each gap within 5 degrees 10 s after a step of 10 m, below 2 degrees RMS then: this asks of the law, so poses are exact.
+    Those of a real PX4's filter let the true vehicles wander by 0.4 m an axis: 3 degrees at 12 m.
+    """
     scenario = override(load_scenario("stabilization"), {"end.track_s": 112.0})
+    scenario = msgspec.structs.replace(scenario, localization=load_scenario("ideal-static-swarm").localization)
     trace = fly(scenario, seed=1).trace
     centre = trace.hypothesis_m[:, 0]
     moved = np.flatnonzero(np.hypot(*(centre[1:] - centre[:-1])[:, :2].T) > 9.0) + 1
@@ -216,7 +225,9 @@ def test_five_drones_are_evenly_spaced_again_soon_after_the_hypothesis_jumps():
 
 
 def test_an_estimator_has_no_place_where_the_hypothesis_is_given():
-    with pytest.raises(ConfigError, match="stabilization: its hypothesis is given, not estimated; estimator 'paper'"):
+    with pytest.raises(
+        ConfigError, match="stabilization: its hypothesis is given, not estimated; it does not use estimator 'paper'"
+    ):
         fly(load_scenario("stabilization"), seed=1, estimator="paper")
 
 

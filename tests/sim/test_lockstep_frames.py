@@ -1,4 +1,4 @@
-"""Flights in which each drone has its own localisation: what its pilot gets, and that it flies by it."""
+"""Flights in which each drone has its own localisation: its pilot's input, and flight by it."""
 
 import numpy as np
 import pytest

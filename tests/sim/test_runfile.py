@@ -1,13 +1,15 @@
-"""Files that survive being killed."""
+"""Files that stay intact when the process is killed."""
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
 
-from agent.errors import ConfigError
-from sim.runfile import RunFile, make_folder, replacing, write_text
+from agent.errors import ConfigError, OutputError
+from sim.runfile import RunFile, make_folder
 
 
 def test_lines_come_back_to_the_last_bit(tmp_path: Path) -> None:
@@ -44,24 +46,29 @@ def test_sorting_replaces_the_file(tmp_path: Path) -> None:
     assert RunFile(tmp_path / "runs.jsonl").lines == [{"seed": 0}, {"seed": 1}, {"seed": 2}]
 
 
-def test_a_file_is_written_as_a_whole_or_not_at_all(tmp_path: Path) -> None:
-    path = tmp_path / "map.png"
-    write_text(path, "old")
-
-    def fail_half_way() -> None:
-        with replacing(path) as temporary:
-            temporary.write_text("half of the n")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        fail_half_way()
-    assert path.read_text() == "old"
-    assert [entry.name for entry in tmp_path.iterdir()] == ["map.png"]
-
-
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="choose another --out"):
         make_folder(tmp_path / "file" / "out")
     with pytest.raises(ConfigError, match="choose another --out"):
         make_folder(tmp_path / "file")
+
+
+def test_a_full_disk_is_told_and_the_file_can_be_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "runs.jsonl"
+    runs = RunFile(path)
+    runs.append({"a": 1})
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OutputError, match=r"runs\.jsonl: cannot be written: No space left on device"):
+        runs.append({"a": 2})
+    assert RunFile(path).lines[0] == {"a": 1}
+
+
+def test_a_folder_in_the_files_place_is_told(tmp_path: Path) -> None:
+    (tmp_path / "runs.jsonl").mkdir()
+    with pytest.raises(OutputError, match="is a folder"):
+        RunFile(tmp_path / "runs.jsonl")

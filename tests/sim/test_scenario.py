@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from shapely import Point, Polygon
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.errors import ConfigError
-from sim.localization import LocalizationTruth
 from sim.scenario import load_scenario, override, shipped
-from sim.source import source_path
-from sim.walls import Walls
+from sim.world.localization import LocalizationTruth
+from sim.world.source import source_path
+from sim.world.walls import Walls
 
 NAMES = {
     "paper-static-solo", "paper-static-swarm", "paper-moving-solo", "paper-moving-swarm", "stabilization",
@@ -21,7 +21,7 @@ NAMES = {
     "mismatch-gain", "mismatch-background", "mismatch-buildup", "mismatch-shadow", "mismatch-resolution", "mismatch-clocks",
     "mismatch-walls", "hilly",
     "mixed-frames", "mixed-frames-moving", "mixed-frames-rough", "no-gnss", "no-gnss-moving", "gnss-lost-midway",
-    "frame-jump", "frame-jump-unannounced", "lying-drone",
+    "frame-jump", "frame-jump-unannounced", "lying-drone", "stop-and-go",
 }  # fmt: skip
 
 
@@ -39,7 +39,8 @@ def test_solo_and_swarm_differ_in_the_number_of_drones():
 @pytest.mark.parametrize("kind", ["static-solo", "static-swarm", "moving-solo", "moving-swarm"])
 def test_ideal_scenarios_are_the_papers_but_for_the_poses_the_smallest_cones_and_who_estimates(kind):
     paper, ideal = load_scenario(f"paper-{kind}"), load_scenario(f"ideal-{kind}")
-    perfect = LocalizationTruth(horizontal_m=0, vertical_m=0, height_m=0, yaw_deg=0, tilt_deg=0, velocity_mps=0)
+    sizes = ("horizontal_m", "vertical_m", "velocity_mps", "climb_mps", "drift_m", "height_m", "yaw_deg", "tilt_deg")
+    perfect = LocalizationTruth(**dict.fromkeys(sizes, 0))
     assert ideal.localization == perfect
     assert ideal.end.lost == "error"
     mission = override(paper, {"mission.fusion.estimator": "bayes", "mission.detection.minimum_pixels": 6}).mission
@@ -113,12 +114,39 @@ def test_a_scenario_on_several_others_takes_what_the_later_ones_say(tmp_path):
     assert (found.end.search_s, found.end.track_s) == (5.0, 6.0)
 
 
-@pytest.mark.parametrize("base", ["3", "[3]", '"scenario"', '["base", "scenario"]'])
-def test_a_base_that_is_none(tmp_path, base):
-    path = write(tmp_path, "")
-    Path(path).write_text(f"base = {base}")
-    with pytest.raises(ConfigError, match=r"scenario.toml: base: expected the name of another scenario"):
-        load_scenario(path)
+@pytest.mark.parametrize(
+    ("base", "problem"),
+    [
+        ("3", "expected the name or path of another scenario"),
+        ("[3]", "expected the name or path of another scenario"),
+        ('"scenario"', "'scenario' leads back to this file"),
+        ('["paper-base", "scenario"]', "'scenario' leads back to this file"),
+        ('"nowhere"', "there is no 'nowhere.toml' in .*shipped scenarios: .*paper-base"),
+        ('"../none/x.toml"', "there is no '../none/x.toml' in"),
+        (f'"{"x" * 300}"', "there is no 'x"),
+    ],
+)
+def test_a_base_that_is_none(tmp_path, base, problem):
+    path = tmp_path / "scenario.toml"
+    path.write_text(f"base = {base}")
+    with pytest.raises(ConfigError, match=rf"scenario.toml: base: {problem}"):
+        load_scenario(str(path))
+
+
+def test_a_base_may_be_shipped_or_anywhere(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "near.toml").write_text('base = "paper-static-swarm"\nname = "near"\n[end]\ntrack_s = 60.0')
+    path = tmp_path / "own.toml"
+    path.write_text('base = "elsewhere/near.toml"\nname = "own"')
+    scenario = load_scenario(str(path))
+    assert (scenario.name, scenario.end.track_s, len(scenario.mission.drones)) == ("own", 60.0, 3)
+
+
+def test_a_file_beside_comes_before_a_shipped_one(tmp_path):
+    (tmp_path / "demo.toml").write_text('base = "paper-static-swarm"\nname = "mine"')
+    path = tmp_path / "own.toml"
+    path.write_text('base = "demo"')
+    assert load_scenario(str(path)).name == "mine"
 
 
 def test_unknown_name_lists_the_shipped_ones():
@@ -167,10 +195,10 @@ activity_bq = 1e9
         ("[localization]\ncorrelation_s = 0.0", r"localization.correlation_s: expected `float` > 0.0"),
         ("[localization]\nvelocity_mps = inf", r"localization.velocity_mps: expected `float` <= 10.0"),
         ("[vehicle]\nposition_gain_ps = 0.0", r"vehicle.position_gain_ps: expected `float` > 0.0"),
-        ("[vehicle]\nsetpoint_lag_s = 0.0", r"vehicle.setpoint_lag_s: expected `float` >= 0.01"),
+        ("[vehicle]\nattitude_rate_ps = 0.0", r"vehicle.attitude_rate_ps: expected `float` > 0.0"),
         ("[vehicle]\ngust_correlation_s = 0.0", r"vehicle.gust_correlation_s: expected `float` > 0.0"),
         ("[vehicle]\ngust_mps2 = nan", r"vehicle.gust_mps2: expected `float` >= 0.0"),
-        ("[vehicle]\nposition_gain_ps = 9.0", r"vehicle: position_gain_ps = 9 times attitude_lag_s = 0.15 must be below 1"),
+        ("[vehicle]\nposition_gain_ps = 9.0", r"vehicle: with these gains the horizontal motion is unstable"),
         ("[source]\nactivity_bq = 1e18", r"source.activity_bq: expected `float` <= 10000000000000"),
         ("[source]\nspeed_mps = nan", r"source.speed_mps: expected `float` >= 0.0"),
         ("[source]\nstart_m = [nan, 0.0]", r"source.start_m\[0\]: expected `float` >= -100000.0"),
@@ -183,7 +211,7 @@ activity_bq = 1e9
         ("[mission.track]\nduration_s = 1e6", r"mission.track.duration_s: a simulated flight tracks for at most 36000 s"),
         ("walls = [{ from_m = [0.0, 0.0], to_m = [0.0, 0.0] }]", r"walls: from_m and to_m are both \[0.0, 0.0\]"),
         ("[camera]\nshadow = 1.0", r"camera.shadow: expected `float` < 1.0"),
-        ("vehicle_lag_s = -1.0", r"vehicle_lag_s: expected `float` >= 0.0"),
+        ("[response]\nlag_s = -1.0", r"response.lag_s: expected `float` >= 0.0"),
     ],
 )
 def test_bad_files_end_in_one_line_that_says_what_and_where(tmp_path, text, complaint):

@@ -1,11 +1,11 @@
-"""Sweeps: what is asked for on the command line, and the cases that follow from it."""
+"""Sweeps: their options on the command line, and the resulting cases."""
 
 from __future__ import annotations
 
 import pytest
 
 from agent.errors import ConfigError
-from sim.sweep import cases, parse_settings, parse_sweep
+from sim.sweep import cases, parse_settings, parse_sweep, without_effect
 
 
 def test_values_keep_their_order_and_kind() -> None:
@@ -46,10 +46,31 @@ def test_settings_hold_at_every_point() -> None:
         (["paper-static-swarm"], ["radios_m=8"], "radios_m"),
         (["paper-static-swarm"], ["radius_m=8,-1"], "radius_m"),
         (["paper-static-swarm"], ["drones=0"], "drones"),
-        (["paper-static-swarm", "paper-static-swarm"], [], "each once"),
+        (["paper-static-swarm", "paper-static-swarm"], [], "each scenario once"),
     ],
 )
 def test_what_cannot_be_flown_is_told_before_anything_flies(names: list[str], sweep: list[str], named: str) -> None:
     with pytest.raises(ConfigError, match=named) as caught:
         cases(names, parse_sweep(sweep))
     assert "\n" not in str(caught.value)
+
+
+def notes(scenario: str, key: str, estimator: str | None = None, law: str | None = None) -> list[str]:
+    return without_effect(cases([scenario], {key: (8, 10)}), (), estimator, law)
+
+
+def test_a_radius_that_follows_the_estimate_is_told() -> None:
+    (note,) = notes("demo", "radius_m")
+    assert "mission.encirclement.nearest_m" in note
+    assert notes("demo", "mission.encirclement.radius_m")
+    assert not notes("demo", "radius_m", estimator="paper")
+    assert not notes("demo", "radius_m", law="paper")
+    assert not notes("demo", "mission.encirclement.nearest_m")
+    assert notes("demo", "mission.encirclement.nearest_m", law="paper")
+
+
+def test_parameters_of_another_estimator_are_told() -> None:
+    assert notes("demo", "mission.fusion.paper.process_noise_m2ps")
+    assert not notes("demo", "mission.fusion.paper.process_noise_m2ps", estimator="paper-geometric")
+    assert notes("demo", "mission.fusion.bayes.velocity_mps", estimator="paper")
+    assert without_effect(cases(["demo"], {}), ["mission.fusion.paper.process_noise_m2ps"], None, None)

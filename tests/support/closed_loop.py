@@ -1,7 +1,7 @@
 """A swarm of trackers in closed loop with its own model of the vehicles: independent of ``sim`` and of what the agent assumes.
 
-The vehicle is PX4's cascade as measured on circles of 12 m at 3 m/s (lag 0.35-0.41 s, radius 0.7-1.1 m too large): setpoints that
-arrive late, a P position loop with velocity feed-forward, a P velocity loop and a lagging attitude.
+The vehicle is a cascade as PX4's is: setpoints that arrive late, a position loop P, a velocity loop PID, both with feed-forward,
+a lagging attitude and drag.
 """
 
 from __future__ import annotations
@@ -13,12 +13,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.config import AreaConfig, EncirclementConfig, LimitsConfig
+from agent.config.drone import ResponseConfig
+from agent.config.mission import AreaConfig, EncirclementConfig, LimitsConfig
 from agent.motion.encirclement import Encirclement
 from agent.motion.fence import Fence
 from agent.motion.reference import PeerState, Reference
 from agent.motion.separation import PeerPlan
 from agent.motion.tracker import Tracker
+from agent.navigation.identification import ResponseEstimator
+from agent.vehicle.interface import FlightMode, VehicleState
 
 Array = NDArray[np.float64]
 Law = Callable[[PeerState, Mapping[str, PeerState], str], Reference]
@@ -31,46 +34,77 @@ DELAY_TICKS = 1  # 50 ms
 DRIFT_S = 20.0  # correlation time of the localisation error
 LOCALISATION_M = 0.13  # horizontal, 1 sigma
 VELOCITY_MPS = 0.07
+VELOCITY_DRIFT_S = 3.0
 HEIGHT_M = 3.0
 WIDE = Fence.from_area(AreaConfig(polygon_m=((-200.0, -200.0), (200.0, -200.0), (200.0, 200.0), (-200.0, 200.0))))
 
 
 @dataclass(slots=True)
 class Vehicle:
-    """One PX4-like vehicle. position, velocity, acceleration: (3,), true."""
+    """One vehicle with a cascade as PX4's. position, velocity: (3,), true; acceleration: (3,), by the thrust.
+
+    ``drag``, ``quadratic``: what the air takes (1/s; 1/m). ``feedforward``: what the autopilot makes of accelerations told to it.
+    """
 
     position: Array
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     acceleration: Array = field(default_factory=lambda: np.zeros(3))
     position_gain: float = 0.95
-    velocity_gain: float = 0.95
-    attitude_lag_s: float = 0.16
-    delay_ticks: int = 6
-    limit_mps2: float = 5.0
-    queue: deque[tuple[Array, Array]] = field(default_factory=deque)
+    velocity_gain: float = 1.8
+    integral_gain: float = 0.4
+    derivative_gain: float = 0.2
+    attitude_lag_s: float = 0.22
+    drag: float = 0.5
+    quadratic: float = 0.0
+    feedforward: float = 1.0
+    delay_ticks: int = 1
+    yaw_rate_rps: float = 0.0  # with which it turns all the time, its thrust along with it
+    limit_mps2: float = 9.0
+    wind: Array = field(default_factory=lambda: np.zeros(3))
+    queue: deque[tuple[Array, Array, Array]] = field(default_factory=deque)
+    integral: Array = field(default_factory=lambda: np.zeros(3))
+    damped: Array = field(default_factory=lambda: np.zeros(3))  # dv/dt by a low-pass
 
-    def step(self, position_sp: Array, velocity_sp: Array, error: Array) -> None:
-        """One tick; ``error`` (3,): what the vehicle's own localisation is off by."""
-        self.queue.append((position_sp, velocity_sp))
-        position_sp, velocity_sp = self.queue.popleft() if len(self.queue) > self.delay_ticks else self.queue[0]
-        fine = 5
+    def step(self, setpoint: tuple[Array, Array, Array], error: Array, velocity_error: Array) -> None:
+        """One tick; setpoint: position, velocity, acceleration (3,) each; errors (3,): what its localisation is off by."""
+        self.queue.append(setpoint)
+        position, velocity, acceleration = self.queue.popleft() if len(self.queue) > self.delay_ticks else self.queue[0]
+        fine = 10
         h = TICK_S / fine
         for _ in range(fine):
-            wanted = velocity_sp + self.position_gain * (position_sp - self.position - error)
-            command = self.velocity_gain * (wanted - self.velocity)
-            command = command * min(1.0, self.limit_mps2 / max(float(np.hypot(command[0], command[1])), 1e-9))
-            self.acceleration = self.acceleration + h / self.attitude_lag_s * (command - self.acceleration)
+            wanted = velocity + self.position_gain * (position - self.position - error)
+            lacking = wanted - self.velocity - velocity_error
+            asked = self.feedforward * acceleration + self.velocity_gain * lacking + self.integral
+            asked = asked - self.derivative_gain * self.damped
+            limited = asked * min(1.0, self.limit_mps2 / max(float(np.hypot(asked[0], asked[1])), 1e-9))
+            self.integral = self.integral + h * self.integral_gain * (lacking - 2.0 / self.velocity_gain * (asked - limited))
+            turning = self.yaw_rate_rps * np.array([-self.acceleration[1], self.acceleration[0], 0.0])
+            self.acceleration = self.acceleration + h * ((limited - self.acceleration) / self.attitude_lag_s + turning)
+            air = self.velocity - self.wind
+            rate = self.acceleration - (self.drag + self.quadratic * float(np.linalg.norm(air))) * air
+            self.damped = self.damped + h * 2.0 * np.pi * 5.0 * (rate - self.damped)
             self.position = self.position + h * self.velocity
-            self.velocity = self.velocity + h * self.acceleration
+            self.velocity = self.velocity + h * rate
+
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """Attitude (w, x, y, z) with yaw 0 whose thrust gives the horizontal acceleration."""
+        x, y = float(self.acceleration[0]) / 9.80665, float(self.acceleration[1]) / 9.80665
+        half = np.array([1.0 + np.sqrt(1.0 + x * x + y * y), -y, x, 0.0])  # the shortest turn of up to (x, y, 1)
+        w, i, j, k = (half / np.linalg.norm(half)).tolist()
+        return w, i, j, k
 
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """What happened. time: (T,); position, velocity: (T, N, 3), true; statuses: one for each plan made."""
+    """What happened. time: (T,); position, velocity: (T, N, 3), true; statuses: one for each plan made.
+
+    deviation: (T, N), horizontal distance from the plan by the own localisation.
+    """
 
     time: Array
     position: Array
     velocity: Array
+    deviation: Array
     statuses: list[str]
 
     def gap_errors_deg(self, center: Array) -> Array:
@@ -89,7 +123,7 @@ class Flight:
     def after(self, seconds: float) -> Flight:
         """Without the first seconds."""
         keep = self.time >= self.time[0] + seconds
-        return Flight(self.time[keep], self.position[keep], self.velocity[keep], self.statuses)
+        return Flight(self.time[keep], self.position[keep], self.velocity[keep], self.deviation[keep], self.statuses)
 
     def speeds(self) -> Array:
         """(T, N), horizontal."""
@@ -113,14 +147,20 @@ class Swarm:
         noise: float = 1.0,
         fence: Fence = WIDE,
         poses_only: bool = False,
-        lead_s: float = 0.38,
+        response: ResponseConfig | None = None,
+        **vehicle: float | Array,
     ) -> None:
-        """``starts``: (N, 2). ``noise`` scales all of it. ``poses_only``: the law sees measured poses, not states of plans."""
+        """``starts``: (N, 2). ``noise`` scales all of it. ``poses_only``: the law sees measured poses, not states of plans.
+
+        ``response``: what is assumed of the vehicles; ``vehicle``: how they are.
+        """
         self.rng, self.noise, self.poses_only = rng, noise, poses_only
         self.names = [f"d{k}" for k in range(len(starts))]
-        self.vehicles = [Vehicle(np.array([x, y, HEIGHT_M])) for x, y in starts]
-        self.trackers = [Tracker(LimitsConfig(), fence, lead_s=lead_s, drone_id=name) for name in self.names]
+        self.vehicles = [Vehicle(np.array([x, y, HEIGHT_M]), **vehicle) for x, y in starts]
+        self.trackers = [Tracker(LimitsConfig(), fence, drone_id=name) for name in self.names]
+        self.responses = [ResponseEstimator(response or ResponseConfig()) for _ in starts]
         self.error: Array = self._sigma() * rng.standard_normal((len(starts), 3))
+        self.velocity_error: Array = VELOCITY_MPS * noise * rng.standard_normal((len(starts), 3))
         self.tick = 0
         self._planned = [False] * len(starts)
         self._poses: list[tuple[int, PeerState]] = []  # newest heard: tick, state
@@ -130,29 +170,57 @@ class Swarm:
 
     def fly(self, duration_s: float, law: Law) -> Flight:
         """Fly on by this law."""
-        times, positions, velocities, statuses = [], [], [], []
-        keep = float(np.exp(-TICK_S / DRIFT_S))
+        times, positions, velocities, deviations, statuses = [], [], [], [], []
+        keep, keep_fast = float(np.exp(-TICK_S / DRIFT_S)), float(np.exp(-TICK_S / VELOCITY_DRIFT_S))
         for _ in range(round(duration_s / TICK_S)):
             self._communicate()
             for drone in range(len(self.names)):
                 if self.tick % REPLAN_TICKS == drone % REPLAN_TICKS or not self._planned[drone]:
                     statuses.append(self._replan(drone, law))
-            for vehicle, tracker, error in zip(self.vehicles, self.trackers, self.error, strict=True):
-                position, velocity, _ = tracker.sample(self.tick * TICK_NS)
-                vehicle.step(np.array(position), np.array(velocity), error)
-            self.error = keep * self.error + (1.0 - keep**2) ** 0.5 * self._sigma() * self.rng.standard_normal(self.error.shape)
+            deviations.append([self._compare(drone) for drone in range(len(self.names))])
+            for drone, (vehicle, tracker) in enumerate(zip(self.vehicles, self.trackers, strict=True)):
+                position, velocity, acceleration = tracker.sample(self.tick * TICK_NS, vehicle.yaw_rate_rps)
+                setpoint = np.array(position), np.array(velocity), np.array(acceleration)
+                vehicle.step(setpoint, self.error[drone], self.velocity_error[drone])
+            shape = self.error.shape
+            self.error = keep * self.error + (1.0 - keep**2) ** 0.5 * self._sigma() * self.rng.standard_normal(shape)
+            fresh = VELOCITY_MPS * self.noise * self.rng.standard_normal(shape)
+            self.velocity_error = keep_fast * self.velocity_error + (1.0 - keep_fast**2) ** 0.5 * fresh
             times.append(self.tick * TICK_S)
             positions.append([vehicle.position for vehicle in self.vehicles])
             velocities.append([vehicle.velocity for vehicle in self.vehicles])
             self.tick += 1
-        return Flight(np.array(times), np.array(positions), np.array(velocities), statuses)
+        return Flight(np.array(times), np.array(positions), np.array(velocities), np.array(deviations), statuses)
 
     def measured(self, drone: int) -> PeerState:
         """What a drone's own localisation says now."""
         vehicle = self.vehicles[drone]
         x, y, z = (vehicle.position + self.error[drone]).tolist()
-        u, v, w = (vehicle.velocity + VELOCITY_MPS * self.noise * self.rng.standard_normal(3)).tolist()
+        u, v, w = (vehicle.velocity + self.velocity_error[drone]).tolist()
         return PeerState((x, y, z), (u, v, w))
+
+    def _compare(self, drone: int) -> float:
+        """Telemetry of a drone to what finds its response; how far it is from its plan."""
+        now_ns, me, response = self.tick * TICK_NS, self.measured(drone), self.responses[drone]
+        planned = self.trackers[drone].state(now_ns)
+        telemetry = VehicleState(
+            stamp_ns=now_ns,
+            epoch=0,
+            position_m=me.position,
+            velocity_mps=me.velocity,
+            quaternion=self.vehicles[drone].quaternion(),
+            height_m=HEIGHT_M,
+            position_sigma_m=LOCALISATION_M,
+            yaw_sigma_rad=0.0,
+            mode=FlightMode.OFFBOARD,
+            armed=True,
+            in_air=True,
+            healthy=True,
+        )
+        response.follow(telemetry)
+        response.compare(telemetry, planned)
+        self.trackers[drone].follow_by(response.response)
+        return float(np.hypot(me.position[0] - planned.position[0], me.position[1] - planned.position[1]))
 
     def _sigma(self) -> float:
         return float(LOCALISATION_M / np.sqrt(2.0) * self.noise)

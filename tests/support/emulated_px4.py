@@ -1,4 +1,4 @@
-"""Emulated PX4s under the test's own clock, and somebody on their links who speaks bare MAVLink."""
+"""Emulated PX4s under the test's own clock, and a bare MAVLink station on their links."""
 
 import asyncio
 import contextlib
@@ -10,16 +10,19 @@ from typing import NamedTuple
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.localization import Localization, LocalizationTruth
 from sim.vehicle.multirotor import Multirotors, MultirotorTruth
 from sim.vehicle.px4.config import Px4Config
 from sim.vehicle.px4.fleet import Px4Fleet
-from sim.vehicle.px4.streams import ONBOARD_HZ
+from sim.vehicle.px4.mavlink.streams import ONBOARD_HZ
+from sim.world.localization import Localization, LocalizationTruth
 
 STEP_S = 0.01
 UTC_NS = 1_767_225_600_000_000_000
-PERFECT = LocalizationTruth(horizontal_m=0.0, vertical_m=0.0, height_m=0.0, yaw_deg=0.0, tilt_deg=0.0, velocity_mps=0.0)
+PERFECT = LocalizationTruth(
+    horizontal_m=0.0, vertical_m=0.0, velocity_mps=0.0, climb_mps=0.0, drift_m=0.0, height_m=0.0, yaw_deg=0.0, tilt_deg=0.0
+)
 NAN = float("nan")
+AUTOPILOT = 1  # component; heartbeats of others are passed on
 _LOOKED_AT = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
@@ -70,17 +73,17 @@ class Companion:
         self.send(mavlink.MAVLink_command_long_message(system, component, number, 0, *filled))
 
     def heard(self, name=None, since_s=0.0):
-        """Messages, of one kind if it is named; every datagram is one, decoded only when wanted."""
+        """The vehicle's messages, of one kind if it is named; every datagram is one, decoded only when wanted."""
         number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}") if name else None
         return [
             Heard(time_s, self._mavlink.decode(bytearray(data)))
             for time_s, data in self._datagrams
-            if time_s >= since_s and number in (None, int.from_bytes(data[7:10], "little"))
+            if time_s >= since_s and data[6] == AUTOPILOT and number in (None, int.from_bytes(data[7:10], "little"))
         ]
 
     def last(self, name):
-        number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}").to_bytes(3, "little")
-        return self._mavlink.decode(bytearray(next(data for _, data in reversed(self._datagrams) if data[7:10] == number)))
+        number = bytes([AUTOPILOT]) + getattr(mavlink, f"MAVLINK_MSG_ID_{name}").to_bytes(3, "little")
+        return self._mavlink.decode(bytearray(next(data for _, data in reversed(self._datagrams) if data[6:10] == number)))
 
     def listen(self, time_s):
         with contextlib.suppress(BlockingIOError):
@@ -110,7 +113,7 @@ class Flight:
             schedule = self.fleet.faces[0].links[0].schedule
             for number in set(ONBOARD_HZ) - _LOOKED_AT:
                 schedule.set_interval(number, -1.0, 0.0)
-        await self.run(0.02)
+        await self.run(1.0)  # then it has begun to speak
         return self
 
     async def __aexit__(self, *error):
@@ -170,6 +173,7 @@ class Flight:
         assert await self.ask(mavlink.MAV_CMD_NAV_TAKEOFF) == [0]
         assert await self.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 0.0) == [0]
         await self.until(lambda: self.report.mode == "hold" and self.report.in_air, 30.0)
+        await self.run(3.0)  # a takeoff ends before the vehicle has come to rest
 
     async def offboard(self, setpoint):
         """In offboard, with the setpoint sent once."""

@@ -1,11 +1,11 @@
-"""A TCP feed of lines for tests: whoever connects gets what is sent from then on."""
+"""A TCP feed of lines for tests: a client gets what is sent after it has connected."""
 
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from sim.feed import ByteServer
+from sim.live.feed import ByteServer
 
 
 class LineServer(ByteServer):

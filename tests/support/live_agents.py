@@ -1,4 +1,4 @@
-"""Real agents and emulated vehicles as processes, for tests: started, watched, and ended whatever happens."""
+"""Real agents and emulated vehicles as processes, for tests: started, watched, and always ended."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Agent:
         self._log_from = self._log.tell()
         child = [sys.executable, str(SUPPORT / "hanging_agent.py"), config]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "agent.supervisor", *child]
+            [sys.executable, "-m", "agent.shell.supervisor", *child]
             if hanging
             else [str(Path(sys.executable).parent / "radron-agent"), "run", "--config", config],
             stderr=self._log, env={**os.environ, **environment}, start_new_session=True,

@@ -1,4 +1,4 @@
-"""``radron-sim live`` as a user starts it, for tests: its processes and ports, and an end to all of it whatever happens."""
+"""``radron-sim live`` as a user starts it, for tests: its processes and ports, which are always cleaned up."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from pathlib import Path
 
 import psutil
 
-from agent.config import DroneConfig, load_toml
+from agent.config.drone import DroneConfig
+from agent.config.loading import load_toml
 
 PROGRAM = Path(sysconfig.get_path("scripts")) / "radron-sim"
 

@@ -1,14 +1,20 @@
-"""One pilot of a mission of two, d1, by itself: what it can be told, and how to bring it into the air."""
+"""One pilot of a mission of two, d1, alone: its inputs, and how to bring it into the air."""
+
+from collections import Counter
 
 import numpy as np
 from msgspec.structs import replace
 
-from agent.config import AreaConfig, DroneConfig, DroneInMission, FusionConfig, MissionConfig
+from agent.config.drone import DroneConfig
+from agent.config.mission import AreaConfig, DroneInMission, FusionConfig, MissionConfig
+from agent.localization.clocks import Clocks
+from agent.localization.ownpose import OwnPose
 from agent.pilot import Pilot
 from agent.vehicle.interface import FlightMode, VehicleState
 from protocol.codec import decode_from, encode
+from protocol.entries import Cone, ConeOrder
 from protocol.keys import command_key, key_of
-from protocol.messages import Action, Command, Cone, ConeOrder, Pose, Stage, Status
+from protocol.messages import Action, Command, Pose, Stage, Status
 
 SECOND = 1_000_000_000
 START_NS = 1_800_000_000 * SECOND
@@ -24,6 +30,12 @@ TICK_NS = SECOND // 20
 
 def pilot(drone="d1", mission=MISSION, memory=None, boot=None):
     return Pilot(mission, DroneConfig(id=drone), boot=boot or "0" * 15 + drone[-1], memory=memory)
+
+
+def own_pose(drone, graph, member=None):
+    """The own pose of a drone of the mission, or of another member, whose frame is in this graph."""
+    member = member or next(one for one in MISSION.drones if one.id == drone)
+    return OwnPose(member, graph, Clocks(drone, []), Counter(), MISSION.limits.speed_mps)
 
 
 def state(now_ns, mode=FlightMode.HOLD, position=(0.0, 0.0, 3.0), **values):

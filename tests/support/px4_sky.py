@@ -11,22 +11,23 @@ from contextlib import asynccontextmanager
 import numpy as np
 from msgspec import convert
 
-from agent.config import VehicleConfig
+from agent.config.drone import VehicleConfig
 from agent.vehicle.interface import LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
 from agent.vehicle.px4 import Px4Vehicle
 from agent.vehicle.requests import REPEAT_S
-from sim.localization import Localization, LocalizationTruth
-from sim.movingframes import MovingFrames
-from sim.slam import Slam
 from sim.vehicle.multirotor import Multirotors, MultirotorTruth
 from sim.vehicle.px4.config import Faults, Px4Config
 from sim.vehicle.px4.fleet import Px4Fleet
+from sim.world.localization import Localization, LocalizationTruth
+from sim.world.movingframes import MovingFrames
+from sim.world.slam import Slam
 
 STEP_S = 0.01
 UTC_NS = 1_767_225_600_000_000_000
 TICK_S = 0.02  # of the wall, between two commands
 CEILING_M = 60.0
 SANE = {"COM_OBL_RC_ACT": 3, "GF_ACTION": 3, "GF_MAX_HOR_DIST": 300.0}  # what the driver asks for beyond PX4's defaults
+SANE |= {"EKF2_NOAID_TOUT": 2_000_000}
 STAY = VehicleCommand(Request.STAY)
 TAKEOFF = VehicleCommand(Request.TAKEOFF, takeoff_height_m=4.0)
 

@@ -10,7 +10,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 import sim.lockstep
-from agent.config import AreaConfig, DroneConfig, DroneInMission, MissionConfig
+from agent.config.drone import DroneConfig
+from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.flight.header import FlightHeader
 from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder

@@ -8,7 +8,8 @@ import msgspec
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from protocol.messages import KINDS, AnyMessage, Cone, Estimate, Exposure, Frame, Plan, Sighting
+from protocol.entries import Cone, Exposure, Sighting
+from protocol.messages import KINDS, AnyMessage, Estimate, Frame, Plan
 
 _UNIT_BOUND = 1.000001  # of the components of unit vectors and quaternions
 

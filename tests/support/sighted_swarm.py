@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pymap3d
 
-from agent.config import AreaConfig, DatumConfig, DroneInMission, FramesConfig, MissionConfig
+from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, FramesConfig, MissionConfig
 from agent.frames.swarm import SwarmFrames
-from protocol.messages import Counts, Entry, Exposure, Fix, PoseSample, Sighting
+from protocol.entries import Counts, Entry, Exposure, Fix, PoseSample, Sighting
 
 SECOND = 1_000_000_000
 START_NS = 1_800_000_000 * SECOND
@@ -34,7 +34,7 @@ class Drone:
     told_origin_m: tuple[float, float, float] | None = None  # none: the truth
     origin_sigma_m: float = 1.0
     yaw_deg: float = 0.0  # true heading of its local frame at the start
-    told_yaw_deg: float | None = None
+    reported_yaw_deg: float | None = None
     yaw_sigma_deg: float = 5.0
     drift_m: float = 0.0
     yaw_drift_deg: float = 0.0
@@ -130,7 +130,7 @@ def fly(
             DroneInMission(
                 id=drone.id,
                 origin_m=tuple(float(x) for x in (_origin(drone, path) if drone.told_origin_m is None else drone.told_origin_m)),
-                yaw_deg=drone.yaw_deg if drone.told_yaw_deg is None else drone.told_yaw_deg,
+                yaw_deg=drone.yaw_deg if drone.reported_yaw_deg is None else drone.reported_yaw_deg,
                 localization=drone.kind,
                 origin_sigma_m=drone.origin_sigma_m,
                 yaw_sigma_deg=drone.yaw_sigma_deg,

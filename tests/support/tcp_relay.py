@@ -1,4 +1,4 @@
-"""A TCP relay between two peers that can be cut like a radio link: nothing gets through, and nobody is told."""
+"""A TCP relay between two peers that can be cut like a radio link: nothing gets through, and neither side is notified."""
 
 from __future__ import annotations
 

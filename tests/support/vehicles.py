@@ -13,15 +13,16 @@ from contextlib import suppress
 import msgspec
 import numpy as np
 
-from sim.localization import Localization, LocalizationTruth
 from sim.vehicle.multirotor import Multirotors, MultirotorTruth
 from sim.vehicle.px4.config import Faults, Px4Config
 from sim.vehicle.px4.fleet import Px4Fleet
+from sim.world.localization import Localization, LocalizationTruth
 
 STEP_S = 0.01
 REPORT_STEPS = 5
 # What the preflight check asks for where PX4's own defaults are different.
 PARAMETERS = {"COM_OBL_RC_ACT": 3.0, "NAV_RCL_ACT": 2.0, "GF_MAX_HOR_DIST": 500.0, "RTL_RETURN_ALT": 20.0}
+PARAMETERS |= {"EKF2_NOAID_TOUT": 2_000_000.0}
 
 
 async def fly(ports: list[int], places: list[tuple[float, float]], unhealthy: dict[str, str]) -> None:

@@ -1,10 +1,10 @@
-"""Where pixel hits come from: the simulation's feed, a recording, or the camera."""
+"""Detector drivers: the simulation's feed, a recording, or the camera."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from agent.config import DetectorConfig
+from agent.config.drone import DetectorConfig
 from agent.detector.drivers.feed import FeedDetector
 from agent.detector.drivers.t3pa import RecordedDetector
 from agent.detector.readout import Detector
@@ -12,11 +12,11 @@ from agent.errors import ConfigError
 
 
 def open_detector(config: DetectorConfig) -> Detector | None:
-    """The driver that the configuration names; None where it names none. Links and devices are taken up by ``readouts``.
+    """The driver named by the configuration; None where none is named. Links and devices are opened by ``readouts``.
 
     Raises:
         ConfigError: a setting of this driver is missing or wrong.
-        DetectorError: the file is not readable, the vendor's module is not there.
+        DetectorError: the file cannot be read, or the vendor's module is missing.
     """
     match config.driver:
         case "feed":

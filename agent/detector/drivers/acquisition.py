@@ -1,4 +1,4 @@
-"""Acquisitions of a camera, filled by its threads, made into readouts by the event loop."""
+"""A camera's acquisitions, filled by its threads, turned into readouts by the event loop."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from agent.detector.readout import PixelHits, Readout
 from agent.detector.t3pa import DISORDER_NS, LOST_END
 
-HOLD_NS = 500_000_000  # in which a hit is expected to be delivered; what comes later counts in a later readout
+HOLD_NS = 500_000_000  # time within which a hit is expected to be delivered; later ones count in a later readout
 
 
 @dataclass(slots=True)
 class Block:
-    """What the camera delivered at once; ticks from the start of the acquisition."""
+    """Pixels of one delivery by the camera; ticks from the start of the acquisition."""
 
     hits: PixelHits
     lost_hits: int
@@ -26,8 +26,8 @@ class Block:
 
 @dataclass(slots=True)
 class Acquisition:
-    """Of at most ``length_ns``, called for at ``called_ns``. The camera's threads set ``started_ns`` and append blocks, then set
-    ``ended_ns``; the event loop takes the blocks. All UTC.
+    """An acquisition of at most ``length_ns``, requested at ``called_ns``. The camera's threads set ``started_ns`` and append
+    blocks, then set ``ended_ns``; the event loop takes the blocks. All times UTC.
     """
 
     called_ns: int
@@ -38,7 +38,7 @@ class Acquisition:
 
 
 class AcquisitionReader:
-    """Makes readouts of what the acquisitions bring; ticks of all acquisitions count from the start of the first."""
+    """Turns acquisitions into readouts; ticks of all acquisitions count from the start of the first."""
 
     def __init__(self) -> None:
         self._clock_ns: int | None = None
@@ -47,11 +47,11 @@ class AcquisitionReader:
         self._lost_ns = 0
 
     def read(self, acquisitions: deque[Acquisition], now_ns: int) -> list[Readout]:
-        """What is to be had by now; acquisitions that have ended and are read are removed from the left."""
+        """The readouts that are available now; acquisitions that have ended and are read are removed from the left."""
         readouts = []
         while acquisitions:
             acquisition = acquisitions[0]
-            ended_ns = acquisition.ended_ns  # before the blocks: what came before the end is then among them
+            ended_ns = acquisition.ended_ns  # before the blocks, so that all blocks before the end are included
             if acquisition.started_ns is not None:
                 readout = self._readout(acquisition, acquisition.started_ns, ended_ns, now_ns)
                 if readout is not None:
@@ -86,7 +86,7 @@ class AcquisitionReader:
 
 
 def block_of(columns: list[NDArray[np.int64]]) -> Block:
-    """Pixels as Pixet's ``rawPixels`` gives them: matrix index, ToA, overflow, FToA and ToT, each (N,)."""
+    """Pixels from Pixet's ``rawPixels``: matrix index, ToA, overflow, FToA and ToT, each (N,)."""
     index, toa, overflow, ftoa, tot = columns[:5]
     hit = (overflow == 0) & (index >= 0) & (index < 1 << 16)
     lost_ns = 25 * int(toa[(overflow != 0) & (index == LOST_END)].sum())

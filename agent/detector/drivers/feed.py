@@ -1,4 +1,4 @@
-"""A detector behind a TCP feed: the simulation's camera."""
+"""The simulated camera: a detector behind a TCP feed."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from agent.detector.wire import Unpacker
 from agent.errors import DetectorError
 from agent.feed import Feed
 
-STALE_NS = 2_000_000_000  # poses are kept for 5 s: what is older may not be given a pose any more
+STALE_NS = 2_000_000_000  # poses are kept for 5 s: an older readout may not find its pose any more
 
 
 class FeedDetector:
-    """Reads the feed at ``address`` ("host:port"), reconnecting as long as it is open.
+    """Reads the feed at ``address`` ("host:port"), and reconnects while it is open.
 
-    Readouts whose end is further than 2 s from the clock are dropped and counted: for the detector chain such a gap is dead time.
-    ``counters``: readouts, dropped_stale, corrupt_frames, and those of the link.
+    Readouts whose end differs from the clock by more than 2 s are dropped and counted; to the detection chain such a gap is dead
+    time. ``counters``: readouts, dropped_stale, corrupt_frames, and those of the link.
     """
 
     def __init__(self, address: str, clock_ns: Callable[[], int] = time.time_ns) -> None:
-        """Raises ConfigError where the address is none."""
+        """Raises ConfigError for an invalid address."""
         self._feed = Feed("the detector", "detector.address", address, self._decoder)
         self._address = address
         self._clock_ns = clock_ns
@@ -31,12 +31,12 @@ class FeedDetector:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong now, a line each."""
+        """Present problems, one line each."""
         problem = self._feed.problem or self._flaw
         return () if problem is None else (problem,)
 
     async def readouts(self) -> AsyncIterator[Readout]:
-        """Readouts as they come, until ``close``."""
+        """Readouts as they arrive, until ``close``."""
         async for readout in self._feed.items():
             if self._fresh(readout):
                 yield readout
@@ -68,5 +68,5 @@ class FeedDetector:
         return False
 
     async def close(self) -> None:
-        """Let go of the link; ``readouts`` ends."""
+        """Release the link; ``readouts`` ends."""
         await self._feed.close()

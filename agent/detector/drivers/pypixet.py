@@ -1,14 +1,14 @@
 """The MiniPIX TPX3 through ``pypixet``, the Python module of the vendor's Pixet SDK.
 
-Calls and constants are those of Advacam's Python API manual and of the examples that come with it: ``pypixet.start``, ``exit``,
+Calls and constants are those of Advacam's Python API manual and its examples: ``pypixet.start``, ``exit``,
 ``pixet.devicesByType(PX_DEVTYPE_TPX3)``, ``refreshDevices``; of a device ``setOperationMode(PX_TPX3_OPM_TOATOT)``, ``setBias``,
 ``parameters().get("DDBlockSize").setU32``, ``doSensorRefresh``, ``registerEvent``, ``doAdvancedAcquisition`` with
 ``PX_ACQTYPE_DATADRIVEN``, ``lastAcqPixelsRefInc().rawPixels()`` and ``abortOperation``. ``rawPixels`` gives five columns: matrix
-index, ToA, overflow, FToA, ToT, with the meaning that they have in a .t3pa file.
+index, ToA, overflow, FToA, ToT, with the same meaning as in a .t3pa file.
 
-ToA counts from the start of an acquisition. Its UTC time is taken when ``PX_EVENT_ACQ_MEAS_STARTED`` comes: late by the way from
-the camera to the host, some ms. An acquisition is ended and begun anew every minute, so that a camera clock wrong by 50 ppm
-is off by no more than 3 ms; the pause between two is a gap between readouts.
+ToA counts from the start of an acquisition. Its UTC time is taken when ``PX_EVENT_ACQ_MEAS_STARTED`` arrives, late by the
+transfer from the camera to the host, some ms. Every minute the acquisition is ended and a new one begun, so that a camera clock
+with an error of 50 ppm is off by at most 3 ms; the pause between two is a gap between readouts.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from agent.errors import DetectorError
 ACQUISITION_S = 60.0
 SLICE_S = 0.2
 RETRY_S = 2.0
-CLOSE_S = 1.0  # that the camera is given to end its acquisition
+CLOSE_S = 1.0  # time that the camera is given to end its acquisition
 BLOCK_BYTES = 6000  # "DDBlockSize" of the vendor's data-driven example; the default of 66000 delays sparse hits
-_NO_DEVICE = "FileDevice 0"  # what Pixet lists where nothing is plugged in
+_NO_DEVICE = "FileDevice 0"  # listed by Pixet where no camera is connected
 
 
 def load_pypixet(folder: Path | None) -> Any:
-    """Import the vendor's module from ``folder`` (none: from where Python finds it).
+    """Import the vendor's module from ``folder`` (None: from Python's search path).
 
     Raises:
         DetectorError: the folder or the module is missing, or made for another Python.
@@ -60,17 +60,17 @@ def load_pypixet(folder: Path | None) -> Any:
 
 
 class PixetDetector:
-    """Measures with the first Timepix3 camera; a camera that is not there or is lost stands in ``problems`` and is sought again.
+    """Measures with the first Timepix3 camera; a missing or lost camera is reported in ``problems``, and searched for again.
 
     All calls into the vendor's module are made on a thread of their own.
     """
 
     def __init__(self, module: Any, bias_v: float | None = None, clock_ns: Callable[[], int] = time.time_ns) -> None:
-        """``module``: pypixet. ``bias_v``: None leaves what the camera's own configuration says."""
+        """``module``: pypixet. ``bias_v``: None keeps the value of the camera's own configuration."""
         self._module = module
         self._bias_v = bias_v
         self._utc_ns = clock_ns
-        self._problem: str | None = "the camera is being started"
+        self._problem: str | None = "the camera is starting"
         self._acquisitions: deque[Acquisition] = deque()
         self._device: Any = None
         self._stop = threading.Event()
@@ -80,13 +80,13 @@ class PixetDetector:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong now, a line each."""
+        """Present problems, one line each."""
         problem = self._problem
         return () if problem is None else (problem,)
 
     async def readouts(self) -> AsyncIterator[Readout]:
-        """Readouts of about 0.2 s as they come, until ``close``."""
-        if self._worker is None:  # one camera, one worker, however often its readouts are taken up
+        """Readouts of about 0.2 s as they arrive, until ``close``."""
+        if self._worker is None:  # one camera, one worker, however often its readouts are iterated
             self._worker = threading.Thread(target=self._work, name="pypixet", daemon=True)
             self._worker.start()
         while not self._closed.is_set():
@@ -99,7 +99,7 @@ class PixetDetector:
                 continue
 
     async def close(self) -> None:
-        """End the acquisition and let go of the camera; ``readouts`` ends."""
+        """End the acquisition and release the camera; ``readouts`` ends."""
         self._closed.set()
         self._stop.set()
         if self._worker is not None:
@@ -107,7 +107,7 @@ class PixetDetector:
             await asyncio.to_thread(self._worker.join, CLOSE_S)
 
     def _abort(self, worker: threading.Thread) -> None:
-        """Abort whatever the camera does, again and again: an acquisition may just be about to begin."""
+        """Abort the camera's operation repeatedly: an acquisition may be just about to begin."""
         while worker.is_alive():
             device = self._device
             if device is not None:
@@ -115,7 +115,7 @@ class PixetDetector:
             worker.join(0.1)
 
     def _work(self) -> None:
-        """Measure until stopped, whatever happens to the camera."""
+        """Measure until stopped, whatever errors the camera has."""
         running = False
         while not self._stop.is_set():
             try:
@@ -125,7 +125,7 @@ class PixetDetector:
                 self._measure()
             except DetectorError as error:
                 self._problem = str(error)
-            except Exception as error:  # of a foreign module anything may come; the flight goes on
+            except Exception as error:  # a vendor module may raise anything; the flight goes on
                 self._problem = f"pypixet: {type(error).__name__}: {error}"
             self._device = None
             self._stop.wait(RETRY_S)
@@ -135,10 +135,10 @@ class PixetDetector:
     def _start(self) -> None:
         code = self._module.start()
         if code != 0:
-            raise DetectorError(f"Pixet does not start (code {code}); run the agent in the folder with the SDK's pixet.ini")
+            raise DetectorError(f"Pixet failed to start (code {code}); run the agent in the folder with the SDK's pixet.ini")
 
     def _measure(self) -> None:
-        """Find the camera, and measure until stopped. Raises DetectorError where that fails."""
+        """Find the camera and measure until stopped. Raises DetectorError on failure."""
         device = self._found()
         self._configure(device)
         pixet = self._module.pixet
@@ -182,12 +182,12 @@ class PixetDetector:
             _done(device, "doAdvancedAcquisition", code)
 
     def _started(self, _event: object) -> None:
-        with suppress(IndexError):  # an event that comes when its acquisition has ended; nothing may be raised here
+        with suppress(IndexError):  # an event that arrives after the end of its acquisition; nothing may be raised here
             self._acquisitions[-1].started_ns = self._utc_ns()
             self._problem = None
 
     def _arrived(self, _event: object) -> None:
-        """New pixels; called on one of the vendor's threads, where nothing may be raised."""
+        """Fetch new pixels; called on one of the vendor's threads, where nothing may be raised."""
         try:
             pixels = self._device.lastAcqPixelsRefInc()
             try:
@@ -203,7 +203,7 @@ class PixetDetector:
 
 
 def _subscribe(device: Any, event: Any, call: Callable[[object], None]) -> Callable[[], object]:
-    """Have ``call`` called at an event; returns what ends that. Older SDKs take a reserved 0 between the two."""
+    """Subscribe ``call`` to an event; returns the function that unsubscribes. Older SDKs take a reserved 0 between the two."""
     try:
         number = device.registerEvent(event, call)
     except TypeError:
@@ -213,6 +213,6 @@ def _subscribe(device: Any, event: Any, call: Callable[[object], None]) -> Calla
 
 
 def _done(device: Any, call: str, code: int) -> None:
-    """Raise DetectorError where a call's code says that it has failed."""
+    """Raise DetectorError if the return code of a call reports a failure."""
     if code != 0:
         raise DetectorError(f"camera {device.fullName()}: {call} failed (code {code}): {device.lastError()}")

@@ -1,4 +1,4 @@
-"""A recording of the real camera (.t3pa), played in real time as if it were seen now."""
+"""Playback of a recording of the real camera (.t3pa) in real time."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ from agent.detector.t3pa import DISORDER_NS, Piece, T3paReader
 from agent.errors import DetectorError
 
 SLICE_NS = 200_000_000
-_PIECE_BYTES = 1 << 16  # parsing holds the interpreter: 1 ms a piece
+_PIECE_BYTES = 1 << 16  # parsing holds the interpreter lock: 1 ms per piece
 
 
 class RecordedDetector:
-    """Plays ``path`` from its first hit on, in slices of 0.2 s stamped with the present; ends, and says so, with the file."""
+    """Plays ``path`` from its first hit on, in slices of 0.2 s stamped with the present time, until the end of the file, which it
+    reports.
+    """
 
     def __init__(self, path: Path, clock_ns: Callable[[], int] = time.time_ns) -> None:
-        """Raises DetectorError where the file cannot be read or does not begin like such a file."""
+        """Raises DetectorError where the file cannot be read or does not begin like a .t3pa file."""
         self._path = path
         self._clock_ns = clock_ns
         self._problem: str | None = None
@@ -28,17 +30,17 @@ class RecordedDetector:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong now, a line each."""
+        """Present problems, one line each."""
         return () if self._problem is None else (self._problem,)
 
     async def readouts(self) -> AsyncIterator[Readout]:
-        """Slices as their time comes, until the file ends or ``close``."""
+        """Slices at their time, until the file ends or ``close``."""
         slices = playback(T3paReader(self._path, piece_bytes=_PIECE_BYTES), self._clock_ns())
         while True:
             try:
                 readout = await asyncio.to_thread(next, slices, None)
             except DetectorError as error:
-                self._problem = f"the recording cannot be read on: {error}"
+                self._problem = f"the recording cannot be read further: {error}"
                 return
             if readout is None:
                 self._problem = f"the recording {self._path} has ended"
@@ -48,7 +50,7 @@ class RecordedDetector:
             yield readout
 
     async def _wait_until(self, stamp_ns: int) -> bool:
-        """Sleep; True where ``close`` came first."""
+        """Sleep until the stamp; returns True where ``close`` came first."""
         try:
             async with asyncio.timeout((stamp_ns - self._clock_ns()) * 1e-9):
                 await self._closed.wait()
@@ -57,15 +59,15 @@ class RecordedDetector:
         return True
 
     async def close(self) -> None:
-        """Let go of the file; ``readouts`` ends."""
+        """Close the file; ``readouts`` ends."""
         self._closed.set()
 
 
 def playback(reader: T3paReader, start_ns: int, slice_ns: int = SLICE_NS) -> Iterator[Readout]:
-    """The file's hits as gap-free readouts of ``slice_ns``, the first hit at ``start_ns`` (UTC).
+    """The file's hits as contiguous readouts of ``slice_ns``, the first hit at ``start_ns`` (UTC).
 
-    Missing time that the file reports is taken off the live time of the slices that follow the report.
-    Raises DetectorError with the line that is no row of such a file.
+    Missing time that the file reports is subtracted from the live time of the slices that follow the report. Raises DetectorError
+    with the line that is not a row of such a file.
     """
     pieces = iter(reader)
     clock_ns: int | None = None

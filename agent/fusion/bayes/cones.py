@@ -1,7 +1,16 @@
-"""How likely a cone is, given the angle between its axis and the source (reference, "Beyond").
+"""The likelihood of a Compton cone, given the angle between its axis and the direction to the source.
 
-Each of the cone's two orders has an angular error that is a mixture of a narrow and a wide Gaussian; some cones are none at all
-(scattered photons, chance coincidences) and say nothing of the direction.
+A coincidence of two clusters has up to two readings: which cluster was the recoil electron is ambiguous, and each choice gives
+an axis n_k, an opening angle theta_k, its 1-sigma error sigma_k and the probability p_k of the reading. With u the unit vector
+from the camera to the source, the angular error of reading k is delta_k = angle(n_k, u) - theta_k. Its distribution is a mixture
+of a narrow and a wide Gaussian; a fraction eps of the source's cones does not point to the source at all (scattered photons,
+chance coincidences). The density of the cone per solid angle, relative to an isotropic one (1 / 4 pi), is
+
+    rho(u) + eps,   rho(u) = sum_k sum_j L_kj,   L_kj = 2 (1 - eps) p_k f_j N(delta_k; 0, (c_j sigma_k)^2) / sin(theta_k).
+
+The factor 2 / sin(theta) = 4 pi / (2 pi sin(theta)): a density over delta is spread over a ring of circumference
+2 pi sin(theta). Values: eps = ``OUTLIER_FRACTION``, f = (0.7, 0.3), c = (0.95, 1.9); benchmarks/cone_quality.py compares the
+mixture with simulated cones.
 """
 
 from __future__ import annotations
@@ -10,23 +19,23 @@ from math import sin
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from agent.fusion.observation import ConeObservation
+from agent.geometry import Array
 
-Array = NDArray[np.float64]
-
-ASTRAY = 0.08  # share of the cones of a source that do not point to it
-_DENSITIES: Array = 2.0 * (1.0 - ASTRAY) * np.array([0.7, 0.3])  # of the narrow and the wide Gaussian
-_WIDTHS_SQUARED: Array = np.array([0.95, 1.9]) ** 2  # in units of the cone's own sigma
-_LEAST_SINE = 0.15
+OUTLIER_FRACTION = 0.08  # eps: share of the source's cones that do not point to it
+_DENSITIES: Array = 2.0 * (1.0 - OUTLIER_FRACTION) * np.array([0.7, 0.3])  # 2 (1 - eps) f_j
+_WIDTHS_SQUARED: Array = np.array([0.95, 1.9]) ** 2  # c_j^2
+_LEAST_SINE = 0.15  # floor of sin(theta): the ring approximation fails for narrow cones
 _LEAST_SIGMA_RAD = 0.02
 _PER_TWO_PI = 0.5 / np.pi
 
 
 class Orders(Struct, frozen=True, eq=False):
-    """The K possible orders of a cone: axes (K, 3) in the mission frame, opening angles (K,), variances (K, 2) and weights (K, 2)
-    of their Gaussians.
+    """The K possible readings of a cone ("orders" of its two clusters, in the words of the message).
+
+    axis: (K, 3) n_k, mission frame, from the absorbed photon to the recoil electron. theta_rad: (K,). variance: (K, 2)
+    (c_j sigma_k)^2, rad2. weight: (K, 2) 2 (1 - eps) p_k f_j / sin(theta_k).
     """
 
     axis: Array
@@ -36,10 +45,9 @@ class Orders(Struct, frozen=True, eq=False):
 
     @staticmethod
     def of(cone: ConeObservation) -> Orders:
-        """The orders of a cone that are possible."""
+        """The readings of a cone."""
         table = np.array(
             [
-                # The density per solid angle, relative to one that is the same in all directions.
                 (
                     *r.axis,
                     r.theta_rad,
@@ -52,8 +60,9 @@ class Orders(Struct, frozen=True, eq=False):
         return Orders(table[:, :3], table[:, 3], table[:, 4:5] * _WIDTHS_SQUARED, table[:, 5:] * _DENSITIES)
 
     def density(self, delta_rad: Array, variance: Array) -> tuple[Array, Array]:
-        """The Gaussians' parts of the density, and their precisions, (..., K, 2) each, at angular errors (..., K) whose own
-        variances are (..., K).
+        """The terms L_kj of rho, and the precisions 1 / V_kj, (..., K, 2) each; V_kj = variance_k + (c_j sigma_k)^2.
+
+        delta_rad: (..., K). variance: (..., K) of delta_k by what is not known of the source and the camera, rad2.
         """
         precision = 1.0 / (variance[..., None] + self.variance)
         exponent = (-0.5 * delta_rad * delta_rad)[..., None] * precision
@@ -61,8 +70,13 @@ class Orders(Struct, frozen=True, eq=False):
 
 
 def cone_likelihood(rate_ps: Array, directed: Array, background_ps: float) -> Array:
-    """Likelihood of a cone, relative to a world without a source: of which source and background have their share.
+    """Likelihood of a cone that was registered, relative to H0 (no source):
 
-    rate_ps (...): of the source's cones. directed (...): the orders' densities together.
+        (R (rho + eps) + B) / (R + B),
+
+    a mixture of the source's cones, of rate R, and isotropic background cones, of rate B. That a cone came at all is not counted
+    here: its event is in the exposure's counts.
+
+    rate_ps: (...) R, per second. directed: (...) rho. background_ps: B.
     """
-    return (rate_ps * (directed + ASTRAY) + background_ps) / (rate_ps + background_ps)
+    return (rate_ps * (directed + OUTLIER_FRACTION) + background_ps) / (rate_ps + background_ps)

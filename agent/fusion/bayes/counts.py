@@ -1,35 +1,41 @@
-"""How likely counts are, given what a source is expected to add to the background.
+"""The likelihood of an exposure's counts: Poisson, with an uncertain factor exp(z) on the source's part.
 
-Poisson, with an unknown factor on the source's part.
+For the two channels c of a camera (``response.Response``): k_c ~ Poisson(S_c exp(z) + B_c), z ~ N(0, V). S_c are the counts
+expected of the source, B_c of the background, V the variance of the logarithm of the source's part. Names: k = ``counts``,
+S = ``expected``, B = ``background``, V = ``variance``. Each channel's likelihood is raised to a power t_c (``temper``), a
+tempered or power likelihood. Terms that do not depend on the source, such as ln(k_c!), are left out everywhere.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from agent.geometry import Array
 
-# Powers to which the likelihoods of the channels are taken. While it is not known from which side the photons come, events of
-# less than a photon's energy count for less: cameras see 14 % fewer from the edge, and many are of scattered photons.
-TRACK_TRUST: Array = np.array([1.0, 1.0])
-SEARCH_TRUST: Array = np.array([0.3, 1.0])
+# t_c. While it is not known from which side the photons come, events of less than a photon's energy are down-weighted: cameras
+# see 14 % fewer from the edge, and many of them are of scattered photons.
+TRACK_TEMPER: Array = np.array([1.0, 1.0])
+SEARCH_TEMPER: Array = np.array([0.3, 1.0])
 MODEL_VARIANCE = 0.03**2  # of the logarithm of a camera's rate, in each exposure: its area differs a little from side to side
-_LARGEST_SHIFT = 1.5  # of one round
-_SETTLED = 1e-3
-_LARGEST_VARIANCE = 10.0  # of the log rate: with more, nothing surprises
+_LARGEST_STEP = 1.5  # of one iteration
+_CONVERGED = 1e-3
+_LARGEST_VARIANCE = 10.0  # of the log rate in the gate, against overflow: with more every count is accepted
 
 
-def log_nothing(counts: Array, background: Array, trust: Array) -> Array:
-    """Log likelihood (...) of counts (2,) of a background (..., 2) alone, but for terms that are the same for every source."""
-    result: Array = (counts * np.log(background) - background) @ trust
+def background_log_likelihood(counts: Array, background: Array, temper: Array) -> Array:
+    """ln P(k | H0) = sum_c t_c (k_c ln B_c - B_c), of shape (...); counts: (2,), background: (..., 2)."""
+    result: Array = (counts * np.log(background) - background) @ temper
     return result
 
 
-def surprise(counts: Array, expected: Array, background: Array, variance: Array) -> Array:
-    """(...): square of how far all counts together are off what was expected, in units of what both may vary; as for fit_rate.
+def innovation_squared(counts: Array, expected: Array, background: Array, variance: Array) -> Array:
+    """Normalised innovation squared (NIS) of the total count, (...); the gate's statistic [BSLK01, Sec. 5.4].
 
-    Of the counts themselves, not of the fit: the better a track is known, the less it is moved by counts that do not fit.
+        (k - S - B)^2 / (S + B + S^2 (exp(V) - 1)),   k, S, B summed over the channels:
+
+    variance of the Poisson distribution plus that of a log-normal factor (whose mean exp(V / 2) is taken as 1). The residual
+    after the fit would not serve: the better a track is known, the less it is moved by counts that do not fit.
+    Shapes as for ``fit_rate``.
     """
     signal = expected.sum(axis=-1)
     mean = signal + background.sum()
@@ -39,36 +45,46 @@ def surprise(counts: Array, expected: Array, background: Array, variance: Array)
 
 
 def fit_rate(
-    counts: Array, expected: Array, background: Array, variance: Array, trust: Array, rounds: int
+    counts: Array, expected: Array, background: Array, variance: Array, temper: Array, iterations: int
 ) -> tuple[Array, Array, Array]:
-    """Fit the factor e^z by which a source counts more than expected, where z ~ N(0, variance) beforehand.
+    """Posterior of z given the counts, and the marginal likelihood of the counts, by Laplace's method [TK86].
+
+    With s_c = S_c exp(z), maximise
+
+        l(z) = sum_c t_c (k_c ln(s_c + B_c) - s_c - B_c) - z^2 / (2 V)
+
+    by Fisher scoring, z <- z + l'(z) / I(z), each step at most ``_LARGEST_STEP``, where
+
+        l'(z) = sum_c t_c (k_c s_c / (s_c + B_c) - s_c) - z / V
+        I(z)  = sum_c t_c s_c^2 / (s_c + B_c) + 1 / V.
+
+    At the maximum z^: z | k ~ N(z^, v) with v = 1 / I(z^), and ln P(k) = l(z^) + ln(v / V) / 2.
 
     Args:
-        counts: (2,) what was counted, by the channels of Response.
-        expected: (..., 2) signal for z = 0.
+        counts: (2,) k.
+        expected: (..., 2) S.
         background: (2,) or more axes, to which the others are broadcast.
-        variance: (...) of z before the counts.
-        trust: (2,).
-        rounds: of Fisher scoring, at most.
+        variance: (...) V.
+        temper: (2,) t.
+        iterations: at most so many.
 
     Returns:
-        z (...), its variance afterwards (...), and the log likelihood (...) by Laplace's method, without the terms that are the
-        same for every source.
+        z^ (...), v (...) and ln P(k) (...).
     """
-    weight = trust * counts
+    weight = temper * counts
     precision = 1.0 / variance
     z = np.zeros(variance.shape)
     signal = expected
-    for _ in range(rounds):
+    for _ in range(iterations):
         share = signal / (signal + background)
-        slope = share @ weight - signal @ trust - z * precision
-        shift = slope / ((signal * share) @ trust + precision)
-        shift = np.minimum(np.maximum(shift, -_LARGEST_SHIFT), _LARGEST_SHIFT)
+        slope = share @ weight - signal @ temper - z * precision
+        shift = slope / ((signal * share) @ temper + precision)
+        shift = np.minimum(np.maximum(shift, -_LARGEST_STEP), _LARGEST_STEP)
         z = z + shift
         signal = expected * np.exp(z)[..., None]
-        if np.abs(shift).max() < _SETTLED:
+        if np.abs(shift).max() < _CONVERGED:
             break
     total = signal + background
-    after = 1.0 / ((signal * signal / total) @ trust + precision)
-    likelihood = np.log(total) @ weight - total @ trust - 0.5 * z * z * precision + 0.5 * np.log(after * precision)
+    after = 1.0 / ((signal * signal / total) @ temper + precision)
+    likelihood = np.log(total) @ weight - total @ temper - 0.5 * z * z * precision + 0.5 * np.log(after * precision)
     return z, after, likelihood

@@ -1,49 +1,59 @@
-"""The estimator ``bayes``: search on a grid until the posterior is tight, then track by a Gaussian sum."""
+"""The estimator ``bayes``: when it searches on the grid, when it declares the source found, and when it gives a track up.
+
+Rules (parameters: ``agent.config.BayesEstimatorConfig``):
+
+- Initial estimate x0: a search becomes a track once P(H0) <= ``doubt`` and the RMS of the place given H1 <= ``declared_rms_m``.
+- Reacquisition: a track becomes a search again, beginning with its density, once the RMS of the apparent place exceeds
+  ``given_up_rms_m``.
+- Loss: a track is dropped for a search from the prior once its recent evidence falls below ``_EVIDENCE_FLOOR``. Recent evidence
+  e is the log Bayes factor H1 : H0 of the last seconds: e <- min(e exp(-T / 10 s) + ln L, 40) with every exposure of live time T,
+  and e <- min(e + ln L, 40) with every cone.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
-from numpy.typing import NDArray
 from shapely import Polygon
 
-from agent.config import BayesEstimatorConfig, MissionConfig
+from agent.config.mission import BayesEstimatorConfig, MissionConfig
 from agent.frames.transform import Transform
+from agent.fusion.bayes.apparent import Sights, on_ground
 from agent.fusion.bayes.cones import Orders
-from agent.fusion.bayes.mixture import Mixture, rms_m, with_variance
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, Motion
+from agent.fusion.bayes.mixture import Mixture, apparent_rms_m, with_variance
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, GAIN, Motion
 from agent.fusion.bayes.response import REFERENCE_BQ, response_of
 from agent.fusion.bayes.search import Grid, SearchState
-from agent.fusion.estimator import GridStep, Hypothesis, Outlook, Sight
+from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
-from agent.ground import Ground
-from protocol.messages import AnyEntry, Cone, Exposure
-
-Array = NDArray[np.float64]
+from agent.geometry import Array
+from agent.terrain.ground import Ground
+from protocol.entries import AnyEntry, Cone, Exposure
 
 _NS = 1e9
-_HOLD_S = 0.25  # until all drones' entries of a moment are mostly there: a camera's readout at 5 Hz, and the radio
+_HOLD_S = 0.25  # in which the entries of all drones of one instant mostly arrive: a camera's readout at 5 Hz, and the radio
 _TRACK_UNITS, _SEARCH_UNITS = 8, 60  # of work for an observation
-_SITE_SHARE = 0.45  # sigma of a site that stands for a cell, in cells
+_SITE_SIGMA = 0.45  # of a site that replaces a cell, in cells
 _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
-_MOST_TRUST = 40.0  # log likelihood that is remembered in a track's favour
-_TRUST_S = 10.0  # and for how long, of exposures; so a track that is spoken against is given up before long
-_LEAST_TRUST = -5.0
+_EVIDENCE_CAP = 40.0  # of the recent evidence, so that a wrong track is dropped before long
+_EVIDENCE_FADE_S = 10.0
+_EVIDENCE_FLOOR = -5.0
 _AREA_VARIANCE = 0.08**2  # of the log activity: cameras face the source (I-131: 9 % more), areas are means of all sides
-_OUTLIER_COST = 1.0  # log likelihood that an exposure costs which does not fit the track at all
+_REJECTED_COST = 1.0  # loss of log Bayes factor by an exposure that the innovation gate rejects
 
 
 class BayesState(Struct, frozen=True, eq=False):
-    """Either a search or a track, once there is one.
+    """The posterior: a search (grid), or a track (Gaussian sum) once the source is found.
 
-    evidence: log likelihood of all observations with the source against none. trust: the same of the last seconds only.
-    background: how strong it is against the configured one, as the search found. bias_variance: (BIAS V,) of the vehicles
-    that made the search's observations; a track has its own. frames: by vehicle the estimated frame, with its epoch, that
-    brought the track's last observation of it here. moments: of the track after the step, for the hypotheses until the next one.
+    evidence: log Bayes factor H1 : H0 of the observations since the last search from the prior (a reacquisition starts at the
+    odds 1 - doubt : doubt). recent_evidence: that of the last seconds. background: E[f | H1] at the end of the search, the
+    relative strength of the background; a track keeps it. bias_variance: (BIAS V,) P0 of the vehicles that made the search's
+    observations; a track has its own. frames: by vehicle, epoch and estimated frame of its last observation in the track.
+    moments: mean and covariance of the track after the step, for the hypotheses until the next one.
     """
 
     search: SearchState | None = None
@@ -51,7 +61,7 @@ class BayesState(Struct, frozen=True, eq=False):
     cones: int = 0
     x0_stamp_ns: int = 0
     evidence: float = 0.0
-    trust: float = 0.0
+    recent_evidence: float = 0.0
     background: float = 1.0
     bias_variance: Array | None = None
     frames: Mapping[int, tuple[int, Transform]] = {}
@@ -59,9 +69,10 @@ class BayesState(Struct, frozen=True, eq=False):
 
 
 class BayesEstimator:
-    """The posterior of where a source is, given all cones and counts.
+    """The posterior of the source given all cones and counts. A pure function of the observations and their grid steps.
 
-    ``step`` folds the observations of a grid step in the order of their times, whoever made them.
+    A grid step of a track: prediction to the step's beginning, measurement updates with the step's observations (each of which
+    knows its age, so that none is moved in time), reduction. A search is predicted from observation to observation.
     """
 
     name = "bayes"
@@ -70,7 +81,7 @@ class BayesEstimator:
     hold_s = _HOLD_S
 
     def __init__(self, mission: MissionConfig, area: Polygon) -> None:
-        """``area``: where the source is searched for, mission frame.
+        """``area``: in which the source is searched for, mission frame.
 
         Raises:
             ConfigError: the response to the mission's nuclide is not known.
@@ -86,22 +97,25 @@ class BayesEstimator:
         self._motion = _motion(config)
 
     def initial(self, start_ns: int | None) -> BayesState:
-        """Nothing known."""
+        """The prior; it does not depend on the mission's start."""
         return BayesState()
 
     def step(self, state: BayesState, step: GridStep, observations: Sequence[Observation]) -> BayesState:
-        """Take the step's cones and counts in, in the order of their times."""
-        state = self._begun(state, step)
+        """Update with the step's cones and counts in the order of their times; of the same time, of their identities."""
+        state = self._predicted(state, step)
         for observation in sorted(observations, key=lambda o: o.stamp_ns):
-            state = self._taken(state, step, observation)
-        return self._closed(state, step)
+            state = self._updated(state, step, observation)
+        return self._decided(state, step)
 
     def work(self, state: BayesState, observations: int) -> int:
-        """An observation costs 0.2 ms in the track, and over 1 ms on the grid of the search (benchmarks/fusion.py)."""
+        """An observation costs 0.2 ms in a track, and over 1 ms on the grid of a search (benchmarks/fusion.py)."""
         return 4 + observations * (_TRACK_UNITS if state.track is not None else _SEARCH_UNITS)
 
     def hypothesis(self, state: BayesState, step: GridStep) -> Hypothesis | None:
-        """Mean and covariance of the track in the middle of ``step``; now lies anywhere in it."""
+        """Mean and covariance of the track, predicted to the middle of ``step``.
+
+        Activity: exp(E[a]), the median; its sigma: exp(E[a]) sqrt(Var[a] + ``_AREA_VARIANCE``), to first order.
+        """
         if state.track is None:
             return None
         moments = state.moments or state.track.moments()
@@ -114,59 +128,63 @@ class BayesEstimator:
         return Hypothesis(
             stamp_ns=step.middle_ns,
             position=np.array((x, y, self._ground.height_m(x, y))),
-            covariance=_on_ground(covariance[:2, :2], rise),
+            covariance=on_ground(covariance[:2, :2], rise),
             velocity=np.array((u, v, u * east + v * north)),
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns,
             activity_bq=activity,
             activity_sigma_bq=activity * (float(covariance[ACTIVITY, ACTIVITY]) + _AREA_VARIANCE) ** 0.5,
             evidence=state.evidence,
-            sights=_Sights(self._vehicles, mean, covariance, self._ground),
+            sights=Sights(self._vehicles, mean, covariance, self._ground),
         )
 
     def outlook(self, state: BayesState, step: GridStep) -> Outlook | None:
-        """The posterior on the grid of the search, while there is one; at first all is possible."""
+        """The grid posterior of a search, predicted to the beginning of ``step``; the prior before the first observation."""
         if state.track is not None:
             return None
-        search = state.search or SearchState.at_first(self._grid, step.start_ns / _NS)
+        search = state.search or SearchState.prior(self._grid, step.start_ns / _NS)
         return search.later(self._grid, step.start_ns / _NS).outlook(self._grid)
 
-    def _begun(self, state: BayesState, step: GridStep) -> BayesState:
-        """A track is brought to the step's beginning; a search goes from observation to observation."""
+    def mixture(self, state: BayesState, stamp_ns: int) -> Mixture | None:
+        """The Gaussian sum at a later time, of which ``hypothesis`` tells mean and covariance; None where nothing is tracked."""
+        return None if state.track is None else state.track.later(self._motion, stamp_ns / _NS)
+
+    def _predicted(self, state: BayesState, step: GridStep) -> BayesState:
+        """A track at the step's beginning; a search as it is."""
         if state.track is None:
             return state
         return replace(state, track=state.track.later(self._motion, step.start_ns / _NS))
 
-    def _taken(self, state: BayesState, step: GridStep, observation: Observation) -> BayesState:
+    def _updated(self, state: BayesState, step: GridStep, observation: Observation) -> BayesState:
         if state.track is None:
-            return self._searched(state, observation)
-        return self._tracked(state, state.track, step, observation)
+            return self._update_search(state, observation)
+        return self._update_track(state, state.track, step, observation)
 
-    def _closed(self, state: BayesState, step: GridStep) -> BayesState:
-        """The state after a step's last observation."""
+    def _decided(self, state: BayesState, step: GridStep) -> BayesState:
+        """Whether a step ends in a search or a track: the rules in this module's docstring."""
         if state.track is None:
-            return self._declared(state, step)
-        if not state.trust >= _LEAST_TRUST:  # nor if it is no number
-            search = SearchState.at_first(self._grid, step.start_ns / _NS)
+            return self._declared_or_searching(state, step)
+        if not state.recent_evidence >= _EVIDENCE_FLOOR:  # true for NaN too
+            search = SearchState.prior(self._grid, step.start_ns / _NS)
             return BayesState(search, cones=state.cones, x0_stamp_ns=state.x0_stamp_ns)
         reduced = state.track.reduced()
         moments = reduced.moments()
-        if rms_m(moments[1], reduced.bias_variance) > self._config.given_up_rms_m:
-            return self._given_up(state, reduced)
+        if apparent_rms_m(moments[1], reduced.bias_variance) > self._config.given_up_rms_m:
+            return self._reacquiring(state, reduced)
         return replace(state, track=reduced, moments=moments)
 
-    def _given_up(self, state: BayesState, track: Mixture) -> BayesState:
-        """Search on from what a track says that has become too wide."""
+    def _reacquiring(self, state: BayesState, track: Mixture) -> BayesState:
+        """A search that begins with the density of a track that has become too wide."""
         search = SearchState.of_track(self._grid, track, self._config.doubt)
         return BayesState(search, cones=state.cones, x0_stamp_ns=state.x0_stamp_ns, bias_variance=track.bias_variance)
 
-    def _tracked(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
+    def _update_track(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
         vehicle, variance = self._errors_of(observation)
-        moved, frames = _moved(state.frames, vehicle, variance, observation)
-        track = track.with_vehicle(vehicle, variance, moved)
-        cones, trust = state.cones, state.trust
+        change, frames = _frame_change(state.frames, vehicle, variance, observation)
+        track = track.with_vehicle(vehicle, variance, change)
+        cones, recent = state.cones, state.recent_evidence
         if isinstance(observation, CountObservation):
-            trust *= math.exp(-observation.live_time_s / _TRUST_S)
+            recent *= math.exp(-observation.live_time_s / _EVIDENCE_FADE_S)
             age_s = (step.start_ns - observation.middle_ns) / _NS
             background = self._response.background_ps * (state.background * observation.live_time_s)
             taken = track.after_counts(
@@ -179,29 +197,29 @@ class BayesEstimator:
                 self._response.apart(observation.counts),
                 age_s,
             )
-            track, gained = taken or (track, -_OUTLIER_COST)
+            track, gained = taken or (track, -_REJECTED_COST)
         else:
             age_s = (step.start_ns - observation.stamp_ns) / _NS
             track, gained = track.after_cone(
                 self._response, self._ground, vehicle, observation.apex, Orders.of(observation), age_s
             )
             cones += 1
-        evidence, trust = state.evidence + gained, min(trust + gained, _MOST_TRUST)
-        return BayesState(None, track, cones, state.x0_stamp_ns, evidence, trust, state.background, frames=frames)
+        evidence, recent = state.evidence + gained, min(recent + gained, _EVIDENCE_CAP)
+        return BayesState(None, track, cones, state.x0_stamp_ns, evidence, recent, state.background, frames=frames)
 
     def _errors_of(self, observation: Observation) -> tuple[int, tuple[float, ...]]:
-        """The vehicle, and the variances (BIAS,) of its biases as its own localisation has them.
+        """Index of the vehicle, and the stationary variances P0 (BIAS,) of its biases as its own localisation states them.
 
-        An autopilot's sigma is that of the horizontal distance.
+        An autopilot's position sigma is that of the horizontal distance, so each axis has sigma^2 / 2.
         """
         axis = observation.position_sigma_m**2 / 2.0
         variance = axis, axis, observation.yaw_sigma_rad**2, self._gain_variance
         return self._vehicles[observation.entry.drone], variance
 
-    def _searched(self, state: BayesState, observation: Observation) -> BayesState:
+    def _update_search(self, state: BayesState, observation: Observation) -> BayesState:
         time_s = observation.stamp_ns / _NS
         cones = state.cones + isinstance(observation, ConeObservation)
-        search = state.search or SearchState.at_first(self._grid, time_s)
+        search = state.search or SearchState.prior(self._grid, time_s)
         search = search.later(self._grid, time_s)
         if isinstance(observation, CountObservation):
             search = search.after_counts(
@@ -216,24 +234,26 @@ class BayesEstimator:
         known = np.zeros(BIAS * len(self._vehicles)) if state.bias_variance is None else state.bias_variance
         return replace(state, search=search, cones=cones, bias_variance=with_variance(known, *self._errors_of(observation)))
 
-    def _declared(self, state: BayesState, step: GridStep) -> BayesState:
-        """Turn to tracking when there is a source, and it is known well enough where."""
+    def _declared_or_searching(self, state: BayesState, step: GridStep) -> BayesState:
+        """A track if the rule of the initial estimate is met, else the search as it is."""
         search = state.search
         if search is None or state.bias_variance is None or not search.none <= self._config.doubt:
             return state
         if not search.place(self._grid)[2] <= self._config.declared_rms_m:
             return state
-        trust = min(search.evidence, _MOST_TRUST)
         return BayesState(
             track=self._sites(search, state.bias_variance),
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns or step.start_ns,
             evidence=search.evidence,
-            trust=trust,
+            recent_evidence=min(search.evidence, _EVIDENCE_CAP),
             background=search.background_factor(self._grid),
         )
 
     def _sites(self, search: SearchState, bias_variance: Array) -> Mixture:
+        """The Gaussian sum in place of the grid: a site of sigma 0.45 cells at each cell that is not negligible, its log activity
+        by moment matching over the levels: mean sum_a p_a a, variance sum_a p_a (a - mean)^2 + ``activity_variance``.
+        """
         grid = self._grid
         cells = search.weight.sum(axis=1)  # (M, Y, X)
         total = cells.sum(axis=0)
@@ -247,7 +267,7 @@ class BayesEstimator:
             cells[:, heavy].T,
             grid.x[heavy],
             grid.y[heavy],
-            _SITE_SHARE * grid.cell_m,
+            _SITE_SIGMA * grid.cell_m,
             mean,
             np.sqrt(variance),
             self._motion,
@@ -255,39 +275,11 @@ class BayesEstimator:
         ).reduced()
 
 
-class _Sights(Mapping[str, Sight]):
-    """Where each vehicle's own localisation puts the source: at its place plus the bias. Worked out when asked for."""
-
-    def __init__(self, vehicles: Mapping[str, int], mean: Array, covariance: Array, ground: Ground) -> None:
-        self._vehicles, self._mean, self._covariance, self._ground = vehicles, mean, covariance, ground
-        self._known: dict[str, Sight] = {}
-
-    def __len__(self) -> int:
-        return len(self._vehicles)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._vehicles)
-
-    def __getitem__(self, drone: str) -> Sight:
-        known = self._known.get(drone)
-        if known is None:
-            known = self._known[drone] = self._sight(BIASES + BIAS * self._vehicles[drone])
-        return known
-
-    def _sight(self, b: int) -> Sight:
-        mean, p = self._mean.tolist(), self._covariance
-        x, y = mean[0], mean[1]
-        rows = p[:2] + p[b : b + 2]
-        place = np.array((x + mean[b], y + mean[b + 1], self._ground.height_m(x, y)))
-        return Sight(place, _on_ground(rows[:, :2] + rows[:, b : b + 2], self._ground.slope(x, y)))
-
-
-def _moved(
+def _frame_change(
     frames: Mapping[int, tuple[int, Transform]], vehicle: int, variance: tuple[float, ...], observation: Observation
 ) -> tuple[tuple[float, ...] | None, Mapping[int, tuple[int, Transform]]]:
-    """By how much (BIAS,) a vehicle's estimated frame was put elsewhere since it was heard last, and the frames with the new one.
-
-    A new epoch has errors of its own.
+    """By how much (BIAS,) the estimate of a vehicle's frame has changed since its last observation (None: not), and the frames
+    with the new one. The change of a place is that at the observation. A new epoch has errors of its own: 1 sigma of each bias.
     """
     epoch, transform = observation.entry.epoch, observation.mission_from_local
     before = frames.get(vehicle)
@@ -305,18 +297,13 @@ def _moved(
 
 
 def _motion(config: BayesEstimatorConfig) -> Motion:
+    """The three modes: at rest, slow (``velocity_mps``, long correlation) and fast. They switch at the rate ``hurry_ps`` between
+    slow and fast, else at ``switch_ps``.
+    """
     velocity = (0.0, config.velocity_mps, config.fast_velocity_mps)
-    change_ps = np.full((3, 3), config.switch_ps)
-    change_ps[1, 2] = change_ps[2, 1] = config.hurry_ps
+    switching_ps = np.full((3, 3), config.switch_ps)
+    switching_ps[1, 2] = switching_ps[2, 1] = config.hurry_ps
     drift = (config.bias_drift_m, config.bias_drift_m, np.deg2rad(config.bias_yaw_drift_deg), config.gain_drift)
-    np.fill_diagonal(change_ps, 0.0)
+    np.fill_diagonal(switching_ps, 0.0)
     correlation_s = np.array([1e9, config.velocity_s, config.fast_velocity_s])
-    return Motion(np.array(velocity) ** 2, correlation_s, change_ps, np.array(drift) ** 2)
-
-
-def _on_ground(covariance: Array, rise: tuple[float, float]) -> Array:
-    """(2, 2) -> (3, 3), of a place on ground that rises by so much per metre east and north."""
-    (xx, xy), (yx, yy) = covariance.tolist()
-    east, north = rise
-    xz, yz = xx * east + xy * north, yx * east + yy * north
-    return np.array(((xx, xy, xz), (yx, yy, yz), (xz, yz, east * xz + north * yz)))
+    return Motion(np.array(velocity) ** 2, correlation_s, switching_ps, np.array(drift) ** 2)

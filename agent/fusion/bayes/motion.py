@@ -1,4 +1,9 @@
-"""How the state of the track changes with time: the source rests, walks or runs, and the vehicles' biases wander slowly."""
+"""The motion model of the track: the source rests, walks or runs (M = 3 modes), and the vehicles' biases drift slowly.
+
+Symbols of the equations and their names here: s the state (x, y, vx, vy, a, biases of vehicle 1, .., biases of vehicle V),
+a = ln(activity / REFERENCE_BQ); tau = ``velocity_s``, sigma_v^2 = ``velocity_variance``, Q = ``switching_ps`` with its
+diagonal filled, q = ``bias_drift``, P0 = ``bias_variance``. References: agent.fusion.bayes.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +11,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
-Array = NDArray[np.float64]
+from agent.geometry import Array
 
-ACTIVITY = 4  # place of the log activity in the state
-BIASES = 5  # and of the first vehicle's biases:
+ACTIVITY = 4  # index of the log activity in the state
+BIASES = 5  # index of the first vehicle's biases:
 BIAS = 4  # x, y (m), heading (rad), log of the camera's gain
 HEADING, GAIN = 2, 3
 REST = 0  # the first of the modes
@@ -20,16 +24,19 @@ REST = 0  # the first of the modes
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """The ways in which a source may move, M modes: at rest, and with Ornstein-Uhlenbeck velocities.
+    """M modes of motion: at rest, and with Ornstein-Uhlenbeck velocities [UO30].
 
-    velocity_variance (M,): of each axis, m2/s2; 0 at rest. velocity_s (M,): correlation time. change_ps (M, M): rate at which a
-    source goes over from one mode to another. A vehicle's biases wander within what is known of them: by ``bias_drift`` (BIAS,),
-    variance per second of each.
+    In a moving mode each axis of the velocity obeys dv = -(v / tau) dt + sqrt(2 sigma_v^2 / tau) dW: Singer's model [S70] with
+    the velocity in place of the acceleration. It is stationary with N(0, sigma_v^2) and the autocorrelation exp(-|t| / tau).
+
+    velocity_variance: (M,) sigma_v^2 of each axis, m2/s2; 0 at rest. velocity_s: (M,) tau. switching_ps: (M, M) rates of the
+    Markov chain of the modes, from row to column, diagonal 0. bias_drift: (BIAS,) q, variance per second with which the biases of
+    a vehicle wander for times that are short against 2 P0 / q.
     """
 
     velocity_variance: Array
     velocity_s: Array
-    change_ps: Array
+    switching_ps: Array
     bias_drift: Array
 
     @property
@@ -38,19 +45,36 @@ class Motion:
         return len(self.velocity_variance)
 
     def predict(self, mean: Array, covariance: Array, bias_variance: Array, dt_ms: int) -> tuple[Array, Array]:
-        """Means (S, M, d) and covariances (S, M, d, d) after dt_ms; bias_variance: (BIAS V,), at all times."""
+        """Prediction within each mode over dt_ms: m <- F m, P <- F P F' + W, with F and W of ``_transition``.
+
+        mean: (S, M, d). covariance: (S, M, d, d). bias_variance: (BIAS V,) P0 of the vehicles' biases.
+        """
         transition, noise = _transition(self, bias_variance.tobytes(), dt_ms)
         moved = (transition @ mean[..., None])[..., 0]
         return moved, transition @ covariance @ transition.swapaxes(-1, -2) + noise
 
-    def switch(self, weight: Array, mean: Array, covariance: Array, dt_s: float) -> tuple[Array, Array, Array]:
-        """Mix the Gaussians of each site, of moments alike (interacting multiple models), after dt_s."""
-        moved = weight[:, :, None] * _chances(self, round(1e3 * dt_s))  # (S, from, to)
+    def mix(self, weight: Array, mean: Array, covariance: Array, dt_s: float) -> tuple[Array, Array, Array]:
+        """The interaction step of the IMM filter [BBS88] within each site, for the mode switches of the last dt_s.
+
+        With pi_ij(dt) = P(mode j now | mode i dt ago) = [expm(Q dt)]_ij, for each site with joint weights w_i, means m_i and
+        covariances P_i of its modes:
+
+            c_j = sum_i w_i pi_ij                          new weight of mode j
+            mu_i|j = w_i pi_ij / c_j                       mixing probabilities
+            m0_j = sum_i mu_i|j m_ij                       mixed mean
+            P0_j = sum_i mu_i|j (P_ij + (m_ij - m0_j) (m_ij - m0_j)')
+
+        m_ij and P_ij are m_i and P_i but for the velocity of a source that stops or starts: it does not carry over. For i -> rest
+        it is 0 without variance, for rest -> j it is N(0, sigma_v,j^2), both uncorrelated with the rest of the state.
+
+        weight: (S, M). mean: (S, M, d). covariance: (S, M, d, d). Returns c, m0 and P0 of the same shapes.
+        """
+        moved = weight[:, :, None] * _mode_transition(self, round(1e3 * dt_s))  # (S, from, to)
         total = moved.sum(axis=1)
         share = moved / np.maximum(total, 1e-300)[:, None, :]
         means = np.repeat(mean[:, :, None], self.modes, axis=2)  # (S, from, to, d)
         spreads = np.repeat(covariance[:, :, None], self.modes, axis=2)
-        for parts in ((slice(REST + 1, None), REST), (REST, slice(REST + 1, None))):  # who stops or starts, forgets its velocity
+        for parts in ((slice(REST + 1, None), REST), (REST, slice(REST + 1, None))):  # a source that stops or starts
             means[(slice(None), *parts, slice(2, 4))] = 0.0
             spreads[(slice(None), *parts, slice(2, 4))] = 0.0
             spreads[(slice(None), *parts, slice(None), slice(2, 4))] = 0.0
@@ -63,32 +87,43 @@ class Motion:
 
 
 @lru_cache(maxsize=256)
-def _chances(motion: Motion, dt_ms: int) -> Array:
-    """Probabilities (M, M) of having gone over from one mode to another."""
-    rates = motion.change_ps - np.diag(motion.change_ps.sum(axis=1))
+def _mode_transition(motion: Motion, dt_ms: int) -> Array:
+    """(M, M): pi(dt) = expm(Q dt), from row to column; Q = switching_ps - diag(its row sums), the generator of the chain."""
+    rates = motion.switching_ps - np.diag(motion.switching_ps.sum(axis=1))
     result: Array = expm(1e-3 * dt_ms * rates)
     return result
 
 
 @lru_cache(maxsize=256)
 def _transition(motion: Motion, biases: bytes, dt_ms: int) -> tuple[Array, Array]:
-    """Transition matrices and covariances of the noise, (M, d, d) each."""
+    """Transition matrices F and noise covariances W, (M, d, d) each, over t = dt_ms; exact integrals of the models.
+
+    Source, for each axis, with r = exp(-t / tau):
+
+        x <- x + tau (1 - r) v,   v <- r v,   a <- a
+        W_vv = sigma_v^2 (1 - r^2)
+        W_xv = sigma_v^2 tau (1 - r)^2
+        W_xx = sigma_v^2 tau (2 t - tau (3 - 4 r + r^2))
+
+    At rest v <- 0, and no noise. Each bias b is an Ornstein-Uhlenbeck process of stationary variance P0 and correlation time
+    2 P0 / q: with f = exp(-q t / (2 P0)), b <- f b and W_bb = (1 - f^2) P0, which is q t for short times.
+    """
     dt_s = 1e-3 * dt_ms
     bias_variance = np.frombuffer(biases)
     d = BIASES + len(bias_variance)
     drift = np.tile(motion.bias_drift, len(bias_variance) // BIAS)
-    fade = np.exp(-0.5 * dt_s * drift / np.maximum(bias_variance, 1e-30))
-    keep = np.exp(-dt_s / motion.velocity_s)
-    kick = motion.velocity_variance * (1.0 - keep * keep)
-    swept = motion.velocity_s * (dt_s - motion.velocity_s * (2.0 * (1.0 - keep) - 0.5 * (1.0 - keep * keep)))
+    bias_decay = np.exp(-0.5 * dt_s * drift / np.maximum(bias_variance, 1e-30))
+    decay = np.exp(-dt_s / motion.velocity_s)
+    velocity_noise = motion.velocity_variance * (1.0 - decay * decay)
+    half_s2 = motion.velocity_s * (dt_s - motion.velocity_s * (2.0 * (1.0 - decay) - 0.5 * (1.0 - decay * decay)))
     transition, noise = np.zeros((motion.modes, d, d)), np.zeros((motion.modes, d, d))
     transition[:, [0, 1, ACTIVITY], [0, 1, ACTIVITY]] = 1.0
     for x, v in ((0, 2), (1, 3)):
-        transition[:, x, v], transition[:, v, v] = motion.velocity_s * (1.0 - keep), keep
-        noise[:, x, x], noise[:, v, v] = 2.0 * motion.velocity_variance * swept, kick
-        noise[:, x, v] = noise[:, v, x] = motion.velocity_variance * motion.velocity_s * (1.0 - keep) ** 2
+        transition[:, x, v], transition[:, v, v] = motion.velocity_s * (1.0 - decay), decay
+        noise[:, x, x], noise[:, v, v] = 2.0 * motion.velocity_variance * half_s2, velocity_noise
+        noise[:, x, v] = noise[:, v, x] = motion.velocity_variance * motion.velocity_s * (1.0 - decay) ** 2
     transition[REST, :, 2:4] = 0.0
     places = np.arange(BIASES, d)
-    transition[:, places, places] = fade
-    noise[:, places, places] = (1.0 - fade * fade) * bias_variance
+    transition[:, places, places] = bias_decay
+    noise[:, places, places] = (1.0 - bias_decay * bias_decay) * bias_variance
     return transition, noise

@@ -1,10 +1,19 @@
-"""What a camera is expected to count of a source: rates of hits, full-energy events, coincidences and cones, by nuclide.
+"""The expected rates of a camera beside a source: hits, full-energy events, coincidences and cones, by nuclide.
 
-Effective areas are nearly the same from all sides (they are means over the heading), so the camera's attitude does not enter:
-with the sensor's edge towards the source hits are 14 % fewer for Cs-137, 11 % for Co-60, 29 % for I-131, 26 % for Ir-192.
+With activity A = exp(a) REFERENCE_BQ at the distance D, the photons per mm2 and second that reach the camera unscattered are
+
+    phi(D) = A n exp(-mu D) / (4 pi D^2) 1e-6,    n = ``photons_per_decay``, mu = ``air_per_m``,
+
+and a channel of effective area F = ``area_mm2`` counts, per second, with build-up by scattered photons linear in the depth,
+
+    S + B,    S = phi(D) F (direct + scattered mu D),    B = ``background_ps``.
+
+Effective areas are means over the heading and nearly isotropic, so the camera's attitude does not enter: with the sensor's edge
+towards the source hits are 14 % fewer for Cs-137, 11 % for Co-60, 29 % for I-131, 26 % for Ir-192. The figures come from this
+project's own photon transport (sim/radiation) and detector chain, not from measurements.
 
 Left out: two photons of one decay in the sensor at once (Co-60, Na-22 and others; a second one meets it with a probability of
-some 1e-6 at a metre); that air takes more of a nuclide's softer lines (one attenuation stands for all; the channels' rates fit
+about 1e-6 at a metre); that air attenuates a nuclide's softer lines more (one mu for all; the channels' rates fit
 within 1 % up to 35 m); that cones of scattered photons grow with the distance (up to 35 m by 3 % of Cs-137's, 11 % of I-131's).
 """
 
@@ -14,21 +23,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.errors import ConfigError
+from agent.geometry import Array
 
-Array = NDArray[np.float64]
-
-REFERENCE_BQ = 1e9  # activities are counted in units of it
-NEAREST_M = 0.3  # a camera that seems to be nearer to a source is taken to be so far away
+REFERENCE_BQ = 1e9  # unit of the activities
+NEAREST_M = 0.3  # least distance of a camera from a source in the model
 
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One thing that is counted. Expected counts per second: S + B with
-    S = photons per mm2 and s x area_mm2 x (direct + scattered x depth), depth = attenuation x distance.
-    """
+    """One kind of event. area_mm2: F, effective area. direct, scattered: the coefficients of S. background_ps: B."""
 
     area_mm2: float
     direct: float
@@ -36,7 +41,7 @@ class Channel:
     background_ps: float
 
     def less(self, other: Channel) -> Channel:
-        """What is counted here and not there."""
+        """The channel of the events that are counted here and not in ``other``: its S and B are the differences."""
         area_mm2 = self.area_mm2 - other.area_mm2
         direct = self.area_mm2 * self.direct - other.area_mm2 * other.direct
         scattered = self.area_mm2 * self.scattered - other.area_mm2 * other.scattered
@@ -45,10 +50,11 @@ class Channel:
 
 @dataclass(frozen=True)
 class Response:
-    """What a camera counts of one nuclide in the chain of agent.detector, configured as by default.
+    """The rates of one nuclide in the detector chain of agent.detector with its default configuration.
 
-    photons_per_decay: of all lines above 100 keV; air_per_m: the mean of their attenuations. channels: events with less than a
-    photon's energy, and those in the window of any of the nuclide's lines. cones: events that became one.
+    photons_per_decay: n, of all lines above 100 keV; air_per_m: mu, the mean of their attenuations. channels: partial-energy
+    events (less than a photon's energy), and full-energy events (in the window of any of the nuclide's lines). cones: events
+    that became a cone.
     """
 
     nuclide: str
@@ -59,43 +65,49 @@ class Response:
 
     @staticmethod
     def apart(counts: Array) -> Array:
-        """Counts (3,) of an exposure (hits, full-energy events, coincidences) by channels: each event is in one of them.
+        """Counts (2,) by channel, partial- and full-energy events, from the counts (3,) of an exposure: hits h, full-energy
+        events f, coincidences c.
 
-        A full-energy event is one hit or a coincidence, and a coincidence is two hits. Hits by themselves vary by a quarter more
-        than Poisson's; taken for independent, the three would tell twice as much as there is.
+        A full-energy event is one hit or one coincidence, and a coincidence is two hits; so the partial-energy events are
+        h - f - c, and every event is in exactly one channel. Only then are the channels independent Poisson variables: the
+        variance of h alone is a quarter larger than its mean, and h, f and c taken as independent would hold twice the
+        information that there is.
         """
         hits, photopeak, coincidences = counts.tolist()
         return np.array([max(hits - photopeak - coincidences, 0.0), photopeak])
 
     @cached_property
     def background_ps(self) -> Array:
-        """(2,) counts per second of the channels without a source."""
+        """(2,) B of the channels, per second."""
         return np.array([channel.background_ps for channel in self.channels])
 
     @cached_property
     def _terms(self) -> tuple[Array, Array, Array]:
-        """Areas, direct and scattered parts of the channels, (2,) each."""
+        """F, direct and scattered of the channels, (2,) each."""
         area_mm2, direct, scattered = np.array([(c.area_mm2, c.direct, c.scattered) for c in self.channels]).T
         return area_mm2, direct, scattered
 
     @property
     def cone_area_mm2(self) -> float:
-        """Effective area for cones near the source."""
+        """Effective area for cones: F direct of ``cones``; R = phi(D) times this."""
         return self.cones.area_mm2 * self.cones.direct
 
     @property
     def cone_background_ps(self) -> float:
-        """Cones per second without a source."""
+        """Background cones per second."""
         return self.cones.background_ps
 
     def flux(self, distance_m: Array) -> Array:
-        """Unscattered photons per mm2 and second at a distance from REFERENCE_BQ; any shape."""
+        """phi(D) for an activity of REFERENCE_BQ, per mm2 and second; distance_m: D > 0 of any shape."""
         per_mm2 = REFERENCE_BQ * self.photons_per_decay / (4e6 * np.pi)
         result: Array = per_mm2 * np.exp(-self.air_per_m * distance_m) / distance_m**2
         return result
 
     def signal(self, fluence: Array, distance_m: Array) -> Array:
-        """Expected counts (..., 2) of the channels from photons per mm2 (...) that came from a distance (...)."""
+        """Expected counts (..., 2) of the channels, S times the exposure.
+
+        fluence: (...) phi(D) times live time and exp(a), photons per mm2. distance_m: (...) D.
+        """
         area_mm2, direct, scattered = self._terms
         depth = self.air_per_m * distance_m
         result: Array = area_mm2 * (direct + scattered * depth[..., None]) * fluence[..., None]
@@ -108,8 +120,8 @@ def _response(nuclide: str, photons_per_decay: float, air_per_m: float, *rows: t
     return Response(nuclide, photons_per_decay, air_per_m, (partial, photopeak), cones)
 
 
-# As printed by ``python -m benchmarks.channel_response --events 400000 Cs-137 Co-60 I-131 Ir-192 Na-22``: hits, photopeak,
-# coincidences and cones (these with 200000), each with its area in mm2, direct, scattered, and background per second.
+# From ``python -m benchmarks.channel_response --events 400000 Cs-137 Co-60 I-131 Ir-192 Na-22``: hits, photopeak, coincidences
+# and cones (those with --events 200000), each with area (mm2), direct, scattered, and background (1/s).
 RESPONSES: dict[str, Response] = {
     response.nuclide: response
     for response in (
@@ -166,7 +178,7 @@ def response_of(nuclide: str) -> Response:
     """The response to the nuclide of that name.
 
     Raises:
-        ConfigError: none was measured.
+        ConfigError: the table has none.
     """
     try:
         return RESPONSES[nuclide]

@@ -1,7 +1,14 @@
-"""The search: weights on a grid of places, activities and motions of the source, and of there being no source at all.
+"""The search: a point-mass filter [BS71] on a grid of places, activities and motion modes, with "no source" as an alternative.
 
-For each place and activity, and for there being no source, how strong the background is stays open too: else a background that is
-stronger than configured would in the end look like a source.
+Hypotheses: H0, no source; or H1 with the cell (x, y), the log activity a and the motion mode j. For each of them the strength f
+of the background relative to the configured one is open too, as a level of its own distribution: otherwise a background that is
+stronger than configured would in the end look like a source. In SearchState
+
+    none = P(H0),   weight[j, a, y, x] = P(H1, j, a, cell),
+    background[f, a, y, x] = P(f | H1, a, cell),   background_alone[f] = P(f | H0).
+
+Poses are taken as exact: the search yields the apparent place of the source (``mixture.Mixture.of_sites`` accounts for biases).
+References: agent.fusion.bayes.
 """
 
 from __future__ import annotations
@@ -13,37 +20,40 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, gaussian_filter
 from shapely import Polygon, contains_xy
 
-from agent.config import BayesEstimatorConfig
-from agent.frames.transform import Vector3
+from agent.config.mission import BayesEstimatorConfig
 from agent.fusion.bayes.cones import Orders, cone_likelihood
-from agent.fusion.bayes.counts import SEARCH_TRUST, fit_rate, log_nothing
+from agent.fusion.bayes.counts import SEARCH_TEMPER, background_log_likelihood, fit_rate
 from agent.fusion.bayes.mixture import Mixture
 from agent.fusion.bayes.motion import ACTIVITY
 from agent.fusion.bayes.response import NEAREST_M, REFERENCE_BQ, Response
 from agent.fusion.estimator import Outlook
-from agent.ground import Ground
+from agent.geometry import Array, Vector3
+from agent.terrain.ground import Ground
 
-Array = NDArray[np.float64]
 Weights = NDArray[np.float32]  # there are many of them, and every checkpoint has its own
 
-_MOVE_S = 0.5  # motion is carried out in steps of at least so long
-_NARROW = 0.5  # in cells squared; a kernel of three has a variance of 1 at most
-_LONGEST_MOVE_S = 60.0  # and counts for so long at most: a stamp may be years off
-_OUTLIERS = 0.01  # share of exposures that say nothing: a noisy pixel, a burst; one of them alone makes no source
+_MOVE_S = 0.5  # least time step of the prediction
+_NARROW = 0.5  # cells squared; a kernel of three cells has a variance of at most 1
+_LONGEST_MOVE_S = 60.0  # greatest time step of the prediction: a stamp may be years off
+_OUTLIERS = 0.01  # floor of an exposure's relative likelihood: a noisy pixel or a burst alone makes no source
 _TINY = 1e-30
-_ROUNDS = 3
-_DISTANCES = 64  # at which the likelihood of counts is worked out; between them it is interpolated
-_FORGOTTEN = 0.05  # share of a track given up that is put anywhere
-_EXCLUDED = 0.05  # an activity counts as excluded when the observations have made it so much less likely against no source
+_ITERATIONS = 3
+_DISTANCES = 64  # at which the likelihood of counts is computed; between them it is interpolated
+_FORGOTTEN = 0.05  # share of the prior in a search that begins from a track
+_EXCLUDED = 0.05  # posterior odds against H0, relative to prior odds, below which an activity counts as excluded
 
 
 class Grid:
-    """What is held possible. x, y, z: (Y, X) metres, of which ``inside`` (Y, X) belong to the area. log_activity: (A,), of
-    REFERENCE_BQ. background: (B,) factors of the configured one, and background_prior (B,). motion_prior: (M,) of the modes.
+    """The grid's axes and the priors.
+
+    x, y, z: (Y, X) cell centres on the ground, mission frame, metres; ``inside``: (Y, X), those in the area. log_activity: (A,)
+    a = ln(activity / REFERENCE_BQ), evenly spaced; activity_variance: of a within a level, spacing^2 / 12. background: (B,)
+    levels f; background_prior: (B,) P(f), proportional to exp(-(ln f)^2 / (2 background_sigma^2)). motion_prior: (M,) P(j).
+    diffusion_m2ps: (M - 1,) variance per second and axis, of the moving modes.
     """
 
     def __init__(self, area: Polygon, config: BayesEstimatorConfig, ground: Ground) -> None:
-        """``area``: mission frame, metres; the places lie on the ground."""
+        """``area``: mission frame, metres. Cells of ``config.cell_m``, larger where more than ``config.most_cells`` would fit."""
         west, south, east, north = area.bounds
         self.cell_m = max(config.cell_m, ((east - west) * (north - south) / config.most_cells) ** 0.5)
         columns = np.arange(west + self.cell_m / 2.0, max(east, west + self.cell_m), self.cell_m)
@@ -63,10 +73,9 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchState:
-    """weight: (M, A, Y, X) of a source by its mode of motion; ``none``: of no source. They add up to 1.
+    """The posterior on the grid. weight: (M, A, Y, X) and ``none``: probabilities of H1's hypotheses and of H0; their sum is 1.
 
-    background: (B, A, Y, X) probabilities of the background's levels, if there is a source of that activity at that place;
-    background_alone: (B,) if there is none.
+    background: (B, A, Y, X) and background_alone: (B,), of the background's levels given those; sums over B are 1.
     """
 
     time_s: float
@@ -76,8 +85,8 @@ class SearchState:
     background_alone: Array
 
     @staticmethod
-    def at_first(grid: Grid, time_s: float) -> SearchState:
-        """Nothing known: with or without a source, anywhere, any activity, however it moves."""
+    def prior(grid: Grid, time_s: float) -> SearchState:
+        """P(H0) = 1/2; given H1 uniform over the area's cells and the levels of ln activity, ``motion_prior`` over the modes."""
         shape = (len(grid.log_activity), *grid.x.shape)
         share = np.broadcast_to(grid.inside * np.float32(0.5 / (shape[0] * max(int(grid.inside.sum()), 1))), shape)
         weight = grid.motion_prior[:, None, None, None].astype(np.float32) * share
@@ -88,8 +97,13 @@ class SearchState:
 
     @staticmethod
     def of_track(grid: Grid, track: Mixture, none: float) -> SearchState:
-        """What a track says that is too wide for Gaussians to stand for it; a little of it is forgotten."""
-        first = SearchState.at_first(grid, track.time_s)
+        """The grid posterior of a track that has become too wide for a Gaussian sum: its density over (x, y, a) at the cells
+
+            (1 - eps) sum_i w_ij N(cell; m_ij, P_ij + cell^2 / 12 I) N(a; ..) + eps prior,   eps = ``_FORGOTTEN``,
+
+        scaled to 1 - none; place and activity are taken as independent within each Gaussian, and biases as 0.
+        """
+        first = SearchState.prior(grid, track.time_s)
         own = track.covariance[..., :2, :2] + grid.cell_m**2 / 12.0 * np.eye(2)
         inverse, density = np.linalg.inv(own), np.zeros(first.weight.shape)
         spread = track.covariance[..., ACTIVITY, ACTIVITY] + grid.activity_variance
@@ -109,11 +123,14 @@ class SearchState:
 
     @property
     def evidence(self) -> float:
-        """Log of how much likelier the observations are with a source than without."""
+        """ln P(H1) / P(H0); with prior odds of 1 the log Bayes factor of H1 against H0."""
         return float(np.log((1.0 - self.none + _TINY) / self.none))
 
     def later(self, grid: Grid, time_s: float) -> SearchState:
-        """The same after the source has had time to move."""
+        """Prediction: each moving mode diffuses by ``diffusion_m2ps`` t per axis (a random walk); modes do not switch.
+
+        t is cut off at ``_LONGEST_MOVE_S``; below ``_MOVE_S`` nothing changes, and the time is made up for later.
+        """
         dt_s = time_s - self.time_s
         if dt_s < _MOVE_S:
             return self
@@ -124,21 +141,29 @@ class SearchState:
         return replace(self, time_s=time_s, weight=np.stack(modes))
 
     def after_counts(self, grid: Grid, response: Response, position: Vector3, live_time_s: float, counts: Array) -> SearchState:
-        """After an exposure at a place (mission frame) with counts (2,)."""
+        """Measurement update with an exposure. position: of the camera, mission frame; counts: (2,) k, by channel.
+
+            P(k | f, a, cell) by ``counts.fit_rate`` with S = signal(phi(D) exp(a) T), B = f B_0 T and
+                V = activity_variance + (2 cell / max(D, cell))^2 / 12      what a cell leaves open of ln S
+            P(k | f, H0) by ``counts.background_log_likelihood``
+            L = P(k | ..) / max P(k | ..) + ``_OUTLIERS``
+            P(f | ..) <- P(f | ..) L / l,   weight <- weight l,   l = sum_f P(f | ..) L,   likewise for H0; normalised.
+
+        L depends on the cell by its distance D only: it is tabulated over D and interpolated.
+        """
         far = _seen_from(grid, position)[0]
         distance = np.geomspace(float(far.min()) * 0.999, float(far.max()) * 1.001, _DISTANCES)
         fluence = response.flux(distance) * np.exp(grid.log_activity)[:, None] * live_time_s
-        # What a cell leaves open: its activities, and its places, which differ in distance.
         spread = grid.activity_variance + (2.0 * grid.cell_m / np.maximum(distance, grid.cell_m)) ** 2 / 12.0
         background = grid.background[:, None] * (response.background_ps * live_time_s)  # (B, 2)
-        alone = log_nothing(counts, background, SEARCH_TRUST)  # (B,)
+        alone = background_log_likelihood(counts, background, SEARCH_TEMPER)  # (B,)
         _, _, table = fit_rate(
             counts,
             response.signal(fluence, distance),
             background[:, None, None, :],
             np.broadcast_to(spread, fluence.shape),
-            SEARCH_TRUST,
-            _ROUNDS,
+            SEARCH_TEMPER,
+            _ITERATIONS,
         )
         most = max(float(table.max()), float(alone.max()))
         table = np.exp(table - most) + _OUTLIERS
@@ -147,15 +172,20 @@ class SearchState:
         given_source = by_level.sum(axis=0)
         alone_by_level = self.background_alone * (np.exp(alone - most) + _OUTLIERS)
         given_none = float(alone_by_level.sum())
-        weighed = self._weighed(given_source, given_none)
+        updated = self._reweighted(given_source, given_none)
         return replace(
-            weighed,
+            updated,
             background=by_level / given_source,
             background_alone=alone_by_level / given_none,
         )
 
     def after_cone(self, grid: Grid, response: Response, apex: Vector3, orders: Orders) -> SearchState:
-        """After a cone."""
+        """Measurement update with a cone; apex: mission frame.
+
+        weight <- weight (R (rho + eps) + B) / (R + B) with ``cones.cone_likelihood``, delta at the cell's centre, and the angle
+        that a cell spans, cell^2 / (12 D^2), added to the variance of delta; H0's likelihood is 1. The background's level
+        does not enter.
+        """
         distance, x, y, z = _seen_from(grid, apex)
         u, v, w = orders.axis.T
         cosine = (x[..., None] * u + y[..., None] * v + z[..., None] * w) / distance[..., None]
@@ -164,29 +194,29 @@ class SearchState:
         directed = orders.density(delta, within)[0].sum(axis=(-2, -1))
         rate = response.cone_area_mm2 * response.flux(distance) * np.exp(grid.log_activity)[:, None, None]
         likelihood = cone_likelihood(rate, directed, response.cone_background_ps)
-        return self._weighed(likelihood.astype(np.float32), 1.0)
+        return self._reweighted(likelihood.astype(np.float32), 1.0)
 
-    def _weighed(self, given_source: Weights, given_none: float) -> SearchState:
-        """Likelihoods (A, Y, X) of a source there, and of none."""
+    def _reweighted(self, given_source: Weights, given_none: float) -> SearchState:
+        """Bayes' rule. given_source: (A, Y, X) likelihoods under H1, up to a factor common with given_none, that of H0."""
         weight = self.weight * given_source + np.float32(_TINY)
         none = self.none * given_none + _TINY
         total = float(weight.sum(dtype=np.float64)) + none
         return replace(self, weight=weight / np.float32(total), none=none / total)
 
     def background_factor(self, grid: Grid) -> float:
-        """How strong the background is against the configured one, if there is a source."""
+        """E[f | H1]."""
         level = (self.weight.sum(axis=0) * self.background).sum(axis=(1, 2, 3), dtype=np.float64)
         return float(level @ grid.background / level.sum())
 
     def place(self, grid: Grid) -> tuple[float, float, float]:
-        """Mean x and y of the source, if there is one, and the RMS distance from there."""
+        """Mean x and y given H1, and the RMS distance from there, metres."""
         cells = self.weight.sum(axis=(0, 1), dtype=np.float64)
         cells = cells / cells.sum()
         x, y = float((cells * grid.x).sum()), float((cells * grid.y).sum())
         return x, y, float((cells * ((grid.x - x) ** 2 + (grid.y - y) ** 2)).sum()) ** 0.5
 
     def outlook(self, grid: Grid) -> Outlook:
-        """What is known of a source that is still searched for."""
+        """The posterior over places, for the search's guidance and for the report of a search that found nothing."""
         cells = self.weight.sum(axis=0, dtype=np.float64)  # (A, Y, X)
         place = cells.sum(axis=0)
         activity = np.exp((cells * grid.log_activity[:, None, None]).sum(axis=0) / np.maximum(place, _TINY)) * REFERENCE_BQ
@@ -199,7 +229,7 @@ class SearchState:
         )
 
     def _excluded_bq(self, grid: Grid, levels: Array) -> float | None:
-        """The least activity from which on every level has become so unlikely against no source, in the mean over the area."""
+        """The least level from which on all levels have odds P(a | ..) A / P(H0) of at most ``_EXCLUDED`` (prior: 1), or None."""
         odds = levels * len(levels) / max(self.none, _TINY)  # 1 each at first
         possible = np.flatnonzero(odds > _EXCLUDED)
         first = int(possible[-1]) + 1 if len(possible) else 0
@@ -207,18 +237,18 @@ class SearchState:
 
 
 def _blurred(weight: Weights, variance: float) -> Weights:
-    """Diffused along the last two axes by a variance in cells squared; nothing leaves."""
+    """Convolved along the last two axes with a Gaussian of a variance in cells squared, reflected at the edges (same sum)."""
     if variance > _NARROW:
         blur = variance**0.5
         return np.asarray(gaussian_filter(weight, (0.0, blur, blur), mode="reflect", truncate=3.0))
-    to_next = 0.5 * variance  # a Gaussian that is sampled at the cells and cut off would be too narrow, in large cells nothing
+    to_next = 0.5 * variance  # a narrow Gaussian, sampled at the cells and cut off, would lose its variance
     for axis in (-2, -1):
         weight = correlate1d(weight, (to_next, 1.0 - variance, to_next), axis=axis, mode="reflect")
     return weight
 
 
 def _interpolated(table: Weights, distance: Array, far: Array) -> Weights:
-    """A table (..., D) over distances in geometric steps, at the distances ``far`` (Y, X): (..., Y, X)."""
+    """Linear interpolation of a table (..., D) over a geometric grid of distances, at the distances far (Y, X): (..., Y, X)."""
     place = np.log(far / distance[0]) * ((len(distance) - 1) / np.log(distance[-1] / distance[0]))
     before = place.astype(np.intp)
     part = (place - before).astype(np.float32)
@@ -230,6 +260,6 @@ def _interpolated(table: Weights, distance: Array, far: Array) -> Weights:
 
 
 def _seen_from(grid: Grid, position: Vector3) -> tuple[Array, Array, Array, Array]:
-    """Distance and x, y, z of the places from a camera."""
+    """Distance D (at least ``NEAREST_M``) and x, y, z of the cells from a camera, (Y, X) each."""
     x, y, z = grid.x - position[0], grid.y - position[1], grid.z - position[2]
     return np.maximum(np.sqrt(x * x + y * y + z * z), NEAREST_M), x, y, z

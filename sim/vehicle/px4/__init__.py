@@ -1,1 +1,1 @@
-"""PX4 as the outside sees it: N emulated vehicles with their MAVLink links, all in one process."""
+"""Emulated PX4: N vehicles with their MAVLink links, all in one process."""

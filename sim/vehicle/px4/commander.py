@@ -1,161 +1,180 @@
-"""PX4's commander: arming, modes, failsafes, landing; what the vehicle flies is the target that it leaves each step.
+"""PX4's commander: arming, modes, failsafes, landing. Its result in each step is the target that the vehicle flies.
 
-Two modes: the intention, what somebody chose last, and the mode that is flown; a failsafe makes them differ, and where its cause
-goes they are one again. Positions are the vehicle's own, estimated, local frame ENU. Times are those of a real PX4, measured.
+There are two modes: the intended one, which was chosen last, and the one being flown; a failsafe makes them differ until its
+cause ends. Positions are the vehicle's own estimates, local frame ENU. Times are measured ones of a real PX4.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from math import hypot
 
+import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent.vehicle.interface import Vector3
+from sim.geometry import Vector3
 from sim.vehicle.guidance import Guidance, Reframing, Target
-from sim.vehicle.px4.failsafe import Failsafes, Fallback
+from sim.vehicle.px4 import events
+from sim.vehicle.px4.arming import ArmingChecks, Readiness
+from sim.vehicle.px4.battery import Warning
+from sim.vehicle.px4.events import Announcement, By
+from sim.vehicle.px4.failsafe import Failsafes, Fallback, Situation
+from sim.vehicle.px4.landing import DRIFTING_MPS, SPOOL_UP_S, LandDetector
+from sim.vehicle.px4.mavlink.setpoint import OffboardTarget
 from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
-from sim.vehicle.px4.setpoint import OffboardTarget
 from sim.vehicle.px4.steering import Steering
 
 ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 TEMPORARILY_REJECTED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 DENIED: int = mavlink.MAV_RESULT_DENIED
-CRITICAL, INFO = mavlink.MAV_SEVERITY_CRITICAL, mavlink.MAV_SEVERITY_INFO
-HEADING_STABLE_S = 4.7  # after the start
-LIFTOFF_S = 1.0  # after the rotors have spun up
-LANDED_S = 1.0  # of contact, coming down
+IDLE_S = 1.1  # in addition to COM_DISARM_PRFLT
 FORCE = 21196.0
 
 Reply = Callable[[int], None]
-Say = Callable[[int, str], None]
 
 
 class Commander:
-    """One vehicle, advanced in fixed steps."""
+    """The commander of one vehicle, advanced in fixed steps.
+
+    To be set before each step: knows_position, in its local frame; has_home, on the globe; home_altitude_m, above the sea;
+    fixless, without the satellites that it needs; station_lost and station_missing, the ground station; battery.
+    """
 
     def __init__(
-        self, parameters: Parameters, place: Vector3, yaw_rad: float, step_s: float, say: Say, unhealthy: str | None = None
+        self,
+        parameters: Parameters,
+        place: Vector3,
+        yaw_rad: float,
+        step_s: float,
+        rng: np.random.Generator,
+        announce: Callable[[Announcement], None],
+        unhealthy: str | None = None,
     ) -> None:
-        """Standing disarmed at ``place``. ``say``: severity and text. ``unhealthy``: a check that never passes."""
+        """Standing disarmed at ``place``. ``unhealthy``: a check that never passes."""
         self.mode = self.intention = Mode.HOLD
         self.armed = False
-        self.landed = True
         self.fallback = Fallback()
+        self.knows_position = self.has_home = True
+        self.station_lost, self.station_missing = False, True
+        self.fixless = False
+        self.battery = Warning.NONE
+        self.home_altitude_m = 0.0
+        self.checks = ArmingChecks(parameters, rng, announce, unhealthy)
         self._after_disarming = Mode.HOLD
         self._parameters = parameters
+        self._announce = announce
         self._guidance = Guidance(place, yaw_rad, step_s)
         self._steering = Steering(parameters, self._guidance, step_s)
-        self._failsafes = Failsafes(parameters)
-        self._say = say
-        self._unhealthy = unhealthy
+        self._failsafes = Failsafes(parameters, step_s, announce)
+        self._ground = LandDetector(step_s, rng)
         self._position = place
-        self._step_s = step_s
+        self._velocity: Vector3 = (0.0, 0.0, 0.0)
+        self._drifting = False
         self._time_s = 0.0
         self._armed_s = 0.0
-        self._airborne_for_s = 0.0  # lifting, or in the air
-        self._contact_for_s = 0.0
-        self._landed_s = 0.0
-        self._flown = False  # since it was armed
         self._offboard_s = float("-inf")
         self._at_the_sticks = False
+        self._taking_off = False  # from the ground, as TAKEOFF does
         self._waiting: deque[tuple[Callable[[], int], Reply]] = deque()
 
-    # What the links ask
+    # Requests of the links
 
     def ask(self, command: Callable[[], int], reply: Reply) -> None:
-        """Have a command carried out within the next step; ``reply`` gets its MAV_RESULT."""
+        """Execute a command within the next step; ``reply`` gets its MAV_RESULT."""
         self._waiting.append((command, reply))
 
     def follow(self, target: OffboardTarget) -> None:
-        """A new offboard target; it counts for the stream in every mode, and is flown in offboard."""
+        """Take a new offboard target; it counts for the stream in every mode, and is flown in offboard."""
         self._steering.offboard, self._offboard_s = target, self._time_s
 
-    def hear_ground_station(self, silent_s: float | None) -> None:
-        """For how long no ground station has been heard; none: there never was one."""
-        self._failsafes.ground_station_silent_s = silent_s
-
-    def know(self, position: bool, home: bool) -> None:
-        """Whether the vehicle knows its position in its local frame, and a home on the globe."""
-        self._failsafes.knows_position, self._failsafes.has_home = position, home
-
     def reframe(self, frame: Reframing) -> None:
-        """The local frame has jumped. PX4's own modes take it into account; a target in offboard is the companion's affair."""
+        """The local frame has jumped. PX4's autonomous modes take it into account; offboard targets are left to the companion."""
         self._guidance.reframe(frame)
 
     def set_mode(self, mode: Mode) -> int:
-        """Somebody chooses a mode."""
+        """Choose a mode; returns the MAV_RESULT."""
         if mode is Mode.TAKEOFF:
             return self.take_off(None)
         if self.armed and mode is Mode.OFFBOARD and not self._stream_fresh:
-            self._say(CRITICAL, "Switching to Offboard is currently not available")
             return TEMPORARILY_REJECTED
-        lacks = not self._failsafes.knows_position or (mode is Mode.RETURN and not self._failsafes.has_home)
-        if self.armed and lacks and not (mode.by_hand or mode is Mode.LAND):
-            self._say(CRITICAL, f"Switching to {mode.name.title()} is currently not available")
-            return TEMPORARILY_REJECTED
-        if self.armed and mode.by_hand and not self._at_the_sticks:
-            self._say(CRITICAL, f"Switching to {mode.name.title()} is currently not available")
+        if self.armed and not self._is_possible(mode):
+            if mode is not Mode.OFFBOARD:
+                self._announce(events.unavailable(mode))
             return TEMPORARILY_REJECTED
         self._choose(mode)
         return ACCEPTED
 
+    def land(self) -> int:
+        """Land at the present position."""
+        result = self.set_mode(Mode.LAND)
+        if result == ACCEPTED:
+            self._announce(events.LANDING_HERE)
+        return result
+
     def take_over(self) -> None:
-        """Somebody takes the sticks, and the vehicle, in position mode; it hovers."""
+        """A pilot takes over by the sticks, in position mode, and hovers."""
         self._at_the_sticks = True
         self._choose(Mode.POSITION)
 
     def take_off(self, height_m: float | None) -> int:
-        """To ``height_m`` above where it stands, or as MIS_TAKEOFF_ALT says; once it is armed."""
+        """Take off to ``height_m`` above the present place, or to MIS_TAKEOFF_ALT; once it is armed."""
+        if self.armed and not self._is_possible(Mode.TAKEOFF):
+            return TEMPORARILY_REJECTED
         self._steering.takeoff_m = self._parameters["MIS_TAKEOFF_ALT"] if height_m is None else height_m
         self._choose(Mode.TAKEOFF)
+        if self.armed and height_m is None:
+            self._announce(events.takeoff_height(self._steering.takeoff_m))
         return ACCEPTED
 
     def arm(self, force: bool) -> int:
         """Start the rotors."""
         if self.armed:
             return ACCEPTED
-        failure = self.preflight_failure
-        if failure is not None and not force:
-            self._say(CRITICAL, f"Preflight Fail: {failure}")
-            self._say(CRITICAL, "Arming denied: Resolve system health failures first")
+        if self.preflight_failure is not None and not force:
+            self._announce(events.ARMING_DENIED)
             return TEMPORARILY_REJECTED
-        self.armed, self._armed_s, self._flown = True, self._time_s, False
+        self.armed, self._armed_s = True, self._time_s
+        self._ground.arm()
         self._guidance.home = self._position
         self._guidance.stay(self._position)
-        self._say(INFO, "Armed by external command")
+        self._announce(events.armed())
+        if self.mode is Mode.TAKEOFF:
+            self._announce(events.takeoff_height(self._steering.takeoff_m))
         return ACCEPTED
 
     def disarm(self, force: bool) -> int:
         """Stop the rotors; in the air only by force, and then it falls."""
         if self.armed and not self.landed and not force:
-            self._say(CRITICAL, "Disarming denied: not landed")
+            self._announce(events.DISARMING_DENIED)
             return TEMPORARILY_REJECTED
         if self.armed:
-            self._disarm("external command")
+            self._disarm(By.COMMAND)
         return ACCEPTED
 
-    # What the outside sees
+    # State shown to the outside
+
+    @property
+    def landed(self) -> bool:
+        """Whether the land detector reports it on the ground."""
+        return self._ground.landed
 
     @property
     def preflight_failure(self) -> str | None:
-        """What stands against arming, in PX4's words."""
-        if self._time_s < HEADING_STABLE_S:
-            return "heading estimate not stable"
-        if self._unhealthy is not None:
-            return self._unhealthy
-        if not self._failsafes.knows_position:
-            return "position estimate error"
-        if self.intention is Mode.OFFBOARD and not self._stream_fresh:
-            return "No offboard signal"
-        if self.intention.by_hand and not self._at_the_sticks:
-            return "No manual control input"
-        if self.intention.prevents_arming:
-            return "Mode not suitable for arming"
-        if self._parameters["NAV_DLL_ACT"] > 0 and self._failsafes.ground_station_lost:
-            return "No connection to the GCS"
-        return None
+        """Why arming is denied, in PX4's words; None if it is not."""
+        return self.checks.failure(
+            Readiness(
+                armed=self.armed,
+                mode=self.mode,
+                stream=self._stream_fresh,
+                at_the_sticks=self._at_the_sticks,
+                knows_position=self.knows_position,
+                station_missing=self.station_missing,
+                beyond_fence=self._failsafes.beyond_fence,
+                battery=self.battery,
+            )
+        )
 
     @property
     def system_status(self) -> int:
@@ -172,7 +191,7 @@ class Commander:
         """MAV_LANDED_STATE."""
         if self.landed:
             return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
-        if self.mode is Mode.TAKEOFF:
+        if self._taking_off:
             return int(mavlink.MAV_LANDED_STATE_TAKEOFF)
         return int(mavlink.MAV_LANDED_STATE_LANDING if self._steering.landing else mavlink.MAV_LANDED_STATE_IN_AIR)
 
@@ -183,19 +202,21 @@ class Commander:
 
     @property
     def target(self) -> Target:
-        """What the vehicle is to follow now; where the position is NaN only the velocity counts."""
+        """The target that the vehicle follows now; where the position is NaN only the velocity counts."""
         return self._guidance.target
 
     @property
     def grounded(self) -> bool:
-        """Standing, with rotors that stand or idle."""
-        return self.landed and self._airborne_for_s == 0.0
+        """Whether it stands, with rotors that are stopped or do not lift it."""
+        return self._ground.standing
 
     # One step
 
-    def step(self, time_s: float, position: Vector3, contact: bool) -> None:
+    def step(self, time_s: float, position: Vector3, velocity: Vector3, contact: bool) -> None:
         """Advance to ``time_s``; ``contact``: the vehicle touches the ground."""
-        self._time_s, self._position = time_s, position
+        self._time_s, self._position, self._velocity = time_s, position, velocity
+        self._drifting = hypot(velocity[0], velocity[1]) > DRIFTING_MPS
+        self.checks.step(time_s, self.fixless and not self.armed)
         while self._waiting:
             command, reply = self._waiting.popleft()
             reply(command())
@@ -207,6 +228,12 @@ class Commander:
     def _stream_fresh(self) -> bool:
         return self._time_s - self._offboard_s <= self._parameters["COM_OF_LOSS_T"]
 
+    def _is_possible(self, mode: Mode) -> bool:
+        """Whether an armed vehicle has what it needs to fly in a mode."""
+        if mode.by_hand:
+            return self._at_the_sticks
+        return self.knows_position and (mode is not Mode.RETURN or self.has_home)
+
     def _choose(self, mode: Mode) -> None:
         self.intention = mode
         if not mode.prevents_arming:
@@ -215,63 +242,75 @@ class Commander:
         self._switch(mode)
 
     def _switch(self, mode: Mode) -> None:
-        """Fly another mode; those of the autopilot's own begin from where the vehicle is."""
+        """Fly another mode; autonomous ones begin from the vehicle's position."""
         if mode is self.mode:
             return
         self.mode = mode
-        self._steering.begin(mode, self._position)
+        self._taking_off = False
+        velocity = (0.0, 0.0, 0.0) if self.landed or self.fallback.here else self._velocity
+        self._steering.begin(mode, self._position, velocity, self.landed)
+        if mode is Mode.RETURN and self.armed:
+            above_m = self._steering.return_m
+            self._announce(events.return_begins(self.home_altitude_m + above_m, above_m))
 
     def _watch_failsafes(self) -> None:
         if not self.armed:
             self.fallback = Fallback()
+            self._failsafes.warn(self.battery)
             self._switch(self.intention)
             return
-        silent_s = self._time_s - self._offboard_s if self.intention is Mode.OFFBOARD else 0.0
-        before = self.fallback
-        self.fallback = self._failsafes.check(silent_s, self._position, self._guidance.home)
-        if self.fallback.active and not before.active:
-            self._say(CRITICAL, "Failsafe activated")
+        situation = Situation(
+            offboard_silent_s=self._time_s - self._offboard_s if self.intention is Mode.OFFBOARD else 0.0,
+            position=self._position,
+            home=self._guidance.home,
+            knows_position=self.knows_position,
+            has_home=self.has_home,
+            station_lost=self.station_lost,
+            battery=self.battery,
+        )
+        self.fallback = self._failsafes.check(situation, self.intention)
         self._switch(self.fallback.mode or self.intention)
 
     def _watch_ground(self, contact: bool) -> None:
-        if self.armed and self._wants_up:
-            self._airborne_for_s += self._step_s
-        elif self.landed:
-            self._airborne_for_s = 0.0
-        if self.landed and self._airborne_for_s > LIFTOFF_S:
-            self.landed, self._flown = False, True
-        coming_down = not self.armed or not self.target.velocity[2] > 0.0
-        self._contact_for_s = self._contact_for_s + self._step_s if contact and coming_down else 0.0
-        if not self.landed and self._contact_for_s > LANDED_S:
-            self.landed, self._airborne_for_s, self._steering.landing = True, 0.0, False
-            self._landed_s = self._time_s
-        if self.armed and self.landed and self._airborne_for_s == 0.0:
+        ground = self._ground
+        if not ground.landed:
+            wants_down = not self.armed or self._steering.wants_down(self.mode, self._position)
+            noticeable = not self.armed or (not self._drifting and self._steering.commanded_to_sink(self.mode))
+            ground.fly(contact, wants_down, noticeable, self.mode)
+            if ground.notice(self._time_s, self.armed):
+                self._taking_off = self._steering.landing = False
+                if self.armed:
+                    self._announce(events.LANDING_DETECTED)
+        elif self.armed:
+            spun_up = self._time_s - self._armed_s >= SPOOL_UP_S
+            if ground.rise(spun_up and self._steering.wants_up(self.mode, self._position)):
+                self._taking_off = self.mode is Mode.TAKEOFF
+                self._announce(events.TAKEOFF_DETECTED)
             self._disarm_when_idle()
 
     def _disarm_when_idle(self) -> None:
-        if self._flown and self._time_s - self._landed_s > self._parameters["COM_DISARM_LAND"] > 0.0:
-            self._disarm("landing")
-        elif not self._flown and self._time_s - self._armed_s > self._parameters["COM_DISARM_PRFLT"] > 0.0:
-            self._disarm("preflight inaction")
+        ground, value = self._ground, self._parameters
+        if ground.flown and ground.landed and self._time_s - ground.landed_s > value["COM_DISARM_LAND"] > 0.0:
+            self._disarm(By.LANDING)
+        elif not ground.flown and self._time_s - self._armed_s - IDLE_S > value["COM_DISARM_PRFLT"] > 0.0:
+            self._disarm(By.IDLENESS)
 
-    def _disarm(self, reason: str) -> None:
+    def _disarm(self, by: By) -> None:
         self.armed = False
         self.intention = self._after_disarming
-        self._failsafes.mode_chosen()
-        self._say(INFO, f"Disarmed by {reason}")
-
-    @property
-    def _wants_up(self) -> bool:
-        """Rotors spun up, and something to climb to."""
-        if not self.landed:
-            return True
-        spun_up = self._time_s - self._armed_s >= self._parameters["COM_SPOOLUP_TIME"]
-        return spun_up and self._steering.wants_up(self.mode, self._position)
+        self.fallback = Fallback()
+        self._failsafes.end()
+        self._switch(self.intention)
+        self._announce(events.disarmed(by))
 
     def _fly(self) -> None:
-        if self.grounded:
-            return
         if not self.armed:
-            self._steering.fall(self._position)
-        elif self._steering.fly(self.mode, self._position):
-            self._choose(Mode.HOLD)
+            if not self.landed:
+                self._steering.fall(self._position)
+        elif not self.landed:
+            landing = self._steering.landing
+            if self._steering.fly(self.mode, self._position, self._velocity, self._ground.climbing_s):
+                self._choose(Mode.HOLD)
+                self._steering.end_takeoff()
+            if self.mode is Mode.RETURN and self._steering.landing and not landing:
+                self._announce(events.RETURN_LANDS)

@@ -1,4 +1,4 @@
-"""What an emulated vehicle is told at its start: its links, where the world lies, and what is to go wrong."""
+"""Configuration of an emulated vehicle: its links, the world's datum, and injected faults."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ Address = tuple[str, int]
 
 
 class Datum(Struct, frozen=True, kw_only=True):
-    """Where the world's origin lies on the WGS 84 ellipsoid; altitude above it. The default is SIH's home near Zurich."""
+    """The world's origin on the WGS 84 ellipsoid; altitude above it. The default is SIH's home near Zurich."""
 
     latitude_deg: float = 47.397742
     longitude_deg: float = 8.545594
@@ -16,19 +16,20 @@ class Datum(Struct, frozen=True, kw_only=True):
 
 
 class Faults(Struct, frozen=True, kw_only=True):
-    """What is wrong with a vehicle from its start. Links are cut in flight by ``Px4Face.cut_link``."""
+    """Injected faults of a vehicle. In flight, links are cut by ``Px4Face.cut_links``, satellites by ``lose_satellites``."""
 
-    boot_s: float = 0.0  # later than the others by so much: no message before
-    silent: bool = False  # sends nothing and hears nothing
+    boot_s: float = 0.0  # additional boot time: no message before
+    silent: bool = False  # neither sends nor hears anything
     unhealthy: str | None = None  # text of an arming check that never passes
+    satellites_lost_s: tuple[float, float] | None = None  # begin of an outage, by its own clock, and duration
 
 
 class Px4Config(Struct, frozen=True, kw_only=True):
     """One vehicle.
 
-    onboard: where it sends its onboard link, ("127.0.0.1", 14540 + i) by PX4's custom; answers come back to the sending socket.
-    ground_station: likewise of the ground-station link, 14550 for all vehicles; none: no such link.
-    parameters: other values than ``parameters.DEFAULTS``.
+    onboard: where it sends its onboard link, ("127.0.0.1", 14540 + i) by PX4's custom; answers return to the sending socket.
+    ground_station: likewise for the ground-station link, 14550 for all vehicles; None: no such link.
+    parameters: values that replace ``parameters.DEFAULTS``.
     """
 
     onboard: Address

@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from math import hypot
 
 import numpy as np
 
+from sim.geometry import Array
 from sim.vehicle.guidance import Reframing, Target
+from sim.vehicle.px4 import events
 from sim.vehicle.px4.battery import Battery
 from sim.vehicle.px4.commander import Commander
 from sim.vehicle.px4.config import Px4Config
-from sim.vehicle.px4.estimate import Estimate, Geodetic
-from sim.vehicle.px4.link import Link
+from sim.vehicle.px4.events import Announcement
+from sim.vehicle.px4.filter.deadreckoning import DeadReckoning
+from sim.vehicle.px4.filter.estimate import Estimate, Geodetic
+from sim.vehicle.px4.filter.vision import Correction, Pose, Vision
+from sim.vehicle.px4.mavlink.contacts import Contacts
+from sim.vehicle.px4.mavlink.dialect import Event
+from sim.vehicle.px4.mavlink.link import Link
+from sim.vehicle.px4.mavlink.requests import Requests
+from sim.vehicle.px4.mavlink.setpoint import SetpointLog
+from sim.vehicle.px4.mavlink.status import gps_global_origin
+from sim.vehicle.px4.mavlink.streams import GROUND_STATION_HZ, ONBOARD_HZ, Schedule
 from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
-from sim.vehicle.px4.requests import Requests
-from sim.vehicle.px4.setpoint import SetpointLog
-from sim.vehicle.px4.state import Reading, State
-from sim.vehicle.px4.status import gps_global_origin
-from sim.vehicle.px4.streams import GROUND_STATION_HZ, ONBOARD_HZ, Schedule
-from sim.vehicle.px4.vision import Correction, Pose, Vision
+from sim.vehicle.px4.state import ORIGIN_S, Reading, State
 
-HOME_JUMP_M, HOME_JUMP_S = 1.0, 2.0  # in flight, the home altitude is somewhere within +-1 m of the right one, anew every 2 s
-_GROUND_STATION_GONE_S = 3.0  # without its heartbeat a link gets no texts any more
+HOME_JUMP_M, HOME_JUMP_S = 1.0, 2.0  # in flight the home altitude is random within +-1 m of the true one, redrawn every 2 s
+LOSS_REPORTED_S = 0.035  # after the last fix, until the receiver reports that there is none
+FIRST_PACKET_S = (0.6, 0.9)  # after the start
+ORIGIN_RESETS = 2  # step of the reset counter that reports a moved origin
 
 
 class Px4Face:
@@ -40,43 +50,71 @@ class Px4Face:
         rng: np.random.Generator,
         clock_ns: Callable[[], int],
     ) -> None:
-        """Standing at ``place``, its own first estimate, with its heading ``yaw_rad``, local ENU."""
+        """Standing at ``place``, its first estimate, with its heading ``yaw_rad``, local ENU."""
         system_id = index + 1
         self.parameters = parameters = Parameters(system_id, config.parameters)
-        faults = config.faults
+        self._faults = faults = config.faults
         self.setpoints = SetpointLog()
-        self.commander = Commander(parameters, place.position_enu_m, yaw_rad, step_s, self._say, faults.unhealthy)
-        battery = Battery(parameters["BAT1_CAPACITY"], int(parameters["BAT1_N_CELLS"]), step_s)
-        self._state = State(self.commander, battery, origin, position_sigma_m, system_id, estimate=place)
-        self._state.home_altitude_m = place.place.altitude_m
+        self.commander = Commander(
+            parameters, place.position_enu_m, yaw_rad, step_s, rng.spawn(1)[0], self._announce, faults.unhealthy
+        )
+        self.reckoning = DeadReckoning(parameters, step_s, rng.spawn(1)[0], self._announce)
+        self._state = State(
+            self.commander,
+            Battery(parameters, step_s),
+            self.reckoning,
+            origin,
+            position_sigma_m,
+            system_id,
+            estimate=place,
+            home_altitude_m=place.place.altitude_m,
+        )
         self.vision = Vision(parameters, rng.spawn(1)[0])
-        requests = Requests(system_id, self._state, parameters, self.setpoints, self.vision, self._boot_ns)
+        self._contacts = Contacts(parameters, self._announce)
+        self._requests = Requests(
+            system_id, self._state, parameters, self.setpoints, self.vision, self._contacts, self._announce, self._boot_ns
+        )
+        phases = rng.spawn(1)[0]
+        first_s = float(phases.uniform(*FIRST_PACKET_S))
         addresses = [(config.onboard, ONBOARD_HZ), (config.ground_station, GROUND_STATION_HZ)]
-        self.links = [
-            Link(address, system_id, Schedule(rates, 0.0), requests.receive)
+        self.links = self._requests.links = [
+            Link(address, system_id, Schedule(rates, first_s, phases), self._requests.receive)
             for address, rates in addresses
             if address is not None
         ]
-        self._clock_ns, self._rng, self._faults = clock_ns, rng, faults
-        self._boot_s = faults.boot_s
+        self._clock_ns, self._rng = clock_ns, rng
+        self._boot_s, self._speaks_s = faults.boot_s, faults.boot_s + first_s
         self._cut_until_s = float("inf") if faults.silent else 0.0
+        self._dark_until_s = self._read_s = 0.0
+        self._claimed_m, self._frame_resets = position_sigma_m[0], 0
         self._step_ns, self._stepped_ns = round(step_s * 1e9), clock_ns()
         self._home_altitude_m, self._next_jump_s = place.place.altitude_m, 0.0
-        self._origin_told = False
+        self._origin_announced = False
 
     @property
     def target(self) -> Target:
-        """What it wants to follow, local ENU; velocity alone along an axis whose position is NaN."""
+        """The target that it follows, local ENU; velocity only along an axis whose position is NaN."""
         return self.commander.target
 
     @property
     def grounded(self) -> bool:
-        """It stands, with rotors that stand or idle."""
+        """Whether it stands, with rotors that are stopped or idle."""
         return self.commander.grounded
 
     def cut_links(self, duration_s: float) -> None:
-        """From now on nothing passes for so long, either way."""
+        """Cut the links in both directions from now on, for this long."""
         self._cut_until_s = max(self._cut_until_s, self._state.boot_s + self._boot_s + duration_s)
+
+    def lose_satellites(self, duration_s: float) -> None:
+        """Block its satellite reception from now on, for this long."""
+        self._dark_until_s = max(self._dark_until_s, self._state.boot_s + duration_s)
+
+    @property
+    def in_sight(self) -> bool:
+        """Whether its receiver can see satellites."""
+        lost, now_s = self._faults.satellites_lost_s, self._state.boot_s
+        fault = lost is not None and lost[0] <= now_s < lost[0] + lost[1]
+        return self.parameters["SIM_GPS_USED"] > 0.0 and now_s >= self._dark_until_s and not fault
 
     async def start(self) -> None:
         """Open the links on the running loop."""
@@ -90,61 +128,99 @@ class Px4Face:
 
     @property
     def boot_us(self) -> int:
-        """Its clock, as of the newest step."""
+        """Its clock at the latest step."""
         return self._state.boot_us
 
     @property
     def by_satellites(self) -> bool:
-        """Whether its filter takes satellites."""
+        """Whether its filter uses satellites."""
         return self.parameters["EKF2_GPS_CTRL"] != 0.0
 
     def receive_satellites(self, receiver: bool, reading: Reading | None) -> None:
-        """Take what the receiver on board says, if there is one."""
+        """Take the reading of the receiver on board, if there is one."""
         state = self._state
+        if reading is not None:
+            self._read_s = state.boot_s
+        elif state.boot_s - self._read_s < LOSS_REPORTED_S:
+            reading = state.reading
         state.receiver, state.reading = receiver, reading
-        state.has_origin = state.has_origin or (reading is not None and self.by_satellites)
+        begun = reading is not None and self.by_satellites and state.boot_s >= ORIGIN_S
+        state.has_origin = state.has_origin or begun
+
+    def reckon(self, by_vision: bool) -> Array | None:
+        """Advance its filter with the present satellites; returns the position jump (3,), world axes, or None."""
+        state = self._state
+        needs_them = self.by_satellites and state.has_origin and not by_vision and not self.vision.wanted
+        return self.reckoning.step(not needs_them or state.reading is not None, self.commander.armed)
+
+    def take_external_places(self) -> tuple[Geodetic | None, Geodetic | None]:
+        """Position and local origin that somebody has sent to it, each returned once."""
+        requests = self._requests
+        told = (requests.told, requests.external_origin)
+        requests.told = requests.external_origin = None
+        return told
+
+    def move_origin(self, origin: Geodetic, frame: Reframing) -> None:
+        """Move the origin of its local frame, and report it at once."""
+        self._state.origin = origin
+        self.reset(frame, ORIGIN_RESETS)
+        self._origin_announced = False
 
     def look(self, time_s: float, estimate: Estimate, yaw_rad: float, step_s: float) -> list[Correction]:
-        """Take the vision's poses, if there is one: what they make of the newest estimate, whose heading is ``yaw_rad`` (ENU)."""
+        """Take the vision's poses, if there is one: corrections of the latest estimate, whose heading is ``yaw_rad`` (ENU)."""
         if not self.vision.wanted:
             return []
         now = Pose(max(0.0, time_s - self._boot_s), estimate.position_enu_m, yaw_rad)
         return self.vision.step(now, step_s)
 
-    def be_guided(self, by_vision: bool) -> None:
-        """By vision, which may have been gone for too long to know the position; else by satellites."""
-        self._state.knows_position = not by_vision or self.vision.knows_position(self._state.boot_s)
+    def update_position_known(self, by_vision: bool) -> None:
+        """Use vision, which may have been lost for too long to know the position; else satellites, for which the same holds."""
+        vision, boot_s = self.vision, self._state.boot_s
+        self._state.knows_position = vision.knows_position(boot_s) if by_vision else self.reckoning.known
+
+    def set_truth_source(self, truth: Callable[[], Estimate]) -> None:
+        """Set the source of the true state, for those who request it."""
+        self._state.truth = truth
 
     def claim(self, horizontal_m: float) -> None:
-        """Its filter now tells so much for 1 sigma of its place."""
-        self._state.position_sigma_m = (horizontal_m, self._state.position_sigma_m[1])
+        """Set the 1-sigma horizontal accuracy that its filter reports."""
+        self._claimed_m = horizontal_m
 
-    def reset(self, frame: Reframing) -> None:
-        """The filter has been reset: the local frame jumps, and the count of resets says so."""
-        self._state.resets += 1
+    def reset(self, frame: Reframing, resets: int = 1) -> None:
+        """The filter has been reset: the local frame jumps, and the reset counter reports it."""
+        self._frame_resets += resets
         self.commander.reframe(frame)
 
     def step(self, time_s: float, estimate: Estimate, contact: bool) -> None:
-        """Take the newest estimate and decide what to fly; ``contact``: on the ground."""
+        """Take the latest estimate and decide what to fly; ``contact``: on the ground."""
         state, commander = self._state, self.commander
         state.boot_s = max(0.0, time_s - self._boot_s)
         state.utc_ns = self._stepped_ns = self._clock_ns()
         state.estimate = estimate
+        state.resets = self._frame_resets + self.reckoning.resets
+        state.position_sigma_m = (hypot(self._claimed_m, self.reckoning.reported_sigma_m), state.position_sigma_m[1])
         for link in self.links:
-            link.cut = time_s < self._cut_until_s or time_s < self._boot_s
-        commander.know(state.knows_position, state.has_origin)
-        commander.hear_ground_station(self._ground_station_silent_s())
-        commander.step(state.boot_s, estimate.position_enu_m, contact)
+            link.cut = time_s < self._cut_until_s or time_s < self._speaks_s
+        self._contacts.step(state.boot_s)
+        commander.knows_position, commander.has_home = state.knows_position, state.has_origin
+        commander.fixless = state.has_origin and state.reading is None and self.by_satellites
+        commander.station_lost, commander.station_missing = self._contacts.station_lost, self._contacts.station_missing
+        commander.battery, commander.home_altitude_m = state.battery.warning, state.home_altitude_m
+        north, east, down = estimate.velocity_ned_mps
+        armed = commander.armed
+        commander.step(state.boot_s, estimate.position_enu_m, (east, north, -down), contact)
+        if commander.armed and not armed and self.parameters["SDLOG_MODE"] == 0.0:
+            self._announce(events.log_opened(time.gmtime(state.utc_ns * 1e-9)[:6]))
         if commander.mode is not Mode.OFFBOARD:
             self.setpoints.leave_offboard()
-        state.battery.step(not commander.grounded)
+        state.battery.step(commander.armed, not commander.grounded)
         self._move_home()
 
     def send_due(self) -> None:
-        """Send what is due on all links."""
+        """Send the messages that are due on all links."""
         state = self._state
-        if state.has_origin and not self._origin_told:
-            self._origin_told = True
+        if state.has_origin and not self._origin_announced:
+            self._origin_announced = True
             for link in self.links:
                 link.send(gps_global_origin(state))
         for link in self.links:
@@ -160,15 +236,25 @@ class Px4Face:
             self._next_jump_s = state.boot_s + HOME_JUMP_S
             state.home_altitude_m = self._home_altitude_m + float(self._rng.uniform(-HOME_JUMP_M, HOME_JUMP_M))
 
-    def _ground_station_silent_s(self) -> float | None:
-        heard = [link.ground_station_s for link in self.links if link.ground_station_s is not None]
-        return self._state.boot_s - max(heard) if heard else None
-
-    def _say(self, severity: int, text: str) -> None:
+    def _announce(self, announcement: Announcement) -> None:
+        """Send an event to every link, and queue its text for ground stations."""
+        state = self._state
+        if announcement.number is not None:
+            state.events = (state.events + 1) % 65_536
+            event = Event(
+                event_id=announcement.number,
+                event_time_boot_ms=state.boot_ms,
+                sequence=state.events,
+                destination_component=0,
+                destination_system=0,
+                log_levels=announcement.levels,
+                arguments=announcement.arguments,
+            )
+            for link in self.links:
+                link.send(event)
         for link in self.links:
-            heard_s = link.ground_station_s
-            if heard_s is not None and self._state.boot_s - heard_s < _GROUND_STATION_GONE_S:
-                link.send_text(severity, text)
+            if announcement.text is not None:
+                link.texts.say(announcement.severity, announcement.text, state.boot_s)
 
     def _boot_ns(self) -> int:
         """The vehicle's clock between two steps."""

@@ -1,9 +1,9 @@
-"""N emulated vehicles, stepped together: the interface of the world process.
+"""N emulated vehicles, stepped together: the interface to the world process.
 
 fleet = Px4Fleet(configs, motion, error, STEP_S, rng)     # Multirotors and Localization as in lockstep, made for STEP_S
 await fleet.start()                                       # opens the sockets on the running loop
-every STEP_S (0.01 s): fleet.step()                       # moves everything by one step and sends the messages due
-fleet.reports()                                           # what the observer wants to know of each vehicle
+    every STEP_S (0.01 s): fleet.step()                   # advances everything by one step and sends the messages that are due
+    fleet.reports()                                       # what an observer sees of each vehicle
 fleet.close()
 """
 
@@ -12,44 +12,52 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import degrees, hypot
+from typing import Literal
 
 import numpy as np
 
-from sim.frame import LocalFrames
-from sim.localization import Localization
-from sim.movingframes import MovingFrames
-from sim.terrain import FLAT, Terrain
-from sim.vehicle.multirotor import Multirotors
+from sim.geometry import Array
+from sim.vehicle.guidance import Reframing
+from sim.vehicle.multirotor import Multirotors, Setpoints
 from sim.vehicle.px4.config import Datum, Px4Config
-from sim.vehicle.px4.estimate import Array, Estimate, Estimator
 from sim.vehicle.px4.face import Px4Face
-from sim.vehicle.px4.frames import AutopilotFrames
+from sim.vehicle.px4.filter.deadreckoning import FilterErrors
+from sim.vehicle.px4.filter.estimate import Estimate, Estimator
+from sim.vehicle.px4.filter.frames import AutopilotFrames
+from sim.vehicle.px4.filter.satellites import SATELLITES, Satellites
+from sim.vehicle.px4.gains import equipped
 from sim.vehicle.px4.parameters import Parameters
-from sim.vehicle.px4.satellites import Satellites
+from sim.world.frame import LocalFrames
+from sim.world.localization import Localization
+from sim.world.movingframes import MovingFrames
+from sim.world.terrain import FLAT, Terrain
 
-ORIGIN_OFFSET_M = (40.0, 40.0, 3.0)  # at most, of a local frame's origin from where the vehicle starts
+ORIGIN_OFFSET_M = (40.0, 40.0, 3.0)  # largest offset of a local frame's origin from the vehicle's start
 CONTACT_M = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleReport:
-    """What an observer sees of one vehicle, beside its true motion."""
+    """An observer's view of one vehicle, besides its true motion."""
 
     mode: str
     armed: bool
     in_air: bool
     failsafe: bool
     setpoints: int  # position targets received
-    computed_setpoints: int  # of them those that say something else than the one before
+    computed_setpoints: int  # of these, the ones that differ from the one before
     largest_gap_s: float  # between two computed setpoints while in offboard
+    # source of its position: this simulation, PX4's simulation, or its own estimate
+    truth: Literal["world", "simulation", "estimate"] = "world"
 
 
 class Px4Fleet:
     """The vehicles 0 .. N-1, MAVLink system ids 1 .. N.
 
-    Each has its own local NED frame with an origin some tens of metres from where it stands; one that takes vision has the
-    vision's. Where its localisation wanders or jumps (``localized``), this frame does.
+    Each has its own local NED frame with an origin some tens of metres from where it stands; with vision, the frame is the
+    vision's. Where its localisation drifts or jumps (``localized``), this frame does too.
     """
 
     def __init__(
@@ -71,15 +79,15 @@ class Px4Fleet:
         Args:
             configs, motion, error: of each vehicle; ``motion`` and ``error`` made for steps of ``step_s``.
             step_s: time step.
-            rng: for what else is drawn.
-            datum: where the world's origin lies on Earth.
-            frame_yaw_rad: heading of each vehicle's local frame in the world; none: all are right.
-            localized: where each vehicle's localisation has its frame, instead; this fleet steps it.
-            terrain: what they fly over and stand on.
+            rng: for everything else that is random.
+            datum: the world's origin on Earth.
+            frame_yaw_rad: heading of each vehicle's local frame in the world; None: all are correct.
+            localized: frame of each vehicle's localisation, instead; stepped by this fleet.
+            terrain: the ground below them.
             clock_ns: UTC.
         """
         count = len(configs)
-        self._motion, self._error, self._localized = motion, error, localized
+        self._motion, self._error, self._localized = motion, FilterErrors(error), localized
         self._step_s = step_s
         self._steps = 0
         self._went_s: float | None = None
@@ -89,14 +97,17 @@ class Px4Fleet:
         beside[[Parameters(1, config.parameters)["EKF2_EV_CTRL"] != 0.0 for config in configs]] = 0.0
         self._frames = AutopilotFrames(frames, -beside)
         self._satellites = Satellites(localized, count)
-        self._estimator = Estimator(motion, error, self._frames, datum, step_s, terrain)
+        self._estimator = Estimator(motion, self._error, self._frames, datum, step_s, terrain)
         self._terrain = terrain
-        self._even_m = np.minimum(motion.position_m[:, 2], 0.0)  # where the ground is even, they may stand lower than it
+        self._even_m = np.minimum(motion.position_m[:, 2], 0.0)  # on level ground they may stand below it
         places = zip(configs, self._estimator.step(), self._headings(), self._estimator.origins, strict=True)
         self.faces = [
             Px4Face(index, config, place, yaw, origin, error.position_sigma_m, step_s, rng, clock_ns)
             for index, (config, place, yaw, origin) in enumerate(places)
         ]
+        for drone, face in enumerate(self.faces):
+            face.set_truth_source(partial(self._estimator.truth, drone))
+        self._equipped = [-1] * count  # count of parameter changes that each is equipped with
 
     async def start(self) -> None:
         """Open the links on the running loop.
@@ -108,7 +119,7 @@ class Px4Fleet:
             await face.start()
 
     def begin(self) -> None:
-        """The mission begins: what is to happen to a localisation so long after its start is counted from now on."""
+        """Start of the mission: scheduled events of a localisation count from now."""
         self._went_s = self.time_s
 
     def step(self) -> None:
@@ -128,6 +139,11 @@ class Px4Fleet:
         """Simulated seconds since the start: the vehicles' boot time."""
         return self._steps * self._step_s
 
+    def switch_satellites(self, drone: int, received: bool) -> None:
+        """Switch a vehicle's satellite reception, by the parameter of PX4's simulated receiver."""
+        number = np.array(SATELLITES if received else 0, dtype=np.int32)
+        self.faces[drone].parameters.set("SIM_GPS_USED", float(number.view(np.float32)))
+
     def reports(self) -> list[VehicleReport]:
         """One for each vehicle."""
         return [_report(face) for face in self.faces]
@@ -138,38 +154,52 @@ class Px4Fleet:
             face.close()
 
     def _ground_m(self) -> Array:
-        """(N,): world z of the ground below each."""
+        """World z (N,) of the ground below each vehicle."""
         if self._terrain.flat:
             return self._even_m
         places = self._motion.position_m
         return self._terrain.heights_m(places[:, 0], places[:, 1])
 
+    def _equip(self) -> None:
+        """Apply the vehicles' present parameters."""
+        for drone, face in enumerate(self.faces):
+            if self._equipped[drone] != face.parameters.changes:
+                self._equipped[drone] = face.parameters.changes
+                self._motion.equip(drone, equipped(self._motion.vehicle(drone), face.parameters))
+
     def _move(self) -> None:
+        self._equip()
         motion, error = self._motion, self._error
         targets = [face.target for face in self.faces]
         asked = np.array([target.position for target in targets])
-        free = np.isnan(asked)  # along these axes only the velocity counts; horizontally both or none
+        free = np.isnan(asked)  # axes with velocity control only; horizontally both or none
         free[:, :2] = free[:, :2].any(axis=1, keepdims=True)
-        # The autopilot steers its estimate, not its true position; where it has no position to go to, it is where it should be.
-        here = np.array(self._frames.local(motion.position_m + error.position_error_m))
-        turned = self._frames.turn_out(
-            [(tuple(position), target.velocity) for position, target in zip(np.where(free, here, asked), targets, strict=True)]
+        places = np.where(free, 0.0, asked).tolist()
+        turned = self._frames.to_world(
+            [(place, target.velocity, target.acceleration) for place, target in zip(places, targets, strict=True)]
         )
-        position_sp = turned[:, 0] + self._frames.origin - error.position_error_m
-        yaw_sp = np.array([target.yaw for target in targets]) + self._frames.yaw_rad - error.yaw_error_rad
+        yaws = np.array([(target.yaw, target.yaw_rate) for target in targets])
+        setpoints = Setpoints(
+            turned[:, 0] + self._frames.origin,
+            turned[:, 1],
+            turned[:, 2],
+            yaws[:, 0] + self._frames.yaw_rad - error.yaw_error_rad,
+            yaws[:, 1],
+        )
         grounded = np.array([face.grounded for face in self.faces])
-        motion.step(position_sp, turned[:, 1], yaw_sp, grounded, free if free.any() else None)
+        # The autopilot controls its estimates, not its true position and velocity.
+        motion.step(setpoints, grounded, error.position_error_m, error.velocity_error_mps, free if free.any() else None)
         motion.rest_on(self._ground_m())
         error.step()
         self._move_frames()
 
     def _headings(self) -> list[float]:
-        """Of each vehicle in its own frame, ENU, as it takes it to be."""
+        """Heading of each vehicle in its own frame, ENU, by its own estimate."""
         headings: list[float] = (self._motion.yaw_rad + self._error.yaw_error_rad - self._frames.yaw_rad).tolist()
         return headings
 
     def _localize(self, estimates: Sequence[Estimate]) -> None:
-        """What satellites and vision say; by vision, an estimate is another one from the next step on."""
+        """Apply satellites and vision; vision changes an estimate from the next step on."""
         places = self._motion.position_m
         for drone, (face, estimate, yaw) in enumerate(zip(self.faces, estimates, self._headings(), strict=True)):
             self._satellites.tell(drone, face, places[drone], estimate.place)
@@ -179,11 +209,26 @@ class Px4Fleet:
                 reframing = self._frames.correct(drone, places[drone] + self._error.position_error_m[drone], shift_m, turn_rad)
                 if reset:
                     face.reset(reframing)
-            face.be_guided(by_vision)
+            self._reckon(drone, face, by_vision)
+            face.update_position_known(by_vision)
+
+    def _reckon(self, drone: int, face: Px4Face, by_vision: bool) -> None:
+        """Apply satellites, their loss, or an external position to the next estimate."""
+        told, origin = face.take_external_places()
+        if told is not None:
+            face.reckoning.accept_place(self._estimator.world_from(drone, told), self._motion.position_m[drone])
+        jump = face.reckon(by_vision)
+        self._error.take(drone, face.reckoning)
+        if jump is not None:
+            x, y, z = (self._frames.matrix[drone].T @ jump).tolist()
+            face.reset(Reframing(0.0, (x, y, z)), 0)  # it has counted the reset itself
+        if origin is not None:
+            moved_m = self._estimator.move_origin(drone, origin)
+            face.move_origin(origin, self._frames.move(drone, moved_m))
 
     def _is_by_vision(self, drone: int) -> bool:
         face = self.faces[drone]
-        return face.vision.wanted and not (face.by_satellites and self._satellites.hopeful(drone))
+        return face.vision.wanted and not (face.by_satellites and self._satellites.may_regain(drone))
 
     def _move_frames(self) -> None:
         localized = self._localized
@@ -201,7 +246,7 @@ class Px4Fleet:
 
 
 def _standing(motion: Multirotors, yaw_rad: Sequence[float] | None) -> LocalFrames:
-    """Frames that begin where the vehicles stand, and stay."""
+    """Fixed frames that begin where the vehicles stand."""
     yaws = [0.0] * len(motion.position_m) if yaw_rad is None else list(yaw_rad)
     return LocalFrames([(tuple(place), degrees(yaw)) for place, yaw in zip(motion.position_m.tolist(), yaws, strict=True)])
 

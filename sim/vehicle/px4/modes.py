@@ -1,4 +1,4 @@
-"""PX4's flight modes and how its heartbeat shows them."""
+"""PX4's flight modes and their encoding in heartbeat and CURRENT_MODE."""
 
 from __future__ import annotations
 
@@ -8,39 +8,48 @@ _CUSTOM, _AUTO, _GUIDED, _STABILIZE, _MANUAL, _ARMED = 1, 4, 8, 16, 64, 128
 
 
 class Mode(Enum):
-    """Main mode, sub mode, and the base_mode flags of a disarmed vehicle."""
+    """Main mode, sub mode, the base_mode flags of a disarmed vehicle, and MAVLink's number of the standard mode.
 
-    MANUAL = (1, 0, _CUSTOM | _MANUAL)
-    ALTITUDE = (2, 0, _CUSTOM | _MANUAL | _STABILIZE)
-    POSITION = (3, 0, _CUSTOM | _MANUAL | _STABILIZE)
-    TAKEOFF = (4, 2, _CUSTOM | _AUTO | _GUIDED | _STABILIZE)
-    HOLD = (4, 3, _CUSTOM | _AUTO | _GUIDED | _STABILIZE)
-    RETURN = (4, 5, _CUSTOM | _AUTO | _GUIDED | _STABILIZE)
-    LAND = (4, 6, _CUSTOM | _AUTO | _GUIDED | _STABILIZE)
-    OFFBOARD = (6, 0, _CUSTOM | _STABILIZE)
-    STABILIZED = (7, 0, _CUSTOM | _MANUAL | _STABILIZE)
+    DESCEND is flown without a position: the heartbeat shows it as LAND, and it cannot be chosen.
+    """
+
+    MANUAL = (1, 0, _CUSTOM | _MANUAL, 0)
+    ALTITUDE = (2, 0, _CUSTOM | _MANUAL | _STABILIZE, 4)
+    POSITION = (3, 0, _CUSTOM | _MANUAL | _STABILIZE, 1)
+    TAKEOFF = (4, 2, _CUSTOM | _AUTO | _GUIDED | _STABILIZE, 8)
+    HOLD = (4, 3, _CUSTOM | _AUTO | _GUIDED | _STABILIZE, 0)
+    RETURN = (4, 5, _CUSTOM | _AUTO | _GUIDED | _STABILIZE, 5)
+    LAND = (4, 6, _CUSTOM | _AUTO | _GUIDED | _STABILIZE, 7)
+    OFFBOARD = (6, 0, _CUSTOM | _STABILIZE, 0)
+    STABILIZED = (7, 0, _CUSTOM | _MANUAL | _STABILIZE, 0)
+    DESCEND = (4, 6, _CUSTOM | _AUTO | _GUIDED | _STABILIZE, 0)
 
     @property
     def custom_mode(self) -> int:
-        """As the heartbeat carries it."""
-        main, sub, _ = self.value
+        """The heartbeat's custom_mode."""
+        main, sub, _, _ = self.value
         return main << 16 | sub << 24
 
+    @property
+    def standard_mode(self) -> int:
+        """MAV_STANDARD_MODE; 0: none of them."""
+        return self.value[3]
+
     def base_mode(self, armed: bool) -> int:
-        """Flags of the heartbeat: 0x1d disarmed and 0x9d armed in the modes of its own, 0x91 armed in offboard."""
+        """The heartbeat's flags: 0x1d disarmed and 0x9d armed in autonomous modes, 0x91 armed in offboard."""
         return self.value[2] | (_ARMED if armed else 0)
 
     @property
     def by_hand(self) -> bool:
-        """A mode that needs somebody at the sticks."""
+        """Whether the mode needs a pilot at the sticks."""
         return bool(self.value[2] & _MANUAL)
 
     @property
     def prevents_arming(self) -> bool:
-        """PX4 arms in no mode whose end is the ground."""
-        return self in (Mode.RETURN, Mode.LAND)
+        """Whether PX4 denies arming in this mode, as in all that end on the ground."""
+        return self in (Mode.RETURN, Mode.LAND, Mode.DESCEND)
 
     @classmethod
     def of(cls, main: int, sub: int) -> Mode | None:
-        """The mode of these numbers; none where this vehicle does not have it."""
+        """The mode with these numbers; None if this vehicle lacks it."""
         return next((mode for mode in cls if mode.value[:2] == (main, sub)), None)

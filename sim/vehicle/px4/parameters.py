@@ -1,6 +1,6 @@
-"""PX4's parameters: a few dozens of its about 885, those that what is emulated here reads or a companion asks for.
+"""PX4's parameters: some dozens of its about 885, those that the emulation reads or a companion asks for.
 
-A parameter is an int32 or a float32. On the link every value is a float: an int32 goes as its bits.
+A parameter is an int32 or a float32. On the link every value is a float: an int32 is sent as its bits.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ INT32, REAL32 = 6, 9  # MAV_PARAM_TYPE
 DEFAULTS: dict[str, Value] = {
     "BAT1_CAPACITY": 5000.0,
     "BAT1_N_CELLS": 4,
+    "BAT1_V_CHARGED": 4.05,
     "BAT_CRIT_THR": 0.07,
+    "BAT_EMERGEN_THR": 0.05,
     "BAT_LOW_THR": 0.15,
     "CBRK_SUPPLY_CHK": 0,
     "COM_ARM_WO_GPS": 1,
@@ -22,12 +24,12 @@ DEFAULTS: dict[str, Value] = {
     "COM_DISARM_PRFLT": 10.0,
     "COM_DL_LOSS_T": 10,
     "COM_FAIL_ACT_T": 5.0,
-    "COM_LOW_BAT_ACT": 0,
+    "COM_LOW_BAT_ACT": 3,
     "COM_OBL_RC_ACT": 0,
     "COM_OF_LOSS_T": 1.0,
-    "COM_POSCTL_NAVL": 0,
+    "COM_POS_FS_EPH": 5.0,
     "COM_RCL_EXCEPT": 0,
-    "COM_RC_IN_MODE": 3,
+    "COM_RC_IN_MODE": 1,
     "COM_RC_LOSS_T": 0.5,
     "COM_SPOOLUP_TIME": 1.0,
     "COM_TAKEOFF_ACT": 0,
@@ -44,6 +46,10 @@ DEFAULTS: dict[str, Value] = {
     "MAV_PROTO_VER": 0,
     "MAV_SYS_ID": 1,
     "MAV_TYPE": 2,
+    "MC_PITCH_P": 4.0,
+    "MC_ROLL_P": 4.0,
+    "MC_YAWRATE_MAX": 200.0,
+    "MC_YAW_P": 2.8,
     "MIS_TAKEOFF_ALT": 2.5,
     "MPC_ACC_HOR": 3.0,
     "MPC_ACC_HOR_MAX": 5.0,
@@ -52,16 +58,25 @@ DEFAULTS: dict[str, Value] = {
     "MPC_LAND_ALT2": 5.0,
     "MPC_LAND_SPEED": 0.7,
     "MPC_MAN_TILT_MAX": 35.0,
+    "MPC_THR_HOVER": 0.5,
     "MPC_TILTMAX_AIR": 45.0,
+    "MPC_TILTMAX_LND": 12.0,
     "MPC_TKO_RAMP_T": 3.0,
     "MPC_TKO_SPEED": 1.5,
     "MPC_XY_CRUISE": 5.0,
     "MPC_XY_P": 0.95,
+    "MPC_XY_VEL_D_ACC": 0.2,
+    "MPC_XY_VEL_I_ACC": 0.4,
     "MPC_XY_VEL_MAX": 12.0,
+    "MPC_XY_VEL_P_ACC": 1.8,
+    "MPC_YAWRAUTO_ACC": 20.0,
     "MPC_YAWRAUTO_MAX": 60.0,
     "MPC_Z_P": 1.0,
+    "MPC_Z_VEL_D_ACC": 0.0,
+    "MPC_Z_VEL_I_ACC": 2.0,
     "MPC_Z_VEL_MAX_DN": 1.5,
     "MPC_Z_VEL_MAX_UP": 3.0,
+    "MPC_Z_VEL_P_ACC": 4.0,
     "MPC_Z_V_AUTO_DN": 1.5,
     "MPC_Z_V_AUTO_UP": 3.0,
     "NAV_ACC_RAD": 10.0,
@@ -75,13 +90,22 @@ DEFAULTS: dict[str, Value] = {
     "RTL_RETURN_ALT": 30.0,
     "RTL_TYPE": 0,
     "SDLOG_MODE": 0,
+    "SIH_KDV": 1.0,
+    "SIH_MASS": 1.0,
+    "SIH_T_MAX": 5.0,
+    "SIH_T_TAU": 0.05,
+    "SIM_BAT_DRAIN": 60.0,
+    "SIM_BAT_MIN_PCT": 50.0,
+    "SIM_GPS_USED": 10,
+    "SIM_MAG_OFFSET_X": 0.0,
     "SYS_AUTOSTART": 10040,
+    "SYS_FAILURE_EN": 1,
     "SYS_HITL": 0,
 }
 
 
 class Parameters:
-    """The parameters of one vehicle, in the order of their indices."""
+    """The parameters of one vehicle, in the order of their indices. ``changes``: number of changes so far."""
 
     def __init__(self, system_id: int, changed: Mapping[str, float]) -> None:
         unknown = sorted(set(changed) - set(DEFAULTS))
@@ -92,6 +116,7 @@ class Parameters:
         for name, value in changed.items():
             self._values[name] = type(DEFAULTS[name])(value)
         self.names = tuple(sorted(self._values))
+        self.changes = 0
 
     def __getitem__(self, name: str) -> float:
         return float(self._values[name])
@@ -109,7 +134,8 @@ class Parameters:
         return _float_of_bits(value) if isinstance(value, int) else value
 
     def set(self, name: str, wire: float) -> None:
-        """Take the value of a PARAM_SET of the right type."""
+        """Apply the value of a PARAM_SET of the right type."""
+        self.changes += 1
         self._values[name] = _bits_of_float(wire) if isinstance(self._values[name], int) else wire
 
 

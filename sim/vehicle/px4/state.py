@@ -1,4 +1,4 @@
-"""One vehicle's state, as its messages tell it."""
+"""One vehicle's state, from which its messages are built."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from typing import Any, NamedTuple, TypeAlias
 
 from sim.vehicle.px4.battery import Battery
 from sim.vehicle.px4.commander import Commander
-from sim.vehicle.px4.estimate import Estimate, Geodetic
+from sim.vehicle.px4.filter.deadreckoning import DeadReckoning
+from sim.vehicle.px4.filter.estimate import Estimate, Geodetic
 
-GPS_FIX_S = 3.0  # after the start: then a receiver has its first position
+GPS_FIX_S = 0.5  # after the start: first position of a receiver
+ORIGIN_S = 1.6  # after the start: the filter begins, and knows its place on the globe
 Message: TypeAlias = Any  # pymavlink has no types
 
 
 class Reading(NamedTuple):
-    """What a satellite receiver says: when by the vehicle's clock, where, and 1 sigma of the distances."""
+    """A satellite receiver's reading: time by the vehicle's clock, position, and 1-sigma accuracies."""
 
     boot_us: int
     place: Geodetic
@@ -25,23 +27,27 @@ class Reading(NamedTuple):
 
 @dataclass(slots=True)
 class State:
-    """What the messages are made of. ``home_altitude_m`` wanders in flight, as PX4's does; ``position_sigma_m``: horizontal,
-    vertical, by the filter's own account. ``resets``: of the filter.
+    """The data of the messages. ``home_altitude_m`` wanders in flight, as PX4's does; ``position_sigma_m``: horizontal and
+    vertical, as reported by the filter. ``resets``: of the filter; ``events``: number of the latest event.
 
-    ``receiver``: there is one on board; ``reading``: its newest, none without reception. ``has_origin``: the vehicle is guided by
+    ``receiver``: there is one on board; ``reading``: its latest, None without reception. ``has_origin``: the vehicle uses
     satellites and has had some, so it knows its place on the globe, and has a home. ``knows_position``: in its local frame.
+    ``truth``: as sent by PX4's own simulator; its position is in the world, ENU.
     """
 
     commander: Commander
     battery: Battery
+    reckoning: DeadReckoning
     origin: Geodetic  # of the local frame
     position_sigma_m: tuple[float, float]
     uid: int = 0
     boot_s: float = 0.0
     utc_ns: int = 0
     estimate: Estimate | None = None
+    truth: Callable[[], Estimate] | None = None
     home_altitude_m: float = 0.0
     resets: int = 0
+    events: int = 0
     receiver: bool = True
     reading: Reading | None = None
     has_origin: bool = False
@@ -49,7 +55,7 @@ class State:
 
     @property
     def now(self) -> Estimate:
-        """The newest estimate; there is one from the first step on."""
+        """The latest estimate; there is one from the first step on."""
         assert self.estimate is not None
         return self.estimate
 
@@ -64,4 +70,4 @@ class State:
         return int(self.boot_s * 1e6)
 
 
-Builder = Callable[[State], Message]  # None where there is nothing to tell yet
+Builder = Callable[[State], Message]  # None where there is nothing to send yet

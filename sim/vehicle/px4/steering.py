@@ -1,121 +1,182 @@
-"""What an airborne vehicle is to follow in each of PX4's modes."""
+"""Targets of an airborne vehicle in each of PX4's modes."""
 
 from __future__ import annotations
 
-from math import hypot, isfinite
+from math import dist, hypot, isfinite, nan, radians, tan
 
-from agent.vehicle.interface import Vector3
-from sim.vehicle.guidance import ARRIVED_M, Guidance, Target
+from sim.geometry import Vector3
+from sim.vehicle.guidance import Guidance, Target
+from sim.vehicle.px4.landing import RAMP_S
+from sim.vehicle.px4.mavlink.setpoint import OffboardTarget
 from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
-from sim.vehicle.px4.setpoint import OffboardTarget
 
-TAKEOFF_MPS = 0.6  # to 5 m within 10 s of arming
-CRAWL_BELOW_M, CRAWL_MPS = 1.0, 0.3
+CLIMB_MPS2 = 0.6  # acceleration of a takeoff after lift-off
+AGAINST_DRAG = 0.87  # share of MPC_TKO_SPEED and MPC_XY_CRUISE that is reached
+LIFTS_M = 0.1  # a target this far above makes a standing vehicle lift off
+LOWEST_RETURN_M = 2.0
+# A return slows down well before its end: speed by distance, in 1/s, the least speed, and the distance that is close enough.
+UP_PS, UP_MPS, UP_NEAR_M = 0.62, 0.1, 0.45
+UP_DELAY_S, UP_MPS2 = 1.2, 2.0
+ACROSS_PS, ACROSS_MPS, ACROSS_NEAR_M = 0.55, 0.55, 2.0
+SLOWING_M = (7.0, 3.5)  # heights between which a descent slows down to MPC_LAND_SPEED
+CRAWL_BELOW_M, CRAWL_MPS = 0.8, 0.28
+BRAKING_S, BRAKING_S2PM, BRAKING_MOST_S = 0.4, 0.32, 2.0  # time for which it continues at its speed: 10 m at 5 m/s
 DEEP_M = -1000.0  # a descent ends at the ground, wherever that is
-FALL_MPS = 10.0
-DRAG, TRIM_S = 0.2, 20.0  # of velocity targets: on a circle of 12 m at 3 m/s a real one flies 2.6 m too small
+FALL_MPS2 = 100.0  # beyond free fall at zero thrust
 
 
 class Steering:
     """Moves one vehicle's target, by its mode and the parameters; local frame ENU.
 
-    landing: on the last leg, down to the ground. takeoff_m: how high a takeoff goes, above home. offboard: the newest target.
+    landing: on the last leg, down to the ground. takeoff_m, return_m: heights of a takeoff and a return above home. offboard: the
+    latest target.
     """
 
     def __init__(self, parameters: Parameters, guidance: Guidance, step_s: float) -> None:
         self.guidance = guidance
         self.landing = False
         self.takeoff_m = 0.0
+        self.return_m = 0.0
         self.offboard: OffboardTarget | None = None
-        self._parameters = parameters
-        self._step_s = step_s
-        self._trim_mps = (0.0, 0.0)
+        self._parameters, self._step_s = parameters, step_s
+        self._climb_from_m = 0.0  # above home
+        self._flown_s = 0.0  # in this mode
+        self._up = False  # on its return
 
     @property
     def target(self) -> Target:
-        """What the vehicle is to follow now; where the position is NaN only the velocity counts."""
+        """The target that the vehicle follows now; where the position is NaN only the velocity counts."""
         return self.guidance.target
 
-    def begin(self, mode: Mode, position: Vector3) -> None:
-        """Fly another mode from now on; those of the autopilot's own begin from where the vehicle is."""
+    def begin(self, mode: Mode, position: Vector3, velocity: Vector3, standing: bool) -> None:
+        """Fly another mode from now on; autonomous ones begin from the vehicle's position."""
         self.landing = mode is Mode.LAND
-        self.guidance.stay(position)
+        self._flown_s = 0.0
+        self.guidance.stay(_rest_place(position, velocity) if mode is Mode.HOLD else position)
+        if mode is Mode.TAKEOFF:
+            self._climb_from_m = 0.0 if standing else position[2] - self.guidance.home[2]
+        if mode is Mode.RETURN:
+            self.return_m, self._up = self._return_height(position), False
 
     def wants_up(self, mode: Mode, position: Vector3) -> bool:
-        """Whether a standing vehicle has something to climb to."""
+        """Whether a standing vehicle has a target above it."""
         if mode is not Mode.OFFBOARD or self.offboard is None:
             return mode is Mode.TAKEOFF
         up = self.offboard.position_m[2]
-        return up > position[2] + ARRIVED_M if isfinite(up) else self.offboard.velocity_mps[2] > 0.0
+        return up > position[2] + LIFTS_M if isfinite(up) else self.offboard.velocity_mps[2] > 0.0
 
-    def fly(self, mode: Mode, position: Vector3) -> bool:
-        """Move the target by one step; True once a takeoff has come to its end."""
-        if mode is Mode.TAKEOFF:
-            return self._climb(position)
+    def wants_down(self, mode: Mode, position: Vector3) -> bool:
+        """Whether the target leads below the vehicle's estimated position."""
         if mode is Mode.OFFBOARD and self.offboard is not None:
-            self._obey(self.offboard, position)
+            up = self.offboard.position_m[2]
+            return up < position[2] if isfinite(up) else self.offboard.velocity_mps[2] < 0.0
+        return self.landing or mode is Mode.DESCEND
+
+    def commanded_to_sink(self, mode: Mode) -> bool:
+        """Whether it is commanded to sink in the way that the land detector expects. Of two recorded offboard landings, the one
+        by velocity only was noticed; the one to a position below the ground never was.
+        """
+        if mode is Mode.OFFBOARD and self.offboard is not None:
+            return self.offboard.velocity_mps[2] < 0.0 and not isfinite(self.offboard.position_m[2])
+        return self.landing or mode is Mode.DESCEND
+
+    def fly(self, mode: Mode, position: Vector3, velocity: Vector3, climbing_s: float) -> bool:
+        """Move the target by one step; ``climbing_s`` since the takeoff began. Returns True once a takeoff is complete."""
+        self._flown_s += self._step_s
+        if mode is Mode.TAKEOFF:
+            return self._climb(position, climbing_s)
+        if mode is Mode.OFFBOARD and self.offboard is not None:
+            self._obey(self.offboard)
         elif mode is Mode.RETURN:
             self._return(position)
         elif mode is Mode.LAND:
             self._land(position)
+        elif mode is Mode.DESCEND:
+            self._descend(velocity)
         return False
 
-    def fall(self, position: Vector3) -> None:
-        """Rotors stopped in the air."""
-        x, y, _ = position
-        self.guidance.target = Target((x, y, float("nan")), (0.0, 0.0, -FALL_MPS), self.target.yaw)
+    def end_takeoff(self) -> None:
+        """Stop at the height of a takeoff, which ends slightly before it is reached."""
+        (x, y, _), top_m = self.guidance.target.position, self._climb_from_m + self.takeoff_m
+        self.guidance.stay((x, y, self.guidance.home[2] + top_m))
 
-    def _climb(self, position: Vector3) -> bool:
-        self.guidance.climb(self.takeoff_m, TAKEOFF_MPS)
-        return position[2] > self.guidance.home[2] + self.takeoff_m - ARRIVED_M
+    def fall(self, position: Vector3) -> None:
+        """Fall, after the rotors were stopped in the air."""
+        x, y, _ = position
+        self.guidance.target = Target((x, y, nan), (0.0, 0.0, 0.0), self.target.yaw, (0.0, 0.0, -FALL_MPS2))
+
+    def _climb(self, position: Vector3, climbing_s: float) -> bool:
+        top_m = self._climb_from_m + self.takeoff_m
+        fastest = AGAINST_DRAG * self._parameters["MPC_TKO_SPEED"]
+        self.guidance.climb(top_m, max(0.0, min(CLIMB_MPS2 * (climbing_s - RAMP_S), fastest)))
+        return position[2] > self.guidance.home[2] + top_m - self._parameters["NAV_MC_ALT_RAD"]
 
     def _return(self, position: Vector3) -> None:
-        value = self._parameters
+        value, home = self._parameters, self.guidance.home
+        place = self.guidance.target.position
+        far, low = dist(place[:2], home[:2]), self.return_m - (place[2] - home[2])
+        self._up = self._up or position[2] - home[2] > self.return_m - UP_NEAR_M
         if self.landing:
             self._land(position)
-        elif self.guidance.go_home(value["RTL_RETURN_ALT"], value["MPC_Z_V_AUTO_UP"], value["MPC_XY_CRUISE"]):
+        elif not self._up:
+            begun = UP_MPS2 * max(0.0, self._flown_s - UP_DELAY_S)
+            self.guidance.climb(self.return_m, min(UP_MPS + UP_PS * max(low, 0.0), value["MPC_Z_V_AUTO_UP"], begun))
+        elif far > ACROSS_NEAR_M:
+            fastest = AGAINST_DRAG * value["MPC_XY_CRUISE"]
+            self.guidance.go_home(place[2] - home[2], 0.0, min(ACROSS_MPS + ACROSS_PS * far, fastest))
+        else:
             descended_m = value["RTL_DESCEND_ALT"]
-            self.guidance.descend(value["MPC_Z_V_AUTO_DN"], min(descended_m, position[2] - self.guidance.home[2]))
-            if position[2] - self.guidance.home[2] < descended_m + ARRIVED_M:
+            self.guidance.stay((home[0], home[1], place[2]))
+            self.guidance.descend(value["MPC_Z_V_AUTO_DN"], min(descended_m, position[2] - home[2]))
+            if position[2] - home[2] < descended_m + UP_NEAR_M:
                 self.landing = value["RTL_LAND_DELAY"] >= 0.0
 
-    def _land(self, position: Vector3) -> None:
-        low = position[2] - self.guidance.home[2] < CRAWL_BELOW_M
-        self.guidance.descend(CRAWL_MPS if low else self._parameters["MPC_LAND_SPEED"], DEEP_M)
+    def _return_height(self, position: Vector3) -> float:
+        """Height of a return: lower near home, within a cone about it."""
+        value, home = self._parameters, self.guidance.home
+        far, highest_m = dist(position[:2], home[:2]), value["RTL_RETURN_ALT"]
+        if far < value["RTL_MIN_DIST"]:
+            highest_m = min(highest_m, max(LOWEST_RETURN_M, far * tan(radians(value["RTL_CONE_ANG"]))))
+        return max(highest_m, position[2] - home[2])
 
-    def _obey(self, asked: OffboardTarget, position: Vector3) -> None:
-        yaw = self.target.yaw
-        if isfinite(asked.yaw_rad):
-            yaw = asked.yaw_rad
-        elif isfinite(asked.yaw_rate_rps):
-            yaw += asked.yaw_rate_rps * self._step_s
-        vx, vy, vz = (v if isfinite(v) else 0.0 for v in asked.velocity_mps)
-        vx, vy = self._against_drag(vx, vy, steered=isfinite(asked.position_m[0]))
+    def _descend(self, velocity: Vector3) -> None:
+        """Descend. Without a position it only keeps level, and keeps its horizontal speed."""
+        vx, vy, _ = velocity
+        self.guidance.descend(self._parameters["MPC_LAND_SPEED"], DEEP_M)
+        target = self.guidance.target
+        self.guidance.target = Target((nan, nan, target.position[2]), (vx, vy, target.velocity[2]), target.yaw)
+
+    def _land(self, position: Vector3) -> None:
+        value, height_m = self._parameters, position[2] - self.guidance.home[2]
+        slow = value["MPC_LAND_SPEED"]
+        high_m, low_m = SLOWING_M
+        share = max(0.0, min((height_m - low_m) / (high_m - low_m), 1.0))
+        speed = slow + share * (value["MPC_Z_V_AUTO_DN"] - slow)
+        self.guidance.descend(CRAWL_MPS if height_m < CRAWL_BELOW_M else speed, DEEP_M)
+
+    def _obey(self, asked: OffboardTarget) -> None:
+        """Follow an offboard target. Missing values are 0, except positions, and the heading: it is kept, or free while
+        yawing.
+        """
+        yaw, yaw_rate = asked.yaw_rad, asked.yaw_rate_rps
+        if not isfinite(yaw_rate):
+            yaw, yaw_rate = yaw if isfinite(yaw) else self.target.yaw, 0.0
         x, y, z = (
             p if isfinite(p) or isfinite(v) else now
             for p, v, now in zip(asked.position_m, asked.velocity_mps, self.target.position, strict=True)
         )
-        self.guidance.target = Target(self._within_reach((x, y, z), position), (vx, vy, vz), yaw)
+        velocity, acceleration = _given(asked.velocity_mps), _given(asked.acceleration_mps2)
+        self.guidance.target = Target((x, y, z), velocity, yaw, acceleration, yaw_rate)
 
-    def _against_drag(self, vx: float, vy: float, steered: bool) -> tuple[float, float]:
-        """Without a position to keep, the velocity falls short until the integrator has made up for the drag."""
-        if steered:
-            self._trim_mps = (vx, vy)
-            return vx, vy
-        share = self._step_s / TRIM_S
-        tx, ty = self._trim_mps
-        self._trim_mps = (tx + share * (vx - tx), ty + share * (vy - ty))
-        return vx - DRAG * (vx - tx), vy - DRAG * (vy - ty)
 
-    def _within_reach(self, wanted: Vector3, position: Vector3) -> Vector3:
-        """The point on the way to ``wanted`` that asks for no more than the highest speeds; PX4 limits these themselves."""
-        value, (x0, y0, z0) = self._parameters, position
-        dx, dy, dz = wanted[0] - x0, wanted[1] - y0, wanted[2] - z0
-        far = hypot(dx, dy) * value["MPC_XY_P"] / value["MPC_XY_VEL_MAX"]
-        if far > 1.0:  # not where a coordinate is NaN
-            dx, dy = dx / far, dy / far
-        if isfinite(dz):
-            gain = value["MPC_Z_P"]
-            dz = max(-value["MPC_Z_VEL_MAX_DN"] / gain, min(dz, value["MPC_Z_VEL_MAX_UP"] / gain))
-        return (x0 + dx, y0 + dy, z0 + dz)
+def _given(vector: Vector3) -> Vector3:
+    x, y, z = (part if isfinite(part) else 0.0 for part in vector)
+    return x, y, z
+
+
+def _rest_place(position: Vector3, velocity: Vector3) -> Vector3:
+    """Position at which a vehicle comes to rest."""
+    (x, y, z), (vx, vy, _) = position, velocity
+    time_s = min(BRAKING_S + BRAKING_S2PM * hypot(vx, vy), BRAKING_MOST_S)
+    return x + vx * time_s, y + vy * time_s, z

@@ -1,4 +1,4 @@
-"""Hits of events whose geometry and energies the test itself chooses."""
+"""Hits of events with a geometry and energies chosen by the test."""
 
 from itertools import pairwise
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.imaging import DirectionScan

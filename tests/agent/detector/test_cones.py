@@ -6,7 +6,7 @@ from scipy.integrate import quad
 
 from agent.detector.cones import Line, compton_edge_kev, cone_event, klein_nishina_recoil
 from agent.detector.lines import LINES_KEV, lines_of
-from agent.detector.response import attenuation_per_mm
+from agent.detector.sensor import attenuation_per_mm
 from agent.errors import ConfigError
 
 CS = Line.of(661.66)

@@ -103,7 +103,6 @@ def test_where_no_nuclide_stands_out_one_must_be_named(tmp_path, make_hits, blob
         (lambda path: (path, "--nuclide", "Cs137"), "nuclide 'Cs137' is not known; known: "),
         (lambda path: (path.with_name("none.t3pa"),), "none.t3pa: cannot be read: No such file"),
         (lambda path: (path, "--calibration", path.parent), "a.txt: cannot be read: No such file"),
-        (lambda path: (cut(path),), "the file ends in the middle of a row"),
     ],
 )
 def test_what_is_wrong_is_one_line_and_nothing_is_written(measurement, change, expected):
@@ -118,7 +117,25 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(measurement, change, e
 def test_a_csv_that_cannot_be_written(measurement):
     done = run(measurement, "--csv", measurement.parent / "none" / "cones.csv")
     assert done.returncode == 2
-    assert "cones.csv: cannot be written" in done.stderr
+    assert "none does not exist; create it first" in done.stderr
+
+
+def test_the_recording_is_never_overwritten(measurement):
+    before = measurement.read_bytes()
+    link = measurement.with_name("link.csv")
+    link.hardlink_to(measurement)
+    for out in (measurement, link):
+        done = run(measurement, "--csv", out)
+        assert done.returncode == 2
+        assert "is the input" in done.stderr
+    assert measurement.read_bytes() == before
+
+
+def test_an_interrupted_recording_is_used_and_told(measurement):
+    done = run(cut(measurement), "--csv", measurement.with_name("cones.csv"))
+    assert done.returncode == 0
+    assert "ends in the middle of a row, which was left out" in done.stderr
+    assert measurement.with_name("cones.csv").exists()
 
 
 def cut(path):

@@ -1,4 +1,4 @@
-"""The feed's driver against a server that behaves, and against servers that do not."""
+"""The feed's driver against a correct server, and against faulty ones."""
 
 import asyncio
 import socket
@@ -9,7 +9,7 @@ import pytest
 from detector_feed import readout_at, until
 
 from agent import feed
-from agent.config import DetectorConfig
+from agent.config.drone import DetectorConfig
 from agent.detector.drivers import open_detector
 from agent.detector.drivers.feed import FeedDetector
 from agent.detector.wire import pack

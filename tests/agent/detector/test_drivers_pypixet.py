@@ -1,4 +1,4 @@
-"""The camera's driver against a stand-in for the vendor's module: pixels, times, and a camera that comes and goes."""
+"""The camera's driver against a stand-in for the vendor's module: pixels, times, and a camera that disconnects and returns."""
 
 import asyncio
 import sys
@@ -11,7 +11,7 @@ import pytest
 from detector_feed import until
 from pypixet_standin import Pypixet
 
-from agent.config import DetectorConfig
+from agent.config.drone import DetectorConfig
 from agent.detector.drivers import open_detector, pypixet
 from agent.detector.drivers.pypixet import BLOCK_BYTES, PixetDetector
 from agent.errors import DetectorError
@@ -139,7 +139,7 @@ def test_no_camera_and_no_core_are_problems(case):
         module.plugged[0].name = "FileDevice 0"
     if case == "start":
         module.start_code = -1
-    text = "Pixet does not start (code -1)" if case == "start" else "Pixet finds no Timepix3 camera"
+    text = "Pixet failed to start (code -1)" if case == "start" else "Pixet finds no Timepix3 camera"
 
     async def run():
         async with reading(module) as (detector, received):

@@ -1,4 +1,4 @@
-"""A recording as a detector: the same hits, at the pace at which they were recorded."""
+"""Playback of a recording: the same hits, at the recorded times."""
 
 import asyncio
 import time
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from detector_feed import until
 
-from agent.config import DetectorConfig
+from agent.config.drone import DetectorConfig
 from agent.detector.drivers import open_detector
 from agent.detector.drivers.t3pa import RecordedDetector, playback
 from agent.detector.t3pa import T3paReader

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.clustering import Clusters
 from agent.detector.events import EventReader
 

@@ -1,11 +1,11 @@
-"""Noisy pixels are left out quickly, healthy ones never, and who has become quiet comes back."""
+"""Noisy pixels are masked quickly, healthy ones never; pixels that have become quiet are used again."""
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.noise import BEAT_NS, NoiseMask

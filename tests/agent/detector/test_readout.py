@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from detector_feed import readout_at
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.readout import PixelHits, Readout, first_hits
-from agent.node import LATE_STEP_S, MOST_HITS
+from agent.shell.node import LATE_STEP_S, MOST_HITS
 
 END_NS = 1_800_000_000_000_000_000
 

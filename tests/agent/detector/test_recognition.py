@@ -1,11 +1,11 @@
-"""Which nuclide a spectrum is of, from events that the simulation transported through the sensor."""
+"""Nuclide recognition on events that the simulation transported through the sensor."""
 
 from functools import cache
 
 import numpy as np
 import pytest
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.lines import GAMMAS, LINES_KEV
@@ -48,6 +48,7 @@ def recogniser(seed, **counts):
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("nuclide", "count"), [("Cs-137", 300), ("Co-60", 1500), ("I-131", 300), ("Ir-192", 300)])
 def test_some_hundred_events_near_a_source_tell_its_nuclide(nuclide, count):
     """Co-60 needs more: few of its photons leave all their energy in 2 mm."""

@@ -1,9 +1,9 @@
-"""The chain on events that the simulation transported through the sensor, held against what truly happened in each."""
+"""The chain on events that the simulation transported through the sensor, against the true events."""
 
 import numpy as np
 import pytest
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.imaging import DirectionScan

@@ -1,4 +1,4 @@
-"""The recorder keeps to its bounds, survives what the disk does, and never lets the flight wait."""
+"""The recorder keeps its limits, survives disk errors, and never delays the flight."""
 
 import errno
 import random
@@ -95,7 +95,7 @@ def test_a_full_disk_is_reported_and_the_recording_goes_on_when_there_is_room(tm
     recorder.close()
     flight = RecordedFlight(sorted(tmp_path.iterdir())[0])
     assert [record.data for record in flight.records()] == [b"[]"]
-    assert "records are lacking" in flight.flaw
+    assert "records are missing" in flight.flaw
 
 
 def test_a_file_that_cannot_be_begun_is_not_left_behind(tmp_path, monkeypatch):

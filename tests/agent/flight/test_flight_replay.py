@@ -1,4 +1,4 @@
-"""Recorded flights replay with identical results, and whatever is not identical is found."""
+"""Recorded flights replay with identical results, and any difference is found."""
 
 import os
 import signal
@@ -46,6 +46,7 @@ def test_every_drones_flight_comes_out_identical(flights):
         assert report.calls["call/advance"] == report.calls["in/message"] > 400
 
 
+@pytest.mark.slow
 def test_a_flight_with_fixes_and_sights_comes_out_identical(tmp_path):
     for folder in fly_recorded(tmp_path, name="mixed-frames", mission__track__duration_s=2.0):
         report = replay(folder)
@@ -117,7 +118,7 @@ def test_lost_records_end_the_comparison_and_say_so(segment, tmp_path, capsys):
     gapped = rewritten(segment, tmp_path / segment.name, change)
     report = replay(gapped)
     assert not report.differing
-    assert report.flaw == f"1 records are lacking in {segment.name}"
+    assert report.flaw == f"1 records are missing in {segment.name}"
     assert not report.identical
     assert run_replay(gapped) == 2
     assert "up to there" in capsys.readouterr().out

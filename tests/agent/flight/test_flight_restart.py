@@ -1,7 +1,8 @@
-"""A whole mission in which one agent dies and comes back: it flies on, believes what the others do, and all of it replays."""
+"""A whole mission in which one agent is killed and restarted: it resumes, agrees with the others, and all of it replays."""
 
 import itertools
 
+import pytest
 from one_pilot import SECOND
 
 import sim.lockstep
@@ -76,6 +77,7 @@ class Mortal:
         return self.mortal and DIES_NS <= now_ns < BACK_NS
 
 
+@pytest.mark.slow
 def test_a_restarted_agent_flies_on_and_everything_replays(tmp_path, monkeypatch):
     agents = []
 

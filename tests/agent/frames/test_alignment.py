@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agent.frames.alignment import align, evidence_of, views_of
-from agent.frames.sightings import Fixes, Sightings
+from agent.frames.residuals import Fixes, Sightings
 
 SIGMA_RAD, SIGMA_M = math.radians(2.0), 0.3
 

@@ -22,18 +22,18 @@ def both(*pairs):
 def test_the_one_with_whom_nobody_agrees(liar):
     a, b = (drone for drone in range(3) if drone != liar)
     found = verdict(tallies(both((a, b)), both((a, liar), (b, liar))))
-    assert found.culprit() == liar
+    assert found.faulty_drone() == liar
     assert found.agree[a, b]
 
 
 def test_of_two_it_cannot_be_told():
     found = verdict(tallies([], both((0, 1)), count=2))
-    assert found.culprit() is None
-    assert found.quarrels() == [(0, 1)]
+    assert found.faulty_drone() is None
+    assert found.conflicts() == [(0, 1)]
 
 
 def test_one_that_only_one_sees_is_told_by_whom_the_other_one_knows():
-    assert verdict(tallies(both((0, 1)), both((0, 2)))).culprit() == 2
+    assert verdict(tallies(both((0, 1)), both((0, 2)))).faulty_drone() == 2
 
 
 def test_of_ten_two_lie():
@@ -41,26 +41,26 @@ def test_of_ten_two_lie():
     pairs = [(a, b) for a in range(10) for b in range(a)]
     wrong = [pair for pair in pairs if set(pair) & set(liars)]
     found = verdict(tallies(both(*(set(pairs) - set(wrong))), both(*wrong), count=10))
-    assert found.culprit() in liars
+    assert found.faulty_drone() in liars
 
 
 def test_a_bad_camera_is_no_wrong_frame():
     found = verdict(tallies([(0, 1), (1, 0), (0, 2), (1, 2)], [(2, 0), (2, 1)]))
-    assert found.culprit() is None
-    assert found.quarrels() == []
+    assert found.faulty_drone() is None
+    assert found.conflicts() == []
     assert found.blind.tolist() == [False, False, True]
 
 
 def test_all_agree():
     found = verdict(tallies(both((0, 1), (0, 2), (1, 2)), []))
-    assert found.culprit() is None
+    assert found.faulty_drone() is None
     assert found.agree.sum() == 6
 
 
 def test_few_sightings_contradict_nobody():
     seen = np.array([[0.0, 2.0], [1.0, 0.0]])
     found = verdict([Tally(np.zeros((2, 2)), seen)] * 2)
-    assert found.quarrels() == []
+    assert found.conflicts() == []
 
 
 def test_who_is_confirmed_in_a_keyframe():

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from agent.config import AreaConfig, DroneInMission, MissionConfig
+from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 

@@ -12,11 +12,11 @@ from msgspec import structs
 from sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run, settle
 
 from agent.frames.swarm import BEFORE_START_NS, SwarmFrames
-from protocol.messages import Counts, Coverage, Entry, Exposure, Fix, PoseSample, Sighting
+from protocol.entries import Counts, Coverage, Entry, Exposure, Fix, PoseSample, Sighting
 
 CHI2_90 = 7.78  # of four numbers, 90 % are below it
 DRIFT = {"drift_m": 0.1, "yaw_drift_deg": 0.2}  # 1 % of 100 m, 0.1 degrees by the root of seconds and of metres at 3 m/s each
-UNKNOWN = {"told_yaw_deg": 0.0, "yaw_sigma_deg": 180.0}
+UNKNOWN = {"reported_yaw_deg": 0.0, "yaw_sigma_deg": 180.0}
 
 
 def at_once(flown):
@@ -231,7 +231,7 @@ def test_a_liar_does_not_drag_the_honest_ones():
 def test_a_camera_that_is_all_wrong_drags_nobody():
     drones = slams()
     drones[2].false = 1.0
-    flown = fly([replace(d, yaw_sigma_deg=3.0, told_yaw_deg=None) for d in drones], 20.5, 2, Sensor(rate_hz=5.0))
+    flown = fly([replace(d, yaw_sigma_deg=3.0, reported_yaw_deg=None) for d in drones], 20.5, 2, Sensor(rate_hz=5.0))
     frames = at_once(flown)
     assert "d3" in frames.suspects()
     for drone in ("d1", "d2", "d3"):

@@ -1,4 +1,4 @@
-"""Entries and missions for the fusion's tests, with a geometry of their own: nothing of what is tested is used to make them."""
+"""Entries and missions for the tests of the fusion, with independent geometry: made without the code under test."""
 
 from __future__ import annotations
 
@@ -8,15 +8,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agent.config import AreaConfig, DroneInMission, FusionConfig, GivenHypothesisConfig, MissionConfig, PaperEstimatorConfig
+from agent.config.mission import (
+    AreaConfig,
+    DroneInMission,
+    FusionConfig,
+    GivenHypothesisConfig,
+    MissionConfig,
+    PaperEstimatorConfig,
+)
 from protocol.codec import encode
-from protocol.messages import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample
+from protocol.entries import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample
 
 T0_NS = 1_700_000_000_000_000_000
 BOOT = "00000000000000b1"
 
 
-def mission_of(drones=("a", "b", "c"), estimator="paper", schedule=None, grid_s=0.5, horizon_s=60.0, **paper):
+def mission_of(drones=("a", "b", "c"), estimator="paper", schedule=None, grid_s=0.5, **paper):
     return MissionConfig(
         name="test",
         drones=tuple(drone if isinstance(drone, DroneInMission) else DroneInMission(id=drone) for drone in drones),
@@ -24,7 +31,6 @@ def mission_of(drones=("a", "b", "c"), estimator="paper", schedule=None, grid_s=
         fusion=FusionConfig(
             estimator=estimator,
             grid_s=grid_s,
-            horizon_s=horizon_s,
             paper=PaperEstimatorConfig(**paper),
             given=None if schedule is None else GivenHypothesisConfig(schedule=schedule),
         ),

@@ -1,4 +1,4 @@
-"""The Bayesian estimator on made-up flights, whose cones and counts come from a model of their own."""
+"""The Bayesian estimator on synthetic flights, whose cones and counts come from an independent model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agent.fusion.bayes.search import SearchState
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import GridStep
 from agent.fusion.registry import estimator_named
-from protocol.messages import ConeOrder, Counts
+from protocol.entries import ConeOrder, Counts
 
 # Events of one cluster with less than a photon's energy and with all of it, and of two clusters.
 BACKGROUND_PS = np.array([1.45, 0.03, 0.01, 0.0])
@@ -311,7 +311,7 @@ def test_an_outlook_after_years_costs_no_more_than_after_a_minute(kit):
     mission = kit.mission_of()
     estimator = estimator_named("bayes", mission)
     state = estimator.step(estimator.initial(None), GridStep(0, 0, 100_000_000), [])
-    search = SearchState.at_first(estimator._grid, 0.0)
+    search = SearchState.prior(estimator._grid, 0.0)
     assert np.array_equal(search.later(estimator._grid, 60.0).weight, search.later(estimator._grid, 1.7e9).weight)
     assert estimator.hypothesis(state, GridStep(1, 100_000_000, 200_000_000)) is None
 

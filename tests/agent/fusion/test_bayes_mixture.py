@@ -1,4 +1,4 @@
-"""The Gaussian sum of the Bayesian estimator: what it takes over from the search, and how it changes with time."""
+"""The Gaussian sum of the Bayesian estimator: its start from the search, and its prediction."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, Motion
 MOTION = Motion(
     velocity_variance=np.array([0.0, 0.49, 4.0]),
     velocity_s=np.array([1e9, 120.0, 5.0]),
-    change_ps=np.array([[0.0, 5e-4, 5e-4], [5e-4, 0.0, 3e-3], [5e-4, 3e-3, 0.0]]),
+    switching_ps=np.array([[0.0, 5e-4, 5e-4], [5e-4, 0.0, 3e-3], [5e-4, 3e-3, 0.0]]),
     bias_drift=np.array([9e-4, 9e-4, 2.7e-5, 9e-6]),
 )
 SIGMA_M, BIAS_M = 2.0, 1.0

@@ -1,4 +1,4 @@
-"""The search on a grid: how it lets a source move, and how strong one may be."""
+"""The search on a grid: motion of the source, and limits of its activity."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from shapely import box
 
-from agent.config import BayesEstimatorConfig
+from agent.config.mission import BayesEstimatorConfig
 from agent.fusion.bayes.response import response_of
 from agent.fusion.bayes.search import Grid, SearchState
-from agent.ground import Ground
+from agent.terrain.ground import Ground
 
 
 @pytest.mark.parametrize("side_m", [50.0, 100.0, 300.0, 1000.0])
@@ -20,7 +20,7 @@ def test_a_source_diffuses_alike_in_small_and_large_areas(kit, side_m):
     """As far in cells of 16 m as in such of 2.5 m."""
     config = BayesEstimatorConfig()
     grid = Grid(box(0.0, 0.0, side_m, side_m), config, Ground.from_config(kit.mission_of()))
-    state = SearchState.at_first(grid, 0.0)
+    state = SearchState.prior(grid, 0.0)
     weight = np.zeros_like(state.weight)
     middle = len(grid.x) // 2
     weight[:, 0, middle, middle] = 1.0
@@ -44,7 +44,7 @@ def test_what_is_declared_of_any_activity_is_where_it_says(kit, activity_bq):
     config, response = mission.fusion.bayes, response_of(mission.nuclide)
     grid = Grid(box(0.0, 0.0, 100.0, 100.0), config, Ground.from_config(mission))
     source, rng = np.array([70.0, 60.0, 0.0]), np.random.default_rng(1)
-    state = SearchState.at_first(grid, 0.0)
+    state = SearchState.prior(grid, 0.0)
     for number in range(600):
         time_s, aside = 0.2 * number, 25.0 * (number % 3)
         passing, near = np.array([20.0 + aside, 5.0 + 3.0 * time_s, 3.0]), source + np.array([8.0 - aside / 5.0, 4.0, 3.0])

@@ -1,4 +1,4 @@
-"""Whole flights of one fusion on made-up cones: does the hypothesis find the source, and how far behind a moving one is it?"""
+"""Whole synthetic flights: does the hypothesis converge to the source, and how far does it lag behind a moving one?"""
 
 import math
 

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.config import DroneInMission
+from agent.config.mission import DroneInMission
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.fusion.engine import BEFORE_START_NS, Fusion
 from agent.fusion.paper import PaperEstimator
 from agent.fusion.registry import estimator_named
 from protocol.codec import encode
-from protocol.messages import Cone
+from protocol.entries import Cone
 
 SECONDS = 30.0
 END_NS = 40_000_000_000
@@ -338,60 +338,6 @@ def test_a_frame_that_moves_from_some_time_on_moves_what_was_measured_since_alon
     frames.replace_from("b", 0, jump_ns, [(jump_ns, None)])  # lost: what was measured since waits again
     fewer = kit.settle(fusion, kit.T0_NS + END_NS)
     assert fewer.cones == sum(not (e.drone == "b" and e.stamp_ns >= jump_ns) for e in moved if isinstance(e, Cone))
-
-
-def test_compaction_changes_neither_digest_nor_hypothesis(kit):
-    mission = kit.mission_of(initial_cones=6, horizon_s=20.0)
-    cones = kit.flight(mission, np.random.default_rng(9), 60.0, lambda _: (50.0, 50.0))
-    fusion, full = fusion_of(mission), fusion_of(mission)
-    half, now_ns = cones[:80], cones[79].stamp_ns
-    for each in (fusion, full):
-        kit.feed(each, half)
-        kit.settle(each, now_ns)
-    fusion.compact(now_ns, [full.log.summary()])
-    assert 0 < len(fusion.log) < len(full.log)
-    assert fusion.log.horizon_ns <= now_ns - 20_000_000_000
-    assert all(record.entry.stamp_ns >= fusion.log.horizon_ns for record in fusion.log)
-    late = next(cone for cone in half if cone.stamp_ns >= fusion.log.horizon_ns)
-    late = msgspec.structs.replace(late, boot="00000000000000b2")  # the oldest that can still come in
-    for each in (fusion, full):
-        kit.feed(each, [late, *cones[80:]])
-        kit.settle(each, kit.T0_NS + 60_000_000_000)
-    assert agrees(kit, fusion, full)
-    assert not fusion.receive(half[0], encode(half[0]))
-    assert fusion.log.counters["duplicate"] == 1
-
-
-def test_nothing_is_compacted_that_a_peer_lacks(kit):
-    mission = kit.mission_of(initial_cones=6, horizon_s=20.0)
-    cones = kit.flight(mission, np.random.default_rng(9), 60.0, lambda _: (50.0, 50.0))
-    fusion, peer = fusion_of(mission), fusion_of(mission)
-    kit.feed(fusion, cones)
-    kit.feed(peer, cones[:5] + cones[6:])
-    now_ns = kit.T0_NS + 60_000_000_000
-    kit.settle(fusion, now_ns)
-    fusion.compact(now_ns, [peer.log.summary()])
-    assert cones[5].entry_id in fusion.log
-    assert [record.entry for record in fusion.log.missing_from(peer.log.summary())] == [cones[5]]
-
-
-def test_entries_that_wait_for_their_frame_are_not_compacted(kit):
-    mission = kit.mission_of(initial_cones=6, horizon_s=20.0)
-    cones = kit.flight(mission, np.random.default_rng(9), 60.0, lambda _: (50.0, 50.0))
-    cones[30] = msgspec.structs.replace(cones[30], epoch=3)
-    frames = FrameGraph.from_launch_layout(mission)
-    fusion, full = Fusion(mission, frames), Fusion(mission, frames)
-    now_ns = kit.T0_NS + 60_000_000_000
-    for each in (fusion, full):
-        kit.feed(each, cones)
-        kit.settle(each, now_ns)
-    fusion.compact(now_ns, [])
-    assert 0 < fusion.log.horizon_ns <= cones[30].stamp_ns
-    frames.place(cones[30].drone, 3, Transform())
-    for each in (fusion, full):
-        kit.settle(each, now_ns)
-    assert agrees(kit, fusion, full)
-    assert fusion.hypothesis.cones == len(cones)
 
 
 def test_another_mission_changes_nothing(kit, mission, entries, in_order):

@@ -1,6 +1,6 @@
 import pytest
 
-from agent.config import GivenHypothesisConfig
+from agent.config.mission import GivenHypothesisConfig
 from agent.errors import ConfigError
 from agent.frames.graph import FrameGraph
 from agent.fusion.engine import Fusion
@@ -30,10 +30,14 @@ def test_it_follows_the_schedule_from_the_missions_start(kit, fusion):
     assert not fusion.hypothesis.covariance.any()
 
 
-def test_only_the_first_start_counts(kit, fusion):
+def test_a_later_start_begins_anew_and_an_earlier_one_does_not_count(kit, fusion):
     fusion.start(kit.T0_NS)
-    fusion.start(kit.T0_NS + 10_000_000_000)
     assert place_at(kit, fusion, 2.0) == (10.0, 20.0, 0.0)
+    fusion.start(kit.T0_NS + 10_000_000_000)
+    assert place_at(kit, fusion, 11.9) is None
+    fusion.start(kit.T0_NS)
+    assert place_at(kit, fusion, 11.9) is None
+    assert place_at(kit, fusion, 12.0) == (10.0, 20.0, 0.0)
 
 
 def test_cones_change_nothing(kit, fusion):

@@ -1,4 +1,4 @@
-"""Estimators over ground that is not even: the source lies on it, above or below the mission frame's zero."""
+"""Estimators over uneven ground: the source lies on it, above or below the mission frame's zero."""
 
 import math
 
@@ -8,15 +8,15 @@ import pytest
 from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.config import GroundConfig
+from agent.config.mission import GroundConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.fusion.engine import Fusion
 from agent.fusion.initial import InitialSearch
 from agent.fusion.observation import observe
 from agent.fusion.registry import estimator_named
-from agent.ground import Ground
-from protocol.messages import Counts
+from agent.terrain.ground import Ground
+from protocol.entries import Counts
 
 SQUARE = Polygon([(0, 0), (100, 0), (100, 100), (0, 100)])
 SLOPE = GroundConfig(height_m=-5.0, slope=(0.25, 0.1))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from agent.fusion.log import ObservationLog, Outcome
 from protocol.codec import encode
-from protocol.messages import Cone, Coverage
+from protocol.entries import Cone, Coverage
 
 UP = (0.0, 0.0, 1.0)
 
@@ -119,38 +119,6 @@ def test_another_boot_is_another_publisher(mission, entries, kit):
     assert log.missing_from(log_of(mission, entries).summary())[0].entry == reborn
 
 
-def test_agreement_ends_at_the_first_entry_that_somebody_lacks(mission, entries):
-    log = log_of(mission, entries)
-    everything = log.summary()
-    assert log.agreed_until_ns([everything]) == entries[-1].stamp_ns + 1
-    assert log.agreed_until_ns([]) == entries[-1].stamp_ns + 1
-    behind = log_of(mission, entries[:4] + entries[5:]).summary()
-    assert log.agreed_until_ns([everything, behind]) == entries[4].stamp_ns
-
-
-def test_no_agreement_while_a_peer_has_more(mission, entries):
-    log = log_of(mission, entries[:-1])
-    assert log.agreed_until_ns([log_of(mission, entries).summary()]) == log.horizon_ns == 0
-
-
-def test_compaction_keeps_digest_and_summary(mission, entries):
-    log = log_of(mission, entries)
-    digest, summary = log.digest, log.summary()
-    log.compact(entries[6].stamp_ns)
-    assert (log.digest, log.summary(), len(log)) == (digest, summary, 6)
-    assert log.add(entries[0], encode(entries[0])) is Outcome.DUPLICATE
-    log.compact(entries[3].stamp_ns)  # never backwards
-    assert log.horizon_ns == entries[6].stamp_ns
-
-
-def test_unknown_entries_behind_the_horizon_are_refused_and_counted(mission, entries):
-    log = log_of(mission, entries[1:])
-    digest = log.digest
-    log.compact(entries[6].stamp_ns)
-    assert log.add(entries[0], encode(entries[0])) is Outcome.LATE
-    assert (log.digest, log.counters["late"]) == (digest, 1)
-
-
 @pytest.fixture(scope="module")
 def mixed(mission, entries):
     """Two cones, a coverage and, of the second cone's identity, three more coverages."""
@@ -175,11 +143,3 @@ def test_entries_of_a_kind_are_a_function_of_the_content(mission, mixed, seed):
     expected = [mixed[0], least, mixed[5]]
     assert log.entries(Cone) == [entry for entry in expected if isinstance(entry, Cone)]
     assert log.entries(Coverage) == [entry for entry in expected if isinstance(entry, Coverage)]
-
-
-def test_compacted_entries_are_not_listed(mission, entries):
-    log = log_of(mission, entries)
-    revision = log.revision(Cone)
-    log.compact(entries[6].stamp_ns)
-    assert log.entries(Cone) == entries[6:]
-    assert log.revision(Cone) > revision

@@ -6,7 +6,7 @@ import pytest
 
 from agent.frames.transform import Transform
 from agent.fusion.observation import observe
-from protocol.messages import ConeOrder, PoseSample
+from protocol.entries import ConeOrder, PoseSample
 
 
 @pytest.fixture

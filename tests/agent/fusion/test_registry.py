@@ -15,7 +15,7 @@ def test_the_name_is_the_projection_rule(kit):
 
 
 def test_what_is_wrong_is_said(kit):
-    with pytest.raises(ConfigError, match="estimator 'bayse' is unknown; use one of paper, paper-geometric, bayes, given"):
+    with pytest.raises(ConfigError, match="unknown estimator 'bayse'; known: paper, paper-geometric, bayes, given"):
         estimator_named("bayse", kit.mission_of())
     with pytest.raises(ConfigError, match=r"needs fusion\.given\.schedule"):
         estimator_named("given", kit.mission_of())

@@ -1,9 +1,9 @@
-"""What the estimator expects a camera to count, held against a simulated camera beside a source."""
+"""The count rates that the estimator expects, against a simulated camera near a source."""
 
 import numpy as np
 import pytest
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.errors import ConfigError
@@ -19,6 +19,7 @@ EVENTS_PS = 3000.0
 AREA_MM2 = 20.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nuclide", RESPONSES)
 def test_counts_are_those_of_a_camera_beside_a_source(nuclide):
     response = response_of(nuclide)
@@ -36,6 +37,7 @@ def test_counts_are_those_of_a_camera_beside_a_source(nuclide):
     assert abs(len(found.cones) - cones) < 0.2 * cones + 4.0 * cones**0.5
 
 
+@pytest.mark.slow
 def test_each_event_is_in_one_channel():
     """So that channels are independent and their sum is Poisson's; what an exposure tells counts most coincidences thrice."""
     view = camera.SourceView((0.6, -0.36, 0.714), DISTANCE_M, 1e12)

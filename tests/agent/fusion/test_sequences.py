@@ -41,11 +41,6 @@ def test_made_again_from_its_ranges(several):
 
 
 @given(numbers, numbers)
-def test_covers(left, right):
-    assert set_of(left).covers(set_of(right)) == (set(left) >= set(right))
-
-
-@given(numbers, numbers)
 def test_without(left, right):
     ranges = list(set_of(left).without(set_of(right)))
     assert spread(ranges) == set(left) - set(right)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.config import EncirclementConfig, LimitsConfig
+from agent.config.mission import EncirclementConfig, LimitsConfig
 from agent.motion.encirclement import Encirclement, minimum_radius, wrapped
 from agent.motion.reference import PeerState
 

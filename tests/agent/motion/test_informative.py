@@ -1,4 +1,4 @@
-"""Waypoints: to where there is most to learn, shared out between the drones."""
+"""Waypoints of largest information gain, shared between the drones."""
 
 from __future__ import annotations
 

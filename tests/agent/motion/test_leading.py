@@ -1,10 +1,10 @@
-"""Where the centre of the circle is, with a hypothesis that is some time old, moves, or is wrong."""
+"""The centre of the circle, with a hypothesis that is old, moves, or is wrong."""
 
 from __future__ import annotations
 
 import pytest
 
-from agent.config import AreaConfig
+from agent.config.mission import AreaConfig
 from agent.motion.leading import Leading
 
 SECOND = 1_000_000_000

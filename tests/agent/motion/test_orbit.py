@@ -1,4 +1,4 @@
-"""Radius and height of the circle, by what is known of the source."""
+"""Radius and height of the circle from the accuracy of the hypothesis."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from agent.config import EncirclementConfig
+from agent.config.mission import EncirclementConfig
 from agent.motion.orbit import Orbit
 
 SECOND = 1_000_000_000

@@ -1,4 +1,4 @@
-"""A path is followed at constant speed, forth and back, without skipping lanes."""
+"""A path is followed at constant speed, in both directions, without skipping lanes."""
 
 import numpy as np
 import pytest

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from agent.config import LimitsConfig
+from agent.config.mission import LimitsConfig
 from agent.motion.reference import PeerState
-from agent.motion.separation import MARGIN_M, PeerPlan, escape, half_planes, keep_away
+from agent.motion.separation import LEAST_MARGIN_M, PeerPlan, escape, half_planes, keep_away
 
 LIMITS = LimitsConfig()
 SECOND = 1_000_000_000
@@ -42,8 +43,14 @@ def test_a_plan_of_one_point_stays_there() -> None:
 
 def test_one_of_two_gives_way_and_both_keep_more_than_the_separation() -> None:
     first, second = straight("a", (0, 0), (0, 0)), straight("b", (0, 0), (0, 0))
-    assert keep_away("b", first, 3.0) == pytest.approx(3.0 + MARGIN_M + 0.2)
+    assert keep_away("b", first, 3.0) == pytest.approx(3.0 + LEAST_MARGIN_M + 0.2)
     assert 3.0 + 1.0 < keep_away("a", second, 3.0) < keep_away("b", first, 3.0)
+
+
+def test_who_deviates_from_its_plans_keeps_more_and_is_kept_away_from_further() -> None:
+    first = replace(straight("a", (0, 0), (0, 0)), deviation_m=1.2)
+    assert keep_away("b", first, 3.0, own_m=0.5) == pytest.approx(3.0 + 3.0 * 1.3 + 0.2)
+    assert keep_away("a", replace(first, id="b"), 3.0, own_m=0.5) == pytest.approx(3.0 + 0.6 * 3.0 * 1.3 + 0.2)
 
 
 def test_half_planes_keep_the_distance() -> None:

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_loop import TICK_S, Flight, Swarm, Vehicle, encircle, go_to, scattered
+from closed_loop import TICK_S, VELOCITY_MPS, Flight, Swarm, Vehicle, encircle, go_to, scattered
 
-from agent.config import AreaConfig, EncirclementConfig
+from agent.config.mission import AreaConfig, EncirclementConfig
 from agent.motion.fence import Fence
 
 RADIUS_M, SPEED_MPS = 12.0, 3.0
 
 
 def test_the_model_of_the_vehicle_is_as_px4_was_measured() -> None:
-    vehicle, rate, turned = Vehicle(np.array([RADIUS_M, 0.0, 3.0])), SPEED_MPS / RADIUS_M, []
+    """Told position, velocity and acceleration, drag 1.0: seven circles lagged by 0.35-0.49 s, 0.54 m (SD 0.26) outside."""
+    vehicle, rate, turned = Vehicle(np.array([RADIUS_M, 0.0, 3.0]), drag=1.0), SPEED_MPS / RADIUS_M, []
     for tick in range(3000):
         angle = rate * tick * TICK_S
-        position = np.array([RADIUS_M * np.cos(angle), RADIUS_M * np.sin(angle), 3.0])
-        vehicle.step(position, np.array([-SPEED_MPS * np.sin(angle), SPEED_MPS * np.cos(angle), 0.0]), np.zeros(3))
+        outward = np.array([np.cos(angle), np.sin(angle), 0.0])
+        velocity = SPEED_MPS * np.array([-np.sin(angle), np.cos(angle), 0.0])
+        told = RADIUS_M * outward + np.array([0.0, 0.0, 3.0]), velocity, -rate * SPEED_MPS * outward
+        vehicle.step(told, np.zeros(3), np.zeros(3))
         turned.append(complex(*vehicle.position[:2].tolist()) * np.exp(-1j * (angle + rate * TICK_S)))
     settled = np.array(turned[2000:])
-    assert 12.7 <= np.abs(settled).mean() <= 13.1
-    assert 0.35 <= -np.angle(settled.mean()) / rate <= 0.41
+    assert 12.3 <= np.abs(settled).mean() <= 12.8
+    assert 0.35 <= -np.angle(settled.mean()) / rate <= 0.49
 
 
 def test_a_solo_drone_flies_the_true_circle_in_spite_of_its_lag() -> None:
@@ -30,7 +33,7 @@ def test_a_solo_drone_flies_the_true_circle_in_spite_of_its_lag() -> None:
     radius = np.hypot(settled.position[:, 0, 0], settled.position[:, 0, 1])
     assert radius.mean() == pytest.approx(RADIUS_M, abs=0.3)
     assert settled.speeds().mean() == pytest.approx(SPEED_MPS, rel=0.02)
-    assert np.abs(settled.speeds() / SPEED_MPS - 1.0).max() < 0.05
+    assert np.abs(settled.speeds() - SPEED_MPS).max() < 3.0 * VELOCITY_MPS  # which is what it takes its speed to be off by
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +52,7 @@ def steps() -> list[tuple[Flight, np.ndarray]]:
     return flights
 
 
+@pytest.mark.slow
 def test_five_drones_are_evenly_spaced_again_soon_after_each_step(steps: list[tuple[Flight, np.ndarray]]) -> None:
     moved = [flight.settling_s(center) for index, (flight, center) in enumerate(steps) if index % 4 > 0]
     begun = [flight.settling_s(center) for index, (flight, center) in enumerate(steps) if index % 4 == 0]
@@ -57,6 +61,7 @@ def test_five_drones_are_evenly_spaced_again_soon_after_each_step(steps: list[tu
     assert max(begun) < 15.0, begun
 
 
+@pytest.mark.slow
 def test_once_settled_the_swarm_is_still(steps: list[tuple[Flight, np.ndarray]]) -> None:
     for flight, center in steps:
         settled = flight.after(15.0)
@@ -65,6 +70,7 @@ def test_once_settled_the_swarm_is_still(steps: list[tuple[Flight, np.ndarray]])
         assert np.percentile(np.abs(settled.speeds() / SPEED_MPS - 1.0), 95) < 0.05
 
 
+@pytest.mark.slow
 def test_nobody_comes_near_anybody(steps: list[tuple[Flight, np.ndarray]]) -> None:
     assert min(flight.closest_m() for flight, _ in steps) > 3.5
 
@@ -90,7 +96,7 @@ def test_a_drone_that_drops_out_leaves_no_gap() -> None:
             else law(me, {name: other for name, other in others.items() if name != "d2"}, my_id)
         ),
     )
-    left = Flight(flight.time, flight.position[:, :2], flight.velocity[:, :2], flight.statuses)
+    left = Flight(flight.time, flight.position[:, :2], flight.velocity[:, :2], flight.deviation[:, :2], flight.statuses)
     assert left.settling_s(np.zeros(2)) < 15.0
     assert flight.closest_m() > 3.0
 
@@ -150,9 +156,10 @@ def test_a_hypothesis_that_jumps_about_brings_nobody_together() -> None:
         center = center + rng.normal(0.0, 10.0, 2)
 
 
-def test_the_vehicles_themselves_stay_inside_the_fence() -> None:
+@pytest.mark.parametrize("seed", [0, 1, 4, 7])
+def test_the_vehicles_themselves_stay_inside_the_fence(seed: int) -> None:
     area = AreaConfig(polygon_m=((-30.0, -30.0), (30.0, -30.0), (30.0, 30.0), (-30.0, 30.0)), fence_margin_m=0.0)
-    rng = np.random.default_rng(4)
+    rng = np.random.default_rng(seed)
     swarm = Swarm(rng, scattered(rng, 3, reach_m=20.0), fence=Fence.from_area(area))
     for center in ((0.0, 0.0), (28.0, 10.0), (-40.0, -25.0)):
         flight = swarm.fly(15.0, encircle(center))

@@ -1,4 +1,4 @@
-"""The survey covers any simple polygon in fair segments, the same on every drone."""
+"""The survey covers any simple polygon in segments of equal area, the same on every drone."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The MPC tracker on its own."""
+"""The MPC tracker alone."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import pytest
 import shapely
 from shapely.ops import nearest_points
 
-from agent.config import LimitsConfig
+from agent.config.drone import ResponseConfig
+from agent.config.mission import LimitsConfig
 from agent.motion.fence import Fence
 from agent.motion.prediction import predict
 from agent.motion.qp import LimitedProblem
@@ -87,9 +88,9 @@ def test_the_matrix_product_minimises_the_cost() -> None:
     assert all(cost(jerk + 0.01 * rng.normal(0.0, 1.0, (10, 1))) > best for _ in range(50))
 
 
-def test_samples_are_continuous_and_ahead_by_the_lead() -> None:
+def test_samples_are_continuous_and_ahead_by_the_dead_time() -> None:
     reference = Reference(np.outer(0.2 * np.arange(31), (3.0, 0.0, 0.0)) + UP, np.tile([3.0, 0.0, 0.0], (31, 1)), 0.2)
-    tracker = Tracker(LIMITS, WIDE, lead_s=0.4)
+    tracker = Tracker(LIMITS, WIDE, response=ResponseConfig(lag_s=0.4, drag_ps=0.0))
     tracker.reset((0.0, 0.0, 3.0), (3.0, 0.0, 0.0))
     tracker.plan(0, PeerState((0.0, 0.0, 3.0), (3.0, 0.0, 0.0)), reference)
     position, velocity, acceleration = tracker.sample(1_000_000_000)

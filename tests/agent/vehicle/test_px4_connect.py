@@ -1,14 +1,16 @@
-"""What the user is told when there is no vehicle to be had, and that nothing stays behind."""
+"""Error messages without a reachable vehicle, and no process or port left behind."""
 
 import asyncio
 import os
 import socket
 import time
+from functools import partial
 
 import pytest
 
-from agent.config import VehicleConfig
+from agent.config.drone import VehicleConfig
 from agent.errors import VehicleError
+from agent.vehicle.claim import claim_port
 from agent.vehicle.interface import Request, VehicleCommand
 from agent.vehicle.px4 import Px4Vehicle
 
@@ -37,6 +39,12 @@ def test_nobody_there_is_told_within_the_configured_time() -> None:
     assert "no autopilot" in text
     assert "0.5 s" in text
     assert time.monotonic() - begun_s < 2.0
+
+
+@pytest.fixture(autouse=True)
+def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A port in use is waited for; here not for long."""
+    monkeypatch.setattr("agent.vehicle.link.claim_port", partial(claim_port, patience_s=0.3))
 
 
 def test_a_port_in_use_is_told() -> None:

@@ -1,4 +1,4 @@
-"""The driver with an emulated PX4 that is guided by vision, by satellites, and by the one after the other."""
+"""The driver with an emulated PX4 that uses vision, satellites, and one after the other."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import pytest
 from line_server import LineServer, line_server
 from px4_sky import STAY, STEP_S, TAKEOFF, UTC_NS, Sky, hover, ready, sky
 
-from agent.config import DatumConfig
+from agent.config.mission import DatumConfig
 from agent.vehicle.interface import FlightMode, GnssFix
-from sim.localization import LocalizationTruth
-from sim.movingframes import MovingFrames
-from sim.positioning import EventTruth, VehicleTruth
 from sim.streams import streams
+from sim.world.localization import LocalizationTruth
+from sim.world.localizers import EventTruth, VehicleTruth
+from sim.world.movingframes import MovingFrames
 
 BY_VISION = {"EKF2_EV_CTRL": 11, "EKF2_GPS_CTRL": 0, "EKF2_HGT_REF": 3, "EKF2_NOAID_TOUT": 1_000_000}
 BY_VISION |= {"COM_OBL_RC_ACT": 4, "NAV_RCL_ACT": 3}
@@ -64,6 +64,7 @@ async def airborne(flight: Sky) -> None:
     await flight.fly(TAKEOFF, lambda: flight.state.in_air and flight.state.mode is FlightMode.HOLD, timeout_s=30.0)
 
 
+@pytest.mark.slow
 def test_without_satellites_it_flies_by_the_slam_and_comes_down_where_that_stops() -> None:
     async def scenario() -> None:
         async with AsyncExitStack() as stack:
@@ -86,7 +87,7 @@ def test_without_satellites_it_flies_by_the_slam_and_comes_down_where_that_stops
             assert dist(seen, flight.state.position_m) < 0.7
             eyes.silent = True
             await flight.fly(there, lambda: flight.vehicle.problems != () and "no local position" in flight.vehicle.problems[0])
-            assert flight.fleet.reports()[0].mode == "land"
+            assert flight.fleet.reports()[0].mode == "descend"
             assert flight.fleet.reports()[0].failsafe
             eyes.silent = False
             await flight.fly(there, lambda: flight.state.mode is FlightMode.OFFBOARD and flight.state.healthy)
@@ -117,6 +118,7 @@ def test_a_frame_that_jumps_is_another_epoch_and_the_vehicle_stays_where_it_is()
     asyncio.run(scenario())
 
 
+@pytest.mark.slow
 def test_fixes_come_once_a_second_until_satellites_are_lost_which_is_another_epoch() -> None:
     async def scenario() -> None:
         lost = EventTruth(at_s=4.0, switch_to="slam", jump_m=2.0)
@@ -130,7 +132,7 @@ def test_fixes_come_once_a_second_until_satellites_are_lost_which_is_another_epo
             fix = fixes[-1]
             assert (fix.latitude_deg, fix.longitude_deg) == pytest.approx((DATUM.latitude_deg, DATUM.longitude_deg), abs=1e-5)
             assert 486.0 < fix.altitude_m < 495.0
-            assert fix.horizontal_sigma_m == pytest.approx(frames.receiver[0].told_horizontal_m, abs=1e-3)  # type: ignore[union-attr]
+            assert fix.horizontal_sigma_m == pytest.approx(frames.receiver[0].reported_horizontal_m, abs=1e-3)  # type: ignore[union-attr]
             flight.fleet.begin()
             await flight.fly(TAKEOFF, lambda: flight.state.epoch == 1, timeout_s=15.0)
             count = len(fixes)
@@ -142,6 +144,7 @@ def test_fixes_come_once_a_second_until_satellites_are_lost_which_is_another_epo
     asyncio.run(scenario())
 
 
+@pytest.mark.slow
 def test_an_agent_restarted_in_flight_without_satellites_goes_on_in_the_same_frame_and_epoch() -> None:
     async def scenario() -> None:
         jump = EventTruth(at_s=0.5, jump_m=15.0)

@@ -1,13 +1,15 @@
-"""What the driver says when the vehicle or its link is not as it should be."""
+"""Error messages of the driver for faults of the vehicle or its link."""
 
 import asyncio
 import time
 
+import pytest
 from px4_sky import STAY, TAKEOFF, ready, sky
 
 from sim.vehicle.px4.config import Faults
 
 
+@pytest.mark.slow
 def test_a_lost_link_is_told_within_three_seconds_and_comes_back() -> None:
     async def scenario() -> None:
         async with sky() as flight:

@@ -1,4 +1,4 @@
-"""PX4's parameters: read with retries, judged by PX4's own enumerations, told with what to set."""
+"""PX4's parameters: read with retries, checked with PX4's own enumerations, reported with the value to set."""
 
 import math
 import struct

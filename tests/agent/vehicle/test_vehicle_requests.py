@@ -1,4 +1,4 @@
-"""How requests are brought about: by the heartbeat, not by acknowledgements, and never against a human pilot."""
+"""Fulfilment of requests: by the heartbeat, not by acknowledgements, and never against a human pilot."""
 
 from msgspec.structs import replace
 
@@ -132,3 +132,39 @@ def test_nothing_is_asked_for_when_released_staying_or_disarmed() -> None:
     assert Desk(FLYING).run(Request.STAY, 3.0) == []
     for request in (Request.HOLD, Request.RETURN, Request.LAND):
         assert Desk(ON_GROUND).run(request, 3.0) == []
+
+
+def test_a_vehicle_that_stands_in_offboard_is_brought_to_hold() -> None:
+    """A real PX4 goes back to offboard after a landing, and does not let itself be armed there."""
+    standing = replace(ON_GROUND, mode=FlightMode.OFFBOARD)
+    assert set(Desk(standing).run(Request.STAY, 3.0)) == {Act.HOLD}
+    desk = Desk(standing)
+    assert set(desk.run(Request.TAKEOFF, 1.0)) == {Act.HOLD}
+    desk.seen = ON_GROUND
+    assert desk.run(Request.TAKEOFF, 1.0) == [Act.ARM]
+    assert Desk(replace(standing, armed=True)).run(Request.STAY, 3.0) == []
+
+
+def test_the_autopilots_own_way_from_takeoff_to_hold_leaves_the_request_alone() -> None:
+    """A stale heartbeat says hold, the next ones takeoff, then hold again: nobody has chosen anything."""
+    for beat_s in (0.2, 1.0):
+        desk = Desk(FLYING, beat_s)
+        desk.run(Request.OFFBOARD, 2.0)
+        desk.seen = replace(FLYING, mode=FlightMode.TAKEOFF)
+        desk.run(Request.OFFBOARD, 3.0)
+        desk.seen = FLYING
+        assert Act.OFFBOARD in desk.run(Request.OFFBOARD, 2.0 * REPEAT_S)
+
+
+def test_in_a_failsafe_what_it_goes_back_to_is_changed() -> None:
+    """Descend shows as land; PX4 would go back to offboard by itself."""
+    falling = replace(FLYING, mode=FlightMode.LAND, failsafe=True, intended=FlightMode.OFFBOARD)
+    desk = Desk(falling, beat_s=1.0)
+    acts = desk.run(Request.LAND, 4.0)
+    assert set(acts) == {Act.LAND}
+    assert len(acts) >= 8
+    desk.seen = replace(falling, intended=FlightMode.LAND)
+    desk.run(Request.LAND, 1.0)
+    assert desk.run(Request.LAND, 3.0) == []
+    desk.seen = replace(FLYING, mode=FlightMode.HOLD)  # before the request came through it went elsewhere
+    assert Act.LAND in desk.run(Request.LAND, 3.0)

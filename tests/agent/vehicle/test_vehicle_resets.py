@@ -1,4 +1,4 @@
-"""Epochs: the autopilot's frame is another one after a reset that moved it, not after any other, and not without a reset."""
+"""Epochs: a new one after a reset that moved the autopilot's frame, and only then."""
 
 from math import pi
 

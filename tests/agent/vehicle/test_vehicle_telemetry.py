@@ -4,7 +4,7 @@ from math import atan2, cos, pi, radians, sin
 
 import pytest
 
-from agent.config import VehicleConfig
+from agent.config.drone import VehicleConfig
 from agent.vehicle.interface import FlightMode, VehicleState
 from agent.vehicle.messages import (
     Attitude,
@@ -216,6 +216,5 @@ def test_without_satellites_neither_origin_nor_home_is_missed() -> None:
         rig.position()
     assert state_of(rig).healthy
     assert rig.telemetry.problems(rig.now_s) == []
-    no_prearm = 0x07
-    rig.give(SystemStatus(no_prearm | 0x20, no_prearm | 0x20, no_prearm, 90))  # a receiver without reception
+    rig.give(SystemStatus(0x27, 0x27, 0x1000_0007, 90))  # a receiver without reception
     assert rig.telemetry.problems(rig.now_s) == []

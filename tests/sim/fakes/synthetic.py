@@ -1,4 +1,4 @@
-"""Made-up flights: quick, with known numbers, and importable by worker processes (this folder is put on their path)."""
+"""Synthetic flights: quick, with known numbers, and importable by worker processes (this folder is put on their path)."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from sim.campaign.workers import Job
 from sim.result import ConeTrace, RunResult, Trace
 from sim.sweep import Case
-from sim.workers import Job
 
 SOURCE_M = np.array([60.0, 45.0, 0.0])
 

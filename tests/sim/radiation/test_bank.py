@@ -18,6 +18,7 @@ from .partial_bank import ALONE, POLAR_DEG, direction, partial_bank, regroup
 
 LINE = 661.657
 SECOND = 1_000_000_000
+pytestmark = pytest.mark.slow  # thousands of photons through the full transport
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from agent.config import DetectionConfig
+from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.readout import Readout
@@ -37,6 +37,7 @@ def events_per_s(camera: Camera, seconds: float, *views: SourceView) -> float:
     return (len(regroup(expose(camera, seconds, *views)).first) - 1) / seconds
 
 
+@pytest.mark.slow
 def test_readouts_are_gap_free_and_hold_their_hits() -> None:
     camera = Camera(CameraTruth(), "Cs-137", np.random.default_rng(1), CLOCK)
     start, end = CLOCK + 7, CLOCK + 7 + SECOND // 10
@@ -57,6 +58,7 @@ def test_rate_at_12_m() -> None:
     assert rate == pytest.approx(20.0, rel=0.06)
 
 
+@pytest.mark.slow
 def test_counts_are_poisson() -> None:
     camera = Camera(ALONE, "Cs-137", np.random.default_rng(3), 0)
     counts = [len(regroup([readout]).first) - 1 if len(readout.hits) else 0 for readout in expose(camera, 200.0, source())]
@@ -89,6 +91,7 @@ def test_two_sources_add_up() -> None:
     assert events_per_s(camera, 200.0, source(), source(turn=4.0, activity_bq=6e9)) == pytest.approx(60.0, rel=0.06)
 
 
+@pytest.mark.slow
 def test_weaker_lines_are_thinned_by_the_air() -> None:
     """Ba-133: far away the 81 keV line arrives weakened more than that of 356 keV; bank and full transport agree."""
     rng = np.random.default_rng(9)
@@ -140,6 +143,7 @@ def test_an_unknown_nuclide() -> None:
         Camera(CameraTruth(), "Xx-1", np.random.default_rng(1), 0)
 
 
+@pytest.mark.slow
 def test_a_flight_hardly_meets_an_event_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three minutes in front of a source: what comes again and again, an estimator would take for what the source is like."""
     monkeypatch.setattr(camera_module, "load_bank", lambda name, truth: partial_bank(name, 25.0))

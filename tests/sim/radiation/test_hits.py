@@ -68,4 +68,4 @@ def test_bad_input_ends_in_one_line_and_writes_nothing(
 def test_a_missing_folder_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         run(monkeypatch, str(tmp_path / "no" / "x.t3pa"))
-    assert "no such folder" in capsys.readouterr().err
+    assert "create it first" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""What sets one camera apart: each is drawn once, has the given size, and leaves the camera's other random numbers alone."""
+"""Differences of one camera: each is drawn once, has the given size, and leaves the camera's other random numbers unchanged."""
 
 import math
 
@@ -43,7 +43,7 @@ def hits(readouts: list[Readout]) -> int:
 
 def test_all_off_is_exactly_as_assumed() -> None:
     for own in many(20):
-        assert (own.sensitivity, own.clock_offset_ns, own.background(10.0), own.past_body(BEHIND)) == (1.0, 0, 1.0, 1.0)
+        assert (own.sensitivity, own.clock_offset_ns, own.background(10.0), own.body_transmission(BEHIND)) == (1.0, 0, 1.0, 1.0)
     assert (PixelCalibration.draw(CameraTruth(), np.random.default_rng(1)).true_a == NOMINAL_A).all()
 
 
@@ -115,9 +115,9 @@ def test_the_bodys_shadow_is_deepest_in_its_middle_and_ends_at_its_edge() -> Non
 
     def passes(off_deg: float) -> float:
         off = math.radians(off_deg)
-        return own.past_body((math.sin(off), 0.0, -math.cos(off)))
+        return own.body_transmission((math.sin(off), 0.0, -math.cos(off)))
 
-    assert own.past_body(BEHIND) == pytest.approx(0.7)
+    assert own.body_transmission(BEHIND) == pytest.approx(0.7)
     assert [passes(angle) for angle in (35.01, 90.0, 180.0)] == [1.0, 1.0, 1.0]
     falling = [passes(angle) for angle in (0.0, 10.0, 20.0, 30.0, 34.9)]
     assert falling == sorted(falling)
@@ -130,7 +130,7 @@ def test_a_shadowed_camera_sees_less_of_what_is_behind_it_and_all_of_what_is_not
     assert hits(exposed(20, **truth)) == hits(exposed(20))
     monkeypatch.setattr(camera_module, "load_bank", lambda name, truth: partial_bank(name, 150.0))
     behind = direction(150.0, 0.3)
-    share = Individual(CameraTruth(**truth), np.random.default_rng(5)).past_body(behind)
+    share = Individual(CameraTruth(**truth), np.random.default_rng(5)).body_transmission(behind)
     assert share == pytest.approx(0.4 ** (1.0 - (0.5 / math.sin(math.radians(60.0))) ** 2) ** 0.5)
     assert hits(exposed(200, towards=behind, **truth)) / hits(exposed(200, towards=behind)) == pytest.approx(share, rel=0.1)
 

@@ -32,6 +32,7 @@ def shadow_mm2(angle_deg: float) -> float:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("angle", "hit_percent", "full_percent", "area_mm2", "later_percent"),
     [(0, 8.0, 0.27, 15.8, 38.0), (60, 11.8, 0.45, 15.3, 46.0), (90, 35.9, 1.38, 12.9, 50.0), (180, 8.0, 0.27, 15.9, 63.0)],
@@ -49,6 +50,7 @@ def test_efficiencies(angle: int, hit_percent: float, full_percent: float, area_
     assert 100.0 * later.mean() == pytest.approx(later_percent, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("angle", "two_percent"), [(0, 0.72), (60, 1.25), (90, 4.0), (180, 0.71)])
 def test_coincidences_without_fluorescence_and_what_it_adds(angle: int, two_percent: float) -> None:
     """The reference's model had no fluorescence; with it, single deposits grow satellites."""

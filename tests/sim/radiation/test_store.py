@@ -55,7 +55,7 @@ def test_a_cache_that_cannot_be_written_is_said_and_done_without(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert len(store.load_bank("Cs-137", CameraTruth()).pixels) > 0
-    assert "could not be kept" in capsys.readouterr().err
+    assert "could not be stored" in capsys.readouterr().err
 
 
 def test_the_other_process_was_first(built: list[str]) -> None:

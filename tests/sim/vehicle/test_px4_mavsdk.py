@@ -1,4 +1,4 @@
-"""MAVSDK takes the emulated PX4 for a PX4: it connects, and flies it through its ordinary plugins."""
+"""MAVSDK accepts the emulated PX4: it connects, and flies it through its ordinary plugins."""
 
 import asyncio
 import contextlib
@@ -60,6 +60,7 @@ async def first(stream, condition, limit_s=20.0):
     return await asyncio.wait_for(search(), limit_s)
 
 
+@pytest.mark.slow
 def test_mavsdk_flies_a_mission_through_its_plugins():
     async def fly():
         async with connected() as (vehicle, fleet, motion):
@@ -79,7 +80,7 @@ def test_mavsdk_flies_a_mission_through_its_plugins():
             await action.arm()
             await action.takeoff()
             await first(telemetry.subscribe_landed_state(), lambda state: state.name == "IN_AIR")
-            assert motion.position_m[0, 2] == pytest.approx(3.0, abs=0.6)
+            assert motion.position_m[0, 2] > 2.0  # a takeoff ends NAV_MC_ALT_RAD below
 
             start = (await telemetry.position_velocity_ned()).position
             setpoint = PositionNedYaw(start.north_m + 8.0, start.east_m, start.down_m, 90.0)

@@ -1,4 +1,4 @@
-"""Which messages the emulated PX4 sends, how often, and what they say."""
+"""The messages of the emulated PX4: which, how often, and their contents."""
 
 import asyncio
 from collections import Counter
@@ -10,9 +10,9 @@ from emulated_px4 import Companion, Flight, new_fleet, position_target
 from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
-from sim.localization import LocalizationTruth
 from sim.vehicle.px4.config import Datum, Px4Config
 from sim.vehicle.px4.fleet import VehicleReport
+from sim.world.localization import LocalizationTruth
 
 ONBOARD = {
     "ATTITUDE": 100,
@@ -38,6 +38,8 @@ ONBOARD = {
     "MISSION_CURRENT": 1,
     "BATTERY_STATUS": 0.5,
     "HOME_POSITION": 0.5,
+    "UNKNOWN_436": 0.5,  # CURRENT_MODE, which this dialect does not have
+    "UNKNOWN_411": 0.33,  # CURRENT_EVENT_SEQUENCE
 }
 
 
@@ -66,7 +68,7 @@ def test_every_vehicle_has_its_own_system_id():
         companions = [Companion() for _ in range(3)]
         fleet, _ = new_fleet([Px4Config(onboard=companion.address) for companion in companions])
         await fleet.start()
-        for _ in range(10):
+        for _ in range(100):
             fleet.step()
         for companion in companions:
             companion.listen(0.0)
@@ -161,11 +163,11 @@ def test_the_attitude_is_the_true_one_in_ned_and_frd():
                 right = ned_from_enu * Rotation.from_quat([x, y, z, w]) * flu_from_frd
                 said, euler = flight.last("ATTITUDE_QUATERNION"), flight.last("ATTITUDE")
                 found = Rotation.from_quat([said.q2, said.q3, said.q4, said.q1])
-                # At 50 Hz, of the step before: up to 30 ms old, while it turns by 1.5 rad/s and tilts by 1 rad/s: 0.054 rad.
-                assert (right * found.inv()).magnitude() < 0.06
+                # At 50 Hz, of the step before: up to 30 ms old, while it turns by 2 rad/s and tilts by 2 rad/s: 0.085 rad.
+                assert (right * found.inv()).magnitude() < 0.09
                 assert (
                     found * Rotation.from_euler("ZYX", [euler.yaw, euler.pitch, euler.roll]).inv()
-                ).magnitude() < 0.04  # 20 ms apart
+                ).magnitude() < 0.06  # 20 ms apart
             assert right.magnitude() > 0.3
             assert np.hypot(euler.roll, euler.pitch) > 0.1
 
@@ -200,9 +202,8 @@ def test_estimates_err_as_a_real_px4s_do():
 
     error = asyncio.run(fly())
     # 200 vehicles: the sample's deviations are within 15 % of the right ones.
-    assert np.hypot(error[:, 0], error[:, 1]).std() < 0.13
-    assert np.sqrt((error[:, :2] ** 2).sum(axis=1).mean()) == pytest.approx(0.13, rel=0.15)
-    assert error[:, 2].std() == pytest.approx(0.2, rel=0.15)
+    assert np.sqrt((error[:, :2] ** 2).sum(axis=1).mean()) == pytest.approx(0.25, rel=0.15)
+    assert error[:, 2].std() == pytest.approx(np.hypot(0.2, 0.4), rel=0.15)
 
 
 def test_the_battery_empties():

@@ -6,11 +6,12 @@ import pytest
 from emulated_px4 import Flight
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.terrain import HillTruth, Terrain, TerrainTruth
+from sim.world.terrain import HillTruth, Terrain, TerrainTruth
 
 HILL = Terrain(TerrainTruth(slope=(0.2, 0.0), hills=(HillTruth(centre_m=(0.0, 0.0), height_m=6.0, width_m=10.0),)))
 
 
+@pytest.mark.slow
 def test_it_takes_off_from_a_hill_and_lands_on_it():
     place = (5.0, 3.0, HILL.height_m(5.0, 3.0))
 

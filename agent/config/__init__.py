@@ -1,0 +1,1 @@
+"""Mission and drone files, checked on load."""

@@ -1,0 +1,106 @@
+"""The drone file: everything that belongs to one vehicle: its links, sensors and folders."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, field
+
+from agent.config.section import Degrees, NonNegative, Section
+from protocol.units import DroneId
+
+
+class PeerMeshConfig(Section, frozen=True, kw_only=True):
+    """Where the swarm's Zenoh sessions listen, by drone: ``{d1 = "tcp/10.7.1.11:7447", ...}``, the same on every drone.
+
+    A drone listens at its own endpoint and connects to those of the drones before it: one link for each pair.
+    """
+
+    endpoints: dict[DroneId, str] = field(default_factory=dict)
+    listen: str | None = None  # none: its own entry of ``endpoints``
+
+
+class VisionConfig(Section, frozen=True, kw_only=True):
+    """The TCP feed ("host:port") with the poses of a visual or LiDAR SLAM on board; they are passed on to the autopilot."""
+
+    address: str
+
+
+class ResponseConfig(Section, frozen=True, kw_only=True):
+    """The vehicle's response to setpoints at the start of a flight; drag, lag and tracking error are identified in flight.
+
+    The defaults are PX4's for a quadrotor, with a drag between those of small and large ones. ``radron-agent identify`` fits
+    them to a recorded flight.
+    """
+
+    drag_ps: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.5  # deceleration by drag, per m/s of speed
+    lag_s: Annotated[float, Meta(ge=0.0, le=0.6)] = 0.06  # dead time: half the setpoints' period, and the autopilot's
+    attitude_lag_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.24  # from commanded to actual tilt; about 1 / MC_ROLL_P
+    derivative_gain: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.2  # MPC_XY_VEL_D_ACC: the autopilot's damping of accelerations
+    tracking_error_m: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.4  # horizontal deviation from the plan, RMS
+
+
+class VehicleConfig(Section, frozen=True, kw_only=True):
+    """The autopilot's onboard MAVLink link, as a MAVSDK address, and assumptions about vehicle and localisation.
+
+    ``system_id``: the vehicle's MAVLink system id, for a link on which other autopilots can be heard too; none: the first
+    one that is heard. ``gnss``: the autopilot flies by satellites; without, it has neither origin nor home, and is guided by
+    vision.
+    """
+
+    address: str = "udpin://0.0.0.0:14540"
+    connect_timeout_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 5.0
+    system_id: Annotated[int, Meta(ge=1, le=255)] | None = None
+    position_sigma_m: NonNegative = 0.15  # lower limit; the autopilot's own figure is used if it is larger
+    yaw_sigma_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 1.0
+    gnss: bool = True
+    vision: VisionConfig | None = None  # none: there is no SLAM, or it feeds the autopilot directly
+    response: ResponseConfig = ResponseConfig()
+
+
+class SightingsConfig(Section, frozen=True, kw_only=True):
+    """The TCP feed of a sensor for relative observations of other drones (a camera that sees their lamps, a ranging radio)."""
+
+    address: str | None = None  # "host:port"; none: there is no such sensor
+
+
+class DetectorConfig(Section, frozen=True, kw_only=True):
+    """The source of the pixel hits.
+
+    ``feed``: the simulation's TCP feed at ``address`` ("host:port"); ``t3pa``: playback of ``file`` in real time; ``pypixet``:
+    the camera, by the vendor's module with its files in ``pixet_folder``.
+    """
+
+    driver: Literal["none", "feed", "t3pa", "pypixet"] = "none"
+    address: str | None = None
+    file: str | None = None
+    pixet_folder: str | None = None
+    bias_v: Annotated[float, Meta(ge=-1000.0, le=1000.0)] | None = None  # none: that of the camera's own configuration
+
+
+class RecorderConfig(Section, frozen=True, kw_only=True):
+    """The flight recorder: MCAP files in ``folder`` (none: no records), the oldest of which are removed beyond ``limit_mb``."""
+
+    folder: str | None = None
+    limit_mb: Annotated[int, Meta(ge=16, le=1_000_000)] = 4096
+
+
+class DroneConfig(Section, frozen=True, kw_only=True):
+    """The drone file: everything that belongs to one vehicle.
+
+    ``camera_rpy_deg``: rotation body <- camera as roll, pitch, yaw about the fixed body axes, degrees; the camera's z is the
+    outward normal of its sensor, x runs along a pixel row, y up the rows. The default looks forward with y up.
+    ``mission``: path of the mission file; relative paths in a drone file start from that file's folder.
+    ``state``: folder for the state that must survive a restart in flight (none: a restarted agent does not resume).
+    """
+
+    id: DroneId
+    mission: str | None = None
+    state: str | None = None
+    camera_rpy_deg: tuple[Degrees, Degrees, Degrees] = (90.0, 0.0, 90.0)
+    calibration: str | None = None  # folder with a.txt, b.txt, c.txt, t.txt; none: the simulation's nominal camera
+    mesh: PeerMeshConfig = PeerMeshConfig()
+    vehicle: VehicleConfig = VehicleConfig()
+    detector: DetectorConfig = DetectorConfig()
+    sightings: SightingsConfig = SightingsConfig()
+    recorder: RecorderConfig = RecorderConfig()

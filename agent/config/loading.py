@@ -1,0 +1,124 @@
+"""Configuration files (TOML) into their types, with errors that name the file, the key and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+from msgspec.structs import replace
+
+from agent.config.mission import GRID_BYTES, MissionConfig
+from agent.errors import ConfigError
+from protocol.units import STATION
+
+T = TypeVar("T")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file. Raises ConfigError where it is unreadable or not TOML."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from None
+
+
+def load_toml(path: Path, kind: type[T]) -> T:
+    """Read a TOML file into a config type.
+
+    Raises:
+        ConfigError: unreadable, not TOML, an unknown key (with the nearest known one), a value out of range.
+    """
+    return convert(read_toml(path), kind, str(path))
+
+
+def load_mission(path: Path) -> MissionConfig:
+    """Read and check a mission file, and read the elevation grid that it names."""
+    mission = load_toml(path, MissionConfig)
+    mission.check(str(path))
+    return with_ground_grid(mission, path.parent)
+
+
+def with_ground_grid(mission: MissionConfig, folder: Path) -> MissionConfig:
+    """The mission with the content of its elevation grid, read from ``folder`` unless it is there already.
+
+    Raises:
+        ConfigError: the file cannot be read, or is too large.
+    """
+    ground = mission.ground
+    if ground.grid is None or ground.grid_data is not None:
+        return mission
+    path = folder / ground.grid
+    try:
+        with path.open("rb") as file:
+            data = file.read(GRID_BYTES + 1)
+    except OSError as error:
+        raise ConfigError(f"ground.grid: {path}: cannot be read: {error.strerror}") from None
+    if len(data) > GRID_BYTES:
+        raise ConfigError(
+            f"ground.grid: {path}: more than {GRID_BYTES // 1_000_000} MB; crop it to the area, or compress it (GeoTIFF)"
+        )
+    return replace(mission, ground=replace(ground, grid_data=data))
+
+
+def convert(document: object, kind: type[T], where: str) -> T:
+    """Fit a parsed document to a config type; errors name ``where``, the key and what is allowed."""
+    try:
+        return msgspec.convert(document, kind)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{where}: {_explain(str(error), kind)}") from None
+
+
+def _explain(text: str, kind: type) -> str:
+    """msgspec's error message with the key before it and what is allowed after it."""
+    message, _, place = text.partition(" - at ")
+    path = place.strip("`").removeprefix("$").lstrip(".")
+    unknown = re.match(r"Object contains unknown field `(.+)`", message)
+    if unknown:
+        key = unknown.group(1)
+        allowed = _keys(_type_at(kind, path))
+        near = difflib.get_close_matches(key, allowed, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        return f"unknown key {_join(path, key)!r}{hint} (allowed: {', '.join(allowed)})"
+    missing = re.match(r"Object missing required field `(.+)`", message)
+    if missing:
+        return f"the key {_join(path, missing.group(1))!r} is missing"
+    if "matching regex" in message:
+        return f"{path}: expected a name of up to 32 of a-z, 0-9 and '-' (for a drone not {STATION!r})"
+    choice = _type_at(kind, path)
+    if isinstance(choice, msgspec.inspect.LiteralType):
+        return f"{path}: {message[0].lower()}{message[1:]} (allowed: {', '.join(map(repr, choice.values))})"
+    return f"{path or 'the file'}: {message[0].lower()}{message[1:]}"
+
+
+def _join(path: str, key: str) -> str:
+    return f"{path}.{key}" if path else key
+
+
+def _keys(kind: msgspec.inspect.Type) -> list[str]:
+    return [field.encode_name for field in kind.fields] if isinstance(kind, msgspec.inspect.StructType) else []
+
+
+def _type_at(kind: type, path: str) -> msgspec.inspect.Type:
+    """The type at a path such as ``mission.drones[...].id`` of a config type; of a list that of its items."""
+    current = msgspec.inspect.type_info(kind)
+    for name in re.findall(r"[A-Za-z_]\w*", path):
+        if isinstance(current, msgspec.inspect.StructType):
+            field = next((field for field in current.fields if field.encode_name == name), None)
+            if field is None:
+                return msgspec.inspect.AnyType()
+            current = _item(field.type)
+    return current
+
+
+def _item(kind: msgspec.inspect.Type) -> msgspec.inspect.Type:
+    if isinstance(kind, msgspec.inspect.UnionType):
+        return next((_item(part) for part in kind.types if isinstance(_item(part), msgspec.inspect.StructType)), kind)
+    if isinstance(kind, msgspec.inspect.VarTupleType | msgspec.inspect.ListType):
+        return _item(kind.item_type)
+    return kind

@@ -1,0 +1,306 @@
+"""The mission file: what the swarm is to do, and with which estimator. The same on every drone.
+
+Its hash is the mission id: drones with different mission ids refuse to start together.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from math import dist
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+from shapely import Polygon
+from shapely.validation import explain_validity
+
+from agent.config.section import Activity, Coordinate, Degrees, NonNegative, Positive, Section
+from agent.errors import ConfigError
+from protocol.units import DroneId, Identifier, Latitude, Longitude
+
+Corner = tuple[Coordinate, Coordinate]
+MOST_LANES = 300  # over an area: they are planned between two steps in flight (0.2 s on a desktop), again when a drone drops out
+GRID_BYTES = 2_000_000  # limit of an elevation grid: 1 km2 at 1 m, compressed
+
+
+class AreaConfig(Section, frozen=True, kw_only=True):
+    """The area to search, and its fence. Mission frame, metres; heights above ground."""
+
+    polygon_m: Annotated[tuple[Corner, ...], Meta(min_length=3, max_length=256)]
+    fence_margin_m: NonNegative = 30.0
+    floor_m: NonNegative = 1.5
+    ceiling_m: Positive = 60.0
+
+
+class SurveyConfig(Section, frozen=True, kw_only=True):
+    """The search before the first hypothesis.
+
+    ``strategy``: ``information`` flies to the waypoints of largest expected information gain, at ``search_speed_mps``; ``lanes``
+    covers the area, at ``speed_mps`` (paper, Sec. V-A). Lanes are also flown with an estimator that gives no search posterior,
+    with the flocking law ``paper``, and in areas whose bounding rectangle is larger than 9 ha.
+    The search ends without a result once every source of ``least_activity_bq`` or more is excluded (none: never), or after
+    ``duration_s`` (none: no limit). ``then`` the swarm returns, or continues to search.
+    """
+
+    height_m: Positive = 3.0
+    speed_mps: Positive = 3.0
+    lane_spacing_m: Annotated[float, Meta(ge=0.5, le=1000.0)] = 10.0
+    yaw_rate_rps: Annotated[float, Meta(ge=-6.3, le=6.3)] = 0.5
+    strategy: Literal["information", "lanes"] = "information"
+    search_speed_mps: Positive = 6.5
+    least_activity_bq: Activity | None = 5e7
+    duration_s: Positive | None = None
+    then: Literal["return", "continue"] = "return"
+
+
+class EncirclementConfig(Section, frozen=True, kw_only=True):
+    """The circular flight around the hypothesis (paper, Sec. V-C). ``law``: the paper's, or the smooth one.
+
+    With the smooth law and an estimator that states its covariance, the radius is ``nearest_m`` plus the hypothesis' RMS,
+    ``radius_m`` at most, and the height is in proportion to it, ``height_m`` at ``radius_m``.
+    """
+
+    law: Literal["paper", "smooth"] = "smooth"
+    radius_m: Positive = 12.0
+    nearest_m: Positive = 6.0
+    speed_mps: Positive = 3.0
+    height_m: Positive = 3.0
+    steps: Annotated[int, Meta(ge=2, le=63)] = 30  # K
+    step_s: Annotated[float, Meta(gt=0.0, le=2.0)] = 0.2  # Delta T
+    bias_rad: Annotated[float, Meta(ge=0.0, le=1.6)] = 0.05  # beta
+
+
+class LimitsConfig(Section, frozen=True, kw_only=True):
+    """Limits of the vehicles' motion, and the least separation between them."""
+
+    speed_mps: Positive = 8.0
+    acceleration_mps2: Positive = 4.0
+    jerk_mps3: Positive = 20.0
+    climb_mps: Positive = 2.0
+    separation_m: Positive = 3.0
+
+
+class PaperEstimatorConfig(Section, frozen=True, kw_only=True):
+    """Parameters of the paper's linear Kalman filter (Sec. IV-B).
+
+    ``order``: which of a cone's two orders is used: the one with the smaller scattering angle, or the more probable one.
+    """
+
+    process_noise_m2ps: Positive = 2.0  # q
+    measurement_variance_m2: Positive = 100.0  # rho
+    cross_axis_factor: Positive = 1e4
+    initial_cones: Annotated[int, Meta(ge=3, le=1000)] = 10  # M
+    initial_baseline_m: NonNegative = 2.0  # between the apexes of the M cones
+    initial_variance_m2: Positive = 100.0
+    order: Literal["forward", "probable"] = "forward"
+
+
+class BayesEstimatorConfig(Section, frozen=True, kw_only=True):
+    """Parameters of the Bayesian estimator: priors of the source and of the vehicles' pose errors, and thresholds."""
+
+    grid_s: Annotated[float, Meta(ge=0.05, le=1.0)] = 0.1
+    activity_bq: tuple[Activity, Activity] = (3e7, 3e12)  # up to the sources of industrial radiography and teletherapy
+    activity_levels: Annotated[int, Meta(ge=2, le=64)] = 12
+    velocity_mps: Positive = 0.7  # of a moving source: 1 sigma of each axis
+    velocity_s: Positive = 300.0  # correlation time of that velocity
+    fast_velocity_mps: Positive = 2.0  # of a fast source: 1 sigma of each axis
+    fast_velocity_s: Positive = 5.0
+    hurry_ps: Positive = 0.003  # rate of changes between moving and fast
+    switch_ps: Positive = 0.00005  # rate of starts and stops
+    bias_drift_m: NonNegative = 0.03  # random walk of a vehicle's position error, 1 sigma after a second
+    bias_yaw_drift_deg: NonNegative = 0.3
+    gain_sigma: NonNegative = 0.05  # relative sensitivity of a camera against the others, 1 sigma
+    gain_drift: NonNegative = 0.003
+    cell_m: Annotated[float, Meta(ge=0.5, le=100.0)] = 2.5  # least cell size of the search grid
+    most_cells: Annotated[int, Meta(ge=16, le=100_000)] = 4096
+    background_levels: Annotated[tuple[Positive, ...], Meta(min_length=1, max_length=16)] = (0.8, 1.0, 1.25, 1.55, 1.95)
+    background_sigma: Positive = 0.3  # of the logarithm of the ratio between actual and configured background
+    motion_prior: tuple[Positive, Positive, Positive] = (0.5, 0.3, 0.2)  # at rest, moving, moving fast
+    search_diffusion_m2ps: tuple[Positive, Positive] = (2.0, 20.0)  # of a moving source and of a fast one during the search
+    declared_rms_m: Positive = 3.5  # largest posterior RMS at which the source is declared found
+    given_up_rms_m: Positive = 7.0  # posterior RMS above which the track is given up: the search starts again from the posterior
+    doubt: Annotated[float, Meta(gt=0.0, lt=1.0)] = 1e-3  # largest probability of no source at which the source is declared found
+
+
+class GivenHypothesisConfig(Section, frozen=True, kw_only=True):
+    """A hypothesis that moves by a schedule: ``[[t_s, x, y], ...]`` from the mission's start, mission frame."""
+
+    schedule: Annotated[tuple[tuple[NonNegative, Coordinate, Coordinate], ...], Meta(min_length=1, max_length=1000)]
+
+
+class FusionConfig(Section, frozen=True, kw_only=True):
+    """The estimator, and its time grid."""
+
+    estimator: Identifier = "bayes"  # paper, paper-geometric, bayes, given, or one of an installed package
+    grid_s: Annotated[float, Meta(ge=0.05, le=10.0)] = 0.5
+    paper: PaperEstimatorConfig = PaperEstimatorConfig()
+    bayes: BayesEstimatorConfig = BayesEstimatorConfig()
+    given: GivenHypothesisConfig | None = None
+
+
+class DetectionConfig(Section, frozen=True, kw_only=True):
+    """Acceptance of cones: energies in keV, cluster sizes in pixels, times in ns.
+
+    The rates that estimator ``bayes`` expects were measured with the default values (benchmarks/channel_response.py): with
+    others, except for ``minimum_pixels``, its activities are biased.
+    """
+
+    energy_window: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.2  # share of the line's energy, on each side
+    minimum_pixels: Annotated[int, Meta(ge=2, le=1000)] = 6  # of both clusters together (paper: 15)
+    minimum_photon_kev: NonNegative | None = None  # of a cone; none: the kinematic limit of the line, less 10 keV (Cs-137: 174)
+    maximum_electron_kev: Positive | None = None  # of a cone; none: the line's Compton edge (Cs-137: 477)
+    cluster_threshold_kev: NonNegative = 5.0
+    cluster_gap_ns: Positive = 100.0
+    coincidence_window_ns: Positive = 100.0
+
+
+class TrackConfig(Section, frozen=True, kw_only=True):
+    """When tracking ends: after ``duration_s`` the swarm returns.
+
+    When the source counts as lost: with an estimator that states its covariance, while the hypothesis' RMS is above
+    ``lost_rms_m``; the swarm then encircles it on a circle that fits the RMS. With ``bayes`` this happens only without any
+    measurements: else it gives the track up earlier (``given_up_rms_m``), and searches from its posterior. With any other
+    estimator, after ``no_cone_timeout_s`` without a cone; the swarm then searches outward from the last hypothesis on a circle
+    that grows by ``widening_mps``.
+    """
+
+    lost_rms_m: Positive = 15.0
+    no_cone_timeout_s: Positive | None = 20.0
+    widening_mps: NonNegative = 0.5
+    duration_s: Positive | None = None
+
+
+class DroneInMission(Section, frozen=True, kw_only=True):
+    """A member of the swarm and where its local frame lies at the start: its origin and heading in the mission frame.
+
+    ``localization``: ``exact``: the frame lies exactly there for the whole flight; else the vehicle's kind of localisation, and
+    origin and heading of the frame are estimated in flight, with the initial errors ``origin_sigma_m`` (each axis) and
+    ``yaw_sigma_deg`` (180: unknown heading).
+    """
+
+    id: DroneId
+    origin_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
+    yaw_deg: Degrees = 0.0
+    localization: Literal["exact", "gnss", "rtk", "slam"] = "exact"
+    origin_sigma_m: NonNegative = 1.0
+    yaw_sigma_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 5.0
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether its frame lies exactly there for the whole flight, so that there is nothing to estimate."""
+        return self.localization == "exact"
+
+
+class DatumConfig(Section, frozen=True, kw_only=True):
+    """The mission frame's origin on Earth (WGS84, height above the ellipsoid); the frame's axes are east, north, up there."""
+
+    latitude_deg: Latitude
+    longitude_deg: Longitude
+    altitude_m: Coordinate = 0.0
+
+
+class GroundConfig(Section, frozen=True, kw_only=True):
+    """The ground on which the source lies, in the mission frame: a plane, or an elevation grid.
+
+    ``height_m``: of the plane at the mission frame's origin; ``slope``: its rise per metre east and north. ``grid``: an ESRI
+    ASCII grid or GeoTIFF file instead, relative to the mission file's folder.
+
+    ``grid_crs``: of the grid's coordinates: ``mission`` (metres of the mission frame), ``EPSG:4326`` (degrees, WGS84) or the
+    code of a UTM zone (EPSG:32601 .. 32660, 32701 .. 32760); none: that of the GeoTIFF itself, else ``mission``.
+    Georeferenced grids need the mission's ``datum``. ``geoid_m``: height of their zero, mostly sea level, above the ellipsoid.
+    ``grid_data``: the file's content, filled on load: it is part of the mission, its id and its records.
+    """
+
+    height_m: Coordinate = 0.0
+    slope: tuple[Annotated[float, Meta(ge=-2.0, le=2.0)], Annotated[float, Meta(ge=-2.0, le=2.0)]] = (0.0, 0.0)
+    grid: str | None = None
+    grid_crs: Annotated[str, Meta(pattern=r"^(mission|EPSG:(4326|32[67](0[1-9]|[1-5][0-9]|60)))$")] | None = None
+    geoid_m: Annotated[float, Meta(ge=-200.0, le=200.0)] = 0.0
+    grid_data: Annotated[bytes, Meta(max_length=GRID_BYTES)] | None = None
+
+
+class FramesConfig(Section, frozen=True, kw_only=True):
+    """Estimation of the drones' frames that are not known exactly; drifts are 1 sigma.
+
+    ``keyframe_s``: interval between two estimates of all frames; ``settle_s``: how long to wait for a keyframe's entries (an
+    exposure lasts half a second, and takes time to arrive). The sigmas are of each axis.
+    """
+
+    keyframe_s: Annotated[float, Meta(ge=0.2, le=10.0)] = 1.0
+    settle_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.9
+    gnss_sigma_m: Positive = 1.5  # of the correlated error of a GNSS position
+    rtk_sigma_m: Positive = 0.05
+    gnss_correlation_s: Positive = 40.0  # of both errors
+    compass_drift_deg: NonNegative = 0.3  # random walk of the heading of an autopilot with GNSS, after a second
+    slam_drift_m: NonNegative = 0.1  # horizontal, after a metre flown; grows as the root of the distance: 1 % of 100 m
+    slam_climb_m: NonNegative = 0.03  # the same vertically; less with a barometer or rangefinder
+    slam_turn_deg: NonNegative = 0.1  # of the heading, after a metre flown
+    slam_yaw_drift_deg: NonNegative = 0.1  # of the heading, after a second; grows as the root of the time
+    wander_m: NonNegative = 0.03  # random walk of any position, after a second
+    jump_m: NonNegative = 0.2  # uncertainty of the frame after a jump of the localisation, and again for each second that it took
+    jump_yaw_deg: NonNegative = 2.0
+    window_s: Positive = 30.0  # of the sightings from which an unknown frame is found
+    lead: Positive = 10.0  # least log-likelihood ratio of the best pose to every other one, for it to be accepted
+    aligned_sigma_m: Positive = 1.5  # largest 1 sigma of a pose that is accepted
+    aligned_yaw_deg: Positive = 5.0
+    suspect_s: Positive = 30.0  # without a contradiction, until a drone that was contradicted is trusted again
+
+
+class MissionConfig(Section, frozen=True, kw_only=True):
+    """What the swarm is to do. The same file on every drone."""
+
+    name: str
+    swarm: Identifier = "radron"
+    nuclide: str = "Cs-137"
+    drones: Annotated[tuple[DroneInMission, ...], Meta(min_length=1, max_length=64)]
+    datum: DatumConfig | None = None  # none: the mission frame's place on Earth is unknown or not needed
+    area: AreaConfig
+    ground: GroundConfig = GroundConfig()
+    frames: FramesConfig = FramesConfig()
+    survey: SurveyConfig = SurveyConfig()
+    encirclement: EncirclementConfig = EncirclementConfig()
+    limits: LimitsConfig = LimitsConfig()
+    detection: DetectionConfig = DetectionConfig()
+    fusion: FusionConfig = FusionConfig()
+    track: TrackConfig = TrackConfig()
+
+    def check(self, where: str) -> None:
+        """Raise ConfigError if values contradict each other; ``where`` is named in the text."""
+        outline = Polygon(self.area.polygon_m)
+        if not outline.is_valid or outline.area <= 0.0:
+            raise ConfigError(
+                f"{where}: area.polygon_m: {explain_validity(outline)}; give the corners of a simple polygon in order"
+            )
+        width_m = min(_sides_m(outline))
+        if width_m > MOST_LANES * self.survey.lane_spacing_m:
+            raise ConfigError(
+                f"{where}: area.polygon_m is {width_m:.0f} m wide; with survey.lane_spacing_m = {self.survey.lane_spacing_m:g} "
+                f"that makes more than {MOST_LANES} lanes; search a smaller area, or use wider lanes"
+            )
+        ids = [drone.id for drone in self.drones]
+        doubles = sorted({name for name in ids if ids.count(name) > 1})
+        if doubles:
+            raise ConfigError(f"{where}: drones: the id {doubles[0]!r} is given twice; ids must differ")
+        if self.area.floor_m >= self.area.ceiling_m:
+            raise ConfigError(f"{where}: area.floor_m must be below area.ceiling_m")
+        for name, height in (("survey", self.survey.height_m), ("encirclement", self.encirclement.height_m)):
+            if not self.area.floor_m <= height <= self.area.ceiling_m:
+                raise ConfigError(
+                    f"{where}: {name}.height_m = {height:g} is outside area.floor_m .. area.ceiling_m "
+                    f"({self.area.floor_m:g} .. {self.area.ceiling_m:g})"
+                )
+        if self.fusion.estimator == "given" and self.fusion.given is None:
+            raise ConfigError(f"{where}: fusion.estimator = 'given' needs fusion.given.schedule")
+
+    @property
+    def mission_id(self) -> str:
+        """16 hex digits that differ when anything in the mission differs."""
+        content = msgspec.json.encode(self, order="sorted")
+        return hashlib.blake2b(content, digest_size=8).hexdigest()
+
+
+def _sides_m(outline: Polygon) -> tuple[float, float]:
+    """The sides of the smallest rectangle around it."""
+    corners = outline.minimum_rotated_rectangle.exterior.coords
+    first, second, third = corners[:3]
+    return dist(first, second), dist(second, third)

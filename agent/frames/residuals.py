@@ -1,0 +1,188 @@
+"""Residuals, Jacobians and robust weights of sightings and fixes.
+
+A pose is (x, y, z, yaw) of a drone in the mission frame at a reference time: its position, and the heading of its local frame.
+Its position at another time follows from its own track: x + R(yaw) d, with the displacement d in its (continuous) local frame.
+
+Each datum either has its stated error or, with prior probability ``OUTLIER_SHARE``, is an outlier of any value. Its weight is the
+posterior probability of the former; iterating these weights converges to a maximum of the mixture's likelihood
+(expectation-maximisation; Dempster et al. 1977).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.geometry import Array
+
+Ints = NDArray[np.int64]
+
+OUTLIER_SHARE = 0.1  # prior share of sightings of something else than the target
+FIX_OUTLIER_SHARE = 0.02  # prior share of wrong fixes (multipath, spoofing, a faulty drone)
+_FARTHEST_M = 60.0  # outlier ranges are uniform up to here
+_SPREAD_M = 100.0  # outlier fixes are uniform in a cube of this edge
+NEAREST_M = 0.3  # two drones are never nearer; keeps the directions' Jacobians finite
+
+
+class _Columns(ABC):
+    """Rows of data as arrays, one per field of the derived dataclass."""
+
+    __slots__: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(getattr(self, self.__slots__[0]))
+
+    def take(self, chosen: NDArray[np.bool_] | Ints | slice) -> Self:
+        """The chosen rows."""
+        return type(self)(*(getattr(self, name)[chosen] for name in self.__slots__))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """All rows of the parts, in order."""
+        if not parts:
+            return cls.empty()
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__))
+
+    @classmethod
+    @abstractmethod
+    def empty(cls) -> Self:
+        """No rows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sightings(_Columns):
+    """M sightings. Drones by their index in the mission; positions and directions in the continuous local frames.
+
+    observer, target: (M,). stamp_ns: (M,). at_observer, at_target: (M, 3) positions of the two. direction: (M, 3), of the target
+    in the observer's frame; direction_var: (M,) rad^2 of each of its two axes. range_m, range_var: (M,). An infinite variance
+    means that there is no such measurement.
+    """
+
+    observer: Ints
+    target: Ints
+    stamp_ns: Ints
+    at_observer: Array
+    at_target: Array
+    direction: Array
+    direction_var: Array
+    range_m: Array
+    range_var: Array
+
+    @classmethod
+    def empty(cls) -> Sightings:
+        """No sightings."""
+        none, ints = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
+        return cls(ints, ints, ints, none, none, none, np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+@dataclass(frozen=True, slots=True)
+class Fixes(_Columns):
+    """F position fixes of drones, mission frame. drone: (F,). at: (F, 3) the track's position at that time. place, var: (F, 3).
+
+    inflation: (F,) factor on the variance, for the correlation with the fix before.
+    """
+
+    drone: Ints
+    stamp_ns: Ints
+    at: Array
+    place: Array
+    var: Array
+    inflation: Array
+
+    @classmethod
+    def empty(cls) -> Fixes:
+        """No fixes."""
+        none, ints = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
+        return cls(ints, ints, none, none, none, np.zeros(0))
+
+
+def turned(yaw_rad: Array, vectors: Array) -> Array:
+    """R(yaw) v for yaws (...,) and vectors (..., 3)."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    return np.stack([c * x - s * y, s * x + c * y, z + 0.0 * c], axis=-1)
+
+
+def turned_per_yaw(rotated: Array) -> Array:
+    """Derivative of R(yaw) v by yaw, from R(yaw) v (..., 3)."""
+    return np.stack([-rotated[..., 1], rotated[..., 0], np.zeros_like(rotated[..., 0])], axis=-1)
+
+
+def sighting_residuals(
+    observer: Array, target: Array, moved_observer: Array, moved_target: Array, direction: Array, range_m: Array
+) -> tuple[Array, Array, Array]:
+    """Predicted minus measured direction (observer's frame, three components of a unit vector) and range.
+
+    observer, target: (M, 4) poses. moved_*: (M, 3) displacements since the reference time, local frames. Returns residuals (M, 4)
+    and their Jacobians by the observer's and by the target's pose, (M, 4, 4) each. A direction opposite to its prediction has a
+    residual of 2, not of 0 as it would in a tangent plane.
+    """
+    arm_o = turned(observer[:, 3], moved_observer)
+    arm_t = turned(target[:, 3], moved_target)
+    apart = target[:, :3] + arm_t - observer[:, :3] - arm_o
+    distance = np.maximum(np.sqrt((apart * apart).sum(1)), NEAREST_M)
+    along = apart / distance[:, None]
+    seen = turned(-observer[:, 3], along)
+    count = len(distance)
+    across = (np.eye(3) - along[:, :, None] * along[:, None, :]) / distance[:, None, None]  # d along / d apart
+    by_apart = np.empty((count, 4, 3))
+    c, s = np.cos(observer[:, 3])[:, None], np.sin(observer[:, 3])[:, None]
+    by_apart[:, 0] = c * across[:, 0] + s * across[:, 1]
+    by_apart[:, 1] = c * across[:, 1] - s * across[:, 0]
+    by_apart[:, 2] = across[:, 2]
+    by_apart[:, 3] = along
+    by_observer, by_target = np.empty((count, 4, 4)), np.empty((count, 4, 4))
+    by_observer[:, :, :3] = -by_apart
+    by_observer[:, :, 3] = -(by_apart @ turned_per_yaw(arm_o)[:, :, None])[:, :, 0]
+    by_observer[:, 0, 3] += seen[:, 1]
+    by_observer[:, 1, 3] -= seen[:, 0]
+    by_target[:, :, :3] = by_apart
+    by_target[:, :, 3] = (by_apart @ turned_per_yaw(arm_t)[:, :, None])[:, :, 0]
+    residuals = np.concatenate([seen - direction, (distance - range_m)[:, None]], axis=1)
+    return residuals, by_observer, by_target
+
+
+def fix_residuals(pose: Array, moved: Array, place: Array) -> tuple[Array, Array]:
+    """Predicted minus measured position (F, 3), and its Jacobian by the pose (F, 3, 4)."""
+    arm = turned(pose[:, 3], moved)
+    jacobian = np.zeros((len(pose), 3, 4))
+    jacobian[:, :, :3] = np.eye(3)
+    jacobian[:, :, 3] = turned_per_yaw(arm)
+    return pose[:, :3] + arm - place, jacobian
+
+
+def sighting_evidence(
+    squared_direction: Array, direction_var: Array, squared_range: Array, range_var: Array
+) -> tuple[Array, Array]:
+    """Log likelihoods of sightings (...,) as inliers and as outliers. Direction and range are inliers or outliers together.
+
+    The variances are those of each of the direction's two axes and of the range, infinite where not measured.
+    """
+    has_direction, has_range = np.isfinite(direction_var), np.isfinite(range_var)
+    direction_var = np.where(has_direction, direction_var, 1.0)
+    range_var = np.where(has_range, range_var, 1.0)
+    true = np.log(1.0 - OUTLIER_SHARE) + np.where(
+        has_direction, -0.5 * squared_direction / direction_var - np.log(2.0 * np.pi * direction_var), 0.0
+    )
+    true = true + np.where(has_range, -0.5 * squared_range / range_var - 0.5 * np.log(2.0 * np.pi * range_var), 0.0)
+    false = (
+        np.log(OUTLIER_SHARE) - np.where(has_direction, np.log(4.0 * np.pi), 0.0) - np.where(has_range, np.log(_FARTHEST_M), 0.0)
+    )
+    return true, false
+
+
+def fix_evidence(squared: Array, var: Array) -> tuple[Array, Array]:
+    """Log likelihoods of fixes as inliers and as outliers, from squared residuals and variances (..., 3)."""
+    true = np.log(1.0 - FIX_OUTLIER_SHARE) - 0.5 * (squared / var + np.log(2.0 * np.pi * var)).sum(-1)
+    return true, np.full_like(true, np.log(FIX_OUTLIER_SHARE) - 3.0 * np.log(_SPREAD_M))
+
+
+def inlier_probability(true: Array, false: Array) -> Array:
+    """Posterior probability that a datum is an inlier, from the two log likelihoods."""
+    weight: Array = 1.0 / (1.0 + np.exp(np.clip(false - true, -50.0, 50.0)))
+    return weight

@@ -1,0 +1,53 @@
+"""The apparent place of the source for each vehicle's own localisation: its place plus the vehicle's position bias."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from agent.fusion.bayes.motion import BIAS, BIASES
+from agent.fusion.estimator import Sight
+from agent.geometry import Array
+from agent.terrain.ground import Ground
+
+
+class Sights(Mapping[str, Sight]):
+    """By vehicle: y_i = x + b_i ~ N(m_x + m_b, P_xx + P_xb + P_bx + P_bb), on the ground. Computed on access.
+
+    mean: (d,) and covariance: (d, d) of the track.
+    """
+
+    def __init__(self, vehicles: Mapping[str, int], mean: Array, covariance: Array, ground: Ground) -> None:
+        """``vehicles``: index of each vehicle's biases."""
+        self._vehicles, self._mean, self._covariance, self._ground = vehicles, mean, covariance, ground
+        self._known: dict[str, Sight] = {}
+
+    def __len__(self) -> int:
+        return len(self._vehicles)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._vehicles)
+
+    def __getitem__(self, drone: str) -> Sight:
+        known = self._known.get(drone)
+        if known is None:
+            known = self._known[drone] = self._sight(BIASES + BIAS * self._vehicles[drone])
+        return known
+
+    def _sight(self, b: int) -> Sight:
+        mean, p = self._mean.tolist(), self._covariance
+        x, y = mean[0], mean[1]
+        rows = p[:2] + p[b : b + 2]
+        place = np.array((x + mean[b], y + mean[b + 1], self._ground.height_m(x, y)))
+        return Sight(place, on_ground(rows[:, :2] + rows[:, b : b + 2], self._ground.slope(x, y)))
+
+
+def on_ground(covariance: Array, rise: tuple[float, float]) -> Array:
+    """J P J' (3, 3) of a horizontal covariance P (2, 2), with J = [[1, 0], [0, 1], rise]; rise: of the ground per metre east and
+    north.
+    """
+    (xx, xy), (yx, yy) = covariance.tolist()
+    east, north = rise
+    xz, yz = xx * east + xy * north, yx * east + yy * north
+    return np.array(((xx, xy, xz), (yx, yy, yz), (xz, yz, east * xz + north * yz)))

@@ -1,0 +1,65 @@
+"""Reduction of a Gaussian mixture: Gaussians that lie close together are replaced by one of the same moments."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.geometry import Array
+
+LEAST_WEIGHT = 1e-4  # relative to the heaviest site; lighter ones are dropped
+NEAR = 0.5  # sites nearer than this multiple of their sigma are merged
+
+
+def moments_of(weight: Array, mean: Array, covariance: Array) -> tuple[Array, Array]:
+    """Mean (d,) and covariance (d, d) of a mixture of N Gaussians:
+
+        m = sum_n w_n m_n / W,   P = sum_n w_n (P_n + (m_n - m) (m_n - m)') / W,   W = sum_n w_n.
+
+    weight: (N,). mean: (N, d). covariance: (N, d, d).
+    """
+    count, d = mean.shape
+    share = weight / max(float(weight.sum()), 1e-300)
+    middle = share @ mean
+    apart = mean - middle
+    spread = (share @ covariance.reshape(count, d * d)).reshape(d, d)
+    return middle, spread + (apart.T * share) @ apart
+
+
+def clusters(weight: Array, mean: Array, covariance: Array) -> list[NDArray[np.intp]]:
+    """Indices of the sites that are to be merged, a group each; sites of less than ``LEAST_WEIGHT`` are in none.
+
+    Salmond's clustering [S90] with a Euclidean distance: the heaviest site left takes all those whose place is within
+    ``NEAR`` sigma of its own, unless they are more than twice as wide; sigma: RMS of the horizontal axes in its widest mode.
+    Cheaper than merging pairs by Kullback-Leibler distance [R07]: at the hand-over from the grid there are hundreds of sites.
+
+    weight: (S, M). mean: (S, M, d). covariance: (S, M, d, d).
+    """
+    total = weight.sum(axis=1)
+    kept = np.flatnonzero(total > LEAST_WEIGHT * total.max())
+    order = kept[np.argsort(-total[kept], kind="stable")]
+    place = np.sum(weight[..., None] * mean[..., :2], axis=1) / np.maximum(total, 1e-300)[:, None]
+    sigma = np.sqrt(0.5 * np.trace(covariance[..., :2, :2], axis1=-2, axis2=-1).max(axis=1))
+    groups: list[NDArray[np.intp]] = []
+    while len(order):
+        first = order[0]
+        away = np.hypot(place[order, 0] - place[first, 0], place[order, 1] - place[first, 1])
+        joins = (away < NEAR * sigma[first]) & (sigma[order] < 2.0 * sigma[first])
+        joins[0] = True
+        groups.append(order[joins])
+        order = order[~joins]
+    return groups
+
+
+def merged(groups: list[NDArray[np.intp]], weight: Array, mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
+    """Weights, means and covariances of the groups' sites, mode by mode merged into one Gaussian of the same moments.
+
+    weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d); the result has len(groups) sites, of weights that add up to 1.
+    """
+    total = np.empty((len(groups), *weight.shape[1:]))
+    middle, spread = np.empty((*total.shape, *mean.shape[2:])), np.empty((*total.shape, *covariance.shape[2:]))
+    for site, mode in np.ndindex(*total.shape):
+        parts = groups[site], mode
+        total[site, mode] = weight[parts].sum()
+        middle[site, mode], spread[site, mode] = moments_of(weight[parts], mean[parts], covariance[parts])
+    return total / total.sum(), middle, spread

@@ -1,0 +1,52 @@
+"""The whole posterior of an estimator as arrays, for analysis: cells of a grid, or components of a Gaussian sum."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from msgspec import Struct
+
+from agent.fusion.engine import Fusion
+from agent.geometry import Array
+
+
+class Posterior(Struct, frozen=True, eq=False):
+    """Where the source may be, mission frame, horizontal.
+
+    kind: ``grid``: cells of the search; ``sum``: a Gaussian sum; ``gaussian``: one Gaussian, all that the estimator tells.
+    stamp_ns: the time of which it speaks: that of the hypothesis; of a grid the time at which the fusion was asked.
+    position: (C, 2) metres. weight: (C,) probabilities, adding up to 1 - ``none``. covariance: (C, 2, 2) m2, of each component; 0
+    for the cells of a grid. none: probability that there is no source.
+    """
+
+    kind: Literal["grid", "sum", "gaussian"]
+    stamp_ns: int
+    position: Array
+    weight: Array
+    covariance: Array
+    none: float = 0.0
+
+
+def posterior_of(fusion: Fusion, now_ns: int) -> Posterior | None:
+    """What a fusion holds possible now; None where its estimator tells nothing yet."""
+    hypothesis, outlook = fusion.hypothesis, fusion.outlook
+    if hypothesis is not None:
+        one = hypothesis.position[None, :2].copy(), np.ones(1), hypothesis.covariance[None, :2, :2].copy()
+        return _sum_of(fusion, hypothesis.stamp_ns) or Posterior("gaussian", hypothesis.stamp_ns, *one)
+    if outlook is None:
+        return None
+    cells = len(outlook.weight)
+    return Posterior("grid", now_ns, outlook.places.copy(), outlook.weight.copy(), np.zeros((cells, 2, 2)), outlook.none)
+
+
+def _sum_of(fusion: Fusion, stamp_ns: int) -> Posterior | None:
+    """The Gaussian sum of ``bayes``, its components those of all sites and modes of motion; None of another estimator."""
+    from agent.fusion.bayes.estimator import BayesEstimator  # noqa: PLC0415  on board nobody asks
+
+    track = fusion.estimator.mixture(fusion.state, stamp_ns) if isinstance(fusion.estimator, BayesEstimator) else None
+    if track is None:
+        return None
+    weight = track.weight.ravel()
+    mean, covariance = track.mean[..., :2].reshape(-1, 2), track.covariance[..., :2, :2].reshape(-1, 2, 2)
+    return Posterior("sum", stamp_ns, mean, weight / weight.sum(), covariance)

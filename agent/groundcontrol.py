@@ -1,0 +1,162 @@
+"""An operator's command to a flying swarm: finds its mission, refuses if drones differ, sends, and waits until it is obeyed."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+from agent.errors import RadronError
+from protocol.codec import decode_from, encode
+from protocol.errors import ProtocolError
+from protocol.keys import key_of, parse_key
+from protocol.messages import Action, Command, Stage, Status
+from protocol.session import Mesh, MeshConfig
+
+LISTEN_S = 2.5  # a drone publishes its status every second
+FIND_S = 8.0  # how long to search for the swarm
+OBEY_S = 5.0
+REPEAT_S = 1.0  # until the command is repeated: a drone that has obeyed it ignores the copy
+FRESH_S = 3.0
+CLOCKS_S = 3.0  # clock difference that is reported: commands are refused once they are too old
+
+_AIRBORNE = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
+_DONE: dict[Action, tuple[Stage, ...]] = {
+    Action.START: _AIRBORNE,
+    Action.HOLD: (Stage.HOLD,),
+    Action.RESUME: (*_AIRBORNE, Stage.RETURN),
+    Action.RETURN: (Stage.RETURN, Stage.LANDING, Stage.LANDED),
+    Action.LAND: (Stage.LANDING, Stage.LANDED),
+    Action.ABORT: (Stage.ABORT, Stage.LANDED),
+}
+
+
+class CommandError(RadronError):
+    """A command that was not sent, or that a drone did not carry out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """An action, the drones that are to do it (empty: all), and the endpoints at which the swarm is reached."""
+
+    action: Action
+    swarm: str
+    connect: tuple[str, ...]
+    drones: tuple[str, ...] = ()
+    anyway: bool = False  # start although drones report problems; a drone that cannot start still refuses
+
+
+async def command(order: Order, say: Callable[[str], None]) -> None:
+    """Carry out an order; ``say`` is called with a line for each step.
+
+    Raises:
+        CommandError: no such swarm, drones with different missions, or a drone that does not obey, with its reasons.
+        ProtocolError: an endpoint that cannot be used.
+    """
+    statuses = _Statuses()
+    mesh = await Mesh.open(MeshConfig(connect=order.connect), order.swarm, None, receive=statuses.receive)
+    try:
+        drones = await _find(order, statuses)
+        if order.action is Action.START and not order.anyway:
+            _look_for_problems(drones, statuses)
+        message = Command(
+            stamp_ns=time.time_ns(),
+            station=f"command-{os.getpid()}",
+            mission=_mission_of(drones, statuses),
+            action=order.action,
+            drones=order.drones,
+        )
+        say(f"{order.action}: to {', '.join(drones)}")
+        await _send_until_done(mesh, order, message, drones, statuses)
+        say(f"{order.action}: " + ", ".join(f"{name} {statuses[name].stage}" for name in drones))
+    finally:
+        await mesh.close()
+
+
+class _Statuses:
+    """The newest status of each drone."""
+
+    def __init__(self) -> None:
+        self._newest: dict[str, Status] = {}
+        self._heard_s: dict[str, float] = {}  # this computer's monotonic clock: a wrong UTC clock must not prevent a landing
+        self._ahead_s: dict[str, float] = {}
+
+    def receive(self, key: str, payload: bytes) -> None:
+        try:
+            if parse_key(key).kind != "status":
+                return
+            message = decode_from(key, payload)
+        except ProtocolError:
+            return
+        if isinstance(message, Status):
+            self._newest[message.drone] = message
+            self._heard_s[message.drone] = time.monotonic()
+            self._ahead_s[message.drone] = (message.stamp_ns - time.time_ns()) * 1e-9
+
+    def __getitem__(self, drone: str) -> Status:
+        return self._newest[drone]
+
+    def heard(self) -> list[str]:
+        """The drones heard recently."""
+        oldest_s = time.monotonic() - FRESH_S
+        return sorted(name for name, heard_s in self._heard_s.items() if heard_s > oldest_s)
+
+    def why(self, action: Action, drone: str) -> str:
+        """Why a drone does not obey, in one line."""
+        status = self._newest[drone]
+        if drone not in self.heard():
+            return f"{drone}: no longer heard"
+        if abs(self._ahead_s[drone]) > CLOCKS_S:
+            return f"{drone}: its clock differs by {self._ahead_s[drone]:+.1f} s from this computer's: synchronise both"
+        if action is Action.START and status.stage is Stage.PREFLIGHT and status.problems:
+            return f"{drone}: {', '.join(status.problems)}"
+        return f"{drone}: {action} is not possible in {status.stage}"
+
+
+async def _find(order: Order, statuses: _Statuses) -> list[str]:
+    """The drones that the order addresses, all of them heard."""
+    began_s = time.monotonic()
+    while (waited_s := time.monotonic() - began_s) < FIND_S:
+        heard = statuses.heard()
+        if order.drones and set(order.drones) <= set(heard):
+            return sorted(order.drones)
+        if not order.drones and heard and waited_s > LISTEN_S:
+            return heard
+        await asyncio.sleep(0.1)
+    places = ", ".join(order.connect)
+    missing = ", ".join(sorted(set(order.drones) - set(statuses.heard()))) or f"any drone of the swarm {order.swarm!r}"
+    raise CommandError(f"{order.action}: nothing heard from {missing} at {places} within {FIND_S:g} s")
+
+
+def _mission_of(drones: Collection[str], statuses: _Statuses) -> str:
+    missions = {name: statuses[name].mission for name in drones}
+    if len(set(missions.values())) > 1:
+        told = ", ".join(f"{name} {mission}" for name, mission in missions.items())
+        raise CommandError(f"the drones have different mission files ({told}): give all the same one")
+    return next(iter(missions.values()))
+
+
+def _look_for_problems(drones: Collection[str], statuses: _Statuses) -> None:
+    """Refuse to start a swarm in which one drone has a problem: else the others would start without it."""
+    told = [f"{name}: {', '.join(statuses[name].problems)}" for name in drones if statuses[name].problems]
+    if told:
+        raise CommandError(f"not started: {'; '.join(told)} (--anyway starts those that can)")
+
+
+async def _send_until_done(mesh: Mesh, order: Order, message: Command, drones: list[str], statuses: _Statuses) -> None:
+    deadline_s = time.monotonic() + OBEY_S
+    due_s = 0.0
+    key, payload = key_of(order.swarm, message), encode(message)
+    while True:
+        waiting = [name for name in drones if statuses[name].stage not in _DONE[order.action]]
+        if not waiting:
+            return
+        now_s = time.monotonic()
+        if now_s > deadline_s:
+            raise CommandError("; ".join(statuses.why(order.action, name) for name in waiting))
+        if now_s >= due_s:
+            due_s = now_s + REPEAT_S
+            mesh.publish(key, payload)
+        await asyncio.sleep(0.05)

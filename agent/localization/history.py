@@ -1,0 +1,85 @@
+"""The own poses of the last seconds: where the vehicle was, and its attitude, at the time of an event."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+from typing import NamedTuple
+
+from agent.geometry import Quaternion, Vector3, blended
+from agent.vehicle.interface import VehicleState
+
+HISTORY_NS = 5_000_000_000
+AHEAD_NS = 300_000_000  # an event may be stamped this much later than the newest telemetry, which is still on its way
+
+
+class PastPose(NamedTuple):
+    """A pose in the local frame of an epoch."""
+
+    epoch: int
+    position_m: Vector3
+    quaternion: Quaternion
+
+
+class PoseHistory:
+    """Telemetry of the last seconds, interpolated at an event's time (a later pose would act as a bias of the heading).
+
+    Written by the own pose alone (``agent.localization.ownpose``); everybody else only asks.
+    """
+
+    def __init__(self) -> None:
+        self._stamps: deque[int] = deque()
+        self._states: deque[VehicleState] = deque()
+
+    def add(self, state: VehicleState) -> None:
+        """Append telemetry; what is not newer than the newest is ignored."""
+        if self._stamps and state.stamp_ns <= self._stamps[-1]:
+            return
+        self._stamps.append(state.stamp_ns)
+        self._states.append(state)
+        while self._stamps[0] < state.stamp_ns - HISTORY_NS:
+            self._stamps.popleft()
+            self._states.popleft()
+
+    @property
+    def newest(self) -> VehicleState | None:
+        """The newest telemetry; None before the first."""
+        return self._states[-1] if self._states else None
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Stamps of the oldest and the newest telemetry kept; None where there is none."""
+        return (self._stamps[0], self._stamps[-1]) if self._stamps else None
+
+    def at(self, stamp_ns: int) -> VehicleState | None:
+        """The last telemetry not after ``stamp_ns`` (the oldest one, where all is later); None where there is none."""
+        if not self._states:
+            return None
+        return self._states[max(0, bisect_right(self._stamps, stamp_ns) - 1)]
+
+    def pose(self, stamp_ns: int) -> tuple[Vector3, Quaternion] | None:
+        """Position and attitude at ``stamp_ns``, interpolated between neighbours of one epoch, held at the ends."""
+        if not self._states:
+            return None
+        place = bisect_right(self._stamps, stamp_ns)
+        before = self._states[place - 1 if place else 0]
+        after = self._states[place] if place < len(self._states) else before
+        span = after.stamp_ns - before.stamp_ns
+        if span <= 0 or before.epoch != after.epoch:
+            return before.position_m, before.quaternion
+        part = (stamp_ns - before.stamp_ns) / span
+        b, a = before.position_m, after.position_m
+        position = (b[0] + part * (a[0] - b[0]), b[1] + part * (a[1] - b[1]), b[2] + part * (a[2] - b[2]))
+        return position, blended(before.quaternion, after.quaternion, part)
+
+    def extrapolated(self, stamp_ns: int) -> PastPose | None:
+        """The pose at ``stamp_ns``, just after the newest telemetry at constant velocity; None where it is not known."""
+        if not self._states or not self._stamps[0] <= stamp_ns <= self._stamps[-1] + AHEAD_NS:
+            return None
+        pose, state = self.pose(stamp_ns), self.at(stamp_ns)
+        assert pose is not None
+        assert state is not None
+        (x, y, z), quaternion = pose
+        after_s = max(0, stamp_ns - self._stamps[-1]) * 1e-9
+        u, v, w = state.velocity_mps
+        return PastPose(state.epoch, (x + after_s * u, y + after_s * v, z + after_s * w), quaternion)

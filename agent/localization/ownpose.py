@@ -1,0 +1,168 @@
+"""The own pose: the one place that takes telemetry, decides its epoch, and says where this drone is and was.
+
+Everything that needs the own pose asks here, so that all answers change together when the localisation jumps: the newest
+telemetry, the poses of the last seconds, the epoch, and the transform from the local frame to the mission frame.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from math import hypot, isfinite
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from agent.config.mission import DroneInMission
+from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.geometry import Vector3
+from agent.localization.clocks import Clocks
+from agent.localization.continuity import carried_on
+from agent.localization.history import PoseHistory
+from agent.localization.jumps import JumpDetector
+from agent.vehicle.interface import VehicleState
+from protocol.entries import Entry, Sighting
+
+FARTHEST_M = 1e5  # the largest coordinate that a message can carry
+_UNKNOWN_HEADING_DEG = 90.0  # a heading with a larger 1-sigma error is not known at all
+
+
+class LocalFrame(Struct, frozen=True):
+    """The own local frame in the mission frame, in both directions."""
+
+    mission_from_local: Transform
+    local_from_mission: Transform
+
+
+class OwnPose:
+    """Where one drone is and was, in its local frame and in the mission frame.
+
+    ``history``: telemetry of the last seconds, with the epoch that each belongs to; only this class adds to it.
+    ``is_estimated``: the local frame is estimated from the log, and may jump. ``is_unplaced``: nothing relates the heading of the
+    local frame to the mission frame yet: this drone has neither seen another one nor been seen.
+
+    After a jump of the localisation the drone is still where it was: until the log yields an estimate of the new epoch's frame,
+    the one that continues its motion is used (``agent.localization.continuity``).
+    """
+
+    def __init__(
+        self,
+        member: DroneInMission,
+        frames: FrameGraph,
+        clocks: Clocks,
+        counters: Counter[str],
+        speed_mps: float,
+        epoch_offset: int = 0,
+    ) -> None:
+        """A drone of which no telemetry is known yet.
+
+        Args:
+            member: this drone in the mission's launch layout.
+            frames: the local frames of all drones as estimated from the log.
+            clocks: by how much the own clock is wrong.
+            counters: where dropped telemetry is counted.
+            speed_mps: no vehicle of this swarm flies faster.
+            epoch_offset: epochs that the agent before a restart had added to the vehicle's.
+        """
+        self._drone = member.id
+        self._frames, self._clocks, self._counters = frames, clocks, counters
+        self.history = PoseHistory()
+        self.is_estimated = not member.is_exact
+        self.is_unplaced = self.is_estimated and member.yaw_sigma_deg > _UNKNOWN_HEADING_DEG
+        # A frame that is known exactly does not jump.
+        self._jumps = JumpDetector(speed_mps, epoch_offset) if self.is_estimated else None
+        self._continued: tuple[int, Transform] | None = None  # an epoch, and its frame by continuity
+        self._known: LocalFrame | None = None  # the last one known; keeps the inverse
+
+    def take(self, state: VehicleState) -> VehicleState | None:
+        """Take telemetry; returns it with its epoch, and with the error that a wrong clock adds to the position.
+
+        What is not newer than known, not finite or out of range is counted and dropped: None.
+        """
+        last = self.vehicle
+        if last is not None and state.stamp_ns <= last.stamp_ns:
+            self._counters["telemetry_older_than_known"] += 1
+            return None
+        if not _plausible(state):
+            self._counters["telemetry_implausible"] += 1
+            return None
+        vehicle = self._with_clock_error(self._jumps.take(state) if self._jumps is not None else state)
+        if last is not None and last.epoch != vehicle.epoch:
+            self._continue(last, vehicle)
+        self.history.add(vehicle)
+        return vehicle
+
+    def take_entry(self, entry: Entry) -> None:
+        """Take a new log entry: a relative observation from or of this drone relates its frame to the others'."""
+        if isinstance(entry, Sighting) and self._drone in (entry.drone, entry.target):
+            self.is_unplaced = False
+
+    @property
+    def vehicle(self) -> VehicleState | None:
+        """The newest telemetry; None before the first."""
+        return self.history.newest
+
+    @property
+    def epoch_offset(self) -> int:
+        """The number of epochs added to the vehicle's own."""
+        return self._jumps.offset if self._jumps is not None else 0
+
+    @property
+    def frame(self) -> LocalFrame | None:
+        """The local frame of the present epoch in the mission frame; None while it is not known."""
+        newest = self._mission_from_local(self.vehicle.epoch) if self.vehicle is not None else None
+        if newest is None:
+            return None
+        if self._known is None or newest is not self._known.mission_from_local:
+            self._known = LocalFrame(newest, newest.inverse())
+        return self._known
+
+    @property
+    def sigma_m(self) -> float:
+        """1 sigma of the horizontal position in the mission frame: by the frame's covariance where it is estimated.
+
+        While the present frame is not known, the last one known counts. 0 before any telemetry.
+        """
+        vehicle, frame = self.vehicle, self.frame or self._known
+        if vehicle is None:
+            return 0.0
+        if frame is None or frame.mission_from_local.covariance is None:
+            return vehicle.position_sigma_m
+        by_frame_m = frame.mission_from_local.sigmas_at(vehicle.position_m)[0]
+        return by_frame_m if vehicle.position_trusted else max(by_frame_m, vehicle.position_sigma_m)
+
+    def in_mission(self, epoch: int, stamp_ns: int, position_m: Vector3) -> Vector3 | None:
+        """A place of the local frame, as that frame lay at a stamp, in the mission frame; None while it is not known."""
+        transform = self._mission_from_local(epoch, stamp_ns)
+        return transform.apply_point(position_m) if transform is not None else None
+
+    def jump_problem(self, now_ns: int) -> str | None:
+        """A recent jump that the vehicle did not announce, in words."""
+        return self._jumps.problem(now_ns) if self._jumps is not None else None
+
+    def _mission_from_local(self, epoch: int, stamp_ns: int | None = None) -> Transform | None:
+        known = self._frames.mission_from_local(self._drone, epoch, stamp_ns)
+        if known is None and self._continued is not None and self._continued[0] == epoch:
+            return self._continued[1]
+        return known
+
+    def _continue(self, last: VehicleState, vehicle: VehicleState) -> None:
+        """A new epoch: the vehicle has flown on, whatever its localisation says."""
+        old = self._mission_from_local(last.epoch)
+        if old is not None:
+            elapsed_s = (vehicle.stamp_ns - last.stamp_ns) * 1e-9
+            before, after = (last.position_m, last.quaternion), (vehicle.position_m, vehicle.quaternion)
+            self._continued = vehicle.epoch, carried_on(old, before, last.velocity_mps, after, elapsed_s)
+
+    def _with_clock_error(self, state: VehicleState) -> VehicleState:
+        clock_m = self._clocks.sigma_m(hypot(*state.velocity_mps))
+        if clock_m == 0.0:
+            return state
+        return replace(state, position_sigma_m=hypot(state.position_sigma_m, clock_m), clock_sigma_m=clock_m)
+
+
+def _plausible(state: VehicleState) -> bool:
+    """Whether telemetry can be flown by: all numbers finite, and within what a message can carry."""
+    sigmas = state.position_sigma_m + state.yaw_sigma_rad
+    others = sum(state.velocity_mps) + sum(state.quaternion) + sigmas + state.height_m
+    return isfinite(others) and sigmas >= 0.0 and all(-FARTHEST_M < value < FARTHEST_M for value in state.position_m)

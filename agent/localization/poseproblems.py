@@ -1,0 +1,24 @@
+"""Problems of a drone's clock, localisation and frame, as reported to the operator."""
+
+from __future__ import annotations
+
+from agent.frames.swarm import SwarmFrames
+from agent.localization.clocks import Clocks
+from agent.localization.ownpose import OwnPose
+
+UNSURE_M = 5.0  # 1 sigma of the own position in the mission frame beyond which the drone reports it
+
+
+def pose_problems(drone: str, own: OwnPose, clocks: Clocks, frames: SwarmFrames, now_ns: int, flying: bool) -> tuple[str, ...]:
+    """One line for each problem, the own ones before those of others. Before a flight an unknown frame is no problem."""
+    told = [problem for problem in (clocks.problem(now_ns), own.jump_problem(now_ns)) if problem is not None]
+    if not flying:
+        return tuple(told)
+    suspects = frames.suspects()
+    vehicle, frame = own.vehicle, own.frame
+    if vehicle is not None and frame is not None and drone not in suspects:
+        sigma_m = frame.mission_from_local.sigmas_at(vehicle.position_m)[0]
+        if sigma_m > UNSURE_M:
+            told.append(f"its position in the mission frame is uncertain: 1 sigma = {sigma_m:.0f} m")
+    lines = [f"{name}: {suspects[name]}" for name in sorted(suspects, key=lambda name: (name != drone, name))]
+    return (*told, *lines)

@@ -1,0 +1,191 @@
+"""The mission executive of one drone: from world model and telemetry to the stage, and from the stage to a vehicle command."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from agent.config.drone import DroneConfig
+from agent.config.mission import MissionConfig
+from agent.localization.ownpose import OwnPose
+from agent.mission.memory import Memory
+from agent.mission.problems import TELEMETRY_AGE_NS
+from agent.mission.stages import Mission, Situation
+from agent.mission.worldmodel import WorldModel
+from agent.navigation.guidance import Moment
+from agent.navigation.navigator import Navigator
+from agent.navigation.peers import Peers
+from agent.navigation.surveying import CoverageLog, InformedSearch, Prospect, Search, conclusion
+from agent.vehicle.interface import Request, VehicleCommand, VehicleState
+from protocol.entries import Coverage
+from protocol.messages import Action, Plan, Stage
+
+Searched = tuple[int, int, tuple[tuple[float, float], ...]]
+
+
+class Decision(Struct, frozen=True):
+    """Result of a step. ``plan``: a new one, to be published; ``searched``: stamp, epoch and path of a searched stretch."""
+
+    command: VehicleCommand
+    plan: Plan | None = None
+    searched: Searched | None = None
+
+
+class Executive:
+    """Flies the mission of one drone.
+
+    ``finding``: the result of a search that ended without finding a source; else empty. ``memory``: state for an agent that is
+    restarted in flight, the same object as long as nothing in it changes.
+    """
+
+    def __init__(
+        self,
+        mission: MissionConfig,
+        drone: DroneConfig,
+        world: WorldModel,
+        own: OwnPose,
+        counters: Counter[str],
+        memory: Memory | None,
+    ) -> None:
+        """``memory``: from the agent that flew this drone before."""
+        self._config = mission
+        self._id, self._mission_id = drone.id, mission.mission_id
+        self._world, self._own, self._counters = world, own, counters
+        self._mission = Mission(mission.track, mission.survey, can_lose=mission.fusion.estimator != "given")
+        frames, fusion = world.frames.graph, world.fusion
+        self._search = Search(mission, drone.id, frames, self._covered)
+        self._coverage = CoverageLog(mission.survey.lane_spacing_m)
+        self._prospect = Prospect(lambda: fusion.outlook)
+        self._navigator = Navigator(mission, drone, own, frames, self._search, InformedSearch(mission, self._prospect))
+        self.finding = ""
+        self.memory = memory
+        self._remembered = memory  # until telemetry shows whether that flight goes on
+
+    @property
+    def stage(self) -> Stage:
+        """The present stage."""
+        return self._mission.stage
+
+    @property
+    def swath_m(self) -> float:
+        """Width searched along a path."""
+        return self._coverage.swath_m
+
+    def follow(self, vehicle: VehicleState) -> None:
+        """Take telemetry, each once."""
+        self._navigator.follow(vehicle)
+        if self._remembered is not None:
+            self._rejoin(self._remembered, vehicle)
+
+    @property
+    def started_ns(self) -> int | None:
+        """Stamp of the start command with which the swarm's mission began; None while this drone does not fly it."""
+        return self._mission.started_ns if self.stage not in (Stage.PREFLIGHT, Stage.LANDED) else None
+
+    def obey(self, action: Action, stamp_ns: int, started_ns: int, now_ns: int, problems: tuple[str, ...]) -> bool:
+        """Carry out an operator's command of that stamp, or refuse it. A start after a landing begins a new mission.
+
+        ``started_ns``: stamp with which the swarm's mission began, if this is a start; ``problems``: those that prevent one.
+        """
+        if self._mission.command(action, stamp_ns, self._situation(now_ns, problems), started_ns) is not None:
+            return False
+        if action is Action.START and self._own.vehicle is not None:
+            self._navigator.home.took_off(self._own.vehicle)
+            self._world.start(started_ns)
+            self._coverage, self.finding = CoverageLog(self._coverage.swath_m), ""
+            self._search.divide_anew()
+        return True
+
+    def problems(self, now_ns: int) -> tuple[str, ...]:
+        """What is wrong with how the mission is flown."""
+        unsteered, landed = self._mission.unsteered(now_ns), self._mission.landed_because
+        coming_down = "landed" if self.stage is Stage.LANDED else "lands"
+        told = (unsteered, f"{coming_down}: {landed}" if landed else None, self._navigator.response.problem)
+        return tuple(text for text in told if text is not None)
+
+    def divide_anew(self) -> None:
+        """Divide the area again: more has been covered than the present division assumes."""
+        self._search.divide_anew()
+
+    def step(self, now_ns: int, peers: Peers) -> Decision:
+        """Advance the mission, and plan."""
+        self._conclude(now_ns)
+        if self.stage is Stage.RETURN and self._own.vehicle is not None:
+            self._navigator.home.watch(self._own.vehicle)
+        self._mission.step(self._situation(now_ns))
+        self._remember(now_ns)
+        return self._decide(now_ns, peers)
+
+    def _covered(self) -> Iterable[Coverage]:
+        """The coverage of this mission by the log: what was searched before its start may hold the source by now."""
+        since_ns = self._mission.started_ns
+        return (entry for entry in self._world.fusion.log.entries(Coverage) if entry.stamp_ns >= since_ns)
+
+    def _rejoin(self, memory: Memory, vehicle: VehicleState) -> None:
+        """Continue the stored flight, or discard it where the vehicle is on the ground."""
+        fits = memory.fits(self._mission_id, vehicle)
+        if fits is None:
+            return
+        self._remembered = None
+        if not fits:
+            self._counters["memory_void"] += 1
+            return
+        self._counters["rejoined"] += 1
+        self._mission.rejoin(memory, vehicle, vehicle.stamp_ns)
+        self._navigator.home.remember(memory.home_m)
+        if memory.response is not None:
+            self._navigator.response.remember(memory.response)
+        self._world.start(memory.started_ns)
+
+    def _remember(self, now_ns: int) -> None:
+        if self._remembered is None:
+            home = self._navigator.home.in_mission
+            memory = self._mission.memory(self._mission_id, home, now_ns, self._own.epoch_offset)
+            known = self.memory and replace(self.memory, response=None)
+            if memory != known:  # the response changes all the time: it is only stored along with the rest
+                self.memory = memory and replace(memory, response=self._navigator.response.found)
+
+    def _situation(self, now_ns: int, problems: tuple[str, ...] = ()) -> Situation:
+        vehicle, hypothesis = self._own.vehicle, self._world.fusion.hypothesis
+        at_home = self.stage is Stage.RETURN and self._navigator.home.is_reached
+        return Situation(
+            now_ns,
+            vehicle,
+            hypothesis is not None,
+            self._world.last_cone_ns,
+            at_home,
+            problems,
+            rms_m=hypothesis.sight_of(self._id).rms_m if hypothesis is not None and hypothesis.evidence is not None else None,
+            nothing_found=self.finding != "",
+        )
+
+    def _conclude(self, now_ns: int) -> None:
+        """Note that the search has ended without a source, until one is found."""
+        if self._world.fusion.hypothesis is not None:
+            self.finding = ""
+        elif self.stage is Stage.SURVEY:
+            found = conclusion(self._config.survey, self._mission.searched_s(now_ns), self._prospect.at(now_ns))
+            self.finding = found or self.finding
+
+    def _decide(self, now_ns: int, peers: Peers) -> Decision:
+        """The command for the autopilot. Without recent telemetry the drone holds."""
+        request, vehicle = self._mission.request, self._own.vehicle
+        height_m = self._config.survey.height_m
+        if request is not Request.OFFBOARD or vehicle is None:
+            self._navigator.rest()
+            return Decision(VehicleCommand(request, takeoff_height_m=height_m))
+        if abs(now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:  # stamps of the future: this computer's clock was set back
+            self._navigator.rest()
+            self._counters["held_without_telemetry"] += 1
+            return Decision(VehicleCommand(Request.HOLD))
+        moment = Moment(now_ns, self.stage, self._mission.since_ns, vehicle, self._world.fusion.hypothesis)
+        setpoint, plan = self._navigator.step(moment, peers)
+        if self._navigator.waits:
+            self._counters["waited_without_frame"] += 1
+        searched = None
+        if self.stage is Stage.SURVEY:
+            searched = self._coverage.add(now_ns, vehicle.epoch, vehicle.position_m[:2])
+        return Decision(VehicleCommand(request, setpoint, height_m), plan, searched)

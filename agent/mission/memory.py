@@ -1,0 +1,40 @@
+"""State for an agent that is restarted in flight: small enough to be written at every change."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from agent.geometry import Vector3
+from agent.navigation.identification import FoundResponse
+from agent.vehicle.interface import VehicleState
+from protocol.messages import Stage
+
+REFRESH_NS = 5_000_000_000
+OLDEST_NS = 120_000_000_000  # after this long the vehicle is down, or on another flight
+_FROM_THE_GROUND = (Stage.TAKEOFF, Stage.LANDING, Stage.ABORT)
+
+
+class Memory(Struct, frozen=True, kw_only=True):
+    """A drone that flies the mission, as of ``stamp_ns`` (UTC, in whole ``REFRESH_NS``: equal states are not written again).
+
+    ``started_ns``: stamp of the start command. ``home_m``: where a return leads, mission frame; None if it is not known.
+    ``resume``: the stage after a hold. ``released``: somebody else has taken over the vehicle. ``epoch_offset``: the number of
+    epochs added to the vehicle's own. ``response``: the identified response of the vehicle.
+    """
+
+    mission: str
+    stamp_ns: int
+    started_ns: int
+    stage: Stage
+    resume: Stage
+    released: bool = False
+    tracking_since_ns: int | None = None
+    home_m: Vector3 | None = None
+    epoch_offset: int = 0
+    response: FoundResponse | None = None
+
+    def fits(self, mission: str, vehicle: VehicleState) -> bool | None:
+        """Whether the telemetry shows that this flight goes on; None: undecided yet (armed, but not in the air)."""
+        if self.mission != mission or not vehicle.armed or abs(vehicle.stamp_ns - self.stamp_ns) > OLDEST_NS:
+            return False
+        return True if vehicle.in_air or self.stage in _FROM_THE_GROUND else None

@@ -1,0 +1,51 @@
+"""What a drone does while its position cannot be trusted: satellites lost, or an estimate that has jumped.
+
+At first it stays in place by setpoints, with separation from the others, who keep clear of it by its stated uncertainty. If that
+lasts, hold is requested while the autopilot still accepts it: PX4 goes back to the mode chosen last when the satellites return,
+and in hold it stays. (In the failsafe that follows it accepts no mode that needs a position.)
+
+The mission continues when the position is confirmed and the drone is certainly well above the ground: a real one has landed
+unnoticed, and then taken off at 5 m/s. Near the ground it lands.
+"""
+
+from __future__ import annotations
+
+from agent.vehicle.interface import FlightMode, VehicleState
+
+HOLD_NS = 1_000_000_000  # time in place by setpoints; PX4's failsafe comes after EKF2_NOAID_TOUT, 2 s
+NEAR_GROUND_M = 1.0  # height estimates drift by as much
+FALL_MPS = 1.0  # PX4 descends at 0.5 to 0.8 m/s without a position
+WHY = "its position could not be trusted (satellites lost, or its estimate jumped), and it was near the ground"
+
+
+class PositionLoss:
+    """Reaction of one drone. ``stays``: it is to hold; ``lands``: why it is to land, or None."""
+
+    def __init__(self) -> None:
+        self.stays = False
+        self.lands: str | None = None
+        self._since_ns: int | None = None
+        self._last_ns = 0
+        self._flew = False
+        self._least_m = 0.0  # lower bound of its height
+
+    def step(self, vehicle: VehicleState, now_ns: int) -> None:
+        """Take the newest telemetry of a flight."""
+        if vehicle.position_trusted:
+            self._resume(vehicle)
+            return
+        if self._since_ns is None:
+            self._since_ns, self._flew, self._least_m = now_ns, False, vehicle.height_m
+        elif not vehicle.healthy and vehicle.mode is FlightMode.LAND:
+            self._least_m -= FALL_MPS * (now_ns - self._last_ns) * 1e-9
+        self._last_ns = now_ns
+        self._flew = self._flew or vehicle.in_air
+        self.stays = self._flew and (not vehicle.healthy or now_ns - self._since_ns >= HOLD_NS)
+        if not vehicle.healthy and min(vehicle.height_m, self._least_m) < NEAR_GROUND_M:
+            self.lands = WHY
+
+    def _resume(self, vehicle: VehicleState) -> None:
+        """The position is confirmed; a drone near or on the ground by then does not resume its mission."""
+        if self.stays and (not vehicle.in_air or vehicle.height_m < NEAR_GROUND_M):
+            self.lands = WHY
+        self._since_ns, self.stays = None, False

@@ -1,0 +1,67 @@
+"""The problems of a drone as texts: what prevents a start, and what else the operator has to know."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from agent.vehicle.interface import VehicleState
+from protocol.messages import Status
+
+TELEMETRY_AGE_NS = 1_000_000_000  # telemetry further from now is not flown by
+TWIN_NS = 10_000_000_000  # another agent with the same id is forgotten after this long
+MOST_PROBLEMS = 32  # in a status message, which also limits their length
+LONGEST_PROBLEM = 256
+
+
+class Problems:
+    """The problems of one drone. A flying drone reports them but flies on.
+
+    ``flown``: how its mission is flown. ``blocked``, ``warned``: found by the shell; the former prevent a start. ``noticed``,
+    ``seen``: found by the pilot, and no obstacle to a start: of camera and spectrum, and of clock, localisation and frames.
+    ``unplaced``: nothing relates the heading of its local frame to the mission frame yet.
+    """
+
+    def __init__(self, drone: str, mission_id: str) -> None:
+        self._drone = drone
+        self._mission_id = mission_id
+        self._twin_ns: int | None = None  # when another agent with this id was last heard
+        self.unplaced = False
+        self.blocked: tuple[str, ...] = ()
+        self.warned: tuple[str, ...] = ()
+        self.noticed: tuple[str, ...] = ()
+        self.seen: tuple[str, ...] = ()
+        self.flown: tuple[str, ...] = ()
+
+    def hear_twin(self, now_ns: int) -> None:
+        """Another agent sends under this drone's id."""
+        self._twin_ns = now_ns
+
+    def against_start(self, now_ns: int, vehicle: VehicleState | None, statuses: Mapping[str, Status]) -> tuple[str, ...]:
+        """What prevents a start. ``statuses``: of the other drones, by id."""
+        problems = []
+        if vehicle is None:
+            problems.append("no telemetry from the vehicle yet")
+        elif abs(now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:
+            problems.append("no new telemetry from the vehicle")
+        elif not vehicle.healthy:
+            flying = vehicle.armed or vehicle.in_air
+            problems.append("the autopilot is in a failsafe" if flying else "the vehicle is not ready to be armed")
+        if self._twin_ns is not None and now_ns - self._twin_ns < TWIN_NS:
+            problems.append(f"another agent is running as {self._drone}")
+        if self.unplaced:
+            problems.append("its heading is not known, and it has neither seen another drone nor been seen by one yet")
+        problems += [
+            f"{name} has another mission file ({status.mission}, here {self._mission_id})"
+            for name, status in statuses.items()
+            if status.mission != self._mission_id
+        ]
+        return _sendable((*problems, *self.blocked))
+
+    def all(self, now_ns: int, vehicle: VehicleState | None, statuses: Mapping[str, Status]) -> tuple[str, ...]:
+        """All problems: first those of the flight, then those that prevent a start."""
+        return _sendable((*self.flown, *self.against_start(now_ns, vehicle, statuses), *self.warned, *self.seen, *self.noticed))
+
+
+def _sendable(problems: Iterable[str]) -> tuple[str, ...]:
+    """Each once, and no more than a status message carries."""
+    return tuple(dict.fromkeys(problem[:LONGEST_PROBLEM] for problem in problems))[:MOST_PROBLEMS]

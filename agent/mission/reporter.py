@@ -1,0 +1,162 @@
+"""The regular messages of a drone: pose, frame, source estimate and status; and the outbox for everything it sends."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+
+from msgspec import Struct
+
+from agent.frames.transform import Transform
+from agent.fusion.estimator import Hypothesis
+from agent.vehicle.interface import VehicleState
+from protocol.codec import encode
+from protocol.errors import ProtocolError
+from protocol.keys import key_of
+from protocol.message import Message
+from protocol.messages import Estimate, Frame, Pose, Recognised, Stage, Status
+
+_PERIODS_NS: dict[type[Message], int] = {
+    Pose: 100_000_000,
+    Frame: 1_000_000_000,
+    Estimate: 500_000_000,
+    Status: 1_000_000_000,
+}
+
+
+class Condition(Struct, frozen=True):
+    """Contents of a status besides the battery: stage, counters, problems, result of a search without a source ("": none), the
+    nuclide recognised in the spectrum, the delays of the others' statuses, and the start of the mission.
+    """
+
+    stage: Stage
+    counters: dict[str, int]
+    problems: tuple[str, ...]
+    finding: str = ""
+    recognised: Recognised | None = None
+    delays_ns: dict[str, int] = {}
+    started_ns: int | None = None
+
+
+class Outbox:
+    """Messages to be sent, encoded, with their keys. What the protocol refuses is counted and dropped."""
+
+    def __init__(self, swarm: str, counters: Counter[str]) -> None:
+        self._swarm = swarm
+        self._counters = counters
+        self._waiting: list[tuple[str, bytes]] = []
+
+    def put(self, message: Message) -> bytes | None:
+        """Encode and queue a message; its payload, or None where it cannot be sent."""
+        try:
+            payload = encode(message)
+        except ProtocolError:
+            self._counters[f"unsendable_{type(message).__name__.lower()}"] += 1
+            return None
+        self._waiting.append((key_of(self._swarm, message), payload))
+        return payload
+
+    def take(self) -> list[tuple[str, bytes]]:
+        """Everything since the last call."""
+        taken, self._waiting = self._waiting, []
+        return taken
+
+
+class Reporter:
+    """The regular messages of one drone."""
+
+    def __init__(self, drone: str, mission_id: str, boot: str, estimator: str) -> None:
+        self._drone = drone
+        self._mission_id = mission_id
+        self._boot = boot
+        self._estimator = estimator
+        self._due_ns = dict.fromkeys(_PERIODS_NS, 0)
+
+    def hurry(self, now_ns: int) -> None:
+        """Send a status with the next report: something has changed that the others must know."""
+        self._due_ns[Status] = now_ns
+
+    def due(
+        self,
+        now_ns: int,
+        vehicle: VehicleState | None,
+        frame: Transform | None,
+        believed: tuple[Hypothesis, str] | None,
+        condition: Callable[[], Condition],
+    ) -> Iterator[Message]:
+        """The messages that are due now.
+
+        Args:
+            now_ns: UTC.
+            vehicle: newest telemetry.
+            frame: mission <- local of its epoch; published where it is estimated, for operators (agents have it from their logs).
+            believed: the hypothesis, and the digest of the log that it follows from.
+            condition: called only when a status is due.
+        """
+        if vehicle is not None and self._is_due(Pose, now_ns):
+            yield self._pose(vehicle)
+        if vehicle is not None and frame is not None and frame.covariance is not None and self._is_due(Frame, now_ns):
+            yield Frame(
+                stamp_ns=now_ns,
+                drone=self._drone,
+                epoch=vehicle.epoch,
+                translation_m=frame.translation,
+                yaw_rad=frame.yaw_rad,
+                covariance=tuple(frame.covariance.ravel().tolist()),
+            )
+        if believed is not None and self._is_due(Estimate, now_ns):
+            yield self._estimate(now_ns, *believed)
+        if self._is_due(Status, now_ns):
+            now = condition()
+            yield Status(
+                stamp_ns=now_ns,
+                drone=self._drone,
+                mission=self._mission_id,
+                boot=self._boot,
+                stage=now.stage,
+                battery=vehicle.battery if vehicle is not None else None,
+                counters=now.counters,
+                problems=now.problems,
+                finding=now.finding,
+                recognised=now.recognised,
+                delays_ns=now.delays_ns,
+                started_ns=now.started_ns,
+            )
+
+    def _is_due(self, kind: type[Message], now_ns: int) -> bool:
+        if now_ns < self._due_ns[kind]:
+            return False
+        period_ns = _PERIODS_NS[kind]
+        self._due_ns[kind] = max(self._due_ns[kind] + period_ns, now_ns - now_ns % period_ns + period_ns)
+        return True
+
+    def _pose(self, vehicle: VehicleState) -> Pose:
+        return Pose(
+            stamp_ns=vehicle.stamp_ns,
+            drone=self._drone,
+            epoch=vehicle.epoch,
+            position_m=vehicle.position_m,
+            velocity_mps=vehicle.velocity_mps,
+            quaternion=vehicle.quaternion,
+            position_sigma_m=vehicle.position_sigma_m,
+            yaw_sigma_rad=vehicle.yaw_sigma_rad,
+        )
+
+    def _estimate(self, now_ns: int, hypothesis: Hypothesis, digest: str) -> Estimate:
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
+        x, y, z = hypothesis.position.tolist()
+        u, v, w = hypothesis.velocity.tolist()
+        return Estimate(
+            stamp_ns=now_ns,
+            drone=self._drone,
+            mission=self._mission_id,
+            estimator=self._estimator,
+            digest=digest,
+            position_m=(x, y, z),
+            covariance_m2=(xx, xy, xz, yy, yz, zz),
+            velocity_mps=(u, v, w),
+            activity_bq=hypothesis.activity_bq,
+            activity_sigma_bq=hypothesis.activity_sigma_bq,
+            evidence=hypothesis.evidence,
+            cones=hypothesis.cones,
+        )

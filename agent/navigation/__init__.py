@@ -1,0 +1,1 @@
+"""Where a drone flies: guidance by stage, search, neighbours; fence, ground and home in its own local frame."""

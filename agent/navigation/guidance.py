@@ -1,0 +1,215 @@
+"""The reference for the tracker and the heading in each stage, in the drone's own local frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import atan2, hypot
+
+import numpy as np
+from msgspec import Struct
+
+from agent.config.drone import DroneConfig
+from agent.config.mission import MissionConfig
+from agent.fusion.estimator import Hypothesis
+from agent.geometry import Array, Vector3
+from agent.localization.ownpose import LocalFrame, OwnPose
+from agent.motion.encirclement import Encirclement
+from agent.motion.leading import Leading
+from agent.motion.orbit import Orbit
+from agent.motion.reference import PeerState, Reference
+from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, margin_m
+from agent.navigation.home import Home
+from agent.navigation.neighbours import Neighbour
+from agent.navigation.ownground import OwnGround
+from agent.navigation.surveying import InformedSearch, Search
+from agent.vehicle.interface import VehicleState
+from protocol.messages import Stage
+
+STEP_S = 0.2  # of the tracker's horizon
+HORIZON = 20
+_SPEED_SHARE = 0.85  # of the limit, for the speeds of circle and source together
+_ROOM_M = 3.0  # between the circle and the fence
+# A drone whose frame is not known waits in place; after a while on a small circle, because ranges alone give no heading of a
+# drone that does not move.
+_PATIENCE_S = 5.0
+_WAITING_RADIUS_M, _WAITING_MPS = 2.0, 1.0
+
+
+class Moment(Struct, frozen=True):
+    """The inputs of a navigation step. ``since_ns``: when the stage began; ``hypothesis``: mission frame."""
+
+    now_ns: int
+    stage: Stage
+    since_ns: int
+    vehicle: VehicleState
+    hypothesis: Hypothesis | None
+
+    @property
+    def stage_s(self) -> float:
+        """Duration of the stage so far."""
+        return (self.now_ns - self.since_ns) * 1e-9
+
+
+class Centre(Struct, frozen=True):
+    """Position and velocity of the source now, in the local frame, as seen by this drone's localisation."""
+
+    position: Vector3
+    velocity: Vector3
+
+
+class Guidance:
+    """References and headings of one drone."""
+
+    def __init__(
+        self,
+        mission: MissionConfig,
+        drone: DroneConfig,
+        own: OwnPose,
+        ground: OwnGround,
+        home: Home,
+        search: Search,
+        informed: InformedSearch,
+    ) -> None:
+        self._config = mission
+        self._id = drone.id
+        self._own, self._ground, self._home = own, ground, home
+        self._search, self._informed = search, informed
+        self._orbit = Orbit(mission.encirclement, mission.area.floor_m)
+        most_mps = _SPEED_SHARE * mission.limits.speed_mps - mission.encirclement.speed_mps
+        self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + _ROOM_M)
+        self._encirclement = Encirclement(mission.encirclement, mission.limits)
+        self._yaw_rad = 0.0
+        self._stays: Vector3 | None = None  # the place held while the position cannot be trusted, local
+        self._waits: tuple[int, float, float] | None = None  # since when and where it waits for its frame, local
+
+    @property
+    def waits(self) -> bool:
+        """Whether the drone waits because its frame is not known."""
+        return self._waits is not None
+
+    def begin(self) -> None:
+        """Guidance begins, or begins again: any waiting is over."""
+        self._waits = self._stays = None
+
+    def centre(self, moment: Moment) -> Centre | None:
+        """The centre of the circle; None without a hypothesis, or while the local frame is not known."""
+        hypothesis, frame = moment.hypothesis, self._own.frame
+        if hypothesis is None or frame is None:
+            return None
+        x, y, z = hypothesis.sight_of(self._id).position.tolist()
+        u, v, w = hypothesis.velocity.tolist()
+        if hypothesis.evidence is not None:  # only such an estimator has a velocity
+            (x, y), (u, v) = self._leading.centre(moment.now_ns, hypothesis.stamp_ns, (x, y), (u, v))
+        to_local = frame.local_from_mission
+        return Centre(to_local.apply_point((x, y, z)), to_local.rotate_direction((u, v, w)))
+
+    def reference(
+        self, moment: Moment, state: PeerState, centre: Centre | None, partners: Sequence[Neighbour], deviation_m: float = 0.0
+    ) -> Reference:
+        """The reference from ``state``, the tracker's own, together with the drones that take part.
+
+        ``deviation_m``: RMS deviation of this drone from its plans.
+        """
+        if not moment.vehicle.position_trusted:
+            return self._stay(state)
+        self._stays, frame = None, self._own.frame
+        if frame is not None:
+            self._waits = None
+        if moment.stage is Stage.RETURN:
+            return self._way_home(moment, state)
+        if frame is None:
+            return self._wait(moment, state)
+        if moment.stage is Stage.SURVEY or centre is None:
+            return self._survey(moment, state, partners, frame)
+        return self._circle(moment, state, centre, partners, deviation_m)
+
+    def heading(self, moment: Moment, centre: Centre | None) -> tuple[float, float]:
+        """Yaw (rad) and its rate (rad/s): always turning in the survey (paper, Sec. V-A), facing the hypothesis when tracking."""
+        if moment.stage is Stage.RETURN:
+            return self._yaw_rad, 0.0
+        rate_rps = 0.0
+        if moment.stage is Stage.SURVEY or centre is None:
+            rate_rps = self._config.survey.yaw_rate_rps
+            self._yaw_rad = rate_rps * moment.stage_s
+        else:
+            (cx, cy, _), (x, y, _) = centre.position, moment.vehicle.position_m
+            self._yaw_rad = atan2(cy - y, cx - x)
+        return self._yaw_rad, rate_rps
+
+    def _survey_z_m(self, moment: Moment) -> float:
+        return self._ground.level_m(moment.vehicle) + self._config.survey.height_m
+
+    def _survey(self, moment: Moment, state: PeerState, partners: Sequence[Neighbour], frame: LocalFrame) -> Reference:
+        to_mission, to_local = frame.mission_from_local, frame.local_from_mission
+        here = to_mission.apply_point(state.position)[:2]
+        moves = to_mission.rotate_direction(state.velocity)[:2]
+        others = [to_mission.apply_point(partner.plan.state(moment.now_ns).position)[:2] for partner in partners]
+        found = self._informed.reference(moment.now_ns, here, moves, others, HORIZON, STEP_S)
+        if found is None:
+            active = sorted([self._id, *(partner.id for partner in partners)])
+            found = self._search.reference(active, here, HORIZON, STEP_S)
+        positions, velocities = found
+        level = np.zeros(HORIZON + 1)
+        placed = to_local.apply(np.column_stack((positions, level)))
+        moving = to_local.rotate(np.column_stack((velocities, level)))
+        placed[:, 2] = self._survey_z_m(moment)
+        return Reference(placed, moving, STEP_S)
+
+    def _circle(
+        self, moment: Moment, state: PeerState, centre: Centre, partners: Sequence[Neighbour], deviation_m: float
+    ) -> Reference:
+        """A circle around the hypothesis: with an estimator that has a posterior and the smooth law, as close as that allows.
+
+        Otherwise the configured circle, growing while the source has to be found again.
+        """
+        config, hypothesis = self._config.encirclement, moment.hypothesis
+        radius_m, height_m, doubt_m = config.radius_m, config.height_m, 0.0
+        if config.law == "smooth" and hypothesis is not None and hypothesis.evidence is not None:
+            rms_m = hypothesis.sight_of(self._id).rms_m
+            self._orbit.update(moment.now_ns, rms_m, hypothesis.activity_bq, moment.stage is Stage.REACQUIRE)
+            radius_m, height_m = self._orbit.radius_m, self._orbit.height_m
+            doubt_m = DOUBT_SIGMAS * max((partner.plan.sigma_m for partner in partners), default=0.0)
+        elif moment.stage is Stage.REACQUIRE:
+            radius_m += self._config.track.widening_mps * moment.stage_s
+        widest_m = max((margin_m(deviation_m, partner.plan.deviation_m) for partner in partners), default=0.0)
+        doubt_m += max(0.0, widest_m - LEAST_MARGIN_M)
+        x, y, _ = centre.position
+        return self._encirclement.reference(
+            self._ground.above_level(state, moment.vehicle),
+            {partner.id: partner.plan.state(moment.now_ns) for partner in partners},
+            self._id,
+            center=(x, y, self._ground.level_m(moment.vehicle)),
+            center_velocity=centre.velocity,
+            radius_m=radius_m,
+            height_m=height_m,
+            doubt_m=doubt_m,
+        )
+
+    def _stay(self, state: PeerState) -> Reference:
+        """Stay while the position cannot be trusted; the tracker still keeps separation."""
+        place = self._stays = self._stays or state.position
+        return Reference(np.tile(place, (HORIZON + 1, 1)), np.zeros((HORIZON + 1, 3)), STEP_S)
+
+    def _wait(self, moment: Moment, state: PeerState) -> Reference:
+        """Stay; after a while fly a small circle through the place."""
+        x, y, _ = state.position
+        since_ns, x, y = self._waits = self._waits or (moment.now_ns, x, y)
+        waited_s = (moment.now_ns - since_ns) * 1e-9 - _PATIENCE_S
+        turned = np.maximum(0.0, waited_s + STEP_S * np.arange(HORIZON + 2.0)) * (_WAITING_MPS / _WAITING_RADIUS_M)
+        over_x = x + _WAITING_RADIUS_M * (np.cos(turned) - 1.0)
+        return self._at_survey_height(moment, over_x, y + _WAITING_RADIUS_M * np.sin(turned))
+
+    def _way_home(self, moment: Moment, state: PeerState) -> Reference:
+        """Straight home at the survey's speed and height; if home is not known, stay."""
+        x, y, _ = state.position
+        home = self._home.in_local or (x, y, 0.0)
+        way = np.array([home[0] - x, home[1] - y])
+        distance = hypot(*way.tolist())
+        travelled = np.minimum(self._config.survey.speed_mps * STEP_S * np.arange(HORIZON + 2.0), distance)
+        along = way / max(distance, 1e-9)
+        return self._at_survey_height(moment, x + travelled * along[0], y + travelled * along[1])
+
+    def _at_survey_height(self, moment: Moment, x: Array, y: Array) -> Reference:
+        """Through positions (HORIZON + 2,) one step apart."""
+        positions = np.column_stack((x, y, np.full(HORIZON + 2, self._survey_z_m(moment))))
+        return Reference(positions[:-1], np.diff(positions, axis=0) / STEP_S, STEP_S)

@@ -1,0 +1,82 @@
+"""Where a return leads: the place of the takeoff, in the drone's present local frame."""
+
+from __future__ import annotations
+
+from math import hypot
+
+from agent.geometry import Vector3
+from agent.localization.ownpose import OwnPose
+from agent.vehicle.interface import VehicleState
+
+AT_HOME_M = 0.5
+AT_HOME_MPS = 0.8  # the estimate of a vehicle that stands still shows up to 0.5
+SETTLED_NS = 2_000_000_000  # the drone must have been at home for this long
+NEAR_M = 1.5
+LONGEST_NS = 5_000_000_000  # being near for this long counts too: an estimate that wanders by 0.4 m may never settle
+_GAP_NS = 1_000_000_000  # after a longer gap in the approach, both times start again
+
+
+class Home:
+    """Home of one drone, and how long the drone has been there."""
+
+    def __init__(self, own: OwnPose) -> None:
+        self._own = own
+        self._launch: VehicleState | None = None
+        self._remembered: Vector3 | None = None
+        self._watched_ns = 0
+        self._near_since_ns: int | None = None
+        self._there_since_ns: int | None = None
+
+    def took_off(self, vehicle: VehicleState) -> None:
+        """The drone takes off here."""
+        self._launch = vehicle
+
+    def remember(self, place: Vector3 | None) -> None:
+        """Take the place stored before the agent was restarted; mission frame."""
+        self._remembered = place
+
+    @property
+    def in_mission(self) -> Vector3 | None:
+        """The place in the mission frame; None while that is not known."""
+        launch = self._launch
+        return self._own.in_mission(launch.epoch, launch.stamp_ns, launch.position_m) if launch is not None else self._remembered
+
+    @property
+    def in_local(self) -> Vector3 | None:
+        """The place in the present local frame; also where only that frame is known, if the drone took off in it."""
+        place, frame, vehicle = self.in_mission, self._own.frame, self._own.vehicle
+        if frame is not None and place is not None:
+            return frame.local_from_mission.apply_point(place)
+        launch = self._launch
+        return launch.position_m if launch is not None and vehicle is not None and launch.epoch == vehicle.epoch else None
+
+    @property
+    def is_reached(self) -> bool:
+        """Whether the drone hovers over home, near enough to land there, by what ``watch`` has seen."""
+        settled = _lasts(self._there_since_ns, self._watched_ns, SETTLED_NS)
+        return settled or _lasts(self._near_since_ns, self._watched_ns, LONGEST_NS)
+
+    def watch(self, vehicle: VehicleState) -> None:
+        """Take the newest telemetry of a return: note since when the drone has been near home, and over it."""
+        place, now_ns = self.in_local, vehicle.stamp_ns
+        interrupted = now_ns - self._watched_ns > _GAP_NS
+        self._watched_ns = now_ns
+        if interrupted or place is None or not vehicle.position_trusted:
+            self._near_since_ns = self._there_since_ns = None
+        if place is None or not vehicle.position_trusted:
+            return
+        away_m = hypot(vehicle.position_m[0] - place[0], vehicle.position_m[1] - place[1])
+        there = away_m < AT_HOME_M and hypot(*vehicle.velocity_mps[:2]) < AT_HOME_MPS
+        self._near_since_ns = _since(self._near_since_ns, now_ns, away_m < NEAR_M)
+        self._there_since_ns = _since(self._there_since_ns, now_ns, there)
+
+
+def _since(before_ns: int | None, now_ns: int, holds: bool) -> int | None:
+    """Since when a condition has held; None while it does not."""
+    if not holds:
+        return None
+    return now_ns if before_ns is None else before_ns
+
+
+def _lasts(since_ns: int | None, now_ns: int, long_ns: int) -> bool:
+    return since_ns is not None and now_ns - since_ns >= long_ns

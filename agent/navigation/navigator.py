@@ -1,0 +1,125 @@
+"""Plans one drone's flight: reference -> tracker -> setpoint, all in its own local frame."""
+
+from __future__ import annotations
+
+from agent.config.drone import DroneConfig
+from agent.config.mission import MissionConfig
+from agent.frames.graph import FrameGraph
+from agent.localization.ownpose import OwnPose
+from agent.motion.reference import PeerState
+from agent.motion.tracker import Tracker
+from agent.navigation.guidance import HORIZON, STEP_S, Centre, Guidance, Moment
+from agent.navigation.home import Home
+from agent.navigation.identification import ResponseEstimator
+from agent.navigation.neighbours import Neighbourhood, Self
+from agent.navigation.ownfence import OwnFence
+from agent.navigation.ownground import OwnGround
+from agent.navigation.peers import Peers
+from agent.navigation.surveying import InformedSearch, Search
+from agent.terrain.ground import Ground
+from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
+from protocol.messages import Plan
+
+REPLAN_NS = 200_000_000  # 5 Hz
+
+
+class Navigator:
+    """Plans one drone's flight while it searches, tracks or returns.
+
+    ``home``: where a return leads; ``response``: the identified response of the vehicle to setpoints.
+    """
+
+    def __init__(
+        self,
+        mission: MissionConfig,
+        drone: DroneConfig,
+        own: OwnPose,
+        frames: FrameGraph,
+        search: Search,
+        informed: InformedSearch,
+    ) -> None:
+        """``frames``: of all drones; ``search``, ``informed``: the survey by lanes, and by the expected information."""
+        self._limits = mission.limits
+        self._id = drone.id
+        self.response = ResponseEstimator(drone.vehicle.response)
+        self._own = own
+        self.home = Home(self._own)
+        self._ground = OwnGround(Ground.from_config(mission), self._own)
+        self._fence = OwnFence(mission.area, self._own)
+        self._guidance = Guidance(mission, drone, self._own, self._ground, self.home, search, informed)
+        self._neighbourhood = Neighbourhood(mission, frames)
+        self._tracker: Tracker | None = None
+        self._virtual = PeerState((0.0, 0.0, 0.0))  # the tracker's own state; at its start the vehicle's
+        self._epoch = -1
+        self._due_ns = 0
+
+    @property
+    def waits(self) -> bool:
+        """Whether the drone waits because its frame is not known."""
+        return self._guidance.waits
+
+    def follow(self, vehicle: VehicleState) -> None:
+        """Take telemetry, each once, also while somebody else flies."""
+        self.response.follow(vehicle)
+        if self._tracker is None or not self._tracker.has_plan or vehicle.epoch != self._epoch:
+            return
+        if vehicle.mode is FlightMode.OFFBOARD:
+            self.response.compare(vehicle, self._tracker.state(vehicle.stamp_ns))
+            self._tracker.follow_by(self.response.response)
+
+    def rest(self) -> None:
+        """The vehicle is under other control; the next step starts from its position then."""
+        self._tracker = None
+
+    def step(self, moment: Moment, peers: Peers) -> tuple[Setpoint, Plan | None]:
+        """The setpoint for now, and a new plan to publish where one was made.
+
+        A drone whose frame is not known cannot know where the area is: it waits in place, keeping clear of the drones it sees.
+        """
+        plan = None
+        if self._tracker is None or self._epoch != moment.vehicle.epoch:
+            self._tracker = self._begin(moment.vehicle)
+        elif moment.now_ns >= self._due_ns:
+            self._virtual = self._tracker.state(moment.now_ns)
+            fence = self._fence.moved(moment.vehicle)
+            if fence is not None:
+                self._tracker.confine(fence)
+        centre = self._guidance.centre(moment)
+        if moment.now_ns >= self._due_ns:
+            self._due_ns = moment.now_ns + REPLAN_NS
+            plan = self._replan(self._tracker, moment, centre, peers)
+        yaw_rad, yaw_rate_rps = self._guidance.heading(moment, centre)
+        position, velocity, acceleration = self._tracker.sample(moment.now_ns, yaw_rate_rps)
+        return Setpoint(position, velocity, acceleration, yaw_rad, yaw_rate_rps), plan
+
+    def _begin(self, vehicle: VehicleState) -> Tracker:
+        """A tracker that starts where the vehicle is; also after a jump of the localisation, which has not moved the vehicle."""
+        self._guidance.begin()
+        fence = self._fence.put(vehicle, self._ground.level_m(vehicle))
+        tracker = Tracker(self._limits, fence, STEP_S, HORIZON, response=self.response.response, drone_id=self._id)
+        tracker.reset(vehicle.position_m, vehicle.velocity_mps)
+        self._virtual = PeerState(vehicle.position_m, vehicle.velocity_mps)
+        self._epoch, self._due_ns = vehicle.epoch, 0
+        return tracker
+
+    def _replan(self, tracker: Tracker, moment: Moment, centre: Centre | None, peers: Peers) -> Plan:
+        vehicle = moment.vehicle
+        frame = self._own.frame
+        local_from_mission = frame.local_from_mission if frame is not None else None
+        me = Self(moment.now_ns, vehicle.epoch, self._own.sigma_m, local_from_mission)
+        others = self._neighbourhood.around(peers, me)
+        partners = [other for other in others if other.takes_part]
+        made = tracker.plan(
+            moment.now_ns,
+            PeerState(vehicle.position_m, vehicle.velocity_mps),
+            self._guidance.reference(moment, self._virtual, centre, partners, self.response.response.tracking_error_m),
+            [other.plan for other in others],
+            self._ground.relief(vehicle),
+        )
+        return Plan(
+            stamp_ns=made.stamp_ns,
+            drone=self._id,
+            epoch=vehicle.epoch,
+            step_ns=round(made.step_s * 1e9),
+            positions_m=tuple(map(tuple, made.positions.tolist())),
+        )

@@ -1,0 +1,249 @@
+"""The predicted motion of the other drones, in this drone's local frame, as the input of separation.
+
+A drone that is heard is never left out because its frame is not known. Its position comes from the best of these sources:
+
+1. its frame is known exactly: its poses and plans;
+2. its frame is estimated: the same, corrected by this drone's sightings of it, which determine the distance between the two
+   better than two estimates in the mission frame do;
+3. its localisation has jumped: a frame that continues its motion (``carried_on``), until the log yields a better one;
+4. its frame, or the own one, is not known: this drone's sightings alone;
+5. it is not seen either, but still near its launch place: the mission's launch layout.
+
+A flying drone that is not heard any more still hovers where its autopilot stopped it. Separation is kept from where it is seen,
+or for a while from where it must have stopped.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from functools import partial
+from math import hypot
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from agent.config.drone import ResponseConfig
+from agent.config.mission import MissionConfig
+from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.geometry import Array
+from agent.localization.continuity import carried_on
+from agent.motion.feedforward import Deviation
+from agent.motion.reference import PeerState
+from agent.motion.separation import PeerPlan
+from agent.navigation.peers import Peer, Peers
+from agent.navigation.relative import offset, placed_alone, places
+from protocol.entries import Sighting
+from protocol.messages import Pose, Stage
+
+WORST_SIGMA_M = 5.0  # separation grows no further: a drone with a larger sigma could drive the swarm off its circle
+_DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
+PLAN_AGE_NS = 1_000_000_000  # an older plan is stale
+NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
+_TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
+_ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
+_SIGMAS = 3.0
+_DOUBT_SIGMAS, _MOST_DOUBT_M = 2.0, 1.0  # growth of the minimum separation where frames are estimated
+SILENT_NS = 1_000_000_000  # without a pose: ten of their periods
+SILENCE_NS = 20_000_000_000  # a silent drone is assumed where it stopped for this long; a restarted agent is back by then
+_GOES_ON_S = 1.0  # its autopilot flies on for this long without setpoints (PX4: COM_OF_LOSS_T)
+_EXPECTED_M = ResponseConfig().tracking_error_m  # prior of a drone's deviation from its plans
+_POSE_GAP_NS = 500_000_000  # no position is interpolated over a longer gap between poses
+
+
+class Neighbour(Struct, frozen=True):
+    """Another drone in the air. ``takes_part``: it searches and tracks too, and counts when area and circle are divided."""
+
+    id: str
+    plan: PeerPlan
+    takes_part: bool
+
+
+class Self(Struct, frozen=True):
+    """The own drone: epoch of its frame, and that frame; None while it is not known.
+
+    ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance).
+    """
+
+    now_ns: int
+    epoch: int
+    sigma_m: float
+    local_from_mission: Transform | None
+
+
+class Neighbourhood:
+    """The drones that fly around one drone."""
+
+    def __init__(self, mission: MissionConfig, frames: FrameGraph) -> None:
+        self._frames = frames
+        self._members = {member.id: member for member in mission.drones}
+        self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
+        self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity
+        self._deviations: dict[str, Deviation] = {}
+
+    def around(self, peers: Peers, me: Self) -> list[Neighbour]:
+        """All drones that are not on the ground and can be located, by id."""
+        found, alive = [], peers.alive(me.now_ns)
+        for name in peers.names:
+            peer = peers[name]
+            if peer.pose is None or (peer.status is not None and peer.status.stage in _ON_GROUND):
+                continue
+            self._compare(name, peer, peer.pose)
+            mission_from_theirs = self._frame_of(name, peer.pose)
+            plan = None
+            if me.now_ns - peer.pose.stamp_ns > SILENT_NS:
+                plan = self._silent(name, peer, peer.pose, mission_from_theirs, me)
+            elif mission_from_theirs is not None and me.local_from_mission is not None:
+                plan = self._placed_by_frames(name, peer, peer.pose, mission_from_theirs, me.local_from_mission, me)
+            heard = name in alive
+            takes_part = heard and plan is not None and peer.status is not None and peer.status.stage in _TAKING_PART
+            if heard and plan is None:
+                plan = _placed_by_sightings(name, peer.sightings, peer.pose, me) or self._placed_by_layout(name, peer.pose, me)
+            if plan is not None:
+                plan = replace(plan, deviation_m=self._deviations[name].rms_m)
+                found.append(Neighbour(name, plan, takes_part))
+        return found
+
+    def _compare(self, name: str, peer: Peer, pose: Pose) -> None:
+        """Compare a drone's pose with its plan; both are in its own frame, known or not."""
+        deviation = self._deviations.setdefault(name, Deviation(_EXPECTED_M))
+        plan = peer.plan
+        if plan is None or plan.epoch != pose.epoch or not 0 <= pose.stamp_ns - plan.stamp_ns + PLAN_AGE_NS <= 2 * PLAN_AGE_NS:
+            return
+        x, y, _ = PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, plan.positions_m).state(pose.stamp_ns).position
+        deviation.add(pose.stamp_ns, pose.position_m[0] - x, pose.position_m[1] - y)
+
+    def _silent(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
+        """A drone not heard any more: by sightings since then, or where it must have stopped."""
+        stopped_ns = pose.stamp_ns + round(_GOES_ON_S * 1e9)
+        seen = _placed_by_sightings(name, [one for one in peer.sightings if one.stamp_ns > stopped_ns], pose, me)
+        if seen is not None or peer.status is None or me.now_ns - pose.stamp_ns > SILENCE_NS:
+            return seen
+        if mission_from_theirs is None or me.local_from_mission is None:
+            return None
+        local_from_theirs = _bare(me.local_from_mission) @ _bare(mission_from_theirs)
+        (x, y, z), (u, v, w) = pose.position_m, pose.velocity_mps
+        stopped = PeerState(local_from_theirs.apply_point((x + _GOES_ON_S * u, y + _GOES_ON_S * v, z + _GOES_ON_S * w)))
+        sigma_m = hypot(me.sigma_m, _sigma_m(pose, mission_from_theirs), 0.5 * _GOES_ON_S * hypot(u, v))
+        return _held(name, me.now_ns, stopped, sigma_m)
+
+    def _frame_of(self, name: str, pose: Pose) -> Transform | None:
+        """Its frame; after a jump one by the continuity of its motion; one that has become unknown with a large covariance."""
+        known = self._frames.mission_from_local(name, pose.epoch)
+        if known is not None:
+            self._placed[name] = pose, known
+            return known
+        last = self._placed.get(name)
+        if last is None:
+            return None
+        before, transform = last
+        if before.epoch != pose.epoch:
+            elapsed_s = (pose.stamp_ns - before.stamp_ns) * 1e-9
+            old, new = (before.position_m, before.quaternion), (pose.position_m, pose.quaternion)
+            transform = carried_on(transform, old, before.velocity_mps, new, elapsed_s)
+            self._carried[name] = pose.epoch
+        elif self._carried.get(name) != pose.epoch:  # it has become unknown
+            return Transform(transform.yaw_rad, transform.translation, _DOUBTED)
+        self._placed[name] = pose, transform
+        return transform
+
+    def _placed_by_frames(
+        self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, local_from_mission: Transform, me: Self
+    ) -> PeerPlan:
+        if mission_from_theirs.covariance is None and local_from_mission.covariance is None:
+            sigma_m = min(hypot(me.sigma_m, pose.position_sigma_m), WORST_SIGMA_M)
+            return _plan(name, peer, pose, local_from_mission @ mission_from_theirs, sigma_m, me.now_ns)
+        local_from_theirs = _bare(local_from_mission) @ _bare(mission_from_theirs)
+        sigma_m = hypot(me.sigma_m, _sigma_m(pose, mission_from_theirs))
+        expected = partial(_expected, peer, pose.epoch, local_from_theirs)
+        seen = offset(places(peer.sightings, me.epoch, me.now_ns, expected), expected)
+        if seen is not None:
+            far = hypot(*seen.vector[:2]) > _SIGMAS * hypot(sigma_m, seen.sigma_m)  # then the frames are wrong, not the sightings
+            share = 1.0 if far else sigma_m**2 / (sigma_m**2 + seen.sigma_m**2)
+            dx, dy, dz = (share * part for part in seen.vector)
+            x, y, z = local_from_theirs.translation
+            local_from_theirs = Transform(local_from_theirs.yaw_rad, (x + dx, y + dy, z + dz))
+            sigma_m = seen.sigma_m if far else share**0.5 * seen.sigma_m
+        return _plan(name, peer, pose, local_from_theirs, min(sigma_m, WORST_SIGMA_M), me.now_ns, _doubt_m(sigma_m))
+
+    def _placed_by_layout(self, name: str, pose: Pose, me: Self) -> PeerPlan | None:
+        member = self._members[name]
+        gone_m = hypot(*pose.position_m[:2])
+        if me.local_from_mission is None or gone_m > NEAR_LAUNCH_M or pose.epoch != 0:
+            return None
+        state = PeerState(me.local_from_mission.apply_point(member.origin_m), age_s=(me.now_ns - pose.stamp_ns) * 1e-9)
+        return _held(name, me.now_ns, state, hypot(me.sigma_m, member.origin_sigma_m, gone_m))
+
+
+def _placed_by_sightings(name: str, sightings: Sequence[Sighting], pose: Pose, me: Self) -> PeerPlan | None:
+    """From this drone's sightings alone. Of its pose only the speed is used, which is the same in every frame."""
+    seen = places(sightings, me.epoch, me.now_ns, _nowhere)
+    alone = placed_alone(seen, me.now_ns, hypot(*pose.velocity_mps[:2]))
+    if alone is None:
+        return None
+    return _held(name, me.now_ns, *alone)
+
+
+def _nowhere(_: int) -> None:
+    """No expected position."""
+
+
+def _expected(peer: Peer, epoch: int, local_from_theirs: Transform, stamp_ns: int) -> Array | None:
+    """Position (3,) of a drone at a stamp by its poses; own local frame."""
+    poses = peer.poses
+    place = bisect_right(poses, stamp_ns, key=_stamp)
+    before, after = poses[max(place - 1, 0)], poses[min(place, len(poses) - 1)]
+    if before.epoch != epoch or after.epoch != epoch:
+        return None
+    if abs(stamp_ns - before.stamp_ns) > _POSE_GAP_NS:
+        return None
+    span_ns = after.stamp_ns - before.stamp_ns
+    if span_ns <= 0 or place == 0:
+        elapsed_s = (stamp_ns - before.stamp_ns) * 1e-9
+        position = np.array(before.position_m) + elapsed_s * np.array(before.velocity_mps)
+    else:
+        share = (stamp_ns - before.stamp_ns) / span_ns
+        position = (1.0 - share) * np.array(before.position_m) + share * np.array(after.position_m)
+    return local_from_theirs.apply(position)
+
+
+def _stamp(pose: Pose) -> int:
+    return pose.stamp_ns
+
+
+def _bare(transform: Transform) -> Transform:
+    """The same without the covariance, whose propagation costs more than the transform."""
+    return Transform(transform.yaw_rad, transform.translation)
+
+
+def _sigma_m(pose: Pose, mission_from_theirs: Transform) -> float:
+    """1 sigma of a drone's position in the mission frame: by its frame where that is estimated, and at least its own stated
+    value, which is larger where it has lost its satellites."""
+    return max(mission_from_theirs.sigmas_at(pose.position_m)[0], pose.position_sigma_m)
+
+
+def _held(name: str, now_ns: int, state: PeerState, sigma_m: float) -> PeerPlan:
+    """A drone that stays where it is, with the uncertainty of that position."""
+    return PeerPlan.from_pose(name, now_ns, state, min(sigma_m, WORST_SIGMA_M), _doubt_m(sigma_m))
+
+
+def _doubt_m(sigma_m: float) -> float:
+    return min(_DOUBT_SIGMAS * sigma_m, _MOST_DOUBT_M)
+
+
+def _plan(
+    name: str, peer: Peer, pose: Pose, local_from_theirs: Transform, sigma_m: float, now_ns: int, doubt_m: float = 0.0
+) -> PeerPlan:
+    """Its published plan; without a recent one, its pose extrapolated by its velocity."""
+    measured = PeerState(
+        local_from_theirs.apply_point(pose.position_m),
+        local_from_theirs.rotate_direction(pose.velocity_mps),
+        age_s=(now_ns - pose.stamp_ns) * 1e-9,
+    )
+    plan = peer.plan
+    if plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
+        return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m)
+    ahead = local_from_theirs.apply_points(plan.positions_m)
+    return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, measured, doubt_m)

@@ -1,0 +1,64 @@
+"""The fence in one drone's own local frame; while that frame is not known, a circle around the waiting drone."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec.structs import replace
+from shapely import Point
+
+from agent.config.mission import AreaConfig
+from agent.geometry import Array
+from agent.localization.ownpose import LocalFrame, OwnPose
+from agent.motion.fence import Fence
+from agent.motion.separation import DOUBT_SIGMAS
+from agent.vehicle.interface import VehicleState
+
+_LEAST_MARGIN_M = 5.0  # of the fence, however uncertain the own position is
+_MOVED_M = 0.3  # smaller shifts of the fence in the local frame are not applied
+_WAITING_M = 12.0  # radius of the fence around a drone that does not know its frame
+
+
+class OwnFence:
+    """Placed where the area lies in the local frame, and moved as the estimate of that frame improves."""
+
+    def __init__(self, area: AreaConfig, own: OwnPose) -> None:
+        self._area = area
+        self._own = own
+        self._corners = np.array([(x, y, 0.0) for x, y in area.polygon_m])
+        self._outlined: tuple[Array, float] | None = None  # corners (N, 2) and margin of the present fence; None: the drone waits
+        self._level_m = 0.0
+
+    def put(self, vehicle: VehicleState, level_m: float) -> Fence:
+        """The fence for a flight that begins here; ``level_m``: local z from which its heights count."""
+        self._level_m = level_m
+        return self._made(vehicle)
+
+    def moved(self, vehicle: VehicleState) -> Fence | None:
+        """The fence for the newest frame; None while the present one still fits."""
+        frame = self._own.frame
+        if self._outlined is not None and frame is not None:
+            if frame.mission_from_local.covariance is None:
+                return None
+            corners, margin_m = self._outlined
+            newest, newest_margin_m = self._outline(frame)
+            if max(float(np.abs(newest - corners).max()), abs(newest_margin_m - margin_m)) < _MOVED_M:
+                return None
+        elif self._outlined is None and frame is None:
+            return None
+        return self._made(vehicle)
+
+    def _outline(self, frame: LocalFrame) -> tuple[Array, float]:
+        """The area's corners (N, 2) in the local frame; and the fence's margin, less the uncertainty of the own position."""
+        margin_m = self._area.fence_margin_m
+        if frame.mission_from_local.covariance is not None:
+            doubted_m = margin_m - DOUBT_SIGMAS * self._own.sigma_m
+            margin_m = max(doubted_m, min(margin_m, _LEAST_MARGIN_M))
+        return frame.local_from_mission.apply(self._corners)[:, :2], margin_m
+
+    def _made(self, vehicle: VehicleState) -> Fence:
+        area, level_m, frame = self._area, self._level_m, self._own.frame
+        if frame is None:
+            self._outlined = None
+            return Fence(Point(vehicle.position_m[:2]).buffer(_WAITING_M), area.floor_m + level_m, area.ceiling_m + level_m)
+        corners, margin_m = self._outlined = self._outline(frame)
+        return Fence.from_area(replace(area, fence_margin_m=margin_m), corners, ground_m=level_m)

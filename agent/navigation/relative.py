@@ -1,0 +1,120 @@
+"""The position of another drone from this one's sightings: in the own local frame, so that no other frame has to be known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import hypot
+
+import numpy as np
+from msgspec import Struct
+
+from agent.geometry import Array, Vector3
+from agent.motion.reference import PeerState
+from protocol.entries import Sighting
+
+WINDOW_NS = 3_000_000_000  # older sightings are not used
+FEWEST = 4  # sightings that must agree before they are used
+_SHARE = 0.6  # at least this share of all in the window must agree
+_SIGMAS = 3.0
+_FLOOR_M = 0.2  # common error of one sensor's sightings
+_SPAN_S = 0.8  # sightings must span this time to give a velocity
+
+
+class Placed(Struct, frozen=True):
+    """A position of the other drone, (3,) m in the own local frame, with the 1-sigma horizontal error, m."""
+
+    stamp_ns: int
+    position: Array
+    sigma_m: float
+
+
+class Offset(Struct, frozen=True):
+    """Difference between observed and expected position, (3,) m in the own local frame; 1 sigma of its length."""
+
+    vector: Vector3
+    sigma_m: float
+
+
+def places(sightings: Sequence[Sighting], epoch: int, now_ns: int, expected: Callable[[int], Array | None]) -> list[Placed]:
+    """Positions of the other drone by the sightings of the last seconds.
+
+    A range without a direction is applied along the expected one, which matters little for the distance between the two. A
+    direction without a range gives no distance and is not used.
+
+    Args:
+        sightings: of one drone by this one.
+        epoch: of the own frame; sightings of another epoch are not used.
+        now_ns: UTC.
+        expected: expected position (3,) at a stamp, own local frame; None where it is not known.
+    """
+    found = []
+    for sighting in sightings:
+        if sighting.epoch != epoch or not 0 <= now_ns - sighting.stamp_ns <= WINDOW_NS or sighting.range_m is None:
+            continue
+        own, sigma_m = np.array(sighting.position_m), sighting.range_sigma_m or 0.0
+        if sighting.direction is not None:
+            direction = np.array(sighting.direction)
+            sigma_m = hypot(sigma_m, sighting.range_m * (sighting.direction_sigma_rad or 0.0))
+        else:
+            there = expected(sighting.stamp_ns)
+            if there is None:
+                continue
+            direction = (there - own) / max(float(np.linalg.norm(there - own)), 1e-6)
+        found.append(Placed(sighting.stamp_ns, own + sighting.range_m * direction, sigma_m))
+    return found
+
+
+def offset(seen: Sequence[Placed], expected: Callable[[int], Array | None]) -> Offset | None:
+    """The offset that most sightings agree on; None where too few do."""
+    known = [(place, there) for place in seen if (there := expected(place.stamp_ns)) is not None]
+    if len(known) < FEWEST:
+        return None
+    apart = np.array([place.position - there for place, there in known])
+    sigmas = np.array([place.sigma_m for place, _ in known])
+    agree = np.hypot(*(apart - np.median(apart, axis=0))[:, :2].T) <= _SIGMAS * sigmas + _FLOOR_M
+    count = int(agree.sum())
+    if count < max(FEWEST, _SHARE * len(known)):
+        return None
+    spread_m = max(float(np.hypot(*apart[agree].std(axis=0)[:2])), float(sigmas[agree].mean()))
+    x, y, z = apart[agree].mean(axis=0).tolist()
+    return Offset((x, y, z), hypot(spread_m / count**0.5, _FLOOR_M))
+
+
+def placed_alone(seen: Sequence[Placed], now_ns: int, speed_mps: float) -> tuple[PeerState, float] | None:
+    """Position, velocity and sigma (m) of a drone of which only the speed is known besides; None while that is uncertain.
+
+    The newest sighting confirmed by others is used; false ones agree with none. Enough of them also give the velocity.
+    """
+    for place in sorted(seen, key=lambda place: place.stamp_ns, reverse=True):
+        agreeing = [other for other in seen if _agree(place, other, speed_mps)]
+        if len(agreeing) >= FEWEST - 1:
+            break
+    else:
+        return None
+    age_s = (now_ns - place.stamp_ns) * 1e-9
+    velocity = _velocity(agreeing) if speed_mps > 0.5 else None  # a drone that hovers
+    x, y, z = place.position.tolist()
+    unknown_mps = 0.5 if velocity is not None else speed_mps
+    state = PeerState((x, y, z), velocity or (0.0, 0.0, 0.0), age_s)
+    return state, place.sigma_m + unknown_mps * age_s
+
+
+def _agree(one: Placed, other: Placed, speed_mps: float) -> bool:
+    way_m = speed_mps * abs(one.stamp_ns - other.stamp_ns) * 1e-9
+    apart_m = float(np.hypot(*(one.position - other.position)[:2]))
+    return apart_m <= way_m + _SIGMAS * hypot(one.sigma_m, other.sigma_m)
+
+
+def _velocity(places: Sequence[Placed]) -> Vector3 | None:
+    """Horizontal velocity of a straight flight through the positions: the median over all pairs (Theil-Sen estimator), which is
+    robust against a few false ones.
+    """
+    times = np.array([place.stamp_ns - places[0].stamp_ns for place in places]) * 1e-9
+    if len(places) < 2 * FEWEST or np.ptp(times) < _SPAN_S:
+        return None
+    flat = np.array([place.position[:2] for place in places])
+    first, last = np.triu_indices(len(places), 1)
+    elapsed = times[last] - times[first]
+    apart = np.abs(elapsed) > 0.5 * _SPAN_S
+    u, v = np.median((flat[last] - flat[first])[apart] / elapsed[apart, None], axis=0).tolist()
+    return u, v, 0.0

@@ -1,0 +1,198 @@
+"""The survey of one drone: lanes over what the swarm has not covered, or informative waypoints; and its coverage entries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from agent.config.mission import MissionConfig, SurveyConfig
+from agent.frames.graph import FrameGraph
+from agent.fusion.estimator import Outlook
+from agent.geometry import Point2
+from agent.motion.detour import Detours
+from agent.motion.informative import LARGEST_M2, Belief, Waypoints
+from agent.motion.path import PathFollower
+from agent.motion.survey import Swath, survey_paths
+from protocol.entries import Coverage
+
+COVERAGE_S = 5.0  # period of the coverage reports
+POINT_M = 1.0  # distance between the points of a coverage path
+LOOK_NS = 1_000_000_000  # period of the outlook, and of the choice of a waypoint
+_TURN_SHARE = 0.75  # of the acceleration limit, assumed for turns
+
+
+class Search:
+    """Divides the uncovered area among the drones that take part: when their number changes, and at the end of the own path.
+
+    A division follows from the log's coverage alone, so drones with the same log divide alike. Mission frame throughout.
+    """
+
+    def __init__(
+        self, mission: MissionConfig, drone: str, frames: FrameGraph, coverage: Callable[[], Iterable[Coverage]]
+    ) -> None:
+        """``coverage``: returns all coverage entries of the log, ordered by identity."""
+        self._area = Polygon(mission.area.polygon_m)
+        self._survey = mission.survey
+        self._drone = drone
+        self._frames = frames
+        self._coverage = coverage
+        self._launch: dict[str, Point2] = {one.id: (one.origin_m[0], one.origin_m[1]) for one in mission.drones}
+        self._shared_by: tuple[str, ...] = ()
+        self._follower: PathFollower | None = None
+        self._progress = 0.0
+
+    def reference(
+        self, active: Sequence[str], position: Point2, steps: int, step_s: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Positions and velocities (steps + 1, 2) to follow from here.
+
+        Args:
+            active: the drones that share the area, this one included, sorted.
+            position: where this drone is.
+            steps: of the reference.
+            step_s: between its points.
+        """
+        if self._follower is None or tuple(active) != self._shared_by or self._progress >= self._follower.length_m:
+            self._shared_by, self._progress = tuple(active), 0.0
+            self._follower = self._divide(active, position)
+        self._progress = self._follower.advance(self._progress, position)
+        return self._follower.reference(self._progress, position, self._survey.speed_mps, steps, step_s)
+
+    def divide_anew(self) -> None:
+        """Discard the present division: more has been covered than it assumes."""
+        self._follower = None
+
+    def _divide(self, active: Sequence[str], position: Point2) -> PathFollower:
+        swaths: list[Swath] = []
+        ends = {drone: self._launch[drone] for drone in active}  # positions that all drones know
+        for coverage in self._coverage():
+            transform = self._frames.mission_from_local(coverage.drone, coverage.epoch, coverage.stamp_ns)
+            if transform is None:
+                continue
+            path = transform.apply(np.array([(x, y, 0.0) for x, y in coverage.path_m]))[:, :2]
+            swaths.append((path, coverage.swath_m))
+            if coverage.drone in ends:
+                ends[coverage.drone] = (float(path[-1, 0]), float(path[-1, 1]))
+        spacing_m = self._survey.lane_spacing_m
+        path = survey_paths(self._area, active, swaths, spacing_m, ends)[self._drone]
+        if len(path) == 0:  # all is covered and nothing was found: start again
+            path = survey_paths(self._area, active, [], spacing_m, ends)[self._drone]
+        return PathFollower(np.vstack([position, path]))  # the way to the first lane is part of the path
+
+
+class Prospect:
+    """The outlook, computed once a second because it is costly."""
+
+    def __init__(self, outlook: Callable[[], Outlook | None]) -> None:
+        self._outlook = outlook
+        self._known: Outlook | None = None
+        self._due_ns = 0
+
+    def at(self, now_ns: int) -> Outlook | None:
+        """The present outlook; None where there is a hypothesis, or the estimator has no outlook."""
+        if now_ns >= self._due_ns or self._due_ns - now_ns > LOOK_NS:
+            self._due_ns = now_ns + LOOK_NS
+            self._known = self._outlook()
+        return self._known
+
+
+class InformedSearch:
+    """Flies to the most informative waypoint, chosen again and again. Mission frame throughout."""
+
+    def __init__(self, mission: MissionConfig, prospect: Prospect) -> None:
+        survey, area = mission.survey, Polygon(mission.area.polygon_m)
+        west, south, east, north = area.bounds
+        chosen = (
+            survey.strategy == "information"
+            and mission.encirclement.law != "paper"
+            and (east - west) * (north - south) <= LARGEST_M2
+        )
+        self._prospect = prospect
+        self._detours = Detours(area)
+        self._speed_mps = min(survey.search_speed_mps, mission.limits.speed_mps)
+        acceleration_mps2 = _TURN_SHARE * mission.limits.acceleration_mps2
+        self._waypoints = Waypoints(area, survey.height_m, self._speed_mps, acceleration_mps2) if chosen else None
+        self._follower: PathFollower | None = None
+        self._progress = 0.0
+        self._due_ns = 0
+
+    def reference(
+        self, now_ns: int, position: Point2, velocity: Point2, others: Sequence[Point2], steps: int, step_s: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Positions and velocities (steps + 1, 2) to follow from here; None: fly lanes instead.
+
+        Args:
+            now_ns: UTC.
+            position: where this drone is.
+            velocity: its velocity.
+            others: positions of the other searching drones.
+            steps: of the reference.
+            step_s: between its points.
+        """
+        outlook = self._prospect.at(now_ns) if self._waypoints is not None else None
+        if outlook is None or self._waypoints is None:
+            self._follower = None
+            return None
+        if self._follower is None or now_ns >= self._due_ns or self._due_ns - now_ns > LOOK_NS:  # the clock was set back
+            self._due_ns, self._progress = now_ns + LOOK_NS, 0.0
+            self._follower = self._way(self._waypoints, outlook, position, velocity, others)
+        length_m = self._follower.length_m
+        self._progress = min(self._follower.advance(self._progress, position), length_m)
+        travelled = self._progress + self._speed_mps * step_s * np.arange(steps + 2.0)
+        points = self._follower.at(np.minimum(travelled, length_m))  # and waits there for the next waypoint
+        return points[:-1], np.diff(points, axis=0) / step_s
+
+    def _way(
+        self, waypoints: Waypoints, outlook: Outlook, position: Point2, velocity: Point2, others: Sequence[Point2]
+    ) -> PathFollower:
+        belief = Belief(outlook.places, outlook.weight, outlook.activity_bq, outlook.none)
+        start, end = np.array(position), np.array(waypoints.choose(belief, position, velocity, others))
+        return PathFollower(np.vstack([start, self._detours.between(start, end), end]))
+
+
+def conclusion(survey: SurveyConfig, searched_s: float, outlook: Outlook | None) -> str:
+    """The result of the search: "" while it goes on, else that nothing was found, and the activity that is excluded."""
+    excluded_bq = outlook.excluded_bq if outlook is not None else None
+    least_bq = survey.least_activity_bq
+    enough = excluded_bq is not None and least_bq is not None and excluded_bq <= least_bq
+    if not enough and (survey.duration_s is None or searched_s < survey.duration_s):
+        return ""
+    if excluded_bq is None:
+        return f"nothing found in {searched_s:.0f} s; no activity can be excluded"
+    return f"nothing found; a source of {excluded_bq:.2g} Bq or more is excluded"
+
+
+class CoverageLog:
+    """Collects where this drone has searched, in its local frame, until the next report is due."""
+
+    def __init__(self, swath_m: float) -> None:
+        self.swath_m = swath_m
+        self._points: list[Point2] = []
+        self._since_ns = 0
+        self._epoch = 0
+
+    def add(self, now_ns: int, epoch: int, position: Point2) -> tuple[int, int, tuple[Point2, ...]] | None:
+        """Take the own position; every few seconds returns the stamp, epoch and path of a report, else None.
+
+        A new epoch ends a path: no path leads from one frame into another.
+        """
+        told = None
+        if self._points and epoch != self._epoch:
+            told = self._since_ns, self._epoch, tuple(self._points)
+            self._points = []
+        if not self._points:
+            self._since_ns, self._epoch = now_ns, epoch
+        if not self._points or _apart(self._points[-1], position) >= POINT_M:
+            self._points.append(position)
+        if told is not None or now_ns - self._since_ns < COVERAGE_S * 1e9 or len(self._points) < 2:
+            return told
+        told, self._points = (self._since_ns, epoch, tuple(self._points)), [self._points[-1]]
+        self._since_ns = now_ns
+        return told
+
+
+def _apart(one: Point2, other: Point2) -> float:
+    return float(np.hypot(one[0] - other[0], one[1] - other[1]))

@@ -1,0 +1,85 @@
+"""Output files: written completely or not at all, and never over an input or anything but a regular file."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from agent.errors import OutputError
+
+
+def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
+    """Refuse a path that cannot, or must not, be written to.
+
+    Raises:
+        OutputError: ``path`` is one of the ``inputs`` (also by a link), a folder, a device or another special file, a link to
+            nowhere, protected, or its folder is missing or not writable.
+    """
+    folder = _followed(path).parent
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; give the name of a file")
+    if not folder.is_dir():
+        raise OutputError(f"{path}: the folder {folder} does not exist; create it first")
+    if path.exists():
+        if not path.is_file():
+            raise OutputError(f"{path}: is a device or another special file; give the name of a regular file")
+        for source in inputs:
+            if source.exists() and path.samefile(source):
+                raise OutputError(f"{path}: is the input; give another name, or the output would overwrite it")
+        if not os.access(path, os.W_OK):
+            raise OutputError(f"{path}: no permission to overwrite it")
+    if not os.access(folder, os.W_OK):
+        raise OutputError(f"{path}: no permission to write in {folder}")
+    try:
+        tempfile.TemporaryFile(dir=folder).close()  # fails in folders such as /proc, whatever their permissions
+    except OSError as error:
+        raise OutputError(f"{path}: no file can be created in {folder}: {error.strerror or error}") from None
+
+
+def _followed(path: Path) -> Path:
+    """The file itself where ``path`` is a link to it."""
+    if not path.is_symlink():
+        return path
+    try:
+        target = path.resolve()
+        there = target.parent.is_dir()
+    except (OSError, RuntimeError):  # links that lead to each other
+        there = False
+    if not there:
+        raise OutputError(f"{path}: is a link to {path.readlink()}, which cannot be written; remove the link")
+    return target
+
+
+def try_folder(folder: Path) -> None:
+    """Try to write a temporary file into a folder, which is created if it is missing. Raises OSError if that fails."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder) as file:
+        file.write(b"\0")
+        file.flush()
+
+
+@contextmanager
+def replacing(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
+    """A temporary path beside ``path`` to write to; it takes the place of ``path`` once the block ends without an error.
+
+    A link stays a link: the file that it points to is replaced.
+
+    Raises:
+        OutputError: as for ``check_output``, or the disk is full or fails.
+    """
+    check_output(path, inputs)
+    path = _followed(path)
+    temporary = path.with_name(f".{path.stem}.part{path.suffix}")  # the suffix stays: writers choose the format by it
+    try:
+        yield temporary
+        with temporary.open("rb") as stream:
+            os.fsync(stream.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        with suppress(OSError):
+            temporary.unlink()

@@ -1,0 +1,251 @@
+"""The preflight check: everything is connected, nothing is commanded, and each finding is "ok", "not yet" or "failed"."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import msgspec
+from msgspec.structs import replace
+
+from agent.config.drone import DroneConfig
+from agent.config.mission import MissionConfig
+from agent.detector.calibration import load_calibration
+from agent.detector.drivers import open_detector
+from agent.detector.readout import Detector
+from agent.errors import RadronError
+from agent.outputs import try_folder
+from agent.pilot import Pilot
+from agent.preflight.chrony import NAME as CHRONY
+from agent.preflight.chrony import chrony_finding
+from agent.preflight.layout import layout_finding
+from agent.sensing.sighting_feed import SightingsFeed
+from agent.shell.node import mesh_config
+from agent.shell.startable import camera_missing
+from agent.shell.statestore import StateFile, unreadable
+from agent.vehicle.interface import Finding
+from agent.vehicle.px4 import Px4Vehicle
+from protocol.codec import decode_from
+from protocol.errors import ProtocolError
+from protocol.messages import Status
+from protocol.session import Mesh
+
+CLOSE_S = 1.2
+_OLDEST_CLOCK_S = 1_735_689_600.0  # 2025: a computer without a clock battery begins in 1970 or at its image's date
+_CLOCKS_S = 0.5  # allowed difference of two drones' clocks, by which poses and cones are stamped
+_LEAST_FREE_MB = 200
+
+
+class Preflight:
+    """Gathers the findings of one drone. ``findings`` may be read at any time."""
+
+    def __init__(self, drone: DroneConfig, mission: MissionConfig) -> None:
+        self._drone = drone
+        self._mission = mission
+        self._mission_finding, self._state_finding, self._space_finding = self._flyable(), self._state(), self._space()
+        self._vehicle_findings = [Finding("autopilot", "not yet", f"connecting to {drone.vehicle.address}")]
+        self._camera = Finding("camera", "not yet", "no readout so far")
+        self._chrony = Finding(CHRONY, "not yet", "asking")
+        self._seen: set[str] = set()  # drones reported by the sensor for relative observations
+        self._sightings: Finding | None = None  # None: there is no such sensor
+        if drone.sightings.address is not None:
+            self._sightings = Finding("sightings", "not yet", f"connecting to {drone.sightings.address}")
+        self._mesh_finding = Finding("mesh", "not yet", "opening")
+        self._mesh: Mesh | None = None
+        self._statuses: dict[str, tuple[Status, float]] = {}  # with the delay of its stamp, seconds
+
+    @property
+    def findings(self) -> list[Finding]:
+        """The present findings."""
+        return [
+            self._mission_finding,
+            self._calibration(),
+            self._state_finding,
+            self._space_finding,
+            self._clock(),
+            self._chrony,
+            self._camera,
+            *([] if self._sightings is None else [self._sightings]),
+            *self._vehicle_findings,
+            self._mesh_finding,
+            *(self._peer(member.id) for member in self._mission.drones if member.id != self._drone.id),
+        ]
+
+    async def run(self, wait_s: float, show: Callable[[list[Finding]], None]) -> bool:
+        """Check until no finding is "not yet", for ``wait_s`` at most. Returns whether every finding is "ok"."""
+        checks = (self._check_mesh, self._check_vehicle, self._check_camera, self._check_sightings, self._check_chrony)
+        tasks = [asyncio.create_task(check()) for check in checks]
+        deadline_s = time.monotonic() + wait_s
+        try:
+            while time.monotonic() < deadline_s and any(finding.verdict == "not yet" for finding in self.findings):
+                show(self.findings)
+                await asyncio.sleep(0.2)
+            show(self.findings)
+            return all(finding.verdict == "ok" for finding in self.findings)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _check_mesh(self) -> None:
+        try:
+            config = mesh_config(self._drone, self._mission)
+            self._mesh = await Mesh.open(config, self._mission.swarm, self._drone.id, receive=self._receive)
+        except (RadronError, ProtocolError) as error:
+            self._mesh_finding = Finding("mesh", "failed", str(error))
+            return
+        self._mesh_finding = Finding("mesh", "ok", str(config.listen))
+        await _until_cancelled(self._mesh.close)
+
+    def _receive(self, key: str, payload: bytes) -> None:
+        try:
+            message = decode_from(key, payload)
+        except ProtocolError:
+            return
+        if isinstance(message, Status):
+            self._statuses[message.drone] = message, (time.time_ns() - message.stamp_ns) * 1e-9
+
+    def _peer(self, name: str) -> Finding:
+        endpoint = self._drone.mesh.endpoints.get(name, "no endpoint given")
+        if self._mesh is None or name not in self._mesh.alive:
+            return Finding(name, "not yet", f"no contact ({endpoint})")
+        if name not in self._statuses:
+            return Finding(name, "not yet", "in contact, no status so far")
+        status, behind_s = self._statuses[name]
+        if status.mission != self._mission.mission_id:
+            return Finding(name, "failed", f"has another mission file: {status.mission}")
+        if abs(behind_s) > _CLOCKS_S:
+            return Finding(name, "failed", f"its clock differs by {behind_s:+.1f} s from ours: synchronise both by one server")
+        return Finding(name, "ok", f"{status.stage}, the same mission")
+
+    async def _check_vehicle(self) -> None:
+        vehicle = Px4Vehicle(self._drone.vehicle, self._mission.area.ceiling_m)
+        try:
+            await vehicle.connect()
+            while True:
+                layout = layout_finding(self._mission, self._drone.id, vehicle.launch)
+                self._vehicle_findings = [*await vehicle.findings(), *([layout] if layout is not None else [])]
+                await asyncio.sleep(0.2)
+        except RadronError as error:
+            self._vehicle_findings = [Finding("autopilot", "failed", str(error))]
+        finally:
+            await vehicle.close()
+
+    async def _check_camera(self) -> None:
+        detector: Detector | None = None
+        try:
+            detector = open_detector(self._drone.detector)
+            if detector is None:
+                missing = camera_missing(self._drone, self._mission)
+                text = "none configured, and none needed: the mission's hypothesis is given"
+                self._camera = Finding("camera", "ok", text) if missing is None else Finding("camera", "failed", missing)
+                return
+            watching = asyncio.create_task(self._watch_camera(detector))
+            async for readout in detector.readouts():
+                self._camera = Finding("camera", "ok", f"{len(readout.hits)} pixel hits in {readout.live_time_s:.1f} s")
+            watching.cancel()
+        except RadronError as error:
+            self._camera = Finding("camera", "failed", str(error))
+        finally:
+            if detector is not None:
+                await detector.close()
+
+    async def _check_chrony(self) -> None:
+        while True:
+            self._chrony = await chrony_finding(alone=len(self._mission.drones) == 1)
+            await asyncio.sleep(1.0)
+
+    async def _watch_camera(self, detector: Detector) -> None:
+        while True:
+            if detector.problems:
+                self._camera = Finding("camera", "not yet", detector.problems[0])
+            await asyncio.sleep(0.2)
+
+    async def _check_sightings(self) -> None:
+        if self._drone.sightings.address is None:
+            return
+        try:
+            feed = SightingsFeed(self._drone.sightings.address)
+        except RadronError as error:
+            self._sightings = Finding("sightings", "failed", str(error))
+            return
+        reading = asyncio.create_task(self._read_sightings(feed))
+        try:
+            while True:
+                names = ", ".join(sorted(self._seen)) or "none"
+                problem = feed.problems[0] if feed.problems else None
+                self._sightings = Finding("sightings", "not yet" if problem else "ok", problem or f"drones seen so far: {names}")
+                await asyncio.sleep(0.2)
+        finally:
+            reading.cancel()
+            await feed.close()
+
+    async def _read_sightings(self, feed: SightingsFeed) -> None:
+        async for seen in feed.sightings():
+            self._seen.update(one.target for one in seen)
+
+    def _flyable(self) -> Finding:
+        """Whether a pilot can be built for the mission, which is the only complete check of nuclide, estimator and survey."""
+        try:
+            Pilot(self._mission, replace(self._drone, calibration=None), boot="0" * 16)
+        except RadronError as error:
+            return Finding("mission", "failed", str(error))
+        text = f"{self._mission.name}, {self._mission.mission_id}, {len(self._mission.drones)} drones"
+        return Finding("mission", "ok", text)
+
+    def _state(self) -> Finding:
+        if self._drone.state is None:
+            return Finding("state", "ok", "not kept: no folder configured, so an agent that restarts in flight does not resume")
+        file = StateFile(self._drone.state, self._drone.id)
+        try:
+            try_folder(file.path.parent)
+        except OSError as error:
+            return Finding("state", "failed", f"{file.path.parent}: cannot be written to: {error.strerror}")
+        try:
+            memory = file.load().memory
+        except (OSError, msgspec.MsgspecError) as error:
+            return Finding("state", "failed", unreadable(file, error))
+        if memory is not None and memory.mission != self._mission.mission_id:
+            return Finding("state", "ok", f"{file.path} (of another mission, {memory.mission}: will be replaced)")
+        return Finding("state", "ok", str(file.path))
+
+    def _calibration(self) -> Finding:
+        folder = self._drone.calibration
+        if folder is None:
+            return Finding("calibration", "ok", "that of the nominal camera: no folder configured")
+        try:
+            load_calibration(Path(folder))
+        except RadronError as error:
+            return Finding("calibration", "failed", str(error))
+        return Finding("calibration", "ok", folder)
+
+    def _space(self) -> Finding:
+        folder = self._drone.recorder.folder
+        if folder is None:
+            return Finding("flight records", "ok", "none: no recorder.folder configured")
+        try:
+            try_folder(Path(folder))
+            free_mb = shutil.disk_usage(folder).free // 1_000_000
+        except OSError as error:
+            return Finding("flight records", "failed", f"{folder}: cannot be written to: {error.strerror}")
+        if free_mb < _LEAST_FREE_MB:
+            return Finding("flight records", "failed", f"{free_mb} MB free at {folder}: at least {_LEAST_FREE_MB} are needed")
+        return Finding("flight records", "ok", f"{free_mb} MB free at {folder}, {self._drone.recorder.limit_mb} may be used")
+
+    def _clock(self) -> Finding:
+        now_s = time.time()
+        text = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(now_s))
+        if now_s < _OLDEST_CLOCK_S:
+            return Finding("clock", "failed", f"{text}: set it, or synchronise it to a time server")
+        return Finding("clock", "ok", text)
+
+
+async def _until_cancelled(close: Callable[[], Awaitable[None]]) -> None:
+    try:
+        await asyncio.Event().wait()
+    finally:
+        async with asyncio.timeout(CLOSE_S):
+            await close()

@@ -1,0 +1,1 @@
+"""From detections, satellite fixes and relative observations to log entries."""

@@ -1,0 +1,177 @@
+"""From one drone's detections and own poses to its log entries: cones and exposures in its local frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from scipy.spatial.transform import Rotation
+
+from agent.config.drone import DroneConfig
+from agent.detector.detection import ConeEvent, Detections
+from agent.geometry import Quaternion, Vector3, turned
+from agent.localization.history import HISTORY_NS, PoseHistory
+from protocol.entries import Cone, ConeOrder, Counts, Coverage, Entry, Exposure, PoseSample
+
+EXPOSURE_NS = 500_000_000
+SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
+MOST_POSES = 16  # of an exposure, or fewer a second: 70 bytes each of the 2 kB of an entry
+# Live time without any hit. The background makes 1.5 hits a second; a healthy camera is then mute once in 600 hours, and silent
+# once in 1200 even at half that background (gaps of length T at rate r begin r exp(-r T) times a second).
+MUTE_S = 10.0  # counts carry no information on the source any more: zeros more likely mean a dead camera
+SILENT_S = 20.0  # the operator is told
+LATE_NS = 3_000_000_000  # a camera's readouts may come this late; time not covered by then was not observed
+
+
+class Observer:
+    """Turns one detector's stretches into log entries with consecutive sequence numbers."""
+
+    def __init__(self, drone: DroneConfig, mission_id: str, boot: str, history: PoseHistory, numbers: Iterator[int]) -> None:
+        """``history``: the own poses; ``numbers``: sequence numbers of this boot's entries."""
+        self._drone = drone.id
+        self._mission = mission_id
+        self._boot = boot
+        self._history, self._numbers = history, numbers
+        x, y, z, w = Rotation.from_euler("xyz", drone.camera_rpy_deg, degrees=True).as_quat().tolist()
+        self._body_from_camera: Quaternion = (w, x, y, z)
+        self.dropped = 0
+        self._silent_s = 0.0  # live time since the last hit
+        self._start_ns: int | None = None
+        self._epoch = 0
+        self._end_ns = 0
+        self._live_s = 0.0
+        self._hits = self._photopeak = self._coincidences = 0
+
+    def coverage(self, stamp_ns: int, epoch: int, path_m: tuple[tuple[float, float], ...], swath_m: float) -> Coverage:
+        """The log entry of a searched path (m, horizontal); local frame of the epoch."""
+        return Coverage(
+            stamp_ns=stamp_ns,
+            drone=self._drone,
+            mission=self._mission,
+            boot=self._boot,
+            sequence=next(self._numbers),
+            epoch=epoch,
+            path_m=path_m,
+            swath_m=swath_m,
+        )
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is wrong with the camera: one line or none."""
+        if self._silent_s < SILENT_S:
+            return ()
+        return (f"camera: no hit for {SILENT_S:g} s or more, not even background; its counts are not used",)
+
+    def observe(self, detections: Detections) -> list[Entry]:
+        """Log entries of a stretch of detections; counts are held until an exposure is full.
+
+        The zeros of a mute camera are not used (see ``unseen``): they are no evidence against a source. Stretches are dropped and
+        counted in ``dropped``, where the pose is not known (before the first telemetry, or longer than poses are kept) or where
+        they overlap earlier ones (a clock stepped back).
+        """
+        self._silent_s = 0.0 if detections.hits else self._silent_s + detections.live_time_s
+        if self._silent_s >= MUTE_S:
+            self._live_s = 0.0  # the counts held so far carry no information either
+            return self._exposure() if self._start_ns is not None else []
+        start_ns, end_ns = detections.start_ns, detections.end_ns
+        state = self._history.at(start_ns)
+        if state is None or start_ns < self._end_ns or not start_ns <= end_ns <= start_ns + HISTORY_NS:
+            self.dropped += 1
+            return []
+        entries: list[Entry] = [self._cone(event) for event in detections.cones]
+        if self._start_ns is not None and (start_ns > self._end_ns or state.epoch != self._epoch):
+            entries += self._exposure()
+        if self._start_ns is None:
+            self._start_ns, self._epoch = start_ns, state.epoch
+        self._end_ns = end_ns
+        self._live_s += detections.live_time_s
+        self._hits += detections.hits
+        self._photopeak += detections.photopeak
+        self._coincidences += detections.coincidences
+        if self._end_ns - self._start_ns >= EXPOSURE_NS:
+            entries += self._exposure()
+        return entries
+
+    def unseen(self, now_ns: int) -> list[Entry]:
+        """Poses of the time in which the camera delivered nothing: exposures without live time. They carry no information on the
+        source, but without them the drone's frame could not be estimated any more.
+        """
+        entries: list[Entry] = []
+        span_ns = self._history.span_ns
+        if span_ns is None:
+            return entries
+        until_ns = min(now_ns - LATE_NS, span_ns[1])
+        while until_ns - max(self._end_ns, span_ns[0]) >= EXPOSURE_NS:
+            if self._start_ns is not None:
+                entries += self._exposure()  # the counts held so far
+                continue
+            self._start_ns = max(self._end_ns, span_ns[0])
+            self._end_ns = self._start_ns + EXPOSURE_NS
+            entries += self._exposure()
+        return entries
+
+    def _cone(self, event: ConeEvent) -> Cone:
+        state = self._history.at(event.stamp_ns)
+        pose = self._history.pose(event.stamp_ns)
+        assert state is not None  # observe() checked it
+        assert pose is not None
+        position, local_from_body = pose
+        first, second = (turned(local_from_body, turned(self._body_from_camera, axis)) for axis in event.axis.tolist())
+        return Cone(
+            stamp_ns=event.stamp_ns,
+            drone=self._drone,
+            mission=self._mission,
+            boot=self._boot,
+            sequence=next(self._numbers),
+            epoch=state.epoch,
+            apex_m=position,
+            apex_sigma_m=state.position_sigma_m,
+            yaw_sigma_rad=state.yaw_sigma_rad,
+            clock_sigma_m=state.clock_sigma_m,
+            orders=(_order(event, first, 0), _order(event, second, 1)),
+            energies_kev=event.energies_kev,
+            energy_sigmas_kev=event.energy_sigmas_kev,
+            separation_mm=event.separation_mm,
+        )
+
+    def _exposure(self) -> list[Entry]:
+        start_ns, self._start_ns = self._start_ns, None
+        counts = Counts(self._hits, self._photopeak, self._coincidences)
+        self._hits = self._photopeak = self._coincidences = 0
+        live_s, self._live_s = self._live_s, 0.0
+        assert start_ns is not None
+        state = self._history.at(start_ns)
+        assert state is not None
+        poses = []
+        duration_ns = max(1, self._end_ns - start_ns)
+        for offset_ns in range(0, duration_ns, max(SAMPLE_NS, -(-duration_ns // MOST_POSES))):
+            pose, then = self._history.pose(start_ns + offset_ns), self._history.at(start_ns + offset_ns)
+            assert pose is not None
+            if then is not None and then.epoch != state.epoch:  # poses of another frame do not belong to this one
+                break
+            poses.append(PoseSample(offset_ns, *pose))
+        return [
+            Exposure(
+                stamp_ns=start_ns,
+                drone=self._drone,
+                mission=self._mission,
+                boot=self._boot,
+                sequence=next(self._numbers),
+                epoch=state.epoch,
+                end_ns=self._end_ns,
+                live_time_s=min(live_s, (self._end_ns - start_ns) * 1e-9),
+                counts=counts,
+                poses=tuple(poses),
+                position_sigma_m=state.position_sigma_m,
+                yaw_sigma_rad=state.yaw_sigma_rad,
+                clock_sigma_m=state.clock_sigma_m,
+            )
+        ]
+
+
+def _order(event: ConeEvent, axis: Vector3, row: int) -> ConeOrder:
+    return ConeOrder(
+        axis=axis,
+        theta_rad=float(event.theta_rad[row]),
+        sigma_rad=float(event.sigma_rad[row]),
+        probability=float(event.probability[row]),
+    )

@@ -1,0 +1,69 @@
+"""Relative observations of other drones (sightings) from a sensor's TCP feed, one JSON object per line.
+
+{"stamp_ns": 1767225600000000000, "target": "d2", "direction": [0.98, 0.2, 0.0], "direction_sigma_rad": 0.03,
+ "range_m": 12.1, "range_sigma_m": 0.3}
+
+Direction (unit vector, body FLU) and range are those of ``agent.vehicle.interface.SeenDrone``; one of them may be omitted, with
+its sigma. A sensor that sees no drone sends an empty line each second.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Callable
+
+import msgspec
+
+from agent.feed import LineFeed
+from agent.vehicle.interface import SeenDrone
+
+STALE_NS = 2_000_000_000  # own poses are kept for 5 s: for older sightings there may be no pose
+_DECODER = msgspec.json.Decoder(SeenDrone)
+
+
+class SightingsFeed:
+    """Reads the feed at ``address``, reconnecting as long as it is open.
+
+    ``counters``: sightings, malformed, dropped_stale, and those of the link.
+    """
+
+    def __init__(self, address: str, clock_ns: Callable[[], int] = time.time_ns) -> None:
+        """Raises ConfigError where it is not an address."""
+        self._feed = LineFeed("the sightings sensor", "sightings.address", address)
+        self._clock_ns = clock_ns
+        self._flaw: str | None = None
+        self.counters: Counter[str] = self._feed.counters
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is wrong now, one line each."""
+        return tuple(text for text in (self._feed.problem, self._flaw) if text is not None)
+
+    async def sightings(self) -> AsyncIterator[list[SeenDrone]]:
+        """Sightings as they come, until ``close``."""
+        async for lines in self._feed.items():
+            seen = [sighting for sighting in map(self._sighting, lines) if sighting is not None]
+            self.counters["sightings"] += len(seen)
+            if seen:
+                self._flaw = None
+                yield seen
+
+    def _sighting(self, line: bytes) -> SeenDrone | None:
+        """One line; malformed lines, and those too old for an own pose, are counted and dropped."""
+        try:
+            seen = _DECODER.decode(line)
+        except msgspec.MsgspecError as error:
+            self.counters["malformed"] += 1
+            self._flaw = f"the sightings sensor sends malformed sightings: {error}"
+            return None
+        late_ns = self._clock_ns() - seen.stamp_ns
+        if abs(late_ns) > STALE_NS:
+            self.counters["dropped_stale"] += 1
+            self._flaw = f"sightings are {late_ns * 1e-9:+.1f} s late and are dropped: check the clocks of sensor and computer"
+            return None
+        return seen
+
+    async def close(self) -> None:
+        """Close the link; ``sightings`` ends."""
+        await self._feed.close()

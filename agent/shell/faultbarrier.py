@@ -1,0 +1,56 @@
+"""A fault barrier: exceptions outside the pilot's step do not end the flight; they are logged, counted and reported."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable, Coroutine
+from typing import ParamSpec, TypeVar
+
+from agent.shell.logs import Logger
+
+AGAIN_S = 1.0
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class FaultBarrier:
+    """Contains the exceptions of handlers and background tasks. ``failures`` counts them by kind."""
+
+    def __init__(self, log: Logger) -> None:
+        self.failures: Counter[str] = Counter()
+        self._log = log
+
+    def call(self, kind: str, call: Callable[P, T], otherwise: T) -> Callable[P, T]:
+        """The same call, which returns ``otherwise`` where it fails."""
+
+        def contained(*args: P.args, **kwargs: P.kwargs) -> T:
+            try:
+                return call(*args, **kwargs)
+            except Exception:
+                self._failed(kind)
+                return otherwise
+
+        return contained
+
+    async def work(self, kind: str, work: Callable[[], Coroutine[None, None, None]]) -> None:
+        """Run work to its end; after a failure, run it again after a pause."""
+        while True:
+            try:
+                await work()
+            except Exception:
+                self._failed(kind)
+            else:
+                return
+            await asyncio.sleep(AGAIN_S)
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """One line for each kind of failure."""
+        return tuple(f"internal error in the handling of {kind}: see the agent's log" for kind in self.failures)
+
+    def _failed(self, kind: str) -> None:
+        """Log the present exception with its traceback, only the first of its kind."""
+        self.failures[kind] += 1
+        if self.failures[kind] == 1:
+            self._log.exception("internal error; the flight continues", kind=kind)

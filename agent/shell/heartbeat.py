@@ -1,0 +1,92 @@
+"""The agent's side of its watchdog: a heartbeat with every step, and its own end after a stall.
+
+Written by hand: no library exits before the event loop runs a callback that would send stale setpoints after a stall.
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import signal
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+HEARTBEAT_FD = 3  # the supervisor's pipe, in the agent
+SILENCE_S = 1.0  # after a longer gap between steps the agent ends: the autopilot has taken over, or is about to
+HUNG = 70  # exit code (EX_SOFTWARE): the agent hung, stalled or broke
+_PR_SET_PDEATHSIG = 1
+
+
+class Heartbeat:
+    """Tells the supervisor that the agent is alive, and passes lines on to the service manager.
+
+    Lines go through a pipe: an empty one is a heartbeat, any other is for the service manager. Without its supervisor the process
+    ends, because nobody would end it if it hung.
+    """
+
+    def __init__(self, fd: int | None = None, now_s: Callable[[], float] = time.monotonic) -> None:
+        """``fd``: the pipe; None: not supervised, but still ended after a stall."""
+        self._fd = fd
+        self._now_s = now_s
+        self._last_s: float | None = None
+        if fd is not None:
+            os.set_blocking(fd, False)
+            os.set_inheritable(fd, False)
+
+    def beat(self) -> None:
+        """Report one step. The first heartbeat arms both watchdogs."""
+        self.check()
+        self._last_s = self._now_s()
+        self._write(b"\n")
+
+    def tell(self, line: str) -> None:
+        """Send a line to the service manager: ``READY=1``, ``STATUS=...``."""
+        self._write(line.replace("\n", " ").encode()[:512] + b"\n")
+
+    def check(self) -> None:
+        """End the process at once if the last heartbeat is too long ago.
+
+        A process that was stopped, or whose loop was blocked, must not send what it computed before: by now the autopilot is in
+        its failsafe. To be called before anything is sent.
+        """
+        if self._last_s is not None and self._now_s() - self._last_s > SILENCE_S:
+            os.write(2, b"radron-agent: stalled for more than 1 s; exiting, so that nothing stale is sent\n")
+            os._exit(HUNG)
+
+    def rest(self) -> None:
+        """No more steps follow: a long gap is not a stall any more."""
+        self._last_s = None
+
+    def _write(self, line: bytes) -> None:
+        if self._fd is None:
+            return
+        with suppress(BlockingIOError):  # a supervisor that was stopped itself has a full pipe
+            try:
+                os.write(self._fd, line)
+            except BrokenPipeError:
+                os._exit(HUNG)
+
+
+class StallCheckingSelector(selectors.DefaultSelector):
+    """The event loop's selector; it checks for a stall each time it wakes, before any callback of the loop runs."""
+
+    def __init__(self, heartbeat: Heartbeat) -> None:
+        super().__init__()
+        self._heartbeat = heartbeat
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        """As the base class."""
+        events = super().select(timeout)
+        self._heartbeat.check()
+        return events
+
+
+def die_with(parent: int) -> None:
+    """Let the kernel kill this process when its parent, which started it, ends for any reason."""
+    import ctypes  # noqa: PLC0415  the supervisor has no use for it
+
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it ended before the call
+        os._exit(HUNG)

@@ -1,0 +1,55 @@
+"""A warning before the computer's memory runs out: the observation log grows until the agent ends."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from msgspec import Struct
+
+LEAST_MB = 300.0  # available memory: three hours of the log's growth, and what the autopilot's link and the camera need
+LEAST_SHARE = 0.15  # of the total
+_OVER = 1.1  # the warning ends above this multiple of its threshold, so that it does not come and go
+
+
+class Memory(Struct, frozen=True):
+    """Main memory in MB: total, and available to programs without swapping."""
+
+    total_mb: float
+    available_mb: float
+
+
+def read_memory(source: Path = Path("/proc/meminfo")) -> Memory | None:
+    """The computer's memory by the kernel's MemTotal and MemAvailable; None where it does not say (not Linux)."""
+    found: dict[str, float] = {}
+    with suppress(OSError, UnicodeDecodeError):
+        for name, kilobytes in re.findall(r"^(MemTotal|MemAvailable):\s*(\d+) kB", source.read_text("ascii"), re.MULTILINE):
+            found[name] = float(kilobytes) * 1024.0 / 1e6
+    if len(found) < 2:
+        return None
+    return Memory(found["MemTotal"], found["MemAvailable"])
+
+
+class MemoryWatch:
+    """Warns while less than ``LEAST_MB`` or ``LEAST_SHARE`` of the total is available, whichever is more."""
+
+    def __init__(self, read: Callable[[], Memory | None] = read_memory) -> None:
+        self._read = read
+        self._low = False
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """One line or none; reads the memory anew. The text stays the same while the warning lasts."""
+        memory = self._read()
+        if memory is None:
+            return ()
+        least_mb = max(LEAST_MB, LEAST_SHARE * memory.total_mb)
+        self._low = memory.available_mb < least_mb * (_OVER if self._low else 1.0)
+        if not self._low:
+            return ()
+        return (
+            f"memory runs low: less than {least_mb:.0f} of {memory.total_mb:.0f} MB available, and the log grows by about "
+            "100 MB per hour; end other programs or land soon, and restart the agent before the next flight",
+        )

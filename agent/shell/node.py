@@ -1,0 +1,299 @@
+"""The process of one drone: Zenoh, PX4 and the camera connected to the pilot, in one event loop.
+
+All calls of the pilot are made in the loop's thread: messages, telemetry and readouts as they arrive, a step every 50 ms.
+Setpoints are only sent by the step that computed them, so that the autopilot notices when the steps stop.
+
+An exception in a handler of messages, telemetry or readouts is logged, once for each kind, and counted; the flight continues. An
+exception in the pilot's step leaves an unknown state behind: it ends the agent, the autopilot's failsafe takes over, and the
+service manager restarts the agent, which then rejoins the flight.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Coroutine
+from functools import partial
+
+import msgspec
+
+from agent.config.drone import DetectorConfig, DroneConfig
+from agent.config.mission import MissionConfig
+from agent.detector.drivers import open_detector
+from agent.detector.readout import Detector, first_hits
+from agent.errors import ConfigError, FlightRecordError
+from agent.flight.header import FlightHeader
+from agent.flight.recorded import RecordedPilot
+from agent.flight.recorder import FlightRecorder
+from agent.pilot import Pilot
+from agent.sensing.sighting_feed import SightingsFeed
+from agent.shell.faultbarrier import FaultBarrier
+from agent.shell.heartbeat import Heartbeat
+from agent.shell.logs import Logger
+from agent.shell.memory import MemoryWatch
+from agent.shell.recovery import recover
+from agent.shell.startable import camera_missing
+from agent.shell.statestore import State, StateStore
+from agent.vehicle.interface import GnssFix
+from agent.vehicle.px4 import Px4Vehicle
+from protocol.messages import Stage
+from protocol.session import Mesh, MeshConfig
+
+PERIOD_S = 0.05
+LOOK_S = 0.5  # between two checks for problems
+LATE_STEP_S = 0.2  # a step this late is reported; the autopilot's timeout is 1 s
+LATE_S = 5.0  # a late step is reported for this long
+CLOSE_S = 1.2
+MOST_HITS = 20_000  # in a readout; the ten times as many of a noisy camera would block the loop for too long
+COUNTERS_S = 10.0
+DetectorOf = Callable[[DetectorConfig], Detector | None]
+
+
+class Node:
+    """One agent, from its start to its end."""
+
+    def __init__(
+        self,
+        drone: DroneConfig,
+        mission: MissionConfig,
+        heartbeat: Heartbeat,
+        log: Logger,
+        detector_of: DetectorOf = open_detector,
+    ) -> None:
+        """``heartbeat``: reports every step. ``detector_of``: opens the camera; a test replaces it."""
+        self._drone = drone
+        self._mission = mission
+        self._heartbeat = heartbeat
+        self._log = log
+        self._detector_of = detector_of
+        self._barrier = FaultBarrier(log)
+        self._memory = MemoryWatch()
+        self._store = StateStore(drone.state, drone.id, log)
+        self._stage: Stage | None = None
+        self._told: dict[str, tuple[str, ...]] = {"warning": (), "problem": ()}
+        self._late_s = float("-inf")  # when a step was last late
+        self._tasks: list[asyncio.Task[None]] = []
+        self._closers: list[Callable[[], Coroutine[None, None, None]]] = []
+        self.counters: Counter[str] = Counter()
+        self._pilot: Pilot | RecordedPilot
+        self._mesh: Mesh
+        self._vehicle: Px4Vehicle
+        self._detector: Detector | None = None
+        self._sightings: SightingsFeed | None = None
+        self._recorder: FlightRecorder | None = None
+        self._unrecorded: tuple[str, ...] = ()  # why there is no recorder
+
+    async def run(self) -> None:
+        """Fly until cancelled.
+
+        Raises:
+            RadronError, ProtocolError: an error that the user can fix: no vehicle, a port in use, no camera module.
+            Exception: the pilot's step failed.
+        """
+        try:
+            await self._open()
+            await self._fly()
+        finally:
+            self._heartbeat.rest()
+            await self._close()
+
+    async def _open(self) -> None:
+        """Open everything in order; what was opened before a failure is closed by ``run``."""
+        boot = os.urandom(8).hex()
+        saved = self._store.load()
+        self._pilot = self._make_pilot(boot, saved)
+        contained = self._barrier.call
+        self._detector = self._detector_of(self._drone.detector)
+        if self._detector is not None:
+            self._closers.append(self._detector.close)
+        if self._drone.sightings.address is not None:
+            self._sightings = SightingsFeed(self._drone.sightings.address)
+            self._closers.append(self._sightings.close)
+        self._mesh = await Mesh.open(
+            mesh_config(self._drone, self._mission),
+            self._mission.swarm,
+            self._drone.id,
+            receive=contained("messages", lambda key, payload: self._pilot.receive(key, payload, time.time_ns()), None),
+            drained=contained("log entries", lambda: self._pilot.advance(time.time_ns()), None),
+            answer=contained("log queries", self._pilot.log_answer, []),
+        )
+        self._closers.append(self._mesh.close)
+        self._log.info("mesh is up", boot=boot, mission=self._mission.mission_id)
+        ceiling_m, exact = self._mission.area.ceiling_m, self._frame_is_exact
+        self._vehicle = Px4Vehicle(self._drone.vehicle, ceiling_m, saved.launch, exact=exact)
+        self._closers.append(self._vehicle.close)
+        self._vehicle.on_state(contained("telemetry", self._pilot.observe_vehicle, None))
+        self._publish = contained("publications", self._mesh.publish, None)
+        if self._wants_fixes:
+            self._vehicle.on_fix(contained("fixes", self._take_fix, None))
+        await self._vehicle.connect()
+        self._log.info("vehicle is connected", address=self._drone.vehicle.address)
+        if self._detector is not None:
+            self._start("the camera", partial(self._read, self._detector))
+        if self._sightings is not None:
+            self._start("the sightings sensor", partial(self._see, self._sightings))
+        self._start("recovery of the log", self._recover)
+        self._send_command = contained("commands", self._vehicle.command, None)
+        gc.collect()
+        gc.freeze()  # a full collection would take 0.1 s in flight, and these objects stay
+        self._heartbeat.tell("READY=1")
+
+    def _make_pilot(self, boot: str, saved: State) -> Pilot | RecordedPilot:
+        """A recorded one if records are wanted. If they cannot be written, that prevents a start, but not the rejoining of a
+        flight.
+        """
+        records = self._drone.recorder
+        pilot = Pilot(self._mission, self._drone, boot, memory=saved.memory)
+        if records.folder is None:
+            return pilot
+        header = FlightHeader.of(self._mission, self._drone, boot, time.time_ns(), saved.memory)
+        try:
+            self._recorder = FlightRecorder(records.folder, records.limit_mb, header)
+        except FlightRecordError as error:
+            self._unrecorded = (str(error),)
+            return pilot
+        return RecordedPilot(pilot, self._recorder)
+
+    async def _close(self) -> None:
+        """Close everything that is open, concurrently and within ``CLOSE_S``."""
+        for task in self._tasks:
+            task.cancel()
+        closing = [*self._tasks, *(close() for close in self._closers)]
+        if self._recorder is not None:
+            closing.append(asyncio.to_thread(self._recorder.close))
+        try:
+            async with asyncio.timeout(CLOSE_S):
+                outcomes = await asyncio.gather(*closing, return_exceptions=True)
+        except TimeoutError:
+            self._log.error("not everything could be closed in time")
+            return
+        for outcome in outcomes:
+            if isinstance(outcome, Exception):
+                self._log.error("not closed cleanly", error=repr(outcome))
+
+    async def _fly(self) -> None:
+        """Make a step every 50 ms by absolute deadlines. Missed steps are skipped and counted, never made up for."""
+        loop = asyncio.get_running_loop()
+        due_s = look_s = counters_s = loop.time()
+        while True:
+            now_s = loop.time()
+            if now_s >= look_s:
+                look_s = now_s + LOOK_S
+                self._look(now_s)
+            if now_s >= counters_s:
+                counters_s = now_s + COUNTERS_S
+                self._log.debug("counters", node=self.counters, mesh=self._mesh.counters, pilot=self._pilot.counters)
+            self._step()
+            due_s += PERIOD_S
+            behind_s = loop.time() - due_s
+            if behind_s > 0.0:
+                missed = int(behind_s / PERIOD_S) + 1
+                due_s += missed * PERIOD_S
+                self.counters["steps_left_out"] += missed
+                if behind_s > LATE_STEP_S:
+                    self._late_s = loop.time()
+            await asyncio.sleep(due_s - loop.time())
+
+    def _step(self) -> None:
+        """Make one step and send its results. Nothing computed before a stall is sent."""
+        self._heartbeat.check()
+        step = self._pilot.step(time.time_ns())
+        self._heartbeat.beat()
+        self._send_command(step.command)
+        for key, payload in step.publications:
+            self._publish(key, payload)
+        stage = self._pilot.stage
+        if stage is not self._stage:
+            self._log.info("stage", stage=str(stage), before=str(self._stage))
+            memory = self._pilot.memory
+            if memory is not None and memory.response is not None:
+                self._log.info("identified response of the vehicle", **msgspec.structs.asdict(memory.response))
+            self._heartbeat.tell(f"STATUS={stage}")
+            self._stage = stage
+
+    async def _read(self, detector: Detector) -> None:
+        observe = self._barrier.call("readouts", self._pilot.observe_detector, [])
+        async for readout in detector.readouts():
+            for key, payload in observe(first_hits(readout, MOST_HITS)):
+                self._publish(key, payload)
+
+    async def _see(self, sensor: SightingsFeed) -> None:
+        observe = self._barrier.call("sightings", self._pilot.observe_sightings, [])
+        async for seen in sensor.sightings():
+            for key, payload in observe(seen):
+                self._publish(key, payload)
+
+    def _take_fix(self, fix: GnssFix) -> None:
+        for key, payload in self._pilot.observe_fix(fix):
+            self._publish(key, payload)
+
+    @property
+    def _wants_fixes(self) -> bool:
+        """Whether fixes are useful: this drone's frame is estimated, and the mission has a geodetic datum."""
+        return not self._frame_is_exact and self._mission.datum is not None
+
+    @property
+    def _frame_is_exact(self) -> bool:
+        return next(member.is_exact for member in self._mission.drones if member.id == self._drone.id)
+
+    async def _recover(self) -> None:
+        members = [member.id for member in self._mission.drones]
+        phase = members.index(self._drone.id) / len(members)
+        await recover(lambda: self._mesh.alive & set(members), self._pilot.log_summary, self._mesh.ask, phase)
+
+    def _start(self, kind: str, work: Callable[[], Coroutine[None, None, None]]) -> None:
+        self._tasks.append(asyncio.create_task(self._barrier.work(kind, work), name=kind))
+
+    def _look(self, now_s: float) -> None:
+        """Pass changed problems on to the pilot, and save the state for a restart."""
+        self._tell("warning", self._warnings(now_s), self._pilot.warn)
+        unkept = () if self._store.problem is None else (self._store.problem,)
+        self._tell("problem", self._vehicle.problems + self._unrecorded + unkept, self._pilot.block)
+        memory = self._pilot.memory
+        # On the ground the launch place changes all the time, and is not needed.
+        self._store.save(State(memory=memory, launch=self._vehicle.launch if memory is not None else None))
+
+    def _tell(self, event: str, problems: tuple[str, ...], tell: Callable[[tuple[str, ...]], None]) -> None:
+        before = self._told[event]
+        if problems == before:
+            return
+        self._told[event] = problems
+        tell(problems)
+        for text in problems:
+            if text not in before:
+                self._log.warning(event, text=text)
+        for text in before:
+            if text not in problems:
+                self._log.info(f"{event} is over", text=text)
+
+    def _warnings(self, now_s: float) -> tuple[str, ...]:
+        endpoints = self._drone.mesh.endpoints
+        heard = {self._drone.id, *self._mesh.alive}
+        unheard = [member.id for member in self._mission.drones if member.id not in heard]
+        problems = [f"no contact with {name} ({endpoints.get(name, 'no endpoint given')})" for name in unheard]
+        for part in (self._detector, self._sightings, self._recorder, self._barrier, self._memory):
+            problems += part.problems if part is not None else ()
+        missing = camera_missing(self._drone, self._mission)
+        if self._detector is None and missing is not None:
+            problems.append(missing)
+        if now_s - self._late_s < LATE_S:
+            problems.append(f"the computer is too slow: setpoints were over {LATE_STEP_S:g} s late in the last {LATE_S:g} s")
+        return tuple(problems)
+
+
+def mesh_config(drone: DroneConfig, mission: MissionConfig) -> MeshConfig:
+    """Listen at the drone's own endpoint, and dial those of the drones before it in the mission: never in both directions.
+
+    Raises:
+        ConfigError: the drone has no endpoint.
+    """
+    endpoints = drone.mesh.endpoints
+    listen = drone.mesh.listen or endpoints.get(drone.id)
+    if listen is None:
+        raise ConfigError(f'mesh.endpoints has no entry for {drone.id}: add one, such as "tcp/10.7.1.11:7447"')
+    members = [member.id for member in mission.drones]
+    before = members[: members.index(drone.id)]
+    return MeshConfig(listen=listen, connect=tuple(endpoints[name] for name in before if name in endpoints))

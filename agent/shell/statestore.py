@@ -1,0 +1,95 @@
+"""State that survives a restart of the agent in flight: kept in one file, written beside the steps when it has changed."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from agent.mission.memory import Memory
+from agent.shell.logs import Logger
+from agent.vehicle.interface import LaunchPlace
+
+
+class State(Struct, frozen=True, kw_only=True):
+    """The pilot's state, and where the local frame lies in the autopilot's."""
+
+    memory: Memory | None = None
+    launch: LaunchPlace | None = None
+
+
+class StateFile:
+    """The state of one drone in ``path``, ``{folder}/{drone}.json``."""
+
+    def __init__(self, folder: str, drone: str) -> None:
+        self.path = Path(folder) / f"{drone}.json"
+
+    def load(self) -> State:
+        """The state of the previous agent; an empty one where there was none.
+
+        Raises:
+            OSError: the file exists and cannot be read.
+            msgspec.MsgspecError: it is not a state file.
+        """
+        try:
+            return msgspec.json.decode(self.path.read_bytes(), type=State)
+        except FileNotFoundError:
+            return State()
+
+    def save(self, state: State) -> None:
+        """Replace the file atomically and durably: a power cut leaves the older or the newer one. Raises OSError."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        fresh = self.path.with_suffix(".new")
+        with fresh.open("wb") as file:
+            file.write(msgspec.json.encode(state))
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(self.path)
+
+
+def unreadable(file: StateFile, error: Exception) -> str:
+    """What is reported where the file is not a readable state file."""
+    reason = error.strerror if isinstance(error, OSError) else error
+    return f"{file.path} is not a readable state file ({reason}): a flight could not be resumed after a restart; move it away"
+
+
+class StateStore:
+    """Loads and saves the state of one agent; without a folder for it, nothing is saved.
+
+    ``problem``: why the state could not be saved, or None.
+    """
+
+    def __init__(self, folder: str | None, drone: str, log: Logger) -> None:
+        self._file = None if folder is None else StateFile(folder, drone)
+        self._log = log
+        self._saved: State | None = None  # contents of the file; None: unknown, so that the next state is written in any case
+        self._saving: asyncio.Task[None] | None = None
+        self.problem: str | None = None
+
+    def load(self) -> State:
+        """The state of the previous agent; an empty one where there is none, or none that can be read."""
+        if self._file is not None:
+            try:
+                return self._file.load()
+            except (OSError, msgspec.MsgspecError) as error:
+                self._log.error("state file not readable: a flight in progress is not resumed", error=str(error))
+                self.problem = unreadable(self._file, error)
+                self._file = None  # it is not overwritten, whatever it is
+        return State()
+
+    def save(self, state: State) -> None:
+        """Write a changed state in the background. While one is being written, a newer one is left to the next call."""
+        if self._file is not None and state != self._saved and (self._saving is None or self._saving.done()):
+            self._saved = state
+            self._saving = asyncio.create_task(self._write(self._file, state))
+
+    async def _write(self, file: StateFile, state: State) -> None:
+        try:
+            await asyncio.to_thread(file.save, state)
+            self.problem = None
+        except OSError as error:
+            self._saved = None
+            self.problem = f"state not saved ({error.strerror}): an agent that is restarted in flight will not rejoin it"

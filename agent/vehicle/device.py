@@ -1,0 +1,43 @@
+"""The serial device of an autopilot's link: whether it is there, and may be opened."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from agent.errors import VehicleError
+
+_SERIAL = re.compile(r"serial(?:_flowcontrol)?://(?P<device>[^:]+)(?::\d+)?$")
+_USUAL = ("ttyACM*", "ttyUSB*", "ttyTHS*", "ttyAMA*")
+
+
+def check_device(address: str) -> None:
+    """See that the device of a serial address can be opened: MAVSDK says of any failure only that the connection failed.
+
+    Raises:
+        VehicleError: it is missing, no device, or not permitted. Nothing is said of addresses that are not serial.
+    """
+    match = _SERIAL.match(address)
+    if match is None:
+        return
+    device = Path(match["device"])
+    if not device.exists():
+        found = sorted(str(path) for pattern in _USUAL for path in Path("/dev").glob(pattern))
+        there = f"here are {', '.join(found)}" if found else "no serial device is connected to this computer"
+        raise VehicleError(f"{address}: there is no device {device}; {there}")
+    if not device.is_char_device():
+        raise VehicleError(f"{address}: {device} is no serial device")
+    if not os.access(device, os.R_OK | os.W_OK):
+        group = _group(device)
+        hint = f"add this user to the group {group} (`sudo usermod -aG {group} $USER`), and log in again"
+        if group == "root":
+            hint = "it belongs to root alone: give it to a group, such as dialout, by a udev rule"
+        raise VehicleError(f"{address}: no permission to open {device}; {hint}")
+
+
+def _group(device: Path) -> str:
+    try:
+        return device.group()
+    except KeyError:
+        return str(device.stat().st_gid)

@@ -1,0 +1,23 @@
+"""The base of all messages."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from protocol.units import DroneId, StampNs
+
+
+class Message(Struct, frozen=True, kw_only=True, tag_field="kind", tag=str.lower):
+    """Base of all messages that cross a link."""
+
+    stamp_ns: StampNs
+
+    def flaw(self) -> str | None:
+        """The inconsistency of this message, though each field is within its range; None if there is none."""
+        return None
+
+
+class DroneMessage(Message, frozen=True, kw_only=True):
+    """A message that a drone publishes under its own key."""
+
+    drone: DroneId

@@ -1,0 +1,1 @@
+"""Campaigns: many flights on all cores or on a cluster, and their statistics."""

@@ -1,0 +1,141 @@
+"""The command ``live``: one flight of the swarm as real processes."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import tempfile
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
+
+import msgspec
+import typer
+
+from agent.errors import ConfigError
+from sim.commands.flights import Drones, Estimator, Law, Settings, check_json, checked, with_drones, write_json
+from sim.runfile import make_folder, write_text
+
+if TYPE_CHECKING:
+    from collections.abc import Coroutine
+
+    from sim.live.swarm import Places
+
+T = TypeVar("T")
+
+
+def live(
+    *,
+    scenario: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a file.")] = "demo",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the world's randomness.")] = 1,
+    drones: Drones = None,
+    estimator: Estimator = None,
+    law: Law = None,
+    settings: Settings = None,
+    json: Annotated[
+        str | None, typer.Option(metavar="OUT", help="Write the result as one flat JSON object; '-': to standard output.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write result.json, agents.json, pictures, and the agents' logs and records."),
+    ] = None,
+    external: Annotated[bool, typer.Option("--external", help="The agents run elsewhere; give the next two options.")] = False,
+    agent_hosts: Annotated[
+        str | None,
+        typer.Option(
+            envvar="RADRON_SIM_AGENT_HOSTS", help="Hosts to which vehicle 1, 2, ... sends MAVLink, port 14540; comma-separated."
+        ),
+    ] = None,
+    mesh: Annotated[
+        str | None, typer.Option(envvar="RADRON_SIM_MESH", help="The agents' endpoints, as tcp/10.7.1.11:7447; comma-separated.")
+    ] = None,
+    bind: Annotated[
+        str,
+        typer.Option(
+            envvar="RADRON_SIM_BIND",
+            help="With --external: address at which the cameras' feeds 1, 2, ... listen, ports 5600, ...",
+        ),
+    ] = "0.0.0.0",
+    vehicles: Annotated[
+        Literal["emulated", "mavlink"],
+        typer.Option(
+            help="mavlink (with --external): flown elsewhere, such as by PX4's own simulation, and observed at UDP port 14550."
+        ),
+    ] = "emulated",
+) -> None:
+    """Fly one mission with real agents: a process for each drone, Zenoh between them, and MAVLink to emulated vehicles."""
+    from sim.console import err, say  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from sim.console import out as stdout  # noqa: PLC0415
+
+    case = checked([scenario], {}, with_drones(settings, drones), [estimator] if estimator else [], law)[0]
+    check_json(json)
+    elsewhere = _elsewhere(external, agent_hosts, mesh, bind, vehicles, len(case.scenario.mission.drones))
+    if out is not None:
+        make_folder(out)
+
+    from sim.campaign.report import sentence, write_flight  # noqa: PLC0415
+    from sim.live.report import agreement, judged_by  # noqa: PLC0415
+    from sim.live.swarm import fly_live  # noqa: PLC0415
+    from sim.live.view import console_view  # noqa: PLC0415
+    from sim.scenario import chosen  # noqa: PLC0415
+
+    flown = chosen(case.scenario, estimator, law)
+    with tempfile.TemporaryDirectory(prefix="radron-") if out is None else nullcontext(str(out)) as folder:
+        with console_view(case.name) as view:
+            flight, report = run_live(fly_live(flown, seed, Path(folder), elsewhere, view))
+        to = err if json == "-" else stdout
+        say(sentence(flight.result, flight.trace), to)
+        say(agreement(report), to)
+        if judge := judged_by(report):
+            say(judge, to)
+        write_json(json, flight.result)
+        if out is not None:
+            written = [*write_flight(out, flight), out / "agents.json"]
+            write_text(written[-1], msgspec.json.format(msgspec.json.encode(report).decode(), indent=2) + "\n")
+            say(f"written to {out}: {', '.join(path.name for path in written)}; recordings in {out}/agents")
+
+
+def _elsewhere(external: bool, agent_hosts: str | None, mesh: str | None, bind: str, vehicles: str, drones: int) -> Places | None:
+    """Hosts and endpoints of agents that run elsewhere; None if they are started here."""
+    if not external:
+        if vehicles != "emulated":
+            raise ConfigError("--vehicles mavlink: needs --external")
+        return None
+    from sim.live.swarm import Places  # noqa: PLC0415
+
+    hosts, endpoints = _listed(agent_hosts), _listed(mesh)
+    if len(hosts) != drones:
+        raise ConfigError(f"--agent-hosts: {len(hosts)} given for {drones} drones; give one for each, separated by commas")
+    if not endpoints:
+        raise ConfigError("--external needs --mesh with the endpoints of the agents, such as tcp/10.7.1.11:7447")
+    return Places.elsewhere(hosts, endpoints, bind, emulated=vehicles == "emulated")
+
+
+def _listed(text: str | None) -> tuple[str, ...]:
+    return tuple(part.strip() for part in (text or "").split(",") if part.strip())
+
+
+def run_live(flight: Coroutine[None, None, T]) -> T:
+    """Fly; a signal stops the flight cleanly and ends the command with the signal's exit code."""
+    received: list[int] = []
+
+    async def fly() -> T:
+        task = asyncio.ensure_future(flight)
+        loop = asyncio.get_running_loop()
+
+        def stop(number: int) -> None:
+            received.append(number)
+            if len(received) == 1:  # a second signal must not interrupt the cleanup
+                task.cancel()
+
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            loop.add_signal_handler(number, stop, number)
+        return await task
+
+    try:
+        return asyncio.run(fly())
+    except asyncio.CancelledError:
+        from sim.console import say  # noqa: PLC0415
+
+        say("stopped on request before the end; all processes have ended")
+        raise typer.Exit(128 + received[0]) from None

@@ -1,0 +1,110 @@
+"""The course of a live mission, from the agents' start to landed agents with equal logs."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from protocol.messages import Action, Stage
+from sim.live.operator import Operator
+from sim.live.report import LiveReport, ends_of
+from sim.live.worldlink import Order, Truth
+from sim.live.worldprocess import LiveError
+from sim.result import Flight
+from sim.scenario import Scenario
+from sim.scoring.recorder import LONGEST_START_S, Recorder
+from sim.world.frame import LocalFrames
+
+TRUTH_S = 0.05  # interval of truths
+LANDING_S = 120.0
+READY_AGAIN_S = 5.0  # time until a vehicle that was just disarmed can be armed again, and its agent knows
+SETTLE_S = 15.0  # time in which the agents' logs become equal once the cameras are off
+
+
+class Course:
+    """One mission of a started swarm."""
+
+    def __init__(self, scenario: Scenario, seed: int, operator: Operator) -> None:
+        """``scenario``: with the agents' mission."""
+        mission = scenario.mission
+        self._seed = seed
+        self._operator = operator
+        self._world = operator.world
+        frames = LocalFrames([(drone.origin_m, drone.yaw_deg) for drone in mission.drones])
+        self._recorder = Recorder(scenario, operator.observer.agents, frames, TRUTH_S)
+        self._went_s: float | None = None  # the world's time at the start of the mission
+        self._begun = self._over = False
+        self._late_s, self._dropped = 0.0, 0
+
+    async def fly(self, patience_s: float) -> tuple[Flight, LiveReport]:
+        """Fly the whole mission; the agents have ``patience_s`` to get ready. The cameras are off at the end.
+
+        Raises:
+            LiveError: the agents do not get ready, none takes off, or the world fails.
+        """
+        operator = self._operator
+        began_s = time.monotonic()
+        await operator.get_ready(patience_s)
+        ready_s = time.monotonic() - began_s
+        operator.view.say(f"all agents are ready after {ready_s:.1f} s: start")
+        flight = await self.mission_flown()
+        await operator.until(lambda: not operator.observer.has_problems(), READY_AGAIN_S)
+        self._world.order(Order.CAMERAS_OFF)
+        operator.view.say("waiting until the agents' logs are equal")
+        agreed = await operator.until(operator.observer.agreed, SETTLE_S)
+        return flight, LiveReport(
+            agreed=agreed,
+            ready_s=ready_s,
+            world_late_s=self._late_s,
+            truths_dropped=self._dropped,
+            mesh=operator.mesh_counters,
+            agents=ends_of(operator.observer.agents, self._world.truth.vehicles),
+        )
+
+    async def mission_flown(self) -> Flight:
+        """From the start command to the landing, by the scenario's rules; the agents are ready.
+
+        Raises:
+            LiveError: no drone takes off, or the world fails.
+        """
+        operator = self._operator
+        operator.watchers.append(self._see)
+        operator.observer.listeners.append(self._recorder.take)
+        self._world.order(Order.GO)
+        began_s = time.monotonic()
+        self._went_s = self._world.truth.time_s
+        try:
+            await operator.command(Action.START, self._started, None)
+            await operator.until(lambda: self._over, None)
+        finally:
+            operator.watchers.remove(self._see)
+            operator.observer.listeners.remove(self._recorder.take)
+        result = self._recorder.result(self._seed, time.monotonic() - began_s)
+        try:
+            flight = Flight(result, self._recorder.trace(), {})
+        except ValueError:
+            raise LiveError(f"no drone took off: {'; '.join(operator.observer.obstacles())}") from None
+        if not operator.landed:
+            operator.view.say("the run is over: the drones land")
+            await operator.command(Action.LAND, lambda: operator.landed, LANDING_S)
+        return flight
+
+    def _see(self, truth: Truth) -> None:
+        """Pass a truth to the recorder and the view."""
+        time_s = 0.0
+        if self._went_s is not None:
+            time_s = truth.time_s - self._went_s
+            self._late_s, self._dropped = max(self._late_s, truth.late_s), self._dropped + truth.dropped
+            # Agents that have landed from an earlier mission have not ended this one.
+            self._begun = self._begun or not self._all_landed() or time_s > LONGEST_START_S
+            if self._begun and not self._over:
+                position, velocity = np.array(truth.position_m), np.array(truth.velocity_mps)
+                self._over = self._recorder.sample(time_s, position, velocity, truth.source_m)
+        self._operator.view.show(time_s, truth, self._operator.observer.agents)
+
+    def _all_landed(self) -> bool:
+        return all(agent.stage is Stage.LANDED for agent in self._operator.observer.agents)
+
+    def _started(self) -> bool:
+        return self._over or all(agent.stage not in (Stage.PREFLIGHT, Stage.LANDED) for agent in self._operator.observer.agents)

@@ -1,0 +1,174 @@
+"""An operator's view of a live swarm: each agent's status and source estimate, as published."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agent.config.mission import MissionConfig
+from protocol.codec import decode_from
+from protocol.entries import Cone
+from protocol.errors import ProtocolError
+from protocol.message import DroneMessage
+from protocol.messages import AnyDroneMessage, Estimate, Stage, Status
+from sim.geometry import Array
+from sim.vehicle.px4.fleet import VehicleReport
+
+SILENT_S = 3.0  # a status comes each second: after so long without a message an agent counts as silent
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """A published hypothesis. position: (3,) mission frame, metres; covariance: (3, 3)."""
+
+    position: Array
+    covariance: Array
+    activity_bq: float | None = None
+    activity_sigma_bq: float | None = None
+    evidence: float | None = None
+
+    def sight_of(self, drone: str) -> Belief:
+        """The estimate itself: each drone's own view of the source is not published."""
+        return self
+
+
+class ObservedAgent:
+    """One agent, as observed in the mesh."""
+
+    def __init__(self, drone: str) -> None:
+        self.drone = drone
+        self.status: Status | None = None
+        self.estimate: Estimate | None = None
+        self.cones = 0  # published so far
+        self.heard_s = -np.inf  # time of its last message
+        self.alive = False  # by its liveliness token
+        self._belief: Belief | None = None
+        self._believed_s = -np.inf
+        self._flew = self._down = False
+        self._failsafe = False
+        self.failsafes = 0  # number of takeovers by its autopilot's failsafe
+
+    @property
+    def stage(self) -> Stage:
+        """Its reported stage; after its death, the autopilot's action: return, then landed."""
+        if not self.alive and self._down:
+            return Stage.LANDED
+        if not self.alive and self._failsafe:
+            return Stage.RETURN
+        return self.status.stage if self.status is not None else Stage.PREFLIGHT
+
+    @property
+    def hypothesis(self) -> Belief | None:
+        """Its latest estimate."""
+        return self._belief
+
+    @property
+    def outlook(self) -> None:
+        """Its search state is not published."""
+        return None
+
+    @property
+    def finding(self) -> str:
+        """The result of a search that found nothing; else empty."""
+        return self.status.finding if self.status is not None else ""
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """The problems that it reports."""
+        return self.status.problems if self.status is not None else ()
+
+    def hear(self, message: DroneMessage, now_s: float) -> None:
+        """Process a message of this agent."""
+        self.heard_s = now_s
+        if isinstance(message, Status):
+            self.status = message
+        elif isinstance(message, Cone):
+            self.cones += 1
+        elif isinstance(message, Estimate):
+            xx, xy, xz, yy, yz, zz = message.covariance_m2
+            covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            self.estimate = message
+            self._belief = Belief(
+                np.array(message.position_m), covariance, message.activity_bq, message.activity_sigma_bq, message.evidence
+            )
+            self._believed_s = now_s
+
+    def look(self, vehicle: VehicleReport, now_s: float, alive: bool) -> None:
+        """Update from the vehicle itself. An agent without an estimate for a while has died, or has withdrawn its hypothesis."""
+        self.alive = alive
+        self._flew = self._flew or vehicle.armed
+        self._down = self._flew and not vehicle.armed
+        if vehicle.failsafe and not self._failsafe:
+            self.failsafes += 1
+        self._failsafe = vehicle.failsafe
+        if self._belief is not None and now_s - self._believed_s > SILENT_S:
+            self._belief = None
+
+    def obstacle(self, mission_id: str, now_s: float) -> str | None:
+        """Why it cannot be started, or None."""
+        if not self.alive:
+            return "not in the mesh yet"
+        if self.status is None or now_s - self.heard_s > SILENT_S:
+            return "no status yet"
+        if self.status.mission != mission_id:
+            return f"another mission file ({self.status.mission}, here {mission_id})"
+        if self.status.stage not in (Stage.PREFLIGHT, Stage.LANDED):
+            return f"in {self.status.stage} already"
+        return self.status.problems[0] if self.status.problems else None
+
+
+class Observer:
+    """All agents of a mission.
+
+    Args:
+        mission: of the agents.
+        clock_s: monotonic clock.
+    """
+
+    def __init__(self, mission: MissionConfig, clock_s: Callable[[], float]) -> None:
+        self._mission_id = mission.mission_id
+        self._clock_s = clock_s
+        self.agents = [ObservedAgent(drone.id) for drone in mission.drones]
+        self._places = {drone.id: place for place, drone in enumerate(mission.drones)}
+        self.listeners: list[Callable[[int, AnyDroneMessage], None]] = []  # called with each message and the drone's index
+        self.refused = 0  # invalid messages
+
+    def receive(self, key: str, payload: bytes) -> None:
+        """Process a message from the mesh."""
+        try:
+            message = decode_from(key, payload)
+        except ProtocolError:
+            self.refused += 1
+            return
+        if not isinstance(message, AnyDroneMessage):
+            return
+        place = self._places.get(message.drone)
+        if place is None:
+            return
+        self.agents[place].hear(message, self._clock_s())
+        for listen in self.listeners:
+            listen(place, message)
+
+    def look(self, vehicles: Sequence[VehicleReport], alive: frozenset[str]) -> None:
+        """Update from the vehicles and the present liveliness tokens."""
+        now_s = self._clock_s()
+        for agent, vehicle in zip(self.agents, vehicles, strict=True):
+            agent.look(vehicle, now_s, agent.drone in alive)
+
+    def obstacles(self) -> list[str]:
+        """Reasons against a start, a line for each drone that has one."""
+        now_s = self._clock_s()
+        found = [(agent.drone, agent.obstacle(self._mission_id, now_s)) for agent in self.agents]
+        return [f"{drone}: {text}" for drone, text in found if text is not None]
+
+    def has_problems(self) -> bool:
+        """Whether a live agent reports a problem."""
+        return any(agent.alive and agent.problems for agent in self.agents)
+
+    def agreed(self) -> bool:
+        """Whether all live agents have reported the same digest, and with it the same position, bit for bit."""
+        told = [agent.estimate for agent in self.agents if agent.alive]
+        estimates = [estimate for estimate in told if estimate is not None]
+        return len(estimates) == len(told) > 0 and len({(each.digest, each.position_m) for each in estimates}) == 1

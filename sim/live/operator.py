@@ -1,0 +1,123 @@
+"""An operator's station for a live swarm: observes agents and world, sends commands, and waits for conditions."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack
+
+from agent.config.mission import MissionConfig
+from protocol.codec import encode
+from protocol.keys import key_of
+from protocol.messages import Action, Command, Stage
+from protocol.session import Mesh, MeshConfig
+from sim.live.monitor import Observer
+from sim.live.processes import Child
+from sim.live.view import View
+from sim.live.worldlink import Truth
+from sim.live.worldprocess import LiveError, WorldProcess
+
+LOOK_S = 0.1  # polling interval of conditions
+REPEAT_S = 0.5  # interval between copies of a command
+RENEW_S = 8.0  # after which a command is stamped anew; agents refuse commands older than 10 s
+STATION = "sim"
+
+
+class Operator:
+    """``observer``: the agents as observed. ``watchers``: called with each truth."""
+
+    def __init__(self, mission: MissionConfig, world: WorldProcess, agents: Sequence[Child], view: View) -> None:
+        """``agents``: those on this machine."""
+        self.mission = mission
+        self.world = world
+        self.view = view
+        self.observer = Observer(mission, time.monotonic)
+        self.watchers: list[Callable[[Truth], None]] = []
+        self._running = list(agents)
+        self._mesh: Mesh
+        self._watching: asyncio.Task[None]
+
+    async def join(self, config: MeshConfig, stack: AsyncExitStack) -> None:
+        """Join the mesh and watch the world, until the stack unwinds."""
+        self._mesh = await Mesh.open(config, self.mission.swarm, None, receive=self.observer.receive)
+        stack.push_async_callback(self._mesh.close)
+        self._watching = asyncio.create_task(self.world.watch(self._see))
+        stack.callback(self._watching.cancel)
+
+    @property
+    def mesh_counters(self) -> dict[str, int]:
+        """Counters of this station's link."""
+        return dict(self._mesh.counters)
+
+    @property
+    def landed(self) -> bool:
+        """Whether all agents are on the ground."""
+        return all(agent.stage in (Stage.LANDED, Stage.PREFLIGHT) for agent in self.observer.agents)
+
+    async def get_ready(self, within_s: float) -> None:
+        """Wait until every agent can be started, and report what is waited for.
+
+        Raises:
+            LiveError: an agent ends, or they are not ready in time.
+        """
+        obstacles: list[str] = []
+
+        def ready() -> bool:
+            nonlocal obstacles
+            before, obstacles = obstacles, self.observer.obstacles()
+            if obstacles and obstacles != before:
+                self.view.say(f"waiting: {'; '.join(obstacles)}")
+            ended = [child for child in self._running if child.exit_code is not None]
+            if ended:
+                raise LiveError(_exit_message(ended[0]))
+            return not obstacles
+
+        if not await self.until(ready, within_s):
+            raise LiveError(f"the swarm is not ready after {within_s:g} s: {'; '.join(obstacles)}")
+
+    async def command(self, action: Action, obeyed: Callable[[], bool], within_s: float | None) -> bool:
+        """Send a command to all until it is obeyed. Copies carry the same stamp: the mission begins at one time for all
+        drones.
+        """
+        deadline_s = time.monotonic() + (within_s if within_s is not None else float("inf"))
+        while not obeyed() and time.monotonic() < deadline_s:
+            renew_s = min(time.monotonic() + RENEW_S, deadline_s)
+            message = Command(stamp_ns=time.time_ns(), station=STATION, mission=self.mission.mission_id, action=action)
+            key, payload = key_of(self.mission.swarm, message), encode(message)
+            while time.monotonic() < renew_s:
+                self._mesh.publish(key, payload)
+                if await self.until(obeyed, REPEAT_S):
+                    return True
+        return obeyed()
+
+    async def until(self, condition: Callable[[], bool], within_s: float | None) -> bool:
+        """Wait for a condition; False if it has not come true in time. Reports agents that end meanwhile.
+
+        Raises:
+            LiveError: the world fails.
+        """
+        deadline_s = time.monotonic() + (within_s if within_s is not None else float("inf"))
+        while not condition():
+            if time.monotonic() > deadline_s:
+                return False
+            if self._watching.done():
+                self._watching.result()
+            for child in [child for child in self._running if child.exit_code is not None]:
+                self._running.remove(child)
+                self.view.say(_exit_message(child))
+            await asyncio.sleep(LOOK_S)
+        return True
+
+    def _see(self, truth: Truth) -> None:
+        failsafes = [agent.failsafes for agent in self.observer.agents]
+        self.observer.look(truth.vehicles, self._mesh.alive)
+        for agent, before in zip(self.observer.agents, failsafes, strict=True):
+            if agent.failsafes > before:
+                self.view.say(f"{agent.drone}: its autopilot's failsafe has taken over")
+        for watch in self.watchers:
+            watch(truth)
+
+
+def _exit_message(child: Child) -> str:
+    return f"agent {child.name} ended with code {child.exit_code}: {child.last_line()}"

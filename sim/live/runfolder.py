@@ -1,0 +1,158 @@
+"""The files of a live flight: the mission, a drone file and a folder for each agent, the world's configuration."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import socket
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import tomli_w
+from msgspec.structs import replace
+
+from agent.config.drone import (
+    DetectorConfig,
+    DroneConfig,
+    PeerMeshConfig,
+    RecorderConfig,
+    SightingsConfig,
+    VehicleConfig,
+    VisionConfig,
+)
+from agent.config.mission import MissionConfig
+from sim.live.crew import Guidance
+from sim.runfile import make_folder, write_text
+from sim.scenario import Scenario
+from sim.streams import streams
+from sim.world.launch import launch_places
+
+_PORTS = range(20_000, 32_000)  # below the range from which the kernel assigns ports
+LOCAL = "127.0.0.1"
+
+
+class RunFolder:
+    """The folder of a live flight.
+
+    ``agents/``: everything that the agents get: ``mission.toml``; for each ``{drone}/`` with ``drone.toml``, ``agent.log``,
+    ``calibration/``, ``flight/`` (the recordings) and ``state/``. ``world.json``: the truth, which they never see.
+    """
+
+    def __init__(self, folder: Path, agents_here: bool) -> None:
+        """``agents_here``: they run on this machine, and the agents' files of an earlier flight are removed."""
+        self.folder = folder
+        self.mission_file = folder / "agents" / "mission.toml"
+        self.world_file = folder / "world.json"
+        if agents_here:
+            shutil.rmtree(folder / "agents", ignore_errors=True)
+        make_folder(folder / "agents")
+
+    def agent(self, drone: str) -> Path:
+        """Folder of an agent."""
+        return self.folder / "agents" / drone
+
+    def drone_file(self, drone: str) -> Path:
+        """Its drone file."""
+        return self.agent(drone) / "drone.toml"
+
+    def log_file(self, drone: str) -> Path:
+        """Its standard error."""
+        return self.agent(drone) / "agent.log"
+
+    def calibration(self, drone: str) -> Path:
+        """Its camera's calibration files."""
+        return self.agent(drone) / "calibration"
+
+    def write_mission(self, mission: MissionConfig) -> None:
+        """Write the mission file and its elevation grid; the mission id is unchanged."""
+        ground = mission.ground
+        if ground.grid is not None and ground.grid_data is not None:
+            (self.mission_file.parent / ground.grid).write_bytes(ground.grid_data)
+        write_text(self.mission_file, as_toml(replace(mission, ground=replace(ground, grid_data=None))))
+
+    def write_drone(self, drone: DroneConfig) -> None:
+        """Write a drone file into its folder."""
+        self.agent(drone.id).mkdir(exist_ok=True)
+        write_text(self.drone_file(drone.id), as_toml(drone))
+
+
+def live_mission(scenario: Scenario, seed: int) -> MissionConfig:
+    """The scenario's mission for a live swarm: each drone's frame begins at its true launch place."""
+    mission = scenario.mission
+    places = launch_places(scenario.start, mission, streams(seed, len(mission.drones)).start).tolist()
+    drones = tuple(
+        replace(drone, origin_m=(x, y, drone.origin_m[2])) for drone, (x, y, _) in zip(mission.drones, places, strict=True)
+    )
+    return replace(mission, drones=drones)
+
+
+class Ports(NamedTuple):
+    """Ports of a drone on this machine: onboard MAVLink link and sensor feeds; 0: no such sensor."""
+
+    mavlink: int
+    camera: int = 0
+    vision: int = 0
+    sightings: int = 0
+
+
+def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports, mesh: dict[str, str]) -> DroneConfig:
+    """The drone file on this machine, with the true settings of vehicle and localisation.
+
+    Args:
+        scenario: of the flight.
+        drone: its id.
+        calibrated: its camera has calibration files.
+        ports: of its links.
+        mesh: all drones' endpoints.
+    """
+    error = scenario.localization
+    guidance = Guidance.of(error.vehicles.get(drone))
+    return DroneConfig(
+        id=drone,
+        mission="../mission.toml",
+        state="state",
+        calibration="calibration" if calibrated else None,
+        mesh=PeerMeshConfig(endpoints=mesh),
+        vehicle=VehicleConfig(
+            address=f"udpin://{LOCAL}:{ports.mavlink}",
+            position_sigma_m=error.reported_horizontal_m,
+            yaw_sigma_deg=error.reported_yaw_deg,
+            gnss=guidance.gnss,
+            response=scenario.response,
+            vision=VisionConfig(address=f"{LOCAL}:{ports.vision}") if ports.vision else None,
+        ),
+        detector=DetectorConfig(driver="feed", address=f"{LOCAL}:{ports.camera}") if ports.camera else DetectorConfig(),
+        sightings=SightingsConfig(address=f"{LOCAL}:{ports.sightings}" if ports.sightings else None),
+        recorder=RecorderConfig(folder="flight"),
+    )
+
+
+def free_ports(count: int, kind: socket.SocketKind) -> list[int]:
+    """Free ports of this machine, outside the range that the kernel assigns."""
+    found: list[socket.socket] = []
+    try:
+        for port in random.sample(_PORTS, len(_PORTS)):
+            if len(found) == count:
+                break
+            candidate = socket.socket(socket.AF_INET, kind)
+            try:
+                candidate.bind((LOCAL, port))
+                found.append(candidate)
+            except OSError:
+                candidate.close()
+        return [bound.getsockname()[1] for bound in found]
+    finally:
+        for bound in found:
+            bound.close()
+
+
+def as_toml(config: msgspec.Struct) -> str:
+    """A configuration as TOML; fields that are None, which TOML lacks, are left out."""
+    return tomli_w.dumps(_without_none(msgspec.to_builtins(config)))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return [_without_none(item) for item in value] if isinstance(value, list | tuple) else value

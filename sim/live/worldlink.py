@@ -1,0 +1,98 @@
+"""Messages between the world process and its launcher, over the pipes between them."""
+
+from __future__ import annotations
+
+import asyncio
+from enum import StrEnum
+from typing import Literal
+
+import msgspec
+from msgspec import Struct
+
+from sim.geometry import Vector3
+from sim.scenario import Scenario
+from sim.vehicle.px4.config import Address
+from sim.vehicle.px4.fleet import VehicleReport
+
+_LENGTH_BYTES = 4
+
+
+class WorldConfig(Struct, frozen=True, kw_only=True):
+    """Configuration of a world.
+
+    vehicles: emulated here; or flown elsewhere, and observed over their ground-station links. onboard: address to which each
+    emulated vehicle sends its onboard MAVLink link. ground_station: address of the ground-station links: emulated vehicles send
+    to it, for others the world listens there. feed_host, feed_ports: listening address of each camera's feed; port 0 takes a free
+    one. vision_ports, sightings_ports: likewise for SLAM poses and relative observations; empty: free ports. calibrations:
+    folders for the files of each camera's own calibration; empty: not written.
+    """
+
+    scenario: Scenario
+    seed: int
+    vehicles: Literal["emulated", "mavlink"] = "emulated"
+    onboard: tuple[Address, ...]
+    ground_station: Address | None = None
+    feed_host: str = "127.0.0.1"
+    feed_ports: tuple[int, ...] = ()
+    vision_ports: tuple[int, ...] = ()
+    sightings_ports: tuple[int, ...] = ()
+    calibrations: tuple[str, ...] = ()
+
+
+class Order(StrEnum):
+    """The launcher's orders to the world, one per line on its standard input; for satellites, followed by the drone's index.
+
+    The end of that stream ends the world.
+    """
+
+    GO = "go"  # the mission begins: the source appears, and moves
+    CAMERAS_OFF = "cameras off"  # no more readouts
+    SATELLITES_OFF = "satellites off"  # one vehicle's receiver loses reception
+    SATELLITES_ON = "satellites on"
+
+
+class Ready(Struct, frozen=True, tag="ready"):
+    """The world is up. ``feed_ports``: of each vehicle's camera; empty where they are not read.
+
+    ``vision_ports``: of each vehicle's SLAM, 0 where it has none. ``sightings_ports``: of each vehicle's sensor for relative
+    observations; empty without sensors.
+    """
+
+    feed_ports: tuple[int, ...]
+    vision_ports: tuple[int, ...] = ()
+    sightings_ports: tuple[int, ...] = ()
+
+
+class Truth(Struct, frozen=True, tag="truth"):
+    """The world at one time; mission frame (ENU), metres.
+
+    time_s: since the world began. position_m, velocity_mps: of the vehicles. late_s: largest lag of the world behind the clock
+    since the last truth. dropped: earlier truths that the launcher was too slow to read.
+    """
+
+    time_s: float
+    position_m: tuple[Vector3, ...]
+    velocity_mps: tuple[Vector3, ...]
+    source_m: tuple[float, float] | None
+    vehicles: tuple[VehicleReport, ...]
+    late_s: float
+    dropped: int
+
+
+_decoder = msgspec.msgpack.Decoder(Ready | Truth)
+
+
+def pack(message: Ready | Truth) -> bytes:
+    """A message with its length as prefix."""
+    payload = msgspec.msgpack.encode(message)
+    return len(payload).to_bytes(_LENGTH_BYTES, "big") + payload
+
+
+async def read(stream: asyncio.StreamReader) -> Ready | Truth | None:
+    """The next message; None at the end of the stream."""
+    try:
+        length = int.from_bytes(await stream.readexactly(_LENGTH_BYTES), "big")
+        message: Ready | Truth = _decoder.decode(await stream.readexactly(length))
+        return message
+    except asyncio.IncompleteReadError:
+        return None

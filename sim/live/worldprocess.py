@@ -1,0 +1,85 @@
+"""The launcher's side of the world process."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from agent.errors import RadronError
+from sim.live.processes import Child
+from sim.live.worldlink import Order, Ready, Truth, WorldConfig, read
+from sim.runfile import write_text
+
+UP_S = 300.0  # the first start computes the camera's response, with a progress bar
+SILENT_S = 10.0  # a world that is silent for so long hangs
+STOP_S = 2.0
+
+
+class LiveError(RadronError):
+    """A live flight cannot begin, or failed."""
+
+
+class WorldProcess:
+    """A running world. ``ready``: its addresses; ``truth``: the latest one."""
+
+    def __init__(self, child: Child, ready: Ready, truth: Truth) -> None:
+        """Use :meth:`start`."""
+        self._child = child
+        self.ready = ready
+        self.truth = truth
+
+    @classmethod
+    async def start(cls, config: WorldConfig, file: Path) -> WorldProcess:
+        """Start a world and wait until it is up.
+
+        Raises:
+            LiveError: it does not start.
+        """
+        write_text(file, msgspec.json.encode(config).decode())
+        child = await Child.start("world", [sys.executable, "-m", "sim.live.world", str(file)], piped=True)
+        try:
+            async with asyncio.timeout(UP_S):
+                ready, truth = await read(child.stdout), await read(child.stdout)
+            if not isinstance(ready, Ready) or not isinstance(truth, Truth):
+                raise LiveError("the world ended before it was up; see the reason above")
+        except TimeoutError:
+            await child.stop(STOP_S)
+            raise LiveError(f"the world is not up within {UP_S:g} s") from None
+        except BaseException:
+            await child.stop(STOP_S)
+            raise
+        return cls(child, ready, truth)
+
+    async def watch(self, see: Callable[[Truth], None]) -> None:
+        """Call ``see`` with each truth, forever.
+
+        Raises:
+            LiveError: the world has ended or is silent.
+        """
+        while True:
+            try:
+                async with asyncio.timeout(SILENT_S):
+                    truth = await read(self._child.stdout)
+            except TimeoutError:
+                raise LiveError(f"the world has said nothing for {SILENT_S:g} s") from None
+            if not isinstance(truth, Truth):
+                raise LiveError("the world has ended in the middle of the flight")
+            self.truth = truth
+            see(truth)
+
+    def order(self, order: Order, drone: int | None = None) -> None:
+        """Send an order; ``drone``: index of the drone concerned."""
+        self._child.stdin.write(f"{order}{'' if drone is None else f': {drone}'}\n".encode())
+
+    @property
+    def exit_code(self) -> int | None:
+        """None while it runs."""
+        return self._child.exit_code
+
+    async def stop(self) -> None:
+        """End the world."""
+        await self._child.stop(STOP_S)

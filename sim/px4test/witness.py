@@ -1,0 +1,99 @@
+"""Observation of a flight by the vehicles' true states: distances, speeds, and errors of the agents' own positions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import dist, hypot
+from typing import NamedTuple
+
+import numpy as np
+
+from protocol.messages import AnyDroneMessage, Pose, Stage
+from sim.geometry import Array
+from sim.live.operator import Operator
+from sim.live.worldlink import Truth
+from sim.scoring.safety import OFF_GROUND_M
+from sim.world.frame import LocalFrames
+
+
+class Moment(NamedTuple):
+    """One truth. time_s: the world's. position, velocity: (N, 3). own_error_m: of each agent's latest pose; NaN without one."""
+
+    time_s: float
+    position: Array
+    velocity: Array
+    stages: tuple[Stage, ...]
+    modes: tuple[str, ...]
+    armed: tuple[bool, ...]
+    failsafe: tuple[bool, ...]
+    own_error_m: tuple[float, ...]
+
+    def flies(self, drone: int) -> bool:
+        """Whether a drone is in the air, by its true height above its mission's ground plane."""
+        return bool(self.position[drone, 2] > OFF_GROUND_M)
+
+
+class Witness:
+    """Records the flights of a swarm, from its construction on. ``moments``: 20 a second."""
+
+    def __init__(self, operator: Operator) -> None:
+        self.moments: list[Moment] = []
+        self._agents = operator.observer.agents
+        drones = operator.mission.drones
+        self._places = {drone.id: place for place, drone in enumerate(drones)}
+        self._frames = LocalFrames([(drone.origin_m, drone.yaw_deg) for drone in drones])
+        self._own: list[Array | None] = [None] * len(drones)
+        operator.watchers.append(self._see)
+        operator.observer.listeners.append(self._hear)
+
+    @property
+    def now(self) -> Moment:
+        """The latest moment."""
+        return self.moments[-1]
+
+    def since(self, time_s: float) -> list[Moment]:
+        """The moments from then on."""
+        return [moment for moment in self.moments if moment.time_s >= time_s]
+
+    def first_s(self, since_s: float, condition: Callable[[Moment], bool]) -> float | None:
+        """Time (s) from ``since_s`` until a condition first held; None: never."""
+        return next((moment.time_s - since_s for moment in self.since(since_s) if condition(moment)), None)
+
+    def _hear(self, place: int, message: AnyDroneMessage) -> None:
+        if isinstance(message, Pose):
+            self._own[place] = self._frames.matrix[place] @ message.position_m + self._frames.origin[place]
+
+    def _see(self, truth: Truth) -> None:
+        own = [
+            float("nan") if believed is None else hypot(believed[0] - true[0], believed[1] - true[1])
+            for believed, true in zip(self._own, truth.position_m, strict=True)
+        ]
+        self.moments.append(
+            Moment(
+                truth.time_s,
+                np.array(truth.position_m),
+                np.array(truth.velocity_mps),
+                tuple(agent.stage for agent in self._agents),
+                tuple(vehicle.mode for vehicle in truth.vehicles),
+                tuple(vehicle.armed for vehicle in truth.vehicles),
+                tuple(vehicle.failsafe for vehicle in truth.vehicles),
+                tuple(own),
+            )
+        )
+
+
+def least_distance_m(moments: Sequence[Moment]) -> tuple[float, float]:
+    """Least distance between two airborne drones: horizontally, and in space; infinite if there never were two."""
+    flat = space = float("inf")
+    for moment in moments:
+        flying = [moment.position[drone].tolist() for drone in range(len(moment.position)) if moment.flies(drone)]
+        for place, one in enumerate(flying):
+            for other in flying[:place]:
+                flat = min(flat, dist(one[:2], other[:2]))
+                space = min(space, dist(one, other))
+    return flat, space
+
+
+def speed_mps(moment: Moment, drone: int) -> float:
+    """True speed (m/s) of a drone."""
+    return float(np.linalg.norm(moment.velocity[drone]))

@@ -1,0 +1,1 @@
+"""Scores of a flight against the truth: errors, frames, safety, and the bound."""

@@ -1,0 +1,40 @@
+"""Interfaces of the scored objects: agents, and estimators that only listen."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from protocol.messages import Stage
+from sim.scoring.score import Belief
+
+
+class Excluding(Protocol):
+    """Search result without a hypothesis."""
+
+    @property
+    def excluded_bq(self) -> float | None:
+        """Activity from which on a source would have been found; None: nothing is excluded yet."""
+
+
+class Believer(Protocol):
+    """An estimator's belief at this moment."""
+
+    @property
+    def hypothesis(self) -> Belief | None:
+        """Its source estimate; None while it has none."""
+
+    @property
+    def outlook(self) -> Excluding | None:
+        """Its search state without a hypothesis; None with one, or where that is unknown."""
+
+
+class Agent(Believer, Protocol):
+    """An agent as seen from outside: its pilot in lockstep, its messages in a live flight."""
+
+    @property
+    def stage(self) -> Stage:
+        """Its stage."""
+
+    @property
+    def finding(self) -> str:
+        """The result of a search that found nothing; else empty."""

@@ -1,0 +1,147 @@
+"""Score of the agents' frame estimates: errors against the true frames, and recovery after a jump."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from math import cos, inf, sin
+from typing import Protocol
+
+import numpy as np
+
+from agent.config.mission import MissionConfig
+from sim.geometry import Array, Vector3
+from sim.world.movingframes import MovingFrames
+
+RECOVERED_M = 3.0
+RECOVERY_S = 60.0  # longest recovery that is measured
+
+
+class Placed(Protocol):
+    """Mission frame from a local frame: yaw about up, then translation."""
+
+    @property
+    def yaw_rad(self) -> float:
+        """Heading of the local frame."""
+
+    @property
+    def translation(self) -> Vector3:
+        """Its origin, metres."""
+
+
+class Graph(Protocol):
+    """The frames known to an agent."""
+
+    def mission_from_local(self, drone: str, epoch: int, stamp_ns: int | None = None, /) -> Placed | None:
+        """Transform of a drone's frame of this epoch now; None while unknown."""
+
+
+class Frames(Protocol):
+    """An agent's knowledge of the frames."""
+
+    @property
+    def graph(self) -> Graph:
+        """The frames that it knows."""
+
+    def suspects(self) -> Mapping[str, str]:
+        """By drone: why its frame is not trusted, or not known."""
+
+
+class FrameScore:
+    """One agent's frames against the truth, compared horizontally at the drones' positions."""
+
+    def __init__(self, mission: MissionConfig, frames: Frames, truth: MovingFrames, event_s: float | None) -> None:
+        """``event_s``: time of a frame event from which the swarm has to recover."""
+        self._names = [drone.id for drone in mission.drones]
+        self._estimated = [not drone.is_exact for drone in mission.drones]
+        self._frames, self._truth = frames, truth
+        self._told = [0] * len(self._names)
+        self._errors_m: list[float] = []
+        self._own_m: list[list[float]] = []
+        self._suspected: Counter[str] = Counter()
+        self._samples = 0
+        self._event_s = event_s
+        self._before_m: list[float] = []
+        self._after: list[tuple[float, float]] = []
+        self.known_s: float | None = None
+
+    def hear(self, drone: int, epoch: int) -> None:
+        """A drone has sent a pose of that epoch: an agent also counts jumps that its vehicle did not announce."""
+        self._told[drone] = epoch
+
+    def sample(self, time_s: float, tracking: bool, position: Array, position_error: Array) -> Array:
+        """Add one sample.
+
+        Args:
+            time_s: since the start of the simulation.
+            tracking: whether the agent tracks.
+            position: (N, 3), true.
+            position_error: (N, 3), the small errors of the localisations within their frames.
+
+        Returns:
+            (N, 3): position error of each drone in the mission frame, by the frames that the agent knows; where it knows none, by
+            the drone's own.
+        """
+        own = position_error + self._truth.own_error_m(position)
+        local = self._truth.local(position + position_error)
+        epochs = map(max, self._told, self._truth.epoch)  # a vehicle that has just jumped has not sent a pose yet
+        placed = [self._frames.graph.mission_from_local(name, epoch) for name, epoch in zip(self._names, epochs, strict=True)]
+        if self.known_s is None and None not in placed:
+            self.known_s = time_s
+        errors = own.copy()
+        for k, transform in enumerate(placed):
+            if transform is not None:
+                errors[k] = _applied(transform, local[k]) - position[k]
+        if tracking:
+            level = np.hypot(errors[:, 0], errors[:, 1]).tolist()
+            self._errors_m += [level[k] for k, found in enumerate(placed) if found is not None and self._estimated[k]]
+            self._own_m.append(np.hypot(own[:, 0], own[:, 1]).tolist())
+            self._suspected.update(list(self._frames.suspects()))
+            self._samples += 1
+        return errors
+
+    def follow(self, time_s: float, error_m: float | None) -> None:
+        """Add an error of the hypothesis, sample by sample; None: there is no hypothesis."""
+        if self._event_s is None:
+            return
+        if time_s < self._event_s:
+            if error_m is not None:
+                self._before_m.append(error_m)
+        elif time_s <= self._event_s + RECOVERY_S:
+            self._after.append((time_s, inf if error_m is None else error_m))
+
+    @property
+    def error_median_m(self) -> float | None:
+        """Median position error of all drones with estimated frames, while tracking."""
+        return float(np.median(self._errors_m)) if self._errors_m else None
+
+    @property
+    def best_position_error_m(self) -> float | None:
+        """Median position error, while tracking, of the drone with the best localisation."""
+        return float(np.median(self._own_m, axis=0).min()) if self._own_m else None
+
+    @property
+    def suspects(self) -> str:
+        """Drones that the agent suspected for more than half of the tracking, separated by commas."""
+        return ",".join(name for name in self._names if 2 * self._suspected[name] > self._samples)
+
+    @property
+    def recovery_s(self) -> float | None:
+        """Time from the event until the error was above the limit for the last time; ``RECOVERY_S`` if it is at the end.
+
+        The limit is 3 m, or twice the median before the event where that is more.
+        """
+        if self._event_s is None or not self._before_m or not self._after:
+            return None
+        limit_m = max(RECOVERED_M, 2.0 * float(np.median(self._before_m)))
+        above_s = [time_s for time_s, error_m in self._after if error_m > limit_m]
+        if not above_s:
+            return 0.0
+        return RECOVERY_S if above_s[-1] == self._after[-1][0] else above_s[-1] - self._event_s
+
+
+def _applied(transform: Placed, point: Vector3) -> Array:
+    c, s = cos(transform.yaw_rad), sin(transform.yaw_rad)
+    x, y, z = point
+    u, v, w = transform.translation
+    return np.array([c * x - s * y + u, s * x + c * y + v, z + w])

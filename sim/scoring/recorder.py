@@ -1,0 +1,321 @@
+"""Compares the agents' beliefs with the truth during a run: decides on its end, and makes its result and trace."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+from shapely import Polygon
+
+from protocol.codec import decode_from
+from protocol.entries import Cone, Exposure
+from protocol.messages import AnyMessage, Plan, Pose, Stage
+from sim.geometry import Array
+from sim.result import ConeTrace, RunResult, Trace
+from sim.scenario import Scenario
+from sim.scoring.believers import Agent, Believer
+from sim.scoring.bound import Bound, bound_of
+from sim.scoring.following import Following
+from sim.scoring.framescore import FrameScore
+from sim.scoring.safety import OFF_GROUND_M, Safety
+from sim.scoring.samples import TRACKING, Row
+from sim.scoring.score import Score, error_m, own_error_m
+from sim.world.frame import LocalFrames
+from sim.world.terrain import Terrain
+
+SAMPLE_TICKS = 4  # 5 Hz
+LONGEST_START_S = 120.0  # without a search: the drones do not start at all
+LOST_NO_CONE_S = 20.0
+
+
+class Recorder:
+    """The observer of a run."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        agents: Sequence[Agent],
+        frames: LocalFrames,
+        tick_s: float,
+        listeners: Mapping[str, Believer] = MappingProxyType({}),
+        known: FrameScore | None = None,
+    ) -> None:
+        """Args:
+        scenario: of the run.
+        agents: of the mission's drones.
+        frames: the vehicles' true local frames.
+        tick_s: interval of the samples.
+        listeners: estimators that do not fly.
+        known: score of the estimated frames.
+        """
+        self._sample_s = SAMPLE_TICKS * tick_s
+        self._frames, self._known = frames, known
+        self._scenario = scenario
+        self._mission = mission = scenario.mission
+        self._agents = agents
+        self.area = Polygon(mission.area.polygon_m)
+        self._safety = Safety(mission.area)
+        self._following = Following()
+        self._terrain = Terrain(scenario.terrain)
+        drones = [drone.id for drone in mission.drones]
+        middle_s = (mission.track.duration_s or scenario.end.track_s) / 2.0
+        self._score = Score(mission.fusion.estimator, drones, middle_s)
+        self._listeners = {name: (Score(name, drones, middle_s), fusion) for name, fusion in listeners.items()}
+        self._estimated = mission.fusion.estimator != "given"
+        self._search_began_s: float | None = None
+        self._excluded_bq: float | None = None  # at the end of a search of the first drone that found nothing
+        self._tracking_s = 0.0
+        self._last_cone_s = 0.0
+        self._cones: list[ConeTrace] = []
+        self._hits = 0
+        self._ticks = 0
+        self._time_s = 0.0
+        self._rows: list[Row] = []
+
+    def describe(self) -> str:
+        """One line for the progress display."""
+        first = self._agents[0]
+        where = ""
+        if first.hypothesis is not None:
+            x, y = first.hypothesis.position[:2]
+            where = f", source near ({x:.1f}, {y:.1f}) m"
+        return f"{first.stage}{where}"
+
+    def hear(self, drone: int, key: str, payload: bytes) -> None:
+        """Receive a payload that a drone publishes, at the time of sending."""
+        if key.endswith(("/cone", "/exposure", "/plan", "/pose")):
+            self.take(drone, decode_from(key, payload))
+
+    def take(self, drone: int, message: AnyMessage) -> None:
+        """Record a message of a drone."""
+        if isinstance(message, Exposure):
+            self._hits += message.counts.hits
+        elif isinstance(message, Plan):
+            self._following.plan(message)
+        elif isinstance(message, Pose):
+            self._following.pose(message, self._agents[drone].stage)
+            if self._known is not None:
+                self._known.hear(drone, message.epoch)
+        elif isinstance(message, Cone):
+            self._last_cone_s = self._time_s
+            matrix, origin = self._frames.matrix[drone], self._frames.origin[drone]
+            orders = sorted(message.orders, key=lambda order: -order.probability)
+            self._cones.append(
+                ConeTrace(
+                    time_s=self._time_s,
+                    drone=drone,
+                    apex_m=matrix @ message.apex_m + origin,
+                    axis=np.array([order.axis for order in orders]) @ matrix.T,
+                    theta_rad=np.array([order.theta_rad for order in orders]),
+                )
+            )
+
+    def sample(
+        self,
+        time_s: float,
+        position: Array,
+        velocity: Array,
+        source: tuple[float, float] | None,
+        position_error: Array | None = None,
+    ) -> bool:
+        """Add a sample of the world after a tick; True when the run has ended.
+
+        position, velocity: (N, 3), true. position_error: (N, 3), measured minus true; None where unknown.
+        """
+        self._time_s = time_s
+        self._ticks += 1
+        stages = [agent.stage for agent in self._agents]
+        above = self._terrain.above_ground(position)
+        self._safety.sample(above, stages)
+        self._record_finding()
+        if self._search_began_s is None and any(stage in (Stage.SURVEY, *TRACKING) for stage in stages):
+            self._search_began_s = time_s
+        if source is not None or self._estimated:
+            self._score.record_x0(time_s, self._agents[0].hypothesis, source)
+        for score, listener in self._listeners.values():
+            score.record_x0(time_s, listener.hypothesis, source)
+        if self._ticks % SAMPLE_TICKS == 0 and above[:, 2].max() > OFF_GROUND_M:
+            self._record(time_s, position, velocity, source, position_error, stages)
+        return self._over(time_s, stages)
+
+    def _record(
+        self,
+        time_s: float,
+        position: Array,
+        velocity: Array,
+        source: tuple[float, float] | None,
+        position_error: Array | None,
+        stages: list[Stage],
+    ) -> None:
+        beliefs = [agent.hypothesis for agent in self._agents]
+        tracking = stages[0] in TRACKING
+        if tracking:
+            self._tracking_s += self._sample_s
+        if self._known is not None and position_error is not None:
+            position_error = self._known.sample(time_s, tracking, position, position_error)
+        if tracking and source is not None:
+            self._score.sample(self._tracking_s, beliefs, source, position_error)
+            if self._scenario.end.lost == "error":
+                self._score.check_lost(time_s)
+            for score, listener in self._listeners.values():
+                score.sample(self._tracking_s, [listener.hypothesis] * len(beliefs), source, position_error)
+                score.check_lost(time_s)
+        place = None if source is None else (*source, self._terrain.height_m(*source))
+        row = Row.of(time_s, position, velocity, place, stages, beliefs)
+        first = beliefs[0]
+        if self._known is not None and source is not None:
+            self._known.follow(time_s, None if first is None else error_m(first, source))
+        if first is not None and source is not None and position_error is not None:
+            row.own_error_m = own_error_m(first, self._mission.drones[0].id, source, position_error[0])
+        self._rows.append(row)
+
+    def _record_finding(self) -> None:
+        """Record what is excluded when the first drone's search ends without a source; a later find clears it."""
+        first = self._agents[0]
+        if not first.finding:
+            self._excluded_bq = None
+        elif self._excluded_bq is None:
+            self._excluded_bq = _excluded_bq(first)
+
+    def _over(self, time_s: float, stages: list[Stage]) -> bool:
+        end = self._scenario.end
+        if all(stage is Stage.LANDED for stage in stages):
+            return True
+        if self._search_began_s is None:
+            return time_s > LONGEST_START_S
+        if time_s - self._search_began_s > end.longest_s(self._mission):
+            return True
+        if stages[0] in TRACKING and end.lost == "no-cone":
+            since_s = max(self._last_cone_s, self._score.x0_s or time_s)
+            if self._tracking_s > 0.0 and time_s - since_s > LOST_NO_CONE_S:
+                self._score.lost = True
+                return True
+        if self._tracking_s >= end.track_s - 1e-9:
+            return self._mission.track.duration_s is None
+        return self._score.x0_s is None and time_s - self._search_began_s > end.search_s
+
+    def result(self, seed: int, wall_s: float) -> RunResult:
+        """The result of the swarm's own estimator."""
+        first = self._agents[0]
+        excluded_bq = self._excluded_bq or _excluded_bq(first)
+        return self._result(self._score, first.finding != "", excluded_bq, seed, wall_s)
+
+    def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
+        """The results of the listening estimators."""
+        return {
+            name: self._result(score, self._enough(_excluded_bq(fusion)), _excluded_bq(fusion), seed, wall_s)
+            for name, (score, fusion) in self._listeners.items()
+        }
+
+    def _enough(self, excluded_bq: float | None) -> bool:
+        """Whether everything that the mission searches for is excluded."""
+        least_bq = self._mission.survey.least_activity_bq
+        return least_bq is not None and excluded_bq is not None and excluded_bq <= least_bq
+
+    def _result(self, score: Score, nothing_found: bool, excluded_bq: float | None, seed: int, wall_s: float) -> RunResult:
+        errors = np.array(score.errors_m)
+        bound_m, bound_relative_m = self._bounds_m()
+        sampled = score.sampled
+        sim_s = round(self._time_s, 6)
+        return RunResult(
+            scenario=self._scenario.name,
+            seed=seed,
+            estimator=score.estimator,
+            drones=len(self._agents),
+            time_to_x0_s=None if score.x0_s is None else max(0.0, round(score.x0_s - (self._search_began_s or 0.0), 6)),
+            x0_error_m=score.x0_error_m,
+            tracking_time_s=round(self._tracking_s, 6),
+            lost=score.lost,
+            error_median_m=float(np.median(errors)) if len(errors) else None,
+            error_mean_m=float(np.mean(errors)) if len(errors) else None,
+            error_p90_m=float(np.quantile(errors, 0.9)) if len(errors) else None,
+            nees_mean=float(np.mean(score.nees)) if score.nees else None,
+            cones=len(self._cones),
+            hits=self._hits,
+            min_separation_m=self._safety.least_separation_m(),
+            fence_breaches=self._safety.fence_breaches(),
+            deviation_search_m=self._following.rms_m("search"),
+            deviation_circle_m=self._following.rms_m("circle"),
+            deviation_most_m=self._following.most_m,
+            sim_s=sim_s,
+            wall_s=wall_s,
+            realtime_factor=sim_s / wall_s,
+            error_relative_median_m=float(np.median(score.relative_m)) if score.relative_m else None,
+            x0_rms_m=score.x0_rms_m,
+            error_sample_m=sampled.error_m if sampled is not None else None,
+            nees_sample=sampled.nees if sampled is not None else None,
+            region=sampled.region if sampled is not None else None,
+            bound_median_m=bound_m,
+            bound_relative_median_m=bound_relative_m,
+            nothing_found=nothing_found,
+            excluded_bq=excluded_bq,
+            false_hypothesis=self._scenario.source is None and score.x0_s is not None,
+            best_position_error_m=self._known.best_position_error_m if self._known is not None else None,
+            frames_known_s=self._known.known_s if self._known is not None else None,
+            frame_error_median_m=self._known.error_median_m if self._known is not None else None,
+            suspects=self._known.suspects if self._known is not None else "",
+            recovery_s=self._known.recovery_s if self._known is not None else None,
+        )
+
+    @cached_property
+    def _bound(self) -> Bound | None:
+        """The bound of the flown trajectories, after the run; None without a source."""
+        truth, (west, south, east, north) = self._scenario, self.area.bounds
+        rows = [row for row in self._rows if not np.isnan(row.source[0])]
+        if truth.source is None or not rows:
+            return None
+        return bound_of(
+            truth.source,
+            truth.camera,
+            self._mission.detection.minimum_pixels,
+            truth.localization,
+            (east - west, north - south),
+            np.array([row.time_s for row in rows]),
+            np.array([row.position for row in rows]),
+            np.array([row.source for row in rows]),
+        )
+
+    def _bounds_m(self) -> tuple[float | None, float | None]:
+        """Medians of the bound while tracking, in the true frame and in the vehicles' own frames."""
+        bound = self._bound
+        if bound is None:
+            return None, None
+        times = [row.time_s for row in self._rows if row.stages[0] in TRACKING]
+        during = np.isin(bound.time_s, times)
+        return bound.median_m(during), bound.own_median_m(during)
+
+    def trace(self) -> Trace:
+        """The time series; raises ValueError if no drone ever flew."""
+        if not self._rows:
+            raise ValueError("no drone flew: there is nothing to show")
+        rows, source = self._rows, self._scenario.source
+        time_s = np.array([row.time_s for row in rows])
+        bound, unknown = self._bound, np.full(time_s.shape, np.nan)
+        return Trace(
+            time_s=time_s,
+            position_m=np.array([row.position for row in rows]),
+            velocity_mps=np.array([row.velocity for row in rows]),
+            stage=np.array([[str(stage) for stage in row.stages] for row in rows]),
+            source_m=np.array([row.source for row in rows]),
+            hypothesis_m=np.array([row.hypothesis for row in rows]),
+            sigma_m=np.array([row.sigma_m for row in rows]),
+            covariance_m2=np.array([row.covariance for row in rows]),
+            activity_bq=np.array([row.activity_bq for row in rows]),
+            activity_sigma_bq=np.array([row.activity_sigma_bq for row in rows]),
+            evidence=np.array([row.evidence for row in rows]),
+            bound_m=unknown if bound is None else bound.over(time_s),
+            own_error_m=np.array([row.own_error_m for row in rows]),
+            own_bound_m=unknown if bound is None else bound.own_over(time_s),
+            spacing_error_deg=np.array([row.spacing_error_deg for row in rows]),
+            cones=tuple(self._cones),
+            area_m=np.array(self._mission.area.polygon_m, dtype=np.float64),
+            drones=tuple(drone.id for drone in self._mission.drones),
+            source_bq=None if source is None else source.activity_bq,
+        )
+
+
+def _excluded_bq(believer: Believer) -> float | None:
+    outlook = believer.outlook
+    return outlook.excluded_bq if outlook is not None else None

@@ -1,0 +1,54 @@
+"""Safety of a flight: distances between its drones, and fence breaches, by their true positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from agent.config.mission import AreaConfig
+from protocol.messages import Stage
+from sim.geometry import Array
+
+OFF_GROUND_M = 0.5
+_BY_SETPOINTS = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
+
+
+class Safety:
+    """Records the drones' positions and evaluates them at the end; the criteria are defined in ``RunResult``."""
+
+    def __init__(self, area: AreaConfig) -> None:
+        self._area = area
+        self._places: list[Array] = []  # (N, 3) at every tick
+        self._guided: list[list[bool]] = []
+
+    def sample(self, position: Array, stages: Sequence[Stage]) -> None:
+        """Add one tick: true x, y in the mission frame and heights above ground (N, 3), metres, and the drones' stages."""
+        self._places.append(position.copy())
+        self._guided.append([stage in _BY_SETPOINTS for stage in stages])
+
+    def least_separation_m(self) -> float | None:
+        """Least horizontal distance between any two drones off the ground; None if there never were two."""
+        places = np.array(self._places)
+        airborne = places[..., 2] > OFF_GROUND_M
+        least = np.inf
+        for one in range(places.shape[1]):
+            for other in range(one):
+                both = airborne[:, one] & airborne[:, other]
+                between = places[both, one, :2] - places[both, other, :2]
+                least = min(least, float(np.hypot(between[:, 0], between[:, 1]).min(initial=np.inf)))
+        return least if np.isfinite(least) else None
+
+    def fence_breaches(self) -> int:
+        """Number of times that a drone left the fence, rose above the ceiling, or sank below the floor while it followed
+        setpoints.
+        """
+        places, guided = np.array(self._places), np.array(self._guided)
+        fence = Polygon(self._area.polygon_m).buffer(self._area.fence_margin_m)
+        shapely.prepare(fence)
+        x, y, z = places[..., 0], places[..., 1], places[..., 2]
+        outside = (z > OFF_GROUND_M) & (~shapely.contains_xy(fence, x, y) | (z > self._area.ceiling_m))
+        outside |= guided & (z < self._area.floor_m)
+        return int(outside[0].sum() + (outside[1:] & ~outside[:-1]).sum())

@@ -1,0 +1,69 @@
+"""The samples of a flight's trace."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from protocol.messages import Stage
+from sim.geometry import Array
+from sim.scoring.score import Belief, rms_m
+
+TRACKING = (Stage.TRACK, Stage.REACQUIRE)
+
+
+class Row:
+    """One sample of the trace."""
+
+    __slots__ = (
+        "activity_bq", "activity_sigma_bq", "covariance", "evidence", "hypothesis", "own_error_m", "position", "sigma_m",
+        "source", "spacing_error_deg", "stages", "time_s", "velocity",
+    )  # fmt: skip
+
+    def __init__(self, time_s: float, position: Array, velocity: Array, stages: list[Stage]) -> None:
+        self.time_s = time_s
+        self.position = position.copy()
+        self.velocity = velocity.copy()
+        self.stages = stages
+        self.source = np.full(3, np.nan)
+        self.hypothesis = np.full(position.shape, np.nan)
+        self.sigma_m = self.activity_bq = self.activity_sigma_bq = self.evidence = self.own_error_m = np.nan
+        self.covariance = np.full((2, 2), np.nan)
+        self.spacing_error_deg = np.full(len(position), np.nan)
+
+    @staticmethod
+    def of(
+        time_s: float, position: Array, velocity: Array, source: tuple[float, float, float] | None, stages: list[Stage],
+        beliefs: Sequence[Belief | None],
+    ) -> Row:  # fmt: skip
+        """The sample at one time: arrays (N, 3) in the mission frame, stages and beliefs of the N drones."""
+        row = Row(time_s, position, velocity, stages)
+        if source is not None:
+            row.source[:] = source
+        for drone, belief in enumerate(beliefs):
+            if belief is not None:
+                row.hypothesis[drone] = belief.position
+        first = beliefs[0]
+        if first is not None:
+            row.sigma_m = rms_m(first)
+            row.covariance[:] = first.covariance[:2, :2]
+            row.activity_bq = np.nan if first.activity_bq is None else first.activity_bq
+            row.activity_sigma_bq = np.nan if first.activity_sigma_bq is None else first.activity_sigma_bq
+            row.evidence = np.nan if first.evidence is None else first.evidence
+        if first is not None and all(stage in TRACKING for stage in stages):
+            row.spacing_error_deg[:] = spacing_error_deg(position, first.position)
+        return row
+
+
+def spacing_error_deg(position: Array, centre: Array) -> Array:
+    """(N,): each drone's gap to the next one counter-clockwise around ``centre``, minus the uniform gap, degrees."""
+    angle = np.degrees(np.arctan2(position[:, 1] - centre[1], position[:, 0] - centre[0]))
+    count = len(angle)
+    order = np.argsort(angle, kind="stable")
+    ordered = angle[order]
+    error = np.empty(count)
+    error[order[:-1]] = ordered[1:] - ordered[:-1]
+    error[order[-1]] = ordered[0] + 360.0 - ordered[-1]
+    error -= 360.0 / count
+    return error

@@ -1,0 +1,1 @@
+"""The emulated PX4's estimator: local frame, satellites and vision."""

@@ -1,0 +1,1 @@
+"""The MAVLink links of an emulated PX4."""

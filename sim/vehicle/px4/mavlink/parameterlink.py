@@ -1,0 +1,55 @@
+"""Parameters over a vehicle's links: read by name or index, list, set; errors are answered by PARAM_ERROR, as in PX4."""
+
+from __future__ import annotations
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from sim.vehicle.px4.mavlink.link import Link
+from sim.vehicle.px4.parameters import Parameters
+from sim.vehicle.px4.state import Message
+
+UNKNOWN: int = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
+WRONG_TYPE = 7  # PX4's own number; pymavlink does not name it
+_LONGEST_NAME = 16
+
+
+class ParameterLink:
+    """Parameter server of one vehicle. Values out of a parameter's range are accepted silently, as in PX4."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._parameters = parameters
+
+    def read(self, link: Link, message: Message) -> None:
+        """PARAM_REQUEST_READ."""
+        names, index = self._parameters.names, message.param_index
+        name = message.param_id if index < 0 else "".join(names[index : index + 1])
+        if name in self._parameters:
+            self._send(link, name)
+        else:
+            self._refuse(link, message, name, UNKNOWN)
+
+    def list(self, link: Link, message: Message) -> None:
+        """PARAM_REQUEST_LIST."""
+        for name in self._parameters.names:
+            self._send(link, name)
+
+    def set(self, link: Link, message: Message) -> None:
+        """PARAM_SET."""
+        name = message.param_id
+        if name not in self._parameters:
+            self._refuse(link, message, name, UNKNOWN)
+        elif message.param_type != self._parameters.kind(name):
+            self._refuse(link, message, name, WRONG_TYPE)
+        else:
+            self._parameters.set(name, message.param_value)
+            self._send(link, name)
+
+    def _send(self, link: Link, name: str) -> None:
+        parameters = self._parameters
+        index, count = parameters.names.index(name), len(parameters.names)
+        link.send(mavlink.MAVLink_param_value_message(name.encode(), parameters.wire(name), parameters.kind(name), count, index))
+
+    def _refuse(self, link: Link, message: Message, name: str, error: int) -> None:
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        content = name.encode()[:_LONGEST_NAME]
+        link.send(mavlink.MAVLink_param_error_message(*sender, content, getattr(message, "param_index", -1), error))

@@ -1,0 +1,82 @@
+"""The drones' cameras: exposed slice by slice at their true poses, with several slices per readout."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from msgspec.structs import replace
+
+from agent.config.drone import DroneConfig
+from agent.detector.readout import PixelHits, Readout
+from sim.geometry import Array
+from sim.radiation.camera import Camera, SourceView
+from sim.scenario import Scenario
+from sim.world.frame import CameraMount
+from sim.world.terrain import CONCRETE_PER_SOIL, Terrain
+from sim.world.walls import Walls
+
+
+class Motion(Protocol):
+    """The true motion of N vehicles in the world (ENU)."""
+
+    @property
+    def position_m(self) -> Array:
+        """(N, 3)."""
+
+    @property
+    def velocity_mps(self) -> Array:
+        """(N, 3)."""
+
+    def quaternion(self, drone: int) -> tuple[float, float, float, float]:
+        """World-from-body attitude (w, x, y, z)."""
+
+
+class Cameras:
+    """One camera on each of N vehicles, all exposed to the scenario's source behind its walls, or to the background alone."""
+
+    def __init__(
+        self, scenario: Scenario, drones: Sequence[DroneConfig], rngs: Sequence[np.random.Generator], clock_ns: int
+    ) -> None:
+        """``drones``: mounting of each camera. ``clock_ns``: UTC time at which the cameras' clocks were reset."""
+        source = scenario.source
+        self._activity_bq = 0.0 if source is None else source.activity_bq
+        nuclide = scenario.mission.nuclide if source is None else source.nuclide
+        self._walls = Walls(scenario.walls) if scenario.walls else None
+        self._terrain = Terrain(scenario.terrain)
+        self._mounts = [CameraMount(drone.camera_rpy_deg) for drone in drones]
+        self._cameras = [Camera(scenario.camera, nuclide, rng, clock_ns) for rng in rngs]
+        self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
+
+    def expose(self, drone: int, start_ns: int, end_ns: int, motion: Motion, source: tuple[float, float] | None) -> None:
+        """Expose [start_ns, end_ns), UTC, at the vehicle's present pose; without a source, to the background alone."""
+        views: tuple[SourceView, ...] = ()
+        if source is not None:
+            place, attitude = motion.position_m[drone], motion.quaternion(drone)
+            target = (*source, self._terrain.height_m(*source))
+            view = self._mounts[drone].view(place, attitude, target, self._activity_bq)
+            concrete_m = self._concrete_m(place, np.array(target))
+            if concrete_m > 0.0:
+                view = replace(view, concrete_m=concrete_m)
+            views = (view,)
+        self._exposed[drone].append(self._cameras[drone].expose(start_ns, end_ns, views))
+
+    def _concrete_m(self, place: Array, source: Array) -> float:
+        """Length of concrete between camera and source (3,), plus the concrete equivalent of the ground between them."""
+        soil_m = CONCRETE_PER_SOIL * self._terrain.soil_m(place, source)
+        return soil_m if self._walls is None else soil_m + self._walls.concrete_m(place, source)
+
+    def read_out(self, drone: int) -> Readout:
+        """The exposures since the last call as one readout; there must have been one."""
+        slices, self._exposed[drone] = self._exposed[drone], []
+        first, last = slices[0], slices[-1]
+        live_s, lost = sum(part.live_time_s for part in slices), sum(part.lost_hits for part in slices)
+        hits = PixelHits.joined(part.hits for part in slices)
+        return Readout(first.start_ns, last.end_ns, first.clock_ns, live_s, hits, lost)
+
+    def write_calibrations(self, folders: Sequence[Path]) -> None:
+        """Write the files of each camera's own calibration into its drone's folder."""
+        for camera, folder in zip(self._cameras, folders, strict=True):
+            camera.calibration.write(folder)

@@ -1,0 +1,103 @@
+"""Differences of the drones' clocks."""
+
+import math
+
+import pytest
+from msgspec.structs import replace
+from one_pilot import MISSION, SECOND, START_NS, messages, pilot, state
+
+from agent.localization.clocks import WINDOW_NS, Clocks
+from protocol.codec import encode
+from protocol.keys import key_of
+from protocol.messages import Pose, Stage, Status
+
+STATUS = Status(stamp_ns=0, drone="a", mission="0" * 16, boot="1" * 16, stage=Stage.TRACK)
+MS = 1_000_000
+
+
+def exchanged(ahead_ms, seconds=5, ways_ms=(2, 2), names=("a", "b", "c")):
+    """Clocks of drones that hear each other once a second; ``ways_ms``: how long a message takes to a, and to others."""
+    clocks = {name: Clocks(name, [other for other in names if other != name]) for name in names}
+    for second in range(seconds):
+        true_ns = START_NS + second * SECOND
+        for sender in names:
+            sent_ns = true_ns + ahead_ms[sender] * MS
+            status = replace(STATUS, drone=sender, stamp_ns=sent_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
+            for receiver in names:
+                if receiver != sender:
+                    way_ns = ways_ms[receiver != "a"] * MS + (second % 3) * 30 * MS  # some are queued for long
+                    clocks[receiver].hear(status, true_ns + way_ns + ahead_ms[receiver] * MS)
+    return clocks, lambda name: true_ns + ahead_ms[name] * MS + SECOND // 2
+
+
+def test_the_one_clock_that_is_wrong_is_told_by_its_owner_alone():
+    clocks, now_ns = exchanged({"a": 0, "b": 120, "c": 1})
+    assert clocks["b"].offset_s == pytest.approx(0.119, abs=0.002)
+    assert clocks["b"].problem(now_ns("b")) == "its clock is 0.12 s ahead of a, c: check chrony"
+    assert clocks["a"].problem(now_ns("a")) is None
+    assert clocks["c"].problem(now_ns("c")) is None
+
+
+def test_of_two_clocks_that_differ_both_are_doubted():
+    """By all of the difference: it is beyond the limit, half of it would not be."""
+    clocks, now_ns = exchanged({"a": 0, "b": 80}, names=("a", "b"))
+    assert clocks["a"].problem(now_ns("a")) == "its clock is 0.08 s behind b: check chrony"
+    assert clocks["b"].problem(now_ns("b")) == "its clock is 0.08 s ahead of a: check chrony"
+
+
+def test_a_clock_behind_and_seconds_off():
+    clocks, now_ns = exchanged({"a": -3_700_000, "b": 0, "c": 0})
+    assert clocks["a"].problem(now_ns("a")) == "its clock is 3700.00 s behind b, c: check chrony"
+    assert clocks["b"].offset_s == pytest.approx(0.0, abs=0.01)
+
+
+def test_half_the_asymmetry_of_the_ways_remains():
+    clocks, now_ns = exchanged({"a": 0, "b": 0}, ways_ms=(2, 22), names=("a", "b"))
+    assert clocks["a"].offsets_s(now_ns("a"))["b"] == pytest.approx(-0.010, abs=1e-6)
+
+
+def test_what_was_heard_long_ago_counts_no_more():
+    clocks, now_ns = exchanged({"a": 0, "b": 120, "c": 0})
+    later_ns = now_ns("b") + 2 * WINDOW_NS
+    assert clocks["b"].delays_ns(later_ns) == {}
+    clocks, now_ns = exchanged({"a": 0, "b": 0, "c": 0}, seconds=3)
+    a, jumped_ns = clocks["a"], now_ns("a") - 100 * SECOND  # set back
+    a.hear(replace(STATUS, drone="b", stamp_ns=now_ns("b")), jumped_ns)
+    assert a.delays_ns(jumped_ns) == {"b": jumped_ns - now_ns("b")}
+
+
+def test_strangers_and_absurd_stamps_are_not_heard():
+    clocks = Clocks("a", ["b"])
+    clocks.hear(replace(STATUS, drone="x", stamp_ns=START_NS), START_NS)
+    clocks.hear(replace(STATUS, drone="b", stamp_ns=2**63 - 1), START_NS)
+    clocks.hear(replace(STATUS, drone="b", stamp_ns=START_NS, delays_ns={"a": -(2**62)}), START_NS)
+    assert clocks.delays_ns(START_NS) == {"b": 0}
+    assert math.isfinite(clocks.offset_s)
+
+
+def test_a_place_is_doubted_by_how_far_the_drone_flies_in_the_offset():
+    clocks, _ = exchanged({"a": 0, "b": 120, "c": 0})
+    assert clocks["a"].sigma_m(5.0) == 0.0
+    assert clocks["b"].sigma_m(5.0) == pytest.approx(0.6, abs=0.02)
+
+
+def test_pilots_tell_each_other_and_the_one_that_is_ahead_widens_its_sigma():
+    names = ("d1", "d2", "d3")
+    mission = replace(MISSION, drones=(*MISSION.drones, replace(MISSION.drones[1], id="d3")))
+    pilots = {name: pilot(name, mission) for name in names}
+    ahead_ns = {"d1": 0, "d2": 200 * MS, "d3": 0}
+    last = {}
+    for tick in range(60):
+        for name, one in pilots.items():
+            now_ns = START_NS + tick * SECOND // 20 + ahead_ns[name]
+            one.observe_vehicle(state(now_ns, velocity_mps=(5.0, 0.0, 0.0)))
+            step = one.step(now_ns)
+            last |= {(name, type(message)): message for message in messages(step, Status) + messages(step, Pose)}
+            for other, receiver in pilots.items():
+                for message in messages(step, Status) if other != name else ():
+                    receiver.receive(key_of("radron", message), encode(message), START_NS + tick * SECOND // 20 + ahead_ns[other])
+    assert set(last["d1", Status].delays_ns) == {"d2", "d3"}
+    assert any("0.20 s ahead of d1, d3" in problem for problem in last["d2", Status].problems)
+    assert not any("clock" in problem for problem in last["d1", Status].problems)
+    assert last["d2", Pose].position_sigma_m == pytest.approx(math.hypot(0.1, 1.0), abs=0.02)
+    assert last["d1", Pose].position_sigma_m == 0.1

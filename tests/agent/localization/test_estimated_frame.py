@@ -1,0 +1,108 @@
+"""A pilot whose frame is estimated: what it reports of the frame, and when it may start."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, messages, pilot, state
+
+from agent.config.mission import DroneInMission
+from agent.detector.readout import PixelHits, Readout
+from agent.frames.transform import Transform
+from agent.localization.poseproblems import UNSURE_M
+from agent.vehicle.interface import FlightMode, SeenDrone
+from protocol.codec import encode
+from protocol.entries import Exposure
+from protocol.keys import key_of
+from protocol.messages import Frame, Stage, Status
+
+NONE = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
+LAYOUT = DroneInMission(
+    id="d1", origin_m=(5.0, 5.0, 0.0), yaw_deg=30.0, localization="rtk", origin_sigma_m=0.5, yaw_sigma_deg=2.0
+)
+
+
+def mission_of(member=LAYOUT):
+    return replace(MISSION, drones=(member, DroneInMission(id="d2", localization="rtk")))
+
+
+def flown(one, seconds=4.0, mission=None, began_ns=START_NS, jump_at_s=None, camera=True, **values):
+    """What it has said last of each kind; hovering, with a readout every 0.2 s. ``jump_at_s``: when it jumps by 15 m."""
+    last = {}
+    if mission is not None:
+        one.observe_vehicle(state(began_ns, **values))
+        one.receive(*command(mission=mission, stamp_ns=began_ns), began_ns)
+        one.step(began_ns)  # in the air and holding already
+    for tick in range(1, round(seconds * 20)):
+        now_ns = began_ns + tick * TICK_NS
+        x = 15.0 if jump_at_s is not None and tick >= jump_at_s * 20 else 0.0
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, position=(x, 0.0, 3.0), **values))
+        told = []
+        if camera and tick % 4 == 0:
+            told = one.observe_detector(Readout(now_ns - 4 * TICK_NS, now_ns, now_ns - 4 * TICK_NS, 0.2, NONE))
+        step = one.step(now_ns)
+        step = replace(step, publications=[*told, *step.publications])
+        for kind in (Exposure, Frame, Status):
+            for message in messages(step, kind):
+                last[kind] = message
+        if messages(step, Frame):
+            last[Transform] = one.frames.graph.mission_from_local("d1", 0)  # as it was then
+    return last
+
+
+def test_the_frame_of_the_layout_is_known_after_the_first_keyframe_and_published():
+    one = pilot(mission=mission_of())
+    last = flown(one, mission=mission_of())
+    frame, known = last[Frame], last[Transform]
+    assert frame.translation_m == known.translation == pytest.approx((5.0, 5.0, 0.0), abs=0.1)
+    assert frame.yaw_rad == known.yaw_rad == pytest.approx(np.radians(30.0), abs=0.02)
+    assert np.array(frame.covariance).reshape(4, 4) == pytest.approx(known.covariance)
+    other = pilot("d2", mission_of())
+    other.receive(key_of("radron", frame), encode(frame), frame.stamp_ns)
+    assert other.frames.graph.mission_from_local("d1", 0) is None  # every agent derives frames from its own log
+    assert not any(name.startswith("dropped") for name in other.counters)
+
+
+def test_a_drone_without_a_camera_tells_where_it_is_where_its_frame_is_estimated():
+    mission = mission_of()
+    last = flown(pilot("d1", mission), 6.0, mission, camera=False)
+    assert last[Exposure].live_time_s == 0.0
+    assert last[Frame].translation_m == pytest.approx((5.0, 5.0, 0.0), abs=0.1)
+    assert Exposure not in flown(pilot(), 6.0, MISSION, camera=False)
+
+
+def test_exact_frames_are_not_published():
+    assert Frame not in flown(pilot(), mission=MISSION)
+
+
+def test_a_drone_with_an_uncertain_position_reports_it():
+    vague = replace(LAYOUT, origin_sigma_m=2.0 * UNSURE_M)
+    one = pilot(mission=mission_of(vague))
+    last = flown(one, mission=mission_of(vague))
+    both_axes = "its position in the mission frame is uncertain: 1 sigma = 14 m"
+    assert both_axes in last[Status].problems
+
+
+def test_a_start_without_a_heading_needs_a_sight_and_then_the_drone_waits_for_its_frame():
+    lost = replace(LAYOUT, localization="slam", yaw_sigma_deg=180.0)
+    one = pilot(mission=mission_of(lost))
+    last = flown(one, mission=mission_of(lost))
+    assert one.stage is Stage.PREFLIGHT
+    assert "its heading is not known, and it has neither seen another drone nor been seen by one yet" in last[Status].problems
+    seen = SeenDrone(stamp_ns=START_NS + 3 * SECOND, target="d2", range_m=6.0, range_sigma_m=0.1)
+    assert one.observe_sightings([seen])
+    last = flown(one, mission=mission_of(lost), began_ns=START_NS + 5 * SECOND)
+    assert one.stage is Stage.SURVEY
+    assert one.counters["waited_without_frame"] > 0
+    assert "d1: its frame is not known yet" in last[Status].problems
+
+
+def test_a_jump_begins_an_epoch_in_everything_that_is_said_and_the_flight_goes_on():
+    one = pilot(mission=mission_of())
+    last = flown(one, mission=mission_of(), jump_at_s=2.0)
+    assert last[Exposure].epoch == 1
+    assert "its localisation jumped by 15 m without announcing it" in last[Status].problems
+    assert one.counters["waited_without_frame"] < 40  # only until the first keyframe
+    assert one.memory.epoch_offset == 1
+    again = pilot(mission=mission_of(), memory=one.memory)
+    last = flown(again, began_ns=START_NS + 5 * SECOND)
+    assert last[Exposure].epoch == 1

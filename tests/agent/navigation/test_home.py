@@ -1,0 +1,73 @@
+"""A return ends above home, however noisy the vehicle's estimate."""
+
+from math import hypot
+
+import numpy as np
+import pytest
+from one_pilot import MISSION, own_pose, state
+from recorded_px4 import NAMES, Replay
+
+from agent.frames.swarm import SwarmFrames
+from agent.navigation.home import AT_HOME_M, LONGEST_NS, NEAR_M, Home
+
+SECOND = 1_000_000_000
+
+
+def home_at(launch) -> Home:
+    own = own_pose("d1", SwarmFrames(MISSION).graph)
+    own.take(launch)
+    home = Home(own)
+    home.took_off(launch)
+    return home
+
+
+def reached(home, vehicle) -> bool:
+    home.watch(vehicle)
+    return home.is_reached
+
+
+def arrival_s(home, states):
+    """Since when it is near, until it is there."""
+    near_ns = None
+    for one in states:
+        there = reached(home, one)
+        away_m = hypot(*one.position_m[:2])
+        near_ns = None if away_m >= NEAR_M else near_ns or one.stamp_ns
+        if there:
+            assert near_ns is not None
+            return (one.stamp_ns - near_ns) * 1e-9
+    return float("inf")
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_hover_with_the_noise_of_a_real_estimate_is_at_home_within_five_seconds(seed) -> None:
+    """Positions to 0.1-0.4 m and velocities to 0.4 m/s, correlated over 3 s, as of a real PX4 that stands still."""
+    rng = np.random.default_rng(seed)
+    keep = np.exp(-0.05 / 3.0)
+    noise = np.zeros(4)
+    states = []
+    for tick in range(600):
+        noise = keep * noise + np.sqrt(1.0 - keep**2) * rng.normal(size=4) * (0.3, 0.3, 0.4, 0.4)
+        x, y, u, v = noise.tolist()
+        states.append(state(SECOND + tick * SECOND // 20, position=(x, y, 3.0), velocity_mps=(u, v, 0.0)))
+    assert arrival_s(home_at(state(0, position=(0.0, 0.0, 0.0))), states) <= LONGEST_NS * 1e-9 + 0.1
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("E")])
+def test_recorded_returns_end_within_five_seconds(name) -> None:
+    states = [one for time_s, one in Replay(name).run().states if time_s > 105.0]
+    assert arrival_s(home_at(state(0, position=(0.0, 0.0, 0.0))), states) <= LONGEST_NS * 1e-9 + 0.2
+
+
+def test_a_vehicle_that_only_passes_is_not_at_home() -> None:
+    home = home_at(state(0, position=(0.0, 0.0, 0.0)))
+    for tick in range(200):
+        x = -10.0 + 0.15 * tick
+        assert not reached(home, state(SECOND + tick * SECOND // 20, position=(x, 0.0, 3.0), velocity_mps=(3.0, 0.0, 0.0)))
+
+
+def test_nothing_is_reached_by_a_position_that_cannot_be_trusted() -> None:
+    home = home_at(state(0, position=(0.0, 0.0, 0.0)))
+    states = [state(SECOND + tick * SECOND // 20, position=(0.0, 0.0, 3.0), position_trusted=False) for tick in range(200)]
+    assert not any(reached(home, one) for one in states)
+    assert hypot(*states[0].position_m[:2]) < AT_HOME_M

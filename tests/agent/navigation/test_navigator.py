@@ -1,0 +1,166 @@
+"""The flight around a source with an estimator that states its covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from one_pilot import MISSION as ANY_MISSION
+from one_pilot import SECOND, START_NS, TICK_NS, own_pose, state
+
+from agent.config.drone import DroneConfig, ResponseConfig, VehicleConfig
+from agent.config.mission import EncirclementConfig, MissionConfig
+from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.fusion.estimator import Hypothesis, Sight
+from agent.navigation.guidance import Moment
+from agent.navigation.navigator import Navigator
+from agent.navigation.peers import Peers
+from agent.navigation.surveying import InformedSearch, Prospect, Search
+from agent.vehicle.interface import FlightMode
+from protocol.messages import Stage
+
+MISSION = replace(ANY_MISSION, encirclement=EncirclementConfig(nearest_m=5.0))
+AT_ONCE = DroneConfig(id="d1", vehicle=VehicleConfig(response=ResponseConfig(lag_s=0.0)))
+PLACE = np.array([25.0, 25.0, 0.0])
+
+
+def hypothesis(stamp_ns: int, rms_m: float = 0.2, evidence: float | None = 20.0, velocity=(0.0, 0.0), place=PLACE, **values):
+    covariance = np.diag([0.5 * rms_m**2, 0.5 * rms_m**2, 0.0])
+    return Hypothesis(
+        stamp_ns=stamp_ns,
+        position=np.array(place),
+        covariance=covariance,
+        velocity=np.array([*velocity, 0.0]),
+        cones=10,
+        x0_stamp_ns=START_NS,
+        evidence=evidence,
+        activity_bq=3e9,
+        **values,
+    )
+
+
+def flown(believed, seconds: float = 40.0, mission: MissionConfig = MISSION, stage: Stage = Stage.TRACK):
+    """Places (T, 3) in the mission frame of a vehicle that is where it is told to be.
+
+    believed: the hypothesis by the time.
+    """
+    frames = FrameGraph.from_launch_layout(mission)
+    search = Search(mission, "d1", frames, lambda: [])
+    own = own_pose("d1", frames)
+    navigator = Navigator(mission, AT_ONCE, own, frames, search, InformedSearch(mission, Prospect(lambda: None)))
+    mission_from_local = frames.mission_from_local("d1", 0)
+    local = mission_from_local.inverse()
+    position, velocity, places = local.apply_point((35.0, 25.0, 3.0)), (0.0, 0.0, 0.0), []
+    for tick in range(round(seconds * SECOND / TICK_NS)):
+        now_ns = START_NS + tick * TICK_NS
+        vehicle = own.take(replace(state(now_ns, FlightMode.OFFBOARD, position), velocity_mps=velocity))
+        setpoint, _ = navigator.step(Moment(now_ns, stage, START_NS, vehicle, believed(now_ns)), Peers([]))
+        position, velocity = setpoint.position_m, setpoint.velocity_mps
+        places.append(mission_from_local.apply_point(position))
+    return np.array(places)
+
+
+def radii(places, centre=PLACE):
+    return np.hypot(*(places[:, :2] - np.asarray(centre)[..., :2]).T)
+
+
+def test_a_source_that_is_known_well_is_encircled_nearly_and_low():
+    places = flown(hypothesis)[-200:]
+    assert radii(places) == pytest.approx(np.full(200, 5.2), abs=0.1)
+    assert places[:, 2] == pytest.approx(np.full(200, 2.3), abs=0.02)
+
+
+def test_a_source_that_is_known_badly_is_encircled_from_further_away():
+    assert np.median(radii(flown(lambda now_ns: hypothesis(now_ns, rms_m=5.0))[-200:])) == pytest.approx(10.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "encirclement"), [(None, EncirclementConfig()), (20.0, EncirclementConfig(law="paper"))], ids=["paper", "law"]
+)
+def test_the_baseline_keeps_its_circle(evidence, encirclement):
+    mission = replace(MISSION, encirclement=encirclement)
+    places = flown(lambda now_ns: hypothesis(now_ns, evidence=evidence), mission=mission)[-200:]
+    assert np.median(radii(places)) == pytest.approx(12.0, abs=0.1)
+    assert places[:, 2] == pytest.approx(np.full(200, 3.0), abs=0.02)
+
+
+def test_it_encircles_what_its_own_localisation_sees():
+    sight = Sight(np.array([28.0, 25.0, 0.0]), np.diag([0.01, 0.01, 0.0]))
+    places = flown(lambda now_ns: hypothesis(now_ns, sights={"d1": sight}))[-210:]  # one round at 3 m/s
+    assert places[:, :2].mean(axis=0) == pytest.approx([28.0, 25.0], abs=0.5)
+
+
+def test_the_centre_of_its_circle_stays_over_a_fast_source():
+    """3 m/s, told every half a second and half a second late: without a lead the circle would be 2 m behind."""
+
+    def source(now_ns):
+        return np.array([-10.0 + 3.0 * (now_ns - START_NS) / SECOND, 25.0, 0.0])
+
+    def believed(now_ns):
+        known_ns = now_ns - now_ns % (SECOND // 2) - SECOND // 2
+        return hypothesis(known_ns, velocity=(3.0, 0.0), place=source(known_ns))
+
+    mission = replace(MISSION, area=replace(MISSION.area, fence_margin_m=200.0))
+    places = flown(believed, mission=mission)
+    late = np.arange(len(places))[-220:]  # one round relative to the source
+    relative = places[late, :2] - np.array([source(START_NS + tick * TICK_NS)[:2] for tick in late])
+    assert relative.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.6)
+    speeds = np.hypot(*np.diff(places[:, :2], axis=0).T) * SECOND / TICK_NS
+    assert speeds[200:].max() < MISSION.limits.speed_mps
+
+
+def test_what_was_lost_is_encircled_where_the_posterior_is():
+    places = flown(lambda now_ns: hypothesis(now_ns, rms_m=18.0), seconds=60.0, stage=Stage.REACQUIRE)
+    assert np.median(radii(places[-400:])) == pytest.approx(18.0, abs=0.2)
+
+
+def flown_in(frame_at, seconds: float = 40.0):
+    """The way (T, 2) in the mission frame, by its newest transform, around a source near the fence, 10 m from the area at x = 50.
+
+    frame_at: mission from local, by the time since the start in s.
+    """
+    mission = replace(MISSION, area=replace(MISSION.area, fence_margin_m=10.0))
+    frames = FrameGraph()
+    frames.place("d1", 0, frame_at(0.0))
+    search, informed = Search(mission, "d1", frames, lambda: []), InformedSearch(mission, Prospect(lambda: None))
+    own = own_pose("d1", frames)
+    navigator = Navigator(mission, AT_ONCE, own, frames, search, informed)
+    position, velocity, places = frame_at(0.0).inverse().apply_point((35.0, 25.0, 3.0)), (0.0, 0.0, 0.0), []
+    for tick in range(round(seconds * SECOND / TICK_NS)):
+        now_ns, newest = START_NS + tick * TICK_NS, frame_at(tick * TICK_NS / SECOND)
+        if newest is not frames.mission_from_local("d1", 0):
+            frames.place("d1", 0, newest)
+        vehicle = own.take(replace(state(now_ns, FlightMode.OFFBOARD, position), velocity_mps=velocity))
+        believed = hypothesis(now_ns, rms_m=6.0, place=(54.0, 25.0, 0.0))
+        setpoint, _ = navigator.step(Moment(now_ns, Stage.TRACK, START_NS, vehicle, believed), Peers([]))
+        position, velocity = setpoint.position_m, setpoint.velocity_mps
+        places.append(newest.apply_point(position)[:2])
+    return np.array(places)
+
+
+SURE = Transform(0.3, (5.0, 5.0, 0.0), np.diag([1e-4, 1e-4, 1e-4, 1e-8]))
+UNSURE = Transform(0.3, (5.0, 5.0, 0.0), np.diag([2.0, 2.0, 0.1, 1e-8]))  # 2 m
+SHIFTED = Transform(0.3, (12.0, 5.0, 0.0), SURE.covariance)
+
+
+def test_the_fence_is_nearer_for_a_drone_that_knows_less_of_where_it_is():
+    assert flown_in(lambda _: SURE)[:, 0].max() == pytest.approx(60.0 - 1.5, abs=0.5)
+    assert flown_in(lambda _: UNSURE)[:, 0].max() == pytest.approx(60.0 - 2 * 2.0 - 1.5, abs=0.5)
+
+
+def test_the_fence_stays_in_the_mission_frame_when_the_own_frame_is_corrected():
+    """By 7 m towards the fence, in the midst of the flight: the drone comes back, and flies along the same fence again."""
+    east = flown_in(lambda time_s: SURE if time_s < 30.0 else SHIFTED, seconds=60.0)[:, 0]
+    assert east[:600].max() == pytest.approx(60.0 - 1.5, abs=0.5)
+    assert east[700:].max() == pytest.approx(60.0 - 1.5, abs=0.5)
+
+
+def test_small_corrections_of_the_own_frame_do_not_shake_the_flight():
+    """0.2 m to and fro each second: setpoints move on as smoothly as without, to what the vehicle's limits allow."""
+    other = Transform(0.3, (5.2, 5.0, 0.0), SURE.covariance)
+    places = flown_in(lambda time_s: other if int(time_s) % 2 else SURE)
+    local = [other.inverse() if int(tick * 0.05) % 2 else SURE.inverse() for tick in range(len(places))]
+    told = np.array([frame.apply_point((x, y, 0.0))[:2] for frame, (x, y) in zip(local, places, strict=True)])
+    speeds = np.hypot(*np.diff(told, axis=0).T) * SECOND / TICK_NS
+    assert np.abs(np.diff(speeds)).max() < 0.4  # m/s from tick to tick: 8 m/s2; a setpoint that jumped by 0.2 m would show 4

@@ -1,0 +1,277 @@
+import math
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.navigation.neighbours import WORST_SIGMA_M, Neighbourhood, Self
+from agent.navigation.peers import Peers
+from protocol.entries import Sighting
+from protocol.messages import Plan, Pose, Stage, Status
+
+SECOND = 1_000_000_000
+MISSION = MissionConfig(
+    name="test",
+    area=AreaConfig(polygon_m=((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))),
+    drones=(DroneInMission(id="a"), DroneInMission(id="b", origin_m=(10.0, 0.0, 0.0), yaw_deg=90.0)),
+)
+
+
+def pose(stamp_ns=0, sigma_m=0.1, epoch=0):
+    return Pose(
+        stamp_ns=stamp_ns,
+        drone="b",
+        epoch=epoch,
+        position_m=(1.0, 0.0, 3.0),
+        velocity_mps=(2.0, 0.0, 0.0),
+        quaternion=(1.0, 0.0, 0.0, 0.0),
+        position_sigma_m=sigma_m,
+        yaw_sigma_rad=0.01,
+    )
+
+
+def plan(stamp_ns=0):
+    places = ((1.0, 0.0, 3.0), (1.0, 4.0, 3.0))
+    return Plan(stamp_ns=stamp_ns, drone="b", epoch=0, step_ns=SECOND, positions_m=places)
+
+
+def status(stage):
+    return Status(stamp_ns=0, drone="b", mission="0" * 16, boot="1" * 16, stage=stage)
+
+
+def seen(*messages, now_ns=0, own_sigma_m=0.0):
+    peers = Peers(["b"])
+    for message in messages:
+        assert peers.receive(message, now_ns) is None
+    me = Self(now_ns, 0, own_sigma_m, Transform())
+    return Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION)).around(peers, me)
+
+
+def test_a_plan_is_read_in_the_own_frame():
+    (other,) = seen(pose(), plan(), status(Stage.TRACK), now_ns=SECOND // 2)
+    assert other.takes_part
+    assert other.plan.state(SECOND // 2).position == pytest.approx((8.0, 1.0, 3.0))  # b's (1, 2) turned by 90 degrees
+    assert other.plan.state(SECOND // 2).velocity == pytest.approx((-4.0, 0.0, 0.0))
+
+
+def test_without_a_fresh_plan_it_goes_straight_on():
+    now_ns = 3 * SECOND // 2
+    (other,) = seen(pose(SECOND), plan(), status(Stage.TRACK), now_ns=now_ns)
+    assert other.plan.state(now_ns).position == pytest.approx((10.0, 2.0, 3.0))
+
+
+@pytest.mark.parametrize(
+    ("stage", "flies", "takes_part"),
+    [(Stage.PREFLIGHT, False, None), (Stage.LANDED, False, None), (Stage.RETURN, True, False), (Stage.SURVEY, True, True)],
+)
+def test_who_counts(stage, flies, takes_part):
+    found = seen(pose(), status(stage))
+    assert [other.takes_part for other in found] == ([takes_part] if flies else [])
+
+
+def after_silence(seconds, stage=Stage.TRACK):
+    """b was heard at 0, at x = 1 m of its frame and going on at 2 m/s."""
+    peers, now_ns = Peers(["b"]), round(seconds * SECOND)
+    for message in (pose(), status(stage)):
+        assert peers.receive(message, 0) is None
+    found = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION)).around(peers, Self(now_ns, 0, 0.1, Transform()))
+    return found, now_ns
+
+
+@pytest.mark.parametrize(("seconds", "takes_part"), [(1.5, True), (5.0, False), (19.0, False)])
+def test_a_drone_that_is_heard_no_more_hangs_where_its_autopilot_stopped_it(seconds, takes_part):
+    (other,), now_ns = after_silence(seconds)
+    for later_ns in (now_ns, now_ns + 3 * SECOND):
+        assert other.plan.state(later_ns).position == pytest.approx((10.0, 3.0, 3.0))
+    assert other.plan.measured.velocity == (0.0, 0.0, 0.0)
+    assert other.plan.sigma_m >= 1.0
+    assert other.takes_part is takes_part
+
+
+def test_after_a_while_a_silent_drone_is_forgotten_and_one_on_the_ground_at_once():
+    assert after_silence(21.0)[0] == []
+    assert after_silence(5.0, Stage.LANDED)[0] == []
+
+
+def test_silence_and_unknown_frames():
+    assert seen(pose(), now_ns=0) != []
+    assert seen(status(Stage.TRACK)) == []
+    assert seen(pose(epoch=3), status(Stage.TRACK)) == []
+
+
+@pytest.mark.parametrize(("theirs", "own", "together"), [(0.3, 0.4, 0.5), (80.0, 0.1, WORST_SIGMA_M)])
+def test_errors_of_both_positions_count_but_not_without_limit(theirs, own, together):
+    (other,) = seen(pose(sigma_m=theirs), status(Stage.TRACK), own_sigma_m=own)
+    assert other.plan.sigma_m == pytest.approx(together)
+
+
+# Estimated frames
+
+ESTIMATED = replace(
+    MISSION,
+    drones=(
+        DroneInMission(id="a", localization="rtk"),
+        DroneInMission(id="b", origin_m=(10.0, 0.0, 0.0), localization="slam", origin_sigma_m=1.0, yaw_sigma_deg=180.0),
+    ),
+)
+UNSURE = np.diag([0.5, 0.5, 0.1, 0.01])
+HERE = Transform(covariance=UNSURE)
+NOW_NS = 3 * SECOND
+
+
+def flying_b(epoch=0, shift=(0.0, 0.0)):
+    """b's poses at 10 Hz for three seconds along its x axis at 2 m/s, up to x = 6 m; ``shift``: what it has wrong of itself."""
+    for tick in range(31):
+        x, y = 0.2 * tick + shift[0], shift[1]
+        yield replace(pose(NOW_NS + (tick - 30) * SECOND // 10, epoch=epoch), position_m=(x, y, 3.0))
+    yield replace(status(Stage.TRACK), stamp_ns=NOW_NS)
+
+
+def sights_of_b(mission_from_b, epoch=0, **values):
+    """What a sees of b, five times a second, from the origin of the mission frame, which is its own."""
+    for tick in range(0, 31, 2):
+        x, y, z = mission_from_b.apply_point((0.2 * tick, 0.0, 3.0))
+        distance = float(np.linalg.norm((x, y, z)))
+        yield Sighting(
+            stamp_ns=NOW_NS + (tick - 30) * SECOND // 10, drone="a", mission="0" * 16, boot="1" * 16, sequence=tick, epoch=epoch,
+            target="b", position_m=(0.0, 0.0, 0.0), direction=(x / distance, y / distance, z / distance),
+            direction_sigma_rad=0.03, range_m=distance, range_sigma_m=0.3, **values,
+        )  # fmt: skip
+
+
+def around_a(messages, sights=(), known=None, own=HERE, neighbourhood=None):
+    """Who flies around a. ``known``: b's frame by epoch; ``own``: a's, None while it is not known."""
+    peers, graph = Peers(["b"]), FrameGraph()
+    for epoch, transform in (known or {}).items():
+        graph.place("b", epoch, transform)
+    for message in messages:
+        assert peers.receive(message, message.stamp_ns) is None
+    for sight in sights:
+        peers.see(sight)
+    sigma_m = own.sigmas_at((0.0, 0.0, 0.0))[0] if own is not None else 0.1
+    me = Self(NOW_NS, 0, sigma_m, own)
+    return (neighbourhood or Neighbourhood(ESTIMATED, graph)).around(peers, me)
+
+
+TRUE = Transform(math.pi / 2, (10.0, 0.0, 0.0))  # b's x axis points north: it is at (10, 6)
+WRONG = Transform(math.pi / 2, (10.5, 0.7, 0.0), UNSURE)
+
+
+def test_the_errors_of_both_frames_count():
+    (other,) = around_a(flying_b(), known={0: WRONG})
+    assert other.takes_part
+    assert other.plan.measured.position == pytest.approx((10.5, 6.7, 3.0))
+    assert other.plan.sigma_m == pytest.approx(math.hypot(WRONG.sigmas_at((6.0, 0.0, 3.0))[0], 1.0), abs=1e-3)
+
+
+def test_sights_correct_where_the_frames_put_it_and_make_it_surer():
+    (other,) = around_a(flying_b(), sights_of_b(TRUE), {0: WRONG})
+    assert other.plan.measured.position == pytest.approx((10.0, 6.0, 3.0), abs=0.1)
+    assert other.plan.measured.velocity == pytest.approx((0.0, 2.0, 0.0), abs=1e-9)
+    assert other.plan.sigma_m < 0.4
+
+
+def test_of_a_drone_that_is_wrong_of_itself_the_sights_count_alone():
+    """20 m, and its frame is held to be known well."""
+    sure = Transform(math.pi / 2, (10.0, 0.0, 0.0), np.diag([0.01, 0.01, 0.01, 1e-4]))
+    (other,) = around_a(flying_b(shift=(20.0, 0.0)), sights_of_b(TRUE), {0: sure})
+    assert other.plan.measured.position == pytest.approx((10.0, 6.0, 3.0), abs=0.1)
+
+
+@pytest.mark.parametrize("own", [HERE, None])
+def test_a_drone_whose_frame_is_not_known_is_where_it_is_seen(own):
+    known = {} if own is not None else {0: TRUE}
+    (other,) = around_a(flying_b(), sights_of_b(TRUE), known, own)
+    assert not other.takes_part
+    assert other.plan.state(NOW_NS).position == pytest.approx((10.0, 6.0, 3.0), abs=0.2)
+    assert other.plan.state(NOW_NS).velocity == pytest.approx((0.0, 2.0, 0.0), abs=0.2)
+    assert other.plan.sigma_m < 1.0
+
+
+def test_nor_seen_it_is_near_its_launch_place_while_it_has_not_gone_far():
+    near = [replace(pose(NOW_NS), position_m=(1.0, 2.0, 3.0)), replace(status(Stage.SURVEY), stamp_ns=NOW_NS)]
+    (other,) = around_a(near)
+    assert not other.takes_part
+    assert other.plan.measured.position[:2] == pytest.approx((10.0, 0.0))
+    assert other.plan.sigma_m == pytest.approx(math.hypot(1.0, 1.0, math.hypot(1.0, 2.0)))
+    assert around_a(flying_b(shift=(10.0, 0.0))) == []  # 16 m away from there, in whatever direction
+
+
+@pytest.mark.parametrize("seconds", [4.0, 60.0])
+def test_a_drone_that_is_heard_no_more_is_where_it_is_seen(seconds):
+    """It went on for longer than its autopilot should, and hangs at (10, 15)."""
+    now_ns, peers, graph = NOW_NS + round(seconds * SECOND), Peers(["b"]), FrameGraph()
+    graph.place("b", 0, TRUE)
+    for message in flying_b():
+        assert peers.receive(message, message.stamp_ns) is None
+    for sight in [*sights_of_b(TRUE), *(replace(sight, stamp_ns=sight.stamp_ns + now_ns - NOW_NS) for sight in hanging())]:
+        peers.see(sight)
+    (other,) = Neighbourhood(ESTIMATED, graph).around(peers, Self(now_ns, 0, 0.1, HERE))
+    assert other.plan.state(now_ns + SECOND).position == pytest.approx((10.0, 15.0, 3.0), abs=0.2)
+    assert not other.takes_part
+
+
+def hanging():
+    """What a sees of b that hangs at (10, 15, 3)."""
+    place = (10.0, 15.0, 3.0)
+    distance = float(np.linalg.norm(place))
+    direction = tuple(axis / distance for axis in place)
+    return [replace(sight, direction=direction, range_m=distance) for sight in sights_of_b(TRUE)]
+
+
+def test_a_drone_whose_frame_has_jumped_is_where_it_was_flying():
+    graph = FrameGraph()
+    graph.place("b", 0, TRUE)
+    one = Neighbourhood(ESTIMATED, graph)
+    around_a(flying_b(), neighbourhood=one)
+    jumped = [replace(pose(NOW_NS + SECOND // 10, epoch=1), position_m=(-40.0, 9.0, 3.0))]
+    jumped.append(replace(status(Stage.TRACK), stamp_ns=NOW_NS))
+    (other,) = around_a(jumped, neighbourhood=one)
+    assert other.takes_part
+    assert other.plan.measured.position == pytest.approx((10.0, 6.2, 3.0))
+    assert other.plan.measured.velocity == pytest.approx((0.0, 2.0, 0.0))
+
+
+def test_a_drone_whose_frame_is_not_believed_any_more_stays_where_it_was_held_to_be_with_all_doubt():
+    graph = FrameGraph()
+    graph.place("b", 0, TRUE)
+    one = Neighbourhood(ESTIMATED, graph)
+    around_a(flying_b(), neighbourhood=one)
+    graph.replace_from("b", 0, 0, [(0, None)])
+    (other,) = around_a(flying_b(), neighbourhood=one)
+    assert other.plan.measured.position == pytest.approx((10.0, 6.0, 3.0))
+    assert other.plan.sigma_m == WORST_SIGMA_M
+    (seen,) = around_a(flying_b(), sights_of_b(Transform(math.pi / 2, (30.0, 0.0, 0.0))), neighbourhood=one)
+    assert seen.plan.measured.position == pytest.approx((30.0, 6.0, 3.0), abs=0.5)  # its frame was 20 m wrong
+
+
+def flown(apart_m, seconds, hood, peers, since_s=0.0):
+    """b flies along its plans, apart from them to its side; what is believed of it in the end."""
+    found = []
+    for tick in range(round(10 * seconds)):
+        now_ns = round((since_s + 0.1 * tick) * SECOND)
+        y = 0.1 * tick
+        ahead = ((0.0, y, 3.0), (0.0, y + 4.0, 3.0))
+        peers.receive(replace(plan(now_ns), positions_m=ahead, step_ns=4 * SECOND), now_ns)
+        peers.receive(replace(pose(now_ns), position_m=(apart_m, y, 3.0)), now_ns)
+        found = hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
+    return found[0].plan.deviation_m
+
+
+def test_how_a_peer_deviates_from_its_plans_is_seen():
+    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION))
+    assert flown(1.2, 40.0, hood, peers) == pytest.approx(1.2, abs=0.05)
+    assert flown(0.1, 40.0, hood, peers, since_s=40.0) == pytest.approx(0.1, abs=0.15)
+
+
+def test_a_jump_of_its_frame_is_no_deviation():
+    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION))
+    before = flown(0.1, 40.0, hood, peers)
+    for tick in range(20):
+        now_ns = round((40.0 + 0.1 * tick) * SECOND)
+        peers.receive(replace(pose(now_ns, epoch=1), position_m=(50.0, 0.0, 3.0)), now_ns)
+        found = hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
+    assert all(other.plan.deviation_m == pytest.approx(before) for other in found)

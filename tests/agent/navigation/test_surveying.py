@@ -1,0 +1,217 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from shapely import LineString, Polygon
+
+from agent.config.mission import AreaConfig, DroneInMission, EncirclementConfig, MissionConfig, SurveyConfig
+from agent.frames.graph import FrameGraph
+from agent.fusion.estimator import Outlook
+from agent.navigation.surveying import COVERAGE_S, CoverageLog, InformedSearch, Prospect, Search, conclusion
+from protocol.entries import Coverage
+
+SQUARE = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
+MISSION = MissionConfig(
+    name="test",
+    area=AreaConfig(polygon_m=SQUARE),
+    survey=SurveyConfig(lane_spacing_m=10.0, speed_mps=4.0),
+    drones=(DroneInMission(id="a"), DroneInMission(id="b", origin_m=(40.0, 0.0, 0.0), yaw_deg=90.0)),
+)
+STEP_S = 0.2
+
+
+def coverage(drone, path, stamp_ns=0, epoch=0):
+    return Coverage(
+        stamp_ns=stamp_ns,
+        drone=drone,
+        mission=MISSION.mission_id,
+        boot="0" * 16,
+        sequence=stamp_ns,
+        epoch=epoch,
+        path_m=tuple((float(x), float(y)) for x, y in path),
+        swath_m=10.0,
+    )
+
+
+@pytest.fixture
+def log():
+    return []
+
+
+@pytest.fixture
+def search(log):
+    return Search(MISSION, "a", FrameGraph.from_launch_layout(MISSION), lambda: log)
+
+
+def fly(search, active, start, seconds):
+    """Where a drone goes that follows exactly."""
+    track = [start]
+    for _ in range(round(seconds / STEP_S)):
+        positions, _ = search.reference(active, track[-1], 5, STEP_S)
+        track.append((float(positions[1, 0]), float(positions[1, 1])))
+    return np.array(track)
+
+
+def unseen_m2(*tracks):
+    rest = Polygon(SQUARE)
+    for track in tracks:
+        rest = rest.difference(LineString(track).buffer(5.0))
+    return rest.area
+
+
+def test_alone_it_covers_everything(search):
+    assert unseen_m2(fly(search, ["a"], (0.0, 0.0), 60.0)) < 0.02 * 1600
+
+
+def test_two_share_and_the_survivor_takes_over_what_is_left(search, log):
+    mine = fly(search, ["a", "b"], (0.0, 0.0), 15.0)
+    assert mine[:, 0].max() < 21.0
+    log.append(coverage("a", mine))
+    assert unseen_m2(mine, fly(search, ["a"], tuple(mine[-1]), 60.0)) < 0.02 * 1600
+
+
+def test_coverage_of_others_is_read_in_their_own_frame(search, log):
+    """b's frame is turned by 90 degrees: its (y, x) is what a has before it."""
+    mine = fly(search, ["a", "b"], (0.0, 0.0), 1.0)
+    flown = [(0.0, 35.0), (30.0, 35.0)]  # in b's frame; in the mission frame from (5, 0) to (5, 30)
+    log.append(coverage("b", flown))
+    after = fly(search, ["a"], tuple(mine[-1]), 8.0)
+    assert after[-1, 0] > 10.0  # nothing to do in the strip that b has seen
+
+
+def test_coverage_in_an_unknown_frame_waits(search, log):
+    log.append(coverage("b", [(0.0, 0.0), (100.0, 100.0)], epoch=7))
+    assert unseen_m2(fly(search, ["a"], (0.0, 0.0), 60.0)) < 0.02 * 1600
+
+
+def test_at_the_end_of_its_path_it_flies_what_nobody_has_covered(search, log):
+    """A hole between two drones that had divided by different logs does not stay."""
+    mine = fly(search, ["a", "b"], (0.0, 0.0), 30.0)
+    log.append(coverage("a", mine))
+    log.append(coverage("b", [(0.0, 15.0), (20.0, 15.0)]))  # b saw x = 20..30 up to y = 20 and then no more
+    later = fly(search, ["a", "b"], tuple(mine[-1]), 60.0)
+    seen_by_b = np.array([(25.0, 0.0), (25.0, 20.0)])
+    before, after = unseen_m2(mine, seen_by_b), unseen_m2(mine, seen_by_b, later)
+    assert before > 400.0
+    assert after < 0.6 * before  # its fair half of the rest
+
+
+def test_it_starts_again_when_all_is_covered(search, log):
+    log.append(coverage("a", [(x, y) for k, x in enumerate(range(0, 41, 5)) for y in ((0, 40) if k % 2 == 0 else (40, 0))]))
+    assert unseen_m2(fly(search, ["a"], (0.0, 0.0), 60.0)) < 0.02 * 1600
+
+
+def test_coverage_is_reported_every_few_seconds_without_a_gap():
+    log, reports = CoverageLog(10.0), []
+    for tick in range(400):
+        report = log.add(tick * 50_000_000, 0, (0.15 * tick, 0.0))
+        if report is not None:
+            reports.append(report)
+    assert len(reports) == int(20.0 / COVERAGE_S) - 1
+    assert all(before[2][-1] == after[2][0] for before, after in pairwise(reports))
+
+
+def test_coverage_does_not_lead_from_one_frame_into_another():
+    """The localisation jumps by 100 m after 3 s: each part is told in the epoch in which it was flown."""
+    log, reports = CoverageLog(10.0), []
+    for tick in range(200):
+        jumped = tick >= 60
+        report = log.add(tick * 50_000_000, int(jumped), (0.15 * tick + 100.0 * jumped, 0.0))
+        if report is not None:
+            reports.append(report)
+    assert [epoch for _, epoch, _ in reports] == [0, 1]
+    (before_ns, _, before), (after_ns, _, after) = reports
+    assert (before_ns, after_ns) == (0, 3_000_000_000)
+    assert max(x for x, _ in before) < 9.0
+    assert min(x for x, _ in after) == 109.0
+
+
+X, Y = np.meshgrid(np.arange(1.0, 40.0, 2.0), np.arange(1.0, 40.0, 2.0))
+PLACES = np.column_stack((X.ravel(), Y.ravel()))
+
+
+def outlook(weight=None, none=0.5, excluded_bq=None):
+    weight = np.ones(len(PLACES)) if weight is None else weight
+    return Outlook(PLACES, (1.0 - none) * weight / weight.sum(), np.full(len(PLACES), 1e9), none, excluded_bq)
+
+
+def informed(known, mission=MISSION):
+    return InformedSearch(mission, Prospect(lambda: known))
+
+
+def led(search, seconds, position=(20.0, 2.0)):
+    """Where a drone comes to that follows the reference exactly, and the fastest it goes."""
+    velocity, fastest = (0.0, 0.0), 0.0
+    for tick in range(round(seconds / STEP_S)):
+        found = search.reference(tick * int(STEP_S * 1e9), position, velocity, [], 20, STEP_S)
+        positions, velocities = found
+        assert positions.shape == velocities.shape == (21, 2)
+        assert np.diff(positions, axis=0) == pytest.approx(velocities[:-1] * STEP_S)
+        fastest = max(fastest, float(np.hypot(*velocities.T).max()))
+        velocity, position = tuple(velocities[0].tolist()), tuple(positions[1].tolist())
+    return position, fastest
+
+
+def test_it_flies_to_what_is_probable_at_the_searchs_speed_and_waits_there():
+    near = np.exp(-((PLACES[:, 0] - 30.0) ** 2 + (PLACES[:, 1] - 33.0) ** 2) / 20.0)
+    position, fastest = led(informed(outlook(near)), 15.0)
+    assert np.hypot(position[0] - 30.0, position[1] - 33.0) < 4.0
+    assert fastest == pytest.approx(MISSION.survey.search_speed_mps)
+
+
+@pytest.mark.parametrize(
+    "mission",
+    [
+        replace(MISSION, survey=SurveyConfig(strategy="lanes")),
+        replace(MISSION, encirclement=EncirclementConfig(law="paper")),
+        replace(MISSION, area=AreaConfig(polygon_m=((0.0, 0.0), (400.0, 0.0), (400.0, 300.0), (0.0, 300.0)))),
+    ],
+    ids=["strategy", "law", "area"],
+)
+def test_lanes_are_flown_where_they_are_asked_for(mission):
+    assert informed(outlook(), mission).reference(0, (1.0, 1.0), (0.0, 0.0), [], 20, STEP_S) is None
+
+
+def test_lanes_are_flown_without_an_outlook():
+    assert informed(None).reference(0, (1.0, 1.0), (0.0, 0.0), [], 20, STEP_S) is None
+
+
+def test_its_way_goes_around_the_corner_of_an_area():
+    corner = ((0.0, 0.0), (40.0, 0.0), (40.0, 12.0), (12.0, 12.0), (12.0, 40.0), (0.0, 40.0))
+    mission = replace(MISSION, area=AreaConfig(polygon_m=corner))
+    upper = ((PLACES[:, 0] < 10.0) & (PLACES[:, 1] > 30.0)).astype(float)
+    search = informed(outlook(upper), mission)
+    position, inside = (38.0, 6.0), Polygon(corner).buffer(0.5)
+    for tick in range(60):
+        positions, _ = search.reference(tick * int(STEP_S * 1e9), position, (0.0, 0.0), [], 20, STEP_S)
+        assert inside.covers(LineString(positions))
+        position = tuple(positions[1].tolist())
+    assert position[1] > 25.0
+
+
+def test_the_outlook_is_asked_for_once_a_second():
+    asked = []
+    prospect = Prospect(lambda: asked.append(1) or outlook())
+    for tick in range(100):
+        prospect.at(1_000_000_000 * tick // 20)
+    assert len(asked) == 5
+
+
+@pytest.mark.parametrize(
+    ("survey", "searched_s", "known", "words"),
+    [
+        (SurveyConfig(least_activity_bq=1e8), 60.0, outlook(excluded_bq=1.2e8), ""),
+        (SurveyConfig(least_activity_bq=1e8), 60.0, outlook(), ""),
+        (SurveyConfig(least_activity_bq=1e8), 1e6, None, ""),
+        (SurveyConfig(least_activity_bq=1e8), 60.0, outlook(excluded_bq=8e7), "a source of 8e+07 Bq or more is excluded"),
+        (SurveyConfig(least_activity_bq=None), 1e6, outlook(excluded_bq=3e7), ""),
+        (SurveyConfig(duration_s=300.0), 299.0, outlook(excluded_bq=8e8), ""),
+        (SurveyConfig(duration_s=300.0), 300.0, outlook(excluded_bq=8e8), "a source of 8e+08 Bq or more is excluded"),
+        (SurveyConfig(duration_s=300.0), 300.0, None, "nothing found in 300 s; no activity can be excluded"),
+    ],
+)
+def test_the_search_ends_with_what_would_have_been_found(survey, searched_s, known, words):
+    found = conclusion(survey, searched_s, known)
+    assert bool(found) == bool(words)
+    assert words in found

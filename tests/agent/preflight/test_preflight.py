@@ -1,0 +1,127 @@
+"""``radron-agent preflight`` finds what ``run`` would refuse, and says what to do."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from live_agents import Agent, write_configs
+
+from agent.mission.memory import Memory
+from agent.preflight.check import Preflight
+from agent.shell.overrides import load_drone
+from agent.shell.statestore import State, StateFile
+from agent.vehicle.interface import Finding
+from protocol.messages import Stage
+
+
+def command(folder: Path) -> subprocess.CompletedProcess[str]:
+    """The command, which waits for nothing that is not yet ready."""
+    tool = str(Path(sys.executable).parent / "radron-agent")
+    return subprocess.run(
+        [tool, "preflight", "--config", str(folder / "d1.toml"), "--wait", "0"],
+        capture_output=True, text=True, timeout=60.0, check=False, env={**os.environ, "COLUMNS": "400"},
+    )  # fmt: skip
+
+
+def finding(folder: Path, name: str, **environment: str) -> Finding:
+    """A finding, once it is more than "not yet"."""
+    check = Preflight(*load_drone(folder / "d1.toml", environment))
+
+    def found() -> Finding:
+        return next(finding for finding in check.findings if finding.name == name)
+
+    async def look() -> None:
+        running = asyncio.create_task(check.run(60.0, lambda findings: None))
+        while found().verdict == "not yet":
+            assert not running.done()
+            await asyncio.sleep(0.02)
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+    asyncio.run(look())
+    return found()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_configs(tmp_path, 2, connect_timeout_s=0.2)
+    return tmp_path
+
+
+def test_an_unknown_nuclide(folder: Path) -> None:
+    mission = folder / "mission.toml"
+    mission.write_text('nuclide = "Xx-1"\n' + mission.read_text())
+    told = command(folder)
+    assert told.returncode == 1
+    (text,) = (line.split("│")[3].strip() for line in told.stdout.splitlines() if line.startswith("│ mission"))
+    assert text.startswith("nuclide 'Xx-1'")
+    agent = Agent(folder, "d1")
+    try:
+        assert agent.ended(20.0) == 2
+        assert f"radron-agent: {text}" in agent.log.splitlines()
+    finally:
+        agent.close()
+
+
+def test_folders_that_take_no_files(folder: Path) -> None:
+    (folder / "taken").write_text("a file")
+    state = finding(folder, "state", RADRON_STATE=str(folder / "taken/state"))
+    assert (state.verdict, state.text) == ("failed", f"{folder}/taken/state: cannot be written to: Not a directory")
+    records = finding(folder, "flight records", RADRON_RECORDER__FOLDER=str(folder / "taken"))
+    assert (records.verdict, records.text) == ("failed", f"{folder}/taken: cannot be written to: File exists")
+
+
+def test_a_file_in_the_states_place_is_named_and_stays(folder: Path) -> None:
+    (folder / "state").mkdir()
+    (folder / "state/d1.json").write_text("[my notes]")
+    state = finding(folder, "state")
+    assert state.verdict == "failed"
+    assert f"{folder}/state/d1.json is not a readable state file" in state.text
+    assert (folder / "state/d1.json").read_text() == "[my notes]"
+
+
+def test_the_state_of_another_mission_is_named(folder: Path) -> None:
+    memory = Memory(mission="0" * 16, stamp_ns=5, started_ns=3, stage=Stage.SURVEY, resume=Stage.SURVEY, home_m=None)
+    StateFile(str(folder / "state"), "d1").save(State(memory=memory))
+    state = finding(folder, "state")
+    assert state.verdict == "ok"
+    assert "of another mission, 0000000000000000" in state.text
+
+
+def test_a_drone_without_a_camera_is_not_ready(folder: Path) -> None:
+    camera = finding(folder, "camera")
+    assert camera.verdict == "failed"
+    assert camera.text == 'no camera (detector.driver = "none"): this drone measures nothing and cannot search'
+
+
+def test_the_address_of_another_computer(folder: Path) -> None:
+    mesh = finding(folder, "mesh", RADRON_MESH__LISTEN="tcp/192.0.2.1:7447")  # RFC 5737: nobody's
+    assert mesh.verdict == "failed"
+    assert mesh.text.startswith("mesh.listen: 'tcp/192.0.2.1:7447' is not an address of this computer")
+
+
+def test_a_serial_device_that_is_not_there(folder: Path) -> None:
+    missing = finding(folder, "autopilot", RADRON_VEHICLE__ADDRESS="serial:///dev/ttyACM77:57600")
+    assert missing.verdict == "failed"
+    assert missing.text.startswith("serial:///dev/ttyACM77:57600: there is no device /dev/ttyACM77; ")
+    none = finding(folder, "autopilot", RADRON_VEHICLE__ADDRESS=f"serial://{folder}/mission.toml:57600")
+    assert none.text.endswith("/mission.toml is no serial device")
+
+
+def test_a_serial_device_that_this_user_may_not_open(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = pty.openpty()
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may open anything
+    monkeypatch.setattr(Path, "group", lambda path: "dialout")
+    try:
+        refused = finding(folder, "autopilot", RADRON_VEHICLE__ADDRESS=f"serial://{os.ttyname(theirs)}:57600")
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert "no permission to open /dev/pts/" in refused.text
+    assert "add this user to the group dialout" in refused.text

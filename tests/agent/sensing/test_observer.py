@@ -1,0 +1,191 @@
+from itertools import count, pairwise
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from scipy.spatial.transform import Rotation
+
+from agent.config.drone import DroneConfig
+from agent.detector.detection import ConeEvent, Detections
+from agent.localization.history import PoseHistory
+from agent.sensing.observer import EXPOSURE_NS, LATE_NS, MOST_POSES, MUTE_S, SILENT_S, Observer
+from agent.vehicle.interface import FlightMode, VehicleState
+from protocol.codec import encode
+from protocol.entries import Cone, Counts, Exposure
+
+SECOND = 1_000_000_000
+START_NS = 1_800_000_000 * SECOND
+CAMERA_RPY_DEG = (10.0, -70.0, 35.0)
+
+
+def telemetry(stamp_ns, position, rotation, sign=1.0):
+    x, y, z, w = (sign * rotation.as_quat()).tolist()
+    return VehicleState(
+        stamp_ns=stamp_ns, epoch=0, position_m=position, velocity_mps=(0.0, 0.0, 0.0), quaternion=(w, x, y, z), height_m=8.0,
+        position_sigma_m=0.3, yaw_sigma_rad=0.02, mode=FlightMode.OFFBOARD, armed=True, in_air=True, healthy=True,
+    )  # fmt: skip
+
+
+def observer_with(history, **camera):
+    return Observer(DroneConfig(id="a", **camera), "0" * 16, "1" * 16, history, count(1))
+
+
+def cone_event(stamp_ns, axis):
+    pair = np.array((0.4, 1.1))
+    return ConeEvent(stamp_ns, np.array((axis, -axis)), pair, pair / 10.0, np.array((0.7, 0.3)), (300.0, 361.66), (5.0, 5.0), 2.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])  # the two quaternions of one attitude
+def test_a_cone_is_turned_by_camera_and_attitude_at_its_own_time(sign):
+    history = PoseHistory()
+    observer = observer_with(history, camera_rpy_deg=CAMERA_RPY_DEG)
+    history.add(telemetry(SECOND, (1.0, 2.0, 8.0), Rotation.from_euler("ZYX", (50.0, 4.0, -3.0), degrees=True)))
+    history.add(telemetry(2 * SECOND, (3.0, 6.0, 9.0), Rotation.from_euler("ZYX", (54.0, 4.0, -3.0), degrees=True), sign))
+    axis = np.array((0.48, -0.6, 0.64))
+    (cone,) = observer.observe(Detections(SECOND, SECOND + 1, 0.1, cones=(cone_event(3 * SECOND // 2, axis),)))
+    assert isinstance(cone, Cone)
+    assert cone.apex_m == pytest.approx((2.0, 4.0, 8.5))
+    attitude = Rotation.from_euler("ZYX", (52.0, 4.0, -3.0), degrees=True)
+    expected = (attitude * Rotation.from_euler("xyz", CAMERA_RPY_DEG, degrees=True)).apply(axis)
+    np.testing.assert_allclose(cone.orders[0].axis, expected, atol=1e-12)
+    np.testing.assert_allclose(cone.orders[1].axis, -expected, atol=1e-12)
+    assert [order.probability for order in cone.orders] == [0.7, 0.3]
+
+
+def test_counts_add_up_to_exposures():
+    history = PoseHistory()
+    observer = observer_with(history)
+    history.add(telemetry(0, (0.0, 0.0, 8.0), Rotation.identity()))
+    step = SECOND // 5
+    stretches = [Detections(k * step, (k + 1) * step, 0.19, hits=k, photopeak=1, coincidences=2) for k in range(6)]
+    exposures = [entry for stretch in stretches for entry in observer.observe(stretch)]
+    assert all(isinstance(entry, Exposure) for entry in exposures)
+    assert [(entry.stamp_ns, entry.end_ns) for entry in exposures] == [(0, 3 * step), (3 * step, 6 * step)]
+    assert [(e.counts.hits, e.counts.photopeak, e.counts.coincidences) for e in exposures] == [(3, 3, 6), (12, 3, 6)]
+    assert [entry.live_time_s for entry in exposures] == pytest.approx([0.57, 0.57])
+
+
+def test_a_readout_of_seconds_makes_an_entry_that_can_be_sent():
+    """A log entry may have 2 kB: 50 poses at 10 Hz would not fit."""
+    history = PoseHistory()
+    observer = observer_with(history)
+    for tick in range(51):
+        history.add(telemetry(START_NS + tick * SECOND // 10, (9999.1, 0.1 * tick, 8.3), Rotation.identity()))
+    (exposure,) = observer.observe(Detections(START_NS, START_NS + 5 * SECOND, 4.9, hits=7))
+    assert len(encode(exposure)) <= 2048
+    assert len(exposure.poses) == MOST_POSES
+    assert 4.6 * SECOND < exposure.poses[-1].offset_ns < 5 * SECOND
+
+
+def test_where_a_drone_is_whose_camera_is_silent():
+    """Nothing while the camera works; then what it told of last, and poses without live time, up to what it may still tell."""
+    history = PoseHistory()
+    observer, step = observer_with(history), SECOND // 10
+    seen, unseen = [], []
+    for tick in range(1, 101):
+        now_ns = START_NS + tick * step
+        history.add(telemetry(now_ns - step, (0.1 * tick, 0.0, 8.0), Rotation.identity()))
+        if tick <= 42:
+            seen += observer.observe(Detections(now_ns - step, now_ns, 0.09, hits=3))
+        unseen += observer.unseen(now_ns)
+        if tick <= 42:
+            assert not unseen
+    last, *rest = unseen
+    assert (last.stamp_ns, last.end_ns, last.counts.hits) == (seen[-1].end_ns, START_NS + 42 * step, 6)
+    assert all(before.end_ns == after.stamp_ns for before, after in pairwise(unseen))
+    assert {(exposure.live_time_s, exposure.counts) for exposure in rest} == {(0.0, Counts(0, 0, 0))}
+    assert now_ns - LATE_NS - EXPOSURE_NS < rest[-1].end_ns <= now_ns - LATE_NS
+    late = Detections(rest[-1].end_ns, rest[-1].end_ns + EXPOSURE_NS, 0.4, hits=5)
+    (again,) = observer.observe(late)
+    assert (again.counts.hits, again.live_time_s) == (5, 0.4)
+
+
+def test_zeros_of_a_dead_camera_are_no_absence_of_a_source():
+    """From MUTE_S without a hit on there are poses but no live time, from SILENT_S on the operator knows; a hit ends both."""
+    history = PoseHistory()
+    observer, step = observer_with(history), SECOND // 5
+    entries = []
+    for tick in range(1, 176):
+        now_ns = START_NS + tick * step
+        history.add(telemetry(now_ns - step, (0.1 * tick, 0.0, 8.0), Rotation.identity()))
+        hits = 1 if tick <= 25 or tick > 150 else 0  # the last one after 5 s, the next after 30 s
+        entries += [*observer.observe(Detections(now_ns - step, now_ns, 0.2, hits=hits)), *observer.unseen(now_ns)]
+        silent_s = 0.2 * (tick - 25)
+        if silent_s < SILENT_S - 0.3 or hits:
+            assert observer.problems == ()
+        elif silent_s > SILENT_S + 0.3:
+            assert len(observer.problems) == 1
+            assert "no hit for 20 s" in observer.problems[0]
+    assert all(before.end_ns <= after.stamp_ns for before, after in pairwise(entries))
+    mute_from_ns, heard_from_ns = START_NS + int((5.0 + MUTE_S) * SECOND), START_NS + 30 * SECOND
+    for entry in entries:
+        if entry.end_ns <= mute_from_ns - SECOND or entry.stamp_ns >= heard_from_ns:
+            assert entry.live_time_s == pytest.approx((entry.end_ns - entry.stamp_ns) * 1e-9)
+        elif entry.end_ns > mute_from_ns:
+            assert (entry.live_time_s, entry.counts) == (0.0, Counts(0, 0, 0))
+    mute = [entry for entry in entries if mute_from_ns < entry.end_ns <= heard_from_ns]
+    assert sum(entry.end_ns - entry.stamp_ns for entry in mute) > (30 - 15) * SECOND - LATE_NS - SECOND
+    assert entries[-1].counts.hits > 0
+    assert observer.dropped == 0
+
+
+def test_a_camera_that_never_had_a_hit_is_told_of_even_before_anybody_knows_where_it_is():
+    observer = observer_with(PoseHistory())
+    for second in range(21):
+        observer.observe(Detections(second * SECOND, (second + 1) * SECOND, 1.0))
+    assert len(observer.problems) == 1
+
+
+def test_dead_time_is_not_silence(observer):
+    for second in range(60):
+        observer.observe(Detections(second * SECOND, (second + 1) * SECOND, 0.1))
+    assert observer.problems == ()
+
+
+@pytest.fixture
+def history():
+    history = PoseHistory()
+    history.add(telemetry(0, (0.0, 0.0, 8.0), Rotation.identity()))
+    return history
+
+
+@pytest.fixture
+def observer(history):
+    return observer_with(history)
+
+
+def stretch(start_s, end_s, live_s=None, hits=1):
+    return Detections(int(start_s * SECOND), int(end_s * SECOND), end_s - start_s if live_s is None else live_s, hits=hits)
+
+
+def test_an_exposure_ends_at_a_gap(observer):
+    assert observer.observe(stretch(0.0, 0.2)) == []
+    (exposure,) = observer.observe(stretch(30.0, 30.2))
+    assert (exposure.stamp_ns, exposure.end_ns, exposure.counts.hits) == (0, SECOND // 5, 1)
+    (after,) = observer.observe(stretch(30.2, 30.6))
+    assert (after.stamp_ns, after.counts.hits) == (30 * SECOND, 2)
+
+
+@pytest.mark.parametrize("bad", [stretch(0.1, 0.3), stretch(0.2, 9.0), stretch(0.4, 0.3)])
+def test_stretches_that_cannot_be_placed_are_dropped_and_counted(observer, bad):
+    observer.observe(stretch(0.0, 0.2))
+    assert observer.observe(bad) == []
+    assert observer.dropped == 1
+    (exposure,) = observer.observe(stretch(0.2, 0.6))
+    assert (exposure.stamp_ns, exposure.counts.hits) == (0, 2)
+
+
+def test_live_time_is_never_longer_than_the_exposure(observer):
+    (exposure,) = observer.observe(stretch(0.0, 0.6, live_s=0.7))
+    assert exposure.live_time_s == pytest.approx(0.6)
+
+
+def test_exposures_are_split_where_the_epoch_changes(observer, history):
+    observer.observe(stretch(0.0, 0.2))
+    state = telemetry(SECOND // 10 * 3, (50.0, 50.0, 8.0), Rotation.identity())
+    history.add(replace(state, epoch=1))
+    (before,) = observer.observe(stretch(0.3, 0.5))
+    (after,) = observer.observe(stretch(0.5, 0.9))
+    assert (before.epoch, after.epoch) == (0, 1)
+    assert {sample.position_m for sample in before.poses} == {(0.0, 0.0, 8.0)}
+    assert {sample.position_m for sample in after.poses} == {(50.0, 50.0, 8.0)}

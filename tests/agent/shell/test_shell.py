@@ -1,0 +1,103 @@
+"""Small parts of the agent's shell: logs that never block, state that survives, contained exceptions."""
+
+import asyncio
+import json
+import os
+from pathlib import Path
+
+import pytest
+import structlog
+
+from agent.mission.memory import Memory
+from agent.shell import faultbarrier
+from agent.shell.faultbarrier import FaultBarrier
+from agent.shell.logs import Logger, UnblockingStream
+from agent.shell.statestore import State, StateFile, StateStore
+from agent.vehicle.interface import LaunchPlace
+from protocol.messages import Stage
+
+STATE = State(
+    memory=Memory(mission="0" * 16, stamp_ns=5, started_ns=3, stage=Stage.SURVEY, resume=Stage.SURVEY, home_m=(1.0, 2.0, 3.0)),
+    launch=LaunchPlace(
+        north_m=1.5, east_m=-2.5, down_m=0.25, origin_latitude_deg=47.4, origin_longitude_deg=8.5, origin_altitude_m=488.0
+    ),
+)
+
+
+@pytest.fixture
+def log() -> Logger:
+    """A logger that shows nothing."""
+    capture = structlog.testing.LogCapture()
+    return structlog.wrap_logger(None, processors=[capture], wrapper_class=structlog.make_filtering_bound_logger(0))
+
+
+def test_a_log_that_nobody_reads_does_not_stop_the_writer() -> None:
+    reader, writer = os.pipe()
+    try:
+        stream = UnblockingStream(writer)
+        for _ in range(1000):  # 1 MB: sixteen times what the pipe holds
+            assert stream.write("x" * 1000) == 1000
+        held = os.read(reader, 1 << 20)
+        assert 4096 <= len(held) < 1_000_000
+        stream.write("again\n")
+        assert os.read(reader, 1 << 20) == b"again\n"
+    finally:
+        os.close(reader)
+        os.close(writer)
+
+
+def test_state_survives(tmp_path: Path, log: Logger) -> None:
+    async def save() -> None:
+        store = StateStore(str(tmp_path / "state"), "d1", log)
+        assert store.load() == State()
+        store.save(STATE)
+        store.save(State())  # while the first is being written: it comes again with the next look
+        while not (tmp_path / "state/d1.json").exists():
+            await asyncio.sleep(0.01)
+
+    asyncio.run(save())
+    assert StateStore(str(tmp_path / "state"), "d1", log).load() == STATE
+    assert json.loads((tmp_path / "state/d1.json").read_text())["memory"]["stage"] == "survey"
+
+
+def test_a_damaged_state_is_no_state(tmp_path: Path, log: Logger) -> None:
+    StateFile(str(tmp_path), "d1").save(STATE)
+    path = tmp_path / "d1.json"
+    path.write_bytes(path.read_bytes()[:-20])
+    assert StateStore(str(tmp_path), "d1", log).load() == State()
+
+
+def test_a_folder_that_takes_no_state_is_a_problem_and_no_failure(tmp_path: Path, log: Logger) -> None:
+    (tmp_path / "taken").write_text("a file where the folder should be")
+
+    async def save() -> str | None:
+        store = StateStore(str(tmp_path / "taken"), "d1", log)
+        store.save(State())  # on the ground, where there is still time to mend it
+        while store.problem is None:
+            await asyncio.sleep(0.01)
+        return store.problem
+
+    problem = asyncio.run(asyncio.wait_for(save(), 5.0))
+    assert problem is not None
+    assert problem.startswith("state not saved (")
+
+
+def test_a_handler_that_fails_ends_nothing(log: Logger) -> None:
+    barrier = FaultBarrier(log)
+    divide = barrier.call("numbers", lambda divisor: 6 // divisor, -1)
+    assert [divide(3), divide(0), divide(0), divide(2)] == [2, -1, -1, 3]
+    assert barrier.failures == {"numbers": 2}
+    assert barrier.problems == ("internal error in the handling of numbers: see the agent's log",)
+
+
+def test_work_that_fails_is_done_anew(log: Logger, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(faultbarrier, "AGAIN_S", 0.0)
+    attempts: list[int] = []
+
+    async def work() -> None:
+        attempts.append(len(attempts))
+        if len(attempts) < 3:
+            raise ValueError("not yet")
+
+    asyncio.run(asyncio.wait_for(FaultBarrier(log).work("work", work), 5.0))
+    assert attempts == [0, 1, 2]

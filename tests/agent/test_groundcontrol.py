@@ -1,0 +1,137 @@
+"""An operator's command over a real mesh, to stand-ins that publish statuses and obey, or do not."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+
+import pytest
+from live_agents import free_ports
+
+from agent import groundcontrol
+from agent.groundcontrol import CommandError, Order
+from protocol.codec import decode, encode
+from protocol.keys import key_of
+from protocol.messages import Action, Command, Stage, Status
+from protocol.session import Mesh, MeshConfig
+
+MISSION = "0123456789abcdef"
+
+
+class Drone:
+    """Says what it is, and starts when told to unless it is ``lame``."""
+
+    def __init__(
+        self, name: str, mission: str = MISSION, problems: tuple[str, ...] = (), lame: bool = False, ahead_s: float = 0.0
+    ) -> None:
+        self.name = name
+        self.ahead_s = ahead_s
+        self.mission = mission
+        self.problems = problems
+        self.lame = lame
+        self.stage = Stage.PREFLIGHT
+        self.commands: list[Command] = []
+        self.endpoint = f"tcp/127.0.0.1:{free_ports(1)[0]}"
+
+    def receive(self, key: str, payload: bytes) -> None:
+        message = decode(payload)
+        if isinstance(message, Command) and (not message.drones or self.name in message.drones):
+            self.commands.append(message)
+            if not self.lame:
+                self.stage = Stage.TAKEOFF if message.action is Action.START else Stage.HOLD
+
+    async def tell(self, mesh: Mesh) -> None:
+        while True:
+            status = Status(
+                stamp_ns=time.time_ns() + round(self.ahead_s * 1e9), drone=self.name, mission=self.mission, boot="0" * 16,
+                stage=self.stage, problems=self.problems,
+            )  # fmt: skip
+            mesh.publish(key_of("test", status), encode(status))
+            await asyncio.sleep(0.1)
+
+    @asynccontextmanager
+    async def running(self, dial: tuple[str, ...]) -> AsyncIterator[None]:
+        mesh = await Mesh.open(MeshConfig(listen=self.endpoint, connect=dial), "test", self.name, receive=self.receive)
+        telling = asyncio.create_task(self.tell(mesh))
+        try:
+            yield
+        finally:
+            telling.cancel()
+            await mesh.close()
+
+
+@pytest.fixture(autouse=True)
+def _quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(groundcontrol, "LISTEN_S", 1.5)
+    monkeypatch.setattr(groundcontrol, "FIND_S", 3.0)
+    monkeypatch.setattr(groundcontrol, "OBEY_S", 2.0)
+
+
+def order(action: Action, *drones: Drone, only: tuple[str, ...] = (), anyway: bool = False) -> list[str]:
+    """Carry out an order to running drones; what was said."""
+    said: list[str] = []
+
+    async def run() -> None:
+        async with AsyncExitStack() as stack:
+            endpoints: tuple[str, ...] = ()
+            for drone in drones:
+                await stack.enter_async_context(drone.running(endpoints))
+                endpoints += (drone.endpoint,)
+            await groundcontrol.command(Order(action, "test", endpoints, only, anyway), said.append)
+
+    asyncio.run(run())
+    return said
+
+
+def refused(action: Action, *drones: Drone, only: tuple[str, ...] = (), anyway: bool = False) -> str:
+    with pytest.raises(CommandError) as caught:
+        order(action, *drones, only=only, anyway=anyway)
+    return str(caught.value)
+
+
+def test_a_swarm_is_started() -> None:
+    d1, d2 = Drone("d1"), Drone("d2")
+    assert order(Action.START, d1, d2) == ["start: to d1, d2", "start: d1 takeoff, d2 takeoff"]
+    assert d1.commands[0].mission == MISSION
+
+
+def test_a_command_to_one_drone_leaves_the_others_alone() -> None:
+    d1, d2 = Drone("d1"), Drone("d2")
+    assert order(Action.HOLD, d1, d2, only=("d2",))[-1] == "hold: d2 hold"
+    assert d1.stage is Stage.PREFLIGHT
+
+
+def test_nobody_starts_while_one_has_a_problem() -> None:
+    d1, d2 = (
+        Drone("d1"),
+        Drone("d2", problems=("the vehicle is not ready to be armed", "Preflight Fail: heading estimate not stable")),
+    )
+    text = refused(Action.START, d1, d2)
+    assert "d2: the vehicle is not ready to be armed, Preflight Fail: heading estimate not stable" in text
+    assert not d1.commands
+
+
+def test_those_that_can_start_anyway_and_the_other_says_why_not() -> None:
+    d1, d2 = Drone("d1"), Drone("d2", problems=("the vehicle is not ready to be armed",), lame=True)
+    assert refused(Action.START, d1, d2, anyway=True) == "d2: the vehicle is not ready to be armed"
+    assert d1.stage is Stage.TAKEOFF
+
+
+@pytest.mark.parametrize("ahead_s", [-8.0, 8.0])
+def test_a_drone_whose_clock_is_off_can_be_commanded_all_the_same(ahead_s: float) -> None:
+    assert order(Action.HOLD, Drone("d1", ahead_s=ahead_s))[-1] == "hold: d1 hold"
+
+
+def test_a_wrong_clock_is_the_reason_given_for_a_drone_that_does_not_obey() -> None:
+    assert f"d1: its clock differs by {-20.0:+.1f} s" in refused(Action.HOLD, Drone("d1", lame=True, ahead_s=-20.0))
+
+
+def test_drones_of_different_missions_get_no_command() -> None:
+    d1, d2 = Drone("d1"), Drone("d2", mission="f" * 16)
+    assert "different mission files" in refused(Action.START, d1, d2)
+    assert not d1.commands
+
+
+def test_a_swarm_that_is_not_there() -> None:
+    d1 = Drone("d1")
+    assert "nothing heard from d7 at tcp/127.0.0.1:" in refused(Action.LAND, d1, only=("d7",))

@@ -1,0 +1,80 @@
+"""A second mission on the same drone without a restart of its agent: nothing of the first one remains."""
+
+from one_pilot import SECOND, START_NS, command, cone_of, messages, state, tracking
+
+from agent.vehicle.interface import FlightMode, Request
+from protocol.codec import encode
+from protocol.entries import Coverage, Entry
+from protocol.keys import key_of
+from protocol.messages import Stage, Status
+
+AGAIN_NS = START_NS + 120 * SECOND
+GROUND = {"armed": False, "in_air": False, "position": (2.0, 1.0, 0.0)}
+
+
+def landed():
+    """Two minutes after its first start: it has tracked, and stands on the ground."""
+    one = tracking()
+    for tick in range(200):  # ten seconds more, of which it tells where it has searched
+        now_ns = START_NS + 5 * SECOND + tick * SECOND // 20
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, position=(0.1 * tick, 0.0, 3.0)))
+        one.step(now_ns)
+    one.observe_vehicle(state(AGAIN_NS - SECOND, **GROUND))
+    one.step(AGAIN_NS - SECOND)
+    assert one.stage is Stage.LANDED
+    assert one.hypothesis is not None
+    return one
+
+
+def test_a_second_start_begins_anew() -> None:
+    one = landed()
+    one.observe_vehicle(state(AGAIN_NS, **GROUND))
+    one.receive(*command(stamp_ns=AGAIN_NS), AGAIN_NS)
+    step = one.step(AGAIN_NS)
+    assert (one.stage, step.command.request) == (Stage.TAKEOFF, Request.TAKEOFF)
+    assert one.counters["dropped_command_refused"] == 0
+    assert one.hypothesis is None
+    later_ns = AGAIN_NS + 10 * SECOND
+    one.observe_vehicle(state(later_ns))
+    told = [*messages(one.step(later_ns), Status), *messages(one.step(later_ns + SECOND), Status)]
+    assert told[-1].started_ns == AGAIN_NS
+    assert one.stage is Stage.SURVEY  # cones of before its start do not lead it
+
+
+def test_what_is_measured_after_the_second_start_counts() -> None:
+    one = landed()
+    one.observe_vehicle(state(AGAIN_NS, **GROUND))
+    one.receive(*command(stamp_ns=AGAIN_NS), AGAIN_NS)
+    for sequence in range(100, 120):
+        cone = cone_of("d2", sequence, AGAIN_NS + (sequence - 99) * SECOND // 5)
+        one.receive(key_of("radron", cone), encode(cone), cone.stamp_ns)
+    now_ns = AGAIN_NS + 10 * SECOND
+    one.observe_vehicle(state(now_ns))
+    one.step(now_ns)
+    assert one.hypothesis is not None
+    assert one.stage is Stage.TRACK
+
+
+def test_a_start_of_drones_that_still_fly_the_first_mission_joins_them() -> None:
+    one = landed()
+    one.observe_vehicle(state(AGAIN_NS, **GROUND))
+    other = Status(stamp_ns=AGAIN_NS, drone="d2", mission=mission_id(one), boot="2" * 16, stage=Stage.TRACK, started_ns=START_NS)
+    one.receive(key_of("radron", other), encode(other), AGAIN_NS)
+    one.receive(*command(stamp_ns=AGAIN_NS), AGAIN_NS)
+    one.step(AGAIN_NS)
+    assert one.stage is Stage.TAKEOFF
+    assert one.hypothesis is not None  # what they have found by now
+
+
+def mission_id(one):
+    return one._mission_id
+
+
+def test_what_was_searched_in_the_first_mission_is_searched_again() -> None:
+    one = landed()
+    first = [entry for entry in one.fusion.log.entries(Coverage) if isinstance(entry, Entry)]
+    one.observe_vehicle(state(AGAIN_NS, **GROUND))
+    one.receive(*command(stamp_ns=AGAIN_NS), AGAIN_NS)
+    one.step(AGAIN_NS)
+    assert list(one._executive._covered()) == []
+    assert one.fusion.log.entries(Coverage) == first

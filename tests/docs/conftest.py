@@ -1,0 +1,15 @@
+import sys
+
+import docs_pages
+import pytest
+
+
+@pytest.fixture(scope="session")
+def reference():
+    """The generated pages: file name -> Markdown."""
+    sys.path.insert(0, str(docs_pages.DOCS / "reference"))
+    try:
+        import pages  # noqa: PLC0415
+    finally:
+        sys.path.pop(0)
+    return pages.pages()

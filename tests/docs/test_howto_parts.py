@@ -1,0 +1,88 @@
+"""The recipes for a detector, a localisation source, a vehicle and a scenario, each run as it stands on its page."""
+
+import asyncio
+import importlib.util
+import sys
+from pathlib import Path
+
+import docs_pages
+import pytest
+
+from agent.config.drone import DroneConfig
+from agent.config.mission import AreaConfig, DroneInMission, FusionConfig, GivenHypothesisConfig, MissionConfig, TrackConfig
+from agent.detector.drivers.feed import FeedDetector
+from agent.pilot import Pilot
+from agent.sensing.sighting_feed import SightingsFeed
+from protocol.codec import encode
+from protocol.keys import key_of
+from protocol.messages import Action, Command, Stage
+from sim.scenario import load_scenario
+
+SECOND = 1_000_000_000
+
+
+def module_of(page, name, folder: Path):
+    docs_pages.files(docs_pages.DOCS / "how-to" / f"{page}.md", folder)
+    spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+async def first_item(module, make, items, close):
+    """What a client gets first from a page's server."""
+    server = await asyncio.start_server(module.serve, "127.0.0.1", 0)
+    client = make(f"127.0.0.1:{server.sockets[0].getsockname()[1]}")
+    try:
+        async with asyncio.timeout(10.0):
+            async for item in items(client):
+                return item, client
+    finally:
+        await close(client)
+        server.close()
+
+
+def test_the_camera_of_the_page_is_read_by_the_agent(tmp_path):
+    camera = module_of("detector", "camera", tmp_path)
+    readout, client = asyncio.run(first_item(camera, FeedDetector, FeedDetector.readouts, FeedDetector.close))
+    assert readout.hits.index.tolist() == [25650, 25651]
+    assert readout.live_time_s == pytest.approx((readout.end_ns - readout.start_ns) * 1e-9)
+    assert client.counters["readouts"] == 1
+
+
+def test_the_ranges_of_the_page_are_read_by_the_agent(tmp_path):
+    ranging = module_of("localization", "ranging", tmp_path)
+    seen, client = asyncio.run(first_item(ranging, SightingsFeed, SightingsFeed.sightings, SightingsFeed.close))
+    assert [(sight.target, sight.range_m, sight.range_sigma_m) for sight in seen] == [("d2", 12.1, 0.15)]
+    assert client.counters["malformed"] == 0
+
+
+def test_the_vehicle_of_the_page_flies_a_mission(tmp_path):
+    now = [1_800_000_000 * SECOND]
+    mission = MissionConfig(
+        name="test",
+        drones=(DroneInMission(id="d1", origin_m=(5.0, 5.0, 0.0)),),
+        area=AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0))),
+        fusion=FusionConfig(estimator="given", given=GivenHypothesisConfig(schedule=((0.0, 25.0, 25.0),))),
+        track=TrackConfig(duration_s=12.0),
+    )
+    pilot = Pilot(mission, DroneConfig(id="d1"), boot="0" * 16)
+    vehicle = module_of("vehicle", "ideal_vehicle", tmp_path).IdealVehicle(lambda: now[0])
+    vehicle.on_state(pilot.observe_vehicle)
+    asyncio.run(vehicle.connect())
+    start = Command(stamp_ns=now[0], station="test", mission=mission.mission_id, action=Action.START)
+    pilot.receive(key_of(mission.swarm, start), encode(start), now[0])
+    stages = []
+    while pilot.stage is not Stage.LANDED and now[0] < (1_800_000_000 + 120) * SECOND:
+        now[0] += SECOND // 20
+        vehicle.command(pilot.step(now[0]).command)
+        if not stages or stages[-1] is not pilot.stage:
+            stages.append(pilot.stage)
+    assert stages == [Stage.TAKEOFF, Stage.TRACK, Stage.RETURN, Stage.LANDING, Stage.LANDED]
+
+
+def test_the_scenario_of_the_page_loads_from_a_folder_of_its_own(tmp_path):
+    docs_pages.files(docs_pages.DOCS / "how-to" / "scenario.md", tmp_path)
+    scenario = load_scenario(str(tmp_path / "lab" / "yard.toml"))
+    assert (scenario.name, len(scenario.mission.drones), scenario.source.nuclide) == ("yard", 4, "Co-60")

@@ -1,0 +1,117 @@
+"""The launcher's view of the agents, from their messages."""
+
+from __future__ import annotations
+
+import pytest
+
+from protocol.codec import encode
+from protocol.keys import key_of
+from protocol.message import DroneMessage
+from protocol.messages import Estimate, Stage, Status
+from sim.live.monitor import Observer
+from sim.scenario import load_scenario
+from sim.vehicle.px4.fleet import VehicleReport
+
+MISSION = load_scenario("demo").mission
+NAMES = frozenset(drone.id for drone in MISSION.drones)
+DIGEST = "0" * 31
+
+
+class Clock:
+    now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def vehicle(armed: bool, failsafe: bool = False) -> VehicleReport:
+    return VehicleReport("hold", armed, armed, failsafe, 0, 0, 0.0)
+
+
+def status(
+    drone: str, stage: Stage = Stage.PREFLIGHT, problems: tuple[str, ...] = (), mission: str = MISSION.mission_id
+) -> Status:
+    return Status(stamp_ns=1, drone=drone, mission=mission, boot="0" * 16, stage=stage, problems=problems)
+
+
+def estimate(drone: str, x: float, last: str = "0") -> Estimate:
+    return Estimate(
+        stamp_ns=1, drone=drone, mission=MISSION.mission_id, estimator="paper", digest=DIGEST + last,
+        position_m=(x, 2.0, 0.0), covariance_m2=(4.0, 0.0, 0.0, 9.0, 0.0, 0.0),
+    )  # fmt: skip
+
+
+def hear(observer: Observer, *messages: DroneMessage) -> None:
+    for message in messages:
+        observer.receive(key_of(MISSION.swarm, message), encode(message))
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def observer(clock: Clock) -> Observer:
+    return Observer(MISSION, clock)
+
+
+def test_it_names_what_each_drone_still_lacks(observer: Observer, clock: Clock) -> None:
+    assert observer.obstacles() == [f"{drone}: not in the mesh yet" for drone in ("d1", "d2", "d3")]
+    observer.look([vehicle(armed=False)] * 3, NAMES)
+    hear(observer, status("d1"), status("d2", problems=("no compass", "no fix")), status("d3", mission="0" * 16))
+    assert observer.obstacles() == ["d2: no compass", f"d3: another mission file ({'0' * 16}, here {MISSION.mission_id})"]
+    hear(observer, status("d2", stage=Stage.LANDED), status("d3", stage=Stage.TRACK))
+    assert observer.obstacles() == ["d3: in track already"]  # one that has landed can be started again
+    hear(observer, status("d3"))
+    assert observer.obstacles() == []
+    clock.now_s += 10.0
+    assert observer.obstacles() == [f"{drone}: no status yet" for drone in ("d1", "d2", "d3")]
+
+
+def test_a_drone_whose_agent_has_died_has_landed_when_its_vehicle_is_down(observer: Observer) -> None:
+    agent = observer.agents[0]
+    hear(observer, status("d1", stage=Stage.TRACK))
+    observer.look([vehicle(armed=True)] * 3, NAMES)
+    assert agent.stage is Stage.TRACK
+    observer.look([vehicle(armed=True)] * 3, NAMES - {"d1"})
+    assert agent.stage is Stage.TRACK
+    observer.look([vehicle(armed=True, failsafe=True)] * 3, NAMES - {"d1"})
+    assert (agent.stage, agent.failsafes) == (Stage.RETURN, 1)
+    observer.look([vehicle(armed=False)] * 3, NAMES - {"d1"})
+    assert agent.stage is Stage.LANDED
+
+
+def test_an_estimate_that_is_not_repeated_is_no_hypothesis_any_more(observer: Observer, clock: Clock) -> None:
+    hear(observer, estimate("d1", 1.5), estimate("d2", 1.5))
+    observer.look([vehicle(armed=True)] * 3, NAMES)
+    belief = observer.agents[0].hypothesis
+    assert belief is not None
+    assert belief.position.tolist() == [1.5, 2.0, 0.0]
+    assert belief.covariance[1, 1] == 9.0
+    clock.now_s += 10.0
+    hear(observer, estimate("d2", 1.5), status("d1"))
+    observer.look([vehicle(armed=True)] * 3, NAMES)
+    assert observer.agents[0].hypothesis is None
+    assert observer.agents[1].hypothesis is not None
+
+
+def test_agents_agree_by_digest_and_by_every_bit_of_the_position(observer: Observer) -> None:
+    observer.look([vehicle(armed=False)] * 3, NAMES)
+    hear(observer, estimate("d1", 1.5), estimate("d2", 1.5))
+    assert not observer.agreed()  # one has said nothing
+    hear(observer, estimate("d3", 1.5))
+    assert observer.agreed()
+    hear(observer, estimate("d3", 1.5000000000000002))
+    assert not observer.agreed()
+    hear(observer, estimate("d3", 1.5, last="1"))
+    assert not observer.agreed()
+    observer.look([vehicle(armed=False)] * 3, NAMES - {"d3"})
+    assert observer.agreed()  # of those that live
+
+
+def test_what_is_no_message_is_counted_and_dropped(observer: Observer) -> None:
+    observer.receive("radron/1/radron/d1/status", b"\xff\xff")
+    observer.receive("nonsense", b"")
+    assert observer.refused == 2
+    assert observer.agents[0].status is None

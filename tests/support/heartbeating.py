@@ -1,0 +1,46 @@
+"""A stand-in for the agent under its supervisor: beats each 50 ms, says so on its output, and behaves as its argument says."""
+
+import os
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from agent.shell.heartbeat import HEARTBEAT_FD, Heartbeat, die_with
+
+PARENT = int(sys.argv[-1])
+HOW = sys.argv[1]
+
+
+def say(what: str) -> None:
+    print(what, os.getpid(), time.monotonic(), flush=True)
+
+
+def main() -> None:
+    if HOW.isdigit():
+        sys.exit(int(HOW))
+    die_with(PARENT)
+    Path(tempfile.gettempdir(), "left").touch()
+    beat = Heartbeat(HEARTBEAT_FD)
+    if HOW == "slow start":
+        time.sleep(1.5)
+        sys.exit(0)
+    if HOW == "stubborn":
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    if HOW == "tidy":
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    if HOW == "tells":
+        beat.tell("READY=1")
+        beat.tell("STATUS=survey")
+    for step in range(10_000):
+        beat.check()
+        say("step")
+        beat.beat()
+        if HOW == "hangs" and step == 3:
+            time.sleep(100.0)
+        time.sleep(0.05)
+
+
+if __name__ == "__main__":
+    main()
