@@ -76,7 +76,8 @@ class Flight:
 
     def start(self) -> None:
         def started() -> bool:
-            return command(self.folder, "start", "--anyway").returncode == 0  # without cameras, of which they warn
+            # By name, so that it waits for both; anyway: without cameras, of which they warn.
+            return command(self.folder, "start", "--anyway", "--drones", ",".join(self.agents)).returncode == 0
 
         until(started, START_S, "a start command that is obeyed")
         for vehicle in range(2):
