@@ -22,6 +22,7 @@ from agent.vehicle.interface import VehicleState
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
+from sim.faults.schedule import Schedule
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
 from sim.scoring.framescore import FrameScore
@@ -100,6 +101,7 @@ class _World:
         self.ticks = 0
         self._mission = mission
         names, layout = [drone.id for drone in mission.drones], [(drone.origin_m, drone.yaw_deg) for drone in mission.drones]
+        self._faults = Schedule(scenario.fault, names, seed)
         self._frames = MovingFrames(scenario.localization, names, layout, mission.datum, TICK_NS * 1e-9, random)
         self._sightings: Sightings | None = None
         if scenario.sightings is not None:
@@ -148,6 +150,7 @@ class _World:
     def tick(self) -> bool:
         """Advance by one tick; True when the run has ended."""
         now_ns = EPOCH_NS + self.ticks * TICK_NS
+        self._faults.advance(self.time_s)
         source = self._source(self.time_s) if self._source is not None else None
         measured = self._sense(now_ns, source)
         if self.ticks == round(START_S * 1e9 / TICK_NS):

@@ -19,6 +19,7 @@ from agent.config.mission import Corner, MissionConfig
 from agent.config.section import Degrees
 from agent.errors import ConfigError
 from agent.fusion.registry import check_estimator
+from sim.faults.kinds import AnyFault, check_faults, read_faults
 from sim.radiation.camera import CameraTruth
 from sim.radiation.nuclides import NUCLIDES
 from sim.vehicle.multirotor import MultirotorTruth
@@ -119,6 +120,7 @@ class Scenario(_Section, frozen=True, kw_only=True):
     start: StartTruth = StartTruth()
     end: EndTruth = EndTruth()
     response: ResponseConfig = ResponseConfig()  # of the vehicles by the drone files, whether true or not
+    fault: tuple[AnyFault, ...] = ()
 
     @property
     def measured(self) -> bool:
@@ -140,6 +142,7 @@ class Scenario(_Section, frozen=True, kw_only=True):
             wall.check(where)
         self.vehicle.check(where)
         self._check_localization(where)
+        check_faults(self.fault, [drone.id for drone in self.mission.drones], where)
         self.start.check(self.mission, where)
 
     def _check_localization(self, where: str) -> None:
@@ -252,6 +255,7 @@ def _merge(base: dict[str, object], over: dict[str, object]) -> dict[str, object
 
 
 def _parse(document: dict[str, object], where: str) -> Scenario:
+    read_faults(document.get("fault", ()), where)  # first, for errors that name kinds and keys
     scenario = convert(document, Scenario, where)
     scenario.check(where)
     return scenario

@@ -103,7 +103,7 @@ def _config(intro: str, kind: type[msgspec.Struct], elsewhere: dict[type, str] |
         anchor = name.lower() if name not in known else section.path.replace("[]", "").replace(".", "-").lower()
         known.add(name)
         parts.append(
-            f"## {_header(section.path)} {{ #{anchor} }}\n\n{fields.markdown(section.kind.__doc__)}\n\n{fields.table(section)}\n"
+            f"## {_header(section)} {{ #{anchor} }}\n\n{fields.markdown(section.kind.__doc__)}\n\n{fields.table(section)}\n"
         )
     text = re.sub(r"\[\w+\]\((#\w+)\)", r"[table](\1)", "\n".join(parts))
     for other, page in (elsewhere or {}).items():
@@ -111,10 +111,13 @@ def _config(intro: str, kind: type[msgspec.Struct], elsewhere: dict[type, str] |
     return text
 
 
-def _header(path: str) -> str:
+def _header(section: fields.Section) -> str:
+    path = section.path
     if not path:
         return "Top level"
-    return f"`[[{path.removesuffix('[]')}]]`" if path.endswith("[]") else f"`[{path}]`"
+    table = f"`[[{path.removesuffix('[]')}]]`" if path.endswith("[]") else f"`[{path}]`"
+    tag = section.kind.__struct_config__.tag
+    return table if tag is None else f'{table} with `kind = "{tag}"`'
 
 
 def _protocol() -> str:

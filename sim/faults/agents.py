@@ -1,0 +1,151 @@
+"""Faults of the agents: their processes, the links between them, members that say what is not so, and their disks."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from msgspec import Meta
+
+from sim.faults.base import Delay, Drones, Family, Fault, Metres, Probability
+
+
+class Kill(Fault, frozen=True, kw_only=True, tag="kill"):
+    """The agent dies at once (kill -9). With ``for_s`` its service manager starts it again after that time."""
+
+    family: ClassVar[Family] = "process"
+
+
+class Freeze(Fault, frozen=True, kw_only=True, tag="freeze"):
+    """The agent stands still (SIGSTOP). After a second its watchdog kills it; it is started again when the fault is over."""
+
+    family: ClassVar[Family] = "process"
+
+
+class Late(Fault, frozen=True, kw_only=True, tag="late"):
+    """The agent is started only at ``at_s``, when the others fly, and the operator starts its drone then."""
+
+    family: ClassVar[Family] = "process"
+
+    def check(self) -> str | None:
+        """``for_s`` has no meaning here."""
+        return "for_s: an agent that is late stays; remove it" if self.for_s is not None else None
+
+
+class SlowCpu(Fault, frozen=True, kw_only=True, tag="slow-cpu"):
+    """Each step of the agent comes up to ``late_s`` late, uniformly."""
+
+    family: ClassVar[Family] = "process"
+    late_s: Annotated[float, Meta(gt=0.0, le=2.0)]
+
+
+class Partition(Fault, frozen=True, kw_only=True, tag="partition"):
+    """The groups do not hear each other. Drones in no group are alone. ``target`` is not used."""
+
+    family: ClassVar[Family] = "network"
+    groups: Annotated[tuple[tuple[str, ...], ...], Meta(min_length=1, max_length=64)]
+
+    def names(self) -> tuple[str, ...]:
+        """All drones in the groups."""
+        return tuple(name for group in self.groups for name in group)
+
+    def check(self) -> str | None:
+        """Each drone is in one group."""
+        names = self.names()
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            return f"groups: {', '.join(twice)} in more than one group; give each drone once"
+        return None if self.target is None else "target: groups say who is cut off; remove it"
+
+
+class _Link(Fault, frozen=True, kw_only=True):
+    """Links of the targets with ``peers`` (all others if not given), in both directions, or what they send or receive only."""
+
+    family: ClassVar[Family] = "network"
+    peers: Drones | None = None
+    direction: Literal["both", "send", "receive"] = "both"
+
+    def names(self) -> tuple[str, ...]:
+        """All drones named in it."""
+        peers = () if self.peers is None else (self.peers,) if isinstance(self.peers, str) else self.peers
+        return (*Fault.names(self), *peers)
+
+
+class Cut(_Link, frozen=True, kw_only=True, tag="cut"):
+    """Nothing gets through, and nobody is told; one way with ``direction``."""
+
+
+class Loss(_Link, frozen=True, kw_only=True, tag="loss"):
+    """Messages are lost; log entries are repeated until they arrive."""
+
+    probability: Probability
+
+
+class Lag(_Link, frozen=True, kw_only=True, tag="delay"):
+    """Messages take ``delay_s`` longer, and up to ``jitter_s`` more, uniformly; with jitter they overtake each other."""
+
+    delay_s: Delay = 0.0
+    jitter_s: Delay = 0.0
+
+    def check(self) -> str | None:
+        """One of the two is needed."""
+        return "delay_s, jitter_s: give at least one above 0" if self.delay_s + self.jitter_s == 0.0 else None
+
+
+class Reorder(_Link, frozen=True, kw_only=True, tag="reorder"):
+    """Messages are held back for ``held_s`` and so overtaken by later ones."""
+
+    probability: Probability
+    held_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 0.3
+
+
+class Duplicate(_Link, frozen=True, kw_only=True, tag="duplicate"):
+    """Messages arrive twice, the second one up to ``within_s`` later."""
+
+    probability: Probability
+    within_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.0
+
+
+class Corrupt(_Link, frozen=True, kw_only=True, tag="corrupt"):
+    """Messages arrive with changed, missing or additional bytes."""
+
+    probability: Probability
+
+
+class RadioRange(Fault, frozen=True, kw_only=True, tag="range"):
+    """Drones that are further apart than ``range_m`` do not hear each other."""
+
+    family: ClassVar[Family] = "network"
+    range_m: Annotated[float, Meta(gt=0.0, le=1e5)]
+
+
+class Flood(Fault, frozen=True, kw_only=True, tag="flood"):
+    """The targets send messages that are valid, and many: ``rate_mbps`` (megabytes a second) in messages of ``message_bytes``."""
+
+    family: ClassVar[Family] = "network"
+    rate_mbps: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
+    message_bytes: Annotated[int, Meta(ge=100, le=65_536)] = 200
+
+
+Said = Literal["pose", "plan", "cone", "counts", "sighting"]
+
+
+class Lie(Fault, frozen=True, kw_only=True, tag="lie"):
+    """The targets publish what is not so.
+
+    ``what``: the messages. ``how``: ``false`` (positions shifted by ``shift_m``, cones turned, counts multiplied by ``factor``);
+    ``replayed``: what was true ``ago_s`` before, under new stamps; ``mistimed``: what is true, with stamps wrong by ``ago_s``.
+    """
+
+    family: ClassVar[Family] = "liar"
+    what: Said
+    how: Literal["false", "replayed", "mistimed"] = "false"
+    shift_m: Metres = 20.0
+    factor: Annotated[float, Meta(ge=0.0, le=1000.0)] = 5.0
+    ago_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 5.0
+
+
+class Disk(Fault, frozen=True, kw_only=True, tag="disk"):
+    """The drone's disk: full, ``slow``, or its state file (``state``) or flight record (``record``) torn or with flipped bits."""
+
+    family: ClassVar[Family] = "disk"
+    how: Literal["full", "slow", "state-torn", "state-flipped", "record-torn", "record-removed"]

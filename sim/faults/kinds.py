@@ -1,0 +1,90 @@
+"""All kinds of faults, and the ``[[fault]]`` entries of a scenario file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import get_args
+
+from agent.config.loading import convert
+from agent.errors import ConfigError
+from sim.faults.agents import (
+    Corrupt,
+    Cut,
+    Disk,
+    Duplicate,
+    Flood,
+    Freeze,
+    Kill,
+    Lag,
+    Late,
+    Lie,
+    Loss,
+    Partition,
+    RadioRange,
+    Reorder,
+    SlowCpu,
+)
+from sim.faults.base import Fault
+from sim.faults.machines import (
+    Battery,
+    CameraDead,
+    CameraGain,
+    CameraNoisy,
+    CameraStuck,
+    Clock,
+    Drag,
+    Gust,
+    MavlinkLoss,
+    MotorFailure,
+    PositionJump,
+    Refusal,
+    SatellitesLost,
+    Takeover,
+)
+
+AnyFault = (
+    Kill | Freeze | Late | SlowCpu | Disk
+    | Partition | Cut | Loss | Lag | Reorder | Duplicate | Corrupt | RadioRange | Flood | Lie
+    | CameraDead | CameraNoisy | CameraStuck | CameraGain | Clock
+    | SatellitesLost | PositionJump | Drag | Gust | MotorFailure | Battery | MavlinkLoss | Takeover | Refusal
+)  # fmt: skip
+
+KINDS: dict[str, type[Fault]] = {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}
+
+
+def read_faults(document: object, where: str) -> tuple[Fault, ...]:
+    """The entries of a parsed scenario file.
+
+    Raises:
+        ConfigError: no list of tables, an unknown kind or key, a value out of range; names the entry and what is allowed.
+    """
+    if not isinstance(document, list | tuple) or not all(isinstance(entry, dict) for entry in document):
+        raise ConfigError(f"{where}: fault: expected [[fault]] tables")
+    return tuple(_read(entry, f"{where}: fault[{number}]") for number, entry in enumerate(document))
+
+
+def _read(entry: dict[str, object], where: str) -> Fault:
+    kind = entry.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
+        told = "the key 'kind' is missing" if kind is None else f"unknown kind {kind!r}"
+        raise ConfigError(f"{where}: {told}; known: {', '.join(KINDS)}")
+    return convert(entry, KINDS[kind], f"{where} ({kind})")
+
+
+def kind_of(fault: Fault) -> str:
+    """The name of its kind, as in the scenario file."""
+    return str(fault.__struct_config__.tag)
+
+
+def check_faults(faults: Sequence[Fault], drones: Sequence[str], where: str) -> None:
+    """Raise ConfigError where an entry names a drone that is not in the mission, or contradicts itself."""
+    for number, fault in enumerate(faults):
+        entry = f"{where}: fault[{number}] ({kind_of(fault)})"
+        if fault.target == ():
+            raise ConfigError(f"{entry}: target: name at least one drone, or leave it out for all")
+        unknown = [name for name in fault.names() if name not in drones]
+        if unknown:
+            raise ConfigError(f"{entry}: no drone {unknown[0]!r} in the mission; there are {', '.join(drones)}")
+        wrong = fault.check()
+        if wrong is not None:
+            raise ConfigError(f"{entry}: {wrong}")

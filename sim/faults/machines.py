@@ -1,0 +1,124 @@
+"""Faults of cameras, clocks and vehicles."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from msgspec import Meta
+
+from sim.faults.base import Family, Fault, Metres, Probability
+
+
+class CameraDead(Fault, frozen=True, kw_only=True, tag="camera-dead"):
+    """No readout at all."""
+
+    family: ClassVar[Family] = "camera"
+
+
+class CameraNoisy(Fault, frozen=True, kw_only=True, tag="camera-noisy"):
+    """``pixels`` at random places, each with ``rate_hz`` hits of ``energy_kev``; ``column``: half a column beside each other."""
+
+    family: ClassVar[Family] = "camera"
+    pixels: Annotated[int, Meta(ge=1, le=4096)] = 20
+    rate_hz: Annotated[float, Meta(gt=0.0, le=1e5)] = 100.0
+    energy_kev: Annotated[float, Meta(gt=0.0, le=1e4)] = 30.0
+    column: bool = False
+
+
+class CameraStuck(Fault, frozen=True, kw_only=True, tag="camera-stuck"):
+    """The same readout comes again and again, under new times."""
+
+    family: ClassVar[Family] = "camera"
+
+
+class CameraGain(Fault, frozen=True, kw_only=True, tag="camera-gain"):
+    """A wrong calibration: all charges are multiplied by ``factor``."""
+
+    family: ClassVar[Family] = "camera"
+    factor: Annotated[float, Meta(gt=0.0, le=10.0)] = 1.2
+
+
+class Clock(Fault, frozen=True, kw_only=True, tag="clock"):
+    """The drone's clock is off by ``jump_s`` at once, and by ``drift_ppm`` more and more; right again when it is over."""
+
+    family: ClassVar[Family] = "clock"
+    jump_s: Annotated[float, Meta(ge=-600.0, le=600.0)] = 0.0
+    drift_ppm: Annotated[float, Meta(ge=-100_000.0, le=100_000.0)] = 0.0
+
+    def check(self) -> str | None:
+        """One of the two is needed."""
+        return "jump_s, drift_ppm: give at least one that is not 0" if self.jump_s == 0.0 and self.drift_ppm == 0.0 else None
+
+
+class SatellitesLost(Fault, frozen=True, kw_only=True, tag="satellites-lost"):
+    """The vehicle's filter flies on by inertia: its position and velocity drift by ``drift_mps2``, and it tells of it."""
+
+    family: ClassVar[Family] = "pose"
+    drift_mps2: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.05
+
+
+class PositionJump(Fault, frozen=True, kw_only=True, tag="position-jump"):
+    """The vehicle's own position jumps by ``jump_m`` (and its heading by ``turn_deg``), announced by a new epoch or not.
+
+    ``announced``: as by a reset of PX4's filter; else as by spoofed satellites. When it is over, it jumps back.
+    """
+
+    family: ClassVar[Family] = "pose"
+    jump_m: Metres = 20.0
+    turn_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0
+    announced: bool = False
+
+
+class Drag(Fault, frozen=True, kw_only=True, tag="spoofed"):
+    """Spoofed satellites drag the vehicle's own position away at ``speed_mps``, up to ``most_m``."""
+
+    family: ClassVar[Family] = "pose"
+    speed_mps: Annotated[float, Meta(gt=0.0, le=20.0)] = 0.5
+    most_m: Metres = 50.0
+
+
+class Gust(Fault, frozen=True, kw_only=True, tag="gust"):
+    """Wind accelerates the vehicle by ``acceleration_mps2`` in a direction drawn from the seed."""
+
+    family: ClassVar[Family] = "thrust"
+    acceleration_mps2: Annotated[float, Meta(gt=0.0, le=20.0)] = 2.0
+
+
+class MotorFailure(Fault, frozen=True, kw_only=True, tag="motor"):
+    """A motor fails: the vehicle comes down at ``descent_mps``, turning, and lies where it lands. It stays."""
+
+    family: ClassVar[Family] = "thrust"
+    descent_mps: Annotated[float, Meta(gt=0.0, le=20.0)] = 3.0
+
+    def check(self) -> str | None:
+        """It cannot end."""
+        return "for_s: a failed motor stays; remove it" if self.for_s is not None else None
+
+
+class Battery(Fault, frozen=True, kw_only=True, tag="battery"):
+    """The battery's level is ``level`` and falls by ``drain_ps`` a second. ``lies``: the reported level only."""
+
+    family: ClassVar[Family] = "vehicle"
+    level: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.2
+    drain_ps: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.001
+    lies: bool = False
+
+
+class MavlinkLoss(Fault, frozen=True, kw_only=True, tag="mavlink-loss"):
+    """Messages between the agent and its autopilot are lost, in both directions."""
+
+    family: ClassVar[Family] = "vehicle"
+    probability: Probability
+
+
+class Takeover(Fault, frozen=True, kw_only=True, tag="takeover"):
+    """A pilot takes the vehicle by remote control, and gives it back in hold when it is over."""
+
+    family: ClassVar[Family] = "vehicle"
+    mode: Literal["manual", "hold", "return", "land"] = "hold"
+
+
+class Refusal(Fault, frozen=True, kw_only=True, tag="refusal"):
+    """The autopilot refuses the agent's changes of mode."""
+
+    family: ClassVar[Family] = "vehicle"

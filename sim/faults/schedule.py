@@ -1,0 +1,59 @@
+"""Which faults are active at a time, and which begin and end then."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from typing import TypeVar
+
+import msgspec
+import numpy as np
+
+from sim.faults.base import Fault
+
+T = TypeVar("T", bound=Fault)
+_STREAM = 1_000_004  # key of the faults' random streams, beside those of ``sim.streams``
+
+
+class Active:
+    """A fault that has begun, the drones that it strikes (indices), and its own random numbers."""
+
+    __slots__ = ("drones", "fault", "rng")
+
+    def __init__(self, fault: Fault, drones: Sequence[str], seed: int) -> None:
+        """``drones``: of the mission. A fault draws the same numbers whatever other faults there are."""
+        self.fault = fault
+        self.drones = frozenset(drones.index(name) for name in fault.strikes(drones))
+        self.rng = np.random.default_rng(
+            np.random.SeedSequence(seed, spawn_key=(_STREAM, zlib.crc32(msgspec.json.encode(fault))))
+        )
+
+
+class Schedule:
+    """The faults of a flight over its time. ``begun``, ``ended``: by the last ``advance``."""
+
+    def __init__(self, faults: Sequence[Fault], drones: Sequence[str], seed: int) -> None:
+        entries = [Active(fault, drones, seed) for fault in faults]
+        self._waiting = sorted(entries, key=lambda one: one.fault.at_s, reverse=True)  # the next one is the last
+        self._active: list[Active] = []
+        self.begun: list[Active] = []
+        self.ended: list[Active] = []
+
+    def advance(self, time_s: float) -> None:
+        """Go on to a time (s): begin and end what is due."""
+        if not self._active and not self._waiting:
+            self.begun, self.ended = [], []
+            return
+        self.begun = []
+        while self._waiting and self._waiting[-1].fault.at_s <= time_s + 1e-9:
+            self.begun.append(self._waiting.pop())
+        self._active += self.begun
+        self.ended = [one for one in self._active if one.fault.end_s <= time_s + 1e-9]
+        if self.ended:
+            self._active = [one for one in self._active if one not in self.ended]
+
+    def active(self, kind: type[T], drone: int | None = None) -> list[tuple[T, Active]]:
+        """The active faults of a kind, of one drone or of any, in the order in which they began."""
+        return [
+            (one.fault, one) for one in self._active if isinstance(one.fault, kind) and (drone is None or drone in one.drones)
+        ]
