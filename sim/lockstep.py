@@ -17,14 +17,22 @@ import msgspec
 import numpy as np
 
 from agent.config.drone import DroneConfig, VehicleConfig
+from agent.mission.memory import Memory
 from agent.pilot import Pilot
 from agent.vehicle.interface import VehicleState
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
+from sim.faults.agents import Late
+from sim.faults.disk import check_playable
+from sim.faults.liars import Liars
+from sim.faults.network import FaultyRadio
+from sim.faults.process import Agent, Crew
+from sim.faults.recovery import Recovery
 from sim.faults.schedule import Schedule
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
+from sim.scoring.aboard import Aboard
 from sim.scoring.framescore import FrameScore
 from sim.scoring.recorder import LONGEST_START_S, Recorder
 from sim.streams import streams
@@ -34,7 +42,6 @@ from sim.world.cameras import Cameras
 from sim.world.launch import launch_places
 from sim.world.localization import Localization
 from sim.world.movingframes import MovingFrames
-from sim.world.radio import Radio
 from sim.world.sightings import Sightings
 from sim.world.source import source_path
 from sim.world.terrain import Terrain
@@ -71,8 +78,9 @@ def fly(
         watch: called after every tick with the time (s, since the start of the simulation) and the drones' pilots.
 
     Raises:
-        ConfigError: an unknown estimator or law, or an estimator where the hypothesis is given.
+        ConfigError: an unknown estimator or law, an estimator where the hypothesis is given, a fault that lockstep cannot play.
     """
+    check_playable(scenario.fault, scenario.name)
     world = _World(chosen(scenario, estimator, law), seed, listen)
     gc.disable()  # a flight makes hardly any reference cycles, and the search for them takes 2 % of its time
     try:
@@ -87,6 +95,7 @@ def fly(
         wall_s = time.perf_counter() - started
     finally:
         gc.enable()
+        world.close()
     recorder = world.recorder
     return Flight(recorder.result(seed, wall_s), recorder.trace(), recorder.listened(seed, wall_s))
 
@@ -111,13 +120,10 @@ class _World:
         self._cameras: Cameras | None = None
         if scenario.measured:
             self._cameras = Cameras(scenario, configs, random.cameras, EPOCH_NS)
-        with TemporaryDirectory() as folder:
-            if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
-                configs = _calibrated(configs, self._cameras, Path(folder))
-            self.pilots = [
-                Pilot(mission, config, boot=f"{seed & 0xFFFFFFFF:08x}{k:08x}", listeners=listen if k == 0 else ())
-                for k, config in enumerate(configs)
-            ]
+        self._folder = TemporaryDirectory()  # also for agents that are started again
+        if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
+            configs = _calibrated(configs, self._cameras, Path(self._folder.name))
+        self._configs, self._listen, self._seed = configs, listen, seed
         self._terrain = Terrain(scenario.terrain)
         position = self._terrain.on_ground(launch_places(scenario.start, mission, random.start))
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
@@ -127,16 +133,30 @@ class _World:
             Autopilot(home, -yaw, TICK_NS * 1e-9)
             for home, yaw in zip(self._estimated, self._frames.yaw_rad.tolist(), strict=True)
         ]
-        self._radio = Radio(scenario.radio, count, random.radio)
-        first = self.pilots[0]
+        self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
+        self._liars = Liars(scenario.fault, self._faults)
+        self._recovery = Recovery(mission.swarm, names, self._radio, self._liars.told) if scenario.fault else None
+        late = [any(isinstance(fault, Late) and name in fault.strikes(names) for fault in scenario.fault) for name in names]
+        agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]
+        self._crew = Crew(scenario.fault, self._faults, agents, self._start, self._gone)
+        scored = [Aboard(agent) for agent in agents]
         known = None
         if self._frames.moving:
-            known = FrameScore(mission, first.frames, self._frames, scenario.localization.event_s)
-        self.recorder = Recorder(scenario, self.pilots, self._frames, TICK_NS * 1e-9, first.listeners, known)
+            known = FrameScore(mission, scored[0], self._frames, scenario.localization.event_s)
+        self.recorder = Recorder(scenario, scored, self._frames, TICK_NS * 1e-9, scored[0].listeners, known)
         self._source = None
         if scenario.source is not None:
             duration_s = LONGEST_START_S + scenario.end.longest_s(mission)
             self._source = source_path(scenario.source, self.recorder.area, duration_s, random.source)
+
+    @property
+    def pilots(self) -> list[Pilot]:
+        """The pilots of all drones; of a dead agent the last one."""
+        return self._crew.pilots
+
+    def close(self) -> None:
+        """Remove the files of the flight."""
+        self._folder.cleanup()
 
     @property
     def time_s(self) -> float:
@@ -151,22 +171,39 @@ class _World:
         """Advance by one tick; True when the run has ended."""
         now_ns = EPOCH_NS + self.ticks * TICK_NS
         self._faults.advance(self.time_s)
+        self._crew.advance(now_ns)
+        self._radio.advance(now_ns, self._multirotors.position_m)
         source = self._source(self.time_s) if self._source is not None else None
         measured = self._sense(now_ns, source)
         if self.ticks == round(START_S * 1e9 / TICK_NS):
-            self._command_start(now_ns)
-        for drone, pilot in enumerate(self.pilots):
-            for key, payload in self._radio.receive(drone, now_ns):
-                pilot.receive(key, payload, now_ns)
-            step = pilot.step(now_ns)
-            for key, payload in (*measured[drone], *step.publications):
-                self._radio.send(drone, key, payload, now_ns)
-                self.recorder.hear(drone, key, payload)
-            self._autopilots[drone].command(step.command)
+            self._command_start(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive])
+        self._command_start(now_ns, self._crew.called(now_ns))
+        for drone, agent in enumerate(self._crew.agents):
+            if not agent.alive:
+                self._radio.silence(drone)
+                continue
+            agent.readings += measured[drone]
+            if self._crew.steps(drone, now_ns):
+                self._step(drone, agent, now_ns)
         self._move()
         self.ticks += 1
         motion, error = self._multirotors, self._localization
         return self.recorder.sample(self.time_s, motion.position_m, motion.velocity_mps, source, error.position_error_m)
+
+    def _step(self, drone: int, agent: Agent, now_ns: int) -> None:
+        """One step of an agent: what has arrived goes in, what it publishes and commands comes out."""
+        pilot, recovery = agent.pilot, self._recovery
+        for key, payload in self._radio.receive(drone, now_ns):
+            if recovery is None or not recovery.hear(drone, key, payload, pilot, now_ns):
+                pilot.receive(key, payload, now_ns)
+        step = pilot.step(now_ns)
+        for key, payload in (*agent.readings, *step.publications):
+            self._radio.send(drone, key, self._liars.tell(drone, key, payload), now_ns)
+            self.recorder.hear(drone, key, payload)
+        agent.readings.clear()
+        if recovery is not None:
+            recovery.ask(drone, pilot, now_ns)
+        self._autopilots[drone].command(step.command)
 
     def _sense(self, now_ns: int, source: tuple[float, float] | None) -> list[list[tuple[str, bytes]]]:
         """Pass telemetry, fixes, sightings and readouts to the pilots; returns what each publishes in response."""
@@ -227,11 +264,23 @@ class _World:
                 )
             )
 
-    def _command_start(self, now_ns: int) -> None:
+    def _command_start(self, now_ns: int, drones: Sequence[int]) -> None:
         mission = self._mission
-        for pilot in self.pilots:
+        for drone in drones:
             command = Command(stamp_ns=now_ns, station="lockstep", mission=mission.mission_id, action=Action.START)
-            pilot.receive(key_of(mission.swarm, command), encode(command), now_ns)
+            self.pilots[drone].receive(key_of(mission.swarm, command), encode(command), now_ns)
+
+    def _start(self, drone: int, starts: int = 0, memory: Memory | None = None) -> Pilot:
+        """The pilot of a drone's agent that has been started so many times before."""
+        boot = f"{self._seed & 0xFFFFFFFF:08x}{starts << 16 | drone:08x}"
+        listeners = self._listen if drone == 0 else ()
+        return Pilot(self._mission, self._configs[drone], boot=boot, listeners=listeners, memory=memory)
+
+    def _gone(self, drone: int) -> None:
+        """An agent has died, or begins."""
+        self._radio.silence(drone)
+        if self._recovery is not None:
+            self._recovery.begin_anew(drone)
 
     def _move(self) -> None:
         motion, error = self._multirotors, self._localization

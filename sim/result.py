@@ -105,6 +105,16 @@ class ConeTrace:
 
 
 @dataclass(frozen=True, slots=True)
+class FaultTrace:
+    """A fault of the flight: what it is called, the drones that it struck (indices), and its begin and end within the flight."""
+
+    label: str
+    drones: tuple[int, ...]
+    begin_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Trace:
     """Time series of one flight, sampled at a fixed rate from the takeoff of the first drone on. Mission frame ENU, metres.
 
@@ -115,7 +125,8 @@ class Trace:
     least median error for the trajectories flown so far (``sim.scoring.bound``), NaN without a source. own_error_m, own_bound_m:
     (T,) error in the first vehicle's own frame, NaN where unknown; and its bound. source_bq: true activity, None without a
     source. spacing_error_deg: (T, N), signed deviation from 360/N of the gap to the next drone, counter-clockwise around the
-    hypothesis; NaN before tracking.
+    hypothesis; NaN before tracking. judged: (T,) index of the drone that is called the first one above: drone 0 as long as its
+    agent lives, then the first one whose agent does.
     """
 
     time_s: NDArray[np.float64]
@@ -136,7 +147,19 @@ class Trace:
     cones: tuple[ConeTrace, ...]
     area_m: NDArray[np.float64]  # (P, 2) corners of the searched area
     drones: tuple[str, ...]
+    judged: NDArray[np.intp]
+    faults: tuple[FaultTrace, ...] = ()
     source_bq: float | None = None
+
+    @property
+    def estimate_m(self) -> NDArray[np.float64]:
+        """(T, 3): the hypothesis of the first drone."""
+        return self.hypothesis_m[np.arange(len(self.judged)), self.judged]
+
+    @property
+    def swarm_stage(self) -> NDArray[np.str_]:
+        """(T,): the stage of the first drone, which represents the swarm."""
+        return self.stage[np.arange(len(self.judged)), self.judged]
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,19 @@ class State(Struct, frozen=True, kw_only=True):
     launch: LaunchPlace | None = None
 
 
+def encode_state(state: State) -> bytes:
+    """Contents of the state file."""
+    return msgspec.json.encode(state)
+
+
+def decode_state(content: bytes) -> State:
+    """Read the contents of a state file; raises msgspec.MsgspecError where they are not a state's, whatever they are."""
+    try:
+        return msgspec.json.decode(content, type=State)
+    except (UnicodeDecodeError, RecursionError) as error:
+        raise msgspec.DecodeError(str(error)) from None
+
+
 class StateFile:
     """The state of one drone in ``path``, ``{folder}/{drone}.json``."""
 
@@ -35,7 +48,7 @@ class StateFile:
             msgspec.MsgspecError: it is not a state file.
         """
         try:
-            return msgspec.json.decode(self.path.read_bytes(), type=State)
+            return decode_state(self.path.read_bytes())
         except FileNotFoundError:
             return State()
 
@@ -44,7 +57,7 @@ class StateFile:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         fresh = self.path.with_suffix(".new")
         with fresh.open("wb") as file:
-            file.write(msgspec.json.encode(state))
+            file.write(encode_state(state))
             file.flush()
             os.fsync(file.fileno())
         fresh.replace(self.path)

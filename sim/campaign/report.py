@@ -26,7 +26,7 @@ from sim.scoring.statistics import Summary, summarise
 def sentence(result: RunResult, trace: Trace) -> str:
     """The source estimate at the end of the tracking, its 1-sigma radius, and its distance from the truth."""
     end = last_tracking(trace)
-    estimate, source = trace.hypothesis_m[end, 0], trace.source_m[end]
+    estimate, source = trace.estimate_m[end], trace.source_m[end]
     if not np.isfinite(estimate).all():
         return _without_estimate(result, bool(np.isfinite(source).all()))
     where = f"({estimate[0]:.1f}, {estimate[1]:.1f}) m east and north of the mission's origin"
@@ -185,7 +185,7 @@ half-way through the tracking.
 
 def _outcome(result: RunResult, trace: Trace) -> str:
     end = last_tracking(trace)
-    estimate, source = trace.hypothesis_m[end, 0], trace.source_m[end]
+    estimate, source = trace.estimate_m[end], trace.source_m[end]
     if not np.isfinite(estimate).all():
         return f"source not found in {result.sim_s:.0f} s"
     if not np.isfinite(source).all():

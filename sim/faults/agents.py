@@ -57,7 +57,7 @@ class Partition(Fault, frozen=True, kw_only=True, tag="partition"):
         return None if self.target is None else "target: groups say who is cut off; remove it"
 
 
-class _Link(Fault, frozen=True, kw_only=True):
+class LinkFault(Fault, frozen=True, kw_only=True):
     """Links of the targets with ``peers`` (all others if not given), in both directions, or what they send or receive only."""
 
     family: ClassVar[Family] = "network"
@@ -66,21 +66,24 @@ class _Link(Fault, frozen=True, kw_only=True):
 
     def names(self) -> tuple[str, ...]:
         """All drones named in it."""
-        peers = () if self.peers is None else (self.peers,) if isinstance(self.peers, str) else self.peers
-        return (*Fault.names(self), *peers)
+        return (*Fault.names(self), *self.names_of_peers())
+
+    def names_of_peers(self) -> tuple[str, ...]:
+        """The drones named as peers; none where they are all others."""
+        return () if self.peers is None else (self.peers,) if isinstance(self.peers, str) else self.peers
 
 
-class Cut(_Link, frozen=True, kw_only=True, tag="cut"):
+class Cut(LinkFault, frozen=True, kw_only=True, tag="cut"):
     """Nothing gets through, and nobody is told; one way with ``direction``."""
 
 
-class Loss(_Link, frozen=True, kw_only=True, tag="loss"):
+class Loss(LinkFault, frozen=True, kw_only=True, tag="loss"):
     """Messages are lost; log entries are repeated until they arrive."""
 
     probability: Probability
 
 
-class Lag(_Link, frozen=True, kw_only=True, tag="delay"):
+class Lag(LinkFault, frozen=True, kw_only=True, tag="delay"):
     """Messages take ``delay_s`` longer, and up to ``jitter_s`` more, uniformly; with jitter they overtake each other."""
 
     delay_s: Delay = 0.0
@@ -91,21 +94,21 @@ class Lag(_Link, frozen=True, kw_only=True, tag="delay"):
         return "delay_s, jitter_s: give at least one above 0" if self.delay_s + self.jitter_s == 0.0 else None
 
 
-class Reorder(_Link, frozen=True, kw_only=True, tag="reorder"):
+class Reorder(LinkFault, frozen=True, kw_only=True, tag="reorder"):
     """Messages are held back for ``held_s`` and so overtaken by later ones."""
 
     probability: Probability
     held_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 0.3
 
 
-class Duplicate(_Link, frozen=True, kw_only=True, tag="duplicate"):
+class Duplicate(LinkFault, frozen=True, kw_only=True, tag="duplicate"):
     """Messages arrive twice, the second one up to ``within_s`` later."""
 
     probability: Probability
     within_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.0
 
 
-class Corrupt(_Link, frozen=True, kw_only=True, tag="corrupt"):
+class Corrupt(LinkFault, frozen=True, kw_only=True, tag="corrupt"):
     """Messages arrive with changed, missing or additional bytes."""
 
     probability: Probability

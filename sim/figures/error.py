@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.figures.style import DRONES, ESTIMATE, TRUTH, dress, mark_event, metres, new_figure, stage_bands, swarm_stage, wrapped
+from sim.figures.style import DRONES, ESTIMATE, TRUTH, dress, mark_event, metres, new_figure, stage_bands, wrapped
 from sim.result import Trace
 
 
@@ -16,7 +16,7 @@ def error_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
     figure = new_figure(9.0, 4.5)
     axes = figure.add_subplot()
     time_s = trace.time_s
-    stage_bands(axes, time_s, swarm_stage(trace.stage))
+    stage_bands(axes, time_s, trace.swarm_stage)
     offset = trace.hypothesis_m[:, :, :2] - trace.source_m[:, None, :2]
     errors = np.linalg.norm(offset, axis=2)  # (T, N)
     for drone in range(1, errors.shape[1]):  # they differ only while messages are on their way

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim.figures.cones import ground_curve
 from sim.figures.ellipse import draw_regions, reach_m
-from sim.figures.style import CONE, ESTIMATE, TRUTH, dress, drone_colour, new_figure, swarm_stage, wrapped
+from sim.figures.style import CONE, ESTIMATE, TRUTH, dress, drone_colour, new_figure, wrapped
 from sim.result import Trace
 
 CONES_SHOWN = 20  # more would cover the map
@@ -31,7 +31,7 @@ def map_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
     left, right, bottom, top = _window(trace)
     _draw_cones(axes, trace, end, reach_m=float(np.hypot(right - left, top - bottom)))
     axes.add_patch(Polygon(trace.area_m, closed=True, fill=False, edgecolor="#444444", linewidth=1.2, linestyle=(0, (6, 3))))
-    tracking = np.isin(swarm_stage(trace.stage), _TRACKING)
+    tracking = np.isin(trace.swarm_stage, _TRACKING)
     for drone, name in enumerate(trace.drones):
         track = trace.position_m[:, drone]
         colour = drone_colour(drone)
@@ -52,8 +52,8 @@ def map_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
 
 def last_tracking(trace: Trace) -> int:
     """The last sample at which the first drone tracked with a hypothesis, else the last with one, else the very last."""
-    has = np.isfinite(trace.hypothesis_m[:, 0, 0])
-    tracking = has & np.isin(swarm_stage(trace.stage), _TRACKING)
+    has = np.isfinite(trace.estimate_m[:, 0])
+    tracking = has & np.isin(trace.swarm_stage, _TRACKING)
     for choice in (tracking, has):
         if choice.any():
             return int(np.flatnonzero(choice)[-1])
@@ -75,7 +75,7 @@ def _draw_source(axes: Axes, trace: Trace, end: int) -> None:
 
 def _draw_inset(axes: Axes, trace: Trace, end: int) -> None:
     """The estimate's regions and the true source enlarged, if they are too small on the map."""
-    estimate, covariance = trace.hypothesis_m[end, 0, :2], trace.covariance_m2[end]
+    estimate, covariance = trace.estimate_m[end, :2], trace.covariance_m2[end]
     if not np.isfinite(estimate).all() or not np.isfinite(covariance).all():
         return
     truth = trace.source_m[end, :2]
@@ -128,7 +128,7 @@ def _draw_truth(axes: Axes, trace: Trace, end: int) -> None:
 
 
 def _draw_estimate(axes: Axes, trace: Trace, end: int) -> None:
-    estimate = trace.hypothesis_m[: end + 1, 0]
+    estimate = trace.estimate_m[: end + 1]
     if not np.isfinite(estimate[end]).all():
         return
     axes.plot(estimate[:, 0], estimate[:, 1], color=ESTIMATE, linewidth=0.9, alpha=0.5, zorder=4)
@@ -150,7 +150,7 @@ def _legend(axes: Axes, trace: Trace) -> None:
         )
         for k, name in enumerate(trace.drones)
     ]
-    if np.isfinite(trace.hypothesis_m[:, 0, 0]).any():
+    if np.isfinite(trace.estimate_m[:, 0]).any():
         entries.append(Line2D([], [], color=ESTIMATE, marker="X", markeredgecolor="white", label="estimate, 50 and 90 %"))
     if np.isfinite(trace.source_m).any():
         entries.append(Line2D([], [], color=TRUTH, marker="*", markersize=11, linestyle=(0, (1, 1.5)), label="true source"))

@@ -19,7 +19,6 @@ from sim.figures.style import (
     plain_log,
     seconds,
     stage_bands,
-    swarm_stage,
     wrapped,
 )
 from sim.geometry import Array
@@ -43,7 +42,7 @@ def posterior_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
         _regions(axes, trace, instant)
     panels = bottom.subplots(len(below), 1, sharex=True, squeeze=False)[:, 0]
     for number, (axes, draw) in enumerate(zip(panels, below, strict=True)):
-        stage_bands(axes, trace.time_s, swarm_stage(trace.stage), named=number == 0)
+        stage_bands(axes, trace.time_s, trace.swarm_stage, named=number == 0)
         axes.set_xlim(float(trace.time_s[0]), float(trace.time_s[-1]))
         draw(axes, trace)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
@@ -87,7 +86,7 @@ def _regions(axes: Axes, trace: Trace, instant: int | None) -> None:
 
 
 def _errors(axes: Axes, trace: Trace) -> None:
-    error = np.linalg.norm((trace.hypothesis_m[:, 0] - trace.source_m)[:, :2], axis=1)
+    error = np.linalg.norm((trace.estimate_m - trace.source_m)[:, :2], axis=1)
     lines = [error, trace.sigma_m, trace.bound_m]
     if _apart(trace):
         lines += [trace.own_error_m, trace.own_bound_m]

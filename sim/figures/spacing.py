@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sim.figures.style import dress, drone_colour, new_figure, seconds, stage_bands, swarm_stage, wrapped
+from sim.figures.style import dress, drone_colour, new_figure, seconds, stage_bands, wrapped
 from sim.result import Trace
 from sim.scoring.statistics import hypothesis_steps, settling_times
 
@@ -20,7 +20,7 @@ def spacing_figure(trace: Trace, name: str) -> Figure:
 
     Jumps in quick succession are updates of a filter, and get no lines.
     """
-    steps = hypothesis_steps(trace.time_s, trace.hypothesis_m[:, 0], STEP_M)
+    steps = hypothesis_steps(trace.time_s, trace.estimate_m, STEP_M)
     if len(steps) < 2 or np.diff(steps).min() < REST_S:
         steps = steps[:0]
     several = len(trace.drones) > 1
@@ -30,7 +30,7 @@ def spacing_figure(trace: Trace, name: str) -> Figure:
     if several:
         _draw_spacing(panels[1], trace)
     for panel in panels:
-        stage_bands(panel, trace.time_s, swarm_stage(trace.stage), named=panel is panels[0])
+        stage_bands(panel, trace.time_s, trace.swarm_stage, named=panel is panels[0])
         for step in steps:
             panel.axvline(step, color="#333333", linewidth=0.9, linestyle=(0, (4, 3)))
         panel.set_xlim(float(trace.time_s[0]), float(trace.time_s[-1]))

@@ -94,11 +94,6 @@ def mark_event(axes: Axes, time_s: float, text: str) -> None:
     )
 
 
-def swarm_stage(stage: NDArray[np.str_]) -> NDArray[np.str_]:
-    """(T,): the first drone's stage represents the swarm. stage: (T, N)."""
-    return stage[:, 0]
-
-
 def save(figure: Figure, path: Path) -> None:
     """Write a PNG completely or not at all."""
     with replacing(path) as temporary:

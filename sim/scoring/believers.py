@@ -32,6 +32,10 @@ class Agent(Believer, Protocol):
     """An agent as seen from outside: its pilot in lockstep, its messages in a live flight."""
 
     @property
+    def alive(self) -> bool:
+        """Whether it runs, as far as is known."""
+
+    @property
     def stage(self) -> Stage:
         """Its stage."""
 

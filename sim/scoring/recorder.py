@@ -12,6 +12,7 @@ from shapely import Polygon
 from protocol.codec import decode_from
 from protocol.entries import Cone, Exposure
 from protocol.messages import AnyMessage, Plan, Pose, Stage
+from sim.faults.told import told_faults
 from sim.geometry import Array
 from sim.result import ConeTrace, RunResult, Trace
 from sim.scenario import Scenario
@@ -55,6 +56,7 @@ class Recorder:
         self._scenario = scenario
         self._mission = mission = scenario.mission
         self._agents = agents
+        self._first = 0  # the drone by whose stage and estimate the swarm is judged
         self.area = Polygon(mission.area.polygon_m)
         self._safety = Safety(mission.area)
         self._following = Following()
@@ -76,7 +78,7 @@ class Recorder:
 
     def describe(self) -> str:
         """One line for the progress display."""
-        first = self._agents[0]
+        first = self._agents[self._first]
         where = ""
         if first.hypothesis is not None:
             x, y = first.hypothesis.position[:2]
@@ -126,6 +128,7 @@ class Recorder:
         """
         self._time_s = time_s
         self._ticks += 1
+        self._choose_first()
         stages = [agent.stage for agent in self._agents]
         above = self._terrain.above_ground(position)
         self._safety.sample(above, stages)
@@ -133,12 +136,17 @@ class Recorder:
         if self._search_began_s is None and any(stage in (Stage.SURVEY, *TRACKING) for stage in stages):
             self._search_began_s = time_s
         if source is not None or self._estimated:
-            self._score.record_x0(time_s, self._agents[0].hypothesis, source)
+            self._score.record_x0(time_s, self._agents[self._first].hypothesis, source)
         for score, listener in self._listeners.values():
             score.record_x0(time_s, listener.hypothesis, source)
         if self._ticks % SAMPLE_TICKS == 0 and above[:, 2].max() > OFF_GROUND_M:
             self._record(time_s, position, velocity, source, position_error, stages)
         return self._over(time_s, stages)
+
+    def _choose_first(self) -> None:
+        """The swarm is judged by its first drone as long as that one's agent lives, then by the first whose agent does."""
+        if not self._agents[self._first].alive:
+            self._first = next((place for place, agent in enumerate(self._agents) if agent.alive), self._first)
 
     def _record(
         self,
@@ -150,30 +158,30 @@ class Recorder:
         stages: list[Stage],
     ) -> None:
         beliefs = [agent.hypothesis for agent in self._agents]
-        tracking = stages[0] in TRACKING
+        tracking = stages[self._first] in TRACKING
         if tracking:
             self._tracking_s += self._sample_s
         if self._known is not None and position_error is not None:
             position_error = self._known.sample(time_s, tracking, position, position_error)
         if tracking and source is not None:
-            self._score.sample(self._tracking_s, beliefs, source, position_error)
+            self._score.sample(self._tracking_s, beliefs, source, position_error, self._first)
             if self._scenario.end.lost == "error":
                 self._score.check_lost(time_s)
             for score, listener in self._listeners.values():
                 score.sample(self._tracking_s, [listener.hypothesis] * len(beliefs), source, position_error)
                 score.check_lost(time_s)
         place = None if source is None else (*source, self._terrain.height_m(*source))
-        row = Row.of(time_s, position, velocity, place, stages, beliefs)
-        first = beliefs[0]
+        row = Row.of(time_s, position, velocity, place, stages, beliefs, self._first)
+        first = beliefs[self._first]
         if self._known is not None and source is not None:
             self._known.follow(time_s, None if first is None else error_m(first, source))
         if first is not None and source is not None and position_error is not None:
-            row.own_error_m = own_error_m(first, self._mission.drones[0].id, source, position_error[0])
+            row.own_error_m = own_error_m(first, self._mission.drones[self._first].id, source, position_error[self._first])
         self._rows.append(row)
 
     def _record_finding(self) -> None:
         """Record what is excluded when the first drone's search ends without a source; a later find clears it."""
-        first = self._agents[0]
+        first = self._agents[self._first]
         if not first.finding:
             self._excluded_bq = None
         elif self._excluded_bq is None:
@@ -187,7 +195,7 @@ class Recorder:
             return time_s > LONGEST_START_S
         if time_s - self._search_began_s > end.longest_s(self._mission):
             return True
-        if stages[0] in TRACKING and end.lost == "no-cone":
+        if stages[self._first] in TRACKING and end.lost == "no-cone":
             since_s = max(self._last_cone_s, self._score.x0_s or time_s)
             if self._tracking_s > 0.0 and time_s - since_s > LOST_NO_CONE_S:
                 self._score.lost = True
@@ -198,7 +206,7 @@ class Recorder:
 
     def result(self, seed: int, wall_s: float) -> RunResult:
         """The result of the swarm's own estimator."""
-        first = self._agents[0]
+        first = self._agents[self._first]
         excluded_bq = self._excluded_bq or _excluded_bq(first)
         return self._result(self._score, first.finding != "", excluded_bq, seed, wall_s)
 
@@ -282,7 +290,7 @@ class Recorder:
         bound = self._bound
         if bound is None:
             return None, None
-        times = [row.time_s for row in self._rows if row.stages[0] in TRACKING]
+        times = [row.time_s for row in self._rows if row.stages[row.first] in TRACKING]
         during = np.isin(bound.time_s, times)
         return bound.median_m(during), bound.own_median_m(during)
 
@@ -291,6 +299,7 @@ class Recorder:
         if not self._rows:
             raise ValueError("no drone flew: there is nothing to show")
         rows, source = self._rows, self._scenario.source
+        names = tuple(drone.id for drone in self._mission.drones)
         time_s = np.array([row.time_s for row in rows])
         bound, unknown = self._bound, np.full(time_s.shape, np.nan)
         return Trace(
@@ -311,7 +320,9 @@ class Recorder:
             spacing_error_deg=np.array([row.spacing_error_deg for row in rows]),
             cones=tuple(self._cones),
             area_m=np.array(self._mission.area.polygon_m, dtype=np.float64),
-            drones=tuple(drone.id for drone in self._mission.drones),
+            drones=names,
+            judged=np.array([row.first for row in rows]),
+            faults=told_faults(self._scenario.fault, names, float(time_s[-1])),
             source_bq=None if source is None else source.activity_bq,
         )
 

@@ -17,7 +17,7 @@ class Row:
     """One sample of the trace."""
 
     __slots__ = (
-        "activity_bq", "activity_sigma_bq", "covariance", "evidence", "hypothesis", "own_error_m", "position", "sigma_m",
+        "activity_bq", "activity_sigma_bq", "covariance", "evidence", "first", "hypothesis", "own_error_m", "position", "sigma_m",
         "source", "spacing_error_deg", "stages", "time_s", "velocity",
     )  # fmt: skip
 
@@ -26,6 +26,7 @@ class Row:
         self.position = position.copy()
         self.velocity = velocity.copy()
         self.stages = stages
+        self.first = 0
         self.source = np.full(3, np.nan)
         self.hypothesis = np.full(position.shape, np.nan)
         self.sigma_m = self.activity_bq = self.activity_sigma_bq = self.evidence = self.own_error_m = np.nan
@@ -35,24 +36,27 @@ class Row:
     @staticmethod
     def of(
         time_s: float, position: Array, velocity: Array, source: tuple[float, float, float] | None, stages: list[Stage],
-        beliefs: Sequence[Belief | None],
+        beliefs: Sequence[Belief | None], first: int = 0,
     ) -> Row:  # fmt: skip
-        """The sample at one time: arrays (N, 3) in the mission frame, stages and beliefs of the N drones."""
+        """The sample at one time: arrays (N, 3) in the mission frame, stages and beliefs of the N drones; ``first``: the one
+        whose belief counts.
+        """
         row = Row(time_s, position, velocity, stages)
+        row.first = first
         if source is not None:
             row.source[:] = source
         for drone, belief in enumerate(beliefs):
             if belief is not None:
                 row.hypothesis[drone] = belief.position
-        first = beliefs[0]
-        if first is not None:
-            row.sigma_m = rms_m(first)
-            row.covariance[:] = first.covariance[:2, :2]
-            row.activity_bq = np.nan if first.activity_bq is None else first.activity_bq
-            row.activity_sigma_bq = np.nan if first.activity_sigma_bq is None else first.activity_sigma_bq
-            row.evidence = np.nan if first.evidence is None else first.evidence
-        if first is not None and all(stage in TRACKING for stage in stages):
-            row.spacing_error_deg[:] = spacing_error_deg(position, first.position)
+        judged = beliefs[first]
+        if judged is not None:
+            row.sigma_m = rms_m(judged)
+            row.covariance[:] = judged.covariance[:2, :2]
+            row.activity_bq = np.nan if judged.activity_bq is None else judged.activity_bq
+            row.activity_sigma_bq = np.nan if judged.activity_sigma_bq is None else judged.activity_sigma_bq
+            row.evidence = np.nan if judged.evidence is None else judged.evidence
+        if judged is not None and all(stage in TRACKING for stage in stages):
+            row.spacing_error_deg[:] = spacing_error_deg(position, judged.position)
         return row
 
 

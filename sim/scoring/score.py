@@ -97,8 +97,9 @@ class Score:
             self.x0_error_m = error_m(belief, source)
 
     def sample(
-        self, tracked_s: float, beliefs: Sequence[Belief | None], source: tuple[float, float], position_error: Array | None
-    ) -> None:
+        self, tracked_s: float, beliefs: Sequence[Belief | None], source: tuple[float, float], position_error: Array | None,
+        first: int = 0,
+    ) -> None:  # fmt: skip
         """Add one tracking sample.
 
         Args:
@@ -106,6 +107,7 @@ class Score:
             beliefs: of each drone; a believer without hypothesis has no error.
             source: true position.
             position_error: (N, 3) of each vehicle's localisation, measured minus true; None where unknown.
+            first: the drone whose claim is taken.
         """
         for place, belief in enumerate(beliefs):
             if belief is None:
@@ -117,7 +119,7 @@ class Score:
                 self.nees.append(nees)
             if position_error is not None:
                 self.relative_m.append(own_error_m(belief, self._drones[place], source, position_error[place]))
-            if place == 0 and not self._chosen:
+            if place == first and not self._chosen:
                 self.sampled = Claim(self.errors_m[-1], nees)
                 self._chosen = tracked_s >= self._sample_after_s - 1e-9
 

@@ -21,6 +21,11 @@ class RadioTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     recovery_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 0.5  # until a lost log entry is sent again
 
 
+def is_entry(key: str) -> bool:
+    """Whether it is the key of log entries."""
+    return key.rsplit("/", 1)[-1] in LOG_KINDS
+
+
 class Radio:
     """Carries payloads from each drone to all others, and delivers them in order of arrival."""
 
@@ -31,11 +36,11 @@ class Radio:
         self._drawn: list[float] = []
         self._inboxes: list[list[tuple[int, int, str, bytes]]] = [[] for _ in range(count)]
 
-    def send(self, sender: int, key: str, payload: bytes, now_ns: int) -> None:
-        """Send a payload."""
+    def send(self, sender: int, key: str, payload: bytes, now_ns: int, to: int | None = None) -> None:
+        """Send a payload to all others, or to one."""
         truth = self._truth
-        repeated = key.rsplit("/", 1)[-1] in LOG_KINDS
-        for receiver, inbox in enumerate(self._inboxes):
+        repeated = is_entry(key)
+        for receiver in range(len(self._inboxes)) if to is None else (to,):
             if receiver == sender:
                 continue
             delay = truth.delay_s + truth.jitter_s * self._random()
@@ -45,8 +50,12 @@ class Radio:
             while lost:
                 delay += truth.recovery_s
                 lost = self._random() < truth.loss
-            self._sent += 1
-            heapq.heappush(inbox, (now_ns + int(delay * 1e9), self._sent, key, payload))
+            self._carry(sender, receiver, key, payload, delay, now_ns)
+
+    def _carry(self, sender: int, receiver: int, key: str, payload: bytes, delay_s: float, now_ns: int) -> None:
+        """Put a payload on its way over one link; ``sim.faults.network`` plays there what is wrong with it."""
+        self._sent += 1
+        heapq.heappush(self._inboxes[receiver], (now_ns + int(delay_s * 1e9), self._sent, key, payload))
 
     def _random(self) -> float:
         """The next uniform number; drawn in blocks, which takes a tenth of the time."""

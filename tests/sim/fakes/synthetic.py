@@ -153,6 +153,7 @@ def synthetic_flight(drones: int = 3, moving: bool = False, steps: bool = False,
         cones=cones,
         area_m=np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]]),
         drones=tuple(f"d{k + 1}" for k in range(drones)),
+        judged=np.zeros(count, dtype=np.intp),
         source_bq=None if steps else 3e9,
     )
     return Flight(synthetic_result("near", seed if found else 6, drones=drones), trace, {})

@@ -1,0 +1,78 @@
+"""A drone's disk: what it keeps of its agent's state, and what an agent that is started again finds of it.
+
+Flight records are not written in lockstep; their faults are played live only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+
+from agent.errors import ConfigError
+from agent.mission.memory import Memory
+from agent.shell.statestore import State, decode_state, encode_state
+from sim.faults.agents import Disk
+from sim.faults.base import Fault
+from sim.faults.kinds import kind_of
+from sim.faults.schedule import Active
+
+SLOW_NS = 10_000_000_000  # until a file is written on a slow disk
+_FLIPPED_BITS = 3
+
+Struck = Sequence[tuple[Disk, Active]]
+
+
+class StateDisk:
+    """The state file of one agent. ``problem``: why it could not be written or read; empty where it could."""
+
+    def __init__(self) -> None:
+        self.problem = ""
+        self._content = b""
+        self._writing: tuple[int, bytes] | None = None  # when it is done
+        self._readable = True
+
+    def keep(self, memory: Memory | None, struck: Struck, now_ns: int) -> None:
+        """Write a changed state, as the agent's shell does; while one is being written, a newer one waits."""
+        hows = {fault.how for fault, _ in struck}
+        if self._writing is not None and now_ns >= self._writing[0]:
+            self._content, self._writing = self._writing[1], None
+        content = encode_state(State(memory=memory))
+        if not self._readable or self._writing is not None or content == self._content:
+            return
+        if "full" in hows:
+            self.problem = "state not saved (No space left on device): an agent that is restarted in flight will not rejoin it"
+            return
+        self.problem = ""
+        if "slow" in hows:
+            self._writing = now_ns + SLOW_NS, content
+        else:
+            self._content = content
+
+    def load(self, struck: Struck) -> Memory | None:
+        """What an agent that is started now finds; a file that is not readable is left as it is."""
+        self._writing, self.problem, self._readable = None, "", True
+        content = self._content
+        for fault, active in struck:
+            if fault.how == "state-torn":
+                content = content[: len(content) // 2]
+            elif fault.how == "state-flipped" and content:
+                bits = active.rng.integers(8 * len(content), size=_FLIPPED_BITS).tolist()
+                whole = int.from_bytes(content) ^ sum(1 << bit for bit in set(bits))
+                content = whole.to_bytes(len(content))
+        try:
+            return decode_state(content).memory if content else None
+        except msgspec.MsgspecError as error:
+            self._readable = False
+            self.problem = f"no readable state file ({error}): a flight could not be resumed after a restart; move it away"
+            return None
+
+
+def check_playable(faults: Sequence[Fault], where: str) -> None:
+    """Raise ConfigError for faults that lockstep cannot play."""
+    for number, fault in enumerate(faults):
+        if isinstance(fault, Disk) and fault.how.startswith("record-"):
+            raise ConfigError(
+                f"{where}: fault[{number}] ({kind_of(fault)}): how: {fault.how!r} needs a flight record, which only live flights "
+                "write: fly it with radron-sim live, or remove it"
+            )

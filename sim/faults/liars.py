@@ -1,0 +1,120 @@
+"""Members that publish what is not so: their messages are changed on the way out, under valid stamps and sequence numbers.
+
+The liar's own log keeps what it measured; every request for its entries is answered with what it has told once.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import defaultdict
+from collections.abc import Sequence
+from math import cos, pi, sin
+
+from msgspec.structs import replace
+
+from protocol.codec import decode_from, encode
+from protocol.entries import Cone, Counts, Entry, Exposure, Sighting
+from protocol.messages import AnyMessage, Plan, Pose
+from sim.faults.agents import Lie
+from sim.faults.base import Fault
+from sim.faults.schedule import Active, Schedule
+from sim.geometry import Vector3
+
+KIND_OF = {"pose": "pose", "plan": "plan", "cone": "cone", "counts": "exposure", "sighting": "sighting"}
+
+
+class Liars:
+    """What the drones of a flight tell instead of what they know."""
+
+    def __init__(self, faults: Sequence[Fault], schedule: Schedule) -> None:
+        """``faults``: of the scenario."""
+        self._schedule = schedule
+        lies = [fault for fault in faults if isinstance(fault, Lie)]
+        self._kinds = {KIND_OF[lie.what] for lie in lies}
+        self._replayed = {KIND_OF[lie.what] for lie in lies if lie.how == "replayed"}
+        self._said: defaultdict[tuple[int, str], list[AnyMessage]] = defaultdict(list)
+        self._told: dict[tuple[int, bytes], bytes] = {}
+        self._angles: dict[Active, float] = {}  # where to, of each lie
+
+    def tell(self, drone: int, key: str, payload: bytes) -> bytes:
+        """What a drone publishes instead of this payload."""
+        kind = key.rsplit("/", 1)[-1]
+        if kind not in self._kinds:
+            return payload
+        lies = [(lie, one) for lie, one in self._schedule.active(Lie, drone) if KIND_OF[lie.what] == kind]
+        if not lies and kind not in self._replayed:
+            return payload
+        message = decode_from(key, payload)
+        if kind in self._replayed:
+            self._said[drone, kind].append(message)
+        changed = message
+        for lie, one in lies:
+            changed = self._changed(changed, drone, lie, one)
+        if changed is message:
+            return payload
+        told = encode(changed)
+        if isinstance(message, Entry):
+            self._told[drone, payload] = told
+        return told
+
+    def told(self, drone: int, key: str, payload: bytes) -> bytes:
+        """What a drone answers instead of this log entry, when a peer asks for it."""
+        return self._told.get((drone, payload), payload)
+
+    def _changed(self, message: AnyMessage, drone: int, lie: Lie, active: Active) -> AnyMessage:
+        ago_ns = int(lie.ago_s * 1e9)
+        if lie.how == "mistimed":
+            return _moved(message, -ago_ns)
+        if lie.how == "replayed":
+            said = self._said[drone, KIND_OF[lie.what]]
+            place = bisect_right(said, message.stamp_ns - ago_ns, key=lambda one: one.stamp_ns)
+            return _renewed(said[place - 1], message) if place else message
+        if active not in self._angles:
+            self._angles[active] = float(active.rng.uniform(0.5 * pi, 1.5 * pi))
+        return _false(message, lie, self._angles[active])
+
+
+def _moved(message: AnyMessage, by_ns: int) -> AnyMessage:
+    """The same under another time."""
+    moved = replace(message, stamp_ns=message.stamp_ns + by_ns)
+    return replace(moved, end_ns=moved.end_ns + by_ns) if isinstance(moved, Exposure) else moved
+
+
+def _renewed(old: AnyMessage, present: AnyMessage) -> AnyMessage:
+    """An old message under stamp and number of the present one."""
+    renewed = _moved(old, present.stamp_ns - old.stamp_ns)
+    if isinstance(renewed, Entry) and isinstance(present, Entry):
+        return replace(renewed, boot=present.boot, sequence=present.sequence)
+    return renewed
+
+
+def _false(message: AnyMessage, lie: Lie, angle: float) -> AnyMessage:
+    """Positions shifted into one direction, cones and sightings turned about the vertical, counts multiplied."""
+    shift = lie.shift_m * cos(angle), lie.shift_m * sin(angle), 0.0
+    match message:
+        case Pose():
+            return replace(message, position_m=_sum(message.position_m, shift))
+        case Plan():
+            return replace(message, positions_m=tuple(_sum(place, shift) for place in message.positions_m))
+        case Cone():
+            first, second = (replace(order, axis=_turned(order.axis, angle)) for order in message.orders)
+            return replace(message, orders=(first, second))
+        case Exposure():
+            counts = message.counts
+            more = [round(lie.factor * number) for number in (counts.hits, counts.photopeak, counts.coincidences)]
+            return replace(message, counts=Counts(*more))
+        case Sighting():
+            direction = None if message.direction is None else _turned(message.direction, angle)
+            range_m = None if message.range_m is None else message.range_m + lie.shift_m
+            return replace(message, direction=direction, range_m=range_m)
+        case _:
+            return message
+
+
+def _sum(one: Vector3, other: Vector3) -> Vector3:
+    return one[0] + other[0], one[1] + other[1], one[2] + other[2]
+
+
+def _turned(vector: Vector3, angle: float) -> Vector3:
+    x, y, z = vector
+    return cos(angle) * x - sin(angle) * y, sin(angle) * x + cos(angle) * y, z

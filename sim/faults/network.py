@@ -1,0 +1,178 @@
+"""Faults of the links between the agents, played by the radio.
+
+What happens to a message is drawn from the random numbers of each fault: without an active one the radio does bit for bit what
+it does otherwise. Log entries that get lost wait in their publisher's cache, as those of Zenoh's advanced publishers do, and are
+sent again until they arrive; the logs' own exchange of missing entries is in ``recovery``.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from itertools import product
+
+import msgpack
+import numpy as np
+
+from sim.faults.agents import Corrupt, Cut, Duplicate, Flood, Lag, LinkFault, Loss, Partition, RadioRange, Reorder
+from sim.faults.base import Fault
+from sim.faults.schedule import Active, Schedule
+from sim.geometry import Array
+from sim.world.radio import Radio, RadioTruth, is_entry
+
+CACHE_ENTRIES = 2_000  # of each kind, that a publisher keeps for a link that is down (protocol.session)
+MOST_FLOODING = 300  # messages on a link in one tick: what is beyond that is dropped for want of room, as by Zenoh
+_PAD = 1000  # bytes of a piece of padding; the decoder refuses strings of more than 1024
+
+Link = tuple[int, int]  # sender, receiver
+Arrival = tuple[float, bytes]  # after this many seconds
+
+
+class FaultyRadio(Radio):
+    """A radio whose links break as the scenario says."""
+
+    def __init__(
+        self, truth: RadioTruth, names: Sequence[str], rng: np.random.Generator, faults: Schedule, tick_s: float
+    ) -> None:
+        """``names``: of the mission's drones; ``tick_s``: interval of ``advance``."""
+        super().__init__(truth, len(names), rng)
+        self._names = list(names)
+        self._faults = faults
+        self._tick_s = tick_s
+        self._calm, self._broken = True, False
+        self._cut: set[Link] = set()
+        self._far: set[Link] = set()
+        self._struck: dict[Link, list[tuple[LinkFault, Active]]] = {}
+        self._waiting: dict[tuple[int, int, str], deque[tuple[int, bytes]]] = {}  # entries, each with its next attempt
+        self._poses: dict[int, tuple[str, bytes]] = {}  # the newest of each drone, while somebody floods
+
+    def advance(self, now_ns: int, position: Array) -> None:
+        """Go on to a time: links break or heal, waiting entries are sent again. position: (N, 3), true."""
+        if self._faults.begun or self._faults.ended:
+            self._look()
+        self._calm = not self._broken and not self._waiting
+        if self._calm:
+            return
+        self._far = self._out_of_range(position)
+        self._send_again(now_ns)
+        for flood, active in self._faults.active(Flood):
+            for sender in sorted(active.drones):
+                self._flood(sender, flood, now_ns)
+
+    def hears(self, sender: int, receiver: int) -> bool:
+        """Whether anything can get from one drone to another at present."""
+        return (sender, receiver) not in self._cut and (sender, receiver) not in self._far
+
+    def silence(self, drone: int) -> None:
+        """The drone's agent is gone: what it has not read, and what it kept for others, is lost."""
+        self._inboxes[drone].clear()
+        self._poses.pop(drone, None)
+        for sender, receiver, key in list(self._waiting):
+            if drone in (sender, receiver):
+                del self._waiting[sender, receiver, key]
+
+    def _look(self) -> None:
+        """Note what is active on which link."""
+        everyone = range(len(self._names))
+        active = self._faults.active
+        self._cut, self._struck = set(), {}
+        for partition, _ in active(Partition):
+            side = {name: number for number, group in enumerate(partition.groups) for name in group}
+            sides = [side.get(name, -1 - place) for place, name in enumerate(self._names)]
+            self._cut.update((one, other) for one, other in product(everyone, everyone) if sides[one] != sides[other])
+        for fault, one in active(LinkFault):
+            links = self._links(fault, one)
+            if isinstance(fault, Cut):
+                self._cut.update(links)
+            else:
+                for link in links:
+                    self._struck.setdefault(link, []).append((fault, one))
+        self._broken = bool(self._cut or self._struck or active(RadioRange) or active(Flood))
+
+    def _links(self, fault: LinkFault, active: Active) -> list[Link]:
+        named = fault.names_of_peers()
+        peers = [place for place, name in enumerate(self._names) if fault.peers is None or name in named]
+        pairs = [(target, peer) for target, peer in product(active.drones, peers) if target != peer]
+        sent = pairs if fault.direction != "receive" else []
+        received = [(peer, target) for target, peer in pairs] if fault.direction != "send" else []
+        return sorted({*sent, *received})
+
+    def _out_of_range(self, position: Array) -> set[Link]:
+        far: set[Link] = set()
+        for fault, active in self._faults.active(RadioRange):
+            between = np.linalg.norm(position[:, None] - position[None], axis=2)
+            for sender, receiver in np.argwhere(between > fault.range_m).tolist():
+                if sender in active.drones or receiver in active.drones:
+                    far.add((sender, receiver))
+        return far
+
+    def _carry(self, sender: int, receiver: int, key: str, payload: bytes, delay_s: float, now_ns: int) -> None:
+        if self._calm:
+            super()._carry(sender, receiver, key, payload, delay_s, now_ns)
+            return
+        if key.endswith("/pose"):
+            self._poses[sender] = key, payload
+        arrivals: list[Arrival] = [(delay_s, payload)] if self.hears(sender, receiver) else []
+        for fault, active in self._struck.get((sender, receiver), ()):
+            arrivals = [arrival for one in arrivals for arrival in played(fault, active.rng, one)]
+        for late_s, content in arrivals:
+            super()._carry(sender, receiver, key, content, late_s, now_ns)
+        if not arrivals and is_entry(key):
+            queue = self._waiting.setdefault((sender, receiver, key), deque(maxlen=CACHE_ENTRIES))
+            queue.append((now_ns + int(self._truth.recovery_s * 1e9), payload))
+
+    def _send_again(self, now_ns: int) -> None:
+        for (sender, receiver, key), queue in list(self._waiting.items()):
+            if not self.hears(sender, receiver):
+                continue
+            while queue and queue[0][0] <= now_ns:
+                self._carry(sender, receiver, key, queue.popleft()[1], self._truth.delay_s, now_ns)
+            if not queue:
+                del self._waiting[sender, receiver, key]
+
+    def _flood(self, sender: int, flood: Flood, now_ns: int) -> None:
+        """Send the newest pose of a drone again and again, padded by a field that no receiver knows."""
+        if sender not in self._poses:
+            return
+        key, payload = self._poses[sender]
+        padded = _padded(payload, flood.message_bytes)
+        number = min(MOST_FLOODING, round(flood.rate_mbps * 1e6 * self._tick_s / len(padded)))
+        for receiver in range(len(self._names)):
+            if receiver != sender:
+                for _ in range(number):
+                    self._carry(sender, receiver, key, padded, self._truth.delay_s, now_ns)
+        self._poses[sender] = key, payload
+
+
+def played(fault: Fault, rng: np.random.Generator, arrival: Arrival) -> list[Arrival]:
+    """What becomes of a message under one fault of its link: when it arrives, how often, and with which bytes."""
+    late_s, payload = arrival
+    match fault:
+        case Loss():
+            return [] if rng.random() < fault.probability else [arrival]
+        case Lag():
+            return [(late_s + fault.delay_s + fault.jitter_s * rng.random(), payload)]
+        case Reorder():
+            return [(late_s + fault.held_s, payload) if rng.random() < fault.probability else arrival]
+        case Duplicate():
+            copies = [(late_s + fault.within_s * rng.random(), payload)] if rng.random() < fault.probability else []
+            return [arrival, *copies]
+        case Corrupt():
+            return [(late_s, _corrupted(payload, rng)) if rng.random() < fault.probability else arrival]
+        case _:
+            return [arrival]
+
+
+def _corrupted(payload: bytes, rng: np.random.Generator) -> bytes:
+    """The bytes with one changed, with the last ones missing, or with some more."""
+    place, what = int(rng.integers(len(payload))), rng.integers(3)
+    if what == 0:
+        return payload[:place] + bytes([payload[place] ^ int(rng.integers(1, 256))]) + payload[place + 1 :]
+    return payload[:place] if what == 1 else payload + rng.bytes(1 + place % 16)
+
+
+def _padded(payload: bytes, size: int) -> bytes:
+    """A valid message of about ``size`` bytes, and never fewer than before."""
+    whole, rest = divmod(max(0, size - len(payload) - 12), _PAD)
+    fields = msgpack.unpackb(payload) | {"padding": [*([bytes(_PAD)] * whole), bytes(rest)]}
+    return bytes(msgpack.packb(fields))

@@ -1,0 +1,67 @@
+"""The exchange of missing log entries between the agents, as ``agent.shell.recovery`` plays it over Zenoh.
+
+Each agent asks one reachable peer after another every two seconds, and at once again while entries arrive. Requests and answers
+go over the same radio as everything else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from agent.pilot import Pilot
+from protocol.keys import drone_key
+from sim.faults.network import FaultyRadio
+
+PERIOD_NS = 2_000_000_000
+HURRY_NS = 300_000_000  # 0.2 s after an answer, which takes about 0.1 s
+TOKEN_NS = 1_000_000_000  # a peer's liveliness token goes this long after its last message (lease of a Zenoh link)
+
+Told = Callable[[int, str, bytes], bytes]  # what a drone tells instead of an entry of its own
+
+
+class Recovery:
+    """Requests for missing entries, and their answers, of all agents of a swarm."""
+
+    def __init__(self, swarm: str, names: Sequence[str], radio: FaultyRadio, told: Told) -> None:
+        self._keys = [drone_key(swarm, name, "log") for name in names]
+        self._places = {name: place for place, name in enumerate(names)}
+        self._radio = radio
+        self._told = told
+        self._due_ns: dict[int, int] = {}
+        self._turns = [0] * len(names)
+        self._heard_ns: dict[tuple[int, int], int] = {}  # by receiver and sender
+
+    def hear(self, drone: int, key: str, payload: bytes, pilot: Pilot, now_ns: int) -> bool:
+        """Note a message that a drone has received; a request for entries is answered. True where it was one."""
+        sender = self._places.get(key.split("/")[3])
+        if sender is None:
+            return False
+        self._heard_ns[drone, sender] = now_ns
+        if not key.endswith("/log"):
+            return False
+        missing = pilot.log_answer(payload)
+        for place, entry in missing:
+            self._radio.send(drone, place, self._told(drone, place, entry), now_ns, to=sender)
+        if missing:
+            self._due_ns[sender] = now_ns + HURRY_NS
+        return True
+
+    def ask(self, drone: int, pilot: Pilot, now_ns: int) -> None:
+        """Ask one of the peers that are heard, if it is time to. The key says who asks."""
+        phase_ns = PERIOD_NS * drone // len(self._keys)  # not all at the same time
+        if now_ns < self._due_ns.setdefault(drone, now_ns + phase_ns):
+            return
+        since_ns = now_ns - TOKEN_NS
+        peers = [peer for peer in self._places.values() if self._heard_ns.get((drone, peer), 0) > since_ns]
+        if peers:
+            self._turns[drone] += 1
+            self._due_ns[drone] = now_ns + PERIOD_NS
+            peer = peers[self._turns[drone] % len(peers)]
+            self._radio.send(drone, self._keys[drone], pilot.log_summary(), now_ns, to=peer)
+
+    def begin_anew(self, drone: int) -> None:
+        """The drone's agent has been started again: it has heard nobody, and asks as soon as it does."""
+        self._due_ns[drone] = 0
+        for receiver, sender in list(self._heard_ns):
+            if drone in (receiver, sender):
+                del self._heard_ns[receiver, sender]

@@ -1,0 +1,39 @@
+"""The faults of a flight as they are drawn and told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sim.faults.agents import Disk, Lie, Partition
+from sim.faults.base import Fault
+from sim.faults.kinds import kind_of
+from sim.result import FaultTrace
+
+
+def told_faults(faults: Sequence[Fault], drones: Sequence[str], until_s: float) -> tuple[FaultTrace, ...]:
+    """Those that begin before the end of a flight, in the order in which they begin. ``drones``: of the mission."""
+    begun = sorted((fault for fault in faults if fault.at_s <= until_s), key=lambda fault: fault.at_s)
+    return tuple(
+        FaultTrace(
+            label=_label(fault, drones),
+            drones=tuple(drones.index(name) for name in fault.strikes(drones)),
+            begin_s=fault.at_s,
+            end_s=min(fault.end_s, until_s),
+        )
+        for fault in begun
+    )
+
+
+def _label(fault: Fault, drones: Sequence[str]) -> str:
+    """Its kind, and whom it strikes, such as ``kill d2`` or ``partition d1 d2 | d3``."""
+    if isinstance(fault, Partition):
+        alone = [(name,) for name in drones if name not in fault.names()]
+        return f"partition {' | '.join(' '.join(group) for group in (*fault.groups, *alone))}"
+    what = (
+        f"{fault.how} {fault.what}"
+        if isinstance(fault, Lie)
+        else f"disk {fault.how}"
+        if isinstance(fault, Disk)
+        else kind_of(fault)
+    )
+    return what if fault.target is None else f"{what} {' '.join(fault.strikes(drones))}"

@@ -1,0 +1,72 @@
+"""The agents of lockstep as they are scored."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from protocol.messages import Stage
+from sim.faults.process import Agent as Process
+from sim.scoring.believers import Believer, Excluding
+from sim.scoring.framescore import Graph
+from sim.scoring.score import Belief
+
+
+class Aboard:
+    """An agent with whatever pilot is in it: one that is dead believes nothing."""
+
+    def __init__(self, process: Process) -> None:
+        self._process = process
+
+    @property
+    def alive(self) -> bool:
+        """Whether there is a process."""
+        return self._process.alive
+
+    @property
+    def stage(self) -> Stage:
+        """Its stage; that of its vehicle after its death."""
+        return self._process.stage
+
+    @property
+    def hypothesis(self) -> Belief | None:
+        """Its source estimate."""
+        return self._process.pilot.hypothesis if self.alive else None
+
+    @property
+    def outlook(self) -> Excluding | None:
+        """Its search state without a hypothesis."""
+        return self._process.pilot.outlook if self.alive else None
+
+    @property
+    def finding(self) -> str:
+        """The result of a search that found nothing; else empty."""
+        return self._process.pilot.finding if self.alive else ""
+
+    @property
+    def graph(self) -> Graph:
+        """The frames that it knows."""
+        return self._process.pilot.frames.graph
+
+    def suspects(self) -> Mapping[str, str]:
+        """By drone: why its frame is not trusted."""
+        return self._process.pilot.frames.suspects()
+
+    @property
+    def listeners(self) -> dict[str, Believer]:
+        """The estimators that read its log without any say in the flight."""
+        return {name: _Listener(self._process, name) for name in self._process.pilot.listeners}
+
+
+class _Listener:
+    def __init__(self, process: Process, name: str) -> None:
+        self._process, self._name = process, name
+
+    @property
+    def hypothesis(self) -> Belief | None:
+        """Its source estimate."""
+        return self._process.pilot.listeners[self._name].hypothesis if self._process.alive else None
+
+    @property
+    def outlook(self) -> Excluding | None:
+        """Its search state without a hypothesis."""
+        return self._process.pilot.listeners[self._name].outlook if self._process.alive else None
