@@ -2,8 +2,9 @@
 
 Run: python -m tests.fuzz [TARGET ...] [--share 1.0] [--seed 1] [--workers N] [--minutes 60] [--out results/fuzz] [--case N]
 
-All targets, or those named, with ``--share`` of their inputs; ``--case``: one case of one target, with its whole trace. Exit code 1
-where there is a finding or time was too short. Interrupted, it goes on where it was when called again with the same seed and share.
+All targets, or those named, with ``--share`` of their inputs; ``--case``: one case of one target, with its whole trace. Exit
+code 1 where there is a finding or time was too short. Interrupted, it goes on where it was when called again with the same seed
+and share.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+
+from sim.campaign.workers import cores
 from tests.fuzz.runner import Journal, Outcome, chunks, keep, run
 from tests.fuzz.target import run_case
 from tests.fuzz.targets import TARGETS
-
-from sim.campaign.workers import cores
 
 _SHOWN = 3  # lines for findings of one kind
 
@@ -68,7 +69,13 @@ def fuzz(names: list[str], options: argparse.Namespace) -> int:
     for chunk, inputs in journal.done.items():
         totals[chunk.target].append(Outcome(chunk, inputs))
     end_s, late = time.monotonic() + 60.0 * options.minutes, False
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
     with tempfile.TemporaryDirectory(prefix="radron-fuzz-") as folder, Progress(*columns, console=console) as progress:
         bar = progress.add_task("fuzzing", total=len(planned), completed=len(planned) - len(todo), rate="")
         for outcome in run(todo, options.workers, Path(folder)):

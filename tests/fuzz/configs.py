@@ -11,14 +11,14 @@ from typing import Any
 import msgspec
 import tomli_w
 from one_pilot import AREA
-from tests.fuzz.mutation import HOSTILE_NUMBERS, HOSTILE_TEXTS, broken_text, mutated, nested
-from tests.fuzz.target import Probe, Target, expect
 
 from agent.config.drone import DroneConfig
 from agent.config.loading import load_mission, load_toml
 from agent.config.mission import DatumConfig, DroneInMission, MissionConfig
 from agent.errors import ConfigError
 from sim.scenario import load_scenario, shipped
+from tests.fuzz.mutation import HOSTILE_NUMBERS, HOSTILE_TEXTS, broken_text, mutated, nested
+from tests.fuzz.target import Probe, Target, expect
 
 SCENARIOS = Path(__file__).parents[2] / "sim" / "scenarios"
 _MONSTERS = (
@@ -98,7 +98,9 @@ class Missions(_Configs):
             datum=DatumConfig(latitude_deg=50.0, longitude_deg=14.0, altitude_m=300.0),
             drones=(DroneInMission(id="d1", localization="gnss"), DroneInMission(id="d2", origin_m=(4.0, 0.0, 0.0))),
         )
-        shipped_ones = (load_scenario(name, with_grid=False).mission for name in ("demo", "mixed-frames", "hilly", "stabilization"))
+        shipped_ones = (
+            load_scenario(name, with_grid=False).mission for name in ("demo", "mixed-frames", "hilly", "stabilization")
+        )
         self.examples = (_as_toml(full, whole=True), *(_as_toml(mission) for mission in (full, *shipped_ones)))
         (folder / "hilly.asc").write_bytes((SCENARIOS / "hilly.asc").read_bytes())
 
@@ -176,9 +178,11 @@ def _as_toml(config: msgspec.Struct, whole: bool = False) -> bytes:
 
 
 def _given(value: Any, whole: bool) -> Any:
-    """As somebody would write it: without what has no value, for which TOML has no form, and without defaults unless ``whole``."""
+    """As somebody would write it: without what has no value (TOML has no null), and without defaults unless ``whole``."""
     if isinstance(value, msgspec.Struct):
         fields = msgspec.structs.fields(value)
         given = ((field, getattr(value, field.name)) for field in fields)
-        return {field.encode_name: _given(one, whole) for field, one in given if one is not None and (whole or one != field.default)}
+        return {
+            field.encode_name: _given(one, whole) for field, one in given if one is not None and (whole or one != field.default)
+        }
     return [_given(one, whole) for one in value] if isinstance(value, list | tuple) else value

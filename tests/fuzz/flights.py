@@ -11,8 +11,6 @@ import numpy as np
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, command, cone_of, partner, state
 from recorded_flights import rewritten
-from tests.fuzz.mutation import broken, broken_text, hostile, mutated
-from tests.fuzz.target import Probe, Target, expect
 
 from agent.config.drone import DroneConfig
 from agent.detector.readout import PixelHits, Readout
@@ -26,6 +24,8 @@ from agent.pilot import Pilot
 from agent.vehicle.interface import FlightMode, GnssFix, SeenDrone
 from protocol.codec import encode
 from protocol.keys import key_of
+from tests.fuzz.mutation import broken, broken_text, hostile, mutated
+from tests.fuzz.target import Probe, Target, expect
 
 _REPLAYED = 20  # of so many files one is replayed
 _HEADER = FlightHeader.of(MISSION, DroneConfig(id="d1"), "1" * 16, START_NS)
@@ -75,7 +75,9 @@ def _read(path: Path) -> None:
         flight = RecordedFlight(path)
         records = sum(1 for _ in flight.records())
     except RadronError as error:
-        expect("\n" not in str(error) and path.name in str(error), f"an error of several lines or without file: {str(error)[:200]!r}")
+        expect(
+            "\n" not in str(error) and path.name in str(error), f"an error of several lines or without file: {str(error)[:200]!r}"
+        )
         return
     expect(flight.flaw is None or "\n" not in flight.flaw, f"a flaw of several lines: {flight.flaw!r}")
     expect(flight.read_bytes <= flight.size_bytes, f"more than all is read: {records} records")
@@ -150,5 +152,3 @@ def _sense(pilot: RecordedPilot, tick: int, now_ns: int) -> None:
     pilot.block(())
     pilot.log_answer(pilot.log_summary())
     pilot.advance(now_ns)
-
-

@@ -15,9 +15,6 @@ from mavsdk.plugins.mavlink_direct import MavlinkMessage
 from mavsdk_json import fields_of
 from one_pilot import MISSION
 from pymavlink.dialects.v20 import common
-from tests.fuzz.mutation import broken, mutated
-from tests.fuzz.packets import from_companion, odd_payload, recorded
-from tests.fuzz.target import Probe, Target, expect
 
 from agent.config.drone import DroneConfig, VehicleConfig
 from agent.config.mission import DatumConfig, DroneInMission
@@ -30,6 +27,9 @@ from sim.vehicle.multirotor import Multirotors, MultirotorTruth
 from sim.vehicle.px4.config import Px4Config
 from sim.vehicle.px4.fleet import Px4Fleet
 from sim.world.localization import Localization, LocalizationTruth
+from tests.fuzz.mutation import broken, mutated
+from tests.fuzz.packets import from_companion, odd_payload, recorded
+from tests.fuzz.target import Probe, Target, expect
 
 PACKETS_PER_LOOK = 50
 _MISSION = msgspec.structs.replace(
@@ -73,7 +73,10 @@ class AgentLink(Target):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        known = {number: [packet for packet in ones if (fields_of(packet) or ("",))[0] in DECODERS] for number, ones in recorded().items()}
+        known = {
+            number: [packet for packet in ones if (fields_of(packet) or ("",))[0] in DECODERS]
+            for number, ones in recorded().items()
+        }
         self._packets = [ones for ones in known.values() if ones]
 
     def case(self, rng: Random, probe: Probe) -> None:
@@ -110,7 +113,13 @@ class _Agent:
         gnss = rng.random() < 0.8
         self._pilot = Pilot(_MISSION, DroneConfig(id="d1"), boot="1" * 16)
         self._vehicle = Px4Vehicle(
-            VehicleConfig(gnss=gnss), CEILING_M, None, self._now_ns, rng.random() < 0.5, clock_s=lambda: self.now_s, link=self._link
+            VehicleConfig(gnss=gnss),
+            CEILING_M,
+            None,
+            self._now_ns,
+            rng.random() < 0.5,
+            clock_s=lambda: self.now_s,
+            link=self._link,
         )
         self._vehicle.on_state(self._take)
         self._vehicle.on_fix(self._take_fix)
@@ -189,7 +198,9 @@ def _to_vehicle(rng: Random, sender: common.MAVLink) -> bytes:
     data = from_companion(rng, _KINDS, sender, 1)
     pick = rng.random()
     if pick < 0.4:  # a command that it knows
-        values = [rng.choice((0.0, 1.0, nan, 4.0, 6.0, 29.0, 21196.0, rng.uniform(-100, 100), float("inf"), 1e30)) for _ in range(7)]
+        values = [
+            rng.choice((0.0, 1.0, nan, 4.0, 6.0, 29.0, 21196.0, rng.uniform(-100, 100), float("inf"), 1e30)) for _ in range(7)
+        ]
         data = common.MAVLink_command_long_message(1, 1, rng.choice(_COMMANDS), 0, *values).pack(sender)
     if pick > 0.95:
         return rng.randbytes(rng.choice((1, 12, 300)))

@@ -14,9 +14,6 @@ import msgpack
 import msgspec
 from msgspec.structs import replace
 from one_pilot import AREA, MISSION, SECOND, START_NS, command, cone_of, state
-from tests.fuzz.mutation import HOSTILE_TEXTS, broken, hostile, mutated, nested
-from tests.fuzz.target import Probe, Target, expect
-from tests.fuzz.valid import documents
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import DatumConfig, DroneInMission, FusionConfig, MissionConfig
@@ -25,8 +22,11 @@ from agent.vehicle.interface import FlightMode
 from protocol.codec import decode_from, encode
 from protocol.keys import key_of
 from protocol.messages import DRONE_KINDS, KINDS, Status
+from tests.fuzz.mutation import HOSTILE_TEXTS, broken, hostile, mutated, nested
+from tests.fuzz.target import Probe, Target, expect
+from tests.fuzz.valid import documents
 
-EVERY = 60  # examples of each kind
+EVERY = 30  # examples of each kind
 MESSAGES_PER_STEP = 50
 COMPARED = 20  # of so many cases one is repeated without what was refused
 _MEMBERS = ("d1", "d2", "d3")

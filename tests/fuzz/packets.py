@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import struct
 from functools import lru_cache
+from math import isnan
 from random import Random
 from typing import Any
 
 from pymavlink.dialects.v20 import common, development
 from pymavlink.generator.mavcrc import x25crc
 from recorded_px4 import packets
+
 from tests.fuzz.mutation import HOSTILE_NUMBERS
 
 RECORDINGS = ("B_flight1", "D_gps_loss_5s_circling_r12_v3", "A_boot_gcs_wait")
 HEAD_BYTES = 10
 _CRC_EXTRA = {410: 160}  # EVENT, which pymavlink's dialects lack
-_FLOATS = tuple(struct.pack("<f", value) for value in (float("nan"), float("inf"), float("-inf"), 3.4e38, -3.4e38, 1e-45, 0.0, 1e9))
+_FLOATS = tuple(
+    struct.pack("<f", value) for value in (float("nan"), float("inf"), float("-inf"), 3.4e38, -3.4e38, 1e-45, 0.0, 1e9)
+)
 _WORDS = (b"\0" * 8, b"\xff" * 8, b"\xff" * 7 + b"\x7f", b"\0" * 7 + b"\x80", b"\0\0\0\x80" * 2, b"\xff\xff\xff\x7f" * 2)
 
 
@@ -89,14 +93,16 @@ def _field(rng: Random, name: str, kind: str, length: int, target: int) -> Any:
     if name == "target_component":
         return rng.choice((1, 1, 1, 1, 0, 195))
     if kind == "char":
-        return rng.choice((b"MPC_XY_P", b"COM_RC_IN_MODE", b"SYS_AUTOSTART", b"", b"\xff\xfe", b"x" * 16, rng.randbytes(8)))[:length]
+        return rng.choice((b"MPC_XY_P", b"COM_RC_IN_MODE", b"SYS_AUTOSTART", b"", b"\xff\xfe", b"x" * 16, rng.randbytes(8)))[
+            :length
+        ]
     return [_number(rng, kind) for _ in range(length)] if length else _number(rng, kind)
 
 
 def _number(rng: Random, kind: str) -> float:
     if kind in ("float", "double"):
         value = rng.choice((rng.uniform(-10.0, 10.0), rng.uniform(-1e3, 1e3), *HOSTILE_NUMBERS))
-        return float(value) if kind == "double" or value != value or abs(value) < 3.4e38 else float("inf")
+        return float(value) if kind == "double" or isnan(value) or abs(value) < 3.4e38 else float("inf")
     bits = int("".join(filter(str.isdigit, kind.removesuffix("_t"))))
     low, high = (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
     return rng.choice((0, 1, low, high, rng.randint(low, high), min(high, rng.randrange(64))))

@@ -7,8 +7,6 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
-from tests.fuzz.mutation import broken, broken_text
-from tests.fuzz.target import Probe, Target, expect
 
 from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
@@ -18,6 +16,8 @@ from agent.detector.readout import PixelHits, Readout
 from agent.detector.t3pa import T3paReader, readouts
 from agent.errors import DetectorError
 from sim.radiation.t3pa import T3paWriter
+from tests.fuzz.mutation import broken, broken_text
+from tests.fuzz.target import Probe, Target, expect
 
 _CHAINED = 20  # of so many files one is worked through to the end
 _MOST_SLICES = 50  # of a playback: a file may claim centuries
@@ -49,7 +49,9 @@ class Recordings(Target):
         example, pick = rng.choice(self._examples), rng.random()
         if pick < 0.02:
             first = example.partition(b"\n")[0] + b"\n"
-            return rng.choice((b"", b"\n", first, first + b"\n" * 1000, first + b"9" * 100_000, first * 2, rng.randbytes(1000), b"\0" * 1000))
+            return rng.choice(
+                (b"", b"\n", first, first + b"\n" * 1000, first + b"9" * 100_000, first * 2, rng.randbytes(1000), b"\0" * 1000)
+            )
         if pick < 0.2:
             return broken(rng, example, self._examples)
         for _ in range(rng.choice((1, 1, 2, 4))):
@@ -62,7 +64,9 @@ def _read(path: Path, bits: int | None, piece_bytes: int | None, chained: bool) 
         for readout in readouts(T3paReader(path, bits, piece_bytes), _SECOND):
             _check(readout)
     except DetectorError as error:
-        expect("\n" not in str(error) and path.name in str(error), f"an error of several lines or without file: {str(error)[:200]!r}")
+        expect(
+            "\n" not in str(error) and path.name in str(error), f"an error of several lines or without file: {str(error)[:200]!r}"
+        )
     if not chained:
         return
     chain = DetectorChain(DetectionConfig(), "Cs-137", Calibration.nominal())
@@ -79,7 +83,10 @@ def _read(path: Path, bits: int | None, piece_bytes: int | None, chained: bool) 
 def _check(readout: Readout) -> None:
     expect(readout.start_ns <= readout.end_ns, "a readout that ends before it begins")
     span_s = (readout.end_ns - readout.start_ns) * 1e-9
-    expect(0.0 <= readout.live_time_s <= span_s * 1.000001 + 1e-9, f"a live time out of its readout: {readout.live_time_s} of {span_s}")
+    expect(
+        0.0 <= readout.live_time_s <= span_s * 1.000001 + 1e-9,
+        f"a live time out of its readout: {readout.live_time_s} of {span_s}",
+    )
 
 
 def _recording(seed: int) -> bytes:

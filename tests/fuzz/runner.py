@@ -111,7 +111,9 @@ def _limit_memory(folder: str) -> None:
 
 
 def _died(chunk: Chunk) -> Outcome:
-    finding = Finding(chunk.target, chunk.seed, chunk.first, "the process died", f"in one of the cases up to {chunk.last - 1}", b"")
+    finding = Finding(
+        chunk.target, chunk.seed, chunk.first, "the process died", f"in one of the cases up to {chunk.last - 1}", b""
+    )
     return Outcome(chunk, findings=[finding])
 
 
@@ -141,5 +143,3 @@ def keep(finding: Finding, folder: Path) -> Path:
     path.write_bytes(finding.data)
     path.with_suffix(".txt").write_text(f"{finding.replay}\n{finding.kind}\n\n{finding.trace}")
     return path
-
-

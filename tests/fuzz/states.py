@@ -8,8 +8,6 @@ from random import Random
 import msgspec
 import structlog
 from one_pilot import MISSION, SECOND, START_NS, state
-from tests.fuzz.mutation import HOSTILE_NUMBERS, HOSTILE_TEXTS, broken_text, mutated
-from tests.fuzz.target import Probe, Target, expect
 
 from agent.config.drone import DroneConfig, VehicleConfig
 from agent.mission.memory import Memory
@@ -20,9 +18,22 @@ from agent.vehicle.interface import FlightMode, LaunchPlace
 from agent.vehicle.messages import Attitude, ExtendedState, GlobalOrigin, Heartbeat, LocalPosition, SystemStatus
 from agent.vehicle.telemetry import Telemetry
 from protocol.messages import Stage
+from tests.fuzz.mutation import HOSTILE_NUMBERS, HOSTILE_TEXTS, broken_text, mutated
+from tests.fuzz.target import Probe, Target, expect
 
 _FLOWN = 10  # of so many files one is flown on with
-_MONSTERS = (b"", b"null", b"[]", b"{}", b"[" * 100_000, b'{"memory":' * 50_000, b'{"x":' + b"[" * 100_000, b"\xff", b'"\xff"', b"{" * 1000)
+_MONSTERS = (
+    b"",
+    b"null",
+    b"[]",
+    b"{}",
+    b"[" * 100_000,
+    b'{"memory":' * 50_000,
+    b'{"x":' + b"[" * 100_000,
+    b"\xff",
+    b'"\xff"',
+    b"{" * 1000,
+)
 _ORIGIN = (473977420, 85455940, 488000)
 
 
@@ -54,7 +65,9 @@ class States(Target):
         if pick < 0.6:
             document = msgspec.json.decode(example)
             for _ in range(rng.choice((1, 1, 2, 3))):
-                document = mutated(rng, document, lambda rng: rng.choice((*HOSTILE_NUMBERS, *HOSTILE_TEXTS, None, [], {}, True, 1e308)))
+                document = mutated(
+                    rng, document, lambda rng: rng.choice((*HOSTILE_NUMBERS, *HOSTILE_TEXTS, None, [], {}, True, 1e308))
+                )
             return msgspec.json.encode(document)
         return broken_text(rng, example)
 
@@ -71,7 +84,12 @@ def _fly_on(found: State) -> None:
     """The agent starts with its vehicle in the air."""
     telemetry = Telemetry(VehicleConfig(), found.launch)
     sensors = 0x1000_0027
-    for message in (Heartbeat(0x9D, 0x60000, 4), ExtendedState(2), SystemStatus(sensors, sensors, sensors, 90), GlobalOrigin(*_ORIGIN)):
+    for message in (
+        Heartbeat(0x9D, 0x60000, 4),
+        ExtendedState(2),
+        SystemStatus(sensors, sensors, sensors, 90),
+        GlobalOrigin(*_ORIGIN),
+    ):
         telemetry.receive(message, START_NS, 1.0)
     pilot = Pilot(MISSION, DroneConfig(id="d1"), boot="1" * 16, memory=found.memory)
     for tick in range(4):

@@ -19,18 +19,18 @@ _ROOT = str(Path(__file__).parents[2]) + os.sep
 _ENGINE = os.path.join("tests", "fuzz", "target.py")
 
 
-class Violation(AssertionError):
+class ViolationError(AssertionError):
     """An input that was accepted or refused, and left something behind that must not be."""
 
 
-class TooSlow(Exception):
+class TooSlowError(Exception):
     """An input that took longer than its target allows."""
 
 
 def expect(holds: bool, what: str) -> None:
-    """Raise Violation unless it holds."""
+    """Raise ViolationError unless it holds."""
     if not holds:
-        raise Violation(what)
+        raise ViolationError(what)
 
 
 class Probe:
@@ -46,7 +46,7 @@ class Probe:
         self.slowest_s = 0.0
 
     def feed(self, data: bytes, call: Callable[..., T], *args: Any) -> T:
-        """Feed one input. Raises TooSlow, and whatever ``call`` raises."""
+        """Feed one input. Raises TooSlowError, and whatever ``call`` raises."""
         self.data = data
         self.count += 1
         return self.timed(call, *args)
@@ -58,7 +58,7 @@ class Probe:
         took_s = time.thread_time() - began_s
         self.slowest_s = max(self.slowest_s, took_s)
         if took_s > self._limit_s:
-            raise TooSlow(f"{getattr(call, '__qualname__', call)}: {took_s:.2f} s, and {self._limit_s:g} s are allowed")
+            raise TooSlowError(f"{getattr(call, '__qualname__', call)}: {took_s:.2f} s, and {self._limit_s:g} s are allowed")
         return result
 
 
@@ -102,7 +102,7 @@ class Finding:
 def run_case(target: Target, seed: int, number: int) -> tuple[Probe, Finding | None]:
     """Run one case. What is too slow must be so twice: the machine may have been busy."""
     probe, error = _attempt(target, seed, number)
-    if isinstance(error, TooSlow):
+    if isinstance(error, TooSlowError):
         probe, error = _attempt(target, seed, number)
     if error is None:
         return probe, None
@@ -124,7 +124,7 @@ def _attempt(target: Target, seed: int, number: int) -> tuple[Probe, Exception |
 def _kind(error: Exception) -> str:
     """Type of the error, and where in this repository it came from."""
     place = "?"
-    if isinstance(error, Violation | TooSlow):
+    if isinstance(error, ViolationError | TooSlowError):
         place = str(error).partition(":")[0]
     else:
         step: TracebackType | None = error.__traceback__

@@ -21,31 +21,35 @@ _TEXTS = {  # of the patterns of protocol.units, by a part of them
 
 @lru_cache
 def documents(each: int, seed: int = 0) -> dict[str, list[dict[str, Any]]]:
-    """``each`` valid documents of every kind."""
+    """``each`` valid documents of every kind: half with numbers of any size, half with such as a swarm may have in its area."""
     rng = Random(seed)
-    return {kind: [document(_value(rng, inspect.type_info(cls))) for _ in range(each)] for kind, cls in sorted(KINDS.items())}
+    return {
+        kind: [document(_value(rng, inspect.type_info(cls), rng.random() < 0.5)) for _ in range(each)]
+        for kind, cls in sorted(KINDS.items())
+    }
 
 
-def _value(rng: Random, kind: inspect.Type) -> Any:  # noqa: PLR0912 - a case for each type of field
+def _value(rng: Random, kind: inspect.Type, tame: bool) -> Any:  # noqa: PLR0912 - a case for each type of field
     match kind:
         case inspect.StructType(cls=cls, fields=fields):
-            values = {field.name: _value(rng, field.type) for field in fields}
+            values = {field.name: _value(rng, field.type, tame) for field in fields}
             return cls(**CONSISTENT.get(cls, dict)(values))
         case inspect.TupleType(item_types=items):
             if isinstance(items[0], inspect.FloatType) and items[0].le == UNIT_BOUND:
                 return normalised(tuple(rng.uniform(-1.0, 1.0) for _ in items))
-            return tuple(_value(rng, item) for item in items)
+            return tuple(_value(rng, item, tame) for item in items)
         case inspect.VarTupleType(item_type=item, min_length=least, max_length=most):
-            lowest = least or 0
-            return tuple(_value(rng, item) for _ in range(rng.choice((lowest, max(lowest, 2), min(most or 9, max(9, lowest))))))
+            sizes = [size for size in (0, 1, 2, 9, 16, 32, most or 0) if (least or 0) <= size <= (most or 9)]
+            return tuple(_value(rng, item, tame) for _ in range(rng.choice(sizes)))
         case inspect.DictType(key_type=key, value_type=value):
-            return {f"{_value(rng, key)}{place}"[-64:]: _value(rng, value) for place in range(rng.randrange(4))}
+            return {f"{_value(rng, key, tame)}{place}"[-64:]: _value(rng, value, tame) for place in range(rng.randrange(4))}
         case inspect.UnionType(types=types):
-            return _value(rng, rng.choice(types))
+            return _value(rng, rng.choice(types), tame)
         case inspect.FloatType(ge=low, le=high):
             assert low is not None
             assert high is not None
-            return float(rng.choice((rng.uniform(low, high), rng.uniform(max(low, -50.0), min(high, 50.0)), low, high)))
+            near = rng.uniform(max(low, -50.0), min(high, 50.0))
+            return near if tame else float(rng.choice((rng.uniform(low, high), near, low, high)))
         case inspect.IntType(ge=low, le=high):
             assert low is not None
             assert high is not None

@@ -6,7 +6,18 @@ import struct
 import pytest
 
 from agent.vehicle.messages import ParameterValue
-from agent.vehicle.parameters import ASK_AGAIN_S, FLOAT, INT32, MOST_ASKS, NEGATIVE, REFRESH_S, RULES, Parameters, rules_of, value_of
+from agent.vehicle.parameters import (
+    ASK_AGAIN_S,
+    FLOAT,
+    INT32,
+    MOST_ASKS,
+    NEGATIVE,
+    REFRESH_S,
+    RULES,
+    Parameters,
+    rules_of,
+    value_of,
+)
 
 GOOD = {
     "COM_OF_LOSS_T": 1.0,
