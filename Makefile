@@ -8,7 +8,7 @@ DOCS := .venv/.docs
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 export OMP_NUM_THREADS = 1
 
-.PHONY: demo docs test test-slow test-all px4-test docker-test bench table figures lint clean
+.PHONY: demo docs test test-slow test-all fuzz soak px4-test docker-test bench table figures lint clean
 
 demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two minutes; results/demo/
 	$(BIN)/radron-sim live demo --seed 5 --out results/demo
@@ -21,6 +21,12 @@ test-slow: $(DEV)  ## the slow tests, of more than ten seconds each
 
 test-all: $(DEV)  ## all tests
 	$(BIN)/pytest -n 2
+
+fuzz: $(DEV)  ## broken and random input for all readers, an hour on two cores at most; results/fuzz/
+	$(BIN)/python -m tests.fuzz --out results/fuzz
+
+soak: $(SIM)  ## an hour's mission and 20 short ones in lockstep, ten minutes live: nothing may be left over; results/soak/
+	$(BIN)/python benchmarks/soak.py --lockstep 3600 --missions 20 --live 600 --out results/soak
 
 # A real PX4: PX4_BIN=.../build/px4_sitl_default/bin/px4 (or PX4_IMAGE=px4io/px4-sitl:v1.17.0, by docker); PX4_TEST=emulated: emulated vehicles.
 px4-test: $(SIM)  ## two missions, hold, a killed agent, lost GNSS, live on a real PX4; exit code 77 without one; results/px4-test/

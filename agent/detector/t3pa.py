@@ -101,6 +101,8 @@ class T3paReader:
         """The required columns (N, 5), checked."""
         if not lines:
             return np.empty((0, len(REQUIRED)), np.int64)
+        if not lines[0].strip():  # of empty lines alone loadtxt would warn on the terminal
+            raise self._broken(lines, columns, line)
         try:
             table: NDArray[np.int64] = np.loadtxt(lines, np.int64, delimiter="\t", comments=None, ndmin=2, usecols=columns)
         except (ValueError, OverflowError):

@@ -18,7 +18,8 @@ from agent.errors import FlightRecordError
 from agent.flight.header import FlightHeader
 from agent.flight.segment import HEADER
 
-_DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, zlib.error, ValueError, KeyError)
+# MemoryError: a length with a flipped bit, up to 4 GB
+_DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, zlib.error, ValueError, KeyError, MemoryError)
 
 
 class FlightRecord(NamedTuple):
@@ -90,7 +91,7 @@ class RecordedFlight:
                         yield item.sequence, record
             except _DAMAGE as error:
                 if stream.read(1):
-                    self.flaw = f"{file.name} is damaged: {type(error).__name__}: {error}"
+                    self.flaw = f"{file.name} is damaged: {type(error).__name__}: {error}".removesuffix(": ")
                 else:  # the file ended too early
                     self.truncated = True
 

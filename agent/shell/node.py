@@ -185,7 +185,7 @@ class Node:
                 self._look(now_s)
             if now_s >= counters_s:
                 counters_s = now_s + COUNTERS_S
-                self._log.debug("counters", node=self.counters, mesh=self._mesh.counters, pilot=self._pilot.counters)
+                self._log_counters()
             self._step()
             due_s += PERIOD_S
             behind_s = loop.time() - due_s
@@ -196,6 +196,11 @@ class Node:
                 if behind_s > LATE_STEP_S:
                     self._late_s = loop.time()
             await asyncio.sleep(due_s - loop.time())
+
+    def _log_counters(self) -> None:
+        tasks = len(asyncio.all_tasks())
+        counters = {"node": self.counters, "mesh": self._mesh.counters, "pilot": self._pilot.counters}
+        self._log.debug("counters", pid=os.getpid(), tasks=tasks, **counters)
 
     def _step(self) -> None:
         """Make one step and send its results. Nothing computed before a stall is sent."""

@@ -51,6 +51,8 @@ class StateFile:
             return decode_state(self.path.read_bytes())
         except FileNotFoundError:
             return State()
+        except (UnicodeDecodeError, RecursionError) as error:
+            raise msgspec.DecodeError(str(error)) from None
 
     def save(self, state: State) -> None:
         """Replace the file atomically and durably: a power cut leaves the older or the newer one. Raises OSError."""

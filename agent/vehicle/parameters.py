@@ -19,6 +19,7 @@ ASK_AGAIN_S = 0.5  # PX4 1.17 reports unknown names; older versions do not answe
 MOST_ASKS = 6
 REFRESH_S = 5.0  # a wrong value is read again, so that a correction shows
 FLOAT, INT32 = 9, 6  # MAV_PARAM_TYPE
+LARGEST_FLOAT = 3.4028234e38  # in single precision, which the link has
 NEGATIVE = -1.0
 
 _OFFBOARD_LOSS = {3: "return", 4: "land", 5: "hold"}
@@ -136,7 +137,7 @@ def value_of(message: ParameterValue) -> float:
     The bits of negative integers close to 0 are a NaN, which arrives without its bits: the result is -1. No parameter that is
     read here may be negative.
     """
-    if message.param_value is None:
+    if message.param_value is None or abs(message.param_value) > LARGEST_FLOAT:
         return NEGATIVE
     if message.param_type == FLOAT:
         return message.param_value

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite, radians
+from math import hypot, isfinite, radians
 
 from msgspec import Struct
 
@@ -44,6 +44,7 @@ from agent.vehicle.trust import PositionTrust
 FRESH_S = 0.5  # older attitudes and ranges are not used with a position
 MISSING_S = 1.0  # a stream of 30 Hz that has been missing for this long is reported
 LOST_S = 2.5  # without a heartbeat: two at 1 Hz have been lost
+NORM_ERROR = 0.01  # of a quaternion in single precision: far more than rounding
 _DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
 _INVALID_SIGNAL = 1  # percent, as defined for DISTANCE_SENSOR
 _FIX_3D = 3  # GPS_FIX_TYPE
@@ -268,11 +269,11 @@ def _vector(x: float | None, y: float | None, z: float | None) -> Vector3 | None
 
 
 def _turning(message: Attitude, arrival_s: float) -> _Turning | None:
-    """An attitude, if all of it is there and finite."""
+    """An attitude, if all of it is there and finite, and its quaternion is one of a rotation."""
     vector, rates_rps = (
         _vector(message.q2, message.q3, message.q4),
         _vector(message.rollspeed, message.pitchspeed, message.yawspeed),
     )
-    if vector is None or rates_rps is None or message.q1 is None:
+    if vector is None or rates_rps is None or message.q1 is None or abs(hypot(message.q1, *vector) - 1.0) > NORM_ERROR:
         return None
     return _Turning((message.q1, *vector), rates_rps, message.time_boot_ms, arrival_s)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import psutil
 
@@ -22,16 +23,31 @@ _FULL_SAMPLES = 10  # of so many samples one counts a process's own memory, whic
 LIMIT_S = 900.0  # of a flight beyond what it is asked to last
 
 
+class Held(NamedTuple):
+    """What a process has at one time."""
+
+    rss_mb: float
+    threads: int
+    files: int  # open ones, sockets included
+
+
 @dataclass
 class Seen:
-    """One process: samples of (wall time s, CPU s so far), and the largest memory."""
+    """One process: samples of (wall time s, CPU s so far), of what it has, and its largest memory."""
 
     kind: str  # agent, watchdog, world, launcher
+    pid: int
     parent: int
     began_s: float
     cpu: list[tuple[float, float]] = field(default_factory=list)
+    held: list[tuple[float, Held]] = field(default_factory=list)
     rss_mb: float = 0.0
     uss_mb: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Kind and id, for tables."""
+        return f"{self.kind} {self.pid}"
 
     def share(self, start_s: float, end_s: float) -> float:
         """Part of a core that it took between two times, as far as it was there."""
@@ -72,11 +88,12 @@ def _sample(launcher: psutil.Process, seen: dict[int, Seen]) -> None:
         try:
             with process.oneshot():
                 kind = "launcher" if process.pid == launcher.pid else _kind(process.cmdline())
-                one = seen.setdefault(process.pid, Seen(kind, process.ppid(), process.create_time()))
+                one = seen.setdefault(process.pid, Seen(kind, process.pid, process.ppid(), process.create_time()))
                 one.kind = kind  # a process may become another one
                 times = process.cpu_times()
                 one.cpu.append((time.time(), times.user + times.system))
-                one.rss_mb = max(one.rss_mb, process.memory_info().rss / 1e6)
+                one.held.append((time.time(), Held(process.memory_info().rss / 1e6, process.num_threads(), process.num_fds())))
+                one.rss_mb = max(one.rss_mb, one.held[-1][1].rss_mb)
                 if len(one.cpu) % _FULL_SAMPLES == 0:
                     one.uss_mb = max(one.uss_mb, process.memory_full_info().uss / 1e6)
         except psutil.Error:  # it has just ended

@@ -158,7 +158,7 @@ async def _start_agents(scenario: Scenario, files: RunFolder, places: Places, fe
     program = Path(sysconfig.get_path("scripts")) / "radron-agent"
     for drone, links in zip(drones, ports, strict=True):
         files.write_drone(drone_config(scenario, drone, files.calibration(drone).is_dir(), Ports(*links), mesh))
-        command = [str(program), "run", "--config", str(files.drone_file(drone))]
+        command = [str(program), "run", "--verbose", "--config", str(files.drone_file(drone))]
         agents.append(await Child.start(drone, command, log=files.log_file(drone)))
 
 

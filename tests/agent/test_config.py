@@ -118,6 +118,10 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "binary.toml").write_bytes(b"\x7fELF\xd0\xff")
     with pytest.raises(ConfigError, match="not TOML"):
         load_mission(tmp_path / "binary.toml")
+    for content, reason in ((f"a = {'9' * 5000}", "5000 digits"), (f"a = {'[' * 5000}", "nested too deeply")):
+        (tmp_path / "much.toml").write_text(content)
+        with pytest.raises(ConfigError, match=f"not TOML: .*{reason}"):
+            load_mission(tmp_path / "much.toml")
     assert issubclass(ConfigError, RadronError)
 
 

@@ -11,7 +11,7 @@ from msgspec import inspect
 from protocol.entries import Cone, Exposure, Sighting
 from protocol.messages import KINDS, AnyMessage, Estimate, Frame, Plan
 
-_UNIT_BOUND = 1.000001  # of the components of unit vectors and quaternions
+UNIT_BOUND = 1.000001  # of the components of unit vectors and quaternions
 
 
 def messages(kind: str | None = None) -> st.SearchStrategy[AnyMessage]:
@@ -25,10 +25,10 @@ def _values(kind: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: PLR0912 - a 
     match kind:
         case inspect.StructType(cls=cls, fields=fields):
             made = st.fixed_dictionaries({field.name: _values(field.type) for field in fields})
-            return made.map(lambda values: cls(**_CONSISTENT.get(cls, dict)(values)))
+            return made.map(lambda values: cls(**CONSISTENT.get(cls, dict)(values)))
         case inspect.TupleType(item_types=items):
-            if isinstance(items[0], inspect.FloatType) and items[0].le == _UNIT_BOUND:
-                return st.tuples(*(st.floats(-1.0, 1.0) for _ in items)).map(_normalised)
+            if isinstance(items[0], inspect.FloatType) and items[0].le == UNIT_BOUND:
+                return st.tuples(*(st.floats(-1.0, 1.0) for _ in items)).map(normalised)
             return st.tuples(*(_values(item) for item in items))
         case inspect.VarTupleType(item_type=item, min_length=least, max_length=most):
             return st.lists(_values(item), min_size=least or 0, max_size=min(most or 5, max(least or 0, 5))).map(tuple)
@@ -53,7 +53,7 @@ def _values(kind: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: PLR0912 - a 
     raise NotImplementedError(kind)
 
 
-def _normalised(vector: tuple[float, ...]) -> tuple[float, ...]:
+def normalised(vector: tuple[float, ...]) -> tuple[float, ...]:
     norm = math.hypot(*vector)
     return tuple(x / norm for x in vector) if norm > 1e-3 else (1.0,) + (0.0,) * (len(vector) - 1)
 
@@ -105,7 +105,7 @@ def _unsure_estimate(values: dict[str, Any]) -> dict[str, Any]:
     return {**values, "covariance_m2": (xx, xy, xz, yy, yz, zz)}
 
 
-_CONSISTENT: dict[type, Callable[[dict[str, Any]], dict[str, Any]]] = {
+CONSISTENT: dict[type, Callable[[dict[str, Any]], dict[str, Any]]] = {
     Cone: _shared,
     Estimate: _unsure_estimate,
     Exposure: _ordered,

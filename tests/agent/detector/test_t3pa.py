@@ -127,6 +127,13 @@ def test_a_time_beyond_the_counter_is_refused(path):
         read(write(path, [(7, 5, 9, 0, 0), (7, 16384, 9, 0, 0)]), toa_bits=14)
 
 
+@pytest.mark.filterwarnings("error")
+def test_empty_lines_are_no_rows(path):
+    path.write_text(write(path, []).read_text() + 9 * "\n")
+    with pytest.raises(DetectorError, match=r"line 2: not a row of whole numbers"):
+        read(path)
+
+
 def spoiled(path, line, text):
     """A file of 100 rows of which the given line (from 1, the header) reads otherwise."""
     write(path, [(i, 1000 * i, 9, 0, 0) for i in range(100)])

@@ -2,8 +2,10 @@
 
 import errno
 import random
+import resource
 import time
 
+import psutil
 import pytest
 from msgspec.structs import replace
 from recorded_flights import HEADER, telemetry
@@ -69,6 +71,24 @@ def test_segments_of_one_flight_are_read_as_one(tmp_path):
     for path in (folder, *files):
         report = replay(path)
         assert (report.files, report.calls[topics.STEP], report.identical) == (2, 50, True)
+
+
+def test_a_length_with_a_flipped_bit_is_damage_and_takes_no_memory(tmp_path):
+    recorder = FlightRecorder(tmp_path, 8, HEADER)
+    recorder.write(topics.VEHICLE, b"{}")
+    recorder.close()
+    (file,) = tmp_path.glob("*.mcap")
+    data = bytearray(file.read_bytes())
+    data[data.rindex(topics.VEHICLE.encode()) - 1] ^= 0x80  # of the topic in the index at the file's end: 2 GB
+    file.write_bytes(data)
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (psutil.Process().memory_info().vms + 1_000_000_000, before[1]))
+    try:
+        flight = RecordedFlight(file)
+        assert [record.data for record in flight.records()] == [b"{}"]
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+    assert flight.flaw == f"{file.name} is damaged: MemoryError"
 
 
 def test_a_full_disk_is_reported_and_the_recording_goes_on_when_there_is_room(tmp_path, monkeypatch):

@@ -63,8 +63,13 @@ def test_state_survives(tmp_path: Path, log: Logger) -> None:
 def test_a_damaged_state_is_no_state(tmp_path: Path, log: Logger) -> None:
     StateFile(str(tmp_path), "d1").save(STATE)
     path = tmp_path / "d1.json"
-    path.write_bytes(path.read_bytes()[:-20])
-    assert StateStore(str(tmp_path), "d1", log).load() == State()
+    whole = path.read_bytes()
+    for damaged in (whole[:-20], whole.replace(b"survey", b"\xffurvey"), b'{"x":' + b"[" * 100_000):
+        path.write_bytes(damaged)
+        store = StateStore(str(tmp_path), "d1", log)
+        assert store.load() == State()
+        assert store.problem is not None
+        assert path.read_bytes() == damaged
 
 
 def test_a_folder_that_takes_no_state_is_a_problem_and_no_failure(tmp_path: Path, log: Logger) -> None:

@@ -6,7 +6,18 @@ import struct
 import pytest
 
 from agent.vehicle.messages import ParameterValue
-from agent.vehicle.parameters import ASK_AGAIN_S, FLOAT, INT32, MOST_ASKS, REFRESH_S, RULES, Parameters, rules_of, value_of
+from agent.vehicle.parameters import (
+    ASK_AGAIN_S,
+    FLOAT,
+    INT32,
+    MOST_ASKS,
+    NEGATIVE,
+    REFRESH_S,
+    RULES,
+    Parameters,
+    rules_of,
+    value_of,
+)
 
 GOOD = {
     "COM_OF_LOSS_T": 1.0,
@@ -42,6 +53,11 @@ def failed(parameters: Parameters) -> dict[str, str]:
 @pytest.mark.parametrize("value", [0, 3, 21196, -1, 1.5, -2.0])
 def test_values_come_through_the_float_of_the_link(value: float) -> None:
     assert value_of(message("ANY", value)) == value
+
+
+@pytest.mark.parametrize("number", [3.5e38, -1e300])
+def test_a_number_that_no_parameter_can_hold(number: float) -> None:
+    assert value_of(ParameterValue("ANY", number, INT32)) == NEGATIVE
 
 
 def test_a_sane_vehicle_has_nothing_to_mend() -> None:

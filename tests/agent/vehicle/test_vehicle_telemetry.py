@@ -96,8 +96,9 @@ def test_there_is_no_state_without_heartbeat_landed_state_or_origin(missing: int
 def test_there_is_no_state_with_a_stale_attitude_or_half_a_position() -> None:
     rig = launched()
     assert rig.position(z=None) is None
-    rig.attitude(w=None)
-    assert rig.position(level=False) is None
+    for w in (None, 0.0, 1.02):
+        rig.attitude(w=w)  # of no rotation
+        assert rig.position(level=False) is None
     state_of(rig)
     rig.now_s += FRESH_S
     assert rig.position(level=False) is None

@@ -1,6 +1,7 @@
 """Answers of the emulated PX4: acknowledgements, texts, parameters, clocks, and requests without an answer."""
 
 import asyncio
+import math
 import struct
 
 import pytest
@@ -124,6 +125,30 @@ def test_unknown_commands_messages_and_parameters():
         errors = [heard.message for heard in flight.heard("PARAM_ERROR")]
         told = [(error.param_id, error.error, error.target_component) for error in errors]
         assert told == [("NO_SUCH_THING", 1, 190), ("", 1, 190)]
+
+    on_the_ground(scenario)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, -1.0, 1e30])
+def test_commands_with_numbers_of_nothing(number):
+    async def scenario(flight):
+        places = [number] * 7
+        assert await flight.ask(mavlink.MAV_CMD_REQUEST_MESSAGE, *places) == [DENIED]
+        assert await flight.ask(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, *places) == [DENIED]
+        assert await flight.ask(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, *places) == [ACCEPTED]
+        assert await flight.ask(SET_MODE, *places) == [ACCEPTED, DENIED]
+        assert await flight.ask(mavlink.MAV_CMD_INJECT_FAILURE, *places) == []
+        assert await flight.ask(mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0.0, 0.0, 0.0, 0.0, 47.0, 8.0, number) == (
+            [ACCEPTED] if number == -1.0 else [DENIED]
+        )
+        flight.companion.send(mavlink.MAVLink_set_gps_global_origin_message(1, 2_000_000_000, -(2**31), 2**31 - 1))
+        await flight.run(0.1)
+        assert flight.last("GLOBAL_POSITION_INT").alt < 1_000_000
+        assert await flight.ask(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 32.0, number) == [ACCEPTED]
+        before_s = flight.fleet.time_s
+        assert await flight.ask(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, 32.0) == [ACCEPTED]
+        (interval,) = flight.heard("MESSAGE_INTERVAL", before_s + 1e-6)
+        assert interval.message.interval_us == -1
 
     on_the_ground(scenario)
 

@@ -27,6 +27,8 @@ SYNC_WINDOW_NS = 2_000_000_000
 _UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
 _OWN_COMPONENTS = (0, mavlink.MAV_COMP_ID_AUTOPILOT1)
 _WRONG_FRAME = 9  # PX4's answer
+_ALTITUDES_M = (-12_000.0, 100_000.0)  # that its filter takes for an origin
+_NO_NUMBER = 65_535  # of no message, mode or unit
 _CUSTOM_MODE = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
@@ -123,9 +125,9 @@ class Requests:
         """Commands that the MAVLink module answers itself; None for others."""
         number = message.command
         if number == mavlink.MAV_CMD_REQUEST_MESSAGE:
-            return self._request_message(link, int(message.param1), message.param2)
+            return self._request_message(link, _whole(message.param1), message.param2)
         if number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-            known = link.schedule.set_interval(int(message.param1), message.param2, self._state.boot_s)
+            known = link.schedule.set_interval(_whole(message.param1), message.param2, self._state.boot_s)
             return int(ACCEPTED if known else DENIED)
         if number == mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
             return self._request_message(link, mavlink.MAVLINK_MSG_ID_MESSAGE_INTERVAL, message.param1)
@@ -141,23 +143,26 @@ class Requests:
         """A position sent by somebody; by COMMAND_INT only in a frame with latitudes."""
         if message.get_type() == "COMMAND_INT":
             return _WRONG_FRAME
-        self.told = Geodetic(message.param5, message.param6, message.param7)
+        place = Geodetic(message.param5, message.param6, message.param7)
+        if not _is_on_earth(place):
+            return int(DENIED)
+        self.told = place
         return int(ACCEPTED)
 
     def _inject(self, link: Link, message: Message) -> None:
         """Inject failures of PX4's simulated parts: the battery; motors by text only; others are ignored. The answer is
         broadcast.
         """
-        unit = int(message.param1)
+        unit = _whole(message.param1)
         if unit == mavlink.FAILURE_UNIT_SYSTEM_BATTERY:
-            self._state.battery.dead = int(message.param2) == mavlink.FAILURE_TYPE_OFF
+            self._state.battery.dead = _whole(message.param2) == mavlink.FAILURE_TYPE_OFF
         elif unit != mavlink.FAILURE_UNIT_SYSTEM_MOTOR:
             return
         self._commander.ask(lambda: int(ACCEPTED), partial(self._acknowledge, link, message.command, (0, 0)))
 
     def _request_message(self, link: Link, number: int, detail: float) -> int:
         if number == mavlink.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
-            asked = int(detail)
+            asked = _whole(detail)
             link.send(mavlink.MAVLink_message_interval_message(asked, link.schedule.interval_us(asked)))
             return int(ACCEPTED)
         message = BUILDERS[number](self._state) if number in BUILDERS else None
@@ -180,7 +185,7 @@ class Requests:
         if number == mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
             return lambda: int(DENIED)  # not while armed; and disarmed, no vehicle here is rebooted
         if number == mavlink.MAV_CMD_DO_SET_MODE:
-            return self._mode_change(int(message.param1), int(message.param2), int(message.param3))
+            return self._mode_change(*map(_whole, (message.param1, message.param2, message.param3)))
         if number == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
             change = commander.arm if message.param1 >= 0.5 else commander.disarm
             return partial(change, message.param2 == FORCE)
@@ -219,7 +224,9 @@ class Requests:
         self._commander.follow(target)
 
     def _set_origin(self, link: Link, message: Message) -> None:
-        self.external_origin = Geodetic(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
+        origin = Geodetic(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
+        if _is_on_earth(origin):
+            self.external_origin = origin
 
     # Clocks
 
@@ -243,3 +250,14 @@ class Requests:
         if message.target_system == 0:
             sender = (message.get_srcSystem(), message.get_srcComponent())
             link.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *sender))
+
+
+def _whole(parameter: float) -> int:
+    """A command's parameter as the number of something; ``_NO_NUMBER`` where it is none."""
+    return int(parameter) if 0.0 <= parameter < _NO_NUMBER else _NO_NUMBER
+
+
+def _is_on_earth(place: Geodetic) -> bool:
+    """Within the limits of PX4's filter."""
+    low_m, high_m = _ALTITUDES_M
+    return abs(place.latitude_deg) <= 90.0 and abs(place.longitude_deg) <= 180.0 and low_m <= place.altitude_m <= high_m

@@ -1,0 +1,277 @@
+"""Soak test: what is left over after long and many flights: threads, open files, tasks, objects, and memory by log entry.
+
+Lockstep: one long mission, whose agents' logs grow, and many short ones in the same process, after which nothing may remain.
+Live: one long flight, whose processes are watched. Exit code 1 where something grows that must not, or memory by more than 2 kB
+for each entry of each agent's log.
+
+Run: python benchmarks/soak.py [--lockstep 600] [--missions 3] [--live 60] [--drones 3] [--seed 1] [--out results/soak]
+Seconds of simulated flight, number of short missions, seconds of live tracking; 0 leaves a part out. ``make soak``: an hour,
+twenty missions, ten minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import multiprocessing
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+sys.path.append(str(Path(__file__).parent / "support"))
+
+from live_flight import Seen, flights, fly, messages
+
+from agent.flight import topics
+from agent.flight.reader import RecordedFlight
+from protocol.entries import Entry
+from protocol.messages import DRONE_KINDS
+from sim.figures.style import DRONES, dress, new_figure, save
+
+MOST_BYTES = 2000.0  # by which a process may grow for each entry of each log in it
+FEWEST_ENTRIES = 3000  # by which a log must have grown for that to be judged
+WARM_SHARE = 0.3  # of a part's samples, which are not judged: caches fill
+SAMPLE_S = 10.0  # of simulated time
+COUNTED = ("threads", "files", "tasks", "objects")
+SHORT_S = 15.0  # tracking of a short mission
+_ENTRY_KINDS = {name for name, kind in DRONE_KINDS.items() if issubclass(kind, Entry)}
+
+
+@dataclass
+class Series:
+    """Samples of one process: ``time_s`` (or number of flights), ``entries`` of all logs in it together, and what it holds."""
+
+    name: str
+    entries: list[int] = field(default_factory=list)
+    time_s: list[float] = field(default_factory=list)
+    rss_mb: list[float] = field(default_factory=list)
+    counts: dict[str, list[int]] = field(default_factory=dict)
+
+    def add(self, time_s: float, entries: int, rss_mb: float, counts: dict[str, int]) -> None:
+        self.time_s.append(time_s)
+        self.entries.append(entries)
+        self.rss_mb.append(rss_mb)
+        for name, count in counts.items():
+            self.counts.setdefault(name, []).append(count)
+
+    @property
+    def bytes_per_entry(self) -> float | None:
+        """Slope of the memory, once warm; None with too few entries."""
+        entries, rss_mb = _warm(self.entries), _warm(self.rss_mb)
+        if len(entries) < 3 or entries[-1] - entries[0] < FEWEST_ENTRIES:
+            return None
+        return float(np.polyfit(entries, rss_mb, 1)[0]) * 1e6
+
+    def growth(self, name: str) -> int:
+        """By how much the largest count of the last third is above that of the third before."""
+        counts = _warm(self.counts[name])
+        middle = max(1, len(counts) // 2)
+        return max(counts[middle:], default=0) - max(counts[:middle], default=0)
+
+    @property
+    def flaws(self) -> list[str]:
+        """What has grown and must not."""
+        found = [
+            f"{self.name}: {name} grow by {self.growth(name)}"
+            for name in self.counts
+            if self.growth(name) > _tolerated(self, name)
+        ]
+        slope = self.bytes_per_entry
+        if slope is not None and slope > MOST_BYTES:
+            found.append(f"{self.name}: {slope:.0f} B for each entry, and {MOST_BYTES:.0f} are allowed")
+        return found
+
+
+def _warm(values: Sequence[Any]) -> Sequence[Any]:
+    return values[int(WARM_SHARE * len(values)) :]
+
+
+def _tolerated(series: Series, name: str) -> float:
+    """Threads, files and tasks may not grow at all; objects by rounding, where the logs do not."""
+    return 0.002 * series.counts[name][-1] if name == "objects" else 0.0
+
+
+def long_mission(pipe: Connection, drones: int, seed: int, seconds: float) -> None:
+    """One mission in lockstep that tracks for so long."""
+    from sim.lockstep import fly as fly_lockstep  # noqa: PLC0415 - only in its own process
+
+    series, due_s = Series("lockstep, one mission"), 0.0
+
+    def watch(time_s: float, pilots: Sequence[Any]) -> None:
+        nonlocal due_s
+        if time_s >= due_s:
+            due_s = time_s + SAMPLE_S
+            series.add(time_s, sum(len(pilot.fusion.log) for pilot in pilots), *_held())
+            pipe.send(time_s)
+
+    fly_lockstep(_scenario(drones, seconds), seed, watch=watch)
+    pipe.send(series)
+
+
+def short_missions(pipe: Connection, drones: int, seed: int, number: int) -> None:
+    """Missions in lockstep, one after the other in the same process."""
+    from sim.lockstep import fly as fly_lockstep  # noqa: PLC0415 - only in its own process
+
+    series = Series("lockstep, missions")
+    for place in range(number):
+        fly_lockstep(_scenario(drones, SHORT_S), seed + place)
+        gc.collect()
+        rss_mb, counts = _held()
+        series.add(float(place + 1), 0, rss_mb, counts | {"objects": len(gc.get_objects())})
+        pipe.send(float(place + 1))
+    pipe.send(series)
+
+
+def _scenario(drones: int, seconds: float) -> Any:
+    from sim.scenario import load_scenario, override  # noqa: PLC0415 - only in its own process
+
+    return override(load_scenario("demo"), {"drones": drones, "mission.track.duration_s": seconds})
+
+
+def _held() -> tuple[float, dict[str, int]]:
+    """Memory, and threads and open files, of this process."""
+    process = psutil.Process()
+    return process.memory_info().rss / 1e6, {"threads": process.num_threads(), "files": process.num_fds()}
+
+
+def in_process(work: Callable[..., None], what: str, until: float, *arguments: float) -> Series:
+    """A part in a process of its own, with its progress."""
+    context = multiprocessing.get_context("spawn")
+    mine, its = context.Pipe()
+    process = context.Process(target=work, args=(its, *arguments))
+    process.start()
+    its.close()
+    try:
+        with Progress(console=Console(stderr=True)) as progress:
+            bar = progress.add_task(what, total=until)
+            while True:
+                told: float | Series = mine.recv()
+                if isinstance(told, Series):
+                    return told
+                progress.update(bar, completed=told)
+    except EOFError:
+        sys.exit(f"{what}: the process ended early")
+    finally:
+        process.kill()
+        process.join()
+
+
+def live(folder: Path, drones: int, seed: int, seconds: float) -> list[Series]:
+    """One live flight: its agents, its world and its launcher."""
+    arguments = ["demo", "--seed", str(seed), "--drones", str(drones), "--set", f"mission.track.duration_s={seconds:g}"]
+    seen = fly(folder, arguments, limit_s=seconds + 900.0)
+    left = [one for one in psutil.process_iter() if one.pid in seen and one.create_time() == seen[one.pid].began_s]
+    made_s = np.sort([stamp_s for flight in flights(folder).values() for stamp_s in _own_entries(flight)])
+    tasks = dict(_tasks(path) for path in sorted(folder.glob("agents/*/agent.log")))
+    series = [_of_process(one, made_s, tasks) for one in seen.values() if one.kind in ("agent", "watchdog", "world", "launcher")]
+    if left:
+        sys.exit(f"processes are left over: {', '.join(str(one.pid) for one in left)}")
+    return series
+
+
+def _own_entries(flight: RecordedFlight) -> Iterator[float]:
+    """When this agent published its log entries."""
+    for record, _, kind, _ in messages(flight, topics.PUBLICATION):
+        if kind in _ENTRY_KINDS:
+            yield record.publish_ns * 1e-9
+
+
+def _tasks(log: Path) -> tuple[int, list[tuple[float, int]]]:
+    """An agent's process, and its asyncio tasks over time, as it logs them with its counters."""
+    process, found = 0, []
+    for line in log.read_text().splitlines():
+        try:
+            entry = json.loads(line)
+        except ValueError:
+            continue
+        if entry.get("event") == "counters":
+            process = entry["pid"]
+            found.append((datetime.fromisoformat(entry["timestamp"]).timestamp(), entry["tasks"]))
+    return process, found
+
+
+def _of_process(one: Seen, made_s: NDArray[np.float64], tasks: dict[int, list[tuple[float, int]]]) -> Series:
+    series, told = Series(one.name), tasks.get(one.pid, [])
+    for time_s, held in one.held:
+        counts = {"threads": held.threads, "files": held.files}
+        newest = next((count for at_s, count in reversed(told) if at_s <= time_s), None)
+        if newest is not None:
+            counts["tasks"] = newest
+        elif told:
+            continue  # before its first line
+        entries = int(np.searchsorted(made_s, time_s)) if one.kind == "agent" else 0
+        series.add(time_s - one.held[0][0], entries, held.rss_mb, counts)
+    return series
+
+
+def report(all_series: list[Series], folder: Path) -> int:
+    """Table, picture and flaws; the exit code."""
+    table = Table(title="Soak test")
+    table.add_column("process")
+    for head in ("samples", "entries", "MB, first to last", "B per entry", "threads", "files", "tasks", "objects"):
+        table.add_column(head, justify="right")
+    for series in all_series:
+        slope = series.bytes_per_entry
+        cells = [f"{values[0]} .. {values[-1]}" if (values := series.counts.get(name)) else "" for name in COUNTED]
+        memory = f"{series.rss_mb[0]:.0f} .. {series.rss_mb[-1]:.0f}"
+        table.add_row(
+            series.name, str(len(series.time_s)), str(series.entries[-1]), memory, "" if slope is None else f"{slope:.0f}", *cells
+        )
+    Console(width=140).print(table)
+    _draw(all_series, folder / "soak.png")
+    (folder / "soak.json").write_text(json.dumps([vars(series) for series in all_series]) + "\n")
+    flaws = [flaw for series in all_series for flaw in series.flaws]
+    print("\n".join(flaws) if flaws else f"nothing left over, and memory within {MOST_BYTES:.0f} B for each entry")
+    return 1 if flaws else 0
+
+
+def _draw(all_series: list[Series], path: Path) -> None:
+    """Memory, and threads with files, over the share of each part."""
+    figure = new_figure(10.0, 4.0)
+    memory, counts = figure.subplots(1, 2)
+    for place, series in enumerate(all_series):
+        along = np.asarray(series.time_s) / max(1e-9, series.time_s[-1])
+        colour = DRONES[place % len(DRONES)]
+        memory.plot(along, series.rss_mb, color=colour, label=series.name)
+        counts.plot(along, series.counts["threads"], color=colour, label=series.name)
+        counts.plot(along, series.counts["files"], color=colour, linestyle="--")
+    dress(memory, "Memory", "share of the part", "resident, MB")
+    dress(counts, "Threads (lines) and open files (dashed)", "share of the part", "number")
+    memory.legend(fontsize=7)
+    save(figure, path)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--lockstep", type=float, default=600.0)
+    parser.add_argument("--missions", type=int, default=3)
+    parser.add_argument("--live", type=float, default=60.0)
+    parser.add_argument("--drones", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("results/soak"))
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    who, found = (options.drones, options.seed), []
+    if options.lockstep > 0.0:
+        found.append(in_process(long_mission, "one long mission", options.lockstep, *who, options.lockstep))
+    if options.missions > 0:
+        found.append(in_process(short_missions, "one mission after another", options.missions, *who, options.missions))
+    if options.live > 0.0:
+        found += live(options.out / "live", *who, options.live)
+    return report(found, options.out)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
