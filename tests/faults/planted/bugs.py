@@ -1,6 +1,8 @@
 """Planted bugs: mistakes on purpose, each a replacement of text in one file, applied to a copy of the packages.
 
-    python tests/faults/planted/bugs.py ID FOLDER    # the packages with that bug, to fly by PYTHONPATH=FOLDER
+To get the packages with one of them into a folder, and to fly them by PYTHONPATH=FOLDER:
+
+    python tests/faults/planted/bugs.py ID FOLDER
 """
 
 from __future__ import annotations
@@ -47,7 +49,7 @@ class Bug:
         """
         count = text.count(self.old)
         if not self.old or count != 1:
-            raise BugError(f"{self.id}: its old text occurs {count} times in {self.file}; write the same mistake into the new code")
+            raise BugError(f"{self.id}: its old text occurs {count} times in {self.file}: write the same mistake into the code")
         return text.replace(self.old, self.new)
 
     def plant(self, root: Path) -> None:

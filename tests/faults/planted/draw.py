@@ -31,8 +31,8 @@ FOLDERS = (
 _OBVIOUS = ("_RShift", "_LShift", "_BitOr", "_BitAnd", "_BitXor", "_Is", "_IsNot")
 # Modules that only a process with a mesh runs.
 _LIVE = ("protocol/inbox.py", "protocol/link.py", "protocol/session.py")
-_HEAD = """# Mutations drawn by draw.py, seed {seed}, from {found} at {places} places of the code, made by cosmic-ray {version}. Not edited, but
-# for `old` and `new` where the code has changed: then the same mutation is written into the new code.
+_HEAD = """# Mutations drawn by draw.py, seed {seed}, from {found} at {places} places of the code, made by cosmic-ray {version}.
+# Not edited, but for `old` and `new` where the code has changed: then the same mutation is written into the new code.
 
 """
 
@@ -65,8 +65,9 @@ def main() -> None:
 
 def _mutations() -> dict[Place, list[Mutation]]:
     """All mutations that the tool lists, without those that the rules leave out, by place."""
-    from cosmic_ray.commands import init  # noqa: PLC0415  # the tool is in an environment of its own
-    from cosmic_ray.work_db import WorkDB, use_db  # noqa: PLC0415
+    # The tool is in an environment of its own.
+    from cosmic_ray.commands import init  # type: ignore[import-not-found]  # noqa: PLC0415
+    from cosmic_ray.work_db import WorkDB, use_db  # type: ignore[import-not-found]  # noqa: PLC0415
 
     paths = [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
     left_out = {path: _left_out(path.read_text(encoding="utf-8")) for path in paths}
@@ -110,10 +111,10 @@ def _span(node: Any) -> Span:
 
 def _bug(number: int, place: Place, mutation: Mutation) -> dict[str, Any]:
     """The entry of a mutation: its changed lines, with as many around them as make the old text unique."""
-    from cosmic_ray import plugins  # noqa: PLC0415
-    from cosmic_ray.mutating import mutate_code  # noqa: PLC0415
+    from cosmic_ray import plugins  # type: ignore[import-not-found]  # noqa: PLC0415
+    from cosmic_ray.mutating import mutate_code  # type: ignore[import-not-found]  # noqa: PLC0415
 
-    file, line, *_ = place
+    file = place[0]
     text = (ROOT / file).read_text(encoding="utf-8")
     changed = mutate_code(text, plugins.get_operator(mutation.operator)(), mutation.occurrence)
     old, new = text.splitlines(keepends=True), changed.splitlines(keepends=True)
