@@ -8,7 +8,7 @@ DOCS := .venv/.docs
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 export OMP_NUM_THREADS = 1
 
-.PHONY: demo docs test test-slow test-all fuzz soak px4-test docker-test bench table figures lint clean
+.PHONY: demo docs test test-slow test-all faults planted fuzz soak px4-test docker-test bench table figures lint clean
 
 demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two minutes; results/demo/
 	$(BIN)/radron-sim live demo --seed 5 --out results/demo
@@ -31,6 +31,9 @@ soak: $(SIM)  ## an hour's mission and 20 short ones in lockstep, ten minutes li
 # A real PX4: PX4_BIN=.../build/px4_sitl_default/bin/px4 (or PX4_IMAGE=px4io/px4-sitl:v1.17.0, by docker); PX4_TEST=emulated: emulated vehicles.
 px4-test: $(SIM)  ## two missions, hold, a killed agent, lost GNSS, live on a real PX4; exit code 77 without one; results/px4-test/
 	$(BIN)/radron-sim px4-test --out results/px4-test
+
+planted: $(SIM)  ## which planted bugs the campaigns with faults find, at most 20 missions a bug, resumable; hours; results/planted/
+	$(BIN)/python tests/faults/planted/run.py
 
 docker-test: $(DEV)  ## the swarm in containers; needs a docker engine, or root to start one
 	deploy/docker/test.sh

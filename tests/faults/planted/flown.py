@@ -1,0 +1,161 @@
+"""Missions flown with planted bugs: one mission by ``radron-sim faults``, the file that keeps them, and what counts as found."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+FAULTS = (sys.executable, "-c", "from sim.cli import main; main()", "faults")
+CRASH, HANG = "no result", "no end"  # beside the invariants' names: it died without a line, or did not end
+_MOST_TEXT = 300
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """A mission of one seed with one bug ("": none, the control), of packages with that fingerprint.
+
+    ``violated``: names of the violated invariants, sorted; ``text``: the first violation in words.
+    """
+
+    bug: str
+    seed: int
+    sources: str
+    violated: tuple[str, ...]
+    text: str = ""
+
+
+class Flights:
+    """Flies missions in processes that end with this object's ``stop``."""
+
+    def __init__(self, command: Sequence[str] = FAULTS, longest_s: float = 3600.0) -> None:
+        """``longest_s``: a mission that takes longer is stopped, and counts as one without an end."""
+        self._command, self._longest_s = tuple(command), longest_s
+        self._running: set[subprocess.Popen[str]] = set()
+        self._lock = threading.Lock()
+        self._stopped = False
+
+    def fly(self, tree: Path, bug: str, seed: int, sources: str) -> Flown | None:
+        """Fly the packages in ``tree``; None where it was stopped."""
+        with tempfile.TemporaryDirectory(prefix="planted-") as folder:
+            out = Path(folder) / "out"
+            code, errors = self._run([*self._command, "--runs", "1", "--seed", str(seed), "--out", str(out)], tree)
+            if self._stopped:
+                return None
+            violated, text = ((HANG,), f"over {self._longest_s:g} s") if code is None else _judged(out, code, errors)
+            return Flown(bug, seed, sources, violated, text[:_MOST_TEXT])
+
+    def stop(self) -> None:
+        """End all missions, and fly no more."""
+        with self._lock:
+            self._stopped = True
+            for process in self._running:
+                _kill(process)
+
+    def _run(self, command: list[str], tree: Path) -> tuple[int | None, str]:
+        """Exit code, None after ``longest_s``, and standard error. ``tree`` comes before any installed packages."""
+        environment = os.environ | {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
+        with self._lock:
+            if self._stopped:
+                return None, ""
+            process = subprocess.Popen(  # a session of its own: its workers end with it
+                command,
+                cwd=tree,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+                errors="replace",
+                start_new_session=True,
+            )
+            self._running.add(process)
+        try:
+            _, errors = process.communicate(timeout=self._longest_s)
+            return process.returncode, errors
+        except subprocess.TimeoutExpired:
+            _kill(process)
+            process.communicate()
+            return None, ""
+        finally:
+            with self._lock:
+                self._running.discard(process)
+
+
+class Record:
+    """The file of flown missions; a line each, written at once, so that an interrupted run goes on from there."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._lock = threading.Lock()
+        self._flown: dict[tuple[str, int, str], Flown] = {}
+        lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+        for flown in _read(lines):
+            self._flown[flown.bug, flown.seed, flown.sources] = flown
+        if lines:  # the last one may have been torn by an interruption
+            path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+    def find(self, bug: str, seed: int, sources: str) -> Flown | None:
+        """That mission, if it was flown with these packages."""
+        return self._flown.get((bug, seed, sources))
+
+    def add(self, flown: Flown) -> None:
+        """Keep a mission."""
+        with self._lock:
+            self._flown[flown.bug, flown.seed, flown.sources] = flown
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(asdict(flown)) + "\n")
+
+
+class Memo:
+    """One lock for each seed, so that a control is flown once, whoever needs it first."""
+
+    def __init__(self) -> None:
+        self._guard = threading.Lock()
+        self._locks: defaultdict[int, threading.Lock] = defaultdict(threading.Lock)
+
+    def lock(self, seed: int) -> threading.Lock:
+        """The lock of a seed."""
+        with self._guard:
+            return self._locks[seed]
+
+
+def only_with_bug(flown: Flown, control: Flown) -> tuple[str, ...]:
+    """The invariants that the mission violates and the same mission without the bug does not."""
+    return tuple(name for name in flown.violated if name not in control.violated)
+
+
+def _judged(out: Path, code: int, errors: str) -> tuple[tuple[str, ...], str]:
+    """Names of the violated invariants, and the first violation in words."""
+    try:
+        lines = (out / "missions.jsonl").read_text(encoding="utf-8").splitlines()
+        violations = [violation for line in lines for violation in json.loads(line)["violations"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        lines, violations = [], []
+    if not lines or code not in (0, 1):
+        said = errors.strip().splitlines() or ["nothing on standard error"]
+        return (CRASH,), f"exit code {code}: {said[-1]}"
+    names = tuple(sorted({str(violation["invariant"]) for violation in violations}))
+    return names, str(violations[0].get("text", "")) if violations else ""
+
+
+def _read(lines: Iterable[str]) -> Iterator[Flown]:
+    """What was flown; a torn line is flown again."""
+    for line in lines:
+        with contextlib.suppress(ValueError, TypeError, KeyError):
+            entry = json.loads(line)
+            yield Flown(**(entry | {"violated": tuple(entry["violated"])}))
+
+
+def _kill(process: subprocess.Popen[str]) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)

@@ -1,0 +1,186 @@
+"""``make planted``: which of the planted bugs the random missions of ``radron-sim faults`` find, and by what.
+
+Each bug flies the same seeds, at most 20, until one finds it: an invariant is violated that holds in the same mission without the
+bug, or the mission dies or does not end. Every mission is kept in OUT/found.jsonl, so that an interrupted run goes on, as long as
+the packages are the same. The table is also written to OUT/table.md. Exit code 1 where less than 85 % of the written bugs are
+found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import shlex
+import sys
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+from bugs import LISTS, ROOT, Bug, BugError, copy_packages, fingerprint, load_bugs
+from flown import CRASH, FAULTS, HANG, Flights, Flown, Memo, Record, only_with_bug
+
+FIRST_SEED = 500_000  # of no other campaign
+MISSIONS = 20
+FLOOR = 0.85
+CONTROL = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """What became of a bug. ``by``: the invariants that found it, empty: not found; ``flown``: missions until then."""
+
+    bug: Bug
+    by: tuple[str, ...] = ()
+    seed: int | None = None
+    text: str = ""
+    flown: int = 0
+
+
+class Hunt:
+    """Flies the bugs of one state of the packages, of which it keeps copies of its own while others edit them."""
+
+    def __init__(self, folder: Path, flights: Flights, record: Record, missions: int) -> None:
+        """``folder``: an empty one, for the copies.
+
+        The control of the first seed is flown at once, so that the copies with a bug have what it has compiled.
+
+        Raises:
+            BugError: it gives no result: there is nothing to compare with.
+        """
+        self._tree, self._flights, self._record = folder / "packages", flights, record
+        self._seeds = range(FIRST_SEED, FIRST_SEED + missions)
+        copy_packages(ROOT, self._tree)
+        self._sources = fingerprint(self._tree)
+        first = self._flown(self._tree, CONTROL, FIRST_SEED, self._sources)
+        if first is not None and {CRASH, HANG} & set(first.violated):
+            raise BugError(f"seed {FIRST_SEED} without any bug: {', '.join(first.violated)}: {first.text}")
+        self._control_tree = folder / "control"  # a flight writes into its packages, so none flies in those that are copied
+        copy_packages(self._tree, self._control_tree)
+        self._controls = Memo()
+
+    def score(self, bug: Bug) -> Score | None:
+        """Fly a bug until it is found; None where that was stopped."""
+        sources = hashlib.blake2b(f"{self._sources}\0{bug.file}\0{bug.old}\0{bug.new}".encode(), digest_size=8).hexdigest()
+        with tempfile.TemporaryDirectory(prefix="planted-") as folder:
+            tree: Path | None = None
+            for count, seed in enumerate(self._seeds, start=1):
+                if self._record.find(bug.id, seed, sources) is None and tree is None:
+                    tree = Path(folder) / "tree"
+                    copy_packages(self._tree, tree)
+                    bug.plant(tree)
+                flown = self._flown(tree, bug.id, seed, sources)
+                control = self._control(seed) if flown is not None and flown.violated else flown
+                if flown is None or control is None:
+                    return None
+                found = only_with_bug(flown, control) if flown.violated else ()
+                if found:
+                    return Score(bug, found, seed, flown.text, count)
+        return Score(bug, flown=len(self._seeds))
+
+    def _control(self, seed: int) -> Flown | None:
+        """The mission without any bug."""
+        with self._controls.lock(seed):
+            return self._flown(self._control_tree, CONTROL, seed, self._sources)
+
+    def _flown(self, tree: Path | None, bug: str, seed: int, sources: str) -> Flown | None:
+        known = self._record.find(bug, seed, sources)
+        if known is not None or tree is None:
+            return known
+        flown = self._flights.fly(tree, bug, seed, sources)
+        if flown is not None:
+            self._record.add(flown)
+        return flown
+
+
+def main() -> None:
+    """Read the options, hunt, print the table."""
+    options = _options()
+    try:
+        bugs = [bug for bug in load_bugs() if not options.only or bug.id in options.only]
+        for bug in bugs:
+            bug.changed((ROOT / bug.file).read_text(encoding="utf-8"))
+    except (BugError, OSError) as error:
+        print(f"planted: {error}", file=sys.stderr)
+        sys.exit(2)
+    if not bugs:
+        print(f"planted: none of these ids is in {' or '.join(LISTS.values())}", file=sys.stderr)
+        sys.exit(2)
+    options.out.mkdir(parents=True, exist_ok=True)
+    try:
+        scores = _hunt(bugs, options)
+    except BugError as error:
+        print(f"planted: {error}", file=sys.stderr)
+        sys.exit(2)
+    table = "\n".join(table_of(scores))
+    (options.out / "table.md").write_text(table + "\n", encoding="utf-8")
+    print(table)
+    written = [score for score in scores if score.bug.origin == "written"]
+    sys.exit(1 if sum(bool(score.by) for score in written) < FLOOR * len(written) else 0)
+
+
+def _hunt(bugs: Sequence[Bug], options: argparse.Namespace) -> list[Score]:
+    """The scores in the order of the bugs; progress goes to standard error."""
+    flights = Flights(shlex.split(options.command) if options.command else FAULTS, options.longest)
+    scores: dict[str, Score] = {}
+    with tempfile.TemporaryDirectory(prefix="planted-") as folder, ThreadPoolExecutor(options.jobs) as pool:
+        try:
+            hunt = Hunt(Path(folder), flights, Record(options.out / "found.jsonl"), options.missions)
+            for ended in as_completed([pool.submit(hunt.score, bug) for bug in bugs]):
+                score = ended.result()
+                if score is not None:
+                    scores[score.bug.id] = score
+                    print(f"planted: {len(scores)} of {len(bugs)}: {_told(score)}", file=sys.stderr, flush=True)
+        except BaseException as error:
+            pool.shutdown(wait=False, cancel_futures=True)
+            flights.stop()
+            if isinstance(error, KeyboardInterrupt):
+                print(f"planted: interrupted; what was flown is in {options.out / 'found.jsonl'}", file=sys.stderr)
+                sys.exit(130)
+            raise
+    return [scores[bug.id] for bug in bugs]
+
+
+def table_of(scores: Sequence[Score]) -> list[str]:
+    """The table, in Markdown, with the shares that are found."""
+    lines = ["| bug | subject | mistake | found by | seed | missions |", "|---|---|---|---|---|---|"]
+    for score in scores:
+        bug = score.bug
+        title = bug.title.replace("|", "\\|") + (" (live)" if bug.live else "")
+        found = ", ".join(score.by) or "**not found**"
+        lines.append(f"| `{bug.id}` | {bug.subject} | {title} | {found} | {score.seed or ''} | {score.flown} |")
+    lines.append("")
+    for origin in LISTS:
+        every = [score for score in scores if score.bug.origin == origin]
+        if every:
+            lines.append(f"{origin.capitalize()}: {_share(every)}; without those that only live flights run: "
+                         f"{_share([score for score in every if not score.bug.live])}.")  # fmt: skip
+    return lines
+
+
+def _share(scores: Sequence[Score]) -> str:
+    found = sum(bool(score.by) for score in scores)
+    return f"{found} of {len(scores)} found" + (f" ({found / len(scores):.0%})" if scores else "")
+
+
+def _told(score: Score) -> str:
+    if not score.by:
+        return f"{score.bug.id} not found in {score.flown} missions"
+    return f"{score.bug.id} found by {', '.join(score.by)}, seed {score.seed}: {score.text}"
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0], prog="planted")
+    parser.add_argument("--only", nargs="+", metavar="ID", help="these bugs; default: all")
+    parser.add_argument("--missions", type=int, default=MISSIONS, help=f"most missions of a bug, {MISSIONS} by default")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="missions at the same time; default: all cores")
+    parser.add_argument("--longest", type=float, default=3600.0, metavar="S", help="a mission that takes longer has no end")
+    parser.add_argument("--out", type=Path, default=ROOT / "results" / "planted")
+    parser.add_argument("--command", help="in the place of radron-sim faults, for tests")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
