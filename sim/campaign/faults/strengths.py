@@ -97,7 +97,7 @@ STRENGTHS: dict[str, Callable[[Strike], Numbers]] = {
     "freeze": _none,
     "late": _none,
     "slow-cpu": lambda strike: {"late_s": strike.scale(0.03, 0.8)},
-    "disk": lambda strike: {"how": strike.one("full", "slow", "state-torn", "state-flipped", "record-torn", "record-removed")},
+    "disk": lambda strike: {"how": strike.one("full", "slow", "state-torn", "state-flipped")},
     "partition": _partition,
     "cut": lambda strike: {"direction": strike.one("both", "send", "receive")},
     "loss": lambda strike: {"probability": strike.scale(0.05, 0.7)},
