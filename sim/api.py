@@ -34,7 +34,7 @@ from sim.scenario import Scenario, load_scenario, override, shipped
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from agent.pilot import Pilot
+    from sim.scoring.moment import Moment
 
 __all__ = ["Flown", "Posterior", "compare", "figures", "fly", "load", "save", "scenarios", "summary"]
 
@@ -205,11 +205,13 @@ class _Watch:
         self._seen = 0
         self.posteriors: dict[str, list[Posterior]] = {}
 
-    def __call__(self, time_s: float, pilots: Sequence[Pilot]) -> None:
+    def __call__(self, moment: Moment) -> bool:
         self._seen += 1
-        if self._seen % self._ticks:
-            return
-        for name, found in pilots[0].posteriors(EPOCH_NS + round(time_s * 1e9)).items():
+        first = moment.pilots[0]
+        if self._seen % self._ticks or first is None:
+            return False
+        for name, found in first.posteriors(EPOCH_NS + round(moment.time_s * 1e9)).items():
             at_s = (found.stamp_ns - EPOCH_NS) * 1e-9
             taken = Posterior(at_s, found.kind, found.position, found.weight, found.covariance, found.none)
             self.posteriors.setdefault(name, []).append(taken)
+        return False

@@ -11,6 +11,7 @@ from agent import version
 from agent.errors import RadronError
 from protocol.errors import ProtocolError
 from sim.commands.consistency import consistency
+from sim.commands.faults import faults
 from sim.commands.flights import campaign, run, scenarios, table
 from sim.live.command import live
 from sim.px4test.command import px4_test
@@ -29,6 +30,7 @@ app.command()(run)
 app.command()(campaign)
 app.command()(table)
 app.command()(consistency)
+app.command()(faults)
 app.command()(hits)
 
 

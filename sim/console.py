@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -68,7 +69,7 @@ def campaign_progress(name: str) -> Iterator[Watch]:
         task = progress.add_task(name, total=None)
         now = Every(_PLAIN_EVERY_S)
 
-        def show(done: int, total: int, outcome: Outcome | None) -> None:
+        def show(done: int, total: int, outcome: Outcome[Any, Any] | None) -> None:
             if outcome is None:
                 progress.reset(task, total=total, completed=done)
                 if done:

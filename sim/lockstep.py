@@ -19,7 +19,7 @@ import numpy as np
 from agent.config.drone import DroneConfig, VehicleConfig
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
-from agent.vehicle.interface import VehicleState
+from agent.vehicle.interface import VehicleCommand, VehicleState
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
@@ -27,13 +27,14 @@ from sim.faults.agents import Late
 from sim.faults.disk import check_playable
 from sim.faults.liars import Liars
 from sim.faults.network import FaultyRadio
-from sim.faults.process import Agent, Crew
+from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
 from sim.faults.schedule import Schedule
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
 from sim.scoring.aboard import Aboard
 from sim.scoring.framescore import FrameScore
+from sim.scoring.moment import Moment, Observer
 from sim.scoring.recorder import LONGEST_START_S, Recorder
 from sim.streams import streams
 from sim.vehicle.autopilot import Autopilot
@@ -53,7 +54,6 @@ READ_TICKS = 4  # cameras are read out at 5 Hz
 EPOCH_NS = 1_767_225_600_000_000_000  # 2026-01-01 UTC: simulated missions begin here
 START_S = 0.5  # the operator's start command, after the agents have received each other's messages
 Progress = Callable[[float, str], None]
-Watch = Callable[[float, Sequence[Pilot]], None]
 
 
 def fly(
@@ -63,7 +63,7 @@ def fly(
     listen: Sequence[str] = (),
     law: str | None = None,
     progress: Progress | None = None,
-    watch: Watch | None = None,
+    watch: Observer | None = None,
 ) -> Flight:
     """Fly one mission.
 
@@ -75,35 +75,44 @@ def fly(
         listen: estimators that fuse the same log on the first drone without influence on the flight.
         law: flocking law, replaces the mission's own.
         progress: called about every simulated second with the time and the swarm's state.
-        watch: called after every tick with the time (s, since the start of the simulation) and the drones' pilots.
+        watch: sees the world after every tick, and ends the flight by returning True.
 
     Raises:
         ConfigError: an unknown estimator or law, an estimator where the hypothesis is given, a fault that lockstep cannot play.
     """
-    check_playable(scenario.fault, scenario.name)
     world = _World(chosen(scenario, estimator, law), seed, listen)
+    started = time.perf_counter()
+    _run(world, watch, progress)
+    wall_s = time.perf_counter() - started
+    recorder = world.recorder
+    return Flight(recorder.result(seed, wall_s), recorder.trace(), recorder.listened(seed, wall_s))
+
+
+def watched(scenario: Scenario, seed: int, watch: Observer) -> None:
+    """Fly one mission for an observer alone, without its result; errors as in ``fly``."""
+    _run(_World(scenario, seed, ()), watch)
+
+
+def _run(world: _World, watch: Observer | None, progress: Progress | None = None) -> None:
     gc.disable()  # a flight makes hardly any reference cycles, and the search for them takes 2 % of its time
     try:
-        started = time.perf_counter()
         end = False
         while not end:
             end = world.tick()
             if watch is not None:
-                watch(world.time_s, world.pilots)
+                end = watch(world.moment()) or end
             if progress is not None and world.ticks % 20 == 0:
                 progress(world.time_s, world.describe())
-        wall_s = time.perf_counter() - started
     finally:
         gc.enable()
         world.close()
-    recorder = world.recorder
-    return Flight(recorder.result(seed, wall_s), recorder.trace(), recorder.listened(seed, wall_s))
 
 
 class _World:
     """The complete state of the simulated world and its agents."""
 
     def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str]) -> None:
+        check_playable(scenario.fault, scenario.name)
         mission = scenario.mission
         count = len(mission.drones)
         random = streams(seed, count)
@@ -145,6 +154,9 @@ class _World:
             known = FrameScore(mission, scored[0], self._frames, scenario.localization.event_s)
         self.recorder = Recorder(scenario, scored, self._frames, TICK_NS * 1e-9, scored[0].listeners, known)
         self._source = None
+        self._source_now: tuple[float, float] | None = None
+        self._commands: list[VehicleCommand | None] = [None] * count
+        self._sent = [0] * count
         if scenario.source is not None:
             duration_s = LONGEST_START_S + scenario.end.longest_s(mission)
             self._source = source_path(scenario.source, self.recorder.area, duration_s, random.source)
@@ -163,6 +175,21 @@ class _World:
         """Seconds since the start of the simulation."""
         return self.ticks * TICK_NS * 1e-9
 
+    def moment(self) -> Moment:
+        """The world after the last tick."""
+        motion, agents = self._multirotors, self._crew.agents
+        return Moment(
+            time_s=self.time_s,
+            position_m=self._terrain.above_ground(motion.position_m),
+            velocity_mps=motion.velocity_mps,
+            source=self._source_now,
+            pilots=[agent.pilot if agent.life is Life.RUNNING else None for agent in agents],
+            commands=self._commands,
+            autopilots=self._autopilots,
+            sent=self._sent,
+            inboxes=self._radio.waiting,
+        )
+
     def describe(self) -> str:
         """The stage of the first drone, and the swarm's source estimate."""
         return self.recorder.describe()
@@ -173,12 +200,13 @@ class _World:
         self._faults.advance(self.time_s)
         self._crew.advance(now_ns)
         self._radio.advance(now_ns, self._multirotors.position_m)
-        source = self._source(self.time_s) if self._source is not None else None
+        source = self._source_now = self._source(self.time_s) if self._source is not None else None
         measured = self._sense(now_ns, source)
         if self.ticks == round(START_S * 1e9 / TICK_NS):
             self._command_start(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive])
         self._command_start(now_ns, self._crew.called(now_ns))
         for drone, agent in enumerate(self._crew.agents):
+            self._commands[drone], self._sent[drone] = None, 0
             if not agent.alive:
                 self._radio.silence(drone)
                 continue
@@ -200,6 +228,7 @@ class _World:
         for key, payload in (*agent.readings, *step.publications):
             self._radio.send(drone, key, self._liars.tell(drone, key, payload), now_ns)
             self.recorder.hear(drone, key, payload)
+        self._commands[drone], self._sent[drone] = step.command, len(agent.readings) + len(step.publications)
         agent.readings.clear()
         if recovery is not None:
             recovery.ask(drone, pilot, now_ns)

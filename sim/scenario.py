@@ -171,7 +171,7 @@ def load_scenario(name_or_path: str, *, with_grid: bool = True) -> Scenario:
                 f"unknown scenario {name_or_path!r}; shipped: {', '.join(shipped())}; or give the path of a .toml file"
             )
         path = _FOLDER / f"{name_or_path}.toml"
-    scenario = _parse(_read(path), str(path))
+    scenario = parse_scenario(_read(path), str(path))
     if not with_grid:
         return scenario
     return replace(scenario, mission=with_ground_grid(scenario.mission, path.parent))
@@ -197,7 +197,7 @@ def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:
         for path in _SHORT.get(key, (key,)):
             _set(document, path, _number(value))
     where = f"{scenario.name} with {', '.join(f'{key}={value}' for key, value in values.items())}"
-    return _parse(document, where)
+    return parse_scenario(document, where)
 
 
 def chosen(scenario: Scenario, estimator: str | None, law: str | None) -> Scenario:
@@ -254,7 +254,12 @@ def _merge(base: dict[str, object], over: dict[str, object]) -> dict[str, object
     return merged
 
 
-def _parse(document: dict[str, object], where: str) -> Scenario:
+def parse_scenario(document: dict[str, Any], where: str) -> Scenario:
+    """A scenario from its document, as a scenario file without a base holds it; ``where`` is named in errors.
+
+    Raises:
+        ConfigError: an invalid key or value.
+    """
     read_faults(document.get("fault", ()), where)  # first, for errors that name kinds and keys
     scenario = convert(document, Scenario, where)
     scenario.check(where)

@@ -22,7 +22,7 @@ from sim.runfile import RunFile, json_line, make_folder, write_text
 from sim.sweep import Case, Value
 
 _Key = tuple[tuple[str, tuple[Value, ...]], int]  # a case's key, a seed
-Watch = Callable[[int, int, Outcome | None], None]  # runs done, runs in all, the newest
+Watch = Callable[[int, int, Outcome[Any, Any] | None], None]  # runs done, runs in all, the newest
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ class Flown:
 
     campaign: Campaign
     lines: tuple[Mapping[str, Any], ...]
-    failures: tuple[Outcome, ...]
+    failures: tuple[Outcome[Job, RunResult], ...]
 
     def of(self, case: Case) -> list[RunResult]:
         """The results of one case, by seed."""
@@ -104,14 +104,14 @@ def fly_campaign(
         ConfigError: the folder cannot be written, holds another campaign, or its files are damaged.
     """
     make_folder(folder)
-    _claim(folder / "campaign.json", campaign.manifest())
+    claim(folder / "campaign.json", campaign.manifest())
     runs = RunFile(folder / "runs.jsonl")
     jobs = campaign.jobs()
     flown = _flown(runs, campaign, {(job.case.key, job.seed) for job in jobs})
     waiting = [job for job in jobs if (job.case.key, job.seed) not in flown]
     done = len(jobs) - len(waiting)
     watch(done, len(jobs), None)
-    failures: list[Outcome] = []
+    failures: list[Outcome[Job, RunResult]] = []
     outcomes = execute(waiting, fly) if waiting else iter(())
     try:
         for outcome in outcomes:
@@ -165,11 +165,11 @@ def _case_key(line: Mapping[str, Any], parameters: Sequence[str]) -> tuple[str, 
     return line["scenario"], tuple(line[name] for name in parameters)
 
 
-def _claim(path: Path, manifest: dict[str, Any]) -> None:
-    """Write the manifest, or check that the one in the folder is the same."""
+def claim(path: Path, manifest: dict[str, Any], runs: str = "runs.jsonl") -> None:
+    """Write the manifest, or check that the one in the folder is the same; ``runs``: the file of what is flown already."""
     if not path.exists():
-        if (path.parent / "runs.jsonl").exists():
-            raise ConfigError(f"{path.parent}: has runs.jsonl but no campaign.json that defines them; choose another --out")
+        if (path.parent / runs).exists():
+            raise ConfigError(f"{path.parent}: has {runs} but no campaign.json that defines them; choose another --out")
         write_text(path, msgspec.json.format(msgspec.json.encode(manifest), indent=2).decode() + "\n")
         return
     try:
@@ -187,7 +187,7 @@ def _short(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _record(path: Path, failures: Sequence[Outcome]) -> None:
+def _record(path: Path, failures: Sequence[Outcome[Job, RunResult]]) -> None:
     if not failures:
         if path.is_file():
             path.unlink()

@@ -14,7 +14,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 from urllib.parse import urlsplit
 
 from agent.errors import ConfigError
@@ -26,6 +26,18 @@ if TYPE_CHECKING:
     from sim.result import RunResult
 
 _ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")}
+
+
+class Labelled(Protocol):
+    """Anything that a campaign has to do; it is pickled."""
+
+    @property
+    def label(self) -> str:
+        """Its name, with all that is needed to repeat it."""
+
+
+J = TypeVar("J", bound=Labelled)
+R = TypeVar("R")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,17 +60,23 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(Generic[J, R]):
     """The outcome of a job: a result, or the error (the last line of ``trace``, the whole traceback)."""
 
-    job: Job
-    result: RunResult | None = None
+    job: J
+    result: R | None = None
     error: str = ""
     trace: str = ""
 
 
 Fly = Callable[[Job], "RunResult"]
-Executor = Callable[[Iterable[Job], Fly], Iterator[Outcome]]
+
+
+class Executor(Protocol):
+    """Does jobs, in whatever order; whoever stops early closes it."""
+
+    def __call__(self, jobs: Iterable[J], fly: Callable[[J], R], /) -> Iterator[Outcome[J, R]]:
+        """The outcomes as they come."""
 
 
 def fly_job(job: Job) -> RunResult:
@@ -70,7 +88,7 @@ def fly_job(job: Job) -> RunResult:
     return flight.result if job.listen is None else flight.listened[job.listen]
 
 
-def attempt(fly: Fly, job: Job) -> Outcome:
+def attempt(fly: Callable[[J], R], job: J) -> Outcome[J, R]:
     """Fly a job; an exception becomes part of the outcome."""
     try:
         return Outcome(job, result=fly(job))
@@ -92,9 +110,9 @@ def in_processes(workers: int) -> Executor:
     if workers < 1:
         raise ConfigError(f"--workers {workers}: give 1 or more")
 
-    def execute(jobs: Iterable[Job], fly: Fly) -> Iterator[Outcome]:
+    def execute(jobs: Iterable[J], fly: Callable[[J], R], /) -> Iterator[Outcome[J, R]]:
         waiting = deque(jobs)
-        suspects: deque[Job] = deque()  # in flight when a process died: repeated one at a time, to find the cause
+        suspects: deque[J] = deque()  # in flight when a process died: repeated one at a time, to find the cause
         with _one_thread():
             while waiting or suspects:
                 yield from _one_pool(waiting, suspects, fly, workers)
@@ -102,9 +120,9 @@ def in_processes(workers: int) -> Executor:
     return execute
 
 
-def _one_pool(waiting: deque[Job], suspects: deque[Job], fly: Fly, workers: int) -> Iterator[Outcome]:
+def _one_pool(waiting: deque[J], suspects: deque[J], fly: Callable[[J], R], workers: int) -> Iterator[Outcome[J, R]]:
     """Fly until no job is left, or until a worker process dies, and the pool with it."""
-    flying: dict[Future[Outcome], Job] = {}
+    flying: dict[Future[Outcome[J, R]], J] = {}
     context = multiprocessing.get_context("spawn")  # nothing of this process, such as a progress bar's thread, leaks in
     others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_die_with_parent) as pool:
@@ -141,7 +159,7 @@ def on_dask(address: str, timeout_s: float = 10.0) -> Executor:
         ConfigError: no cluster answers at the address.
     """
 
-    def execute(jobs: Iterable[Job], fly: Fly) -> Iterator[Outcome]:
+    def execute(jobs: Iterable[J], fly: Callable[[J], R], /) -> Iterator[Outcome[J, R]]:
         _probe(address, timeout_s)
         from distributed import Client  # noqa: PLC0415  (takes a second to load)
 
@@ -178,11 +196,11 @@ def _probe(address: str, timeout_s: float) -> None:
         ) from None
 
 
-def on_client(client: Client, jobs: Iterable[Job], fly: Fly) -> Iterator[Outcome]:
+def on_client(client: Client, jobs: Iterable[J], fly: Callable[[J], R]) -> Iterator[Outcome[J, R]]:
     """Fly on a connected Dask cluster."""
     from distributed import as_completed  # noqa: PLC0415
 
-    flying: dict[Any, Job] = {client.submit(attempt, fly, job, pure=False): job for job in jobs}
+    flying: dict[Any, J] = {client.submit(attempt, fly, job, pure=False): job for job in jobs}
     for future in as_completed(list(flying), loop=client.loop):  # type: ignore[no-untyped-call]
         error = future.exception() if future.status == "error" else None
         job = flying.pop(future)

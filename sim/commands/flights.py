@@ -12,7 +12,7 @@ import typer
 
 from agent.errors import ConfigError
 from agent.outputs import check_output
-from sim.campaign.workers import Executor, Outcome, cores, in_processes, on_dask
+from sim.campaign.workers import Executor, Job, Outcome, cores, in_processes, on_dask
 from sim.runfile import make_folder, write_text
 from sim.sweep import Case, Value, cases, parse_settings, parse_sweep, without_effect
 
@@ -146,7 +146,7 @@ def table(
     pilots = [*map(Pilot, names), *([Pilot(names[0], listen)] if listen else [])]
     studies = [SIMULATIONS, FIELD] if field else [SIMULATIONS]
     chosen = [checked(list(study.heads), {}, None, [*names, *([listen] if listen else [])], None) for study in studies]
-    failures: list[Outcome] = []
+    failures: list[Outcome[Job, RunResult]] = []
     with tempfile.TemporaryDirectory() if out is None else nullcontext(str(out)) as folder:
         for study, scenarios in zip(studies, chosen, strict=True):
             with campaign_progress(study.name) as watch:
@@ -214,7 +214,7 @@ def write_json(json: str | None, *results: RunResult) -> None:
         write_text(Path(json), text)
 
 
-def exit_on(failures: Sequence[Outcome], out: Path | None) -> None:
+def exit_on(failures: Sequence[Outcome[Job, RunResult]], out: Path | None) -> None:
     """End the command with code 1 if flights failed, and name them so that they can be repeated."""
     if not failures:
         return

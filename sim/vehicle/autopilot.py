@@ -41,6 +41,11 @@ class Autopilot:
         return self._guidance.target
 
     @property
+    def setpoint_age_s(self) -> float | None:
+        """Age of the setpoint that the vehicle follows; None where it follows none."""
+        return self._setpoint_age if self.mode is FlightMode.OFFBOARD else None
+
+    @property
     def grounded(self) -> bool:
         """Whether the vehicle is on the ground with idling or stopped rotors."""
         return not self.armed or (self.mode is FlightMode.TAKEOFF and self._armed_for < ARMING_S)

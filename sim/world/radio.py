@@ -36,6 +36,11 @@ class Radio:
         self._drawn: list[float] = []
         self._inboxes: list[list[tuple[int, int, str, bytes]]] = [[] for _ in range(count)]
 
+    @property
+    def waiting(self) -> list[int]:
+        """How many messages are on their way to each drone."""
+        return [len(inbox) for inbox in self._inboxes]
+
     def send(self, sender: int, key: str, payload: bytes, now_ns: int, to: int | None = None) -> None:
         """Send a payload to all others, or to one."""
         truth = self._truth

@@ -63,7 +63,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
         heard = {name: msgspec.structs.replace(result, estimator=name) for name in options.get("listen", ())}
         return synthetic.Flight(result, flight.trace, heard)
 
-    def in_line(workers: int) -> Callable[[Iterable[Job], Fly], Iterator[Outcome]]:
+    def in_line(workers: int) -> Callable[[Iterable[Job], Fly], Iterator[Outcome[Job, synthetic.RunResult]]]:
         return lambda jobs, one: (attempt(one, job) for job in jobs)
 
     monkeypatch.setattr(sim.lockstep, "fly", fly)

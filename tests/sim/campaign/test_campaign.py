@@ -28,7 +28,7 @@ WALL = ("wall_s", "realtime_factor")
 DEADLINE_S = 30.0
 
 
-def in_line(jobs: Iterable[Job], fly: Fly) -> Iterator[Outcome]:
+def in_line(jobs: Iterable[Job], fly: Fly) -> Iterator[Outcome[Job, synthetic.RunResult]]:
     for job in jobs:
         yield attempt(fly, job)
 
@@ -199,7 +199,7 @@ def test_a_failed_flight_is_recorded_and_the_others_go_on(tmp_path: Path) -> Non
 
 
 def test_a_flight_of_which_nothing_is_heard_is_a_failed_one(tmp_path: Path) -> None:
-    def forgetful(jobs: Iterable[Job], fly: Fly) -> Iterator[Outcome]:
+    def forgetful(jobs: Iterable[Job], fly: Fly) -> Iterator[Outcome[Job, synthetic.RunResult]]:
         return (attempt(fly, job) for job in jobs if job.seed != 3)
 
     flown = fly_campaign(Campaign((synthetic.case(),), 5), tmp_path, forgetful, synthetic.fly_failing)

@@ -1,0 +1,120 @@
+"""Many random missions, resumable: ``missions.jsonl`` (a line each) and ``summary.json`` in a folder, or nothing on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from agent.errors import ConfigError
+from sim.campaign.faults.course import FULL, Course
+from sim.campaign.faults.mission import Mission, Verdict, fly_mission
+from sim.campaign.flights import Watch, claim
+from sim.campaign.workers import Executor, Outcome
+from sim.runfile import RunFile, make_folder
+
+RUNS = "missions.jsonl"
+Fly = Callable[[Mission], Verdict]
+
+
+@dataclass(frozen=True, slots=True)
+class FaultCampaign:
+    """``runs`` missions with the seeds ``seed``, ``seed + 1``, ..."""
+
+    runs: int
+    seed: int = 0
+    course: Course = FULL
+
+    def __post_init__(self) -> None:
+        if self.runs < 1:
+            raise ConfigError(f"--runs {self.runs}: give 1 or more")
+        if self.seed < 0:
+            raise ConfigError(f"--seed {self.seed}: give 0 or more")
+
+    def missions(self) -> list[Mission]:
+        """All of them, in order."""
+        return [Mission(seed, self.course) for seed in range(self.seed, self.seed + self.runs)]
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """The verdicts by seed, and the missions that could not be judged because their worker died."""
+
+    verdicts: tuple[Verdict, ...]
+    failures: tuple[Outcome[Mission, Verdict], ...]
+
+
+def fly_faults(
+    campaign: FaultCampaign,
+    folder: Path | None,
+    execute: Executor,
+    fly: Fly = fly_mission,
+    watch: Watch = lambda done, total, outcome: None,
+) -> Flown:
+    """Fly those missions that are missing in the folder. Each is on disk as soon as it is flown; the same call resumes.
+
+    More missions may be flown into the same folder; others than these must not be in it.
+
+    Raises:
+        ConfigError: the folder cannot be written, holds another campaign, or its files are damaged.
+    """
+    missions = campaign.missions()
+    runs = _runs(campaign, folder) if folder is not None else None
+    found = {verdict.seed: verdict for verdict in _read(runs)} if runs is not None else {}
+    waiting = [mission for mission in missions if mission.seed not in found]
+    done = len(missions) - len(waiting)
+    watch(done, len(missions), None)
+    failures = []
+    for outcome in _closing(execute(waiting, fly) if waiting else iter(())):
+        if outcome.result is None:
+            failures.append(outcome)
+        else:
+            found[outcome.job.seed] = outcome.result
+            if runs is not None:
+                runs.append(msgspec.to_builtins(outcome.result))
+        done += 1
+        watch(done, len(missions), outcome)
+    if runs is not None:
+        runs.sort(lambda line: line["seed"])
+    verdicts = [found[mission.seed] for mission in missions if mission.seed in found]
+    return Flown(tuple(verdicts), tuple(sorted(failures, key=lambda outcome: outcome.job.seed)))
+
+
+def replay_line(seed: int) -> str:
+    """The command that flies a seed again."""
+    return f"radron-sim faults --seed {seed} --runs 1"
+
+
+def _closing(outcomes: Iterator[Outcome[Mission, Verdict]]) -> Iterator[Outcome[Mission, Verdict]]:
+    """The same, and its workers stop with whoever reads it."""
+    try:
+        yield from outcomes
+    finally:
+        if isinstance(outcomes, Generator):
+            outcomes.close()
+
+
+def _runs(campaign: FaultCampaign, folder: Path) -> RunFile:
+    make_folder(folder)
+    manifest: dict[str, Any] = {
+        "radron": version("radron"),
+        "seed": campaign.seed,
+        "course": msgspec.to_builtins(campaign.course),
+    }
+    claim(folder / "campaign.json", manifest, RUNS)
+    return RunFile(folder / RUNS)
+
+
+def _read(runs: RunFile) -> Sequence[Verdict]:
+    """The missions flown already. Raises ConfigError where a line is none."""
+    verdicts = []
+    for number, line in enumerate(runs.lines, 1):
+        try:
+            verdicts.append(msgspec.convert(line, Verdict))
+        except msgspec.ValidationError as error:
+            raise ConfigError(f"{runs.path}:{number}: not a mission: {error}; remove the line to fly it again") from None
+    return verdicts

@@ -1,0 +1,23 @@
+"""The course of a random mission: when its faults come, when the network heals, and how long it may take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """Times in seconds since the start of the simulation.
+
+    Safety: faults come from ``first_s`` on, and all that do not stay for good are over by ``heal_s``. Liveness: from ``heal_s``
+    on. ``track_s``: range of the mission's tracking time. ``end_s``: the flight is stopped here if it has not ended.
+    """
+
+    first_s: float = 5.0
+    heal_s: float = 50.0
+    track_s: tuple[float, float] = (60.0, 70.0)
+    end_s: float = 200.0
+
+
+FULL = Course()
+SHORT = Course(first_s=4.0, heal_s=12.0, track_s=(9.0, 11.0), end_s=90.0)  # for the fast tests

@@ -1,0 +1,128 @@
+"""One random mission: flown, judged, and summed up in a line."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from msgspec import Struct
+
+from protocol.messages import Stage
+from sim.campaign.faults.course import FULL, Course
+from sim.campaign.faults.draw import draw
+from sim.scenario import parse_scenario
+from sim.scoring.invariants.base import Setting, Violation
+from sim.scoring.invariants.judge import Judge
+from sim.scoring.moment import Moment
+
+LOCATED_M = 2.0
+EXCEPTION = "exception"
+_SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """A job of a campaign. ``document``: flown instead of the one drawn from the seed; ``until``: see ``Judge``."""
+
+    seed: int
+    course: Course = FULL
+    document: dict[str, Any] | None = None
+    until: str | None = None
+
+    @property
+    def label(self) -> str:
+        """All that is needed to repeat it."""
+        return f"seed {self.seed}"
+
+    @property
+    def drawn(self) -> dict[str, Any]:
+        """The scenario document that is flown."""
+        return draw(self.seed, self.course) if self.document is None else self.document
+
+
+class Verdict(Struct, frozen=True, kw_only=True):
+    """A line of ``missions.jsonl``.
+
+    faults: entries of the scenario. able: how many drones were able to finish the mission after the heal. located: their source
+    estimate was off by less than 2 m at the end of tracking; error_m: of the one that was off most, None where one had no
+    estimate or none was able. converged: all able drones held one log and one hypothesis after the heal. min_separation_m: least
+    distance between two vehicles in the air, without those whose own position or thrust was faulted; None without such a pair.
+    core_s: processor time, invariants included; drone_s: time in the air of all drones together.
+    """
+
+    seed: int
+    drones: int
+    faults: list[dict[str, Any]]
+    violations: list[Violation]
+    able: int
+    located: bool
+    converged: bool
+    error_m: float | None
+    min_separation_m: float | None
+    sim_s: float
+    drone_s: float
+    core_s: float
+
+
+def fly_mission(mission: Mission) -> Verdict:
+    """Fly and judge a mission. An exception in it is a violation like any other."""
+    from sim.lockstep import watched  # noqa: PLC0415  (only the workers need the physics)
+
+    document, course = mission.drawn, mission.course
+    scenario = parse_scenario(document, mission.label)
+    setting = Setting(scenario, course.heal_s, course.end_s)
+    judge, log = Judge(setting, mission.until), _Log(len(setting.names))
+    violations: list[Violation] = []
+    began = time.process_time()
+    try:
+        watched(scenario, mission.seed, lambda moment: log.see(moment) | judge(moment))
+        judge.finish()
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        text = f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})"
+        violations.append(Violation(invariant=EXCEPTION, time_s=log.time_s, drones=(), text=text))
+    able = judge.landed.able.drones or ()
+    errors = [log.error_m[drone] for drone in able]
+    known = [error for error in errors if error is not None]
+    error_m = max(known) if known and len(known) == len(errors) else None
+    least_m = judge.separation.least_m
+    return Verdict(
+        seed=mission.seed,
+        drones=len(setting.names),
+        faults=document.get("fault", []),
+        violations=judge.violations + violations,
+        able=len(able),
+        located=error_m is not None and error_m < LOCATED_M,
+        converged=judge.converged.ever,
+        error_m=error_m,
+        min_separation_m=least_m if np.isfinite(least_m) else None,
+        sim_s=round(log.time_s, 3),
+        drone_s=round(log.drone_s, 3),
+        core_s=time.process_time() - began,
+    )
+
+
+class _Log:
+    """What a verdict tells besides the violations."""
+
+    def __init__(self, drones: int) -> None:
+        self.time_s = self.drone_s = 0.0
+        self.error_m: list[float | None] = [None] * drones  # of the source estimate, when last searching
+
+    def see(self, moment: Moment) -> bool:
+        """Take a moment; False: the flight goes on."""
+        step_s, self.time_s = moment.time_s - self.time_s, moment.time_s
+        self.drone_s += step_s * sum(map(moment.airborne, range(len(self.error_m))))
+        for drone, pilot in enumerate(moment.pilots):
+            if pilot is not None and pilot.stage in _SEARCHING and moment.source is not None:
+                self.error_m[drone] = _error_m(pilot.hypothesis, moment.source)
+        return False
+
+
+def _error_m(hypothesis: Any, source: tuple[float, float]) -> float | None:
+    if hypothesis is None:
+        return None
+    return float(np.hypot(hypothesis.position[0] - source[0], hypothesis.position[1] - source[1]))

@@ -1,0 +1,145 @@
+"""The summary of many random missions: numbers, a table by kind of fault, and a line for each violation."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from sim.campaign.faults.campaign import replay_line
+from sim.campaign.faults.mission import EXCEPTION, Verdict
+from sim.faults.kinds import KINDS
+from sim.figures.faults import kinds_figure
+from sim.figures.style import save
+from sim.runfile import write_text
+
+
+class KindRow(Struct, frozen=True, kw_only=True):
+    """Missions in which a kind of fault came: how many, how many of them were violated, and of those with able drones (one or
+    more) how many located the source.
+    """
+
+    kind: str
+    missions: int
+    violated: int
+    able: int
+    located: int
+
+
+class Summary(Struct, frozen=True, kw_only=True):
+    """``summary.json``. violations: of all invariants; collisions, separation_breaches, fence_breaches, exceptions: of these.
+
+    violated: missions with a violation. able: missions in which one or more drones were able; able_swarm: two or more. located
+    and located_swarm: those of them in which the source was located; converged: those in which the able drones agreed.
+    core_s, sim_s, drone_s: sums (see ``Verdict``). by_invariant: violations of each. kinds: by kind of fault.
+    """
+
+    missions: int
+    violated: int
+    violations: int
+    collisions: int
+    separation_breaches: int
+    fence_breaches: int
+    exceptions: int
+    able: int
+    located: int
+    able_swarm: int
+    located_swarm: int
+    converged: int
+    core_s: float
+    sim_s: float
+    drone_s: float
+    by_invariant: dict[str, int]
+    kinds: list[KindRow]
+
+    @property
+    def core_s_per_drone_s(self) -> float:
+        """Processor time for each second that a drone is in the air."""
+        return self.core_s / max(self.drone_s, 1.0)
+
+
+def summarise(verdicts: Sequence[Verdict]) -> Summary:
+    """The summary of these missions."""
+    count = Counter(violation.invariant for verdict in verdicts for violation in verdict.violations)
+    able = [verdict for verdict in verdicts if verdict.able]
+    swarm = [verdict for verdict in able if verdict.able > 1]
+    return Summary(
+        missions=len(verdicts),
+        violated=sum(bool(verdict.violations) for verdict in verdicts),
+        violations=count.total(),
+        collisions=count["collision"],
+        separation_breaches=count["separation"],
+        fence_breaches=count["fence"],
+        exceptions=count[EXCEPTION],
+        able=len(able),
+        located=sum(verdict.located for verdict in able),
+        able_swarm=len(swarm),
+        located_swarm=sum(verdict.located for verdict in swarm),
+        converged=sum(verdict.converged for verdict in able),
+        core_s=round(sum(verdict.core_s for verdict in verdicts), 1),
+        sim_s=round(sum(verdict.sim_s for verdict in verdicts), 1),
+        drone_s=round(sum(verdict.drone_s for verdict in verdicts), 1),
+        by_invariant=dict(sorted(count.items())),
+        kinds=[row for kind in KINDS if (row := _row(kind, verdicts)).missions],
+    )
+
+
+def _row(kind: str, verdicts: Sequence[Verdict]) -> KindRow:
+    struck = [verdict for verdict in verdicts if any(fault["kind"] == kind for fault in verdict.faults)]
+    able = [verdict for verdict in struck if verdict.able]
+    return KindRow(
+        kind=kind,
+        missions=len(struck),
+        violated=sum(bool(verdict.violations) for verdict in struck),
+        able=len(able),
+        located=sum(verdict.located for verdict in able),
+    )
+
+
+def table(summary: Summary) -> str:
+    """By kind of fault, in Markdown."""
+    head = ("fault", "missions", "violated", "able", "located")
+    counts = [(row.kind, row.missions, row.violated, row.able, row.located) for row in summary.kinds]
+    counts.append(("all", summary.missions, summary.violated, summary.able, summary.located))
+    rows = [tuple(map(str, row)) for row in counts]
+    widths = [max(len(line[k]) for line in (head, *rows)) for k in range(len(head))]
+    lines = [head, tuple("-" * width for width in widths), *rows]
+    return "".join(
+        "| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) + " |\n" for line in lines
+    )
+
+
+def sentences(summary: Summary) -> list[str]:
+    """What to say of them."""
+    return [
+        f"{summary.missions} missions, {summary.violated} of them with {summary.violations} violations: "
+        + (", ".join(f"{name} {number}" for name, number in summary.by_invariant.items()) or "none"),
+        f"two or more drones able in {summary.able_swarm}, source located in {summary.located_swarm} of these; "
+        f"one able in {summary.able - summary.able_swarm}, located in {summary.located - summary.located_swarm}; "
+        f"logs and hypotheses agreed in {summary.converged} of {summary.able}",
+        f"{summary.core_s / max(summary.missions, 1):.1f} core-s a mission, {summary.core_s_per_drone_s:.3f} for each second "
+        f"that a drone is in the air; {summary.sim_s / max(summary.missions, 1):.0f} s flown a mission",
+    ]
+
+
+def told(verdict: Verdict) -> list[str]:
+    """A line for each invariant that a mission violates, and one that flies it again; empty where none is."""
+    first = {violation.invariant: violation for violation in reversed(verdict.violations)}
+    lines = [
+        f"seed {verdict.seed}: {name} at {violation.time_s:.2f} s, {' '.join(violation.drones) or 'all'}: {violation.text}"
+        for name, violation in first.items()
+    ]
+    return [*lines, f"  again: {replay_line(verdict.seed)}"] if lines else []
+
+
+def write_summary(folder: Path, summary: Summary) -> list[Path]:
+    """Write ``summary.json``, ``summary.md`` and ``kinds.png``; returns the files."""
+    text = msgspec.json.format(msgspec.json.encode(summary), indent=2).decode() + "\n"
+    write_text(folder / "summary.json", text)
+    write_text(folder / "summary.md", table(summary))
+    rows = [(row.kind, row.missions, row.violated, row.able - row.located) for row in summary.kinds]
+    save(kinds_figure(rows, f"{summary.missions} random missions"), folder / "kinds.png")
+    return [folder / name for name in ("summary.json", "summary.md", "kinds.png")]

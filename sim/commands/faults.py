@@ -1,0 +1,84 @@
+"""The command ``faults``: random missions with faults, judged by invariants."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from agent.errors import ConfigError
+from sim.commands.flights import Dask, Workers, executor
+
+
+def faults(
+    *,
+    runs: Annotated[int, typer.Option(help="Number of missions, with consecutive seeds.")] = 100,
+    seed: Annotated[int, typer.Option(help="The first seed.")] = 0,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for missions and summary; rerun to resume.")] = None,
+    short: Annotated[bool, typer.Option("--short", help="Short missions, as in the fast tests.")] = False,
+    show: Annotated[int | None, typer.Option(metavar="SEED", help="Print this seed's mission as a scenario file.")] = None,
+    minimise: Annotated[
+        int | None, typer.Option(metavar="SEED", help="Print the smallest scenario that violates what this seed violates.")
+    ] = None,
+    workers: Workers = None,
+    dask: Dask = None,
+) -> None:
+    """Fly random missions with faults, and tell what must hold and did not: exit code 1. Rerun with the same --out to resume."""
+    from sim.campaign.faults.course import FULL, SHORT  # noqa: PLC0415  (heavy imports wait until they are needed)
+
+    course = SHORT if short else FULL
+    for option, given in (("--show", show), ("--minimise", minimise)):
+        if given is not None and given < 0:
+            raise ConfigError(f"{option} {given}: give 0 or more")
+    if show is not None:
+        from sim.campaign.faults.draw import as_toml, draw  # noqa: PLC0415
+
+        typer.echo(as_toml(draw(show, course)), nl=False)
+    elif minimise is not None:
+        _minimise(minimise, short)
+    else:
+        _fly(runs, seed, out, short, workers, dask)
+
+
+def _fly(runs: int, seed: int, out: Path | None, short: bool, workers: int | None, dask: str | None) -> None:
+    from sim.campaign.faults.campaign import FaultCampaign, fly_faults  # noqa: PLC0415
+    from sim.campaign.faults.course import FULL, SHORT  # noqa: PLC0415
+    from sim.campaign.faults.summary import sentences, summarise, table, told, write_summary  # noqa: PLC0415
+    from sim.console import campaign_progress, say  # noqa: PLC0415
+    from sim.console import out as stdout  # noqa: PLC0415
+
+    campaign = FaultCampaign(runs, seed, SHORT if short else FULL)
+    execute = executor(workers, dask)
+    with campaign_progress("faults") as watch:
+        flown = fly_faults(campaign, out, execute, watch=watch)
+    summary = summarise(flown.verdicts)
+    typer.echo(table(summary), nl=False)
+    for line in (line for verdict in flown.verdicts for line in told(verdict)):
+        say(line, stdout)
+    for line in sentences(summary):
+        say(line, stdout)
+    if out is not None:
+        say(f"written to {out}: missions.jsonl, {', '.join(path.name for path in write_summary(out, summary))}")
+    for outcome in flown.failures:
+        say(f"{outcome.job.label} could not be judged: {outcome.error}")
+    if summary.violations or flown.failures:
+        raise typer.Exit(1)
+
+
+def _minimise(seed: int, short: bool) -> None:
+    from sim.campaign.faults.course import FULL, SHORT  # noqa: PLC0415
+    from sim.campaign.faults.draw import as_toml  # noqa: PLC0415
+    from sim.campaign.faults.minimise import minimise  # noqa: PLC0415
+    from sim.campaign.faults.mission import Mission  # noqa: PLC0415
+    from sim.console import say  # noqa: PLC0415
+
+    found = minimise(Mission(seed, SHORT if short else FULL), tell=say)
+    if found is None:
+        say(f"seed {seed} violates nothing")
+        return
+    document, violation = found
+    who = " ".join(violation.drones) or "all"
+    typer.echo(f"# Seed {seed} violates {violation.invariant} at {violation.time_s:.2f} s, {who}: {violation.text}")
+    typer.echo(as_toml(document), nl=False)
+    raise typer.Exit(1)

@@ -1,0 +1,1 @@
+"""What must hold in every flight, whatever breaks: judged from the truth at each tick."""

@@ -1,0 +1,102 @@
+"""The interface of all invariants, and what they know of a flight beforehand."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator
+from typing import ClassVar, NamedTuple
+
+from msgspec import Struct
+
+from sim.faults.base import Family
+from sim.scenario import Scenario
+from sim.scoring.moment import Moment
+
+RECOVERY_S = 15.0  # until a vehicle is back where it belongs after its own position or thrust was wrong
+OWN_FAULTS: tuple[Family, ...] = ("pose", "thrust")
+
+
+class Violation(Struct, frozen=True, kw_only=True):
+    """An invariant that does not hold: since when (s), for which drones, and by what numbers."""
+
+    invariant: str
+    time_s: float
+    drones: tuple[str, ...]
+    text: str
+
+
+class Breach(NamedTuple):
+    """Drones (indices) that violate an invariant at a moment, and by what numbers."""
+
+    drones: tuple[int, ...]
+    text: str
+
+
+class Setting:
+    """A flight as it is known before: its scenario, and when which drones are struck by what."""
+
+    def __init__(self, scenario: Scenario, heal_s: float = float("inf"), end_s: float = float("inf")) -> None:
+        """``heal_s``: the network heals, and what is then active stays; ``end_s``: by then the able drones have landed."""
+        self.heal_s, self.end_s = heal_s, end_s
+        self.mission = scenario.mission
+        self.scenario = scenario
+        self.names = tuple(drone.id for drone in scenario.mission.drones)
+        self.first_fault_s = min((fault.at_s for fault in scenario.fault), default=float("inf"))
+        self._spans = [
+            (fault.family, [self.names.index(name) for name in fault.strikes(self.names)], fault.at_s, fault.end_s)
+            for fault in scenario.fault
+        ]
+
+    def struck(self, families: Collection[Family], drone: int, time_s: float, after_s: float = 0.0) -> bool:
+        """Whether a fault of these families strikes a drone, or did so less than ``after_s`` ago."""
+        return any(
+            drone in drones and family in families and at_s <= time_s <= end_s + after_s
+            for family, drones, at_s, end_s in self._spans
+        )
+
+    def began_s(self, families: Collection[Family]) -> float:
+        """When the first fault of these families begins, on any drone; infinite without one."""
+        return min((at_s for family, _, at_s, _ in self._spans if family in families), default=float("inf"))
+
+    def lost_itself(self, drone: int, time_s: float) -> bool:
+        """Whether a vehicle's own position or thrust is faulted, or was until ``RECOVERY_S`` ago."""
+        return self.struck(OWN_FAULTS, drone, time_s, RECOVERY_S)
+
+    def named(self, *drones: int) -> tuple[str, ...]:
+        """Ids of drones."""
+        return tuple(self.names[drone] for drone in drones)
+
+
+class Invariant(ABC):
+    """One thing that must hold. A violation is told when it begins, and again only after it was over."""
+
+    name: ClassVar[str]
+
+    def __init__(self, setting: Setting) -> None:
+        self.setting = setting
+        self._broken: set[tuple[int, ...]] = set()
+
+    @abstractmethod
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Who violates it at this moment. Called once after each tick."""
+
+    def at_end(self, moment: Moment) -> Iterator[Breach]:
+        """Who violates it by how the flight has ended, or would only be judged then; ``moment``: the last one."""
+        yield from ()
+
+    def look(self, moment: Moment) -> list[Violation]:
+        """The violations that begin at this moment."""
+        found = list(self.breaches(moment))
+        if not found and not self._broken:
+            return []
+        new = [breach for breach in found if breach.drones not in self._broken]
+        self._broken = {breach.drones for breach in found}
+        return [self._told(breach, moment.time_s) for breach in new]
+
+    def finish(self, moment: Moment) -> list[Violation]:
+        """The violations that show at the end."""
+        return [self._told(breach, moment.time_s) for breach in self.at_end(moment)]
+
+    def _told(self, breach: Breach, time_s: float) -> Violation:
+        drones = self.setting.named(*breach.drones)
+        return Violation(invariant=self.name, time_s=round(time_s, 3), drones=drones, text=breach.text)

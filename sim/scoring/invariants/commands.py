@@ -1,0 +1,73 @@
+"""What reaches the autopilots, and what agents say: fresh, finite, and no more than can be handled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import isfinite
+
+import numpy as np
+
+from sim.scoring.invariants.base import Breach, Invariant, Setting
+from sim.scoring.moment import Moment
+
+OLDEST_SETPOINT_S = 1.3  # PX4 leaves offboard after COM_OF_LOSS_T = 1 s, and needs a little to do so
+MOST_SENT = 200  # messages of one agent in one tick; a busy one sends five
+MOST_WAITING = 20_000  # messages on their way to one agent: of a flood for a second or two
+
+
+class FreshSetpoint(Invariant):
+    """No vehicle obeys a setpoint that is older than 1.3 s: the agent behind it is late, deaf or dead, and nobody steers."""
+
+    name = "setpoint-age"
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Vehicles that follow an old setpoint."""
+        for drone, autopilot in enumerate(moment.autopilots):
+            age_s = autopilot.setpoint_age_s
+            if age_s is not None and age_s > OLDEST_SETPOINT_S:
+                yield Breach((drone,), f"obeys a setpoint of {age_s:.2f} s ago")
+
+
+class Finite(Invariant):
+    """Every number is finite: of commands, hypotheses and true states. One that is not spreads to all that are computed from it.
+
+    The numbers of messages are checked by the codec.
+    """
+
+    name = "finite"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self._seen: list[object] = [None] * len(setting.names)
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Drones with a number that is not finite."""
+        total = float(moment.position_m.sum() + moment.velocity_mps.sum())
+        if not isfinite(total):
+            bad = np.flatnonzero(~np.isfinite(moment.position_m + moment.velocity_mps).all(axis=1))
+            yield Breach(tuple(bad.tolist()), "true position or velocity")
+        for drone, (command, pilot) in enumerate(zip(moment.commands, moment.pilots, strict=True)):
+            if command is not None and (setpoint := command.setpoint) is not None:
+                numbers = (*setpoint.position_m, *setpoint.velocity_mps, *setpoint.acceleration_mps2)
+                if not isfinite(sum(numbers) + setpoint.yaw_rad + setpoint.yaw_rate_rps):
+                    yield Breach((drone,), f"setpoint {setpoint}")
+            hypothesis = pilot.hypothesis if pilot is not None else None
+            if hypothesis is not None and hypothesis is not self._seen[drone]:
+                if isfinite(float(hypothesis.position.sum() + hypothesis.covariance.sum() + hypothesis.velocity.sum())):
+                    self._seen[drone] = hypothesis
+                else:
+                    yield Breach((drone,), f"hypothesis at {hypothesis.position.tolist()}")
+
+
+class Queues(Invariant):
+    """No queue grows without bound: neither what an agent sends in one step, nor what is on its way to one."""
+
+    name = "queues"
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Drones that send, or are to receive, too much."""
+        for drone, (sent, waiting) in enumerate(zip(moment.sent, moment.inboxes, strict=True)):
+            if sent > MOST_SENT:
+                yield Breach((drone,), f"{sent} messages sent in one step, {MOST_SENT} at most wanted")
+            if waiting > MOST_WAITING:
+                yield Breach((drone,), f"{waiting} messages on their way, {MOST_WAITING} at most wanted")

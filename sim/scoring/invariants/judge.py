@@ -1,0 +1,44 @@
+"""All invariants over one flight."""
+
+from __future__ import annotations
+
+from sim.scoring.invariants.base import Invariant, Setting, Violation
+from sim.scoring.invariants.beliefs import SameLogSameHypothesis, TruthPossible
+from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
+from sim.scoring.invariants.liveness import Converged, Landed
+from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
+from sim.scoring.moment import Moment
+
+
+class Judge:
+    """The observer of a flight (``sim.lockstep.fly(watch=...)``). ``violations``: in order of time."""
+
+    def __init__(self, setting: Setting, until: str | None = None) -> None:
+        """``until``: the flight ends as soon as the invariant of this name is violated."""
+        self._setting, self._until = setting, until
+        self.separation, self.converged, self.landed = Separation(setting), Converged(setting), Landed(setting)
+        self.invariants: tuple[Invariant, ...] = (
+            self.separation, Collision(setting), Fence(setting), Heights(setting),
+            FreshSetpoint(setting), Finite(setting), Queues(setting),
+            TruthPossible(setting), SameLogSameHypothesis(setting),
+            self.converged, self.landed,
+        )  # fmt: skip
+        self.violations: list[Violation] = []
+        self._last: Moment | None = None
+
+    def __call__(self, moment: Moment) -> bool:
+        """Judge a moment; True where the flight need not go on."""
+        self._last = moment
+        for invariant in self.invariants:
+            found = invariant.look(moment)
+            if found:
+                self.violations += found
+        if self._until is not None and any(violation.invariant == self._until for violation in self.violations):
+            return True
+        return moment.time_s >= self._setting.end_s or self.landed.is_over(moment)
+
+    def finish(self) -> None:
+        """Judge how the flight has ended."""
+        if self._last is not None:
+            for invariant in self.invariants:
+                self.violations += invariant.finish(self._last)

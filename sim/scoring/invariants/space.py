@@ -1,0 +1,102 @@
+"""Where vehicles may be: apart from each other, inside the fence, between floor and ceiling."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+from math import dist, inf
+
+import shapely
+from shapely import Polygon
+
+from protocol.messages import Stage
+from sim.scoring.invariants.base import Breach, Invariant, Setting
+from sim.scoring.moment import Moment
+
+APART_M, APART_UNDER_FAULTS_M, COLLISION_M = 3.0, 2.5, 2.0
+_BY_SETPOINTS = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
+
+
+class Separation(Invariant):
+    """Two vehicles in the air are 3 m apart, 2.5 m from the first fault on: no rotor touches another in any gust.
+
+    The distance is that in space: vehicles whose autopilots return by themselves fly in layers above each other. Exempt are pairs
+    of which one vehicle's own position or thrust is faulted: it does not know, or cannot help, where it is.
+    """
+
+    name = "separation"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self.least_m = inf  # of all pairs that are not exempt
+        self._pairs = list(combinations(range(len(setting.names)), 2))
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Pairs that are too near to each other."""
+        apart_m = APART_M if moment.time_s < self.setting.first_fault_s else APART_UNDER_FAULTS_M
+        for pair, distance_m in self._near(moment, max(apart_m, self.least_m)):
+            self.least_m = min(self.least_m, distance_m)
+            if distance_m < apart_m:
+                yield Breach(pair, f"{distance_m:.2f} m apart, at least {apart_m:g} m wanted")
+
+    def _near(self, moment: Moment, within_m: float) -> Iterator[tuple[tuple[int, int], float]]:
+        """Pairs in the air within a distance, without the exempt ones."""
+        places = moment.position_m.tolist()
+        for pair in self._pairs:
+            one, other = pair
+            distance_m = dist(places[one], places[other])
+            if distance_m >= within_m or not (moment.airborne(one) and moment.airborne(other)):
+                continue
+            if not any(self.setting.lost_itself(drone, moment.time_s) for drone in pair):
+                yield pair, distance_m
+
+
+class Collision(Separation):
+    """Two vehicles in the air are never within 2 m: rotors of small vehicles touch, with their position errors."""
+
+    name = "collision"
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Pairs that have collided."""
+        for pair, distance_m in self._near(moment, COLLISION_M):
+            yield Breach(pair, f"{distance_m:.2f} m apart")
+
+
+class Fence(Invariant):
+    """No vehicle in the air leaves the area by more than the fence's margin; exempt as in separation."""
+
+    name = "fence"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        area = setting.mission.area
+        self._fence = Polygon(area.polygon_m).buffer(area.fence_margin_m)
+        shapely.prepare(self._fence)
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Vehicles outside."""
+        inside = shapely.contains_xy(self._fence, moment.position_m[:, :2])
+        if inside.all():
+            return
+        for drone in (~inside).nonzero()[0].tolist():
+            if moment.airborne(drone) and not self.setting.lost_itself(drone, moment.time_s):
+                x, y, _ = moment.position_m[drone].tolist()
+                yield Breach((drone,), f"at ({x:.1f}, {y:.1f}) m, outside the fence")
+
+
+class Heights(Invariant):
+    """Vehicles stay below the ceiling, and above the floor while they follow setpoints; exempt as in separation."""
+
+    name = "height"
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Vehicles that are too low or too high."""
+        area = self.setting.mission.area
+        for drone, height_m in enumerate(moment.position_m[:, 2].tolist()):
+            if area.floor_m <= height_m <= area.ceiling_m:
+                continue
+            pilot = moment.pilots[drone]
+            guided = pilot is not None and pilot.stage in _BY_SETPOINTS and moment.autopilots[drone].setpoint_age_s is not None
+            low = guided and height_m < area.floor_m
+            if (low or height_m > area.ceiling_m) and not self.setting.lost_itself(drone, moment.time_s):
+                yield Breach((drone,), f"{height_m:.2f} m above ground, {area.floor_m:g} to {area.ceiling_m:g} m allowed")
