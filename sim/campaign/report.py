@@ -51,6 +51,14 @@ def _without_estimate(result: RunResult, there: bool) -> str:
     )
 
 
+def faults_of(trace: Trace) -> str:
+    """The faults of the flight, each with its time; empty where there were none."""
+    end_s = float(trace.time_s[-1])
+    ends = ["on" if fault.end_s >= end_s else f"to {fault.end_s:g} s" for fault in trace.faults]
+    told = [f"{fault.label} from {fault.begin_s:g} s {end}" for fault, end in zip(trace.faults, ends, strict=True)]
+    return f"Faults: {'; '.join(told)}." if told else ""
+
+
 def error_of(result: RunResult) -> str:
     """The median error of an estimator, as part of a sentence."""
     if result.error_median_m is None:

@@ -70,12 +70,15 @@ def run(
     if out is not None:
         make_folder(out)
 
-    from sim.campaign.report import error_of, sentence, write_flight  # noqa: PLC0415
+    from sim.campaign.report import error_of, faults_of, sentence, write_flight  # noqa: PLC0415
     from sim.lockstep import fly  # noqa: PLC0415
 
     with flight_progress(case.name) as progress:
         flight = fly(case.scenario, seed, estimator=estimator, listen=listen or (), law=law, progress=progress)
     say(sentence(flight.result, flight.trace), err if json == "-" else stdout)
+    told = faults_of(flight.trace)
+    if told:
+        say(told, err if json == "-" else stdout)
     for name, heard in flight.listened.items():
         own = f"{flight.result.estimator}, flown by the swarm: {error_of(flight.result)}"
         say(f"{name}, listening only: {error_of(heard)}; {own}.")

@@ -14,6 +14,7 @@ from msgspec.structs import replace
 
 from protocol.codec import decode_from, encode
 from protocol.entries import Cone, Counts, Entry, Exposure, Sighting
+from protocol.errors import ProtocolError
 from protocol.messages import AnyMessage, Plan, Pose
 from sim.faults.agents import Lie
 from sim.faults.base import Fault
@@ -52,7 +53,10 @@ class Liars:
             changed = self._changed(changed, drone, lie, one)
         if changed is message:
             return payload
-        told = encode(changed)
+        try:
+            told = encode(changed)
+        except ProtocolError:  # beyond what can be said
+            return payload
         if isinstance(message, Entry):
             self._told[drone, payload] = told
         return told

@@ -173,6 +173,8 @@ def _corrupted(payload: bytes, rng: np.random.Generator) -> bytes:
 
 def _padded(payload: bytes, size: int) -> bytes:
     """A valid message of about ``size`` bytes, and never fewer than before."""
-    whole, rest = divmod(max(0, size - len(payload) - 12), _PAD)
+    if size < len(payload) + 12:
+        return payload
+    whole, rest = divmod(size - len(payload) - 12, _PAD)
     fields = msgpack.unpackb(payload) | {"padding": [*([bytes(_PAD)] * whole), bytes(rest)]}
     return bytes(msgpack.packb(fields))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sim.faults.agents import Disk, Lie, Partition
+from sim.faults.agents import Disk, Lie, LinkFault, Partition
 from sim.faults.base import Fault
 from sim.faults.kinds import kind_of
 from sim.result import FaultTrace
@@ -36,4 +36,6 @@ def _label(fault: Fault, drones: Sequence[str]) -> str:
         if isinstance(fault, Disk)
         else kind_of(fault)
     )
-    return what if fault.target is None else f"{what} {' '.join(fault.strikes(drones))}"
+    whom = [] if fault.target is None else fault.strikes(drones)
+    peers = ["with", *fault.names_of_peers()] if isinstance(fault, LinkFault) and fault.peers is not None else []
+    return " ".join((what, *whom, *peers))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sim.figures.cones import ground_curve
 from sim.figures.ellipse import draw_regions, reach_m
+from sim.figures.faults import fault_entries, fault_places
 from sim.figures.style import CONE, ESTIMATE, TRUTH, dress, drone_colour, new_figure, wrapped
 from sim.result import Trace
 
@@ -41,6 +42,7 @@ def map_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
         axes.plot(*track[0, :2], marker="^", color=colour, markersize=8, markeredgecolor="white", linestyle="")
         axes.plot(*track[end, :2], marker="o", color=colour, markersize=8, markeredgecolor="white", label=name, linestyle="")
     _draw_source(axes, trace, end)
+    fault_places(axes, trace)
     axes.set_aspect("equal")
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
@@ -157,4 +159,5 @@ def _legend(axes: Axes, trace: Trace) -> None:
     if trace.cones:
         entries.append(Line2D([], [], color=CONE, linewidth=0.8, label=f"newest {CONES_SHOWN} cones on the ground"))
     entries.append(Line2D([], [], color="#444444", linestyle=(0, (6, 3)), label="searched area"))
+    entries += fault_entries(trace)
     axes.legend(handles=entries, loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4, fontsize=8, frameon=False)

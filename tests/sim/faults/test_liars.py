@@ -1,0 +1,96 @@
+"""Members that publish what is not so: what the others get is valid, and wrong as the scenario says."""
+
+from itertools import product
+from math import dist
+
+import msgspec
+import pytest
+
+from protocol.codec import decode_from, encode
+from protocol.entries import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample, Sighting
+from protocol.keys import key_of
+from protocol.messages import Plan, Pose
+from sim.faults.kinds import KINDS
+from sim.faults.liars import KIND_OF, Liars
+from sim.faults.schedule import Schedule
+
+SECOND = 1_000_000_000
+BORN = {"mission": "a" * 16, "boot": "b" * 16}
+UNIT = (1.0, 0.0, 0.0, 0.0)
+
+
+def at(kind, second):
+    """A message of d1 as of a second, at x = that many metres."""
+    stamp, place = {"stamp_ns": second * SECOND, "drone": "d1", "epoch": 0}, (float(second), 0.0, 3.0)
+    sigmas = {"position_sigma_m": 0.1, "yaw_sigma_rad": 0.1}
+    match kind:
+        case "pose":
+            return Pose(**stamp, **sigmas, position_m=place, velocity_mps=(1.0, 0.0, 0.0), quaternion=UNIT)
+        case "plan":
+            return Plan(**stamp, step_ns=SECOND // 10, positions_m=(place, (second + 0.1, 0.0, 3.0)))
+        case "exposure":
+            return Exposure(
+                **stamp, **BORN, **sigmas, sequence=second, end_ns=(second + 1) * SECOND, live_time_s=1.0,
+                counts=Counts(10 + second, 5, 3), poses=(PoseSample(0, place, UNIT),),
+            )  # fmt: skip
+        case "cone":
+            order = ConeOrder((1.0, 0.0, 0.0), 0.5, 0.1, 0.5)
+            return Cone(
+                **stamp, **BORN, sequence=second, apex_m=place, apex_sigma_m=0.1, yaw_sigma_rad=0.1, orders=(order, order),
+                energies_kev=(200.0, 400.0), energy_sigmas_kev=(5.0, 5.0), separation_mm=1.0,
+            )  # fmt: skip
+    return Sighting(
+        **stamp, **BORN, sequence=second, target="d2", position_m=place, direction=(1.0, 0.0, 0.0), direction_sigma_rad=0.1,
+        range_m=10.0, range_sigma_m=0.3,
+    )  # fmt: skip
+
+
+def told(what, how, drone=0, **values):
+    """What a drone tells in seconds 0 to 20 of which it lies in 10 to 15, beside what it knows."""
+    lie = msgspec.convert(
+        {"kind": "lie", "at_s": 10.0, "for_s": 5.0, "target": "d1", "what": what, "how": how, **values}, KINDS["lie"]
+    )
+    schedule = Schedule([lie], ("d1", "d2"), 1)
+    liars, pairs = Liars([lie], schedule), []
+    for second in range(20):
+        schedule.advance(float(second))
+        known = at(KIND_OF[what], second)
+        key, payload = key_of("s", known), encode(known)
+        heard = liars.tell(drone, key, payload)
+        assert liars.told(drone, key, payload) == (heard if isinstance(known, Entry) else payload)  # it keeps to its story
+        pairs.append((known, decode_from(key, heard)))
+    return pairs
+
+
+@pytest.mark.parametrize(("what", "how"), list(product(KIND_OF, ("false", "replayed", "mistimed"))))
+def test_it_lies_in_its_time_under_valid_numbers(what, how):
+    pairs = told(what, how)
+    assert [known != heard for known, heard in pairs] == [10 <= second < 15 for second in range(20)]
+    for known, heard in pairs:
+        assert (heard.stamp_ns == known.stamp_ns) == (how != "mistimed" or known == heard)
+        if isinstance(known, Entry):
+            assert (heard.boot, heard.sequence) == (known.boot, known.sequence)
+    assert all(known == heard for known, heard in told(what, how, drone=1))
+
+
+def test_replayed_is_what_was_so_before():
+    for known, heard in told("pose", "replayed", ago_s=3.0)[10:15]:
+        assert heard.position_m[0] == known.position_m[0] - 3.0
+    for known, heard in told("counts", "replayed", ago_s=3.0)[10:15]:
+        assert heard.counts.hits == known.counts.hits - 3
+        assert (heard.stamp_ns, heard.end_ns) == (known.stamp_ns, known.end_ns)
+
+
+def test_mistimed_is_under_an_older_stamp():
+    assert {known.stamp_ns - heard.stamp_ns for known, heard in told("plan", "mistimed", ago_s=3.0)[10:15]} == {3 * SECOND}
+
+
+def test_false_positions_are_shifted_one_way_and_counts_multiplied():
+    shifts = [
+        tuple(b - a for a, b in zip(k.position_m, h.position_m, strict=True)) for k, h in told("pose", "false", shift_m=7.0)
+    ]
+    assert all(dist(shift, (0.0, 0.0, 0.0)) == pytest.approx(7.0) for shift in shifts[10:15])
+    assert all(shift == pytest.approx(shifts[10]) for shift in shifts[10:15])
+    assert all(heard.counts.hits == 3 * known.counts.hits for known, heard in told("counts", "false", factor=3.0)[10:15])
+    assert all(heard.range_m == 15.0 for _, heard in told("sighting", "false", shift_m=5.0)[10:15])
+    assert all(heard.orders[0].axis[0] < 0.1 for _, heard in told("cone", "false")[10:15])
