@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.figures.faults import ROW_IN, fault_bars, rows_of, shade_faults
+from sim.figures.faultmarks import ROW_IN, fault_bars, rows_of, shade_faults
 from sim.figures.style import DRONES, ESTIMATE, TRUTH, dress, mark_event, metres, new_figure, stage_bands, wrapped
 from sim.result import Trace
 

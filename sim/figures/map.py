@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim.figures.cones import ground_curve
 from sim.figures.ellipse import draw_regions, reach_m
-from sim.figures.faults import fault_entries, fault_places
+from sim.figures.faultmarks import fault_entries, fault_places
 from sim.figures.style import CONE, ESTIMATE, TRUTH, dress, drone_colour, new_figure, wrapped
 from sim.result import Trace
 

@@ -10,16 +10,17 @@ from sim.scenario import load_scenario, override
 
 
 class Seen:
-    """Stage, boot and log of each pilot over the flight."""
+    """Pilot, stage and digest of each drone over the flight; None while its agent is dead."""
 
     def __init__(self):
-        self.pilots, self.digests, self.stages, self.distinct = {}, {}, {}, {}
+        self.pilots, self.digests, self.stages = {}, {}, {}
 
-    def __call__(self, time_s, pilots):
-        at = round(time_s, 2)
-        self.digests[at] = [pilot.digest for pilot in pilots]
-        self.stages[at] = [pilot.stage for pilot in pilots]
-        self.pilots[at] = list(pilots)
+    def __call__(self, moment):
+        at = round(moment.time_s, 2)
+        self.digests[at] = [pilot and pilot.digest for pilot in moment.pilots]
+        self.stages[at] = [pilot and pilot.stage for pilot in moment.pilots]
+        self.pilots[at] = list(moment.pilots)
+        return False
 
     def one_log_after(self, time_s):
         """How long after this time all logs were equal for the first time."""
@@ -47,6 +48,7 @@ def test_a_killed_agent_is_back_with_the_whole_log_and_its_flight():
     flight, seen = flown("fault-kill")
     first, again = seen.pilots[24.0][1], seen.pilots[46.0][1]
     assert first is not again
+    assert all(pilots[1] is None for at, pilots in seen.pilots.items() if 25.1 < at < 45.0)
     assert [seen.pilots[24.0][k] is seen.pilots[60.0][k] for k in (0, 2)] == [True, True]
     assert seen.one_log_after(45.5) < 3.0
     assert seen.stages[47.0][1] is Stage.TRACK  # its vehicle was on its way home
