@@ -13,7 +13,6 @@ from math import hypot
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import msgspec
 import numpy as np
 
 from agent.config.drone import DroneConfig, VehicleConfig
@@ -27,6 +26,8 @@ from sim.faults.agents import Late
 from sim.faults.disk import check_playable
 from sim.faults.liars import Liars
 from sim.faults.network import FaultyRadio
+from sim.faults.onboard import OnboardFaults
+from sim.faults.poses import with_dead_reckoning
 from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
 from sim.faults.schedule import Schedule
@@ -131,17 +132,18 @@ class _World:
             self._cameras = Cameras(scenario, configs, random.cameras, EPOCH_NS)
         self._folder = TemporaryDirectory()  # also for agents that are started again
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
-            configs = _calibrated(configs, self._cameras, Path(self._folder.name))
+            configs = self._cameras.calibrated(configs, Path(self._folder.name))
         self._configs, self._listen, self._seed = configs, listen, seed
         self._terrain = Terrain(scenario.terrain)
         position = self._terrain.on_ground(launch_places(scenario.start, mission, random.start))
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
-        self._localization = Localization(scenario.localization, count, TICK_NS * 1e-9, random.localization)
+        errors = Localization(scenario.localization, count, TICK_NS * 1e-9, random.localization)
+        self._localization = with_dead_reckoning(scenario.fault, errors)
         self._estimated = self._frames.local(position)
-        self._autopilots = [
-            Autopilot(home, -yaw, TICK_NS * 1e-9)
-            for home, yaw in zip(self._estimated, self._frames.yaw_rad.tolist(), strict=True)
-        ]
+        places = zip(self._estimated, self._frames.yaw_rad.tolist(), strict=True)
+        self._autopilots = [Autopilot(home, -yaw, TICK_NS * 1e-9) for home, yaw in places]
+        world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
+        self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
         self._liars = Liars(scenario.fault, self._faults)
         self._recovery = Recovery(mission.swarm, names, self._radio, self._liars.told) if scenario.fault else None
@@ -220,11 +222,11 @@ class _World:
 
     def _step(self, drone: int, agent: Agent, now_ns: int) -> None:
         """One step of an agent: what has arrived goes in, what it publishes and commands comes out."""
-        pilot, recovery = agent.pilot, self._recovery
+        pilot, recovery, own_ns = agent.pilot, self._recovery, self._onboard.clocks.own_ns(drone, now_ns)
         for key, payload in self._radio.receive(drone, now_ns):
             if recovery is None or not recovery.hear(drone, key, payload, pilot, now_ns):
-                pilot.receive(key, payload, now_ns)
-        step = pilot.step(now_ns)
+                pilot.receive(key, payload, own_ns)
+        step = pilot.step(own_ns)
         for key, payload in (*agent.readings, *step.publications):
             self._radio.send(drone, key, self._liars.tell(drone, key, payload), now_ns)
             self.recorder.hear(drone, key, payload)
@@ -236,6 +238,7 @@ class _World:
 
     def _sense(self, now_ns: int, source: tuple[float, float] | None) -> list[list[tuple[str, bytes]]]:
         """Pass telemetry, fixes, sightings and readouts to the pilots; returns what each publishes in response."""
+        self._onboard.vehicles.step()
         self._telemetry(now_ns)
         published: list[list[tuple[str, bytes]]] = [[] for _ in self.pilots]
         self._localize(now_ns, published)
@@ -248,14 +251,16 @@ class _World:
         if self.ticks % READ_TICKS != 0 or self.ticks == 0:
             return published
         for drone, pilot in enumerate(self.pilots):
-            published[drone] += pilot.observe_detector(self._cameras.read_out(drone))
+            readout = self._onboard.readout(drone, self._cameras.read_out(drone))
+            if readout is not None:
+                published[drone] += pilot.observe_detector(readout)
         return published
 
     def _localize(self, now_ns: int, published: list[list[tuple[str, bytes]]]) -> None:
         """Pass fixes and relative observations to the pilots."""
         motion = self._multirotors
         for drone, receiver in enumerate(self._frames.receiver):
-            fix = receiver.fix(now_ns, motion.position_m[drone]) if receiver is not None else None
+            fix = receiver and receiver.fix(self._onboard.clocks.own_ns(drone, now_ns), motion.position_m[drone])
             if fix is not None:
                 published[drone] += self.pilots[drone].observe_fix(fix)
         if self._sightings is None:
@@ -264,7 +269,7 @@ class _World:
             attitudes = [motion.quaternion(drone) for drone in range(len(self.pilots))]
             self._sightings.look(now_ns, motion.position_m, attitudes)
         for drone, seen in self._sightings.take(now_ns):
-            published[drone] += self.pilots[drone].observe_sightings(seen)
+            published[drone] += self.pilots[drone].observe_sightings(self._onboard.clocks.restamped_sightings(drone, seen))
 
     def _telemetry(self, now_ns: int) -> None:
         motion, error, frames = self._multirotors, self._localization, self._frames
@@ -276,20 +281,24 @@ class _World:
         heights = (self._terrain.above_ground(motion.position_m)[:, 2] + error.height_error_m).tolist()
         epochs, told_m = frames.epoch, frames.told_m
         for drone, (pilot, autopilot) in enumerate(zip(self.pilots, self._autopilots, strict=True)):
+            if not self._onboard.vehicles.hears(drone):
+                continue
             pilot.observe_vehicle(
                 VehicleState(
-                    stamp_ns=now_ns,
-                    epoch=epochs[drone],
+                    stamp_ns=self._onboard.clocks.own_ns(drone, now_ns),
+                    epoch=0 if self._mission.drones[drone].is_exact else epochs[drone],
                     position_m=self._estimated[drone],
                     velocity_mps=velocities[drone],
                     quaternion=attitude(yaws[drone], *thrusts[drone]),
                     height_m=heights[drone],
-                    position_sigma_m=hypot(error.position_sigma_m[0], told_m[drone]),
+                    position_sigma_m=self._onboard.poses.sigma_m(drone, hypot(error.position_sigma_m[0], told_m[drone])),
                     yaw_sigma_rad=error.yaw_sigma_rad,
                     mode=autopilot.mode,
                     armed=autopilot.armed,
                     in_air=autopilot.in_air,
                     healthy=not autopilot.failsafe,
+                    battery=self._onboard.vehicles.battery(drone),
+                    position_trusted=self._onboard.poses.trusted(drone),
                 )
             )
 
@@ -297,7 +306,8 @@ class _World:
         mission = self._mission
         for drone in drones:
             command = Command(stamp_ns=now_ns, station="lockstep", mission=mission.mission_id, action=Action.START)
-            self.pilots[drone].receive(key_of(mission.swarm, command), encode(command), now_ns)
+            own_ns = self._onboard.clocks.own_ns(drone, now_ns)
+            self.pilots[drone].receive(key_of(mission.swarm, command), encode(command), own_ns)
 
     def _start(self, drone: int, starts: int = 0, memory: Memory | None = None) -> Pilot:
         """The pilot of a drone's agent that has been started so many times before."""
@@ -330,17 +340,11 @@ class _World:
         grounded = np.array([autopilot.grounded for autopilot in self._autopilots])
         # The autopilot controls its estimates, not its true position and velocity.
         motion.step(setpoints, grounded, error.position_error_m, error.velocity_error_mps)
-        if not flat:
+        if not flat or motion.any_falls:
             motion.rest_on(motion.position_m[:, 2] - self._terrain.above_ground(motion.position_m)[:, 2])
         error.step()
+        self._onboard.poses.step()
         self._frames.step(self.time_s, motion.position_m)
         for autopilot, reframing in zip(self._autopilots, self._frames.reframing, strict=True):
             if reframing is not None:
                 autopilot.reframe(reframing)
-
-
-def _calibrated(configs: Sequence[DroneConfig], cameras: Cameras, folder: Path) -> list[DroneConfig]:
-    """The drone files with the calibration of each drone's own camera, written into ``folder``."""
-    folders = [folder / config.id for config in configs]
-    cameras.write_calibrations(folders)
-    return [msgspec.structs.replace(config, calibration=str(own)) for config, own in zip(configs, folders, strict=True)]

@@ -16,7 +16,9 @@ class CameraDead(Fault, frozen=True, kw_only=True, tag="camera-dead"):
 
 
 class CameraNoisy(Fault, frozen=True, kw_only=True, tag="camera-noisy"):
-    """``pixels`` at random places, each with ``rate_hz`` hits of ``energy_kev``; ``column``: half a column beside each other."""
+    """``pixels`` at random places, each with ``rate_hz`` hits of ``energy_kev`` a second; ``column``: instead of them the 128
+    pixels of half a column.
+    """
 
     family: ClassVar[Family] = "camera"
     pixels: Annotated[int, Meta(ge=1, le=4096)] = 20
@@ -32,14 +34,16 @@ class CameraStuck(Fault, frozen=True, kw_only=True, tag="camera-stuck"):
 
 
 class CameraGain(Fault, frozen=True, kw_only=True, tag="camera-gain"):
-    """A wrong calibration: all charges are multiplied by ``factor``."""
+    """A wrong calibration: each pixel collects ``factor`` times the charge, and its files do not say so."""
 
     family: ClassVar[Family] = "camera"
     factor: Annotated[float, Meta(gt=0.0, le=10.0)] = 1.2
 
 
 class Clock(Fault, frozen=True, kw_only=True, tag="clock"):
-    """The drone's clock is off by ``jump_s`` at once, and by ``drift_ppm`` more and more; right again when it is over."""
+    """The clock of the drone's computer is ahead by ``jump_s`` at once, and by ``drift_ppm`` more and more; when it is over, it
+    steps back to the right time. Everything that is stamped on board has this time, and nothing else changes.
+    """
 
     family: ClassVar[Family] = "clock"
     jump_s: Annotated[float, Meta(ge=-600.0, le=600.0)] = 0.0
@@ -51,16 +55,21 @@ class Clock(Fault, frozen=True, kw_only=True, tag="clock"):
 
 
 class SatellitesLost(Fault, frozen=True, kw_only=True, tag="satellites-lost"):
-    """The vehicle's filter flies on by inertia: its position and velocity drift by ``drift_mps2``, and it tells of it."""
+    """A vehicle that flies by satellites has none. Its filter goes on by inertia: its velocity's error begins with 0.1 to 0.8 m/s
+    and grows by ``drift_mps2`` (a real PX4's: 0.08 to 0.35); 2.2 s later it does not know its position any more, and the
+    autopilot lands. When they are back the position is right after some seconds, and the mode is flown that was chosen last.
+    """
 
     family: ClassVar[Family] = "pose"
     drift_mps2: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.05
 
 
 class PositionJump(Fault, frozen=True, kw_only=True, tag="position-jump"):
-    """The vehicle's own position jumps by ``jump_m`` (and its heading by ``turn_deg``), announced by a new epoch or not.
+    """The vehicle's own position jumps by ``jump_m`` in a direction drawn from the seed (and its heading by ``turn_deg`` to
+    either side).
 
-    ``announced``: as by a reset of PX4's filter; else as by spoofed satellites. When it is over, it jumps back.
+    ``announced``: as by a reset of PX4's filter, with a new epoch; else as by spoofed satellites, its fixes alike, and nothing is
+    reported (a filter that follows its receiver slides there within seconds). When it is over, it jumps back.
     """
 
     family: ClassVar[Family] = "pose"
@@ -70,7 +79,9 @@ class PositionJump(Fault, frozen=True, kw_only=True, tag="position-jump"):
 
 
 class Drag(Fault, frozen=True, kw_only=True, tag="spoofed"):
-    """Spoofed satellites drag the vehicle's own position away at ``speed_mps``, up to ``most_m``."""
+    """Spoofed satellites drag the vehicle's own position, and its fixes, away at ``speed_mps``, up to ``most_m``, in a direction
+    drawn from the seed. Its velocity stays as the inertial sensors measure it. When it is over, the position jumps back.
+    """
 
     family: ClassVar[Family] = "pose"
     speed_mps: Annotated[float, Meta(gt=0.0, le=20.0)] = 0.5
@@ -85,7 +96,7 @@ class Gust(Fault, frozen=True, kw_only=True, tag="gust"):
 
 
 class MotorFailure(Fault, frozen=True, kw_only=True, tag="motor"):
-    """A motor fails: the vehicle comes down at ``descent_mps``, turning, and lies where it lands. It stays."""
+    """A motor fails: the vehicle comes down at ``descent_mps``, spinning, and lies where it lands, disarmed. It stays."""
 
     family: ClassVar[Family] = "thrust"
     descent_mps: Annotated[float, Meta(gt=0.0, le=20.0)] = 3.0
@@ -96,29 +107,36 @@ class MotorFailure(Fault, frozen=True, kw_only=True, tag="motor"):
 
 
 class Battery(Fault, frozen=True, kw_only=True, tag="battery"):
-    """The battery's level is ``level`` and falls by ``drain_ps`` a second. ``lies``: the reported level only."""
+    """The battery's level is ``level`` (of 1), and in flight falls by ``drain_ps`` a second faster than else; when it is over, no
+    faster. At 0 the vehicle comes down. ``lies``: that is reported only, and the battery is well.
+
+    ``acts``: the autopilot returns at 7 % and lands at 5 %, after 5 s in hold (PX4's COM_LOW_BAT_ACT = 3); else it only warns.
+    """
 
     family: ClassVar[Family] = "vehicle"
     level: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.2
     drain_ps: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.001
     lies: bool = False
+    acts: bool = True
 
 
 class MavlinkLoss(Fault, frozen=True, kw_only=True, tag="mavlink-loss"):
-    """Messages between the agent and its autopilot are lost, in both directions."""
+    """Messages between the agent and its autopilot are lost, each independently: telemetry, setpoints, requests of a mode."""
 
     family: ClassVar[Family] = "vehicle"
     probability: Probability
 
 
 class Takeover(Fault, frozen=True, kw_only=True, tag="takeover"):
-    """A pilot takes the vehicle by remote control, and gives it back in hold when it is over."""
+    """A pilot chooses a mode by remote control, and leaves the vehicle in hold when it is over. In ``manual`` the pilot hovers,
+    and the autopilot obeys the agent in nothing; after another mode it obeys new requests.
+    """
 
     family: ClassVar[Family] = "vehicle"
     mode: Literal["manual", "hold", "return", "land"] = "hold"
 
 
 class Refusal(Fault, frozen=True, kw_only=True, tag="refusal"):
-    """The autopilot refuses the agent's changes of mode."""
+    """The autopilot refuses the agent's changes of mode, and arming; in offboard it still follows the setpoints."""
 
     family: ClassVar[Family] = "vehicle"

@@ -1,6 +1,7 @@
-"""Lockstep's autopilot: PX4's arming, takeoff, modes, landing, and offboard-loss failsafe.
+"""Lockstep's autopilot: PX4's arming, takeoff, modes, landing, and failsafes; with what the driver on board makes of a request.
 
-Positions are the vehicle's own estimates in its local frame (ENU), as in PX4.
+Positions are the vehicle's own estimates in its local frame (ENU), as in PX4. As the driver (``agent.vehicle.requests``), it does
+not repeat a request that was fulfilled before somebody else chose another mode.
 """
 
 from __future__ import annotations
@@ -16,10 +17,15 @@ RETURN_SPEED_MPS = 5.0
 RETURN_HEIGHT_M = 10.0
 DISARM_AFTER_S = 2.0
 OFFBOARD_LOSS_S = 1.0
+ACTS_AFTER_S = 5.0  # COM_FAIL_ACT_T: time in hold before the failsafe of an empty battery acts
 
 
 class Autopilot:
-    """The flight-mode logic of one vehicle, advanced in fixed steps."""
+    """The flight-mode logic of one vehicle, advanced in fixed steps.
+
+    Written by whatever disturbs it: ``hears_requests``, ``hears_setpoints``: messages of this step arrive. ``refuses``: changes
+    of mode by the agent are refused. ``knows_position``: its filter does.
+    """
 
     def __init__(self, home: Vector3, yaw: float, step_s: float) -> None:
         self.mode = FlightMode.HOLD
@@ -34,6 +40,13 @@ class Autopilot:
         self._landed_for = 0.0
         self._takeoff_height = 0.0
         self._setpoint_age = float("inf")
+        self.hears_requests = self.hears_setpoints = self.knows_position = True
+        self.refuses = False
+        self._intended: FlightMode | None = None  # to be flown again when a failsafe is over
+        self._request = Request.STAY
+        self._yielded = False  # somebody else has chosen the mode since that request
+        self._piloted = self._failed = False
+        self._acts: tuple[FlightMode, float] | None = None  # mode of a battery failsafe, and the time until it is flown
 
     @property
     def target(self) -> Target:
@@ -52,23 +65,44 @@ class Autopilot:
 
     def command(self, command: VehicleCommand) -> None:
         """Apply the pilot's command of this step."""
-        request = command.request
-        if command.setpoint is not None:
+        setpoint = command.setpoint if self.hears_setpoints else None
+        if setpoint is not None:
             self._setpoint_age = 0.0
-        if request is Request.TAKEOFF:
-            self._take_off(command.takeoff_height_m)
-        elif request is Request.OFFBOARD and self.in_air and command.setpoint is not None:
-            self.mode, self.failsafe = FlightMode.OFFBOARD, False
-            setpoint = command.setpoint
+        if self.hears_requests:
+            self._ask(command, setpoint is not None)
+        if self._intended is FlightMode.OFFBOARD and self.knows_position and setpoint is not None and not self._failed:
+            self.mode, self.failsafe, self._intended = FlightMode.OFFBOARD, False, None  # it goes back by itself
+        if self.mode is FlightMode.OFFBOARD and setpoint is not None:
             self._guidance.target = Target(
                 setpoint.position_m, setpoint.velocity_mps, setpoint.yaw_rad, setpoint.acceleration_mps2, setpoint.yaw_rate_rps
             )
-        elif self.armed and request is Request.HOLD and self.in_air and self.mode is not FlightMode.HOLD:
-            self._switch(FlightMode.HOLD)
-        elif self.armed and request is Request.RETURN and self.mode not in (FlightMode.RETURN, FlightMode.LAND):
-            self._switch(FlightMode.RETURN)
-        elif self.armed and request is Request.LAND and self.mode is not FlightMode.LAND:
+
+    def take_over(self, mode: FlightMode) -> None:
+        """A human pilot chooses a mode; in manual the pilot hovers, and requests of the agent count for nothing."""
+        if self.armed and not self._failed:
+            self._piloted = mode is FlightMode.MANUAL
+            self.in_air = self.in_air or self._armed_for > ARMING_S
+            self._choose(mode)
+
+    def give_back(self) -> None:
+        """The human pilot leaves the vehicle in hold."""
+        if self._piloted or (self._yielded and self.mode is not FlightMode.LAND):
+            self._piloted = False
+            self._choose(FlightMode.HOLD)
+
+    def fail(self) -> None:
+        """The vehicle has lost its thrust: it comes down, is disarmed on the ground, and does not fly again."""
+        self._failed, self._acts, self._intended = True, None, None
+        if self.armed:
             self._switch(FlightMode.LAND)
+        self.failsafe = True
+
+    def save_battery(self, mode: FlightMode) -> None:
+        """The battery is nearly empty: after some seconds in hold that mode is flown, unless somebody chooses otherwise."""
+        if self.armed and not self._failed and not self._piloted and self.mode not in (mode, FlightMode.LAND):
+            waited = self.failsafe
+            self._choose(mode if waited else FlightMode.HOLD)
+            self._acts, self.failsafe = None if waited else (mode, ACTS_AFTER_S), True
 
     def reframe(self, frame: Reframing) -> None:
         """The vehicle's local frame has jumped, and its filter reports it."""
@@ -84,9 +118,7 @@ class Autopilot:
         self._ground_m = self._guidance.home[2] if ground_m is None else ground_m
         self._setpoint_age += self._step_s
         self._armed_for = self._armed_for + self._step_s if self.armed else 0.0
-        if self.mode is FlightMode.OFFBOARD and self._setpoint_age > OFFBOARD_LOSS_S:
-            self._switch(FlightMode.RETURN)
-            self.failsafe = True
+        self._watch()
         if self.grounded:
             return
         if self.mode is FlightMode.TAKEOFF:
@@ -95,6 +127,63 @@ class Autopilot:
             self._return_home()
         elif self.mode is FlightMode.LAND:
             self._descend(position)
+
+    def _watch(self) -> None:
+        """Failsafes: lost setpoints, lost position, battery. Those of a lost position end with it."""
+        if not self.armed or self._failed:
+            return
+        blind = not self.knows_position and self.in_air and self.mode is not FlightMode.MANUAL
+        if blind and not (self.failsafe and self.mode is FlightMode.LAND):
+            self._intended = self._intended or self.mode
+            self._switch(FlightMode.LAND)
+            self.failsafe = True
+        elif self.mode is FlightMode.OFFBOARD and self._setpoint_age > OFFBOARD_LOSS_S:
+            self._intended = FlightMode.OFFBOARD
+            self._switch(FlightMode.RETURN)
+            self.failsafe = True
+        elif self.knows_position and self._intended not in (None, FlightMode.OFFBOARD):
+            assert self._intended is not None
+            self._switch(self._intended)
+            self.failsafe, self._intended = False, None
+        if self._acts is not None:
+            mode, left_s = self._acts
+            self._acts = (mode, left_s - self._step_s)
+            if left_s <= 0.0:
+                self._acts = None
+                self._switch(mode)
+
+    def _choose(self, mode: FlightMode) -> None:
+        """Somebody other than the agent chooses a mode."""
+        self._yielded, self._intended, self._acts, self.failsafe = True, None, None, False
+        self._switch(mode)
+
+    def _ask(self, command: VehicleCommand, streaming: bool) -> None:
+        """The agent requests a mode."""
+        request = command.request
+        if request is not self._request:
+            self._request, self._yielded = request, False
+        if self._yielded or self._piloted or self.refuses or self._failed:
+            return
+        if request is Request.TAKEOFF:
+            self._take_off(command.takeoff_height_m)
+        elif request is Request.OFFBOARD and self.in_air and streaming:
+            self._change(FlightMode.OFFBOARD)
+        elif self.armed and request is Request.HOLD and self.in_air and self.mode is not FlightMode.HOLD:
+            self._change(FlightMode.HOLD)
+        elif self.armed and request is Request.RETURN and self.mode not in (FlightMode.RETURN, FlightMode.LAND):
+            self._change(FlightMode.RETURN)
+        elif self.armed and request is Request.LAND and (self.mode is not FlightMode.LAND or self._intended is not None):
+            self._change(FlightMode.LAND)
+
+    def _change(self, mode: FlightMode) -> None:
+        """Change to a mode by request of the agent; those that need a position are refused where it is not known."""
+        if not self.knows_position and mode is not FlightMode.LAND:
+            return
+        self._intended = self._acts = None
+        if mode is FlightMode.OFFBOARD:
+            self.mode, self.failsafe = mode, False
+        else:
+            self._switch(mode)
 
     def _switch(self, mode: FlightMode) -> None:
         """Change to an autonomous mode: it begins from the vehicle's position, not from the last setpoint."""
@@ -119,9 +208,13 @@ class Autopilot:
             self.mode = FlightMode.LAND
 
     def _descend(self, position: Vector3) -> None:
-        self._guidance.descend(LANDING_SPEED_MPS, self._ground_m - self._guidance.home[2] - BELOW_GROUND_M)
+        if self._failed:
+            self._guidance.stay(position)
+        else:
+            self._guidance.descend(LANDING_SPEED_MPS, self._ground_m - self._guidance.home[2] - BELOW_GROUND_M)
         if position[2] < self._ground_m + ARRIVED_M:
             self._landed_for += self._step_s
             if self._landed_for > DISARM_AFTER_S:
-                self.armed = self.in_air = self.failsafe = False
-                self.mode = FlightMode.HOLD
+                self.armed = self.in_air = False
+                self.failsafe = self._failed
+                self.mode, self._intended, self._acts = FlightMode.HOLD, None, None

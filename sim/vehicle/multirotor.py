@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2, cos, hypot, radians, sin, tan
+from math import atan2, cos, exp, expm1, hypot, radians, sin, tan
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -18,6 +18,8 @@ Gain = Annotated[float, Meta(gt=0.0, le=20.0)]
 NoGain = Annotated[float, Meta(ge=0.0, le=20.0)]
 Rate = Annotated[float, Meta(gt=0.0, le=100.0)]
 GRAVITY_MPS2 = 9.80665
+FALLING_S, SPINNING_S = 0.5, 1.0  # time constants with which a vehicle without control reaches its sink rate, and its spin
+SPIN_RPS = 6.0
 
 
 class MultirotorTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -127,6 +129,8 @@ class Multirotors:
         self._gust = np.zeros((count, 3))
         self._gust_keep = float(np.exp(-step_s / self._truth.gust_correlation_s))
         self._gust_kick = self._truth.gust_mps2 * (1.0 - self._gust_keep**2) ** 0.5
+        self.push_mps2 = np.zeros((count, 3))  # acceleration by anything else, world
+        self._falling: dict[int, float] = {}  # vehicles without thrust: speed of their fall
         self._everywhere = np.ones((count, 3), dtype=bool)
         self._yaw_rate = np.zeros(count)
         self.yaw_rad = np.array(yaw_rad, dtype=np.float64)
@@ -178,18 +182,44 @@ class Multirotors:
         """
         self._gust *= self._gust_keep
         self._gust += self._gust_kick * self._rng.standard_normal(self._gust.shape)
+        before = {drone: self._state[drone].copy() for drone in self._falling}
         some_rest = grounded.any()
         resting = self._state[grounded, :, POSITION] if some_rest else None
         self._cascade.step(
             np.stack(setpoints[:3], axis=-1),
             np.stack((position_error_m, velocity_error_mps)),
-            self._gust,
+            self._gust + self.push_mps2,
             self._everywhere if unsteered is None else ~unsteered,
         )
         self._turn(setpoints.yaw_rad, setpoints.yaw_rate_rps, ~grounded)
+        for drone, state in before.items():
+            self._fall(drone, state, bool(grounded[drone]))
         if some_rest:
             self._state[grounded, :, VELOCITY:] = 0.0
             self._state[grounded, :, POSITION] = resting
+
+    def fail(self, drone: int, descent_mps: float) -> None:
+        """A vehicle has lost its thrust for good: it slows down by drag, sinks at this speed and spins."""
+        self._falling[drone] = descent_mps
+
+    @property
+    def any_falls(self) -> bool:
+        """Whether any vehicle has lost its thrust."""
+        return bool(self._falling)
+
+    def _fall(self, drone: int, before: Array, rests: bool) -> None:
+        """Motion of a vehicle without control over one step, from its state (3, 5) before."""
+        step_s = self._step_s
+        state = self._state[drone]
+        state[:] = before
+        state[:2, VELOCITY] *= exp(-self._truths[drone].drag_ps * step_s)
+        state[2, VELOCITY] += -expm1(-step_s / FALLING_S) * (-self._falling[drone] - before[2, VELOCITY])
+        state[:, POSITION] += 0.5 * step_s * (before[:, VELOCITY] + state[:, VELOCITY])
+        state[:, THRUST:] = 0.0
+        state[:, FILTERED] = state[:, VELOCITY]
+        if not rests:
+            self._yaw_rate[drone] += -expm1(-step_s / SPINNING_S) * (SPIN_RPS - self._yaw_rate[drone])
+            self.yaw_rad[drone] += step_s * self._yaw_rate[drone]
 
     def _turn(self, yaw_sp: Array, yaw_rate_sp: Array, free: NDArray[np.bool_]) -> None:
         """Headings turn the shorter way, after the same delay."""

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from agent.config.drone import DroneConfig
 from agent.detector.readout import PixelHits, Readout
 from sim.geometry import Array
+from sim.radiation.calibration import PixelCalibration
 from sim.radiation.camera import Camera, SourceView
 from sim.scenario import Scenario
 from sim.world.frame import CameraMount
@@ -75,6 +76,17 @@ class Cameras:
         live_s, lost = sum(part.live_time_s for part in slices), sum(part.lost_hits for part in slices)
         hits = PixelHits.joined(part.hits for part in slices)
         return Readout(first.start_ns, last.end_ns, first.clock_ns, live_s, hits, lost)
+
+    @property
+    def calibrations(self) -> list[PixelCalibration]:
+        """The true calibration of each camera."""
+        return [camera.calibration for camera in self._cameras]
+
+    def calibrated(self, drones: Sequence[DroneConfig], folder: Path) -> list[DroneConfig]:
+        """The drone files with the calibration of each drone's own camera, written into ``folder``."""
+        folders = [folder / drone.id for drone in drones]
+        self.write_calibrations(folders)
+        return [replace(drone, calibration=str(own)) for drone, own in zip(drones, folders, strict=True)]
 
     def write_calibrations(self, folders: Sequence[Path]) -> None:
         """Write the files of each camera's own calibration into its drone's folder."""

@@ -43,7 +43,8 @@ RTK = GnssTruth(horizontal_m=0.015, vertical_m=0.03, white_m=0.01)
 class Receiver:
     """One vehicle's receiver, advanced in fixed steps.
 
-    lost: without reception for good, or until its vehicle is to have it again. shift_m: (3,) spoofing offset of all positions.
+    lost: without reception for good, or until its vehicle is to have it again. blocked: without reception, by a fault. shift_m:
+    (3,) spoofing offset of all positions.
     """
 
     def __init__(self, truth: GnssTruth, datum: DatumConfig | None, step_s: float, rng: np.random.Generator) -> None:
@@ -57,14 +58,14 @@ class Receiver:
         self._jumped = False
         self._every = max(1, round(1.0 / (truth.rate_hz * step_s)))
         self._steps = int(rng.integers(self._every))  # the receivers of a swarm are not synchronised
-        self.lost = False
+        self.lost = self.blocked = False
         self._sky = True
         self.shift_m: Array = np.zeros(3)
 
     @property
     def available(self) -> bool:
         """Whether it has a position now."""
-        return self._sky and not self.lost
+        return self._sky and not self.lost and not self.blocked
 
     @property
     def error_m(self) -> Array:

@@ -7,7 +7,8 @@ commanded in that frame then has the same error, as in flight. The small errors 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, pi, sin
+from math import cos, degrees, pi, sin
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,12 +19,26 @@ from sim.vehicle.guidance import Reframing
 from sim.world.frame import LocalFrames
 from sim.world.gnss import Receiver
 from sim.world.localization import LocalizationTruth
-from sim.world.localizers import EventTruth, Kind, LiarTruth, VehicleTruth
+from sim.world.localizers import EventTruth, Kind, LiarTruth, SlamTruth, VehicleTruth
 
 _FILTER_S = 1.0  # time constant with which an autopilot follows its receiver: positions do not jump with it, but slide
 # Shares of its receiver's error in a vehicle's position: heights depend more on barometer and rangefinder.
 _TAKEN = np.array([1.0, 1.0, 0.3])
 _UPWARDS = 0.1  # share of a launch position's error: the ground is known best
+
+
+class Jump(NamedTuple):
+    """A jump of a vehicle's position by (3,), world axes, and of its heading."""
+
+    shift_m: Array
+    turn_rad: float = 0.0
+    announced: bool = False
+
+
+class Reset(NamedTuple):
+    """A reset of the vehicle's filter, announced: its position jumps by (3,), world axes, because an error of it is gone."""
+
+    jump_m: Array
 
 
 class _Frame:
@@ -49,6 +64,7 @@ class _Frame:
         self._slam, self._rng = truth.slam, rng
         self._events = list(truth.events)
         self._lie_m, self._liar = lie_m, liar
+        self._due: list[Jump | Reset] = []
         spread = truth.origin_m * np.array([1.0, 1.0, _UPWARDS])
         self.true_origin: Array = np.array(origin, dtype=np.float64) + spread * rng.standard_normal(3)
         self.true_yaw = float(np.radians(yaw_deg + truth.yaw_deg * rng.uniform(-1.0, 1.0)))
@@ -86,6 +102,9 @@ class _Frame:
             self._drift(place, flown_m)
         while self._events and self._events[0].at_s <= time_s:
             self._happen(self._events.pop(0), place)
+        for change in self._due:
+            self._change(change, place)
+        self._due.clear()
         if self.kind == "slam" and self._closing and self._rng.random() < self._closing:
             self._close_loop(place)
 
@@ -98,10 +117,18 @@ class _Frame:
         if self._liar is None or time_s < self._liar.at_s:
             return
         self._liar = None
+        self.spoof(self._lie_m)
+
+    def spoof(self, by_m: Array) -> None:
+        """Shift positions and fixes alike by (3,), world axes; nothing is reported."""
         if self.receiver is not None:
-            self.receiver.shift_m = self._lie_m
+            self.receiver.shift_m = self.receiver.shift_m + by_m
         if not self._steered_by_satellites:
-            self.origin = self.origin - self._lie_m
+            self.origin = self.origin - by_m
+
+    def expect(self, change: Jump | Reset) -> None:
+        """It happens in the next step."""
+        self._due.append(change)
 
     def _drift(self, place: Array, flown_m: float) -> None:
         """Odometry drift; vehicles that only wait for their satellites keep north."""
@@ -123,16 +150,31 @@ class _Frame:
             self._switch(event.switch_to)
         direction, side = self._rng.uniform(-pi, pi), self._rng.choice((-1.0, 1.0))
         shift = event.jump_m * np.array([cos(direction), sin(direction), 0.0])
-        self._turn_about(place, float(np.radians(event.turn_deg * side)))
-        self.origin = self.origin - shift
-        self._north_origin = self._north_origin - shift
-        if event.announced:
+        self._jump(before, Jump(shift, float(np.radians(event.turn_deg * side)), event.announced), place)
+        if event.switch_to is not None and self._steered_by_satellites:
+            self.true_origin, self.true_yaw = self._north_origin.copy(), 0.0
+
+    def _change(self, change: Jump | Reset, place: Array) -> None:
+        if isinstance(change, Jump):
+            self._jump((self.origin, self.yaw), change, place)
+            return
+        x, y, z = _turned(-self.yaw, change.jump_m).tolist()
+        self.reframing = Reframing(0.0, (x, y, z))
+        self.epoch += 1
+
+    def _jump(self, before: tuple[Array, float], jump: Jump, place: Array) -> None:
+        """``before``: origin and heading before it."""
+        origin = self.origin
+        self._turn_about(place, jump.turn_rad)
+        if jump.turn_rad and self.kind != "slam":
+            self._north_origin = self._north_origin + self.origin - origin
+        self.origin = self.origin - jump.shift_m
+        self._north_origin = self._north_origin - jump.shift_m
+        if jump.announced:
             turn, moved = self._begin_epoch(*before)
             # An announced jump has a known size; the position error is the same as before: true' = true . old from new
             self.true_origin = self.true_origin + _turned(self.true_yaw, _turned(-turn, -moved))
             self.true_yaw -= turn
-        if event.switch_to is not None and self._steered_by_satellites:
-            self.true_origin, self.true_yaw = self._north_origin.copy(), 0.0
 
     def _switch(self, kind: Kind) -> None:
         self.kind = kind
@@ -164,7 +206,7 @@ class MovingFrames(LocalFrames):
     """The frames of all vehicles; those that the scenario does not mention stay at the launch layout.
 
     In addition to ``LocalFrames``, by vehicle: epoch, a list; told_m: accuracy that each autopilot reports beyond the small
-    errors; reframing: announced jumps of the last step; receiver.
+    errors; reframing: announced jumps of the last step; receiver. moving: some frames move in this scenario, without any fault.
     """
 
     def __init__(
@@ -181,6 +223,7 @@ class MovingFrames(LocalFrames):
         count = len(drones)
         lie_m, liar = _spoofing(truth, drones, random.liar)
         self._frames: list[_Frame | None] = [None] * count
+        self._step_s, self._rngs = step_s, random.frames
         for k, name in enumerate(drones):
             vehicle = truth.vehicles.get(name)
             if vehicle is None:
@@ -191,7 +234,7 @@ class MovingFrames(LocalFrames):
                 receiver.lost = vehicle.kind == "slam"  # no reception until it switches
             told = truth.liar if name == liar else None
             self._frames[k] = _Frame(vehicle, nominal[k], lie_m, told, receiver, step_s, random.frames[k])
-        self.moving = any(frame is not None for frame in self._frames)
+        self.moving = self._exist = any(frame is not None for frame in self._frames)
         self._place: Array | None = None
         self._take()
 
@@ -221,9 +264,28 @@ class MovingFrames(LocalFrames):
         nominal = zip(self._frames, self.origin, strict=True)
         return np.array([origin if frame is None else frame.true_origin for frame, origin in nominal])
 
+    def spoof(self, drone: int, by_m: Array) -> None:
+        """Shift a vehicle's positions and fixes alike by (3,), world axes, as by spoofed satellites; nothing is reported."""
+        self._frame(drone).spoof(by_m)
+
+    def expect(self, drone: int, change: Jump | Reset) -> None:
+        """A vehicle's localisation jumps in the next step."""
+        self._frame(drone).expect(change)
+
+    def flies_by_satellites(self, drone: int) -> bool:
+        """Whether a vehicle's filter needs satellites."""
+        frame = self._frames[drone]
+        return frame is None or frame.kind != "slam"
+
+    def block(self, drone: int, blocked: bool) -> None:
+        """Block a vehicle's satellite reception, or end that."""
+        frame = self._frames[drone]
+        if frame is not None and frame.receiver is not None:
+            frame.receiver.blocked = blocked
+
     def step(self, time_s: float, place: Array) -> None:
         """Advance one step; ``place``: present positions (N, 3) of the vehicles in the world."""
-        if not self.moving:
+        if not self._exist:
             return
         before = place if self._place is None else self._place
         flown_m = np.sqrt(((place - before) ** 2).sum(axis=1)).tolist()
@@ -240,6 +302,17 @@ class MovingFrames(LocalFrames):
             if frame is not None:
                 error[k] = frame.own_error_m(place[k])
         return error
+
+    def _frame(self, drone: int) -> _Frame:
+        """The frame of a vehicle; one that the scenario does not mention gets one without drift."""
+        frame = self._frames[drone]
+        if frame is None:
+            still = VehicleTruth(kind="gnss", slam=SlamTruth(drift=0.0, vertical=0.0, yaw_degpm=0.0, told_m=0.0))
+            x, y, z = self.origin[drone].tolist()
+            nominal = (x, y, z), degrees(self.yaw_rad[drone])
+            frame = _Frame(still, nominal, np.zeros(3), None, None, self._step_s, self._rngs[drone])
+            self._frames[drone], self._exist = frame, True
+        return frame
 
     def _take(self) -> None:
         for k, frame in enumerate(self._frames):

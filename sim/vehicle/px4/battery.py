@@ -38,7 +38,7 @@ class Battery:
         self.dead = False
         self.warning = Warning.NONE
         self._parameters = parameters
-        self._capacity_mah = parameters["BAT1_CAPACITY"]
+        self.capacity_mah = parameters["BAT1_CAPACITY"]
         self._step_s = step_s
         self._filtered = 1.0
         self._below_s = [0.0] * len(_LEVELS)
@@ -51,9 +51,9 @@ class Battery:
         if least < _DRAINS_BELOW and not armed:
             used_mah = 0.0
         elif least < _DRAINS_BELOW:
-            drained_mah = self.used_mah + self._capacity_mah * self._step_s / self._parameters["SIM_BAT_DRAIN"]
-            used_mah = min(drained_mah, max(self.used_mah, self._capacity_mah * (1.0 - least / 100.0)))
-        self.used_mah = min(self._capacity_mah, used_mah)
+            drained_mah = self.used_mah + self.capacity_mah * self._step_s / self._parameters["SIM_BAT_DRAIN"]
+            used_mah = min(drained_mah, max(self.used_mah, self.capacity_mah * (1.0 - least / 100.0)))
+        self.used_mah = min(self.capacity_mah, used_mah)
         left = 0.0 if self.dead else self.remaining
         self._filtered += self._step_s / _FILTER_S * (left - self._filtered)
         self._warn()
@@ -70,7 +70,7 @@ class Battery:
     @property
     def remaining(self) -> float:
         """Remaining charge, 0 .. 1."""
-        return 1.0 - self.used_mah / self._capacity_mah
+        return 1.0 - self.used_mah / self.capacity_mah
 
     @property
     def voltage_v(self) -> float:

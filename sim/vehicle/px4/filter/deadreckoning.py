@@ -53,8 +53,14 @@ class DeadReckoning:
     """
 
     def __init__(
-        self, parameters: Parameters, step_s: float, rng: np.random.Generator, announce: Callable[[Announcement], None]
+        self,
+        parameters: Parameters,
+        step_s: float,
+        rng: np.random.Generator,
+        announce: Callable[[Announcement], None],
+        drift_mps2: tuple[float, float] = DRIFT_MPS2,
     ) -> None:
+        """``drift_mps2``: least and largest growth of the velocity error."""
         self.known = self.fused = True
         self.still = False
         self.resets = 0
@@ -65,6 +71,7 @@ class DeadReckoning:
         self._phase = _Phase.AIDED
         self._blind_s = self._since_s = self._rest_s = 0.0
         self._growth_mps2 = np.zeros(3)
+        self._drift_mps2 = drift_mps2
         self._notice_s = self._reset_s = 0.0
         self._slide_s = SLIDE_S
 
@@ -106,7 +113,7 @@ class DeadReckoning:
         angle = float(rng.uniform(0.0, tau))
         aside = angle + float(rng.uniform(-ASIDE_RAD, ASIDE_RAD))
         self.velocity_mps = self.velocity_mps + rng.uniform(*DRIFT_MPS) * np.array([cos(angle), sin(angle), 0.0])
-        self._growth_mps2 = rng.uniform(*DRIFT_MPS2) * np.array([cos(aside), sin(aside), 0.0])
+        self._growth_mps2 = rng.uniform(*self._drift_mps2) * np.array([cos(aside), sin(aside), 0.0])
 
     def _return_delay_s(self, armed: bool) -> float:
         if not armed and not self.known:
@@ -190,6 +197,11 @@ class FilterErrors:
     def position_sigma_m(self) -> tuple[float, float]:
         """Horizontal and vertical accuracy as reported by the filters."""
         return self._small.position_sigma_m
+
+    @property
+    def yaw_sigma_rad(self) -> float:
+        """Accuracy of the heading as reported by the filters."""
+        return self._small.yaw_sigma_rad
 
     @property
     def position_error_m(self) -> Array:

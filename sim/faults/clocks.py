@@ -1,0 +1,42 @@
+"""Faulty clocks of the drones' computers. Such a clock says what time it is on board, and stamps all that is measured there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from msgspec.structs import replace
+
+from agent.detector.readout import Readout
+from agent.vehicle.interface import SeenDrone
+from sim.faults.machines import Clock
+from sim.faults.schedule import Schedule
+
+
+class ClockFaults:
+    """The clocks of all drones."""
+
+    def __init__(self, schedule: Schedule, start_ns: int) -> None:
+        """``start_ns``: UTC time at the start of the simulation."""
+        self._schedule, self._start_ns = schedule, start_ns
+
+    def own_ns(self, drone: int, utc_ns: int) -> int:
+        """What a drone's clock shows at a time; of a past time, what it showed then, a jump since aside."""
+        off_ns = 0
+        for fault, _ in self._schedule.active(Clock, drone):
+            since_ns = max(0, utc_ns - self._start_ns - round(fault.at_s * 1e9))
+            off_ns += round(fault.jump_s * 1e9 + fault.drift_ppm * 1e-6 * since_ns)
+        return utc_ns + off_ns
+
+    def restamped_sightings(self, drone: int, seen: Sequence[SeenDrone]) -> Sequence[SeenDrone]:
+        """Relative observations with this drone's stamps."""
+        if not self._schedule.active(Clock, drone):
+            return seen
+        return [replace(one, stamp_ns=self.own_ns(drone, one.stamp_ns)) for one in seen]
+
+    def restamped(self, drone: int, readout: Readout) -> Readout:
+        """A readout with this drone's stamps. The camera counts its own ticks; the computer says when the first one was."""
+        if not self._schedule.active(Clock, drone):
+            return readout
+        start_ns = self.own_ns(drone, readout.start_ns)
+        clock_ns = readout.clock_ns + start_ns - readout.start_ns
+        return replace(readout, start_ns=start_ns, end_ns=self.own_ns(drone, readout.end_ns), clock_ns=clock_ns)

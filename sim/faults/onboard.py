@@ -1,0 +1,46 @@
+"""All faults of cameras, clocks, positions and vehicles of a flight in lockstep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from agent.detector.readout import Readout
+from sim.faults.cameras import CameraFaults
+from sim.faults.clocks import ClockFaults
+from sim.faults.poses import PoseFaults
+from sim.faults.schedule import Schedule
+from sim.faults.vehicles import VehicleFaults
+from sim.radiation.truth import CameraTruth
+from sim.vehicle.autopilot import Autopilot
+from sim.vehicle.multirotor import Multirotors
+from sim.vehicle.px4.filter.deadreckoning import FilterErrors
+from sim.world.cameras import Cameras
+from sim.world.localization import Localization
+from sim.world.movingframes import MovingFrames
+
+
+class OnboardFaults:
+    """The families, each of which says for itself what it does."""
+
+    def __init__(
+        self,
+        schedule: Schedule,
+        start_ns: int,
+        step_s: float,
+        frames: MovingFrames,
+        errors: Localization | FilterErrors,
+        motion: Multirotors,
+        autopilots: Sequence[Autopilot],
+        cameras: tuple[CameraTruth, Cameras | None],
+    ) -> None:
+        """``start_ns``: UTC time at the start of the simulation."""
+        self.clocks = ClockFaults(schedule, start_ns)
+        self.poses = PoseFaults(schedule, frames, errors, autopilots, step_s)
+        self.vehicles = VehicleFaults(schedule, autopilots, motion, step_s)
+        truth, read = cameras
+        self._cameras = CameraFaults(schedule, truth, [] if read is None else read.calibrations)
+
+    def readout(self, drone: int, readout: Readout) -> Readout | None:
+        """A readout as the agent gets it; None where the camera delivers nothing."""
+        spoilt = self._cameras.spoil(drone, readout)
+        return None if spoilt is None else self.clocks.restamped(drone, spoilt)

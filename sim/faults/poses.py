@@ -1,0 +1,167 @@
+"""Faults of the vehicles' own positions: satellites lost, jumps, and spoofed satellites. The vehicles fly by what they estimate.
+
+A spoofed position and a jump move the vehicle's local frame (``sim.world.movingframes``); without satellites the errors of its
+filter grow, as those of a real PX4 (``sim.vehicle.px4.filter.deadreckoning``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, hypot, pi, radians, sin
+
+import numpy as np
+
+from sim.faults.base import Fault
+from sim.faults.machines import Drag, PositionJump, SatellitesLost
+from sim.faults.schedule import Active, Schedule
+from sim.geometry import Array
+from sim.vehicle.autopilot import Autopilot
+from sim.vehicle.px4.filter.deadreckoning import DeadReckoning, FilterErrors
+from sim.vehicle.px4.parameters import Parameters
+from sim.world.localization import Localization
+from sim.world.movingframes import Jump, MovingFrames, Reset
+
+NOTICED_S = 0.2  # five messages of the receiver a second
+CONFIRM_S = 3.0  # all must have been well for this long until the driver trusts a position again
+_DRIFT_MPS, _DRIFT_MPS2 = 0.6, 0.25  # the driver's bound of the drift
+PARAMETERS = {"EKF2_NOAID_TOUT": 2_000_000.0}  # what preflight asks for
+
+
+def with_dead_reckoning(faults: Sequence[Fault], small: Localization) -> Localization | FilterErrors:
+    """Errors of the vehicles' filters: the small ones alone, where no vehicle loses its satellites."""
+    return FilterErrors(small) if any(isinstance(fault, SatellitesLost) for fault in faults) else small
+
+
+class _Doubt:
+    """How far the driver trusts one vehicle's position, as seen from its receiver and its filter's status."""
+
+    def __init__(self) -> None:
+        self.blind_s = 0.0  # since satellites were lost, until the position is confirmed
+        self.trusted = True
+        self._well_s = CONFIRM_S
+        self._missing_s = 0.0
+
+    def jumped(self) -> None:
+        """The position has jumped, and has to be confirmed."""
+        self._well_s, self.trusted = 0.0, False
+
+    def step(self, aided: bool, known: bool, step_s: float) -> None:
+        """``aided``: by satellites; ``known``: the filter holds its position to be known."""
+        self._missing_s = 0.0 if aided else self._missing_s + step_s
+        well = known and self._missing_s < NOTICED_S
+        self._well_s = self._well_s + step_s if well else 0.0
+        self.trusted = self._well_s >= CONFIRM_S
+        if self.trusted:
+            self.blind_s = 0.0
+        elif not well:
+            self.blind_s += step_s
+
+
+class PoseFaults:
+    """The faults of the own positions of a flight."""
+
+    def __init__(
+        self,
+        schedule: Schedule,
+        frames: MovingFrames,
+        errors: Localization | FilterErrors,
+        autopilots: Sequence[Autopilot],
+        step_s: float,
+    ) -> None:
+        self._schedule, self._frames, self._errors = schedule, frames, errors
+        self._autopilots, self._step_s = autopilots, step_s
+        self._reckonings: dict[int, DeadReckoning] = {}  # of vehicles that have lost their satellites
+        self._doubts: dict[int, _Doubt] = {}
+        self._jumps: dict[tuple[Active, int], Jump] = {}
+        self._courses: dict[tuple[Active, int], Array] = {}  # of spoofed vehicles: direction (3,)
+        self._dragged_m: dict[tuple[Active, int], float] = {}
+
+    def trusted(self, drone: int) -> bool:
+        """Whether the driver of a vehicle trusts its position."""
+        doubt = self._doubts.get(drone)
+        return doubt is None or doubt.trusted
+
+    def sigma_m(self, drone: int, usual_m: float) -> float:
+        """1 sigma of a vehicle's horizontal position as its driver states it."""
+        doubt, reckoning = self._doubts.get(drone), self._reckonings.get(drone)
+        if doubt is None:
+            return usual_m
+        bound_m = _DRIFT_MPS * doubt.blind_s + _DRIFT_MPS2 * doubt.blind_s**2
+        return hypot(usual_m, 0.0 if reckoning is None else reckoning.reported_sigma_m) + bound_m
+
+    def step(self) -> None:
+        """Advance one step, before the frames do."""
+        schedule = self._schedule
+        for one in schedule.begun:
+            for drone in sorted(one.drones):
+                self._begin(one, drone)
+        for one in schedule.ended:
+            for drone in sorted(one.drones):
+                self._end(one, drone)
+        for fault, one in schedule.active(Drag):
+            for drone in sorted(one.drones):
+                self._drag(fault, one, drone)
+        for drone, reckoning in self._reckonings.items():
+            self._reckon(drone, reckoning)
+        for drone, doubt in self._doubts.items():
+            known = self._reckonings[drone].known if drone in self._reckonings else True
+            doubt.step(not self._is_blind(drone), known, self._step_s)
+
+    def _begin(self, one: Active, drone: int) -> None:
+        fault, rng = one.fault, one.rng
+        if isinstance(fault, PositionJump):
+            turn_rad = radians(fault.turn_deg) * float(rng.choice((-1.0, 1.0)))
+            jump = Jump(fault.jump_m * _direction(rng), turn_rad, fault.announced)
+            self._jumps[one, drone] = jump
+            self._jump(drone, jump)
+        elif isinstance(fault, Drag):
+            self._courses[one, drone], self._dragged_m[one, drone] = _direction(rng), 0.0
+        elif isinstance(fault, SatellitesLost) and self._frames.flies_by_satellites(drone):
+            self._frames.block(drone, True)
+            self._doubts.setdefault(drone, _Doubt())
+            if drone not in self._reckonings:
+                growth = (fault.drift_mps2, fault.drift_mps2)
+                parameters = Parameters(drone + 1, PARAMETERS)
+                self._reckonings[drone] = DeadReckoning(parameters, self._step_s, rng.spawn(1)[0], lambda _: None, growth)
+
+    def _end(self, one: Active, drone: int) -> None:
+        if (one, drone) in self._jumps:
+            jump = self._jumps.pop((one, drone))
+            self._jump(drone, Jump(-jump.shift_m, -jump.turn_rad, jump.announced))
+        elif (one, drone) in self._courses:
+            self._frames.spoof(drone, -self._dragged_m.pop((one, drone)) * self._courses.pop((one, drone)))
+        elif drone in self._reckonings and not self._is_blind(drone):
+            self._frames.block(drone, False)
+
+    def _jump(self, drone: int, jump: Jump) -> None:
+        if not jump.announced:
+            self._frames.spoof(drone, jump.shift_m)
+            if jump.turn_rad:
+                self._frames.expect(drone, Jump(np.zeros(3), jump.turn_rad))
+            return
+        self._frames.expect(drone, jump)
+        if self._frames.flies_by_satellites(drone):
+            self._doubts.setdefault(drone, _Doubt()).jumped()
+
+    def _drag(self, fault: Drag, one: Active, drone: int) -> None:
+        before_m = self._dragged_m[one, drone]
+        self._dragged_m[one, drone] = min(fault.most_m, before_m + fault.speed_mps * self._step_s)
+        self._frames.spoof(drone, (self._dragged_m[one, drone] - before_m) * self._courses[one, drone])
+
+    def _reckon(self, drone: int, reckoning: DeadReckoning) -> None:
+        assert isinstance(self._errors, FilterErrors)
+        autopilot = self._autopilots[drone]
+        jump_m = reckoning.step(not self._is_blind(drone), autopilot.armed)
+        self._errors.take(drone, reckoning)
+        if jump_m is not None:
+            self._frames.expect(drone, Reset(jump_m))
+        autopilot.knows_position = reckoning.known
+
+    def _is_blind(self, drone: int) -> bool:
+        return bool(self._schedule.active(SatellitesLost, drone))
+
+
+def _direction(rng: np.random.Generator) -> Array:
+    """(3,), horizontal."""
+    angle = float(rng.uniform(-pi, pi))
+    return np.array([cos(angle), sin(angle), 0.0])

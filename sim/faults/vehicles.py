@@ -1,0 +1,109 @@
+"""Faults of the vehicles and of what flies them: gusts, a failed motor, batteries, the MAVLink link, human pilots, refusals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, pi, sin
+
+import numpy as np
+
+from agent.vehicle.interface import FlightMode
+from sim.faults.machines import Battery, Gust, MavlinkLoss, MotorFailure, Refusal, Takeover
+from sim.faults.schedule import Active, Schedule
+from sim.geometry import Array
+from sim.vehicle.autopilot import Autopilot
+from sim.vehicle.multirotor import Multirotors
+from sim.vehicle.px4.battery import Battery as Cells
+from sim.vehicle.px4.battery import Warning
+from sim.vehicle.px4.parameters import Parameters
+
+EMPTY_MPS = 3.0  # sink rate of a vehicle whose battery is empty
+_ACTIONS = {Warning.CRITICAL: FlightMode.RETURN, Warning.EMERGENCY: FlightMode.LAND}  # COM_LOW_BAT_ACT = 3
+
+
+class VehicleFaults:
+    """The faults of the vehicles of a flight, and their batteries."""
+
+    def __init__(self, schedule: Schedule, autopilots: Sequence[Autopilot], motion: Multirotors, step_s: float) -> None:
+        self._schedule, self._autopilots, self._motion, self._step_s = schedule, autopilots, motion, step_s
+        self._true = [Cells(Parameters(drone + 1, {}), step_s) for drone in range(len(autopilots))]
+        self._told = list(self._true)  # another one where the battery lies
+        self._warned = [Warning.NONE] * len(autopilots)
+        self._pushes: dict[tuple[Active, int], Array] = {}
+        self._heard = [True] * len(autopilots)
+
+    def battery(self, drone: int) -> float:
+        """The level that a vehicle reports, in whole percent: 0 .. 1."""
+        return int(100.0 * self._told[drone].remaining) / 100.0
+
+    def hears(self, drone: int) -> bool:
+        """Whether the telemetry of this step arrives at the agent."""
+        return self._heard[drone]
+
+    def step(self) -> None:
+        """Advance one step, before the agents do."""
+        schedule = self._schedule
+        for one in schedule.begun:
+            for drone in sorted(one.drones):
+                self._begin(one, drone)
+        for one in schedule.ended:
+            for drone in sorted(one.drones):
+                self._end(one, drone)
+        for drone, autopilot in enumerate(self._autopilots):
+            self._power(drone, autopilot)
+            autopilot.refuses = bool(schedule.active(Refusal, drone))
+            losses = schedule.active(MavlinkLoss, drone)
+            telemetry, autopilot.hears_setpoints, autopilot.hears_requests = (
+                all([one.rng.random() >= fault.probability for fault, one in losses]) for _ in range(3)
+            )
+            self._heard[drone] = telemetry
+
+    def _begin(self, one: Active, drone: int) -> None:
+        fault, autopilot = one.fault, self._autopilots[drone]
+        if isinstance(fault, Gust):
+            angle = float(one.rng.uniform(-pi, pi))
+            self._pushes[one, drone] = fault.acceleration_mps2 * np.array([cos(angle), sin(angle), 0.0])
+            self._push(drone)
+        elif isinstance(fault, MotorFailure):
+            self._fail(drone, fault.descent_mps)
+        elif isinstance(fault, Takeover):
+            autopilot.take_over(FlightMode(fault.mode))
+        elif isinstance(fault, Battery):
+            if fault.lies:
+                self._told[drone] = Cells(Parameters(drone + 1, {}), self._step_s)
+            cells = self._told[drone]
+            cells.used_mah = (1.0 - fault.level) * cells.capacity_mah
+
+    def _end(self, one: Active, drone: int) -> None:
+        if (one, drone) in self._pushes:
+            del self._pushes[one, drone]
+            self._push(drone)
+        elif isinstance(one.fault, Takeover):
+            self._autopilots[drone].give_back()
+        elif isinstance(one.fault, Battery) and one.fault.lies:
+            self._told[drone] = self._true[drone]
+
+    def _push(self, drone: int) -> None:
+        mine = [push for (_, pushed), push in self._pushes.items() if pushed == drone]
+        self._motion.push_mps2[drone] = sum(mine, np.zeros(3))
+
+    def _fail(self, drone: int, descent_mps: float) -> None:
+        self._motion.fail(drone, descent_mps)
+        self._autopilots[drone].fail()
+
+    def _power(self, drone: int, autopilot: Autopilot) -> None:
+        """Draw from the battery. A vehicle without any fault of it always has enough."""
+        true, told = self._true[drone], self._told[drone]
+        faults = self._schedule.active(Battery, drone)
+        flying = not autopilot.grounded
+        for fault, _ in faults:
+            cells = told if fault.lies else true
+            cells.used_mah += fault.drain_ps * self._step_s * cells.capacity_mah * flying
+        true.step(autopilot.armed, flying)
+        if told is not true:
+            told.step(autopilot.armed, flying)
+        if told.warning > self._warned[drone] and any(fault.acts for fault, _ in faults) and told.warning in _ACTIONS:
+            autopilot.save_battery(_ACTIONS[told.warning])
+        self._warned[drone] = told.warning
+        if faults and flying and true.remaining <= 0.0:
+            self._fail(drone, EMPTY_MPS)
