@@ -89,9 +89,9 @@ def fly(
     return Flight(recorder.result(seed, wall_s), recorder.trace(), recorder.listened(seed, wall_s))
 
 
-def watched(scenario: Scenario, seed: int, watch: Observer) -> None:
-    """Fly one mission for an observer alone, without its result; errors as in ``fly``."""
-    _run(_World(scenario, seed, ()), watch)
+def watched(scenario: Scenario, seed: int, watch: Observer, make: Callable[..., Pilot] = Pilot) -> None:
+    """Fly one mission for an observer alone, without its result; errors as in ``fly``. ``make``: makes pilots, as ``Pilot``."""
+    _run(_World(scenario, seed, (), make), watch)
 
 
 def _run(world: _World, watch: Observer | None, progress: Progress | None = None) -> None:
@@ -112,7 +112,7 @@ def _run(world: _World, watch: Observer | None, progress: Progress | None = None
 class _World:
     """The complete state of the simulated world and its agents."""
 
-    def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str]) -> None:
+    def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str], make: Callable[..., Pilot] | None = None) -> None:
         check_playable(scenario.fault, scenario.name)
         mission = scenario.mission
         count = len(mission.drones)
@@ -133,7 +133,7 @@ class _World:
         self._folder = TemporaryDirectory()  # also for agents that are started again
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
-        self._configs, self._listen, self._seed = configs, listen, seed
+        self._configs, self._listen, self._seed, self._make = configs, listen, seed, make or Pilot
         self._terrain = Terrain(scenario.terrain)
         position = self._terrain.on_ground(launch_places(scenario.start, mission, random.start))
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
@@ -313,7 +313,7 @@ class _World:
         """The pilot of a drone's agent that has been started so many times before."""
         boot = f"{self._seed & 0xFFFFFFFF:08x}{starts << 16 | drone:08x}"
         listeners = self._listen if drone == 0 else ()
-        return Pilot(self._mission, self._configs[drone], boot=boot, listeners=listeners, memory=memory)
+        return self._make(self._mission, self._configs[drone], boot=boot, listeners=listeners, memory=memory)
 
     def _gone(self, drone: int) -> None:
         """An agent has died, or begins."""

@@ -21,6 +21,7 @@ class Moment:
     velocity_mps: (N, 3) true, mission frame. source: true x, y; None without one. pilots: None where an agent is dead.
     commands: of this tick; None where there was no step. sent: messages that
     each agent has published in this tick. inboxes: messages on their way to each agent.
+    batteries: true levels, 0 .. 1.
     """
 
     time_s: float
@@ -32,6 +33,7 @@ class Moment:
     autopilots: Sequence[Autopilot]
     sent: Sequence[int]
     inboxes: Sequence[int]
+    batteries: Sequence[float] = ()
 
     def airborne(self, drone: int) -> bool:
         """Whether it is off the ground."""

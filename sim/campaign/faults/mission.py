@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 import traceback
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from msgspec import Struct
 from protocol.messages import Stage
 from sim.campaign.faults.course import FULL, Course
 from sim.campaign.faults.draw import draw
+from sim.campaign.faults.recording import Recording
 from sim.scenario import parse_scenario
 from sim.scoring.invariants.base import Setting, Violation
 from sim.scoring.invariants.judge import Judge
@@ -20,6 +23,7 @@ from sim.scoring.moment import Moment
 
 LOCATED_M = 2.0
 EXCEPTION = "exception"
+_RECORDED_EVERY = 10  # of that many missions one drone of one is recorded and replayed
 _SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 
 
@@ -77,9 +81,14 @@ def fly_mission(mission: Mission) -> Verdict:
     judge, log = Judge(setting, mission.until), _Log(len(setting.names))
     violations: list[Violation] = []
     began = time.process_time()
+    recorded = setting.names[mission.seed // _RECORDED_EVERY % len(setting.names)]
     try:
-        watched(scenario, mission.seed, lambda moment: log.see(moment) | judge(moment))
-        judge.finish()
+        with TemporaryDirectory() as folder:
+            recording = Recording(recorded if mission.seed % _RECORDED_EVERY == 0 else "", Path(folder))
+            watched(scenario, mission.seed, lambda moment: log.see(moment) | judge(moment), recording.make)
+            judge.finish()
+            for text in recording.differences():
+                violations.append(Violation(invariant="replay", time_s=log.time_s, drones=(recorded,), text=text))
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})"

@@ -31,7 +31,7 @@ class FreshSetpoint(Invariant):
 class Finite(Invariant):
     """Every number is finite: of commands, hypotheses and true states. One that is not spreads to all that are computed from it.
 
-    The numbers of messages are checked by the codec.
+    The numbers of messages are checked by the codec, and what it refuses is counted by the agent.
     """
 
     name = "finite"
@@ -51,6 +51,8 @@ class Finite(Invariant):
                 numbers = (*setpoint.position_m, *setpoint.velocity_mps, *setpoint.acceleration_mps2)
                 if not isfinite(sum(numbers) + setpoint.yaw_rad + setpoint.yaw_rate_rps):
                     yield Breach((drone,), f"setpoint {setpoint}")
+            if pilot is not None and any(kind.startswith("unsendable") for kind in pilot.counters):
+                yield Breach((drone,), "a message that the codec refuses")
             hypothesis = pilot.hypothesis if pilot is not None else None
             if hypothesis is not None and hypothesis is not self._seen[drone]:
                 if isfinite(float(hypothesis.position.sum() + hypothesis.covariance.sum() + hypothesis.velocity.sum())):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sim.scoring.invariants.base import Invariant, Setting, Violation
 from sim.scoring.invariants.beliefs import SameLogSameHypothesis, TruthPossible
+from sim.scoring.invariants.care import Memory, Named, Reserve
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from sim.scoring.invariants.liveness import Converged, Landed
 from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
@@ -21,6 +22,7 @@ class Judge:
             self.separation, Collision(setting), Fence(setting), Heights(setting),
             FreshSetpoint(setting), Finite(setting), Queues(setting),
             TruthPossible(setting), SameLogSameHypothesis(setting),
+            Reserve(setting), Named(setting), Memory(setting),
             self.converged, self.landed,
         )  # fmt: skip
         self.violations: list[Violation] = []

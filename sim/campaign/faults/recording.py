@@ -1,0 +1,73 @@
+"""The agents of one drone recorded in flight, and replayed after it: the same bits must come out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
+
+from agent.config.drone import DroneConfig
+from agent.config.mission import MissionConfig
+from agent.errors import RadronError
+from agent.flight.header import FlightHeader
+from agent.flight.recorded import RecordedPilot
+from agent.flight.recorder import FlightRecorder
+from agent.flight.replay import replay
+from agent.mission.memory import Memory
+from agent.pilot import Pilot
+
+_LIMIT_MB = 1000  # far beyond a random mission
+
+
+class _Recorded(RecordedPilot):
+    """A recorded pilot in the place of a pilot in lockstep."""
+
+    def __init__(self, pilot: Pilot, recorder: FlightRecorder) -> None:
+        super().__init__(pilot, recorder)
+        self.fusion, self.listeners = pilot.fusion, pilot.listeners
+
+
+class Recording:
+    """Makes the pilots of a flight (``sim.lockstep.watched(make=...)``) and records those of one drone."""
+
+    def __init__(self, drone: str, folder: Path) -> None:
+        """``folder``: for the records; one folder in it for each start of the agent."""
+        self._drone, self._folder = drone, folder
+        self._recorders: dict[Path, FlightRecorder] = {}
+
+    def make(
+        self,
+        mission: MissionConfig,
+        drone: DroneConfig,
+        boot: str,
+        listeners: Sequence[str] = (),
+        memory: Memory | None = None,
+    ) -> Pilot:
+        """As ``Pilot``."""
+        pilot = Pilot(mission, drone, boot, listeners, memory)
+        if drone.id != self._drone:
+            return pilot
+        folder = self._folder / boot
+        recorder = FlightRecorder(folder, _LIMIT_MB, FlightHeader.of(mission, drone, boot, 0, memory))
+        self._recorders[folder] = recorder
+        return cast(Pilot, _Recorded(pilot, recorder))
+
+    def differences(self) -> list[str]:
+        """Replay all; what differs from the flight, in a line each."""
+        found = []
+        for folder, recorder in self._recorders.items():
+            recorder.close()
+            try:
+                report = replay(folder)
+            except RadronError as error:
+                found.append(f"cannot be replayed: {error}")
+                continue
+            if not report.identical:
+                found.append(_told(report.first, report.flaw))
+        return found
+
+
+def _told(first: Any, flaw: str | None) -> str:
+    if first is None:
+        return f"the record is flawed: {flaw}"
+    return f"{first.topic} after {first.time_s:.2f} s of wall time: {first.recorded[:60]} flown, {first.replayed[:60]} replayed"

@@ -1,0 +1,137 @@
+"""What a swarm must take care of by itself: battery reserves, members that are not where they say, memory."""
+
+from __future__ import annotations
+
+import gc
+import sys
+import types
+from collections.abc import Iterator
+from math import hypot, inf
+
+import numpy as np
+
+from sim.faults.base import Fault
+from sim.faults.machines import Battery, Drag, PositionJump
+from sim.scoring.invariants.base import Breach, Invariant, Setting
+from sim.scoring.moment import Moment
+
+LEAST_LEVEL = 0.03  # of the battery: below it a real one gives way at any time
+NAMED_S = 10.0
+MISPLACED_M = 5.0  # so far off is a vehicle that others see plainly: sightings are good to a metre or two
+SEEN_M = 30.0  # and nobody overlooks one that is nearer
+FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b: a are the estimator's checkpoints, which are bounded, and all planners
+_SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType)
+_LOOK_TICKS = 10
+
+
+class Reserve(Invariant):
+    """No vehicle is in the air with less than 3 % left in its battery; exempt is one whose battery lies about it."""
+
+    name = "reserve"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        lying = [fault for fault in setting.scenario.fault if isinstance(fault, Battery) and fault.lies]
+        self._honest = [name not in {one for fault in lying for one in fault.strikes(setting.names)} for name in setting.names]
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Vehicles with empty batteries in the air."""
+        for drone, level in enumerate(moment.batteries):
+            if level < LEAST_LEVEL and self._honest[drone] and moment.airborne(drone):
+                yield Breach((drone,), f"{100.0 * level:.1f} % left in the air")
+
+
+class Named(Invariant):
+    """Where drones see each other, one whose own position is more than 5 m wrong is suspected by another within 10 s.
+
+    It is wrong by a jump or a drag that nobody has announced. The 10 s count while at least two others are within 30 m of it.
+    """
+
+    name = "named"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        seen = setting.scenario.sightings is not None
+        self._spans = [
+            (setting.names.index(name), *span)
+            for fault in setting.scenario.fault
+            if seen and (span := _misplaced_s(fault)) is not None
+            for name in fault.strikes(setting.names)
+        ]
+        self._unnamed_s = [0.0] * len(self._spans)
+        self._found: list[Breach] = []
+        self._ticks = 0
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Drones that nobody suspects; looked for twice a second."""
+        self._ticks += 1
+        if self._spans and self._ticks % _LOOK_TICKS == 0:
+            self._found = list(self._unnamed(moment))
+        yield from self._found
+
+    def _unnamed(self, moment: Moment) -> Iterator[Breach]:
+        for place, (drone, begin_s, end_s) in enumerate(self._spans):
+            if not begin_s <= moment.time_s < end_s or not self._is_seen(moment, drone):
+                continue
+            if self._is_named(moment, drone):
+                self._unnamed_s[place] = -inf
+            self._unnamed_s[place] += 0.05 * _LOOK_TICKS
+            if self._unnamed_s[place] > NAMED_S:
+                yield Breach((drone,), f"its position is wrong since {begin_s:.1f} s, and nobody suspects it")
+
+    def _is_named(self, moment: Moment, drone: int) -> bool:
+        name = self.setting.names[drone]
+        pilots = (pilot for pilot in moment.pilots if pilot is not None)
+        return any(name in pilot.frames.suspects() for pilot in pilots)
+
+    def _is_seen(self, moment: Moment, drone: int) -> bool:
+        x, y, _ = moment.position_m[drone].tolist()
+        others = [k for k, pilot in enumerate(moment.pilots) if k != drone and pilot is not None and moment.airborne(k)]
+        near = [k for k in others if hypot(moment.position_m[k, 0] - x, moment.position_m[k, 1] - y) < SEEN_M]
+        return len(near) >= 2 and moment.airborne(drone)
+
+
+def _misplaced_s(fault: Fault) -> tuple[float, float] | None:
+    """From when to when the own position of a drone is wrong by much without being announced; None where it never is."""
+    if isinstance(fault, PositionJump) and not fault.announced and fault.jump_m > MISPLACED_M:
+        return fault.at_s, fault.end_s
+    if isinstance(fault, Drag) and fault.most_m > MISPLACED_M:
+        return fault.at_s + MISPLACED_M / fault.speed_mps, fault.end_s
+    return None
+
+
+class Memory(Invariant):
+    """An agent holds at most 8 MB, and 2 kB for each entry of its log, at the end of the flight: what grows is the log alone."""
+
+    name = "memory"
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Nothing in flight: it takes half a second to measure."""
+        yield from ()
+
+    def at_end(self, moment: Moment) -> Iterator[Breach]:
+        """The first agent that lives, if it holds too much."""
+        for drone, pilot in enumerate(moment.pilots):
+            if pilot is not None:
+                entries, held = len(pilot.fusion.log), bytes_of(pilot)
+                if held > FIXED_BYTES + ENTRY_BYTES * entries:
+                    yield Breach((drone,), f"{held / 1e6:.1f} MB for {entries} entries")
+                return
+
+
+def bytes_of(root: object) -> int:
+    """Size of an object with all that it holds; classes, functions and modules do not count."""
+    seen: set[int] = set()
+    waiting, size = [root], 0
+    while waiting:
+        one = waiting.pop()
+        if id(one) in seen or isinstance(one, _SHARED):
+            continue
+        seen.add(id(one))
+        size += sys.getsizeof(one)
+        if isinstance(one, np.ndarray):
+            if one.base is not None:
+                waiting.append(one.base)
+            continue
+        waiting += gc.get_referents(one)
+    return size

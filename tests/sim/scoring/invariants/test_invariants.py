@@ -1,0 +1,255 @@
+"""Each invariant is shown what it must not accept, and beside it what it must."""
+
+import math
+
+import moments
+import numpy as np
+import pytest
+
+from agent.vehicle.interface import FlightMode
+from protocol.messages import Stage
+from sim.scoring.invariants.beliefs import SameLogSameHypothesis, TruthPossible
+from sim.scoring.invariants.care import Memory, Named, Reserve
+from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
+from sim.scoring.invariants.judge import Judge
+from sim.scoring.invariants.liveness import Converged, Landed
+from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
+
+GUST = {"kind": "gust", "at_s": 20.0, "for_s": 5.0, "target": "d2"}
+
+
+def places(drone, *place):
+    return [place if k == drone else other for k, other in enumerate(moments.PLACES)]
+
+
+def told(invariant, *seen):
+    """The drones of the violations by these moments."""
+    return [violation.drones for moment in seen for violation in invariant.look(moment)]
+
+
+def test_two_drones_are_too_near_to_each_other() -> None:
+    near = places(1, 12.9, 10.0, 3.0)
+    assert told(Separation(moments.setting()), moments.moment(10.0, near)) == [("d1", "d2")]
+    assert told(Separation(moments.setting()), moments.moment(10.0, places(1, 13.1, 10.0, 3.0))) == []
+
+
+def test_under_faults_they_may_be_nearer_but_not_much() -> None:
+    set_ = moments.setting(GUST | {"target": "d3"})
+    invariant = Separation(set_)
+    assert told(invariant, moments.moment(21.0, places(1, 12.9, 10.0, 3.0))) == []
+    assert told(invariant, moments.moment(21.05, places(1, 12.4, 10.0, 3.0))) == [("d1", "d2")]
+    assert invariant.least_m == pytest.approx(2.4)
+
+
+def test_layers_above_each_other_and_drones_on_the_ground_are_apart() -> None:
+    invariant = Separation(moments.setting())
+    assert (
+        told(invariant, moments.moment(10.0, places(1, 10.0, 10.0, 6.5)), moments.moment(11.0, places(1, 10.0, 12.0, 0.1))) == []
+    )
+
+
+def test_a_drone_whose_own_thrust_is_faulted_is_exempt_until_it_has_recovered() -> None:
+    invariant, near = Separation(moments.setting(GUST)), places(1, 12.0, 10.0, 3.0)
+    assert told(invariant, *(moments.moment(time_s, near) for time_s in (20.05, 24.0, 39.0))) == []
+    assert told(invariant, moments.moment(41.0, near)) == [("d1", "d2")]
+
+
+def test_a_clock_that_is_wrong_exempts_nobody() -> None:
+    invariant = Separation(moments.setting({"kind": "clock", "at_s": 1.0, "target": "d2", "jump_s": 1.0}))
+    assert told(invariant, moments.moment(10.0, places(1, 12.0, 10.0, 3.0))) == [("d1", "d2")]
+
+
+def test_a_violation_is_told_once_while_it_lasts_and_again_when_it_comes_back() -> None:
+    near, far = places(1, 12.0, 10.0, 3.0), moments.PLACES
+    seen = [moments.moment(10.0 + 0.05 * k, place) for k, place in enumerate((near, near, far, near))]
+    assert told(Separation(moments.setting()), *seen) == [("d1", "d2")] * 2
+
+
+def test_a_collision_is_nearer_than_a_breach_of_separation() -> None:
+    invariant = Collision(moments.setting())
+    assert told(invariant, moments.moment(10.0, places(1, 12.1, 10.0, 3.0))) == []
+    assert told(invariant, moments.moment(10.0, places(1, 11.9, 10.0, 3.0))) == [("d1", "d2")]
+
+
+def test_a_drone_outside_the_fence() -> None:
+    outside, inside = places(2, -20.5, 10.0, 3.0), places(2, -19.5, 10.0, 3.0)
+    invariant = Fence(moments.setting(GUST))
+    assert told(invariant, moments.moment(21.0, inside), moments.moment(21.0, outside)) == [("d3",)]
+    assert told(invariant, moments.moment(21.0, places(1, -25.0, 10.0, 3.0))) == []  # in the gust
+    assert told(invariant, moments.moment(45.0, places(1, -25.0, 10.0, 3.0))) == [("d2",)]
+
+
+def test_a_drone_above_the_ceiling_or_below_the_floor() -> None:
+    invariant = Heights(moments.setting())
+    assert told(invariant, moments.moment(10.0, places(0, 10.0, 10.0, 60.5))) == [("d1",)]
+    assert told(invariant, moments.moment(10.0, places(1, 10.0, 10.0, 1.4))) == [("d2",)]
+    landing = moments.changed(1, moments.pilot(Stage.LANDING), moments.pilot)
+    assert told(invariant, moments.moment(11.0, places(1, 10.0, 10.0, 1.4), pilots=landing)) == []
+
+
+def test_a_setpoint_that_nobody_renews() -> None:
+    old = moments.changed(0, moments.autopilot(setpoint_age_s=1.35), moments.autopilot)
+    assert told(FreshSetpoint(moments.setting()), moments.moment(10.0, autopilots=old)) == [("d1",)]
+    held = moments.changed(0, moments.autopilot(FlightMode.HOLD, setpoint_age_s=None), moments.autopilot)
+    assert told(FreshSetpoint(moments.setting()), moments.moment(10.0, autopilots=held)) == []
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_number_that_is_not_finite(bad: float) -> None:
+    believed = moments.hypothesis(x=bad)
+    velocity = np.zeros((3, 3))
+    velocity[2, 0] = bad
+    for drone, changes in (
+        (1, {"commands": moments.changed(1, moments.command(bad), moments.command)}),
+        (0, {"pilots": moments.changed(0, moments.pilot(believed=believed), moments.pilot)}),
+        (1, {"pilots": moments.changed(1, moments.pilot(counters=("unsendable_plan",)), moments.pilot)}),
+        (2, {"velocity_mps": velocity}),
+    ):
+        assert told(Finite(moments.setting()), moments.moment(10.0), moments.moment(10.05, **changes)) == [(f"d{drone + 1}",)]
+
+
+def test_a_queue_that_grows() -> None:
+    assert told(Queues(moments.setting()), moments.moment(10.0, sent=[1, 201, 1])) == [("d2",)]
+    assert told(Queues(moments.setting()), moments.moment(10.0, inboxes=[1, 1, 20_001])) == [("d3",)]
+
+
+def excluding(*faults, seconds=6.0):
+    """What is told of a drone that holds for that long that the source is 6.4 sigma from where it is."""
+    pilots = moments.changed(1, moments.pilot(believed=moments.hypothesis(x=33.2)), moments.pilot)
+    times = np.arange(10.0, 10.0 + seconds, 0.05)
+    return told(TruthPossible(moments.setting(*faults)), *(moments.moment(float(time_s), pilots=pilots) for time_s in times))
+
+
+def test_a_hypothesis_that_excludes_the_truth() -> None:
+    assert excluding() == [("d2",)]
+    assert excluding(seconds=4.9) == []
+    assert excluding({"kind": "camera-gain", "at_s": 5.0, "target": "d3"}) == []
+    assert excluding({"kind": "camera-gain", "at_s": 30.0, "target": "d3"}) == [("d2",)]
+    assert excluding({"kind": "loss", "at_s": 5.0, "probability": 0.5}) == [("d2",)]
+
+
+def test_equal_logs_with_different_hypotheses() -> None:
+    here, there = moments.hypothesis(), moments.hypothesis(x=30.0 + 1e-12)
+    pilots = [moments.pilot(believed=here, digest="7"), moments.pilot(believed=there, digest="7"), moments.pilot()]
+    assert told(SameLogSameHypothesis(moments.setting()), moments.moment(10.0, pilots=pilots)) == [("d1", "d2")]
+    for other in (
+        moments.pilot(believed=there, digest="8"),
+        moments.pilot(believed=there, digest="7", pending=True),
+        moments.pilot(believed=moments.hypothesis(x=31.0, stamp_ns=1), digest="7"),
+        moments.pilot(believed=moments.hypothesis(), digest="7"),
+    ):
+        assert told(SameLogSameHypothesis(moments.setting()), moments.moment(10.0, pilots=[pilots[0], other, None])) == []
+
+
+def test_a_battery_that_is_nearly_empty_in_the_air() -> None:
+    empty = moments.moment(10.0, batteries=[0.8, 0.02, 0.8])
+    assert told(Reserve(moments.setting()), empty) == [("d2",)]
+    lies = {"kind": "battery", "at_s": 1.0, "target": "d2", "lies": True}
+    assert told(Reserve(moments.setting(lies)), empty) == []
+    assert told(Reserve(moments.setting()), moments.moment(10.0, places(1, 20.0, 10.0, 0.0), batteries=[0.8, 0.02, 0.8])) == []
+
+
+def unsuspected(suspects=(), sightings=True, **changes):
+    """What is told of 12 s after a jump of 20 m that nobody announces."""
+    jump = {"kind": "position-jump", "at_s": 10.0, "target": "d2", "jump_m": 20.0, "announced": False} | changes
+    pilots = moments.changed(0, moments.pilot(suspects=suspects), moments.pilot)
+    times = np.arange(10.0, 22.0, 0.05)
+    invariant = Named(moments.setting(jump, sightings=sightings))
+    return told(invariant, *(moments.moment(float(time_s), pilots=pilots) for time_s in times))
+
+
+def test_a_drone_that_is_not_where_it_says_and_nobody_suspects_it() -> None:
+    assert unsuspected() == [("d2",)]
+    assert unsuspected(suspects=("d3",)) == [("d2",)]
+    assert unsuspected(suspects=("d2",)) == []
+    assert unsuspected(sightings=False) == unsuspected(announced=True) == unsuspected(jump_m=3.0) == []
+
+
+def test_an_agent_that_holds_more_than_its_log() -> None:
+    grown = moments.pilot()
+    grown.leak = bytes(9_000_000)
+    small = moments.moment(100.0)
+    assert Memory(moments.setting()).finish(small) == []
+    (violation,) = Memory(moments.setting()).finish(moments.moment(100.0, pilots=[None, grown, moments.pilot()]))
+    assert violation.drones == ("d2",)
+
+
+def diverging(*faults, digests=("1", "2", "3"), seconds=25.0):
+    """What is told of drones whose logs differ after the heal."""
+    pilots = [moments.pilot(digest=digest) for digest in digests]
+    invariant = Converged(moments.setting(*faults))
+    seen = told(invariant, *(moments.moment(float(t), pilots=pilots) for t in np.arange(moments.HEAL_S, 50.0 + seconds, 0.5)))
+    return seen, invariant.ever
+
+
+def test_the_able_drones_do_not_come_to_one_log() -> None:
+    assert diverging() == ([("d1", "d2", "d3")], False)
+    assert diverging(seconds=19.0) == ([], False)
+    assert diverging(digests=("1", "1", "1")) == ([], True)
+    assert diverging({"kind": "refusal", "at_s": 9.0, "target": "d3"}, digests=("1", "1", "3")) == ([], True)
+    assert diverging({"kind": "refusal", "at_s": 9.0, "for_s": 9.0, "target": "d3"}, digests=("1", "1", "3"))[1] is False
+
+
+def test_agreement_is_that_of_the_hypotheses_too() -> None:
+    pilots = [moments.pilot(believed=moments.hypothesis(x=x)) for x in (30.0, 30.0, 31.0)]
+    invariant = Converged(moments.setting())
+    assert told(invariant, *(moments.moment(t, pilots=pilots) for t in (50.0, 60.0, 71.0))) == [("d1", "d2", "d3")]
+
+
+def ending(*faults, **changes):
+    """Who has not ended as it must, of drones that are still in the air."""
+    invariant = Landed(moments.setting(*faults))
+    invariant.look(moments.moment(moments.HEAL_S))
+    return [violation.drones[0] for violation in invariant.finish(moments.moment(moments.END_S, **changes))]
+
+
+def test_a_drone_that_does_not_come_home() -> None:
+    assert ending() == ["d1", "d2", "d3"]
+    returning = [moments.autopilot(FlightMode.RETURN) for _ in range(3)]
+    assert ending(autopilots=returning) == ["d1", "d2", "d3"]  # able: they must have landed
+    dead = {"kind": "kill", "at_s": 10.0, "target": "d1"}
+    assert ending(dead, autopilots=returning) == ["d2", "d3"]
+    assert ending(dead) == ["d1", "d2", "d3"]
+    assert ending({"kind": "takeover", "at_s": 10.0, "target": "d3"}) == ["d1", "d2"]
+    ground = [(x, y, 0.0) for x, y, _ in moments.PLACES]
+    stopped = [moments.autopilot(FlightMode.HOLD, armed=False, setpoint_age_s=None) for _ in range(3)]
+    assert ending(places=ground, autopilots=stopped) == []
+
+
+def test_who_is_able_is_decided_by_the_faults_and_by_who_is_in_the_air_at_the_heal() -> None:
+    lie = {"kind": "lie", "at_s": 5.0, "for_s": 5.0, "target": "d1"}
+    cases = [
+        ([], (0, 1, 2)),
+        ([{"kind": "camera-dead", "at_s": 5.0, "target": "d1"}], (1, 2)),
+        ([{"kind": "camera-dead", "at_s": 5.0, "for_s": 5.0, "target": "d1"}], (0, 1, 2)),
+        ([{"kind": "kill", "at_s": 5.0, "target": "d1"}], (1, 2)),
+        ([{"kind": "kill", "at_s": 5.0, "for_s": 5.0, "target": "d1"}], (0, 1, 2)),
+        ([{"kind": "clock", "at_s": 5.0, "target": "d1", "jump_s": 1.0}], (0, 1, 2)),
+        ([lie | {"what": "cone"}], (1, 2)),  # its log and the others' differ for ever
+        ([lie | {"what": "pose"}], (0, 1, 2)),
+        ([{"kind": "loss", "at_s": 5.0, "for_s": 45.0, "probability": 0.5}], (0, 1, 2)),
+        ([{"kind": "loss", "at_s": 5.0, "probability": 0.5}], ()),
+    ]
+    for faults, expected in cases:
+        able = Landed(moments.setting(*faults)).able
+        assert able.see(moments.moment(49.0)) == ()
+        assert able.see(moments.moment(50.0)) == expected, faults
+    able = Landed(moments.setting()).able
+    able.see(moments.moment(50.0, places(0, 10.0, 10.0, 0.0)))
+    assert able.see(moments.moment(60.0)) == (1, 2)
+
+
+def test_the_judge_ends_a_flight_when_nothing_more_is_to_come() -> None:
+    judge = Judge(moments.setting())
+    assert not judge(moments.moment(10.0))
+    assert not judge(moments.moment(50.0))
+    stopped = [moments.autopilot(FlightMode.HOLD, armed=False, setpoint_age_s=None) for _ in range(3)]
+    assert judge(moments.moment(80.0, [(x, y, 0.0) for x, y, _ in moments.PLACES], autopilots=stopped))
+    assert judge.violations == []
+    assert Judge(moments.setting())(moments.moment(moments.END_S))
+
+
+def test_the_judge_ends_a_flight_at_the_violation_that_is_looked_for() -> None:
+    near = moments.moment(10.0, places(1, 11.0, 10.0, 3.0))
+    assert Judge(moments.setting(), until="collision")(near)
+    assert not Judge(moments.setting(), until="fence")(near)
