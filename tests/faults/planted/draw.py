@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import ast
 import random
+import subprocess
 import tempfile
 from collections import defaultdict
 from importlib.metadata import version
@@ -31,7 +32,8 @@ FOLDERS = (
 _OBVIOUS = ("_RShift", "_LShift", "_BitOr", "_BitAnd", "_BitXor", "_Is", "_IsNot")
 # Modules that only a process with a mesh runs.
 _LIVE = ("protocol/inbox.py", "protocol/link.py", "protocol/session.py")
-_HEAD = """# Mutations drawn by draw.py, seed {seed}, from {found} at {places} places of the code, made by cosmic-ray {version}.
+_HEAD = """# Mutations drawn by draw.py, seed {seed}, from {found} at {places} places of the code of {commit}, made by
+# cosmic-ray {version}.
 # Not edited, but for `old` and `new` where the code has changed: then the same mutation is written into the new code.
 
 """
@@ -57,7 +59,9 @@ def main() -> None:
     drawn = [(place, draw.choice(found[place])) for place in draw.sample(sorted(found), NUMBER)]
     bugs = [_bug(number, place, mutation) for number, (place, mutation) in enumerate(sorted(drawn), start=1)]
     total = sum(map(len, found.values()))
-    head = _HEAD.format(seed=SEED, found=total, places=len(found), version=version("cosmic-ray"))
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
+    facts = {"commit": commit.stdout.strip(), "version": version("cosmic-ray")}
+    head = _HEAD.format(seed=SEED, found=total, places=len(found), **facts)
     out = Path(__file__).with_name("drawn.toml")
     out.write_text(head + tomli_w.dumps({"bug": bugs}, multiline_strings=True), encoding="utf-8")
     print(f"{out.name}: {NUMBER} of {total} mutations at {len(found)} places")
