@@ -58,7 +58,7 @@ def test_what_is_remembered_follows_the_flight_and_fits_a_file():
     assert one.memory is kept  # nothing new to write
     fly(one, START_NS + 4 * SECOND, 2.0, FlightMode.OFFBOARD)
     assert one.memory.stamp_ns > kept.stamp_ns
-    fly(one, START_NS + 6 * SECOND, 1.0, FlightMode.HOLD, armed=False, in_air=False)
+    fly(one, START_NS + 6 * SECOND, 3.0, FlightMode.HOLD, position=(0.0, 0.0, 0.1), armed=False, in_air=False)
     assert one.stage is Stage.LANDED
     assert one.memory is None
 
