@@ -77,5 +77,5 @@ def test_what_was_searched_in_the_first_mission_is_searched_again() -> None:
     one.observe_vehicle(state(AGAIN_NS, **GROUND))
     one.receive(*command(stamp_ns=AGAIN_NS), AGAIN_NS)
     one.step(AGAIN_NS)
-    assert list(one._executive._covered()) == []
+    assert one._executive._search._covered.area.is_empty
     assert one.fusion.log.entries(Coverage) == first
