@@ -57,7 +57,7 @@ def survey_path(
     drone: str,
     drones: Sequence[str],
     lane_spacing_m: float,
-    starts: Mapping[str, Point2] | None = None,
+    starts: Mapping[str, Point2],
 ) -> NDArray[np.float64]:
     """The path of one of the drones, as ``survey_paths`` has it, where ``rest`` of the area is not covered yet."""
     segment = divide(rest, drones, starts)[drone]
