@@ -294,8 +294,9 @@ class Pilot:
         if not self._world.take(entry, payload, now_ns):
             return
         self._own.take_entry(entry)
-        if isinstance(entry, Coverage) and entry.drone == self._id and entry.boot != self._boot:
-            self._executive.divide_anew()  # by this drone before its agent was restarted
+        if isinstance(entry, Coverage):
+            before_restart = entry.drone == self._id and entry.boot != self._boot
+            self._executive.take_coverage(entry, anew=before_restart)
 
     def _report(self, now_ns: int) -> None:
         believed = (self.hypothesis, self.fusion.digest) if self.hypothesis is not None else None

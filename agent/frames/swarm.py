@@ -17,6 +17,7 @@ from agent.frames.transform import Transform
 from protocol.entries import Entry
 
 BEFORE_START_NS = 60_000_000_000  # earlier measurements are ignored: clocks may be years off
+LATE_NS = 5_000_000_000
 _SLICE = 24  # keyframe updates of one drone per call of ``advance``: about 20 ms
 _RECENT = 64  # number of recent checkpoints that are all kept; of older ones every 8th
 _EVERY = 8
@@ -28,7 +29,9 @@ class SwarmFrames:
     The graph is a pure function of what was received (in any order) and of the last keyframe that is due. Checkpoints are kept; a
     late entry rolls the estimate back to the last checkpoint before its interval, and the keyframes since are computed again. The
     graph and the suspects keep their values until that is complete, so that no drone flies by frames that lack the last minute.
-    Entries received meanwhile are processed afterwards. Where all drones are exact, nothing is computed.
+    Entries received meanwhile are processed afterwards. Entries that are late by more than ``LATE_NS`` are taken in batches, with
+    a pause in between as long as the last batch took, so that they never keep the graph from the new ones. Where all drones are
+    exact, nothing is computed.
     """
 
     def __init__(self, mission: MissionConfig) -> None:
@@ -47,13 +50,16 @@ class SwarmFrames:
         self._newest = self._beginning  # the checkpoint that the graph shows
         self._estimating = False  # keyframes are due that the next call of ``advance`` estimates
         self._waiting: list[Entry] = []  # entries received while estimating
+        self._late: list[Entry] = []
+        self._took = 0  # calls since the last batch of late entries
+        self._rest: int | None = 0  # calls until the next one; None: the last one is still being estimated
         self._started = False
         self._due = -1
 
     @property
     def pending(self) -> bool:
         """Whether the graph lacks something that was received; further calls of ``advance`` add it."""
-        return self._estimating or bool(self._waiting)
+        return self._estimating or bool(self._waiting) or bool(self._late)
 
     def start(self, stamp_ns: int) -> None:
         """Set the start of the mission: much older measurements are ignored. Only the first call counts."""
@@ -66,7 +72,9 @@ class SwarmFrames:
         """Add an entry of the log; each once, in any order."""
         if self._idle:
             return
-        if self._estimating:
+        if self._is_late(entry):
+            self._late.append(entry)
+        elif self._estimating:
             self._waiting.append(entry)
         else:
             self._intake.receive(entry)
@@ -76,7 +84,7 @@ class SwarmFrames:
         if self._idle:
             return
         if not self._estimating:
-            waiting, self._waiting = self._waiting, []
+            waiting, self._waiting = [*self._taken_late(), *self._waiting], []
             for entry in waiting:
                 self._intake.receive(entry)
             self._due = max(self._due, (now_ns - self._settle_ns) // self._intake.grid_ns)
@@ -90,6 +98,7 @@ class SwarmFrames:
             for drone, from_ns, placement in last.emissions:
                 self._lines[drone].add(index, from_ns, placement)
         self._estimating = end > first + self._slice
+        self._took += 1
         self._thin()
         if self._estimating:
             return
@@ -107,6 +116,22 @@ class SwarmFrames:
             elif self._estimated[drone] and not member.known:
                 found[self._names[drone]] = "its frame is not known yet"
         return found
+
+    def _is_late(self, entry: Entry) -> bool:
+        """Whether an entry changes keyframes that were estimated long ago."""
+        last = next(reversed(self._checkpoints), -1)
+        return entry.stamp_ns <= min(last, self._due - LATE_NS // self._intake.grid_ns) * self._intake.grid_ns
+
+    def _taken_late(self) -> list[Entry]:
+        """The late entries, unless the last batch of them was a moment ago."""
+        if self._rest is None:
+            self._rest = self._took - 1
+        if not self._late or self._rest > 0:
+            self._rest -= self._rest > 0
+            return []
+        late, self._late = self._late, []
+        self._took, self._rest = 0, None
+        return late
 
     def _rewind(self) -> None:
         dirty = self._intake.taken()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right, insort
 from typing import Any
 
 from agent.config.mission import MissionConfig
@@ -10,13 +9,15 @@ from agent.frames.graph import FrameGraph
 from agent.frames.swarm import BEFORE_START_NS
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.log import ObservationLog, Outcome
-from agent.fusion.observation import Observation, observe
+from agent.fusion.observation import observe
 from agent.fusion.registry import estimator_named
+from agent.fusion.timeline import Timeline
 from protocol.entries import AnyEntry, Entry, EntryId
 
 SLICE_UNITS = 400  # work per call of advance, in units of ``Estimator.work``: about 10 ms
+LATE_NS = 5_000_000_000  # an entry that changes older steps than this waits for others of its kind
 _MOST_CHECKPOINTS = 64  # 0.4 MB each while `bayes` searches
-_NEVER = -1  # before every step
+_NEVER, _AFTER = -1, 2**63  # before and after every step
 
 FrameKey = tuple[str, int]  # drone and epoch
 
@@ -38,6 +39,11 @@ class Fusion:
     step on, and the steps from there on are computed again (replay). That holds for the newest step too, so without a hold a
     cone shows in the hypothesis at the next ``advance``. Only while a replay is unfinished is the hypothesis an older one.
 
+    Entries that are late by more than ``LATE_NS`` are folded in batches: the replay is made beside the present chain of states,
+    which goes on without them until it is complete, and the next batch waits for as many calls of ``advance`` as it took. So a
+    drone that publishes old entries again and again delays nothing, and all are in the hypothesis in the end (``pending`` until
+    then).
+
     Entries of a frame that is not known yet are in the log and its digest, and enter the hypothesis once the frame is known.
     Entries measured long before the mission's start are in the log only.
     """
@@ -45,15 +51,17 @@ class Fusion:
     def __init__(self, mission: MissionConfig, frames: FrameGraph, estimator: Estimator[Any] | None = None) -> None:
         self.log = ObservationLog(mission.mission_id, [drone.id for drone in mission.drones])
         self.hypothesis: Hypothesis | None = None
-        self.pending = False  # a replay is under way, the hypothesis is older than the log
+        self.pending = False  # the hypothesis is older than the log
         self.estimator = estimator or estimator_named(mission.fusion.estimator, mission)
         self._grid_ns = round((self.estimator.grid_s or mission.fusion.grid_s) * 1e9)
         self._frames = frames
         self._revision = frames.revision
         self._waiting: dict[FrameKey, dict[EntryId, AnyEntry]] = {}  # entries whose frame is unknown
-        self._timeline: dict[int, dict[EntryId, Observation]] = {}  # step -> its observations, never empty
-        self._steps: list[int] = []  # the timeline's keys, ascending
-        self._step_of: dict[EntryId, int] = {}  # where in the timeline an entry's observation is
+        self._waits_in: dict[EntryId, FrameKey] = {}
+        self._late: dict[EntryId, AnyEntry | None] = {}  # what is to take the place of what is held; None: nothing
+        self._replay: dict[int, Any] | None = None  # the chain that takes the place of the present one
+        self._replayed = self._rest = 0  # calls of the present replay, and until the next one
+        self._timeline = Timeline()
         self._base: Any = self.estimator.initial(None)  # state before the first step of the timeline
         self._states: dict[int, Any] = {}  # checkpoints after their steps; ascending: the last one is the chain's end
         self._first_step = _NEVER  # once started; earlier observations are ignored
@@ -84,8 +92,9 @@ class Fusion:
         first_step = -(-(stamp_ns - BEFORE_START_NS) // self._grid_ns)
         if first_step > self._first_step:
             self._first_step = first_step
-            self._drop_before(self._first_step * self._grid_ns)
+            self._timeline.drop_before(self._first_step)
             self._base = self.estimator.initial(stamp_ns)
+            self._replay = None
             self._rewind(_NEVER)
 
     def receive(self, entry: Entry, payload: bytes) -> bool:
@@ -93,11 +102,25 @@ class Fusion:
         outcome = self.log.add(entry, payload)
         if outcome is not Outcome.ADDED and outcome is not Outcome.REPLACED:
             return False
-        if outcome is Outcome.REPLACED:
-            self._remove(entry.entry_id)
-        if isinstance(entry, self.estimator.reads):
-            self._insert(entry)
+        read = entry if isinstance(entry, self.estimator.reads) else None
+        if self._is_late(entry.stamp_ns):
+            if read is not None or outcome is Outcome.REPLACED:
+                self._late[entry.entry_id] = read
+                self.pending = True
+            return True
+        self._late.pop(entry.entry_id, None)
+        self._rewind(self._put(entry.entry_id, read))
         return True
+
+    def _is_late(self, stamp_ns: int) -> bool:
+        """Whether an entry changes steps that were computed long ago."""
+        step, end = stamp_ns // self._grid_ns, next(reversed(self._states), _NEVER)
+        return self._first_step <= step <= end and step < self._oldest_step
+
+    @property
+    def _oldest_step(self) -> int:
+        """What changes earlier steps is late."""
+        return self._due_step - LATE_NS // self._grid_ns
 
     def advance(self, now_ns: int, budget: int = SLICE_UNITS) -> None:
         """Bring the hypothesis up to the grid step of ``now_ns``.
@@ -111,90 +134,108 @@ class Fusion:
             self._stale = True
         if self._revision != self._frames.revision:
             self._apply_frame_changes()
+        if self._late and self._replay is None:
+            self._take_late()
         if self._stale:
             self._fold(budget)
 
-    def _insert(self, entry: AnyEntry) -> None:
-        """Put an entry's observation, if it has one, into the timeline."""
+    def _take_late(self) -> None:
+        """Begin a replay with the late entries, unless the last one was a moment ago."""
+        if self._rest > 0:
+            self._rest -= 1
+            return
+        late, self._late = self._late, {}
+        self._begin_replay(min(self._put(identity, entry) for identity, entry in late.items()))
+
+    def _begin_replay(self, step: int) -> None:
+        """Compute the states from the step on again, beside the present ones."""
+        if step > self._due_step:
+            return
+        if self._replay is None:
+            self._replay, self._replayed = dict(self._states), 0
+        self._stale = True
+        _undo(self._replay, step)
+
+    def _put(self, identity: EntryId, entry: AnyEntry | None) -> int:
+        """Put an entry's observation, if it has one, into the timeline, in the place of what is held of that identity.
+
+        Returns the first step that changes by it, or else ``_AFTER``.
+        """
+        key = self._waits_in.pop(identity, None)
+        if key is not None:
+            held = self._waiting[key]
+            del held[identity]
+            if not held:
+                del self._waiting[key]
+        changed = self._timeline.remove(identity)
+        first = _AFTER if changed is None else changed
+        if entry is None:
+            return first
         transform = self._frames.mission_from_local(entry.drone, entry.epoch, entry.stamp_ns)
         if transform is None:
-            self._waiting.setdefault((entry.drone, entry.epoch), {})[entry.entry_id] = entry
-            return
+            key = self._waits_in[identity] = entry.drone, entry.epoch
+            self._waiting.setdefault(key, {})[identity] = entry
+            return first
         observation = observe(entry, transform)
         if observation is None:
-            return
+            return first
         step = observation.stamp_ns // self._grid_ns
-        if step < self._first_step:
-            return
-        self._step_of[entry.entry_id] = step
-        if step not in self._timeline:
-            self._timeline[step] = {}
-            insort(self._steps, step)
-        self._timeline[step][entry.entry_id] = observation
-        self._rewind(step)
-
-    def _drop_before(self, stamp_ns: int) -> None:
-        """Take observations before a stamp out of the timeline; the caller discards the states."""
-        kept = bisect_left(self._steps, -(-stamp_ns // self._grid_ns))
-        for step in self._steps[:kept]:
-            for identity in self._timeline.pop(step):
-                del self._step_of[identity]
-        del self._steps[:kept]
-
-    def _remove(self, identity: EntryId) -> None:
-        """Take an entry out of the waiting ones, and its observation, if there is one, out of the timeline."""
-        for waiting in self._waiting.values():
-            waiting.pop(identity, None)
-        step = self._step_of.pop(identity, None)
-        if step is None:
-            return
-        slot = self._timeline[step]
-        del slot[identity]
-        if not slot:
-            del self._timeline[step]
-            del self._steps[bisect_left(self._steps, step)]
-        self._rewind(step)
+        if step >= self._first_step and self._timeline.add(step, identity, observation):
+            return min(first, step)
+        return first
 
     def _rewind(self, step: int) -> None:
         """Discard the states from the step on."""
-        while self._states and next(reversed(self._states)) >= step:
-            self._states.popitem()
+        _undo(self._states, step)
+        if self._replay is not None:
+            _undo(self._replay, step)
         if step <= self._due_step:
             self._stale = True
 
     def _fold(self, budget: int) -> None:
-        end, state = next(reversed(self._states.items()), (_NEVER, self._base))
-        for index in self._steps[bisect_right(self._steps, end) : bisect_right(self._steps, self._due_step)]:
-            if budget <= 0:
-                self.pending = True
-                return
-            slot = self._timeline[index]
-            budget -= self.estimator.work(state, len(slot))
-            state = self.estimator.step(state, self._grid_step(index), [slot[identity] for identity in sorted(slot)])
-            self._states[index] = state
-        self.pending = self._stale = False
-        if state is not self._current[0] or self._due_step != self._current[1]:
+        complete, left = self._extend(self._states, budget)
+        if complete and left > 0 and self._replay is not None:
+            self._replayed += 1
+            complete_too, _ = self._extend(self._replay, left)
+            if complete_too:
+                self._states, self._replay, self._rest = self._replay, None, self._replayed - 1
+        self._stale = not complete or self._replay is not None
+        self.pending = self._stale or bool(self._late)
+        state = self.state
+        if complete and (state is not self._current[0] or self._due_step != self._current[1]):
             self._current = state, self._due_step
             self.hypothesis = self.estimator.hypothesis(state, self._now_step)
-        if len(self._states) > _MOST_CHECKPOINTS:
-            for index in list(self._states)[1 : _MOST_CHECKPOINTS // 2 : 2]:  # the older, the sparser
-                del self._states[index]
+
+    def _extend(self, states: dict[int, Any], budget: int) -> tuple[bool, int]:
+        """Compute the states of a chain up to the due step; whether it is complete, and what is left of the budget."""
+        end, state = next(reversed(states.items()), (_NEVER, self._base))
+        for index in self._timeline.between(end, self._due_step):
+            if budget <= 0:
+                return False, budget
+            observations = self._timeline.of(index)
+            budget -= self.estimator.work(state, len(observations))
+            state = states[index] = self.estimator.step(state, self._grid_step(index), observations)
+            if len(states) > 2 * _MOST_CHECKPOINTS:
+                _thin(states)
+        if len(states) > _MOST_CHECKPOINTS:
+            _thin(states)
+        return True, budget
 
     def _apply_frame_changes(self) -> None:
         """Convert the entries again that were measured in frames whose estimate has changed."""
         changes = self._frames.changes(self._revision)
         self._revision = self._frames.revision
-        again: list[AnyEntry] = [entry for key in changes for entry in self._waiting.pop(key, {}).values()]
-        first = bisect_left(self._steps, min(changes.values(), default=0) // self._grid_ns)
-        for step in self._steps[first:]:
-            for observation in self._timeline[step].values():
-                measured = observation.entry
-                changed_ns = changes.get((measured.drone, measured.epoch))
-                if changed_ns is not None and measured.stamp_ns >= changed_ns:
-                    again.append(measured)
-        for entry in again:
-            self._remove(entry.entry_id)
-            self._insert(entry)
+        again = [entry for key in changes for entry in self._waiting.get(key, {}).values()]
+        for observation in self._timeline.since(min(changes.values(), default=0) // self._grid_ns):
+            measured = observation.entry
+            changed_ns = changes.get((measured.drone, measured.epoch))
+            if changed_ns is not None and measured.stamp_ns >= changed_ns:
+                again.append(measured)
+        changed = min((self._put(entry.entry_id, entry) for entry in again), default=_AFTER)
+        if changed < self._oldest_step and self._states:
+            self._begin_replay(changed)
+        else:
+            self._rewind(changed)
 
     @property
     def _now_step(self) -> GridStep:
@@ -203,3 +244,15 @@ class Fusion:
 
     def _grid_step(self, index: int, later_ns: int = 0) -> GridStep:
         return GridStep(index, index * self._grid_ns + later_ns, (index + 1) * self._grid_ns + later_ns)
+
+
+def _undo(states: dict[int, Any], step: int) -> None:
+    """Discard the states from the step on."""
+    while states and next(reversed(states)) >= step:
+        states.popitem()
+
+
+def _thin(states: dict[int, Any]) -> None:
+    """Drop half of the older checkpoints: the older, the sparser."""
+    for index in list(states)[1 : _MOST_CHECKPOINTS // 2 : 2]:
+        del states[index]

@@ -20,6 +20,7 @@ from agent.localization.clocks import Clocks
 from agent.localization.continuity import carried_on
 from agent.localization.history import PoseHistory
 from agent.localization.jumps import JumpDetector
+from agent.vehicle.grounded import Grounded
 from agent.vehicle.interface import VehicleState
 from protocol.entries import Entry, Sighting
 
@@ -42,7 +43,8 @@ class OwnPose:
     local frame to the mission frame yet: this drone has neither seen another one nor been seen.
 
     After a jump of the localisation the drone is still where it was: until the log yields an estimate of the new epoch's frame,
-    the one that continues its motion is used (``agent.localization.continuity``).
+    the one that continues its motion is used (``agent.localization.continuity``). A frame that the mission knows exactly is known
+    so for its first epoch only; from a jump on it is the one by continuity, and what is measured in it does not count.
     """
 
     def __init__(
@@ -69,8 +71,8 @@ class OwnPose:
         self.history = PoseHistory()
         self.is_estimated = not member.is_exact
         self.is_unplaced = self.is_estimated and member.yaw_sigma_deg > _UNKNOWN_HEADING_DEG
-        # A frame that is known exactly does not jump.
-        self._jumps = JumpDetector(speed_mps, epoch_offset) if self.is_estimated else None
+        self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
+        self._grounded = Grounded()
         self._continued: tuple[int, Transform] | None = None  # an epoch, and its frame by continuity
         self._known: LocalFrame | None = None  # the last one known; keeps the inverse
 
@@ -86,7 +88,7 @@ class OwnPose:
         if not _plausible(state):
             self._counters["telemetry_implausible"] += 1
             return None
-        vehicle = self._with_clock_error(self._jumps.take(state) if self._jumps is not None else state)
+        vehicle = self._with_clock_error(self._grounded.take(self._jumps.take(state)))
         if last is not None and last.epoch != vehicle.epoch:
             self._continue(last, vehicle)
         self.history.add(vehicle)
@@ -105,7 +107,7 @@ class OwnPose:
     @property
     def epoch_offset(self) -> int:
         """The number of epochs added to the vehicle's own."""
-        return self._jumps.offset if self._jumps is not None else 0
+        return self._jumps.offset
 
     @property
     def frame(self) -> LocalFrame | None:
@@ -136,9 +138,10 @@ class OwnPose:
         transform = self._mission_from_local(epoch, stamp_ns)
         return transform.apply_point(position_m) if transform is not None else None
 
-    def jump_problem(self, now_ns: int) -> str | None:
-        """A recent jump that the vehicle did not announce, in words."""
-        return self._jumps.problem(now_ns) if self._jumps is not None else None
+    def problems(self, now_ns: int) -> tuple[str, ...]:
+        """What is not believed of the vehicle's telemetry: a recent jump that it did not announce, a landing that it is not."""
+        told = (self._jumps.problem(now_ns), self._grounded.problem(now_ns))
+        return tuple(text for text in told if text is not None)
 
     def _mission_from_local(self, epoch: int, stamp_ns: int | None = None) -> Transform | None:
         known = self._frames.mission_from_local(self._drone, epoch, stamp_ns)

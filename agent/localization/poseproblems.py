@@ -11,7 +11,7 @@ UNSURE_M = 5.0  # 1 sigma of the own position in the mission frame beyond which 
 
 def pose_problems(drone: str, own: OwnPose, clocks: Clocks, frames: SwarmFrames, now_ns: int, flying: bool) -> tuple[str, ...]:
     """One line for each problem, the own ones before those of others. Before a flight an unknown frame is no problem."""
-    told = [problem for problem in (clocks.problem(now_ns), own.jump_problem(now_ns)) if problem is not None]
+    told = [problem for problem in (clocks.problem(now_ns), *own.problems(now_ns)) if problem is not None]
     if not flying:
         return tuple(told)
     suspects = frames.suspects()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -56,7 +55,7 @@ class Executive:
         self._world, self._own, self._counters = world, own, counters
         self._mission = Mission(mission.track, mission.survey, can_lose=mission.fusion.estimator != "given")
         frames, fusion = world.frames.graph, world.fusion
-        self._search = Search(mission, drone.id, frames, self._covered)
+        self._search = Search(mission, drone.id, frames)
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
         self._prospect = Prospect(lambda: fusion.outlook)
         self._navigator = Navigator(mission, drone, own, frames, self._search, InformedSearch(mission, self._prospect))
@@ -96,7 +95,7 @@ class Executive:
             self._navigator.home.took_off(self._own.vehicle)
             self._world.start(started_ns)
             self._coverage, self.finding = CoverageLog(self._coverage.swath_m), ""
-            self._search.divide_anew()
+            self._search.begin(started_ns)
         return True
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
@@ -106,9 +105,11 @@ class Executive:
         told = (unsteered, f"{coming_down}: {landed}" if landed else None, self._navigator.response.problem)
         return tuple(text for text in told if text is not None)
 
-    def divide_anew(self) -> None:
-        """Divide the area again: more has been covered than the present division assumes."""
-        self._search.divide_anew()
+    def take_coverage(self, entry: Coverage, anew: bool) -> None:
+        """Take what somebody has searched; ``anew``: the present division of the area lacks it, and is made again."""
+        self._search.take(entry)
+        if anew:
+            self._search.divide_anew()
 
     def step(self, now_ns: int, peers: Peers) -> Decision:
         """Advance the mission, and plan."""
@@ -118,11 +119,6 @@ class Executive:
         self._mission.step(self._situation(now_ns))
         self._remember(now_ns)
         return self._decide(now_ns, peers)
-
-    def _covered(self) -> Iterable[Coverage]:
-        """The coverage of this mission by the log: what was searched before its start may hold the source by now."""
-        since_ns = self._mission.started_ns
-        return (entry for entry in self._world.fusion.log.entries(Coverage) if entry.stamp_ns >= since_ns)
 
     def _rejoin(self, memory: Memory, vehicle: VehicleState) -> None:
         """Continue the stored flight, or discard it where the vehicle is on the ground."""
@@ -139,6 +135,7 @@ class Executive:
         if memory.response is not None:
             self._navigator.response.remember(memory.response)
         self._world.start(memory.started_ns)
+        self._search.begin(memory.started_ns)
 
     def _remember(self, now_ns: int) -> None:
         if self._remembered is None:

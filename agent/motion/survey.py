@@ -25,6 +25,7 @@ Area: TypeAlias = Polygon | MultiPolygon
 Swath: TypeAlias = tuple[NDArray[np.float64], float]  # flown path (K, 2), width that it covers
 
 _SLIVER = 0.15  # share of the swath width: narrower remainders come from lag and cut corners, and are left out
+MOST_POINTS = 300  # of a remainder: of a more ragged one, wider slivers are left out, because lanes cost a millisecond a point
 _EQUAL = 1.02  # extents within this ratio count as equal, so that rounding does not rotate a cut
 
 
@@ -50,6 +51,19 @@ def survey_paths(
     return {drone: _sweep(segment, lane_spacing_m, starts.get(drone), detours) for drone, segment in segments.items()}
 
 
+def survey_path(
+    area: Polygon,
+    rest: Area,
+    drone: str,
+    drones: Sequence[str],
+    lane_spacing_m: float,
+    starts: Mapping[str, Point2],
+) -> NDArray[np.float64]:
+    """The path of one of the drones, as ``survey_paths`` has it, where ``rest`` of the area is not covered yet."""
+    segment = divide(rest, drones, starts)[drone]
+    return _sweep(segment, lane_spacing_m, starts.get(drone), Detours(area))
+
+
 def divide(area: Area, drones: Sequence[str], starts: Mapping[str, Point2] | None = None) -> dict[str, Area]:
     """Segments of equal area, one for each drone, each on the drone's side of the area.
 
@@ -73,14 +87,35 @@ def uncovered(area: Area, coverage: Sequence[Swath]) -> Area:
 
     Rounded ends are drawn with chords, so that coverage is never overstated.
     """
-    if not coverage:
-        return area
+    return left(area, covered(coverage), min(width for _, width in coverage)) if coverage else area
+
+
+def covered(coverage: Sequence[Swath]) -> Area:
+    """The union of swaths."""
     flown = [LineString(path) if len(path) > 1 else Point(path[0]) for path, _ in coverage]
     widths = np.array([width for _, width in coverage])
-    rest = area.difference(shapely.union_all(shapely.buffer(flown, widths / 2.0, quad_segs=4)))
-    sliver_m = _SLIVER * float(widths.min())
-    opened = rest.buffer(-sliver_m / 2.0, join_style="mitre").buffer(sliver_m / 2.0, join_style="mitre")
-    return _areal(shapely.simplify(opened, 0.02 * sliver_m).intersection(area), least_m2=sliver_m**2)
+    union: Area = shapely.union_all(shapely.buffer(flown, widths / 2.0, quad_segs=4))
+    return union
+
+
+def left(area: Polygon, done: Area, swath_m: float) -> Area:
+    """The part of the area outside of what is ``done``, without slivers narrow against the swath's width; may be empty."""
+    if done.is_empty:
+        return area
+    rest = area.difference(done)
+    sliver_m = _SLIVER * swath_m
+    found = _opened(rest, sliver_m, 0.02)
+    while shapely.get_num_coordinates(found) > MOST_POINTS and sliver_m < swath_m:
+        sliver_m *= 2.0
+        found = _opened(found, sliver_m, 0.1)
+    return _areal(found.intersection(area), least_m2=sliver_m**2)
+
+
+def _opened(shape: Area, sliver_m: float, tolerance: float) -> Area:
+    """Without what is narrower; simplified by that share of it."""
+    opened = shape.buffer(-sliver_m / 2.0, join_style="mitre").buffer(sliver_m / 2.0, join_style="mitre")
+    simple: Area = shapely.simplify(opened, tolerance * sliver_m)
+    return simple
 
 
 def _divide(area: Area, drones: list[str], starts: Mapping[str, Point2]) -> list[tuple[str, Area]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,15 @@ from agent.geometry import Point2
 from agent.motion.detour import Detours
 from agent.motion.informative import LARGEST_M2, Belief, Waypoints
 from agent.motion.path import PathFollower
-from agent.motion.survey import Swath, survey_paths
+from agent.motion.survey import left, survey_path
+from agent.navigation.covered import Covered, Path
 from protocol.entries import Coverage
 
 COVERAGE_S = 5.0  # period of the coverage reports
 POINT_M = 1.0  # distance between the points of a coverage path
 LOOK_NS = 1_000_000_000  # period of the outlook, and of the choice of a waypoint
+_PORTION = 3.0  # of the work on new coverage, in a step
+_LONGEST_SHARE = 1.5  # of the way at the speed limit between two coverage reports: no longer path is believed
 _TURN_SHARE = 0.75  # of the acceleration limit, assumed for turns
 
 
@@ -30,19 +33,28 @@ class Search:
     A division follows from the log's coverage alone, so drones with the same log divide alike. Mission frame throughout.
     """
 
-    def __init__(
-        self, mission: MissionConfig, drone: str, frames: FrameGraph, coverage: Callable[[], Iterable[Coverage]]
-    ) -> None:
-        """``coverage``: returns all coverage entries of the log, ordered by identity."""
+    def __init__(self, mission: MissionConfig, drone: str, frames: FrameGraph) -> None:
+        """For one drone of a mission, of which no coverage is known yet."""
         self._area = Polygon(mission.area.polygon_m)
         self._survey = mission.survey
         self._drone = drone
-        self._frames = frames
-        self._coverage = coverage
+        self._frames, self._revision = frames, frames.revision
+        longest_m = _LONGEST_SHARE * COVERAGE_S * max(mission.limits.speed_mps, mission.survey.speed_mps) + POINT_M
+        self._covered = Covered(self._path_of, mission.survey.lane_spacing_m, longest_m)
         self._launch: dict[str, Point2] = {one.id: (one.origin_m[0], one.origin_m[1]) for one in mission.drones}
         self._shared_by: tuple[str, ...] = ()
         self._follower: PathFollower | None = None
         self._progress = 0.0
+        self._again = False  # the division is of less than is known by now
+
+    def begin(self, started_ns: int) -> None:
+        """A mission begins: only what is covered since its start counts."""
+        self._covered.begin(started_ns)
+        self._follower = None
+
+    def take(self, entry: Coverage) -> None:
+        """Take a new entry of the log, in any order."""
+        self._covered.take(entry)
 
     def reference(
         self, active: Sequence[str], position: Point2, steps: int, step_s: float
@@ -55,6 +67,7 @@ class Search:
             steps: of the reference.
             step_s: between its points.
         """
+        self._keep_up()
         if self._follower is None or tuple(active) != self._shared_by or self._progress >= self._follower.length_m:
             self._shared_by, self._progress = tuple(active), 0.0
             self._follower = self._divide(active, position)
@@ -62,24 +75,32 @@ class Search:
         return self._follower.reference(self._progress, position, self._survey.speed_mps, steps, step_s)
 
     def divide_anew(self) -> None:
-        """Discard the present division: more has been covered than it assumes."""
-        self._follower = None
+        """Discard the present division, once all that is known is counted: more has been covered than it assumes."""
+        self._again = True
+
+    def _keep_up(self) -> None:
+        """Count new coverage, a bounded part of it in each step; until that is done the present division serves."""
+        for (drone, _), from_ns in self._frames.changes(self._revision).items():
+            self._covered.moved(drone, from_ns)
+        self._revision = self._frames.revision
+        self._covered.work(_PORTION)
+        if self._again and not self._covered.pending:
+            self._again, self._follower = False, None
+
+    def _path_of(self, coverage: Coverage) -> Path | None:
+        transform = self._frames.mission_from_local(coverage.drone, coverage.epoch, coverage.stamp_ns)
+        if transform is None:
+            return None
+        return transform.apply(np.array([(x, y, 0.0) for x, y in coverage.path_m]))[:, :2]
 
     def _divide(self, active: Sequence[str], position: Point2) -> PathFollower:
-        swaths: list[Swath] = []
-        ends = {drone: self._launch[drone] for drone in active}  # positions that all drones know
-        for coverage in self._coverage():
-            transform = self._frames.mission_from_local(coverage.drone, coverage.epoch, coverage.stamp_ns)
-            if transform is None:
-                continue
-            path = transform.apply(np.array([(x, y, 0.0) for x, y in coverage.path_m]))[:, :2]
-            swaths.append((path, coverage.swath_m))
-            if coverage.drone in ends:
-                ends[coverage.drone] = (float(path[-1, 0]), float(path[-1, 1]))
+        self._again = self._again or self._covered.pending
+        ends = {drone: self._covered.end(drone) or self._launch[drone] for drone in active}  # positions that all drones know
         spacing_m = self._survey.lane_spacing_m
-        path = survey_paths(self._area, active, swaths, spacing_m, ends)[self._drone]
+        rest = left(self._area, self._covered.area, spacing_m)
+        path = survey_path(self._area, rest, self._drone, active, spacing_m, ends)
         if len(path) == 0:  # all is covered and nothing was found: start again
-            path = survey_paths(self._area, active, [], spacing_m, ends)[self._drone]
+            path = survey_path(self._area, self._area, self._drone, active, spacing_m, ends)
         return PathFollower(np.vstack([position, path]))  # the way to the first lane is part of the path
 
 

@@ -43,6 +43,7 @@ from protocol.messages import Stage
 from protocol.session import Mesh, MeshConfig
 
 PERIOD_S = 0.05
+ADVANCE_S = 0.02  # between two slices of work on the log, however many bursts of messages come
 LOOK_S = 0.5  # between two checks for problems
 LATE_STEP_S = 0.2  # a step this late is reported; the autopilot's timeout is 1 s
 LATE_S = 5.0  # a late step is reported for this long
@@ -74,7 +75,7 @@ class Node:
         self._store = StateStore(drone.state, drone.id, log)
         self._stage: Stage | None = None
         self._told: dict[str, tuple[str, ...]] = {"warning": (), "problem": ()}
-        self._late_s = float("-inf")  # when a step was last late
+        self._late_s = self._advanced_s = float("-inf")  # when a step was last late, and the log last worked on
         self._tasks: list[asyncio.Task[None]] = []
         self._closers: list[Callable[[], Coroutine[None, None, None]]] = []
         self.counters: Counter[str] = Counter()
@@ -117,7 +118,7 @@ class Node:
             self._mission.swarm,
             self._drone.id,
             receive=contained("messages", lambda key, payload: self._pilot.receive(key, payload, time.time_ns()), None),
-            drained=contained("log entries", lambda: self._pilot.advance(time.time_ns()), None),
+            drained=contained("log entries", self._advance, None),
             answer=contained("log queries", self._pilot.log_answer, []),
         )
         self._closers.append(self._mesh.close)
@@ -201,6 +202,13 @@ class Node:
         tasks = len(asyncio.all_tasks())
         counters = {"node": self.counters, "mesh": self._mesh.counters, "pilot": self._pilot.counters}
         self._log.debug("counters", pid=os.getpid(), tasks=tasks, **counters)
+
+    def _advance(self) -> None:
+        """Have new entries in the hypothesis before the next step."""
+        now_s = time.monotonic()
+        if now_s - self._advanced_s >= ADVANCE_S:
+            self._pilot.advance(time.time_ns())
+            self._advanced_s = time.monotonic()
 
     def _step(self) -> None:
         """Make one step and send its results. Nothing computed before a stall is sent."""

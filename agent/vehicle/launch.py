@@ -29,8 +29,8 @@ class LaunchSurvey:
     An autopilot that flies without satellites (``gnss`` False) has no such origin. Its frame stays the same until it is rebooted;
     an origin that appears later, because a receiver has found satellites, does not move the frame.
 
-    A frame that jumps in flight begins a new epoch. A mission with an exactly known frame (``exact``) has no epochs: the jump is
-    only reported, because the position of the new frame would be unknown.
+    A frame that jumps in flight begins a new epoch. Where the mission knows the frame exactly (``exact``), it knows that of the
+    first epoch only; so the jump is reported too.
     """
 
     def __init__(self, stored: LaunchPlace | None = None, gnss: bool = True, exact: bool = False) -> None:
@@ -79,9 +79,8 @@ class LaunchSurvey:
 
     def jumped(self) -> None:
         """The autopilot's frame has jumped: in flight a new epoch begins; before it the place is measured again."""
-        if self._frozen and self._exact:
-            self._jumps += 1
-        elif self._place is not None and self._frozen:
+        if self._place is not None and self._frozen:
+            self._jumps += self._exact
             self._place = replace(self._place, epoch=self._place.epoch + 1)
         self._samples.clear()
 
@@ -130,7 +129,10 @@ class LaunchSurvey:
         if not same:
             self.problem = "the autopilot has moved the origin of its local frame in flight: land"
         elif self._jumps:
-            self.problem = "the autopilot's position or heading has jumped in flight, but the mission defines its frame as exact"
+            self.problem = (
+                "the autopilot's position or heading has jumped in flight, but the mission defines its frame as exact: "
+                "from then on it is known by the drone's motion only"
+            )
         else:
             self.problem = None
 

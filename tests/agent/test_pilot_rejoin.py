@@ -58,7 +58,7 @@ def test_what_is_remembered_follows_the_flight_and_fits_a_file():
     assert one.memory is kept  # nothing new to write
     fly(one, START_NS + 4 * SECOND, 2.0, FlightMode.OFFBOARD)
     assert one.memory.stamp_ns > kept.stamp_ns
-    fly(one, START_NS + 6 * SECOND, 1.0, FlightMode.HOLD, armed=False, in_air=False)
+    fly(one, START_NS + 6 * SECOND, 3.0, FlightMode.HOLD, position=(0.0, 0.0, 0.1), armed=False, in_air=False)
     assert one.stage is Stage.LANDED
     assert one.memory is None
 
@@ -206,17 +206,18 @@ def test_what_it_covered_before_is_not_searched_again():
     here = {"position": (1.0, 25.0, 3.0), "healthy": False}
     one.observe_vehicle(state(BACK_NS, FlightMode.RETURN, **here))
     one.step(BACK_NS)
-    coverage = Coverage(
-        stamp_ns=START_NS + 20 * SECOND,
-        drone="d2",
-        mission=MISSION.mission_id,
-        boot="0" * 15 + "2",
-        sequence=1,
-        epoch=0,
-        path_m=((20.0, -10.0), (20.0, 60.0)),
-        swath_m=42.0,
-    )
-    one.receive(key_of("radron", coverage), encode(coverage), BACK_NS)
+    for sequence, x in enumerate((5.0, 15.0, 25.0, 35.0)):
+        coverage = Coverage(
+            stamp_ns=START_NS + (20 + 5 * sequence) * SECOND,
+            drone="d2",
+            mission=MISSION.mission_id,
+            boot="0" * 15 + "2",
+            sequence=sequence,
+            epoch=0,
+            path_m=((x, -5.0), (x, 55.0)),
+            swath_m=MISSION.survey.lane_spacing_m,
+        )
+        one.receive(key_of("radron", coverage), encode(coverage), BACK_NS)
     plans = []
     for tick in range(1, 9):
         now_ns = BACK_NS + tick * TICK_NS

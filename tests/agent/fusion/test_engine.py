@@ -13,6 +13,7 @@ from agent.frames.transform import Transform
 from agent.fusion.engine import BEFORE_START_NS, Fusion
 from agent.fusion.paper import PaperEstimator
 from agent.fusion.registry import estimator_named
+from agent.fusion.timeline import MOST_OBSERVATIONS
 from protocol.codec import encode
 from protocol.entries import Cone
 
@@ -145,9 +146,7 @@ class Counting(PaperEstimator):
 
 
 def test_a_late_entry_costs_what_is_behind_it_and_nothing_new_costs_nothing(kit, mission, entries):
-    plain = estimator_named("paper", mission)
-    counting = Counting(plain._config, plain._search, plain._rule)
-    fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), counting)
+    counting, fusion = counting_fusion(mission)
     cones = [entry for entry in entries if entry.boot == kit.BOOT and entry.sequence < 1000]
     late = cones[-6]
     kit.feed(fusion, [entry for entry in cones if entry is not late])
@@ -160,6 +159,69 @@ def test_a_late_entry_costs_what_is_behind_it_and_nothing_new_costs_nothing(kit,
     kit.settle(fusion, kit.T0_NS + END_NS)
     begin_ns = late.stamp_ns // 500_000_000 * 500_000_000
     assert counting.folded == sum(cone.stamp_ns >= begin_ns for cone in cones)
+
+
+def counting_fusion(mission):
+    plain = estimator_named("paper", mission)
+    counting = Counting(plain._config, plain._search, plain._rule)
+    return counting, Fusion(mission, FrameGraph.from_launch_layout(mission), counting)
+
+
+def test_old_entries_again_and_again_delay_nothing_and_are_all_in_it_in_the_end(kit, mission, entries):
+    """One each 0.3 s, each of which would have everything computed again: every call costs a slice at most, and the hypothesis
+    stays the newest.
+    """
+    cones = kit.flight(mission, np.random.default_rng(5), 120.0, lambda _: (40.0, 60.0), rate_hz=2.0)
+    counting, fusion = counting_fusion(mission)
+    punctual, late = [cone for cone in cones if cone.sequence % 3], [cone for cone in cones if cone.sequence % 3 == 0]
+    kit.feed(fusion, punctual[:80])
+    kit.settle(fusion, punctual[79].stamp_ns)
+    seen, most, waits = set(), 0, len(late)
+    now_ns = punctual[79].stamp_ns
+    for tick in range(1, 600):
+        now_ns += 50_000_000
+        if tick % 6 == 0 and waits:
+            waits -= 1
+            kit.feed(fusion, [late[waits]])
+        counting.folded = 0
+        fusion.advance(now_ns, budget=40)
+        most = max(most, counting.folded)
+        seen.add(fusion.hypothesis.stamp_ns)
+    assert most <= 2 * 40 / fusion.estimator.work(fusion.state, 1) + 1
+    assert len(seen) >= 60  # of every grid step
+    whole = fusion_of(mission)
+    kit.feed(whole, [*punctual[:80], *late[waits:]])
+    assert agrees(kit, fusion_at_rest(fusion, now_ns), fusion_at_rest(whole, now_ns))
+
+
+def fusion_at_rest(fusion, now_ns):
+    while True:
+        fusion.advance(now_ns)
+        if not fusion.pending:
+            return fusion
+
+
+def test_of_one_drone_and_step_only_so_many_count_whatever_comes(kit, mission):
+    flood = [
+        kit.cone_entry(mission, 0.1 + 1e-6 * number, (1.0, 2.0, 3.0), (0.6, 0.0, 0.8), 0.5, sequence=number)
+        for number in range(10 * MOST_OBSERVATIONS)
+    ]
+    other = kit.cone_entry(mission, 0.2, (1.0, 2.0, 3.0), (0.0, 0.6, 0.8), 0.5, drone="b")
+    now_ns = kit.T0_NS + 10**9
+    states = []
+    for order in (flood, flood[::-1]):
+        counting, fusion = counting_fusion(mission)
+        kit.feed(fusion, [*order, other])
+        fusion.advance(now_ns)
+        assert counting.folded == MOST_OBSERVATIONS + 1
+        assert len(fusion.log) == len(flood) + 1
+        states.append(fusion.digest)
+        counting.folded = 0
+        again = kit.cone_entry(mission, 0.3, (1.0, 2.0, 3.0), (0.6, 0.0, 0.8), 0.5, sequence=10**6)
+        kit.feed(fusion, [again])
+        fusion.advance(now_ns + 1)
+        assert counting.folded == 0  # what does not count costs nothing
+    assert states[0] == states[1]
 
 
 def test_with_a_hold_entries_gather_and_are_folded_once(kit, mission, entries):
@@ -196,7 +258,7 @@ def test_checkpoints_are_thinned_and_old_ones_remain(kit, mission):
         fusion.advance(cone.stamp_ns)
     assert len(fusion._timeline) > 200
     assert len(fusion._states) <= 64
-    assert min(fusion._states) < fusion._steps[80]
+    assert min(fusion._states) < fusion._timeline.between(-1, 2**62)[80]
     kit.feed(fusion, cones[20:21])
     kit.feed(whole, cones)
     end_ns = cones[-1].stamp_ns

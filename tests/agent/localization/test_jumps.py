@@ -2,9 +2,11 @@
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import SECOND, START_NS, TICK_NS, state
+from one_pilot import SECOND, START_NS, TICK_NS, messages, started, state
 
-from agent.localization.jumps import JumpDetector
+from agent.localization.jumps import CONFIRM_NS, JumpDetector
+from agent.vehicle.interface import FlightMode
+from protocol.messages import Status
 
 
 def flight(detector, steps, start=(0.0, 0.0, 3.0), velocity=(8.0, 0.0, 0.0), **values):
@@ -58,3 +60,43 @@ def test_epochs_only_grow_when_the_autopilot_counts_from_the_beginning_again(off
 def test_telemetry_without_a_jump_is_passed_on_unchanged():
     told = replace(state(START_NS), epoch=3)
     assert JumpDetector(8.0).take(told) is told
+
+
+def test_of_an_exact_frame_only_jumps_since_the_launch_count():
+    detector = JumpDetector(8.0, from_launch=True)
+    flight(detector, range(3), armed=False, in_air=False)
+    assert flight(detector, (3,), start=(30.0, 0.0, 3.0), armed=False, in_air=False) == [0]
+    assert flight(detector, (4, 5), start=(30.0, 0.0, 3.0)) == [0, 0]
+    assert flight(detector, (6,), start=(10.0, 0.0, 3.0)) == [1]
+
+
+def test_a_localisation_that_jumps_again_and_again_is_not_trusted():
+    detector = JumpDetector(8.0)
+    flight(detector, range(3))
+
+    def jump(step, away_m):
+        return detector.take(state(START_NS + step * TICK_NS, position=(away_m, 0.0, 3.0)))
+
+    assert jump(3, 20.0).position_trusted
+    assert jump(10, 0.0).position_trusted
+    distrusted = jump(20, 25.0)
+    assert not distrusted.position_trusted
+    assert distrusted.position_sigma_m == pytest.approx(25.0, abs=1.0)
+    assert not jump(20 + CONFIRM_NS // TICK_NS - 1, 25.0).position_trusted
+    assert jump(20 + CONFIRM_NS // TICK_NS, 25.0).position_trusted
+
+
+def test_a_drone_with_an_exact_frame_tells_of_a_jump_and_stays_where_it_is():
+    one = started()
+    statuses, away_m = [], 0.0
+    for tick in range(1, 60):
+        now_ns, away_m = START_NS + tick * TICK_NS, 20.0 if tick > 30 else 0.0
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, position=(away_m, 0.0, 3.0)))
+        step = one.step(now_ns)
+        statuses += messages(step, Status)
+        if tick > 31:
+            assert step.command.setpoint.position_m[0] == pytest.approx(away_m, abs=3.0)  # not back over the jump
+    assert any("its localisation jumped by 20 m" in text for text in statuses[-1].problems)
+    (x, y, _), frame = one.frames.graph.mission_from_local("d1", 0).translation, one.frames.graph.mission_from_local("d1", 1)
+    assert (x, y) == (5.0, 5.0)
+    assert frame is None  # what it measures from now on does not count

@@ -53,8 +53,8 @@ def test_after_a_jump_all_answers_agree_at_once(own, announced):
     assert own.sigma_m == pytest.approx(ADDED_M * math.sqrt(2.0))
     assert home.in_mission == home_before
     assert home.in_local == pytest.approx(JUMPED)
-    problem = own.jump_problem(jump_ns)
-    assert problem is None if announced else "without announcing it" in problem
+    problem = " ".join(own.problems(jump_ns))
+    assert (problem == "") if announced else "without announcing it" in problem
 
 
 def test_a_second_jump_before_the_log_knows_of_the_first_continues_the_continuation(own, graph):

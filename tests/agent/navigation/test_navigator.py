@@ -46,7 +46,7 @@ def flown(believed, seconds: float = 40.0, mission: MissionConfig = MISSION, sta
     believed: the hypothesis by the time.
     """
     frames = FrameGraph.from_launch_layout(mission)
-    search = Search(mission, "d1", frames, lambda: [])
+    search = Search(mission, "d1", frames)
     own = own_pose("d1", frames)
     navigator = Navigator(mission, AT_ONCE, own, frames, search, InformedSearch(mission, Prospect(lambda: None)))
     mission_from_local = frames.mission_from_local("d1", 0)
@@ -123,7 +123,7 @@ def flown_in(frame_at, seconds: float = 40.0):
     mission = replace(MISSION, area=replace(MISSION.area, fence_margin_m=10.0))
     frames = FrameGraph()
     frames.place("d1", 0, frame_at(0.0))
-    search, informed = Search(mission, "d1", frames, lambda: []), InformedSearch(mission, Prospect(lambda: None))
+    search, informed = Search(mission, "d1", frames), InformedSearch(mission, Prospect(lambda: None))
     own = own_pose("d1", frames)
     navigator = Navigator(mission, AT_ONCE, own, frames, search, informed)
     position, velocity, places = frame_at(0.0).inverse().apply_point((35.0, 25.0, 3.0)), (0.0, 0.0, 0.0), []

@@ -8,7 +8,9 @@ from shapely import LineString, Polygon
 from agent.config.mission import AreaConfig, DroneInMission, EncirclementConfig, MissionConfig, SurveyConfig
 from agent.frames.graph import FrameGraph
 from agent.fusion.estimator import Outlook
-from agent.navigation.surveying import COVERAGE_S, CoverageLog, InformedSearch, Prospect, Search, conclusion
+from agent.navigation import covered as covered_module
+from agent.navigation.covered import MOST_ENTRIES, MOST_WINDOWS
+from agent.navigation.surveying import _PORTION, COVERAGE_S, CoverageLog, InformedSearch, Prospect, Search, conclusion
 from protocol.entries import Coverage
 
 SQUARE = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
@@ -35,13 +37,16 @@ def coverage(drone, path, stamp_ns=0, epoch=0):
 
 
 @pytest.fixture
-def log():
-    return []
+def search():
+    return Search(MISSION, "a", FrameGraph.from_launch_layout(MISSION))
 
 
-@pytest.fixture
-def search(log):
-    return Search(MISSION, "a", FrameGraph.from_launch_layout(MISSION), lambda: log)
+def take(search, drone, path):
+    """As many entries as the drone would have published."""
+    line = LineString(path)
+    points = [line.interpolate(at_m).coords[0] for at_m in np.arange(0.0, line.length + 1.0, 1.001)]
+    for number, first in enumerate(range(0, len(points) - 1, 30)):
+        search.take(coverage(drone, points[first : first + 31], number * 5 * 10**9))
 
 
 def fly(search, active, start, seconds):
@@ -64,32 +69,32 @@ def test_alone_it_covers_everything(search):
     assert unseen_m2(fly(search, ["a"], (0.0, 0.0), 60.0)) < 0.02 * 1600
 
 
-def test_two_share_and_the_survivor_takes_over_what_is_left(search, log):
+def test_two_share_and_the_survivor_takes_over_what_is_left(search):
     mine = fly(search, ["a", "b"], (0.0, 0.0), 15.0)
     assert mine[:, 0].max() < 21.0
-    log.append(coverage("a", mine))
+    take(search, "a", mine)
     assert unseen_m2(mine, fly(search, ["a"], tuple(mine[-1]), 60.0)) < 0.02 * 1600
 
 
-def test_coverage_of_others_is_read_in_their_own_frame(search, log):
+def test_coverage_of_others_is_read_in_their_own_frame(search):
     """b's frame is turned by 90 degrees: its (y, x) is what a has before it."""
     mine = fly(search, ["a", "b"], (0.0, 0.0), 1.0)
     flown = [(0.0, 35.0), (30.0, 35.0)]  # in b's frame; in the mission frame from (5, 0) to (5, 30)
-    log.append(coverage("b", flown))
+    take(search, "b", flown)
     after = fly(search, ["a"], tuple(mine[-1]), 8.0)
     assert after[-1, 0] > 10.0  # nothing to do in the strip that b has seen
 
 
-def test_coverage_in_an_unknown_frame_waits(search, log):
-    log.append(coverage("b", [(0.0, 0.0), (100.0, 100.0)], epoch=7))
+def test_coverage_in_an_unknown_frame_waits(search):
+    search.take(coverage("b", [(0.0, 0.0), (100.0, 100.0)], epoch=7))
     assert unseen_m2(fly(search, ["a"], (0.0, 0.0), 60.0)) < 0.02 * 1600
 
 
-def test_at_the_end_of_its_path_it_flies_what_nobody_has_covered(search, log):
+def test_at_the_end_of_its_path_it_flies_what_nobody_has_covered(search):
     """A hole between two drones that had divided by different logs does not stay."""
     mine = fly(search, ["a", "b"], (0.0, 0.0), 30.0)
-    log.append(coverage("a", mine))
-    log.append(coverage("b", [(0.0, 15.0), (20.0, 15.0)]))  # b saw x = 20..30 up to y = 20 and then no more
+    take(search, "a", mine)
+    take(search, "b", [(0.0, 15.0), (20.0, 15.0)])  # b saw x = 20..30 up to y = 20 and then no more
     later = fly(search, ["a", "b"], tuple(mine[-1]), 60.0)
     seen_by_b = np.array([(25.0, 0.0), (25.0, 20.0)])
     before, after = unseen_m2(mine, seen_by_b), unseen_m2(mine, seen_by_b, later)
@@ -97,8 +102,80 @@ def test_at_the_end_of_its_path_it_flies_what_nobody_has_covered(search, log):
     assert after < 0.6 * before  # its fair half of the rest
 
 
-def test_it_starts_again_when_all_is_covered(search, log):
-    log.append(coverage("a", [(x, y) for k, x in enumerate(range(0, 41, 5)) for y in ((0, 40) if k % 2 == 0 else (40, 0))]))
+def shape_work(monkeypatch):
+    """Counts the shapes that are made, and the points of the largest."""
+    made = []
+    real = covered_module.covered
+
+    def counted(coverage):
+        made.append(sum(len(path) for path, _ in coverage))
+        return real(coverage)
+
+    monkeypatch.setattr(covered_module, "covered", counted)
+    return made
+
+
+def test_what_is_published_costs_a_bounded_part_of_each_step(search, monkeypatch):
+    """However much comes: the division is made of what is counted by then, and again when all is."""
+    made = shape_work(monkeypatch)
+    rng = np.random.default_rng(1)
+    for number in range(3000):  # five an hour
+        x, y = 35.0 * rng.random(2)
+        search.take(coverage("b", [(y, 40.0 - x - metre) for metre in range(6)], number * 10**9))
+    search.reference(["a"], (0.0, 0.0), 5, STEP_S)
+    assert len(made) <= _PORTION
+    fly(search, ["a"], (0.0, 0.0), 200.0)
+    assert len(made) == 3000 / 20
+    assert max(made) <= MOST_ENTRIES * 6
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        [(float(k * k % 37), float(k * k * k % 39)) for k in range(256)],  # to and fro over the area: ten kilometres
+        [(20.0 + k % 2, 20.0) for k in range(256)],
+        [(20.0 + 0.01 * k, 20.0) for k in range(256)],
+    ],
+)
+def test_what_no_drone_can_have_flown_does_not_count(search, monkeypatch, path):
+    made = shape_work(monkeypatch)
+    search.take(coverage("b", path))
+    search.take(replace(coverage("b", [(0.0, 0.0), (30.0, 0.0)], stamp_ns=1), swath_m=0.1))
+    fly(search, ["a"], (0.0, 0.0), 1.0)
+    assert made == []
+
+
+def test_of_a_path_that_goes_to_and_fro_a_few_points_count(search, monkeypatch):
+    made = shape_work(monkeypatch)
+    search.take(coverage("b", [(20.0 + k % 2, 20.0 + k // 2 % 2) for k in range(50)]))
+    fly(search, ["a"], (0.0, 0.0), 1.0)
+    assert made == [12]
+
+
+def test_the_order_of_arrival_does_not_matter():
+    flown = [[(x, y + metre) for metre in range(30)] for x in range(0, 20, 4) for y in (0.0, 8.0)]
+    entries = [coverage("a", path, number * 5 * 10**9) for number, path in enumerate(flown)]
+    tracks = []
+    for order in (entries, entries[::-1]):
+        one = Search(MISSION, "a", FrameGraph.from_launch_layout(MISSION))
+        for entry in order:
+            one.take(entry)
+            fly(one, ["a"], (0.0, 0.0), 1.0)
+        fly(one, ["a"], (0.0, 0.0), 5.0)
+        one.divide_anew()
+        tracks.append(fly(one, ["a"], (0.0, 0.0), 20.0))
+    assert np.array_equal(*tracks)
+
+
+def test_stamps_far_away_cost_no_more(search):
+    for number in range(2 * MOST_WINDOWS):
+        search.take(coverage("b", [(0.0, 0.0), (30.0, 0.0)], stamp_ns=number * 10**15))
+    fly(search, ["a"], (0.0, 0.0), 1.0)
+    assert sum(len(drone.windows) for drone in search._covered._drones.values()) == MOST_WINDOWS
+
+
+def test_it_starts_again_when_all_is_covered(search):
+    take(search, "a", [(x, y) for k, x in enumerate(range(0, 41, 5)) for y in ((0, 40) if k % 2 == 0 else (40, 0))])
     assert unseen_m2(fly(search, ["a"], (0.0, 0.0), 60.0)) < 0.02 * 1600
 
 

@@ -199,7 +199,7 @@ def test_a_jump_on_the_ground_begins_the_measurement_anew_and_no_epoch() -> None
     assert (survey.place.epoch, survey.place.north_m) == (0, pytest.approx(25.0))
 
 
-def test_a_jump_of_a_frame_that_the_mission_takes_for_exact_is_told_and_nothing_else() -> None:
+def test_a_jump_of_a_frame_that_the_mission_takes_for_exact_begins_an_epoch_and_is_told() -> None:
     survey = LaunchSurvey(gnss=False, exact=True)
     stand(survey, 0.0, 3.0)
     survey.jumped()  # on the ground it is measured anew
@@ -208,5 +208,7 @@ def test_a_jump_of_a_frame_that_the_mission_takes_for_exact_is_told_and_nothing_
     survey.observe(6.0, (10.0, -20.0, -3.0), **FLYING, booted_ns=BOOTED_NS, resets=4)
     survey.jumped()
     survey.observe(6.1, (10.0, -20.0, -3.0), **FLYING, booted_ns=BOOTED_NS, resets=4)
-    assert survey.place == before
+    assert survey.place is not None
+    assert before is not None
+    assert survey.place == replace(before, epoch=before.epoch + 1)
     assert "exact" in str(survey.problem)

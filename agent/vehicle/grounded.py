@@ -1,0 +1,59 @@
+"""Whether a vehicle that has flown is down: a report of it is confirmed by further ones, and by position and height.
+
+One faulty or forged packet must not end a flight: an agent that takes its vehicle for landed sends it nothing more.
+"""
+
+from __future__ import annotations
+
+from math import hypot
+
+from msgspec.structs import replace
+
+from agent.vehicle.interface import VehicleState
+
+CONFIRM_NS = 2_200_000_000  # two more heartbeats, at 1 Hz, must say the same
+STILL_NS = 5_000_000_000  # if it seems to stand high: on a roof, or where no rangefinder tells the height above ground
+LOW_M = 2.0
+MOVING_MPS = 1.0  # more than the estimate of a vehicle at rest wanders
+_TOLD_NS = 10_000_000_000
+
+
+class Grounded:
+    """Takes the telemetry of one vehicle; ``armed`` and ``in_air`` fall only once that is confirmed.
+
+    A vehicle that moves is not down, whatever it reports, as long as its position can be trusted.
+    """
+
+    def __init__(self) -> None:
+        self._armed = self._in_air = False
+        self._since_ns: int | None = None  # since when it has reported to be disarmed or landed
+        self._refused_ns: int | None = None
+
+    def take(self, state: VehicleState) -> VehicleState:
+        """The telemetry with what is believed of it."""
+        falls = (self._armed and not state.armed) or (self._in_air and not state.in_air)
+        if not falls:
+            self._since_ns = None
+        elif self._since_ns is None:
+            self._since_ns = state.stamp_ns
+        if falls and self._since_ns is not None and not self._confirmed(state, self._since_ns):
+            return replace(state, armed=state.armed or self._armed, in_air=state.in_air or self._in_air)
+        self._armed, self._in_air, self._since_ns = state.armed, state.in_air, None
+        return state
+
+    def problem(self, now_ns: int) -> str | None:
+        """What the operator is told of reports that the motion contradicts."""
+        if self._refused_ns is None or not 0 <= now_ns - self._refused_ns < _TOLD_NS:
+            return None
+        return "its autopilot reports that it has landed or is disarmed, but it flies by its position: not believed"
+
+    def _confirmed(self, state: VehicleState, since_ns: int) -> bool:
+        trusted = state.position_trusted
+        moves = trusted and hypot(*state.velocity_mps) > MOVING_MPS
+        high = trusted and state.height_m > LOW_M
+        if moves or (high and not state.armed):
+            self._refused_ns = state.stamp_ns
+        if moves:
+            self._since_ns = state.stamp_ns  # from the beginning once it is still
+            return False
+        return state.stamp_ns - since_ns >= (STILL_NS if high else CONFIRM_NS)
