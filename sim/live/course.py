@@ -19,6 +19,7 @@ from sim.world.frame import LocalFrames
 TRUTH_S = 0.05  # interval of truths
 LANDING_S = 120.0
 READY_AGAIN_S = 5.0  # time until a vehicle that was just disarmed can be armed again, and its agent knows
+_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 SETTLE_S = 15.0  # time in which the agents' logs become equal once the cameras are off
 
 
@@ -35,6 +36,7 @@ class Course:
         self._recorder = Recorder(scenario, operator.observer.agents, frames, TRUTH_S)
         self._went_s: float | None = None  # the world's time at the start of the mission
         self._begun = self._over = False
+        self._started_drones: set[str] = set()
         self._late_s, self._dropped = 0.0, 0
 
     async def fly(self, patience_s: float) -> tuple[Flight, LiveReport]:
@@ -75,7 +77,7 @@ class Course:
         began_s = time.monotonic()
         self._went_s = self._world.truth.time_s
         try:
-            await operator.command(Action.START, self._started, None)
+            await operator.command(Action.START, self._started, None, self._unstarted)
             await operator.until(lambda: self._over, None)
         finally:
             operator.watchers.remove(self._see)
@@ -96,6 +98,7 @@ class Course:
         if self._went_s is not None:
             time_s = truth.time_s - self._went_s
             self._late_s, self._dropped = max(self._late_s, truth.late_s), self._dropped + truth.dropped
+            self._started_drones |= {agent.drone for agent in self._operator.observer.agents if agent.stage not in _GROUND}
             # Agents that have landed from an earlier mission have not ended this one.
             self._begun = self._begun or not self._all_landed() or time_s > LONGEST_START_S
             if self._begun and not self._over:
@@ -107,4 +110,8 @@ class Course:
         return all(agent.stage is Stage.LANDED for agent in self._operator.observer.agents)
 
     def _started(self) -> bool:
-        return self._over or all(agent.stage not in (Stage.PREFLIGHT, Stage.LANDED) for agent in self._operator.observer.agents)
+        return self._over or not self._unstarted()
+
+    def _unstarted(self) -> tuple[str, ...]:
+        """The drones that have not flown yet. One that is down again after a short flight must not be sent up once more."""
+        return tuple(agent.drone for agent in self._operator.observer.agents if agent.drone not in self._started_drones)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import AsyncExitStack
+
+from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
 from protocol.codec import encode
@@ -55,8 +57,8 @@ class Operator:
         """Whether all agents are on the ground."""
         return all(agent.stage in (Stage.LANDED, Stage.PREFLIGHT) for agent in self.observer.agents)
 
-    async def get_ready(self, within_s: float) -> None:
-        """Wait until every agent can be started, and report what is waited for.
+    async def get_ready(self, within_s: float, without: Collection[str] = ()) -> None:
+        """Wait until every agent can be started, and report what is waited for; ``without``: drones that come later.
 
         Raises:
             LiveError: an agent ends, or they are not ready in time.
@@ -65,7 +67,7 @@ class Operator:
 
         def ready() -> bool:
             nonlocal obstacles
-            before, obstacles = obstacles, self.observer.obstacles()
+            before, obstacles = obstacles, self.observer.obstacles(without)
             if obstacles and obstacles != before:
                 self.view.say(f"waiting: {'; '.join(obstacles)}")
             ended = [child for child in self._running if child.exit_code is not None]
@@ -76,17 +78,26 @@ class Operator:
         if not await self.until(ready, within_s):
             raise LiveError(f"the swarm is not ready after {within_s:g} s: {'; '.join(obstacles)}")
 
-    async def command(self, action: Action, obeyed: Callable[[], bool], within_s: float | None) -> bool:
-        """Send a command to all until it is obeyed. Copies carry the same stamp: the mission begins at one time for all
-        drones.
+    async def command(
+        self,
+        action: Action,
+        obeyed: Callable[[], bool],
+        within_s: float | None,
+        addressees: Callable[[], tuple[str, ...]] | None = None,
+    ) -> bool:
+        """Send a command until it is obeyed. Copies carry the same stamp: the mission begins at one time for all drones.
+
+        ``addressees``: the drones that have yet to obey; None: all.
         """
         deadline_s = time.monotonic() + (within_s if within_s is not None else float("inf"))
         while not obeyed() and time.monotonic() < deadline_s:
             renew_s = min(time.monotonic() + RENEW_S, deadline_s)
             message = Command(stamp_ns=time.time_ns(), station=STATION, mission=self.mission.mission_id, action=action)
-            key, payload = key_of(self.mission.swarm, message), encode(message)
+            key = key_of(self.mission.swarm, message)
             while time.monotonic() < renew_s:
-                self._mesh.publish(key, payload)
+                drones = () if addressees is None else addressees()
+                if drones or addressees is None:
+                    self._mesh.publish(key, encode(replace(message, drones=drones)))
                 if await self.until(obeyed, REPEAT_S):
                     return True
         return obeyed()

@@ -29,7 +29,7 @@ from sim.result import Flight
 from sim.scenario import Scenario
 from sim.vehicle.px4.config import Address
 
-READY_S = 60.0  # time in which agents on this machine get ready
+READY_S = 180.0  # time in which agents on this machine get ready: 10 s, or minutes where it is starved
 ELSEWHERE_READY_S = 300.0  # agents elsewhere may have to be started first
 STOP_S = 3.0  # an agent takes 2 s to end
 FIRST_FEED_PORT, FIRST_VISION_PORT, FIRST_SIGHTINGS_PORT = 5600, 5700, 5800
