@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from contextlib import AsyncExitStack
 
 from msgspec.structs import replace
@@ -14,6 +14,7 @@ from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command, Stage
 from protocol.session import Mesh, MeshConfig
+from sim.live.agents import Agents
 from sim.live.monitor import Observer
 from sim.live.processes import Child
 from sim.live.view import View
@@ -29,14 +30,14 @@ STATION = "sim"
 class Operator:
     """``observer``: the agents as observed. ``watchers``: called with each truth."""
 
-    def __init__(self, mission: MissionConfig, world: WorldProcess, agents: Sequence[Child], view: View) -> None:
+    def __init__(self, mission: MissionConfig, world: WorldProcess, agents: Agents, view: View) -> None:
         """``agents``: those on this machine."""
         self.mission = mission
         self.world = world
         self.view = view
         self.observer = Observer(mission, time.monotonic)
         self.watchers: list[Callable[[Truth], None]] = []
-        self._running = list(agents)
+        self._agents = agents
         self._mesh: Mesh
         self._watching: asyncio.Task[None]
 
@@ -70,7 +71,7 @@ class Operator:
             before, obstacles = obstacles, self.observer.obstacles(without)
             if obstacles and obstacles != before:
                 self.view.say(f"waiting: {'; '.join(obstacles)}")
-            ended = [child for child in self._running if child.exit_code is not None]
+            ended = [child for child in self._agents.running if child.exit_code is not None]
             if ended:
                 raise LiveError(_exit_message(ended[0]))
             return not obstacles
@@ -114,8 +115,8 @@ class Operator:
                 return False
             if self._watching.done():
                 self._watching.result()
-            for child in [child for child in self._running if child.exit_code is not None]:
-                self._running.remove(child)
+            for child in [child for child in self._agents.running if child.exit_code is not None]:
+                self._agents.running.remove(child)
                 self.view.say(_exit_message(child))
             await asyncio.sleep(LOOK_S)
         return True

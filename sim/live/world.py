@@ -68,6 +68,9 @@ class Vehicles(Protocol):
     def switch_satellites(self, drone: int, received: bool) -> None:
         """Switch a vehicle's satellite reception."""
 
+    def take_over(self, drone: int, mode: str) -> None:
+        """A pilot takes a vehicle over by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
+
     def reports(self) -> list[VehicleReport]:
         """An observer's view of each vehicle, besides its motion."""
 
@@ -107,6 +110,7 @@ class World:
         self._went_s: float | None = None  # start of the mission
         self._late_s = 0.0
         self._dropped = 0
+        self._dead_cameras: set[int] = set()
 
     async def start(self) -> Ready:
         """Open the links and the feeds, and write the cameras' calibrations."""
@@ -163,6 +167,12 @@ class World:
                     self._vehicles.switch_satellites(int(drone), False)
                 case Order.SATELLITES_ON:
                     self._vehicles.switch_satellites(int(drone), True)
+                case Order.CAMERA_OFF:
+                    self._dead_cameras.add(int(drone))
+                case Order.CAMERA_ON:
+                    self._dead_cameras.discard(int(drone))
+                case Order.PILOT_MANUAL | Order.PILOT_HOLD | Order.PILOT_RETURN | Order.PILOT_LAND:
+                    self._vehicles.take_over(int(drone), order.removeprefix("pilot "))
 
     def _source(self) -> tuple[float, float] | None:
         """The source's position. It appears at the start of the mission: however long the agents take to get ready, they learn as
@@ -211,7 +221,9 @@ class World:
             if step > 0 and step % EXPOSE_STEPS == EXPOSE_STEPS // 2:
                 self._cameras.expose(drone, now_ns - half_ns, now_ns + half_ns, self._motion, self._source())
             if step > 0 and step % READ_STEPS == 0:
-                feed.send(self._cameras.read_out(drone))
+                readout = self._cameras.read_out(drone)
+                if drone not in self._dead_cameras:
+                    feed.send(readout)
 
     def _tell(self, out: asyncio.WriteTransport) -> None:
         """Send the truth; a launcher that does not read it must not delay the world."""
