@@ -49,7 +49,7 @@ READ_STEPS = 20  # cameras are read out at 5 Hz
 POSE_STEPS = 3  # SLAM poses at 33 Hz
 ALIVE_STEPS = 50  # between keep-alive lines of sensors without data
 CATCH_UP_STEPS = 10  # largest number of steps at once when the world is behind; then the links are served
-SLIP_S = 1.0  # a world further behind than this has stood still: it goes on from there under the present time
+SLIP_S = 0.3  # a world further behind than this has stood still: it goes on from there under the present time
 _BACKLOG_BYTES = 1 << 20  # of truths that the launcher has not read
 
 
@@ -139,7 +139,8 @@ class World:
             behind_s = loop.time() - began_s - self._steps * STEP_S
             self._late_s = max(self._late_s, behind_s)
             if behind_s > SLIP_S:
-                # On a starved machine it might never catch up, and no agent uses a readout that is seconds old.
+                # A starved machine might never catch up, and no agent uses a readout that is seconds old. And setpoints arrive in
+                # real time: in a world that catches up they come too seldom, and its autopilots' failsafes take over.
                 began_s += behind_s
                 self._began_ns += int(behind_s * 1e9)
                 behind_s = 0.0
