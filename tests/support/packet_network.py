@@ -1,7 +1,6 @@
 """Hosts in network namespaces whose packets pass through a process that can lose, delay, reorder, duplicate and corrupt them.
 
-``python packet_network.py COUNT SEED``, as root: hosts 1 to COUNT in namespaces of their own, and the host ``HUB`` in the caller's.
-Prints "up"; each line of its input sets the state of all links between two hosts of the namespaces (JSON of ``LinkState``).
+``python packet_network.py COUNT SEED``, as root: hosts 1 to COUNT in namespaces of their own, and ``HUB`` in the caller's. Prints "up"; each line of its input sets the state of all links between two hosts of the namespaces (JSON of ``LinkState``).
 """
 
 from __future__ import annotations

@@ -251,7 +251,7 @@ def test_gives_way_to_a_hold_from_the_ground_station_but_waits_for_offboard():
 
 
 def test_a_hold_that_it_asked_for_itself_is_nobodys_takeover_but_one_that_stays_is():
-    """Without new telemetry the agent asks for a hold; the heartbeat shows it when the agent has long asked for offboard again."""
+    """For want of telemetry it asks for a hold; the heartbeat shows it when it has long asked for offboard again."""
     mission = tracking()
     held_by(mission, OFFBOARD, 12.0, 13.0)
     mission.hold_asked(int(13.1 * SECOND))
