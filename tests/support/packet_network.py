@@ -1,6 +1,7 @@
 """Hosts in network namespaces whose packets pass through a process that can lose, delay, reorder, duplicate and corrupt them.
 
-``python packet_network.py COUNT SEED``, as root: hosts 1 to COUNT in namespaces of their own, and ``HUB`` in the caller's. Prints "up"; each line of its input sets the state of all links between two hosts of the namespaces (JSON of ``LinkState``).
+``python packet_network.py COUNT SEED``, as root: hosts 1 to COUNT in namespaces of their own, ``HUB`` in the caller's.
+It says "up"; each line of its input then sets the state of all links between two hosts of the namespaces (``LinkState`` as JSON).
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ import os
 import struct
 import subprocess
 import sys
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from random import Random
 
 import msgspec
@@ -24,12 +26,35 @@ READ_BYTES = 65_536
 
 
 def address(host: int) -> str:
-    return f"10.77.{os.getuid() % 250}.{host}"
+    return f"10.77.0.{host}"
 
 
 def namespace(pid: int, host: int) -> str:
     """Name of a host's namespace; ``pid``: of the process that runs the network."""
     return f"radron-{pid}-{host}"
+
+
+@contextmanager
+def packet_network(count: int, seed: int) -> Iterator[tuple[list[str], list[list[str]], Callable[[LinkState], None]]]:
+    """A running network: the hosts' addresses, the beginning of a command on each, and what sets the state of all links."""
+    command = [sys.executable, __file__, str(count), str(seed)]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdin is not None
+    assert process.stdout is not None
+    orders = process.stdin
+
+    def impair(state: LinkState) -> None:
+        orders.write(msgspec.json.encode(state).decode() + "\n")
+        orders.flush()
+
+    hosts = range(1, count + 1)
+    try:
+        assert process.stdout.readline() == "up\n"
+        yield [address(host) for host in hosts], [["ip", "netns", "exec", namespace(process.pid, host)] for host in hosts], impair
+    finally:
+        process.stdin.close()
+        process.wait()
+        process.stdout.close()
 
 
 def ip(*words: str) -> None:

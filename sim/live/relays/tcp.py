@@ -130,12 +130,11 @@ class Relay:
     async def _until_open(self, reader: asyncio.StreamReader) -> bytes | None:
         """Wait until both directions pass; what was sent meanwhile, or None where the caller has given up."""
         early = b""
-        opening = asyncio.gather(self.there.open.wait(), self.back.open.wait())
+        opening = asyncio.create_task(self._opens())
+        await asyncio.sleep(0.0)
         try:
-            while True:
-                reading = asyncio.ensure_future(reader.read(READ_BYTES)) if not opening.done() else None
-                if reading is None:
-                    return early
+            while not opening.done():
+                reading = asyncio.create_task(reader.read(READ_BYTES))
                 await asyncio.wait((opening, reading), return_when=asyncio.FIRST_COMPLETED)
                 if not reading.done():
                     reading.cancel()
@@ -145,8 +144,14 @@ class Relay:
                 if not reading.result():
                     return None
                 early += reading.result()
+            return early
         finally:
             opening.cancel()
+
+    async def _opens(self) -> None:
+        while not (self.there.open.is_set() and self.back.open.is_set()):
+            await self.there.open.wait()
+            await self.back.open.wait()
 
     async def _connect(self, early: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         there_reader, there_writer = await asyncio.open_connection(*self._target)
