@@ -53,6 +53,7 @@ class MeshConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     listen: str | None = None  # None: dial only (operators)
     connect: tuple[str, ...] = ()
     multicast: bool = False  # also find peers by multicast
+    gossip: bool = True  # also dial peers that another one announces; False: only those above
 
 
 async def open_session(config: MeshConfig, dial_all: bool) -> zenoh.Session:
@@ -151,6 +152,7 @@ async def _settings_of(config: MeshConfig, dial_all: bool) -> dict[str, object]:
         "listen/endpoints": listen,
         "connect/endpoints": list(numbers[len(names) :]),
         "scouting/multicast/enabled": config.multicast,
+        "scouting/gossip/enabled": config.gossip,
         "scouting/gossip/autoconnect_strategy": "always" if dial_all else "greater-zid",
     }
 

@@ -21,6 +21,7 @@ from protocol.errors import MeshError, ProtocolError
 from protocol.inbox import ENTRY_KINDS, NEWS_KINDS, Inbox, Receive
 from protocol.keys import ROOT, drone_key, parse_key
 from protocol.link import MeshConfig, close_session, in_thread, open_session
+from protocol.outgoing import Outgoing
 from protocol.units import STATION
 
 __all__ = ["Mesh", "MeshConfig"]
@@ -58,6 +59,7 @@ class Mesh:
         self._answer = answer
         self._loop = asyncio.get_running_loop()
         self._inbox = Inbox(self._loop, swarm, receive, drained or (lambda: None), self.counters)
+        self._outgoing = Outgoing(lambda: self._to_loop(self._count, "publish_failed"))
         self._publishers: dict[str, zenoh.Publisher | ext.AdvancedPublisher] = {}
         self._declared: list[object] = []  # Zenoh undeclares what is not referenced
         self._alive: set[str] = set()
@@ -120,7 +122,10 @@ class Mesh:
         try:
             if publisher is None:
                 publisher = self._publishers[key] = self._publisher(key)
-            publisher.put(payload)
+            if isinstance(publisher, ext.AdvancedPublisher):
+                self._outgoing.put(publisher, payload)
+            else:
+                publisher.put(payload)
         except zenoh.ZError:
             self.counters["publish_failed"] += 1
 
@@ -170,6 +175,7 @@ class Mesh:
     async def close(self) -> None:
         """Leave the swarm, within a second whatever the peers do. Afterwards nothing is received, and publications fail."""
         self._inbox.close()
+        await in_thread(self._outgoing.close)
         await close_session(self._session)
         self._alive.clear()
 

@@ -13,11 +13,13 @@ from protocol.units import DroneId
 class PeerMeshConfig(Section, frozen=True, kw_only=True):
     """Where the swarm's Zenoh sessions listen, by drone: ``{d1 = "tcp/10.7.1.11:7447", ...}``, the same on every drone.
 
-    A drone listens at its own endpoint and connects to those of the drones before it: one link for each pair.
+    A drone listens at its own endpoint and connects to those of the drones before it: one link for each pair. ``gossip``: it also
+    connects to drones that others announce, where those listen.
     """
 
     endpoints: dict[DroneId, str] = field(default_factory=dict)
     listen: str | None = None  # none: its own entry of ``endpoints``
+    gossip: bool = True
 
 
 class VisionConfig(Section, frozen=True, kw_only=True):

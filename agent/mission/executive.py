@@ -177,6 +177,7 @@ class Executive:
         if abs(now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:  # stamps of the future: this computer's clock was set back
             self._navigator.rest()
             self._counters["held_without_telemetry"] += 1
+            self._mission.hold_asked(now_ns)
             return Decision(VehicleCommand(Request.HOLD))
         moment = Moment(now_ns, self.stage, self._mission.since_ns, vehicle, self._world.fusion.hypothesis)
         setpoint, plan = self._navigator.step(moment, peers)

@@ -19,6 +19,7 @@ _FOUND_AGAIN = 0.7  # of the RMS at which the source counts as lost: hysteresis
 FAILSAFE_NS = 3_000_000_000  # the same for a failsafe, which may pass
 REJOIN_NS = 5_000_000_000  # a restarted agent has this long to get the vehicle out of its failsafe
 STALE_NS = 1_200_000_000  # greatest age of the mode in a heartbeat
+OWN_HOLD_NS = 3_000_000_000  # a hold that this agent has asked for is shown and left again within this time
 UNSTEERED_NS = 3_000_000_000  # after this long without offboard in a steered stage it is reported
 
 _REQUESTS = {
@@ -88,6 +89,7 @@ class Mission:
         self._search_since_ns: int | None = None
         self._was_armed = self._was_offboard = False
         self._mode = FlightMode.HOLD
+        self._held_ns: int | None = None  # when this agent itself last asked for a hold, for want of telemetry
         self._obeyed_ns = -1
 
     @property
@@ -192,6 +194,10 @@ class Mission:
         elif memory.stage in STEERED:
             self._rejoining_until_ns = now_ns + REJOIN_NS
 
+    def hold_asked(self, now_ns: int) -> None:
+        """This agent asks the autopilot to hold for now, without a change of stage: that is not somebody's takeover."""
+        self._held_ns = now_ns
+
     def step(self, situation: Situation) -> None:
         """Enter the next stage where the situation calls for it."""
         vehicle, now_ns = situation.vehicle, situation.now_ns
@@ -278,6 +284,8 @@ class Mission:
         if vehicle.mode in _MODES[self.stage]:
             self._rejoining_until_ns = 0
         own = self._position_loss.stays and (not vehicle.healthy or vehicle.mode is FlightMode.HOLD)  # or its failsafe's
+        held = self._held_ns is not None and now_ns - self._held_ns < OWN_HOLD_NS
+        own = own or (held and vehicle.mode is FlightMode.HOLD)
         rejoining = (own or now_ns < self._rejoining_until_ns) and vehicle.mode is not FlightMode.MANUAL
         if rejoining or not self._is_foreign(vehicle):
             self._foreign_since_ns = None

@@ -309,4 +309,5 @@ def mesh_config(drone: DroneConfig, mission: MissionConfig) -> MeshConfig:
         raise ConfigError(f'mesh.endpoints has no entry for {drone.id}: add one, such as "tcp/10.7.1.11:7447"')
     members = [member.id for member in mission.drones]
     before = members[: members.index(drone.id)]
-    return MeshConfig(listen=listen, connect=tuple(endpoints[name] for name in before if name in endpoints))
+    connect = tuple(endpoints[name] for name in before if name in endpoints)
+    return MeshConfig(listen=listen, connect=connect, gossip=drone.mesh.gossip)

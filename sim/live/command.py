@@ -19,7 +19,7 @@ from sim.runfile import make_folder, write_text
 if TYPE_CHECKING:
     from collections.abc import Coroutine
 
-    from sim.live.swarm import Places
+    from sim.live.places import Places
 
 T = TypeVar("T")
 
@@ -101,7 +101,7 @@ def _elsewhere(external: bool, agent_hosts: str | None, mesh: str | None, bind: 
         if vehicles != "emulated":
             raise ConfigError("--vehicles mavlink: needs --external")
         return None
-    from sim.live.swarm import Places  # noqa: PLC0415
+    from sim.live.places import Places  # noqa: PLC0415
 
     hosts, endpoints = _listed(agent_hosts), _listed(mesh)
     if len(hosts) != drones:

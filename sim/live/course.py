@@ -7,6 +7,7 @@ import time
 import numpy as np
 
 from protocol.messages import Action, Stage
+from sim.live.faults import FaultPlayer
 from sim.live.operator import Operator
 from sim.live.report import LiveReport, ends_of
 from sim.live.worldlink import Order, Truth
@@ -19,22 +20,25 @@ from sim.world.frame import LocalFrames
 TRUTH_S = 0.05  # interval of truths
 LANDING_S = 120.0
 READY_AGAIN_S = 5.0  # time until a vehicle that was just disarmed can be armed again, and its agent knows
+_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 SETTLE_S = 15.0  # time in which the agents' logs become equal once the cameras are off
 
 
 class Course:
     """One mission of a started swarm."""
 
-    def __init__(self, scenario: Scenario, seed: int, operator: Operator) -> None:
+    def __init__(self, scenario: Scenario, seed: int, operator: Operator, faults: FaultPlayer | None = None) -> None:
         """``scenario``: with the agents' mission."""
         mission = scenario.mission
         self._seed = seed
         self._operator = operator
+        self._faults = faults
         self._world = operator.world
         frames = LocalFrames([(drone.origin_m, drone.yaw_deg) for drone in mission.drones])
         self._recorder = Recorder(scenario, operator.observer.agents, frames, TRUTH_S)
         self._went_s: float | None = None  # the world's time at the start of the mission
         self._begun = self._over = False
+        self._started_drones: set[str] = set()
         self._late_s, self._dropped = 0.0, 0
 
     async def fly(self, patience_s: float) -> tuple[Flight, LiveReport]:
@@ -45,7 +49,8 @@ class Course:
         """
         operator = self._operator
         began_s = time.monotonic()
-        await operator.get_ready(patience_s)
+        late = frozenset() if self._faults is None else self._faults.late
+        await operator.get_ready(patience_s, late)
         ready_s = time.monotonic() - began_s
         operator.view.say(f"all agents are ready after {ready_s:.1f} s: start")
         flight = await self.mission_flown()
@@ -59,6 +64,7 @@ class Course:
             world_late_s=self._late_s,
             truths_dropped=self._dropped,
             mesh=operator.mesh_counters,
+            faults=() if self._faults is None else tuple(self._faults.played),
             agents=ends_of(operator.observer.agents, self._world.truth.vehicles),
         )
 
@@ -75,7 +81,7 @@ class Course:
         began_s = time.monotonic()
         self._went_s = self._world.truth.time_s
         try:
-            await operator.command(Action.START, self._started, None)
+            await operator.command(Action.START, self._started, None, self._unstarted)
             await operator.until(lambda: self._over, None)
         finally:
             operator.watchers.remove(self._see)
@@ -96,6 +102,9 @@ class Course:
         if self._went_s is not None:
             time_s = truth.time_s - self._went_s
             self._late_s, self._dropped = max(self._late_s, truth.late_s), self._dropped + truth.dropped
+            if self._faults is not None:
+                self._faults.step(time_s, truth)
+            self._started_drones |= {agent.drone for agent in self._operator.observer.agents if agent.stage not in _GROUND}
             # Agents that have landed from an earlier mission have not ended this one.
             self._begun = self._begun or not self._all_landed() or time_s > LONGEST_START_S
             if self._begun and not self._over:
@@ -107,4 +116,8 @@ class Course:
         return all(agent.stage is Stage.LANDED for agent in self._operator.observer.agents)
 
     def _started(self) -> bool:
-        return self._over or all(agent.stage not in (Stage.PREFLIGHT, Stage.LANDED) for agent in self._operator.observer.agents)
+        return self._over or not self._unstarted()
+
+    def _unstarted(self) -> tuple[str, ...]:
+        """The drones that have not flown yet. One that is down again after a short flight must not be sent up once more."""
+        return tuple(agent.drone for agent in self._operator.observer.agents if agent.drone not in self._started_drones)

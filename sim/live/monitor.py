@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,18 +46,22 @@ class ObservedAgent:
         self.alive = False  # by its liveliness token
         self._belief: Belief | None = None
         self._believed_s = -np.inf
-        self._flew = self._down = False
+        self._flew = self._down = self._met = self._died = False
         self._failsafe = False
         self.failsafes = 0  # number of takeovers by its autopilot's failsafe
 
     @property
     def stage(self) -> Stage:
-        """Its reported stage; after its death, the autopilot's action: return, then landed."""
-        if not self.alive and self._down:
+        """Its reported stage; after its death, the autopilot's action: return, then landed.
+
+        An agent that died on the ground, or was restarted there after its flight, counts as landed.
+        """
+        if self._died or (not self.alive and self._down):
             return Stage.LANDED
         if not self.alive and self._failsafe:
             return Stage.RETURN
-        return self.status.stage if self.status is not None else Stage.PREFLIGHT
+        stage = self.status.stage if self.status is not None else Stage.PREFLIGHT
+        return Stage.LANDED if stage is Stage.PREFLIGHT and self._down else stage
 
     @property
     def hypothesis(self) -> Belief | None:
@@ -97,9 +101,10 @@ class ObservedAgent:
 
     def look(self, vehicle: VehicleReport, now_s: float, alive: bool) -> None:
         """Update from the vehicle itself. An agent without an estimate for a while has died, or has withdrawn its hypothesis."""
-        self.alive = alive
+        self.alive, self._met = alive, self._met or alive
         self._flew = self._flew or vehicle.armed
         self._down = self._flew and not vehicle.armed
+        self._died = self._met and not alive and not self._flew
         if vehicle.failsafe and not self._failsafe:
             self.failsafes += 1
         self._failsafe = vehicle.failsafe
@@ -157,10 +162,10 @@ class Observer:
         for agent, vehicle in zip(self.agents, vehicles, strict=True):
             agent.look(vehicle, now_s, agent.drone in alive)
 
-    def obstacles(self) -> list[str]:
-        """Reasons against a start, a line for each drone that has one."""
+    def obstacles(self, without: Collection[str] = ()) -> list[str]:
+        """Reasons against a start, a line for each drone that has one; ``without``: drones that are not waited for."""
         now_s = self._clock_s()
-        found = [(agent.drone, agent.obstacle(self._mission_id, now_s)) for agent in self.agents]
+        found = [(agent.drone, agent.obstacle(self._mission_id, now_s)) for agent in self.agents if agent.drone not in without]
         return [f"{drone}: {text}" for drone, text in found if text is not None]
 
     def has_problems(self) -> bool:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from contextlib import AsyncExitStack
+
+from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command, Stage
 from protocol.session import Mesh, MeshConfig
+from sim.live.agents import Agents
 from sim.live.monitor import Observer
 from sim.live.processes import Child
 from sim.live.view import View
@@ -27,14 +30,14 @@ STATION = "sim"
 class Operator:
     """``observer``: the agents as observed. ``watchers``: called with each truth."""
 
-    def __init__(self, mission: MissionConfig, world: WorldProcess, agents: Sequence[Child], view: View) -> None:
+    def __init__(self, mission: MissionConfig, world: WorldProcess, agents: Agents, view: View) -> None:
         """``agents``: those on this machine."""
         self.mission = mission
         self.world = world
         self.view = view
         self.observer = Observer(mission, time.monotonic)
         self.watchers: list[Callable[[Truth], None]] = []
-        self._running = list(agents)
+        self._agents = agents
         self._mesh: Mesh
         self._watching: asyncio.Task[None]
 
@@ -55,8 +58,8 @@ class Operator:
         """Whether all agents are on the ground."""
         return all(agent.stage in (Stage.LANDED, Stage.PREFLIGHT) for agent in self.observer.agents)
 
-    async def get_ready(self, within_s: float) -> None:
-        """Wait until every agent can be started, and report what is waited for.
+    async def get_ready(self, within_s: float, without: Collection[str] = ()) -> None:
+        """Wait until every agent can be started, and report what is waited for; ``without``: drones that come later.
 
         Raises:
             LiveError: an agent ends, or they are not ready in time.
@@ -65,10 +68,10 @@ class Operator:
 
         def ready() -> bool:
             nonlocal obstacles
-            before, obstacles = obstacles, self.observer.obstacles()
+            before, obstacles = obstacles, self.observer.obstacles(without)
             if obstacles and obstacles != before:
                 self.view.say(f"waiting: {'; '.join(obstacles)}")
-            ended = [child for child in self._running if child.exit_code is not None]
+            ended = [child for child in self._agents.running if child.exit_code is not None]
             if ended:
                 raise LiveError(_exit_message(ended[0]))
             return not obstacles
@@ -76,17 +79,26 @@ class Operator:
         if not await self.until(ready, within_s):
             raise LiveError(f"the swarm is not ready after {within_s:g} s: {'; '.join(obstacles)}")
 
-    async def command(self, action: Action, obeyed: Callable[[], bool], within_s: float | None) -> bool:
-        """Send a command to all until it is obeyed. Copies carry the same stamp: the mission begins at one time for all
-        drones.
+    async def command(
+        self,
+        action: Action,
+        obeyed: Callable[[], bool],
+        within_s: float | None,
+        addressees: Callable[[], tuple[str, ...]] | None = None,
+    ) -> bool:
+        """Send a command until it is obeyed. Copies carry the same stamp: the mission begins at one time for all drones.
+
+        ``addressees``: the drones that have yet to obey; None: all.
         """
         deadline_s = time.monotonic() + (within_s if within_s is not None else float("inf"))
         while not obeyed() and time.monotonic() < deadline_s:
             renew_s = min(time.monotonic() + RENEW_S, deadline_s)
             message = Command(stamp_ns=time.time_ns(), station=STATION, mission=self.mission.mission_id, action=action)
-            key, payload = key_of(self.mission.swarm, message), encode(message)
+            key = key_of(self.mission.swarm, message)
             while time.monotonic() < renew_s:
-                self._mesh.publish(key, payload)
+                drones = () if addressees is None else addressees()
+                if drones or addressees is None:
+                    self._mesh.publish(key, encode(replace(message, drones=drones)))
                 if await self.until(obeyed, REPEAT_S):
                     return True
         return obeyed()
@@ -103,8 +115,8 @@ class Operator:
                 return False
             if self._watching.done():
                 self._watching.result()
-            for child in [child for child in self._running if child.exit_code is not None]:
-                self._running.remove(child)
+            for child in [child for child in self._agents.running if child.exit_code is not None]:
+                self._agents.running.remove(child)
                 self.view.say(_exit_message(child))
             await asyncio.sleep(LOOK_S)
         return True

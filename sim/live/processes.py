@@ -34,23 +34,25 @@ class Child:
         command: Sequence[str],
         *,
         log: Path | None = None,
+        append: bool = False,
         piped: bool = False,
         folder: Path | None = None,
         extra: Mapping[str, str] = MappingProxyType({}),
     ) -> Child:
-        """Start a process; no Zenoh session may be open yet, as it would not survive the fork.
+        """Start a process.
 
         Args:
             name: for messages.
             command: program and arguments.
             log: file for its standard error; None: this process's own.
+            append: continue the log of an earlier process.
             piped: connect its standard input and output to ``stdin`` and ``stdout``; else it has none.
             folder: working directory; None: this process's. With one, its standard output goes into the log too.
             extra: additional environment variables.
         """
         pipe = asyncio.subprocess.PIPE if piped else asyncio.subprocess.DEVNULL
         environment = {name: value for name, value in os.environ.items() if not name.startswith(_OVERRIDES)}
-        with log.open("wb") if log is not None else open(os.dup(2), "wb") as errors:
+        with log.open("ab" if append else "wb") if log is not None else open(os.dup(2), "wb") as errors:
             process = await asyncio.create_subprocess_exec(
                 *command,
                 stdin=pipe,
@@ -84,6 +86,10 @@ class Child:
     def exit_code(self) -> int | None:
         """None while it runs."""
         return self._process.returncode
+
+    async def ended(self) -> None:
+        """Wait for its end."""
+        await self._process.wait()
 
     def last_line(self) -> str:
         """The last line of its log."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from msgspec import Struct
 
 from protocol.messages import Stage
+from sim.live.faults import Played
 from sim.live.monitor import ObservedAgent
 from sim.vehicle.px4.fleet import VehicleReport
 
@@ -42,7 +43,7 @@ class LiveReport(Struct, frozen=True, kw_only=True):
     agreed: all living agents ended with the same digest and, bit for bit, the same position. ready_s: from the start of the
     agents until all were ready for the start command. world_late_s: largest delay of the world behind the clock;
     truths_dropped: samples of the truth that the launcher missed; both since the start command. mesh: counters of the
-    launcher's station.
+    launcher's station. faults: those that were played.
     """
 
     agreed: bool
@@ -51,6 +52,7 @@ class LiveReport(Struct, frozen=True, kw_only=True):
     truths_dropped: int
     mesh: dict[str, int]
     agents: tuple[AgentEnd, ...]
+    faults: tuple[Played, ...] = ()
 
 
 def ends_of(agents: Sequence[ObservedAgent], vehicles: Sequence[VehicleReport]) -> tuple[AgentEnd, ...]:

@@ -96,7 +96,7 @@ class Ports(NamedTuple):
     sightings: int = 0
 
 
-def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports, mesh: dict[str, str]) -> DroneConfig:
+def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports, mesh: PeerMeshConfig) -> DroneConfig:
     """The drone file on this machine, with the true settings of vehicle and localisation.
 
     Args:
@@ -104,7 +104,7 @@ def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports,
         drone: its id.
         calibrated: its camera has calibration files.
         ports: of its links.
-        mesh: all drones' endpoints.
+        mesh: the endpoints at which it reaches the others.
     """
     error = scenario.localization
     guidance = Guidance.of(error.vehicles.get(drone))
@@ -113,7 +113,7 @@ def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports,
         mission="../mission.toml",
         state="state",
         calibration="calibration" if calibrated else None,
-        mesh=PeerMeshConfig(endpoints=mesh),
+        mesh=mesh,
         vehicle=VehicleConfig(
             address=f"udpin://{LOCAL}:{ports.mavlink}",
             position_sigma_m=error.reported_horizontal_m,

@@ -49,6 +49,7 @@ READ_STEPS = 20  # cameras are read out at 5 Hz
 POSE_STEPS = 3  # SLAM poses at 33 Hz
 ALIVE_STEPS = 50  # between keep-alive lines of sensors without data
 CATCH_UP_STEPS = 10  # largest number of steps at once when the world is behind; then the links are served
+SLIP_S = 0.3  # a world further behind than this has stood still: it goes on from there under the present time
 _BACKLOG_BYTES = 1 << 20  # of truths that the launcher has not read
 
 
@@ -66,6 +67,9 @@ class Vehicles(Protocol):
 
     def switch_satellites(self, drone: int, received: bool) -> None:
         """Switch a vehicle's satellite reception."""
+
+    def take_over(self, drone: int, mode: str) -> None:
+        """A pilot takes a vehicle over by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
 
     def reports(self) -> list[VehicleReport]:
         """An observer's view of each vehicle, besides its motion."""
@@ -106,6 +110,7 @@ class World:
         self._went_s: float | None = None  # start of the mission
         self._late_s = 0.0
         self._dropped = 0
+        self._dead_cameras: set[int] = set()
 
     async def start(self) -> Ready:
         """Open the links and the feeds, and write the cameras' calibrations."""
@@ -133,6 +138,12 @@ class World:
         while not obeying.done():
             behind_s = loop.time() - began_s - self._steps * STEP_S
             self._late_s = max(self._late_s, behind_s)
+            if behind_s > SLIP_S:
+                # A starved machine might never catch up, and no agent uses a readout that is seconds old. And setpoints arrive in
+                # real time: in a world that catches up they come too seldom, and its autopilots' failsafes take over.
+                began_s += behind_s
+                self._began_ns += int(behind_s * 1e9)
+                behind_s = 0.0
             for _ in range(min(CATCH_UP_STEPS, int(behind_s / STEP_S) + 1)):
                 self._step(out)
             await asyncio.sleep(max(0.0, began_s + self._steps * STEP_S - loop.time()))
@@ -157,6 +168,12 @@ class World:
                     self._vehicles.switch_satellites(int(drone), False)
                 case Order.SATELLITES_ON:
                     self._vehicles.switch_satellites(int(drone), True)
+                case Order.CAMERA_OFF:
+                    self._dead_cameras.add(int(drone))
+                case Order.CAMERA_ON:
+                    self._dead_cameras.discard(int(drone))
+                case Order.PILOT_MANUAL | Order.PILOT_HOLD | Order.PILOT_RETURN | Order.PILOT_LAND:
+                    self._vehicles.take_over(int(drone), order.removeprefix("pilot "))
 
     def _source(self) -> tuple[float, float] | None:
         """The source's position. It appears at the start of the mission: however long the agents take to get ready, they learn as
@@ -205,7 +222,9 @@ class World:
             if step > 0 and step % EXPOSE_STEPS == EXPOSE_STEPS // 2:
                 self._cameras.expose(drone, now_ns - half_ns, now_ns + half_ns, self._motion, self._source())
             if step > 0 and step % READ_STEPS == 0:
-                feed.send(self._cameras.read_out(drone))
+                readout = self._cameras.read_out(drone)
+                if drone not in self._dead_cameras:
+                    feed.send(readout)
 
     def _tell(self, out: asyncio.WriteTransport) -> None:
         """Send the truth; a launcher that does not read it must not delay the world."""

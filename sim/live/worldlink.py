@@ -40,7 +40,7 @@ class WorldConfig(Struct, frozen=True, kw_only=True):
 
 
 class Order(StrEnum):
-    """The launcher's orders to the world, one per line on its standard input; for satellites, followed by the drone's index.
+    """The launcher's orders to the world, one per line on its standard input; those for one drone are followed by its index.
 
     The end of that stream ends the world.
     """
@@ -49,6 +49,12 @@ class Order(StrEnum):
     CAMERAS_OFF = "cameras off"  # no more readouts
     SATELLITES_OFF = "satellites off"  # one vehicle's receiver loses reception
     SATELLITES_ON = "satellites on"
+    CAMERA_OFF = "camera off"  # one camera gives no more readouts
+    CAMERA_ON = "camera on"
+    PILOT_MANUAL = "pilot manual"  # a pilot takes a vehicle over by remote control: by hand, or by choosing a mode
+    PILOT_HOLD = "pilot hold"
+    PILOT_RETURN = "pilot return"
+    PILOT_LAND = "pilot land"
 
 
 class Ready(Struct, frozen=True, tag="ready"):

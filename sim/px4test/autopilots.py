@@ -17,9 +17,9 @@ from msgspec import convert, to_builtins
 
 from agent.config.mission import MissionConfig
 from sim.live.crew import crew_parameters
+from sim.live.places import Places
 from sim.live.processes import Child
 from sim.live.runfolder import LOCAL
-from sim.live.swarm import Places
 from sim.live.worldprocess import LiveError
 from sim.px4test.px4 import Px4, container
 from sim.vehicle.px4.config import Datum

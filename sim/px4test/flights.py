@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import signal
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
@@ -75,7 +74,7 @@ async def killed(swarm: Swarm, seed: int, patience_s: float, folder: Path) -> li
     async with _circling(swarm, seed, patience_s) as (witness, flying):
         operator.view.say(f"kill -9 of the agent of {operator.observer.agents[victim].drone}")
         struck_s = witness.now.time_s
-        os.killpg(swarm.agents[victim].pid, signal.SIGKILL)
+        swarm.agents.signal(operator.observer.agents[victim].drone, signal.SIGKILL)
         flight = await flying
     late_s = SETPOINTS_S if operator.world.truth.vehicles[victim].truth == "world" else HEARTBEAT_S
     checks.at_most("failsafe after s", witness.first_s(struck_s, lambda now: now.failsafe[victim]), FAILSAFE_S + SETPOINTS_S)

@@ -12,8 +12,9 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from agent.errors import RadronError
+from sim.live.places import Places
 from sim.live.runfolder import live_mission
-from sim.live.swarm import Places, Swarm, live_swarm
+from sim.live.swarm import Swarm, live_swarm
 from sim.live.view import View, console_view
 from sim.px4test.autopilots import autopilots
 from sim.px4test.flights import gnss_lost, killed, missions

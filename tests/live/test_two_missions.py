@@ -10,7 +10,8 @@ import pytest
 
 from agent.flight.replay import replay
 from sim.live.course import Course
-from sim.live.swarm import Places, live_swarm
+from sim.live.places import Places
+from sim.live.swarm import live_swarm
 from sim.live.view import View
 from sim.live.worldlink import Order
 from sim.px4test.witness import Moment, Witness
@@ -38,7 +39,7 @@ def test_a_second_mission_is_flown_as_the_first_without_a_restart(tmp_path: Path
                 ends.append(witness.now)
             operator.world.order(Order.CAMERAS_OFF)
             agreed = await operator.until(operator.observer.agreed, 15.0)
-            assert [child.exit_code for child in swarm.agents] == [None] * 2
+            assert [swarm.agents.exit_code(drone) for drone in ("d1", "d2")] == [None] * 2
             return agreed, [drone.origin_m for drone in swarm.scenario.mission.drones]
 
     agreed, launched = asyncio.run(course())

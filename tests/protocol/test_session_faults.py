@@ -6,19 +6,37 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
+from random import Random
 
 import meshes
 import pytest
 from meshes import endpoint, free_port, linked, member, peer_process, until
-from tcp_relay import relay_to
 
 from protocol import session
 from protocol.keys import drone_key
 from protocol.link import CLOSE_S
+from sim.live.relays.linkstate import PASSING, LinkState
+from sim.live.relays.tcp import Relay
 
 CONE = drone_key("s", "d1", "cone")
 SUPPORT = Path(meshes.__file__).parent
+
+
+@asynccontextmanager
+async def relay_to(port: int) -> AsyncIterator[tuple[Relay, str]]:
+    """A relay to a port of this machine, and its endpoint."""
+    relay = Relay(("127.0.0.1", port), Random(1))
+    try:
+        yield relay, endpoint(await relay.start("127.0.0.1"))
+    finally:
+        await relay.close()
+
+
+def switch(relay: Relay, state: LinkState) -> None:
+    relay.there.state = relay.back.state = state
 
 
 def numbers(payloads: list[bytes]) -> list[int]:
@@ -115,9 +133,9 @@ def test_a_partition_loses_nothing_of_the_log(cut_s: float) -> None:
     async def run() -> None:
         port = free_port()
         async with (
-            relay_to(port) as relay,
+            relay_to(port) as (relay, dialled),
             member("d1", endpoint(port)) as d1,
-            member("d2", endpoint(), (endpoint(relay.port),)) as d2,
+            member("d2", endpoint(), (dialled,)) as d2,
         ):
             await linked(d1, d2)
             sent = 0
@@ -132,12 +150,12 @@ def test_a_partition_loses_nothing_of_the_log(cut_s: float) -> None:
                     await asyncio.sleep(0.001)
 
             await publish()
-            relay.cut()
+            switch(relay, LinkState(cut=True))
             cut_until_s = time.monotonic() + cut_s
             await publish()
             await until(lambda: time.monotonic() > cut_until_s)
             assert cut_s < 1.0 or d1.mesh.alive == d2.mesh.alive == frozenset()
-            relay.heal()
+            switch(relay, PASSING)
             await publish()
             for one, other in ((d1, "d2"), (d2, "d1")):
                 key = drone_key("s", other, "cone")
@@ -155,18 +173,18 @@ def test_what_a_partition_lost_beyond_the_cache_comes_by_the_log_query(monkeypat
     async def run() -> None:
         port = free_port()
         async with (
-            relay_to(port) as relay,
+            relay_to(port) as (relay, dialled),
             member("d1", endpoint(port), answer=lambda summary: log[int(summary) :]) as d1,
-            member("d2", endpoint(), (endpoint(relay.port),)) as d2,
+            member("d2", endpoint(), (dialled,)) as d2,
         ):
             await linked(d1, d2)
-            relay.cut()
+            switch(relay, LinkState(cut=True))
             await until(lambda: not d2.mesh.alive)
             assert await d2.mesh.ask("d1", b"0") == 0
             log.extend((CONE, b"%d" % i) for i in range(100))
             for key, payload in log:
                 d1.mesh.publish(key, payload)
-            relay.heal()
+            switch(relay, PASSING)
             await linked(d1, d2)
             await until(lambda: d2.messages)
             assert await d2.mesh.ask("d1", b"0") == 100
@@ -246,3 +264,23 @@ def test_the_receive_threads_are_raised_unless_the_user_says_otherwise(setting: 
         check=True,
     )
     assert int(done.stdout) == threads
+
+
+def test_a_peer_that_fetches_the_log_over_a_congested_link_does_not_hold_the_publisher_up() -> None:
+    async def run() -> None:
+        port = free_port()
+        async with member("d1", endpoint(port)) as d1, relay_to(port) as (relay, dialled):
+            for _ in range(1000):
+                d1.publish("cone", bytes(20_000))  # more than sockets and queues hold
+            with peer_process("d2", endpoint(), dialled):
+                await until(lambda: d1.mesh.alive)
+                switch(relay, LinkState(cut=True))  # in the middle of the answer
+                longest_s = 0.0
+                while d1.mesh.alive:  # until the link is given up
+                    before_s = time.monotonic()
+                    d1.publish("cone", bytes(400))
+                    longest_s = max(longest_s, time.monotonic() - before_s)
+                    await asyncio.sleep(0.02)
+                assert longest_s < 0.2  # an agent whose loop stands still for a second is killed; the put itself waits for 5 s
+
+    asyncio.run(run())

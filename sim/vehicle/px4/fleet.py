@@ -28,6 +28,7 @@ from sim.vehicle.px4.filter.estimate import Estimate, Estimator
 from sim.vehicle.px4.filter.frames import AutopilotFrames
 from sim.vehicle.px4.filter.satellites import SATELLITES, Satellites
 from sim.vehicle.px4.gains import equipped
+from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
 from sim.world.frame import LocalFrames
 from sim.world.localization import Localization
@@ -143,6 +144,14 @@ class Px4Fleet:
         """Switch a vehicle's satellite reception, by the parameter of PX4's simulated receiver."""
         number = np.array(SATELLITES if received else 0, dtype=np.int32)
         self.faces[drone].parameters.set("SIM_GPS_USED", float(number.view(np.float32)))
+
+    def take_over(self, drone: int, mode: str) -> None:
+        """A pilot takes a vehicle over by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
+        commander = self.faces[drone].commander
+        if mode == "manual":
+            commander.take_over()
+        else:
+            commander.set_mode(Mode[mode.upper()])
 
     def reports(self) -> list[VehicleReport]:
         """One for each vehicle."""

@@ -176,6 +176,9 @@ class GroundStation:
         kind = mavlink.MAV_PARAM_TYPE_INT32
         self._send(drone, mavlink.MAVLink_param_set_message(drone + 1, _AUTOPILOT, b"SIM_GPS_USED", bits, kind))
 
+    def take_over(self, drone: int, mode: str) -> None:
+        """Vehicles elsewhere have their own pilots."""
+
     def close(self) -> None:
         """Stop listening."""
         if self._heartbeat is not None:

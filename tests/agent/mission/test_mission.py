@@ -250,6 +250,17 @@ def test_gives_way_to_a_hold_from_the_ground_station_but_waits_for_offboard():
     assert held_by(mission, hold, 11.0, 13.0) == (Stage.HOLD, Request.RELEASE)
 
 
+def test_a_hold_that_it_asked_for_itself_is_nobodys_takeover_but_one_that_stays_is():
+    """For want of telemetry it asks for a hold; the heartbeat shows it when it has long asked for offboard again."""
+    mission = tracking()
+    held_by(mission, OFFBOARD, 12.0, 13.0)
+    mission.hold_asked(int(13.1 * SECOND))
+    held_by(mission, OFFBOARD, 13.2, 13.9)  # as the last heartbeat showed it
+    assert held_by(mission, VEHICLE, 14.0, 15.0, 15.8) == (Stage.TRACK, Request.OFFBOARD)
+    assert held_by(mission, OFFBOARD, 15.9, 17.0) == (Stage.TRACK, Request.OFFBOARD)
+    assert held_by(mission, VEHICLE, 18.0, 19.6) == (Stage.HOLD, Request.RELEASE)
+
+
 def test_a_takeover_during_takeoff_and_landing_is_not_fought():
     manual = replace(VEHICLE, mode=FlightMode.MANUAL)
     mission = Mission(TrackConfig())

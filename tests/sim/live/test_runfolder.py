@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from agent.config.drone import DroneConfig, VisionConfig
+from agent.config.drone import DroneConfig, PeerMeshConfig, VisionConfig
 from agent.config.loading import load_mission, load_toml
 from agent.vehicle.parameters import rules_of
 from sim.live.crew import Guidance, crew_parameters
@@ -27,7 +27,9 @@ def test_a_mission_file_is_the_same_mission(name: str, tmp_path: Path) -> None:
 def test_a_drone_file_says_what_the_flight_needs(tmp_path: Path) -> None:
     files = RunFolder(tmp_path, agents_here=True)
     mesh = {"d1": "tcp/127.0.0.1:1", "d2": "tcp/127.0.0.1:2"}
-    config = drone_config(load_scenario("demo"), "d2", calibrated=True, ports=Ports(14541, 5601), mesh=mesh)
+    config = drone_config(
+        load_scenario("demo"), "d2", calibrated=True, ports=Ports(14541, 5601), mesh=PeerMeshConfig(endpoints=mesh)
+    )
     files.write_drone(config)
     assert load_toml(files.drone_file("d2"), DroneConfig) == config
     assert (files.drone_file("d2").parent / str(config.mission)).resolve() == files.mission_file.resolve()
@@ -37,13 +39,15 @@ def test_a_drone_file_says_what_the_flight_needs(tmp_path: Path) -> None:
 def test_a_drone_file_says_how_the_vehicle_is_guided(tmp_path: Path) -> None:
     files = RunFolder(tmp_path, agents_here=True)
     scenario, ports = load_scenario("mixed-frames"), Ports(14541, 5601, 5701, 5801)
-    by_slam = drone_config(scenario, "d3", calibrated=False, ports=ports, mesh={"d3": "tcp/127.0.0.1:1"})
+    by_slam = drone_config(
+        scenario, "d3", calibrated=False, ports=ports, mesh=PeerMeshConfig(endpoints={"d3": "tcp/127.0.0.1:1"})
+    )
     files.write_drone(by_slam)
     assert load_toml(files.drone_file("d3"), DroneConfig) == by_slam
     assert not by_slam.vehicle.gnss
     assert by_slam.vehicle.vision == VisionConfig(address="127.0.0.1:5701")
     assert by_slam.sightings.address == "127.0.0.1:5801"
-    by_satellites = drone_config(scenario, "d1", calibrated=False, ports=ports._replace(vision=0), mesh={})
+    by_satellites = drone_config(scenario, "d1", calibrated=False, ports=ports._replace(vision=0), mesh=PeerMeshConfig())
     assert (by_satellites.vehicle.gnss, by_satellites.vehicle.vision) == (True, None)
 
 

@@ -1,0 +1,53 @@
+"""Publication of log entries in a thread of its own.
+
+While an advanced publisher's cache answers a peer, a put to it waits; over a congested link that lasts until Zenoh gives the
+link up after 5 s. The event loop must not wait for that: an agent whose steps stop for a second is killed by its watchdog.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+
+import zenoh
+from zenoh import ext
+
+CLOSE_S = 0.2
+MOST_WAITING = 10_000  # entries, some megabytes; more are not published, and come by the log query
+
+
+class Outgoing:
+    """Publishes in order, from one thread's point of view."""
+
+    def __init__(self, failed: Callable[[], None]) -> None:
+        """``failed``: called for each entry that is not published, in either thread."""
+        self._failed = failed
+        self._waiting: queue.SimpleQueue[tuple[ext.AdvancedPublisher, bytes] | None] = queue.SimpleQueue()
+        self._thread: threading.Thread | None = None
+        self._closed = False
+
+    def put(self, publisher: ext.AdvancedPublisher, payload: bytes) -> None:
+        """Publish an entry soon; never blocks."""
+        if self._closed or self._waiting.qsize() >= MOST_WAITING:
+            self._failed()
+            return
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="entries", daemon=True)
+            self._thread.start()
+        self._waiting.put((publisher, payload))
+
+    def close(self) -> None:
+        """Publish what waits, for ``CLOSE_S`` at most, and nothing more. Blocks."""
+        self._closed = True
+        self._waiting.put(None)
+        if self._thread is not None:
+            self._thread.join(CLOSE_S)
+
+    def _run(self) -> None:
+        while (entry := self._waiting.get()) is not None:
+            publisher, payload = entry
+            try:
+                publisher.put(payload)
+            except zenoh.ZError:
+                self._failed()

@@ -1,0 +1,64 @@
+"""The agents of a live swarm on this machine: started, struck by faults, started anew, and ended."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sysconfig
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from sim.live.processes import Child
+from sim.live.runfolder import RunFolder
+
+STOP_S = 3.0  # an agent takes 2 s to end
+GONE_S = 5.0  # after a kill; else it is stuck in the kernel
+
+
+class Agents:
+    """``running``: the agents whose end has not been reported yet, in the order of their starts."""
+
+    def __init__(self, files: RunFolder, drones: Sequence[str]) -> None:
+        """``drones``: in the mission's order; none on this machine: empty. Their files are written before they are started."""
+        self.drones = tuple(drones)
+        self.running: list[Child] = []
+        self._files = files
+        self._children: dict[str, Child] = {}
+
+    async def start(self, drone: str) -> None:
+        """Start an agent; one that was killed is awaited first, and its log is continued."""
+        if (before := self._children.get(drone)) is not None:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(before.ended(), GONE_S)
+        program = Path(sysconfig.get_path("scripts")) / "radron-agent"
+        command = [str(program), "run", "--verbose", "--config", str(self._files.drone_file(drone))]
+        child = await Child.start(drone, command, log=self._files.log_file(drone), append=before is not None)
+        self._children[drone] = child
+        self.running.append(child)
+
+    def signal(self, drone: str, number: int) -> None:
+        """Send a signal to an agent and its watchdog; to none where it has ended."""
+        child = self._children.get(drone)
+        if child is not None and child.exit_code is None:
+            with suppress(ProcessLookupError):
+                os.killpg(child.pid, number)
+
+    def signal_agent(self, drone: str, number: int) -> None:
+        """Send a signal to the agent alone, not to its watchdog."""
+        child = self._children.get(drone)
+        if child is not None and child.exit_code is None:
+            with suppress(OSError, ValueError):
+                os.kill(int(Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()[0]), number)
+
+    def exit_code(self, drone: str) -> int | None:
+        """Exit code of an agent's last process; None while it runs."""
+        return self._children[drone].exit_code
+
+    def folder(self, drone: str) -> Path:
+        """Its folder, with ``state/`` and ``flight/``."""
+        return self._files.agent(drone)
+
+    async def stop(self) -> None:
+        """End all."""
+        await asyncio.gather(*(child.stop(STOP_S) for child in self._children.values()))

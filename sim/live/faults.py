@@ -1,0 +1,284 @@
+"""The faults of a live flight: signals to the agents' processes, impaired links, orders to the world, and damaged files."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from itertools import permutations
+from math import dist
+from random import Random
+
+import msgspec
+from msgspec import Struct
+
+from agent.errors import ConfigError
+from sim.faults.agents import Cut, Disk, Flood, Freeze, Kill, Lag, Late, Partition, RadioRange, SlowCpu
+from sim.faults.base import Fault
+from sim.faults.kinds import kind_of
+from sim.faults.machines import CameraDead, MavlinkLoss, SatellitesLost, Takeover
+from sim.faults.schedule import Active, Schedule
+from sim.live.agents import Agents
+from sim.live.flooding import FloodPlan
+from sim.live.places import Places
+from sim.live.processes import Child
+from sim.live.relays.launcher import RelayProcess
+from sim.live.relays.linkstate import LinkState, combined
+from sim.live.relays.plan import vehicle_of
+from sim.live.view import View
+from sim.live.worldlink import Order, Truth
+from sim.live.worldprocess import WorldProcess
+from sim.scenario import Scenario
+
+_RELAYED = (Partition, Cut, Lag, RadioRange, MavlinkLoss)
+_ON_LINKS = (Partition, Cut, Lag, RadioRange)
+PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, CameraDead, SatellitesLost, Takeover)
+_DISKS = ("state-torn", "state-flipped", "record-torn", "record-removed")
+AWAKE_S = 0.05  # between two stops of a slow computer: a step
+LONGEST_STOP_S = 0.8  # of a slow computer; after 1 s of silence the watchdog kills the agent
+STOP_S = 1.0
+CUT = LinkState(cut=True)
+
+
+class Played(Struct, frozen=True):
+    """What was done, and when (s since the operator's start command)."""
+
+    time_s: float
+    what: str
+
+
+def check_playable(scenario: Scenario, *, here: bool) -> None:
+    """Raise ConfigError where a live flight cannot play a fault; ``here``: the agents are started on this machine."""
+    for number, fault in enumerate(scenario.fault):
+        where = f"{scenario.name}: fault[{number}] ({kind_of(fault)})"
+        if not here:
+            raise ConfigError(f"{where}: faults are played only with agents that are started here; leave out --external")
+        if not isinstance(fault, PLAYABLE):
+            kinds = ", ".join(str(kind.__struct_config__.tag) for kind in PLAYABLE)
+            raise ConfigError(f"{where}: not played in a live flight, which plays {kinds}; `radron-sim run` plays all")
+        if isinstance(fault, Disk) and fault.how not in _DISKS:
+            raise ConfigError(f"{where}: how = {fault.how!r} is not played in a live flight, which plays {', '.join(_DISKS)}")
+
+
+def needs_relays(faults: Sequence[Fault]) -> bool:
+    """Whether the links of the swarm must run through relays."""
+    return any(isinstance(fault, _RELAYED) for fault in faults)
+
+
+def late_drones(scenario: Scenario) -> frozenset[str]:
+    """The drones whose agents are not started at the beginning."""
+    drones = [drone.id for drone in scenario.mission.drones]
+    return frozenset(drone for fault in scenario.fault if isinstance(fault, Late) for drone in fault.strikes(drones))
+
+
+class FaultPlayer:
+    """Plays a scenario's faults. ``played``: what was done so far."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        agents: Agents,
+        relays: RelayProcess | None,
+        world: WorldProcess,
+        view: View,
+        places: Places,
+    ) -> None:
+        """``scenario``: ``check_playable``; ``relays``: there where ``needs_relays``."""
+        self.played: list[Played] = []
+        self.late = late_drones(scenario)
+        self._swarm = scenario.mission.swarm
+        self._drones = [drone.id for drone in scenario.mission.drones]
+        self._schedule = Schedule(scenario.fault, self._drones, seed)
+        self._random = Random(seed)
+        self._agents, self._relays, self._world, self._view, self._places = agents, relays, world, view, places
+        self._tasks: dict[tuple[Fault, str], asyncio.Task[None]] = {}
+        self._time_s = 0.0
+
+    def step(self, time_s: float, truth: Truth) -> None:
+        """Begin and end what is due, ``time_s`` after the start command."""
+        self._time_s = time_s
+        self._schedule.advance(time_s)
+        for one in self._schedule.begun:
+            self._strike(one, self._begin)
+        for one in self._schedule.ended:
+            self._strike(one, self._end)
+        if self._relays is not None and (self._schedule.begun or self._schedule.ended or self._schedule.active(RadioRange)):
+            self._set_links(self._relays, truth)
+
+    async def close(self) -> None:
+        """Stop what is still being done."""
+        for task in self._tasks.values():
+            task.cancel()
+        await asyncio.gather(*self._tasks.values(), return_exceptions=True)
+
+    def _strike(self, one: Active, act: Callable[[Fault, str], str | None]) -> None:
+        fault = one.fault
+        if isinstance(fault, _ON_LINKS):
+            self._note(_links_told(fault) if act == self._begin else f"{kind_of(fault)} is over")
+            return
+        for drone in fault.strikes(self._drones):
+            if (what := act(fault, drone)) is not None:
+                self._note(f"{drone}: {what}")
+
+    def _note(self, what: str) -> None:
+        self.played.append(Played(round(self._time_s, 3), what))
+        self._view.say(f"fault at {self._time_s:.1f} s: {what}")
+
+    def _begin(self, fault: Fault, drone: str) -> str | None:
+        """Begin a fault of one drone; returns what was done."""
+        index = self._drones.index(drone)
+        match fault:
+            case Kill():
+                self._agents.signal(drone, signal.SIGKILL)
+                return "kill -9 of the agent and its watchdog"
+            case Freeze():
+                self._agents.signal_agent(drone, signal.SIGSTOP)
+                return "the agent is stopped"
+            case Late():
+                self._go(fault, drone, self._agents.start(drone))
+                return "the agent is started, late"
+            case SlowCpu():
+                self._go(fault, drone, self._slow(drone, fault.late_s))
+                return f"steps up to {fault.late_s:g} s late"
+            case Flood():
+                self._go(fault, drone, self._flood(drone, fault))
+                return f"floods the mesh, {fault.rate_mbps:g} MB/s in messages of {fault.message_bytes} bytes"
+            case CameraDead():
+                self._world.order(Order.CAMERA_OFF, index)
+                return "no more readouts"
+            case SatellitesLost():
+                self._world.order(Order.SATELLITES_OFF, index)
+                return "no satellites"
+            case Takeover():
+                self._world.order(Order(f"pilot {fault.mode}"), index)
+                return f"a pilot takes over: {fault.mode}"
+            case MavlinkLoss():
+                return f"{100.0 * fault.probability:g} % of the MAVLink messages are lost"
+            case Disk():
+                return self._damage(drone, fault.how)
+        return None
+
+    def _end(self, fault: Fault, drone: str) -> str | None:
+        """End a fault of one drone; returns what was done."""
+        index = self._drones.index(drone)
+        task = self._tasks.pop((fault, drone), None)
+        if task is not None:
+            task.cancel()
+        match fault:
+            case Kill():
+                self._go(fault, drone, self._agents.start(drone))
+                return "the agent is started again"
+            case Freeze():
+                self._agents.signal_agent(drone, signal.SIGCONT)
+                self._go(fault, drone, self._start_if_ended(drone))
+                return "the agent is not stopped any more"
+            case SlowCpu() | Flood():
+                return f"{kind_of(fault)} is over"
+            case CameraDead():
+                self._world.order(Order.CAMERA_ON, index)
+                return "readouts again"
+            case SatellitesLost():
+                self._world.order(Order.SATELLITES_ON, index)
+                return "satellites again"
+            case Takeover():
+                self._world.order(Order.PILOT_HOLD, index)
+                return "the pilot gives it back, in hold"
+            case MavlinkLoss():
+                return "no MAVLink messages are lost any more"
+        return None
+
+    def _go(self, fault: Fault, drone: str, work: Coroutine[None, None, None]) -> None:
+        self._tasks[fault, drone] = asyncio.create_task(work)
+
+    async def _start_if_ended(self, drone: str) -> None:
+        """As its service manager would, where the watchdog has killed it."""
+        if self._agents.exit_code(drone) is not None:
+            await self._agents.start(drone)
+
+    async def _slow(self, drone: str, late_s: float) -> None:
+        try:
+            while True:
+                await asyncio.sleep(AWAKE_S)
+                self._agents.signal(drone, signal.SIGSTOP)
+                await asyncio.sleep(self._random.uniform(0.0, min(late_s, LONGEST_STOP_S)))
+                self._agents.signal(drone, signal.SIGCONT)
+        finally:
+            self._agents.signal(drone, signal.SIGCONT)
+
+    async def _flood(self, drone: str, fault: Flood) -> None:
+        plan = FloodPlan(self._swarm, drone, self._places.mesh, fault.rate_mbps * 1e6, fault.message_bytes)
+        command = [sys.executable, "-m", "sim.live.flooding", msgspec.json.encode(plan).decode()]
+        child = await Child.start(f"flood of {drone}", command)
+        try:
+            await child.ended()
+        finally:
+            await child.stop(STOP_S)
+
+    def _damage(self, drone: str, how: str) -> str:
+        """Damage the state file, or the flight record that is being written."""
+        folder = self._agents.folder(drone)
+        if how == "record-removed":
+            shutil.rmtree(folder / "flight", ignore_errors=True)
+            return "the folder of the flight records is removed"
+        state = how.startswith("state")
+        files = sorted((folder / ("state" if state else "flight")).glob("*.json" if state else "*.mcap"))
+        if not files:
+            return f"{how}: there is no file yet"
+        path = files[-1]
+        if how.endswith("torn"):
+            with path.open("r+b") as file:
+                file.truncate(path.stat().st_size // 2)
+            return f"{path.name} is torn"
+        content = bytearray(path.read_bytes())
+        for _ in range(8):
+            if content:
+                content[self._random.randrange(len(content))] ^= 1 << self._random.randrange(8)
+        path.write_bytes(content)
+        return f"{path.name} has flipped bits"
+
+    def _set_links(self, relays: RelayProcess, truth: Truth) -> None:
+        position = dict(zip(self._drones, truth.position_m, strict=True))
+        for sender, receiver in permutations(self._drones, 2):
+            away_m = dist(position[sender], position[receiver])
+            relays.impair(sender, receiver, combined(self._states(sender, receiver, away_m)))
+        for index, drone in enumerate(self._drones):
+            state = combined(LinkState(loss=fault.probability) for fault, _ in self._schedule.active(MavlinkLoss, index))
+            relays.impair(vehicle_of(drone), drone, state)
+            relays.impair(drone, vehicle_of(drone), state)
+
+    def _states(self, sender: str, receiver: str, away_m: float) -> Iterator[LinkState]:
+        """What the active faults do to what a drone sends to another one, at this distance."""
+        for split, _ in self._schedule.active(Partition):
+            if not any(sender in group and receiver in group for group in split.groups):
+                yield CUT
+        for cut, _ in self._schedule.active(Cut):
+            if _concerns(cut, self._drones, sender, receiver):
+                yield CUT
+        for lag, _ in self._schedule.active(Lag):
+            if _concerns(lag, self._drones, sender, receiver):
+                yield LinkState(delay_s=lag.delay_s, jitter_s=lag.jitter_s)
+        if away_m > min((fault.range_m for fault, _ in self._schedule.active(RadioRange)), default=math.inf):
+            yield CUT
+
+
+def _concerns(fault: Cut | Lag, drones: Sequence[str], sender: str, receiver: str) -> bool:
+    """Whether a fault of links concerns what ``sender`` sends to ``receiver``."""
+    targets = fault.strikes(drones)
+    peers = drones if fault.peers is None else (fault.peers,) if isinstance(fault.peers, str) else fault.peers
+    sends, receives = sender in targets and receiver in peers, receiver in targets and sender in peers
+    return (sends and fault.direction != "receive") or (receives and fault.direction != "send")
+
+
+def _links_told(fault: Fault) -> str:
+    match fault:
+        case Partition():
+            return f"partition: {' | '.join(' '.join(group) for group in fault.groups)}"
+        case RadioRange():
+            return f"drones further apart than {fault.range_m:g} m do not hear each other"
+        case Lag():
+            return f"delay of {fault.delay_s:g} s, and up to {fault.jitter_s:g} s more"
+    return f"{kind_of(fault)} of links"

@@ -1,0 +1,97 @@
+"""Addresses of a live swarm's links."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+from sim.live.relays.plan import Carried, RelayPlan, vehicle_of
+from sim.live.runfolder import LOCAL, free_ports
+from sim.vehicle.px4.config import Address
+
+FIRST_FEED_PORT, FIRST_VISION_PORT, FIRST_SIGHTINGS_PORT = 5600, 5700, 5800
+MAVLINK_PORT, GROUND_STATION_PORT = 14540, 14550
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Addresses of a swarm's links.
+
+    onboard: MAVLink address of vehicle 1, 2, ... mesh: the agents' endpoints. bind, feed_ports, vision_ports, sightings_ports:
+    listening address of the feeds of cameras and other sensors; empty: free ports. ground_station: where to listen for vehicles
+    that are not emulated; None: they are emulated. agents_here: they are started on this machine. mesh_relays: ports of the
+    relays between agents 1 and 2, 1 and 3, ..., 2 and 3, ...; mavlink_relays: ports to which the emulated vehicles send instead
+    of to their agents; both empty: the links are direct.
+    """
+
+    onboard: tuple[Address, ...]
+    mesh: tuple[str, ...]
+    bind: str
+    feed_ports: tuple[int, ...] = ()
+    vision_ports: tuple[int, ...] = ()
+    sightings_ports: tuple[int, ...] = ()
+    ground_station: Address | None = None
+    agents_here: bool = False
+    mesh_relays: tuple[int, ...] = ()
+    mavlink_relays: tuple[int, ...] = ()
+
+    @classmethod
+    def here(cls, count: int) -> Places:
+        """Agents and emulated vehicles on this machine, at free ports."""
+        return cls.with_vehicles(free_ports(count, socket.SOCK_DGRAM), None)
+
+    @classmethod
+    def with_vehicles(cls, ports: Sequence[int], ground_station: Address | None) -> Places:
+        """Agents on this machine, each with its vehicle at one of these ports; with a ground station, the vehicles are flown
+        elsewhere.
+        """
+        onboard = tuple((LOCAL, port) for port in ports)
+        mesh = tuple(f"tcp/{LOCAL}:{port}" for port in free_ports(len(ports), socket.SOCK_STREAM))
+        return cls(onboard, mesh, LOCAL, ground_station=ground_station, agents_here=True)
+
+    @classmethod
+    def relayed(cls, count: int) -> Places:
+        """Agents and emulated vehicles on this machine; every link of theirs runs through a relay."""
+        pairs = count * (count - 1) // 2
+        streams, datagrams = free_ports(count + pairs, socket.SOCK_STREAM), free_ports(2 * count, socket.SOCK_DGRAM)
+        return cls(
+            onboard=tuple((LOCAL, port) for port in datagrams[:count]),
+            mesh=tuple(f"tcp/{LOCAL}:{port}" for port in streams[:count]),
+            bind=LOCAL,
+            agents_here=True,
+            mesh_relays=tuple(streams[count:]),
+            mavlink_relays=tuple(datagrams[count:]),
+        )
+
+    @classmethod
+    def elsewhere(cls, hosts: Sequence[str], mesh: Sequence[str], bind: str, emulated: bool = True) -> Places:
+        """Agents on one host each, in containers or on drones, with the same ports."""
+        feeds, visions, sightings = (
+            tuple(range(first, first + len(hosts))) for first in (FIRST_FEED_PORT, FIRST_VISION_PORT, FIRST_SIGHTINGS_PORT)
+        )
+        station = None if emulated else (bind, GROUND_STATION_PORT)
+        return cls(tuple((host, MAVLINK_PORT) for host in hosts), tuple(mesh), bind, feeds, visions, sightings, station)
+
+    @property
+    def vehicles(self) -> tuple[Address, ...]:
+        """Where the emulated vehicles send."""
+        return tuple((LOCAL, port) for port in self.mavlink_relays) or self.onboard
+
+    def endpoints(self, drones: Sequence[str], drone: str) -> dict[str, str]:
+        """The endpoints for a drone's file: its own, and those at which it dials the drones before it."""
+        found = dict(zip(drones, self.mesh, strict=True))
+        for (earlier, later), port in zip(combinations(drones, 2), self.mesh_relays, strict=False):
+            if later == drone:
+                found[earlier] = f"tcp/{LOCAL}:{port}"
+        return found
+
+    def relay_plan(self, seed: int, drones: Sequence[str]) -> RelayPlan:
+        """The relays of these places. Of two agents the later one in the mission dials the other."""
+        listens = {drone: (LOCAL, int(endpoint.rpartition(":")[2])) for drone, endpoint in zip(drones, self.mesh, strict=True)}
+        pairs = zip(combinations(drones, 2), self.mesh_relays, strict=True)
+        mesh = [Carried(later, earlier, port, listens[earlier]) for (earlier, later), port in pairs]
+        vehicles = zip(drones, self.mavlink_relays, self.onboard, strict=True)
+        mavlink = [Carried(vehicle_of(drone), drone, port, agent) for drone, port, agent in vehicles]
+        return RelayPlan(seed, LOCAL, tuple(mesh), tuple(mavlink))

@@ -1,0 +1,57 @@
+"""The launcher's side of the relays' process."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+
+import msgspec
+
+from sim.live.processes import Child
+from sim.live.relays.linkstate import PASSING, LinkState
+from sim.live.relays.plan import Impair, RelayPlan
+from sim.live.worldprocess import LiveError
+
+UP_S = 60.0
+STOP_S = 2.0
+
+
+class RelayProcess:
+    """Running relays."""
+
+    def __init__(self, child: Child) -> None:
+        """Use :meth:`start`."""
+        self._child = child
+        self._states: dict[tuple[str, str], LinkState] = {}
+
+    @classmethod
+    async def start(cls, plan: RelayPlan) -> RelayProcess:
+        """Start them, and wait until they listen.
+
+        Raises:
+            LiveError: they do not.
+        """
+        child = await Child.start("relays", [sys.executable, "-m", "sim.live.relays.process"], piped=True)
+        child.stdin.write(msgspec.json.encode(plan) + b"\n")
+        try:
+            async with asyncio.timeout(UP_S):
+                up = await child.stdout.readline()
+        except TimeoutError:
+            up = b""
+        except BaseException:
+            await child.stop(STOP_S)
+            raise
+        if not up:
+            await child.stop(STOP_S)
+            raise LiveError("the relays between the agents did not start; see the reason above")
+        return cls(child)
+
+    def impair(self, sender: str, receiver: str, state: LinkState) -> None:
+        """Set the state of a direction, by the names of its ends in the plan."""
+        if self._states.get((sender, receiver), PASSING) != state:
+            self._states[(sender, receiver)] = state
+            self._child.stdin.write(msgspec.json.encode(Impair(sender, receiver, state)) + b"\n")
+
+    async def stop(self) -> None:
+        """End them."""
+        await self._child.stop(STOP_S)
