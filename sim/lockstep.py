@@ -260,7 +260,7 @@ class _World:
         """Pass fixes and relative observations to the pilots."""
         motion = self._multirotors
         for drone, receiver in enumerate(self._frames.receiver):
-            fix = receiver and receiver.fix(self._onboard.clocks.own_ns(drone, now_ns), motion.position_m[drone])
+            fix = None if receiver is None else receiver.fix(self._onboard.clocks.own_ns(drone, now_ns), motion.position_m[drone])
             if fix is not None:
                 published[drone] += self.pilots[drone].observe_fix(fix)
         if self._sightings is None:
