@@ -12,6 +12,7 @@ import argparse
 import hashlib
 import os
 import shlex
+import signal
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -134,6 +135,7 @@ def _hunt(bugs: Sequence[Bug], options: argparse.Namespace) -> list[Score]:
                     scores[score.bug.id] = score
                     print(f"planted: {len(scores)} of {len(bugs)}: {_told(score)}", file=sys.stderr, flush=True)
         except BaseException as error:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # all that follows takes a moment
             pool.shutdown(wait=False, cancel_futures=True)
             flights.stop()
             if isinstance(error, KeyboardInterrupt):
