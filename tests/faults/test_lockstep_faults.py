@@ -46,19 +46,19 @@ def test_a_fault_that_only_live_flights_have_is_refused_before_the_flight():
 @pytest.mark.slow
 def test_a_killed_agent_is_back_with_the_whole_log_and_its_flight():
     flight, seen = flown("fault-kill")
-    first, again = seen.pilots[24.0][1], seen.pilots[46.0][1]
+    first, again = seen.pilots[24.0][1], seen.pilots[38.0][1]
     assert first is not again
-    assert all(pilots[1] is None for at, pilots in seen.pilots.items() if 25.1 < at < 45.0)
+    assert all(pilots[1] is None for at, pilots in seen.pilots.items() if 25.1 < at < 37.0)
     assert [seen.pilots[24.0][k] is seen.pilots[60.0][k] for k in (0, 2)] == [True, True]
-    assert seen.one_log_after(45.5) < 3.0
-    assert seen.stages[47.0][1] is Stage.TRACK  # its vehicle was on its way home
+    assert seen.one_log_after(37.5) < 3.0
+    assert seen.stages[39.0][1] is Stage.TRACK  # its vehicle was on its way home
     assert again.counters["rejoined"] == 1
     cones = [cone.time_s for cone in flight.trace.cones if cone.drone == 1]
-    assert not [time_s for time_s in cones if 25.5 < time_s < 44.9]
-    assert [time_s for time_s in cones if time_s > 46.0]
+    assert not [time_s for time_s in cones if 25.5 < time_s < 36.9]
+    assert [time_s for time_s in cones if time_s > 38.0]
     assert set(flight.trace.stage[-1]) <= {Stage.LANDING, Stage.LANDED}
     (fault,) = flight.trace.faults
-    assert (fault.label, fault.drones, fault.begin_s, fault.end_s) == ("kill d2", (1,), 25.0, 45.0)
+    assert (fault.label, fault.drones, fault.begin_s, fault.end_s) == ("kill d2", (1,), 25.0, 37.0)
 
 
 @pytest.mark.slow
