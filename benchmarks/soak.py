@@ -2,9 +2,9 @@
 
 Lockstep: one long mission, whose agents' logs grow, and many short ones in the same process, after which nothing may remain.
 Live: one long flight, whose processes are watched. Exit code 1 where something grows that must not, or memory by more than 2 kB
-for each entry of each agent's log.
+for each entry of each agent's log (in lockstep with the flight's trace, which the simulation keeps, a tenth of it).
 
-Run: python benchmarks/soak.py [--lockstep 600] [--missions 3] [--live 60] [--drones 3] [--seed 1] [--out results/soak]
+Run: python benchmarks/soak.py [--lockstep 120] [--missions 3] [--live 60] [--drones 3] [--seed 1] [--out results/soak]
 Seconds of simulated flight, number of short missions, seconds of live tracking; 0 leaves a part out. ``make soak``: an hour,
 twenty missions, ten minutes.
 """
@@ -255,7 +255,7 @@ def _draw(all_series: list[Series], path: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--lockstep", type=float, default=600.0)
+    parser.add_argument("--lockstep", type=float, default=120.0)
     parser.add_argument("--missions", type=int, default=3)
     parser.add_argument("--live", type=float, default=60.0)
     parser.add_argument("--drones", type=int, default=3)
