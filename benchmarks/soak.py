@@ -2,9 +2,9 @@
 
 Lockstep: one long mission, whose agents' logs grow, and many short ones in the same process, after which nothing may remain.
 Live: one long flight, whose processes are watched. Exit code 1 where something grows that must not, or memory by more than 2 kB
-for each entry of each agent's log.
+for each entry of each agent's log (in lockstep with the flight's trace, which the simulation keeps, a tenth of it).
 
-Run: python benchmarks/soak.py [--lockstep 600] [--missions 3] [--live 60] [--drones 3] [--seed 1] [--out results/soak]
+Run: python benchmarks/soak.py [--lockstep 120] [--missions 3] [--live 60] [--drones 3] [--seed 1] [--out results/soak]
 Seconds of simulated flight, number of short missions, seconds of live tracking; 0 leaves a part out. ``make soak``: an hour,
 twenty missions, ten minutes.
 """
@@ -32,7 +32,7 @@ from rich.table import Table
 
 sys.path.append(str(Path(__file__).parent / "support"))
 
-from live_flight import Seen, flights, fly, messages
+from live_flight import Seen, flights, fly, messages, tracking
 
 from agent.flight import topics
 from agent.flight.reader import RecordedFlight
@@ -173,12 +173,16 @@ def live(folder: Path, drones: int, seed: int, seconds: float) -> list[Series]:
     arguments = ["demo", "--seed", str(seed), "--drones", str(drones), "--set", f"mission.track.duration_s={seconds:g}"]
     seen = fly(folder, arguments, limit_s=seconds + 900.0)
     left = [one for one in psutil.process_iter() if one.pid in seen and one.create_time() == seen[one.pid].began_s]
-    made_s = np.sort([stamp_s for flight in flights(folder).values() for stamp_s in _own_entries(flight)])
+    found = flights(folder)
+    stretches = [stretch for flight in found.values() if (stretch := tracking(flight)) is not None]
+    if len(stretches) < len(found):
+        sys.exit(f"only {len(stretches)} of {len(found)} agents tracked; see {folder}/live.log")
+    tracked = max(start for start, _ in stretches), min(end for _, end in stretches)
+    made_s = np.sort([stamp_s for flight in found.values() for stamp_s in _own_entries(flight)])
     tasks = dict(_tasks(path) for path in sorted(folder.glob("agents/*/agent.log")))
-    series = [_of_process(one, made_s, tasks) for one in seen.values() if one.kind in ("agent", "watchdog", "world", "launcher")]
     if left:
         sys.exit(f"processes are left over: {', '.join(str(one.pid) for one in left)}")
-    return series
+    return [_of_process(one, tracked, made_s, tasks) for one in seen.values() if one.kind != "other"]
 
 
 def _own_entries(flight: RecordedFlight) -> Iterator[float]:
@@ -202,9 +206,14 @@ def _tasks(log: Path) -> tuple[int, list[tuple[float, int]]]:
     return process, found
 
 
-def _of_process(one: Seen, made_s: NDArray[np.float64], tasks: dict[int, list[tuple[float, int]]]) -> Series:
+def _of_process(
+    one: Seen, tracked: tuple[float, float], made_s: NDArray[np.float64], tasks: dict[int, list[tuple[float, int]]]
+) -> Series:
+    """What it held while the swarm tracked: at its start and its end threads come and go."""
     series, told = Series(one.name), tasks.get(one.pid, [])
     for time_s, held in one.held:
+        if not tracked[0] <= time_s <= tracked[1]:
+            continue
         counts = {"threads": held.threads, "files": held.files}
         newest = next((count for at_s, count in reversed(told) if at_s <= time_s), None)
         if newest is not None:
@@ -212,7 +221,7 @@ def _of_process(one: Seen, made_s: NDArray[np.float64], tasks: dict[int, list[tu
         elif told:
             continue  # before its first line
         entries = int(np.searchsorted(made_s, time_s)) if one.kind == "agent" else 0
-        series.add(time_s - one.held[0][0], entries, held.rss_mb, counts)
+        series.add(time_s - tracked[0], entries, held.rss_mb, counts)
     return series
 
 
@@ -255,7 +264,7 @@ def _draw(all_series: list[Series], path: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--lockstep", type=float, default=600.0)
+    parser.add_argument("--lockstep", type=float, default=120.0)
     parser.add_argument("--missions", type=int, default=3)
     parser.add_argument("--live", type=float, default=60.0)
     parser.add_argument("--drones", type=int, default=3)
