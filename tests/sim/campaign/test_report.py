@@ -19,15 +19,18 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "fakes"))
 import synthetic
 
 from sim.campaign.flights import Campaign, Flown, fly_campaign
-from sim.campaign.report import case_sentence, result_json, sentence, write_campaign, write_flight
+from sim.campaign.report import case_sentence, faults_of, result_json, sentence, write_campaign, write_flight
 from sim.campaign.workers import attempt
 from sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
 from sim.figures.cones import ground_curve
 from sim.figures.ellipse import draw_regions
+from sim.figures.error import error_figure
+from sim.figures.faultmarks import rows_of
 from sim.figures.map import CONES_SHOWN, last_tracking, map_figure
 from sim.figures.posterior import INSTANTS, posterior_figure
 from sim.figures.spacing import spacing_figure
 from sim.figures.style import ESTIMATE, new_figure
+from sim.result import FaultTrace
 from sim.scoring.statistics import median
 
 
@@ -253,3 +256,28 @@ def test_a_case_in_one_line() -> None:
     said = case_sentence("near", runs)
     assert "times the bound (medians)" in said
     assert case_sentence("near", []) == "near: all runs failed"
+
+
+def test_the_faults_are_told_and_drawn_with_their_times_and_places() -> None:
+    flight = synthetic.synthetic_flight()
+    end_s = float(flight.trace.time_s[-1])
+    faults = (FaultTrace("kill d2", (1,), 50.0, 70.0), FaultTrace("loss", (0, 1, 2), 60.0, end_s))
+    trace = dataclasses.replace(flight.trace, faults=faults)
+    assert faults_of(flight.trace) == ""
+    assert faults_of(trace) == "Faults: kill d2 from 50 s to 70 s; loss from 60 s on."
+    main, bars = error_figure(trace, ("near",)).axes
+    assert [text.get_text() for text in bars.texts] == ["1  kill d2", "2  loss"]
+    assert main.get_xlim() == bars.get_xlim()
+    assert len(error_figure(flight.trace, ("near",)).axes) == 1
+    places = {text.get_text(): text.xy for text in map_figure(trace, ("near",)).axes[0].texts}
+    struck = np.argmin(np.abs(trace.time_s - 50.0))
+    np.testing.assert_allclose(places["1"], trace.position_m[struck, 1, :2], atol=1.0)
+
+
+def test_neither_bars_nor_names_of_faults_overlap() -> None:
+    """A name takes the room of its letters, and one at the end of the time axis stands before its end."""
+    long, short = "partition d1 d2 | d3", "gust"
+    faults = [FaultTrace(long, (0,), 10.0, 12.0), FaultTrace(short, (0,), 13.0, 90.0), FaultTrace(short, (0,), 60.0, 61.0)]
+    faults.append(FaultTrace(long, (0,), 99.0, 100.0))
+    rows = rows_of(faults, 0.0, 100.0)
+    assert [[number for number, _ in row] for row in rows] == [[1, 3, 4], [2]]

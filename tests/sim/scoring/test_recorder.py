@@ -112,3 +112,27 @@ def test_the_result_has_errors_and_bounds_of_the_flight_in_the_true_frame_and_th
     assert trace.source_bq == scenario.source.activity_bq
     assert trace.covariance_m2[tracked][0].tolist() == [[2.0, 0.0], [0.0, 1.0]]
     assert np.isnan(trace.covariance_m2[~tracked]).all()
+
+
+def test_the_swarm_is_judged_by_its_first_drone_while_that_lives_then_by_the_next_one_alive():
+    scenario = override(load_scenario("demo"), {"drones": 3})
+    agents = [Watched() for _ in range(3)]
+    for place, agent in enumerate(agents):
+        agent.stage, agent.hypothesis = Stage.TRACK, Belief(np.array([10.0 * place, 0.0, 0.0]), np.eye(3))
+    recorder = Recorder(scenario, agents, LocalFrames([((0.0, 0.0, 0.0), 0.0)] * 3), 0.05)
+    position = np.tile([0.0, 0.0, 3.0], (3, 1))
+
+    def fly(since_s):
+        for tick in range(1, 9):
+            recorder.sample(since_s + 0.05 * tick, position, np.zeros((3, 3)), (0.0, 0.0))
+
+    fly(0.0)
+    agents[0].alive = False
+    fly(1.0)
+    agents[0].alive = True  # it is back with an empty log: nobody changes over to it
+    fly(2.0)
+    agents[1].alive = False
+    fly(3.0)
+    trace = recorder.trace()
+    assert trace.judged.tolist() == [0, 0, 1, 1, 1, 1, 0, 0]
+    assert trace.estimate_m[:, 0].tolist() == [0.0, 0.0, 10.0, 10.0, 10.0, 10.0, 0.0, 0.0]
