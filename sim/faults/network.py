@@ -135,12 +135,12 @@ class FaultyRadio(Radio):
         if sender not in self._poses:
             return
         key, payload = self._poses[sender]
-        padded = _padded(payload, flood.message_bytes)
-        number = min(MOST_FLOODING, round(flood.rate_mbps * 1e6 * self._tick_s / len(padded)))
+        copy = padded(payload, flood.message_bytes)
+        number = min(MOST_FLOODING, round(flood.rate_mbps * 1e6 * self._tick_s / len(copy)))
         for receiver in range(len(self._names)):
             if receiver != sender:
                 for _ in range(number):
-                    self._carry(sender, receiver, key, padded, self._truth.delay_s, now_ns)
+                    self._carry(sender, receiver, key, copy, self._truth.delay_s, now_ns)
         self._poses[sender] = key, payload
 
 
@@ -171,8 +171,8 @@ def _corrupted(payload: bytes, rng: np.random.Generator) -> bytes:
     return payload[:place] if what == 1 else payload + rng.bytes(1 + place % 16)
 
 
-def _padded(payload: bytes, size: int) -> bytes:
-    """A valid message of about ``size`` bytes, and never fewer than before."""
+def padded(payload: bytes, size: int) -> bytes:
+    """A message with a field that no receiver knows, so that it has about ``size`` bytes, and never fewer than before."""
     if size < len(payload) + 12:
         return payload
     whole, rest = divmod(size - len(payload) - 12, _PAD)

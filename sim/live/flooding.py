@@ -10,12 +10,12 @@ import asyncio
 import sys
 from collections.abc import Callable
 
-import msgpack
 import msgspec
 from msgspec import Struct
 
 from protocol.keys import drone_key
 from protocol.session import Mesh, MeshConfig
+from sim.faults.network import padded
 
 BURST_S = 0.005  # between two bursts
 
@@ -28,12 +28,6 @@ class FloodPlan(Struct, frozen=True):
     mesh: tuple[str, ...]
     rate_bytes_ps: float
     message_bytes: int
-
-
-def padded(payload: bytes, size: int) -> bytes:
-    """A message with an additional field, so that it has about ``size`` bytes, and never fewer than before."""
-    fields = msgpack.unpackb(payload)
-    return bytes(msgpack.packb(fields | {"padding": bytes(max(0, size - len(payload) - len("padding") - 6))}))
 
 
 async def flood(plan: FloodPlan, now_s: Callable[[], float]) -> None:
