@@ -69,7 +69,7 @@ def test_the_swarm_is_judged_by_a_drone_that_lives():
     trace = flight.trace
     assert set(trace.judged[trace.time_s < 24.9]) == {0}
     assert set(trace.judged[trace.time_s > 25.1]) == {1}
-    assert set(trace.stage[-1]) == {Stage.LANDED} or trace.stage[-1][0] == Stage.LANDED  # its failsafe brought it home
+    assert trace.stage[-1][0] == Stage.LANDED  # its failsafe brought it home
     assert flight.result.tracking_time_s > 39.0
     assert flight.result.error_median_m < 1.0
 
@@ -110,7 +110,7 @@ def test_the_kitchen_sink_ends_landed_and_tells_of_its_faults():
     assert [fault.label for fault in flight.trace.faults] == [
         "late d5", "slow-cpu d3", "false cone d4", "kill d1", "partition d1 d2 | d3 d4 d5", "loss d2 with d3", "duplicate",
     ]  # fmt: skip
-    assert set(flight.trace.stage[-1]) == {Stage.LANDED}
+    assert set(flight.trace.stage[-1]) <= {Stage.LANDING, Stage.LANDED}  # the trace ends with the last one off the ground
     late = flight.trace.position_m[:, 4, 2]
     assert late[flight.trace.time_s < 15.0].max() < 0.1
     assert late.max() > 2.0
