@@ -41,6 +41,11 @@ class PoseHistory:
             self._stamps.popleft()
             self._states.popleft()
 
+    def clear(self) -> None:
+        """Forget all: their stamps are of another time."""
+        self._stamps.clear()
+        self._states.clear()
+
     @property
     def newest(self) -> VehicleState | None:
         """The newest telemetry; None before the first."""

@@ -58,6 +58,8 @@ class JumpDetector:
     def _compare(self, last: VehicleState, state: VehicleState) -> None:
         """A jump is a step that differs from the integrated velocity by more than maximum speed and 3 sigma explain."""
         step_s = (state.stamp_ns - last.stamp_ns) * 1e-9
+        if step_s <= 0.0:  # the clock was set back: how long it took is not known
+            return
         expected = [
             place + 0.5 * step_s * (before + after)
             for place, before, after in zip(last.position_m, last.velocity_mps, state.velocity_mps, strict=True)
@@ -71,6 +73,6 @@ class JumpDetector:
             self._recent.append((state.stamp_ns, jump_m))
 
     def _jumps_often(self, stamp_ns: int) -> bool:
-        if len(self._recent) < OFTEN or stamp_ns - self._jump_ns >= CONFIRM_NS:
+        if len(self._recent) < OFTEN or abs(stamp_ns - self._jump_ns) >= CONFIRM_NS:
             return False
         return self._recent[-1][0] - self._recent[0][0] < SPAN_NS

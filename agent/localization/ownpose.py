@@ -24,6 +24,7 @@ from agent.vehicle.grounded import Grounded
 from agent.vehicle.interface import VehicleState
 from protocol.entries import Entry, Sighting
 
+SET_BACK = 5  # so many messages in a row older than known, but newer than each other: the clock was set back
 FARTHEST_M = 1e5  # the largest coordinate that a message can carry
 _UNKNOWN_HEADING_DEG = 90.0  # a heading with a larger 1-sigma error is not known at all
 
@@ -74,25 +75,38 @@ class OwnPose:
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
         self._grounded = Grounded()
         self._continued: tuple[int, Transform] | None = None  # an epoch, and its frame by continuity
+        self._older, self._older_ns = 0, 0  # messages older than known in a row, and the stamp of the last one
         self._known: LocalFrame | None = None  # the last one known; keeps the inverse
 
     def take(self, state: VehicleState) -> VehicleState | None:
         """Take telemetry; returns it with its epoch, and with the error that a wrong clock adds to the position.
 
-        What is not newer than known, not finite or out of range is counted and dropped: None.
+        What is not newer than known, not finite or out of range is counted and dropped: None. Where the own clock was set back,
+        everything known is of another time, and forgotten.
         """
         last = self.vehicle
-        if last is not None and state.stamp_ns <= last.stamp_ns:
-            self._counters["telemetry_older_than_known"] += 1
-            return None
         if not _plausible(state):
             self._counters["telemetry_implausible"] += 1
             return None
+        if last is not None and state.stamp_ns <= last.stamp_ns and not self._set_back(state.stamp_ns):
+            self._counters["telemetry_older_than_known"] += 1
+            return None
+        self._older, self._older_ns = 0, 0
         vehicle = self._with_clock_error(self._grounded.take(self._jumps.take(state)))
         if last is not None and last.epoch != vehicle.epoch:
             self._continue(last, vehicle)
         self.history.add(vehicle)
         return vehicle
+
+    def _set_back(self, stamp_ns: int) -> bool:
+        """Whether telemetry older than known shows that the clock was set back: then what is known from before is void."""
+        self._older = self._older + 1 if stamp_ns > self._older_ns else 1
+        self._older_ns = stamp_ns
+        if self._older < SET_BACK:
+            return False
+        self._counters["clock_set_back"] += 1
+        self.history.clear()
+        return True
 
     def take_entry(self, entry: Entry) -> None:
         """Take a new log entry: a relative observation from or of this drone relates its frame to the others'."""
@@ -153,7 +167,7 @@ class OwnPose:
         """A new epoch: the vehicle has flown on, whatever its localisation says."""
         old = self._mission_from_local(last.epoch)
         if old is not None:
-            elapsed_s = (vehicle.stamp_ns - last.stamp_ns) * 1e-9
+            elapsed_s = max(0, vehicle.stamp_ns - last.stamp_ns) * 1e-9
             before, after = (last.position_m, last.quaternion), (vehicle.position_m, vehicle.quaternion)
             self._continued = vehicle.epoch, carried_on(old, before, last.velocity_mps, after, elapsed_s)
 

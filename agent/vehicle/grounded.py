@@ -34,7 +34,7 @@ class Grounded:
         falls = (self._armed and not state.armed) or (self._in_air and not state.in_air)
         if not falls:
             self._since_ns = None
-        elif self._since_ns is None:
+        elif self._since_ns is None or self._since_ns > state.stamp_ns:  # the clock was set back
             self._since_ns = state.stamp_ns
         if falls and self._since_ns is not None and not self._confirmed(state, self._since_ns):
             return replace(state, armed=state.armed or self._armed, in_air=state.in_air or self._in_air)

@@ -180,8 +180,9 @@ class Autopilot:
         if not self.knows_position and mode is not FlightMode.LAND:
             return
         self._intended = self._acts = None
+        self.failsafe = self.failsafe and not self.knows_position
         if mode is FlightMode.OFFBOARD:
-            self.mode, self.failsafe = mode, False
+            self.mode = mode
         else:
             self._switch(mode)
 

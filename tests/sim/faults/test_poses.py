@@ -1,0 +1,128 @@
+"""Faults of the own position: what a vehicle estimates, and what its driver says of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agent.config.mission import DatumConfig
+from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
+from sim.faults.base import Fault
+from sim.faults.machines import Drag, PositionJump, SatellitesLost
+from sim.faults.poses import PoseFaults, with_dead_reckoning
+from sim.faults.schedule import Schedule
+from sim.streams import streams
+from sim.vehicle.autopilot import Autopilot
+from sim.world.localization import Localization, LocalizationTruth
+from sim.world.localizers import VehicleTruth
+from sim.world.movingframes import MovingFrames
+
+STEP_S = 0.05
+PLACES = np.array([[0.0, 0.0, 5.0], [9.0, 0.0, 5.0]])
+EXACT = LocalizationTruth(horizontal_m=0.0, vertical_m=0.0, velocity_mps=0.0, climb_mps=0.0, drift_m=0.0)
+OFFBOARD = VehicleCommand(Request.OFFBOARD, Setpoint((0.0, 0.0, 5.0), (0.0,) * 3, (0.0,) * 3, 0.0, 0.0))
+
+
+class World:
+    """Two vehicles at rest in the air; the first one has the faults."""
+
+    def __init__(self, *faults: Fault, vehicles: dict[str, VehicleTruth] | None = None) -> None:
+        random, names = streams(1, 2), ["d1", "d2"]
+        datum = DatumConfig(latitude_deg=47.0, longitude_deg=8.0, altitude_m=500.0)
+        truth = LocalizationTruth(vehicles=vehicles or {}, horizontal_m=0.0, vertical_m=0.0, drift_m=0.0)
+        self.schedule = Schedule(faults, names, 1)
+        layout = [((0.0, 0.0, 0.0), 0.0), ((9.0, 0.0, 0.0), 0.0)]
+        self.frames = MovingFrames(truth, names, layout, datum, STEP_S, random)
+        self.errors = with_dead_reckoning(faults, Localization(EXACT, 2, STEP_S, random.localization))
+        self.autopilots = [Autopilot((0.0, 0.0, 0.0), 0.0, STEP_S) for _ in names]
+        self.poses = PoseFaults(self.schedule, self.frames, self.errors, self.autopilots, STEP_S)
+        self.time_s = 0.0
+        for autopilot in self.autopilots:
+            for _ in range(160):
+                autopilot.command(VehicleCommand(Request.TAKEOFF, takeoff_height_m=5.0))
+                autopilot.step(autopilot.target.position)
+
+    def fly(self, duration_s: float, command: VehicleCommand = OFFBOARD) -> np.ndarray:
+        """Returns the errors of the estimated positions (2, 3), world axes: the vehicles themselves stay where they are."""
+        for _ in range(round(duration_s / STEP_S)):
+            self.schedule.advance(self.time_s)
+            for autopilot, place in zip(self.autopilots, self.estimates, strict=True):
+                autopilot.command(command)
+                autopilot.step(place)
+            self.errors.step()
+            self.poses.step()
+            self.frames.step(self.time_s, PLACES)
+            for autopilot, reframing in zip(self.autopilots, self.frames.reframing, strict=True):
+                if reframing is not None:
+                    autopilot.reframe(reframing)
+            self.time_s += STEP_S
+        return np.array(self.estimates) - (PLACES - [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]])
+
+    @property
+    def estimates(self):
+        return self.frames.local(PLACES + self.errors.position_error_m)
+
+
+def test_a_jump_is_not_told_and_is_undone() -> None:
+    world = World(PositionJump(at_s=1.0, for_s=5.0, target="d1", jump_m=20.0))
+    assert np.abs(world.fly(1.0)).max() < 1e-9
+    error = world.fly(2.0)
+    assert np.hypot(*error[0, :2]) == pytest.approx(20.0)
+    assert np.abs(error[1]).max() < 1e-9
+    assert world.frames.epoch == [0, 0]
+    assert world.poses.trusted(0)
+    assert np.abs(world.fly(5.0)).max() < 1e-9
+
+
+def test_an_announced_jump_begins_an_epoch_and_the_target_keeps_its_place_in_the_world() -> None:
+    world = World(PositionJump(at_s=1.0, target="d1", jump_m=20.0, turn_deg=30.0, announced=True))
+    world.fly(0.9)
+    before = world.frames.to_world([[world.autopilots[0].target.position]] * 2)[0, 0] + world.frames.origin[0]
+    world.fly(0.2, VehicleCommand(Request.RELEASE))
+    after = world.frames.to_world([[world.autopilots[0].target.position]] * 2)[0, 0] + world.frames.origin[0]
+    assert world.frames.epoch == [1, 0]
+    assert after == pytest.approx(before, abs=1e-6)
+    assert abs(world.frames.yaw_rad[0]) == pytest.approx(np.radians(30.0))
+    assert not world.poses.trusted(0)
+    world.fly(4.0)
+    assert world.poses.trusted(0)
+
+
+def test_spoofed_satellites_drag_position_and_fixes_alike() -> None:
+    world = World(Drag(at_s=1.0, target="d1", speed_mps=2.0, most_m=8.0), vehicles={"d1": VehicleTruth(kind="rtk")})
+    world.fly(1.0)
+    receiver = world.frames.receiver[0]
+    assert receiver is not None
+    well_m = receiver.error_m[:2].copy()
+    error = world.fly(2.0)
+    assert np.hypot(*(receiver.error_m[:2] - well_m)) == pytest.approx(4.0, abs=0.2)  # and what the receiver errs by
+    assert np.hypot(*error[0, :2]) == pytest.approx(2.0 * (2.0 - 1.0 * (1.0 - np.exp(-2.0))), abs=0.2)  # it follows within 1 s
+    assert np.hypot(*world.fly(8.0)[0, :2]) == pytest.approx(8.0, abs=0.3)
+
+
+def test_without_satellites_the_error_grows_is_told_and_the_autopilot_lands() -> None:
+    world = World(SatellitesLost(at_s=1.0, for_s=8.0, target="d1", drift_mps2=0.2))
+    world.fly(1.0)
+    early = world.fly(1.0)
+    assert not world.poses.trusted(0)
+    assert world.poses.trusted(1)
+    assert np.hypot(*early[0, :2]) < world.poses.sigma_m(0, 0.1) < 2.0
+    assert world.autopilots[0].mode is FlightMode.OFFBOARD
+    late = world.fly(6.0, VehicleCommand(Request.HOLD))
+    assert np.hypot(*late[0, :2]) > 4.0
+    assert np.hypot(*late[0, :2]) < world.poses.sigma_m(0, 0.1)
+    assert world.autopilots[0].mode is FlightMode.LAND
+    assert world.autopilots[0].failsafe
+    assert world.autopilots[1].mode is FlightMode.HOLD
+    regained = world.fly(8.0, VehicleCommand(Request.HOLD))
+    assert np.hypot(*regained[0, :2]) < 0.1
+    assert world.autopilots[0].mode is FlightMode.HOLD  # chosen last
+    assert not world.autopilots[0].failsafe
+    assert world.poses.trusted(0)
+    assert world.frames.epoch[0] == 1  # the filter was reset
+
+
+def test_a_vehicle_without_satellites_does_not_miss_them() -> None:
+    world = World(SatellitesLost(at_s=0.0, target="d1"), vehicles={"d1": VehicleTruth(kind="slam")})
+    assert np.abs(world.fly(5.0)).max() < 0.5
+    assert world.poses.trusted(0)
