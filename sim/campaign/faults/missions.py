@@ -17,8 +17,8 @@ _IDEAL = ("horizontal_m", "vertical_m", "height_m", "yaw_deg", "tilt_deg", "velo
 
 def draw_mission(rng: np.random.Generator, name: str, course: Course) -> dict[str, Any]:
     """A scenario document without faults."""
-    width_m, depth_m = (round(float(side)) for side in rng.uniform(36.0, 60.0, 2))
-    count = int(rng.integers(3, 7))
+    width_m, depth_m = (round(float(side)) for side in rng.uniform(*course.side_m, 2))
+    count = int(rng.integers(3, course.most_drones + 1))
     places = _launch_places(rng, count, width_m, depth_m)
     estimated = rng.random() < 0.25
     drones = [{"id": f"d{k + 1}", "origin_m": place} for k, place in enumerate(places)]
