@@ -18,7 +18,7 @@ import numpy as np
 from agent.config.drone import DroneConfig, VehicleConfig
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
-from agent.vehicle.interface import VehicleCommand, VehicleState
+from agent.vehicle.interface import VehicleState
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
@@ -157,8 +157,6 @@ class _World:
         self.recorder = Recorder(scenario, scored, self._frames, TICK_NS * 1e-9, scored[0].listeners, known)
         self._source = None
         self._source_now: tuple[float, float] | None = None
-        self._commands: list[VehicleCommand | None] = [None] * count
-        self._sent = [0] * count
         if scenario.source is not None:
             duration_s = LONGEST_START_S + scenario.end.longest_s(mission)
             self._source = source_path(scenario.source, self.recorder.area, duration_s, random.source)
@@ -186,10 +184,11 @@ class _World:
             velocity_mps=motion.velocity_mps,
             source=self._source_now,
             pilots=[agent.pilot if agent.life is Life.RUNNING else None for agent in agents],
-            commands=self._commands,
+            commands=[agent.command for agent in agents],
             autopilots=self._autopilots,
-            sent=self._sent,
+            sent=[agent.sent for agent in agents],
             inboxes=self._radio.waiting,
+            batteries=self._onboard.vehicles.levels,
         )
 
     def describe(self) -> str:
@@ -208,7 +207,7 @@ class _World:
             self._command_start(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive])
         self._command_start(now_ns, self._crew.called(now_ns))
         for drone, agent in enumerate(self._crew.agents):
-            self._commands[drone], self._sent[drone] = None, 0
+            agent.command, agent.sent = None, 0
             if not agent.alive:
                 self._radio.silence(drone)
                 continue
@@ -230,7 +229,7 @@ class _World:
         for key, payload in (*agent.readings, *step.publications):
             self._radio.send(drone, key, self._liars.tell(drone, key, payload), now_ns)
             self.recorder.hear(drone, key, payload)
-        self._commands[drone], self._sent[drone] = step.command, len(agent.readings) + len(step.publications)
+        agent.command, agent.sent = step.command, len(agent.readings) + len(step.publications)
         agent.readings.clear()
         if recovery is not None:
             recovery.ask(drone, pilot, now_ns)

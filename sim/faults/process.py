@@ -11,6 +11,7 @@ from enum import Enum, auto
 
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
+from agent.vehicle.interface import VehicleCommand
 from protocol.messages import Stage
 from sim.faults.agents import Disk, Freeze, Kill, Late, SlowCpu
 from sim.faults.base import Fault
@@ -47,6 +48,8 @@ class Agent:
         self.absent = absent  # never started so far
         self.starts = 0 if absent else 1
         self.readings: list[tuple[str, bytes]] = []  # log entries made since the last step
+        self.command: VehicleCommand | None = None  # of the last step; None where there was none in this tick
+        self.sent = 0  # messages published in this tick
         self.disk = StateDisk()
         self.since_ns = 0  # since when it has been frozen
         self.due_ns = 0  # no step before this

@@ -32,6 +32,11 @@ class VehicleFaults:
         self._pushes: dict[tuple[Active, int], Array] = {}
         self._heard = [True] * len(autopilots)
 
+    @property
+    def levels(self) -> list[float]:
+        """The true levels of all batteries, 0 .. 1."""
+        return [cells.remaining for cells in self._true]
+
     def battery(self, drone: int) -> float:
         """The level that a vehicle reports, in whole percent: 0 .. 1."""
         return int(100.0 * self._told[drone].remaining) / 100.0

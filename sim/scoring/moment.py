@@ -33,7 +33,7 @@ class Moment:
     autopilots: Sequence[Autopilot]
     sent: Sequence[int]
     inboxes: Sequence[int]
-    batteries: Sequence[float] = ()
+    batteries: Sequence[float]
 
     def airborne(self, drone: int) -> bool:
         """Whether it is off the ground."""

@@ -103,7 +103,7 @@ def _runs(campaign: FaultCampaign, folder: Path) -> RunFile:
     manifest: dict[str, Any] = {
         "radron": version("radron"),
         "seed": campaign.seed,
-        "course": msgspec.to_builtins(campaign.course),
+        "course": msgspec.json.decode(msgspec.json.encode(campaign.course)),  # as it is read back
     }
     claim(folder / "campaign.json", manifest, RUNS)
     return RunFile(folder / RUNS)

@@ -10,14 +10,20 @@ class Course:
     """Times in seconds since the start of the simulation.
 
     Safety: faults come from ``first_s`` on, and all that do not stay for good are over by ``heal_s``. Liveness: from ``heal_s``
-    on. ``track_s``: range of the mission's tracking time. ``end_s``: the flight is stopped here if it has not ended.
+    on. ``track_s``: range of the mission's tracking time; ``search_s``: it returns after a search of this time. ``end_s``: the flight is stopped here if it has not ended.
+    ``side_m``: range of the sides of the area; ``most_drones``: of three at least.
     """
 
     first_s: float = 5.0
     heal_s: float = 50.0
     track_s: tuple[float, float] = (60.0, 70.0)
+    search_s: float = 80.0
     end_s: float = 200.0
+    side_m: tuple[float, float] = (36.0, 60.0)
+    most_drones: int = 6
 
 
 FULL = Course()
-SHORT = Course(first_s=4.0, heal_s=12.0, track_s=(9.0, 11.0), end_s=90.0)  # for the fast tests
+SHORT = Course(
+    first_s=4.0, heal_s=12.0, track_s=(9.0, 11.0), search_s=30.0, end_s=90.0, side_m=(26.0, 34.0), most_drones=3
+)  # for the fast tests

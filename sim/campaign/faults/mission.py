@@ -84,7 +84,7 @@ def fly_mission(mission: Mission) -> Verdict:
     recorded = setting.names[mission.seed // _RECORDED_EVERY % len(setting.names)]
     try:
         with TemporaryDirectory() as folder:
-            recording = Recording(recorded if mission.seed % _RECORDED_EVERY == 0 else "", Path(folder))
+            recording = Recording(recorded if mission.seed % _RECORDED_EVERY == _RECORDED_EVERY - 1 else "", Path(folder))
             watched(scenario, mission.seed, lambda moment: log.see(moment) | judge(moment), recording.make)
             judge.finish()
             for text in recording.differences():

@@ -17,8 +17,8 @@ _IDEAL = ("horizontal_m", "vertical_m", "height_m", "yaw_deg", "tilt_deg", "velo
 
 def draw_mission(rng: np.random.Generator, name: str, course: Course) -> dict[str, Any]:
     """A scenario document without faults."""
-    width_m, depth_m = (round(float(side)) for side in rng.uniform(36.0, 60.0, 2))
-    count = int(rng.integers(3, 7))
+    width_m, depth_m = (round(float(side)) for side in rng.uniform(*course.side_m, 2))
+    count = int(rng.integers(3, course.most_drones + 1))
     places = _launch_places(rng, count, width_m, depth_m)
     estimated = rng.random() < 0.25
     drones = [{"id": f"d{k + 1}", "origin_m": place} for k, place in enumerate(places)]
@@ -29,7 +29,7 @@ def draw_mission(rng: np.random.Generator, name: str, course: Course) -> dict[st
             "name": name,
             "drones": drones,
             "area": {"polygon_m": _outline(rng, width_m, depth_m), "fence_margin_m": round(float(rng.uniform(15.0, 30.0)))},
-            "survey": {"strategy": "information" if rng.random() < 0.75 else "lanes"},
+            "survey": {"strategy": "information" if rng.random() < 0.75 else "lanes", "duration_s": course.search_s},
             "encirclement": {
                 "radius_m": round(float(rng.uniform(9.0, 13.0)), 1),
                 "speed_mps": round(float(rng.uniform(2.0, 3.5)), 1),

@@ -19,11 +19,18 @@ from agent.pilot import Pilot
 _LIMIT_MB = 1000  # far beyond a random mission
 
 
+class _Through:
+    """A sink behind which the recorder is not seen, whose waiting records are no memory of the pilot."""
+
+    def __init__(self, recorder: FlightRecorder) -> None:
+        self.write = recorder.write
+
+
 class _Recorded(RecordedPilot):
     """A recorded pilot in the place of a pilot in lockstep."""
 
     def __init__(self, pilot: Pilot, recorder: FlightRecorder) -> None:
-        super().__init__(pilot, recorder)
+        super().__init__(pilot, _Through(recorder))
         self.fusion, self.listeners = pilot.fusion, pilot.listeners
 
 

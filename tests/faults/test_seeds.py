@@ -1,0 +1,25 @@
+"""Random missions with faults: four short ones each time, forty with the slow tests; ``make faults`` flies a thousand.
+
+The seeds are none that anything was tuned on, and are not chosen: they are the first ones.
+"""
+
+import pytest
+
+from sim.campaign.faults.course import FULL, SHORT, Course
+from sim.campaign.faults.mission import Mission, fly_mission
+from sim.campaign.faults.summary import told
+
+
+def violations(seed: int, course: Course) -> str:
+    return "\n".join(told(fly_mission(Mission(seed, course))))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_violated_in_a_short_mission(seed: int) -> None:
+    assert violations(seed, SHORT) == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(40))
+def test_nothing_is_violated(seed: int) -> None:
+    assert violations(seed, FULL) == ""
