@@ -170,7 +170,7 @@ class Pilot:
         return self._exchange.summary()
 
     def log_answer(self, request: bytes) -> list[tuple[str, bytes]]:
-        """Keys and payloads of log entries missing at the asking drone; a bounded number, oldest first."""
+        """Keys and payloads of log entries missing at the asking drone: a bounded number."""
         return self._exchange.answer(request)
 
     def observe_vehicle(self, state: VehicleState) -> None:

@@ -11,10 +11,11 @@ from protocol.entries import Entry
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
 from protocol.message import Message
-from protocol.messages import KINDS, AnyMessage, Command
+from protocol.messages import KINDS, AnyMessage, Command, Status
 
 MAX_PAYLOAD_BYTES = 64 * 1024
 MAX_ENTRY_BYTES = 2 * 1024  # of a log entry, which every agent keeps in memory until the mission ends
+MAX_NEWS_BYTES = 4 * 1024  # of poses, plans, frames and estimates; a status with all its texts may have more
 _LIMITS = {
     "max_str_len": 1024,
     "max_bin_len": 1024,
@@ -109,8 +110,15 @@ def _refuse_extension(code: int, data: bytes) -> NoReturn:
     raise ValueError(f"extension type {code}")
 
 
+def size_limit(kind: str) -> int:
+    """Largest size of a message of this kind, bytes."""
+    return _limit_of(KINDS[kind])
+
+
 def _limit_of(kind: type[Message]) -> int:
-    return MAX_ENTRY_BYTES if issubclass(kind, Entry) else MAX_PAYLOAD_BYTES
+    if issubclass(kind, Entry):
+        return MAX_ENTRY_BYTES
+    return MAX_PAYLOAD_BYTES if issubclass(kind, Status) else MAX_NEWS_BYTES
 
 
 def _check_size(payload: bytes, limit: int = MAX_PAYLOAD_BYTES) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import zenoh
 from zenoh import CongestionControl, Locality, Priority, ext
@@ -29,6 +29,8 @@ __all__ = ["Mesh", "MeshConfig"]
 CACHE_ENTRIES = 2_000  # of each kind, for peers that join late or were cut off; older ones come by the log query
 HEARTBEAT_S = 0.5  # the loss of a last entry is noticed after this time
 ASK_S = 1.0
+MOST_ALIVE = 256  # names with a liveliness token that are kept
+ANSWER_SHARE = 0.1  # of the loop's time goes into answers at most, however often somebody asks
 MOST_ANSWERS = 8  # log queries answered at the same time
 
 Answer = Callable[[bytes], list[tuple[str, bytes]]]
@@ -50,6 +52,7 @@ class Mesh:
         receive: Receive,
         drained: Callable[[], None] | None,
         answer: Answer | None,
+        members: Collection[str] | None,
     ) -> None:
         """Use :meth:`open`."""
         self.counters: Counter[str] = Counter()
@@ -58,12 +61,14 @@ class Mesh:
         self._drone = drone
         self._answer = answer
         self._loop = asyncio.get_running_loop()
-        self._inbox = Inbox(self._loop, swarm, receive, drained or (lambda: None), self.counters)
+        self._inbox = Inbox(self._loop, swarm, receive, drained or (lambda: None), self.counters, members)
         self._outgoing = Outgoing(lambda: self._to_loop(self._count, "publish_failed"))
         self._publishers: dict[str, zenoh.Publisher | ext.AdvancedPublisher] = {}
         self._declared: list[object] = []  # Zenoh undeclares what is not referenced
         self._alive: set[str] = set()
+        self._members = members
         self._answers = 0
+        self._credit_s, self._credited_s = ANSWER_SHARE, self._loop.time()  # for answers
 
     @classmethod
     async def open(
@@ -75,6 +80,7 @@ class Mesh:
         receive: Receive,
         drained: Callable[[], None] | None = None,
         answer: Answer | None = None,
+        members: Collection[str] | None = None,
     ) -> Mesh:
         """Join a swarm.
 
@@ -86,13 +92,14 @@ class Mesh:
                 without loss (within the bounds of ``Inbox``) and, for one key, in order; of other kinds only the newest.
             drained: called after each burst of ``receive``.
             answer: from a peer's summary to the (key, payload) of the entries missing there.
+            members: the drones of the swarm: what comes under another name is counted and ignored; None: all names are taken.
 
         Raises:
             MeshError: the session cannot be opened as configured.
         """
         drone_key(swarm, drone or "any", "alive")  # invalid names are refused
         session = await open_session(config, dial_all=config.listen is None)
-        mesh = cls(session, swarm, drone, receive, drained, answer)
+        mesh = cls(session, swarm, drone, receive, drained, answer, members)
         declaring = in_thread(mesh._declare)
         try:
             await asyncio.shield(declaring)
@@ -111,6 +118,11 @@ class Mesh:
         second.
         """
         return frozenset(self._alive)
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Publishers that flood the mesh, one line each."""
+        return self._inbox.problems
 
     def publish(self, key: str, payload: bytes) -> None:
         """Send a message, or drop it on congestion; never blocks, never fails because of the network.
@@ -244,10 +256,15 @@ class Mesh:
         self._to_loop(self._count, "entries_missed", miss.nb)
 
     def _take_token(self, sample: zenoh.Sample) -> None:
-        change = self._alive.add if sample.kind == zenoh.SampleKind.PUT else self._alive.discard
         drone = str(sample.key_expr).split("/")[3]
-        if drone != self._drone:
-            self._to_loop(change, drone)
+        if drone == self._drone:
+            return
+        if self._members is not None and drone not in self._members:
+            self._inbox.drop("unknown_drone")
+        elif sample.kind == zenoh.SampleKind.PUT:
+            self._to_loop(self._appear, drone)
+        else:
+            self._to_loop(self._alive.discard, drone)
 
     def _take_query(self, query: zenoh.Query) -> None:
         self._to_loop(self._reply, query)
@@ -258,13 +275,22 @@ class Mesh:
 
     # Called in the loop's thread.
 
+    def _appear(self, drone: str) -> None:
+        if len(self._alive) < MOST_ALIVE or drone in self._alive:
+            self._alive.add(drone)
+        else:
+            self._count("overflow")
+
     def _count(self, name: str, number: int = 1) -> None:
         self.counters[name] += number
 
     def _reply(self, query: zenoh.Query) -> None:
         """Answer a log query; failures are counted."""
         entries: list[tuple[str, bytes]] = []
-        if self._answers >= MOST_ANSWERS:
+        begun_s = self._loop.time()
+        self._credit_s = min(ANSWER_SHARE, self._credit_s + ANSWER_SHARE * (begun_s - self._credited_s))
+        self._credited_s = begun_s
+        if self._answers >= MOST_ANSWERS or self._credit_s <= 0.0:
             self._count("log_answer_refused")
         elif self._answer is not None:
             try:
@@ -272,6 +298,7 @@ class Mesh:
                 self._count("log_answered")
             except Exception:
                 self._count("log_answer_failed")
+            self._credit_s -= self._loop.time() - begun_s
 
         def send() -> None:
             with query:  # leaving the block ends it for the peer

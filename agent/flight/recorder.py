@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from collections import Counter, deque
 from collections.abc import Callable
@@ -65,7 +66,6 @@ class FlightRecorder:
         self._synced_s = self._flushed_s = self._refused_s = 0.0
         self._segment: Segment | None = None
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)
             self._open_segment()
         except OSError as error:
             text = f"{self._folder}: flight records cannot be written: {error.strerror}; see recorder.folder in the drone file"
@@ -138,6 +138,8 @@ class FlightRecorder:
         if now_s - self._flushed_s >= FLUSH_S:
             self._flushed_s = now_s
             segment.flush()
+            if not segment.is_there:
+                raise OSError(errno.ENOENT, "the file has been removed")
         if now_s - self._synced_s >= SYNC_S:
             self._synced_s = now_s
             segment.sync()
@@ -146,6 +148,7 @@ class FlightRecorder:
             self._open_segment()
 
     def _open_segment(self) -> None:
+        self._folder.mkdir(parents=True, exist_ok=True)
         number, self._number = self._number, self._number + 1
         path = segment_path(self._folder, self._header, number)
         self._segment = Segment(path, self._header, number)
@@ -159,5 +162,5 @@ class FlightRecorder:
     def _abandon_segment(self) -> None:
         segment, self._segment = self._segment, None
         if segment is not None:
-            with suppress(OSError):  # the error for which it is abandoned
+            with suppress(Exception):  # the error for which it is abandoned, and what follows from it
                 segment.close()

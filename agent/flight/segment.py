@@ -57,6 +57,14 @@ class Segment:
         """Size of the file so far."""
         return self._file.tell()
 
+    @property
+    def is_there(self) -> bool:
+        """Whether the file is still where it was made: what is written into a removed one is lost."""
+        try:
+            return self.path.stat().st_ino == os.fstat(self._file.fileno()).st_ino
+        except FileNotFoundError:
+            return False
+
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int, sequence: int) -> None:
         """Append a record."""
         channel = self._channels.get(topic)

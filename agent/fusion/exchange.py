@@ -26,7 +26,7 @@ class LogExchange:
         return encode_summary(self._log.mission_id, self._log.summary())
 
     def answer(self, request: bytes) -> list[tuple[str, bytes]]:
-        """Keys and payloads of the entries that the peer lacks, the oldest first, up to the limits of one answer.
+        """Keys and payloads of the entries that the peer lacks, some of every publisher, up to the limits of one answer.
 
         A request that is no summary, or that of another mission's log, is counted and not answered.
         """
@@ -39,7 +39,7 @@ class LogExchange:
             self._counters["dropped_query_of_another_mission"] += 1
             return []
         replies, left = [], MOST_BYTES
-        for record in self._log.missing_from(summary)[:MOST_ENTRIES]:
+        for record in self._log.missing_from(summary, MOST_ENTRIES):
             left -= len(record.payload)
             if left < 0:
                 break

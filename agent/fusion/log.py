@@ -6,18 +6,21 @@ Two logs with the same entries have the same digest, whatever the order in which
 from __future__ import annotations
 
 import hashlib
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
+from itertools import islice, zip_longest
 from typing import TypeVar, cast
 
 from msgspec import Struct
 
 from agent.fusion.sequences import Range, SequenceSet
 from protocol.entries import Entry, EntryId
+from protocol.summary import MOST_PUBLISHERS
 
 E = TypeVar("E", bound=Entry)
 _DIGEST_BYTES = 16
+_TURN = 50  # entries of one publisher in an answer before it is the next one's turn
 _MODULUS = 1 << (8 * _DIGEST_BYTES)
 
 Publisher = tuple[str, str]  # drone, boot
@@ -67,7 +70,8 @@ class ObservationLog:
         self._by_kind: defaultdict[type[Entry], dict[EntryId, Entry]] = defaultdict(dict)
         self._revisions: Counter[type[Entry]] = Counter()
         self._held: dict[Publisher, SequenceSet] = {}
-        self._numbered: defaultdict[Publisher, dict[int, tuple[EntryId, ...]]] = defaultdict(dict)  # one each, but for faults
+        self._boots: defaultdict[str, list[str]] = defaultdict(list)  # by drone, in the order of their first entries
+        self._numbered: defaultdict[Publisher, dict[int, list[EntryId]]] = defaultdict(dict)  # one each, but for faults
         self._sum = 0
 
     def __len__(self) -> int:
@@ -101,7 +105,6 @@ class ObservationLog:
     def _add(self, entry: Entry, payload: bytes) -> Outcome:
         if entry.mission != self.mission_id or entry.drone not in self._drones:
             return Outcome.FOREIGN
-        held = self._held.setdefault((entry.drone, entry.boot), SequenceSet())
         record = Record(entry, payload, int.from_bytes(hashlib.blake2b(payload, digest_size=_DIGEST_BYTES).digest()))
         identity = entry.entry_id
         present = self._records.get(identity)
@@ -114,12 +117,15 @@ class ObservationLog:
         if present is not None:  # possibly of another kind
             self._forget(identity, type(present.entry))
         else:
-            numbered = self._numbered[entry.drone, entry.boot]
-            numbered[entry.sequence] = (*numbered.get(entry.sequence, ()), identity)
+            publisher = entry.drone, entry.boot
+            if publisher not in self._held:
+                self._held[publisher] = SequenceSet()
+                self._boots[entry.drone].append(entry.boot)
+            self._held[publisher].add(entry.sequence)
+            self._numbered[publisher].setdefault(entry.sequence, []).append(identity)
         self._by_kind[type(entry)][identity] = entry
         self._revisions[type(entry)] += 1
         self._sum = (self._sum + record.hash - (present.hash if present else 0)) % _MODULUS
-        held.add(entry.sequence)
         return Outcome.REPLACED if present else Outcome.ADDED
 
     def _forget(self, identity: EntryId, kind: type[Entry]) -> None:
@@ -127,18 +133,39 @@ class ObservationLog:
         self._revisions[kind] += 1
 
     def summary(self) -> dict[Publisher, tuple[Range, ...]]:
-        """The sequence numbers held of each publisher: a peer that gets this can tell which entries are missing here."""
-        return {publisher: tuple(held) for publisher, held in self._held.items() if any(held)}
+        """The sequence numbers held of each publisher: a peer that gets this can tell which entries are missing here.
 
-    def missing_from(self, summary: Summary) -> list[Record]:
-        """The records held here that are missing from a log with this summary, in the order of their identities.
-
-        The cost is proportional to what is missing, usually little or nothing: every peer asks every few seconds.
+        As many publishers as a summary carries, those of each drone in turn: one that goes through many boots does not keep the
+        others out.
         """
-        missing: list[EntryId] = []
-        for publisher, held in self._held.items():
+        turns = zip_longest(
+            *([(drone, boot) for boot in boots[:MOST_PUBLISHERS]] for drone, boots in sorted(self._boots.items()))
+        )
+        chosen = islice((publisher for turn in turns for publisher in turn if publisher is not None), MOST_PUBLISHERS)
+        return {publisher: tuple(self._held[publisher]) for publisher in chosen}
+
+    def missing_from(self, summary: Summary, most: int) -> list[Record]:
+        """Up to ``most`` records held here that are missing from a log with this summary, some of every drone in turn.
+
+        In the order of the sequence numbers, so that the cost follows from what is returned and from the summary, however much
+        is missing; and nobody's entries wait for those of a drone that has many.
+        """
+        waiting = deque(self._lacked(drone, summary) for drone in sorted(self._boots))
+        missing: list[Record] = []
+        while waiting and len(missing) < most:
+            records = waiting.popleft()
+            found = list(islice(records, _TURN))
+            missing += found
+            if len(found) == _TURN:
+                waiting.append(records)
+        return missing[:most]
+
+    def _lacked(self, drone: str, summary: Summary) -> Iterator[Record]:
+        """The records of a drone that are missing."""
+        for boot in self._boots[drone]:
+            publisher = drone, boot
             numbered = self._numbered[publisher]
-            for first, last in held.without(SequenceSet(summary.get(publisher, ()))):
+            for first, last in self._held[publisher].without(SequenceSet(summary.get(publisher, ()))):
                 for sequence in range(first, last + 1):
-                    missing += numbered[sequence]
-        return [self._records[identity] for identity in sorted(missing)]
+                    for identity in numbered[sequence]:
+                        yield self._records[identity]

@@ -49,10 +49,16 @@ class SequenceSet:
         return zip(self._firsts, self._lasts, strict=True)
 
     def without(self, other: SequenceSet) -> Iterator[Range]:
-        """The numbers of this set that are not in the other one, as ranges."""
-        for first, last in self:
-            place = bisect_right(other._firsts, first)
-            start = max(first, other._lasts[place - 1] + 1) if place else first
+        """The numbers of this set that are not in the other one, as ranges; what the other one holds is not looked through."""
+        at = 0
+        while at < len(self._firsts):
+            start, last = self._firsts[at], self._lasts[at]
+            place = bisect_right(other._firsts, start)
+            if place and other._lasts[place - 1] >= last:
+                at = bisect_right(self._lasts, other._lasts[place - 1], lo=at + 1)
+                continue
+            if place:
+                start = max(start, other._lasts[place - 1] + 1)
             while start <= last:
                 if place == len(other._firsts) or other._firsts[place] > last:
                     yield start, last
@@ -61,3 +67,4 @@ class SequenceSet:
                     yield start, other._firsts[place] - 1
                 start = other._lasts[place] + 1
                 place += 1
+            at += 1

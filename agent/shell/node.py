@@ -120,6 +120,7 @@ class Node:
             receive=contained("messages", lambda key, payload: self._pilot.receive(key, payload, time.time_ns()), None),
             drained=contained("log entries", self._advance, None),
             answer=contained("log queries", self._pilot.log_answer, []),
+            members=frozenset(member.id for member in self._mission.drones),
         )
         self._closers.append(self._mesh.close)
         self._log.info("mesh is up", boot=boot, mission=self._mission.mission_id)
@@ -287,7 +288,7 @@ class Node:
         heard = {self._drone.id, *self._mesh.alive}
         unheard = [member.id for member in self._mission.drones if member.id not in heard]
         problems = [f"no contact with {name} ({endpoints.get(name, 'no endpoint given')})" for name in unheard]
-        for part in (self._detector, self._sightings, self._recorder, self._barrier, self._memory):
+        for part in (self._mesh, self._detector, self._sightings, self._recorder, self._barrier, self._memory):
             problems += part.problems if part is not None else ()
         missing = camera_missing(self._drone, self._mission)
         if self._detector is None and missing is not None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import os
+import time
 from pathlib import Path
 
 import msgspec
@@ -13,6 +15,8 @@ from agent.mission.memory import Memory
 from agent.shell.logs import Logger
 from agent.vehicle.interface import LaunchPlace
 
+SLOW_S = 5.0  # a write that takes longer is reported
+
 
 class State(Struct, frozen=True, kw_only=True):
     """The pilot's state, and where the local frame lies in the autopilot's."""
@@ -21,17 +25,27 @@ class State(Struct, frozen=True, kw_only=True):
     launch: LaunchPlace | None = None
 
 
+class _Kept(State, frozen=True, kw_only=True):
+    """The file's content: the state, and a hash of it, because a flipped bit would send a drone somewhere else."""
+
+    check: str = ""
+
+
 def encode_state(state: State) -> bytes:
     """Contents of the state file."""
-    return msgspec.json.encode(state)
+    return msgspec.json.encode(_Kept(memory=state.memory, launch=state.launch, check=_check(state)))
 
 
 def decode_state(content: bytes) -> State:
-    """Read the contents of a state file; raises msgspec.MsgspecError where they are not a state's, whatever they are."""
+    """Read the contents of a state file; raises msgspec.MsgspecError where they are not a state's, or damaged."""
     try:
-        return msgspec.json.decode(content, type=State)
+        kept = msgspec.json.decode(content, type=_Kept)
     except (UnicodeDecodeError, RecursionError) as error:
         raise msgspec.DecodeError(str(error)) from None
+    state = State(memory=kept.memory, launch=kept.launch)
+    if kept.check != _check(state):
+        raise msgspec.ValidationError("its content does not match its check")
+    return state
 
 
 class StateFile:
@@ -45,14 +59,12 @@ class StateFile:
 
         Raises:
             OSError: the file exists and cannot be read.
-            msgspec.MsgspecError: it is not a state file.
+            msgspec.MsgspecError: it is not a state file, or damaged.
         """
         try:
             return decode_state(self.path.read_bytes())
         except FileNotFoundError:
             return State()
-        except (UnicodeDecodeError, RecursionError) as error:
-            raise msgspec.DecodeError(str(error)) from None
 
     def save(self, state: State) -> None:
         """Replace the file atomically and durably: a power cut leaves the older or the newer one. Raises OSError."""
@@ -65,6 +77,10 @@ class StateFile:
         fresh.replace(self.path)
 
 
+def _check(state: State) -> str:
+    return hashlib.blake2b(msgspec.json.encode(state), digest_size=8).hexdigest()
+
+
 def unreadable(file: StateFile, error: Exception) -> str:
     """What is reported where the file is not a readable state file."""
     reason = error.strerror if isinstance(error, OSError) else error
@@ -72,17 +88,22 @@ def unreadable(file: StateFile, error: Exception) -> str:
 
 
 class StateStore:
-    """Loads and saves the state of one agent; without a folder for it, nothing is saved.
-
-    ``problem``: why the state could not be saved, or None.
-    """
+    """Loads and saves the state of one agent; without a folder for it, nothing is saved."""
 
     def __init__(self, folder: str | None, drone: str, log: Logger) -> None:
         self._file = None if folder is None else StateFile(folder, drone)
         self._log = log
         self._saved: State | None = None  # contents of the file; None: unknown, so that the next state is written in any case
         self._saving: asyncio.Task[None] | None = None
-        self.problem: str | None = None
+        self._saving_s = 0.0  # since when
+        self._failure: str | None = None
+
+    @property
+    def problem(self) -> str | None:
+        """Why the state could not be saved; a disk that stands still is a reason too."""
+        if self._saving is not None and not self._saving.done() and time.monotonic() - self._saving_s > SLOW_S:
+            return "state not saved (the disk is too slow): an agent that is restarted in flight will not rejoin it"
+        return self._failure
 
     def load(self) -> State:
         """The state of the previous agent; an empty one where there is none, or none that can be read."""
@@ -91,7 +112,7 @@ class StateStore:
                 return self._file.load()
             except (OSError, msgspec.MsgspecError) as error:
                 self._log.error("state file not readable: a flight in progress is not resumed", error=str(error))
-                self.problem = unreadable(self._file, error)
+                self._failure = unreadable(self._file, error)
                 self._file = None  # it is not overwritten, whatever it is
         return State()
 
@@ -99,12 +120,13 @@ class StateStore:
         """Write a changed state in the background. While one is being written, a newer one is left to the next call."""
         if self._file is not None and state != self._saved and (self._saving is None or self._saving.done()):
             self._saved = state
+            self._saving_s = time.monotonic()
             self._saving = asyncio.create_task(self._write(self._file, state))
 
     async def _write(self, file: StateFile, state: State) -> None:
         try:
             await asyncio.to_thread(file.save, state)
-            self.problem = None
+            self._failure = None
         except OSError as error:
             self._saved = None
-            self.problem = f"state not saved ({error.strerror}): an agent that is restarted in flight will not rejoin it"
+            self._failure = f"state not saved ({error.strerror}): an agent that is restarted in flight will not rejoin it"

@@ -11,8 +11,8 @@ import pytest
 from meshes import until
 
 from protocol import inbox as inbox_module
-from protocol.codec import MAX_ENTRY_BYTES, MAX_PAYLOAD_BYTES
-from protocol.inbox import SLICE_MESSAGES, Inbox
+from protocol.codec import MAX_ENTRY_BYTES, MAX_NEWS_BYTES
+from protocol.inbox import MOST_ENTRIES, MOST_PUBLISHERS, NEWS_PER_S, SLICE_MESSAGES, Inbox
 from protocol.keys import command_key, drone_key
 
 CONE = drone_key("s", "d1", "cone")
@@ -23,12 +23,14 @@ COMMAND = command_key("s", "gcs")
 class Received:
     """An inbox and what it delivered; ``turns``: how often it was this loop's turn to do something else meanwhile."""
 
-    def __init__(self, act: Callable[[str, bytes], None] = lambda key, payload: None) -> None:
+    def __init__(
+        self, act: Callable[[str, bytes], None] = lambda key, payload: None, members: tuple[str, ...] | None = None
+    ) -> None:
         self.messages: list[tuple[str, bytes]] = []
         self.counters: Counter[str] = Counter()
         self.bursts: list[int] = []
         self._act = act
-        self.inbox = Inbox(asyncio.get_running_loop(), "s", self._receive, self._drained, self.counters)
+        self.inbox = Inbox(asyncio.get_running_loop(), "s", self._receive, self._drained, self.counters, members)
 
     def _receive(self, key: str, payload: bytes) -> None:
         self.messages.append((key, payload))
@@ -121,32 +123,72 @@ def test_what_is_no_message_of_this_swarm_is_counted_and_dropped() -> None:
         received.inbox.put("radron/1/s/d1/nonsense", b"")
         received.inbox.put("no key at all", b"")
         received.inbox.put(CONE, bytes(MAX_ENTRY_BYTES + 1))
-        received.inbox.put(POSE, bytes(MAX_PAYLOAD_BYTES + 1))
+        received.inbox.put(POSE, bytes(MAX_NEWS_BYTES + 1))
         received.inbox.put(CONE, None)
         received.inbox.put(CONE, bytes(MAX_ENTRY_BYTES))
-        received.inbox.put(POSE, bytes(MAX_PAYLOAD_BYTES))
+        received.inbox.put(POSE, bytes(MAX_NEWS_BYTES))
         await until(lambda: len(received.messages) == 2)
         assert received.counters == {"received": 2, "other_swarm": 1, "unknown_key": 2, "oversized": 3}
 
     asyncio.run(run())
 
 
-def test_what_is_beyond_the_bounds_is_counted_and_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(inbox_module, "MOST_ENTRIES", 10)
-    monkeypatch.setattr(inbox_module, "MOST_NEWS_KEYS", 5)
-
+def test_of_one_publisher_what_is_beyond_the_bounds_is_dropped_and_told_and_nothing_of_the_others() -> None:
     async def run() -> None:
         received = Received()
-        for i in range(8):
-            received.inbox.put(drone_key("s", f"d{i}", "pose"), b"")
-        for i in range(8):  # 2 of them before the loop has looked
+        for i in range(MOST_ENTRIES + 10):
             received.inbox.put(CONE, b"%d" % i)
+        others = [drone_key("s", f"d{k}", kind) for k in (2, 3) for kind in ("cone", "pose")]
+        for key in others:
+            received.inbox.put(key, b"")
+        await until(lambda: len(received.messages) >= 8)
+        assert [key for key, _ in received.messages[:8] if key != CONE] == [others[1], others[3], others[0], others[2]]
+        await until(lambda: received.counters["received"] == MOST_ENTRIES + 4)
+        assert received.counters["overflow"] == 10
+        assert received.inbox.problems == ("d1 floods the mesh: 10 of its messages were left out",)
+
+    asyncio.run(run())
+
+
+def test_entries_of_one_publisher_come_at_a_bounded_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inbox_module, "MOST_ENTRIES", 100)
+
+    async def run() -> None:
+        received, loop = Received(), asyncio.get_running_loop()
+        begun_s = loop.time()
+        while len(received.messages) < 400:
+            for _ in range(100):
+                received.inbox.put(CONE, b"")
+            await asyncio.sleep(0.005)
+        assert len(received.messages) <= 5_000 + (loop.time() - begun_s) * inbox_module.ENTRIES_PER_S
+        assert received.counters["overflow"] > 0
+
+    asyncio.run(run())
+
+
+def test_more_news_than_any_drone_sends_are_told() -> None:
+    async def run() -> None:
+        received = Received()
+        for _ in range(3 * NEWS_PER_S):
+            received.inbox.put(POSE, b"")
         await until(lambda: received.messages)
-        for i in range(8, 12):
-            received.inbox.put(CONE, b"%d" % i)
-        await until(lambda: received.counters["received"] == 11)
-        assert [int(payload) for key, payload in received.messages if key == CONE] == [0, 1, 8, 9, 10, 11]
-        assert received.counters["overflow"] == 3 + 6
+        assert len(received.messages) == 1
+        assert "d1 floods" in received.inbox.problems[0]
+
+    asyncio.run(run())
+
+
+def test_unknown_drones_are_ignored_and_too_many_operators_take_turns() -> None:
+    async def run() -> None:
+        received = Received(members=("d1",))
+        for k in range(3 * MOST_PUBLISHERS):
+            received.inbox.put(drone_key("s", f"x{k}", "cone"), b"")
+            received.inbox.put(command_key("s", f"gcs{k}"), b"")
+        received.inbox.put(CONE, b"")
+        await until(lambda: received.counters["received"] == MOST_PUBLISHERS)
+        assert received.counters["unknown_drone"] == 3 * MOST_PUBLISHERS
+        received.inbox.put(CONE, b"here")
+        await until(lambda: (CONE, b"here") in received.messages)
 
     asyncio.run(run())
 

@@ -9,7 +9,7 @@ import pytest
 from meshes import endpoint, free_port, linked, member, pair, until
 
 from protocol import session
-from protocol.codec import MAX_PAYLOAD_BYTES
+from protocol.codec import MAX_NEWS_BYTES
 from protocol.errors import MeshError, ProtocolError
 from protocol.inbox import ENTRY_KINDS, NEWS_KINDS
 from protocol.keys import command_key, drone_key
@@ -194,10 +194,10 @@ def test_two_agents_of_one_id_hear_of_each_other() -> None:
 def test_what_is_too_large_is_dropped_and_counted() -> None:
     async def run() -> None:
         async with pair() as (d1, d2):
-            d1.publish("pose", bytes(MAX_PAYLOAD_BYTES + 1))
-            d1.publish("pose", bytes(MAX_PAYLOAD_BYTES))
+            d1.publish("pose", bytes(MAX_NEWS_BYTES + 1))
+            d1.publish("pose", bytes(MAX_NEWS_BYTES))
             await until(lambda: d2.messages)
-            assert [len(payload) for _, payload in d2.messages] == [MAX_PAYLOAD_BYTES]
+            assert [len(payload) for _, payload in d2.messages] == [MAX_NEWS_BYTES]
             assert d2.mesh.counters["oversized"] == 1
 
     asyncio.run(run())

@@ -284,3 +284,49 @@ def test_a_peer_that_fetches_the_log_over_a_congested_link_does_not_hold_the_pub
                 assert longest_s < 0.2  # an agent whose loop stands still for a second is killed; the put itself waits for 5 s
 
     asyncio.run(run())
+
+
+@pytest.mark.slow
+def test_of_a_peer_that_floods_its_own_messages_are_shed_and_the_others_arrive() -> None:
+    """d2 sends 20,000 entries at once, and 60 kB poses as fast as it can; d1 sends as drones do, and d3 hears all of it."""
+
+    async def run() -> None:
+        first, second = endpoint(), endpoint()
+        pose, cone = drone_key("s", "d1", "pose"), drone_key("s", "d1", "cone")
+        async with member("d1", first) as d1, member("d3", endpoint(), (first, second), members=("d1", "d2")) as d3:
+            with peer_process("d2", second, first, entries=20_000, pose_bytes=60_000, pose_hz=800.0) as d2:
+                await linked(d1, d3)
+                await until(lambda: d3.mesh.counters["oversized"])
+                assert d2.stdin is not None
+                d2.stdin.write("burst\n")
+                turns: list[float] = []
+                for number in range(100):
+                    begun_s = time.monotonic()
+                    d1.publish("pose", b"%d" % number)
+                    d1.publish("cone", b"%d" % number)
+                    await asyncio.sleep(0.05)
+                    turns.append(time.monotonic() - begun_s - 0.05)
+                await until(lambda: len(d3.got(cone)) == 100)
+                assert numbers(d3.got(cone)) == list(range(100))
+                assert numbers(d3.got(pose))[-1] == 99
+                assert len(d3.got(pose)) > 80
+                assert any("d2 floods the mesh" in problem for problem in d3.mesh.problems)
+                assert not any("d1" in problem for problem in d3.mesh.problems)
+                assert sorted(turns)[-5] < 0.1  # of the loop in which d3 works
+
+    asyncio.run(run())
+
+
+def test_liveliness_tokens_of_unknown_names_are_counted_and_nothing_else() -> None:
+    async def run() -> None:
+        first = endpoint()
+        async with member("d1", first, members=("d1", "d2")) as d1, member("d2", endpoint(), (first,)) as d2:
+            tokens = [d2.mesh._session.liveliness().declare_token(drone_key("s", f"x{k}", "alive")) for k in range(500)]
+            await linked(d1, d2)
+            d2.publish("pose", b"1")
+            await until(lambda: d1.messages and d1.mesh.counters["unknown_drone"] >= 500)
+            assert d1.mesh.alive == {"d2"}
+            for token in tokens:
+                token.undeclare()
+
+    asyncio.run(run())

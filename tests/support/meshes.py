@@ -70,10 +70,11 @@ async def member(
     connect: tuple[str, ...] = (),
     swarm: str = SWARM,
     answer: Callable[[bytes], list[tuple[str, bytes]]] | None = None,
+    members: tuple[str, ...] | None = None,
 ) -> AsyncIterator[Member]:
     one = Member(drone, swarm)
     config = MeshConfig(listen=listen, connect=connect)
-    one.mesh = await Mesh.open(config, swarm, drone, receive=one.receive, drained=one.drained, answer=answer)
+    one.mesh = await Mesh.open(config, swarm, drone, receive=one.receive, drained=one.drained, answer=answer, members=members)
     try:
         yield one
     finally:

@@ -10,8 +10,8 @@ class Course:
     """Times in seconds since the start of the simulation.
 
     Safety: faults come from ``first_s`` on, and all that do not stay for good are over by ``heal_s``. Liveness: from ``heal_s``
-    on. ``track_s``: range of the mission's tracking time; ``search_s``: it returns after a search of this time. ``end_s``: the flight is stopped here if it has not ended.
-    ``side_m``: range of the sides of the area; ``most_drones``: of three at least.
+    on. ``track_s``: range of the mission's tracking time; ``search_s``: it returns after a search of this time. ``end_s``: the
+    flight is stopped here if it has not ended. ``side_m``: range of the sides of the area; ``most_drones``: of three at least.
     """
 
     first_s: float = 5.0

@@ -3,6 +3,7 @@
 import errno
 import random
 import resource
+import shutil
 import time
 
 import psutil
@@ -116,6 +117,21 @@ def test_a_full_disk_is_reported_and_the_recording_goes_on_when_there_is_room(tm
     flight = RecordedFlight(sorted(tmp_path.iterdir())[0])
     assert [record.data for record in flight.records()] == [b"[]"]
     assert "records are missing" in flight.flaw
+
+
+def test_a_folder_removed_in_flight_is_told_and_made_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(agent.flight.recorder, "FLUSH_S", 0.02)
+    folder = tmp_path / "flights"
+    recorder = FlightRecorder(folder, 100, HEADER)
+    recorder.write(topics.WARN, b"[]")
+    shutil.rmtree(folder)
+    until(lambda: recorder.problems)
+    assert "the file has been removed" in recorder.problems[0]
+    monkeypatch.setattr(agent.flight.recorder, "RETRY_S", 0.0)
+    until(lambda: not recorder.problems)
+    recorder.write(topics.WARN, b"[]")
+    recorder.close()
+    assert len(list(folder.glob("*.mcap"))) == 1
 
 
 def test_a_file_that_cannot_be_begun_is_not_left_behind(tmp_path, monkeypatch):

@@ -7,10 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.fusion.log import ObservationLog, Outcome
+from agent.fusion.sequences import SequenceSet
 from protocol.codec import encode
 from protocol.entries import Cone, Coverage
+from protocol.summary import MOST_PUBLISHERS
 
 UP = (0.0, 0.0, 1.0)
+MOST = 500
 
 
 @pytest.fixture(scope="session")
@@ -103,12 +106,69 @@ def test_a_drone_that_is_not_in_the_mission_is_refused(mission, entries):
 def test_a_peer_is_told_what_it_lacks(mission, entries):
     full = log_of(mission, entries)
     partial = log_of(mission, entries[:5] + entries[8:])
-    missing = full.missing_from(partial.summary())
-    assert [record.entry for record in missing] == entries[5:8]
-    assert partial.missing_from(full.summary()) == []
+    missing = full.missing_from(partial.summary(), MOST)
+    assert sorted((record.entry for record in missing), key=lambda entry: entry.entry_id) == entries[5:8]
+    assert partial.missing_from(full.summary(), MOST) == []
     for record in missing:
         partial.add(record.entry, record.payload)
     assert partial.digest == full.digest
+
+
+def gapped(entries, count, drone="a", boot="00000000000000b1"):
+    """Every second sequence number of a publisher, each with its bytes."""
+    for number in range(count):
+        stamp_ns = entries[0].stamp_ns + number
+        entry = msgspec.structs.replace(entries[0], drone=drone, boot=boot, sequence=2 * number, stamp_ns=stamp_ns)
+        yield entry, b"%s%s%d" % (drone.encode(), boot.encode(), number)
+
+
+class CountedDict(dict):
+    """Counts what is looked up."""
+
+    looked = 0
+
+    def __getitem__(self, key):
+        type(self).looked += 1
+        return super().__getitem__(key)
+
+
+def test_an_answer_costs_what_is_in_it_however_many_gaps_there_are(mission, entries):
+    log = empty_log(mission)
+    for entry, payload in gapped(entries, 20_000):
+        log.add(entry, payload)
+    log._records = CountedDict(log._records)
+    for summary, found in ({}, MOST), (log.summary(), 0), ({("a", "00000000000000b1"): ((0, 10**6),)}, 0):
+        CountedDict.looked = 0
+        assert len(log.missing_from(summary, MOST)) == found
+        assert CountedDict.looked <= 2 * MOST
+    held, whole = log._held["a", "00000000000000b1"], SequenceSet([(0, 10**6)])
+    held._firsts = CountedList(held._firsts)
+    CountedList.looked = 0
+    assert list(held.without(whole)) == []
+    assert CountedList.looked == 1  # what the peer holds in one range is passed over at once
+
+
+class CountedList(list):
+    """Counts what is looked up."""
+
+    looked = 0
+
+    def __getitem__(self, at):
+        type(self).looked += 1
+        return super().__getitem__(at)
+
+
+def test_nobodys_entries_wait_for_those_of_a_drone_that_has_many(mission, entries):
+    log = empty_log(mission)
+    for boot in range(2 * MOST_PUBLISHERS):
+        for entry, payload in gapped(entries, 1, boot=f"{boot:016x}"):
+            log.add(entry, payload)
+    for entry, payload in gapped(entries, 20, drone="b"):
+        log.add(entry, payload)
+    missing = log.missing_from({}, 100)
+    assert sum(record.entry.drone == "b" for record in missing) == 20
+    assert len(log.summary()) == MOST_PUBLISHERS
+    assert ("b", "00000000000000b1") in log.summary()
 
 
 def test_another_boot_is_another_publisher(mission, entries, kit):
@@ -116,7 +176,7 @@ def test_another_boot_is_another_publisher(mission, entries, kit):
     log = log_of(mission, [*entries, reborn])
     assert len(log) == 13
     assert log.summary()["a", "00000000000000b2"] == ((0, 0),)
-    assert log.missing_from(log_of(mission, entries).summary())[0].entry == reborn
+    assert log.missing_from(log_of(mission, entries).summary(), MOST)[0].entry == reborn
 
 
 @pytest.fixture(scope="module")

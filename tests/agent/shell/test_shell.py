@@ -3,13 +3,17 @@
 import asyncio
 import json
 import os
+import random
+import threading
+from contextlib import suppress
 from pathlib import Path
 
+import msgspec
 import pytest
 import structlog
 
 from agent.mission.memory import Memory
-from agent.shell import faultbarrier
+from agent.shell import faultbarrier, statestore
 from agent.shell.faultbarrier import FaultBarrier
 from agent.shell.logs import Logger, UnblockingStream
 from agent.shell.statestore import State, StateFile, StateStore
@@ -70,6 +74,36 @@ def test_a_damaged_state_is_no_state(tmp_path: Path, log: Logger) -> None:
         assert store.load() == State()
         assert store.problem is not None
         assert path.read_bytes() == damaged
+
+
+def test_a_flipped_bit_is_no_state_either(tmp_path: Path, log: Logger) -> None:
+    file = StateFile(str(tmp_path), "d1")
+    file.save(STATE)
+    whole = file.path.read_bytes()
+    rng = random.Random(1)
+    for _ in range(300):
+        at, bit = rng.randrange(len(whole)), 1 << rng.randrange(8)
+        file.path.write_bytes(whole[:at] + bytes([whole[at] ^ bit]) + whole[at + 1 :])
+        with suppress(msgspec.MsgspecError):
+            assert file.load() == STATE
+
+
+def test_a_disk_that_stands_still_is_told(tmp_path: Path, log: Logger, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(statestore, "SLOW_S", 0.02)
+    stands = threading.Event()
+    monkeypatch.setattr(StateFile, "save", lambda file, state: stands.wait(10.0))
+
+    async def run() -> None:
+        store = StateStore(str(tmp_path), "d1", log)
+        store.save(STATE)
+        while store.problem is None:
+            await asyncio.sleep(0.005)
+        assert "the disk is too slow" in store.problem
+        stands.set()
+        while store.problem is not None:
+            await asyncio.sleep(0.005)
+
+    asyncio.run(run())
 
 
 def test_a_folder_that_takes_no_state_is_a_problem_and_no_failure(tmp_path: Path, log: Logger) -> None:
