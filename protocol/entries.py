@@ -7,6 +7,7 @@ limits in ``units``; frames as in ``messages``.
 from __future__ import annotations
 
 from itertools import pairwise
+from sys import intern
 from typing import Annotated, NamedTuple
 
 from msgspec import Meta, Struct
@@ -61,8 +62,8 @@ class Entry(DroneMessage, frozen=True, kw_only=True):
 
     @property
     def entry_id(self) -> EntryId:
-        """The unique identity of this entry."""
-        return EntryId(self.mission, self.stamp_ns, self.drone, self.boot, self.sequence)
+        """The unique identity of this entry; its texts are shared by all identities, which logs keep by the hundred thousand."""
+        return EntryId(intern(self.mission), self.stamp_ns, intern(self.drone), intern(self.boot), self.sequence)
 
 
 class ConeOrder(Struct, frozen=True, array_like=True):

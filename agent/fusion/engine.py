@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 from agent.config.mission import MissionConfig
 from agent.frames.graph import FrameGraph
@@ -179,6 +179,7 @@ class Fusion:
         observation = observe(entry, transform)
         if observation is None:
             return first
+        identity = observation.entry.identity  # one object for all indices
         step = observation.stamp_ns // self._grid_ns
         if step >= self._first_step and self._timeline.add(step, identity, observation):
             return min(first, step)
@@ -230,7 +231,7 @@ class Fusion:
             measured = observation.entry
             changed_ns = changes.get((measured.drone, measured.epoch))
             if changed_ns is not None and measured.stamp_ns >= changed_ns:
-                again.append(measured)
+                again.append(cast(AnyEntry, self.log.entry(measured.identity)))
         changed = min((self._put(entry.entry_id, entry) for entry in again), default=_AFTER)
         if changed < self._oldest_step and self._states:
             self._begin_replay(changed)

@@ -6,7 +6,7 @@ from collections import Counter
 
 from agent.fusion.log import ObservationLog
 from protocol.errors import ProtocolError
-from protocol.keys import key_of
+from protocol.keys import drone_key
 from protocol.summary import decode_summary, encode_summary
 
 MOST_ENTRIES = 500  # of one answer; for more the peer asks again
@@ -39,9 +39,9 @@ class LogExchange:
             self._counters["dropped_query_of_another_mission"] += 1
             return []
         replies, left = [], MOST_BYTES
-        for record in self._log.missing_from(summary, MOST_ENTRIES):
+        for identity, record in self._log.missing_from(summary, MOST_ENTRIES):
             left -= len(record.payload)
             if left < 0:
                 break
-            replies.append((key_of(self._swarm, record.entry), record.payload))
+            replies.append((drone_key(self._swarm, identity.drone, record.kind.__name__.lower()), record.payload))
         return replies

@@ -15,6 +15,7 @@ from typing import TypeVar, cast
 from msgspec import Struct
 
 from agent.fusion.sequences import Range, SequenceSet
+from protocol.codec import decode
 from protocol.entries import Entry, EntryId
 from protocol.summary import MOST_PUBLISHERS
 
@@ -38,11 +39,16 @@ class Outcome(Enum):
 
 
 class Record(Struct, frozen=True):
-    """An entry with its bytes as they crossed the link, and their hash as a number."""
+    """An entry as its bytes that crossed the link, with their hash as a number. Decoded it would take four times the memory."""
 
-    entry: Entry
+    kind: type[Entry]
     payload: bytes
     hash: int
+
+    @property
+    def entry(self) -> Entry:
+        """The entry, decoded anew."""
+        return cast(Entry, decode(self.payload))
 
 
 class ObservationLog:
@@ -56,8 +62,8 @@ class ObservationLog:
 
     The log is never compacted: a restarted agent begins with an empty log and must be able to get all of it, and an entry may
     arrive late, after which all later grid steps are computed again. Memory: three drones at 3 GBq publish 5 exposures and 2.5
-    cones a second (scenario ``demo``, tracking), 4.2 kB/s or 15 MB per hour of payloads, and about 100 MB per hour with decoded
-    entries, observations and indices. A single entry is bounded by ``protocol.codec.MAX_ENTRY_BYTES``;
+    cones a second (scenario ``demo``, tracking), 4.2 kB/s or 15 MB per hour of payloads, and about 50 MB per hour with
+    observations and indices. A single entry is bounded by ``protocol.codec.MAX_ENTRY_BYTES``;
     ``agent.shell.memory`` warns the operator before memory runs out.
     """
 
@@ -67,7 +73,7 @@ class ObservationLog:
         self._drones = frozenset(drones)
         self.counters: dict[str, int] = {outcome.value: 0 for outcome in Outcome}
         self._records: dict[EntryId, Record] = {}
-        self._by_kind: defaultdict[type[Entry], dict[EntryId, Entry]] = defaultdict(dict)
+        self._by_kind: defaultdict[type[Entry], set[EntryId]] = defaultdict(set)
         self._revisions: Counter[type[Entry]] = Counter()
         self._held: dict[Publisher, SequenceSet] = {}
         self._boots: defaultdict[str, list[str]] = defaultdict(list)  # by drone, in the order of their first entries
@@ -85,7 +91,11 @@ class ObservationLog:
     def entries(self, kind: type[E]) -> list[E]:
         """The entries of one kind in the order of their identities: a function of the log's content."""
         held = self._by_kind[kind]
-        return [cast(E, held[identity]) for identity in sorted(held)]
+        return [cast(E, self._records[identity].entry) for identity in sorted(held)]
+
+    def entry(self, identity: EntryId) -> Entry:
+        """The entry held of this identity. Raises KeyError without one."""
+        return self._records[identity].entry
 
     def revision(self, kind: type[Entry]) -> int:
         """A counter that grows whenever ``entries(kind)`` changes: a cheap test for changes."""
@@ -105,7 +115,7 @@ class ObservationLog:
     def _add(self, entry: Entry, payload: bytes) -> Outcome:
         if entry.mission != self.mission_id or entry.drone not in self._drones:
             return Outcome.FOREIGN
-        record = Record(entry, payload, int.from_bytes(hashlib.blake2b(payload, digest_size=_DIGEST_BYTES).digest()))
+        record = Record(type(entry), payload, int.from_bytes(hashlib.blake2b(payload, digest_size=_DIGEST_BYTES).digest()))
         identity = entry.entry_id
         present = self._records.get(identity)
         if present is not None:
@@ -115,7 +125,7 @@ class ObservationLog:
                 return Outcome.CONFLICT
         self._records[identity] = record
         if present is not None:  # possibly of another kind
-            self._forget(identity, type(present.entry))
+            self._forget(identity, present.kind)
         else:
             publisher = entry.drone, entry.boot
             if publisher not in self._held:
@@ -123,13 +133,13 @@ class ObservationLog:
                 self._boots[entry.drone].append(entry.boot)
             self._held[publisher].add(entry.sequence)
             self._numbered[publisher].setdefault(entry.sequence, []).append(identity)
-        self._by_kind[type(entry)][identity] = entry
+        self._by_kind[type(entry)].add(identity)
         self._revisions[type(entry)] += 1
         self._sum = (self._sum + record.hash - (present.hash if present else 0)) % _MODULUS
         return Outcome.REPLACED if present else Outcome.ADDED
 
     def _forget(self, identity: EntryId, kind: type[Entry]) -> None:
-        del self._by_kind[kind][identity]
+        self._by_kind[kind].discard(identity)
         self._revisions[kind] += 1
 
     def summary(self) -> dict[Publisher, tuple[Range, ...]]:
@@ -144,14 +154,14 @@ class ObservationLog:
         chosen = islice((publisher for turn in turns for publisher in turn if publisher is not None), MOST_PUBLISHERS)
         return {publisher: tuple(self._held[publisher]) for publisher in chosen}
 
-    def missing_from(self, summary: Summary, most: int) -> list[Record]:
+    def missing_from(self, summary: Summary, most: int) -> list[tuple[EntryId, Record]]:
         """Up to ``most`` records held here that are missing from a log with this summary, some of every drone in turn.
 
         In the order of the sequence numbers, so that the cost follows from what is returned and from the summary, however much
         is missing; and nobody's entries wait for those of a drone that has many.
         """
         waiting = deque(self._lacked(drone, summary) for drone in sorted(self._boots))
-        missing: list[Record] = []
+        missing: list[tuple[EntryId, Record]] = []
         while waiting and len(missing) < most:
             records = waiting.popleft()
             found = list(islice(records, _TURN))
@@ -160,7 +170,7 @@ class ObservationLog:
                 waiting.append(records)
         return missing[:most]
 
-    def _lacked(self, drone: str, summary: Summary) -> Iterator[Record]:
+    def _lacked(self, drone: str, summary: Summary) -> Iterator[tuple[EntryId, Record]]:
         """The records of a drone that are missing."""
         for boot in self._boots[drone]:
             publisher = drone, boot
@@ -168,4 +178,4 @@ class ObservationLog:
             for first, last in self._held[publisher].without(SequenceSet(summary.get(publisher, ()))):
                 for sequence in range(first, last + 1):
                     for identity in numbered[sequence]:
-                        yield self._records[identity]
+                        yield identity, self._records[identity]

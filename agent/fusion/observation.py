@@ -11,10 +11,27 @@ from numpy.typing import NDArray
 
 from agent.frames.transform import Transform
 from agent.geometry import Vector3
-from protocol.entries import Cone, Entry, Exposure, PoseSample
+from protocol.entries import Cone, Entry, EntryId, Exposure, PoseSample
 
 _SHORTEST_LIVE_S = 1e-3  # exposures shorter than this hold no information
 _SHORTEST_AXIS = 0.5  # a shorter "unit vector" is no direction
+
+
+class Origin(Struct, frozen=True):
+    """Which entry an observation comes from. The log holds the entry itself, as bytes: decoded it takes four times the memory."""
+
+    identity: EntryId
+    epoch: int
+
+    @property
+    def drone(self) -> str:
+        """The publisher."""
+        return self.identity.drone
+
+    @property
+    def stamp_ns(self) -> int:
+        """The entry's stamp."""
+        return self.identity.stamp_ns
 
 
 class ConeSurface(Struct, frozen=True):
@@ -36,7 +53,7 @@ class ConeSurface(Struct, frozen=True):
 class ConeObservation(Struct, frozen=True):
     """A Compton cone with its possible readings, one or two, in the order in which they were published.
 
-    ``entry``: the cone as published, in the publisher's local frame; ``mission_from_local``: the transform of that frame.
+    ``entry``: the cone's identity and epoch; ``mission_from_local``: the transform of the publisher's local frame.
     Sigmas: 1-sigma errors of the drone's position (of the horizontal distance) and heading.
     """
 
@@ -45,7 +62,7 @@ class ConeObservation(Struct, frozen=True):
     position_sigma_m: float
     yaw_sigma_rad: float
     mission_from_local: Transform
-    entry: Cone
+    entry: Origin
 
     @property
     def apex(self) -> Vector3:
@@ -77,7 +94,7 @@ class CountObservation(Struct, frozen=True):
     position_sigma_m: float
     yaw_sigma_rad: float
     mission_from_local: Transform
-    entry: Exposure
+    entry: Origin
 
 
 Observation = ConeObservation | CountObservation
@@ -104,8 +121,9 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform) -> CountO
     place = _position(exposure.poses, middle_ns - exposure.stamp_ns)
     sigmas = _sigmas(exposure, mission_from_local, place, exposure.position_sigma_m)
     position = mission_from_local.apply_point(place)
+    origin = Origin(exposure.entry_id, exposure.epoch)
     return CountObservation(
-        exposure.end_ns, middle_ns, position, exposure.live_time_s, counts, *sigmas, mission_from_local, exposure
+        exposure.end_ns, middle_ns, position, exposure.live_time_s, counts, *sigmas, mission_from_local, origin
     )
 
 
@@ -144,4 +162,4 @@ def _observe_cone(cone: Cone, mission_from_local: Transform) -> ConeObservation 
     if not readings:
         return None
     sigmas = _sigmas(cone, mission_from_local, cone.apex_m, cone.apex_sigma_m)
-    return ConeObservation(cone.stamp_ns, tuple(readings), *sigmas, mission_from_local, cone)
+    return ConeObservation(cone.stamp_ns, tuple(readings), *sigmas, mission_from_local, Origin(cone.entry_id, cone.epoch))

@@ -1,5 +1,6 @@
 import hashlib
 import random
+import tracemalloc
 
 import msgspec
 import numpy as np
@@ -14,7 +15,7 @@ from agent.fusion.engine import BEFORE_START_NS, Fusion
 from agent.fusion.paper import PaperEstimator
 from agent.fusion.registry import estimator_named
 from agent.fusion.timeline import MOST_OBSERVATIONS
-from protocol.codec import encode
+from protocol.codec import decode, encode
 from protocol.entries import Cone
 
 SECONDS = 30.0
@@ -222,6 +223,21 @@ def test_of_one_drone_and_step_only_so_many_count_whatever_comes(kit, mission):
         fusion.advance(now_ns + 1)
         assert counting.folded == 0  # what does not count costs nothing
     assert states[0] == states[1]
+
+
+def test_an_entry_takes_a_bounded_memory(kit, mission):
+    """Besides the estimator's states, whose number is bounded."""
+    fusion = fusion_of(mission)
+    cones = kit.flight(mission, np.random.default_rng(7), 120.0, lambda _: (50.0, 50.0), rate_hz=4.0)
+    payloads = [encode(cone) for cone in cones]
+    tracemalloc.start()
+    try:
+        for payload in payloads:
+            fusion.receive(decode(payload), bytes(bytearray(payload)))
+        taken = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert taken / len(payloads) < 2_500  # measured: 2,250, the bytes themselves included
 
 
 def test_with_a_hold_entries_gather_and_are_folded_once(kit, mission, entries):
