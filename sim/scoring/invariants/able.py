@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sim.faults.agents import Kill, Lie
 from sim.faults.base import Family, Fault
+from sim.faults.machines import Takeover
 from sim.scoring.invariants.base import Setting
 from sim.scoring.moment import Moment
 
@@ -33,8 +34,11 @@ class Able:
 def _disables(fault: Fault, heal_s: float) -> bool:
     """Whether it leaves a drone unable: vehicle, own position, camera or link are faulted for good, or its agent is dead.
 
-    A drone whose entries arrived falsified at the others has another log than they for ever, whether the fault is over or not.
+    Two faults last although they are over: a drone whose entries arrived falsified at the others has another log than they for
+    ever, and one that a human pilot has given back holds until the operator resumes its mission, whom nobody plays.
     """
+    if isinstance(fault, Takeover) and fault.at_s < heal_s:
+        return True
     if isinstance(fault, Lie) and (fault.what in _OF_THE_LOG or fault.end_s > heal_s):
         return True
     lasts = fault.end_s > heal_s + 1e-9

@@ -227,6 +227,8 @@ def test_who_is_able_is_decided_by_the_faults_and_by_who_is_in_the_air_at_the_he
         ([{"kind": "clock", "at_s": 5.0, "target": "d1", "jump_s": 1.0}], (0, 1, 2)),
         ([lie | {"what": "cone"}], (1, 2)),  # its log and the others' differ for ever
         ([lie | {"what": "pose"}], (0, 1, 2)),
+        ([{"kind": "takeover", "at_s": 5.0, "for_s": 5.0, "target": "d1"}], (1, 2)),  # it waits for the operator
+        ([{"kind": "mavlink-loss", "at_s": 5.0, "for_s": 5.0, "target": "d1", "probability": 1.0}], (0, 1, 2)),
         ([{"kind": "loss", "at_s": 5.0, "for_s": 45.0, "probability": 0.5}], (0, 1, 2)),
         ([{"kind": "loss", "at_s": 5.0, "probability": 0.5}], ()),
     ]
