@@ -268,7 +268,7 @@ class FaultPlayer:
 def _concerns(fault: Cut | Lag, drones: Sequence[str], sender: str, receiver: str) -> bool:
     """Whether a fault of links concerns what ``sender`` sends to ``receiver``."""
     targets = fault.strikes(drones)
-    peers = drones if fault.peers is None else (fault.peers,) if isinstance(fault.peers, str) else fault.peers
+    peers = drones if fault.peers is None else fault.names_of_peers()
     sends, receives = sender in targets and receiver in peers, receiver in targets and sender in peers
     return (sends and fault.direction != "receive") or (receives and fault.direction != "send")
 
