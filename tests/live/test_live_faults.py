@@ -21,11 +21,13 @@ from agent.flight import topics
 from agent.flight.reader import RecordedFlight
 from protocol.keys import parse_key
 from protocol.messages import Stage
-from sim.faults.agents import Kill, Partition
+from sim.faults.agents import Cut, Kill, Partition
 from sim.faults.kinds import AnyFault
 from sim.live.course import Course
 from sim.live.faults import FaultPlayer
 from sim.live.places import Places
+from sim.live.relays.linkstate import PASSING, LinkState
+from sim.live.relays.plan import vehicle_of
 from sim.live.swarm import READY_S, Swarm, live_swarm
 from sim.live.view import View
 from sim.live.worldlink import Order, Truth
@@ -173,6 +175,24 @@ def test_a_swarm_in_two_parts_tracks_on_and_has_one_log_again_at_once(tmp_path: 
         gap_s = max(after - before for before, after in pairwise(heard)) * 1e-9
         print(f"largest gap of {other} at {drone}: {gap_s:.2f} s")
         assert gap_s < stretched(0.5) + late_s  # the machine itself stood still for so long
+
+
+@pytest.mark.slow
+def test_who_hears_nothing_of_its_vehicle_for_a_moment_holds_and_then_tracks_on(tmp_path: Path) -> None:
+    async def course() -> None:
+        async with circling(tmp_path, Cut(at_s=3600.0)) as (swarm, witness, flying):
+            case, relays, struck_s = Circling(swarm, witness, flying), swarm.relays, witness.now.time_s
+            assert relays is not None
+            relays.impair(vehicle_of("d2"), "d2", LinkState(cut=True))  # what the agent sends still arrives
+            assert await swarm.operator.until(lambda: witness.now.modes[1] == "hold", 10.0)
+            relays.impair(vehicle_of("d2"), "d2", PASSING)
+            assert await swarm.operator.until(lambda: witness.now.modes[1] == "offboard", 20.0)
+            back_s = witness.now.time_s
+            await case.until_s(back_s + 5.0)
+            assert all(now.stages[1] is Stage.TRACK for now in witness.since(struck_s))
+            assert all(now.modes[1] == "offboard" for now in witness.since(back_s))
+
+    asyncio.run(course())
 
 
 @pytest.mark.slow

@@ -147,6 +147,9 @@ def test_files_are_torn_or_removed(tmp_path: Path) -> None:
         (tmp_path / "d1" / folder / name).write_bytes(bytes(100))
     played(tmp_path, Disk(target="d1", how="state-torn", at_s=0.0))
     assert (tmp_path / "d1/state/d1.json").stat().st_size == 50
+    again = played(tmp_path, Disk(target="d1", how="state-torn", at_s=0.0), Kill(target="d1", at_s=0.0, for_s=1.0))
+    assert again.done[-1] == ("start", "d1")
+    assert (tmp_path / "d1/state/d1.json").stat().st_size == 12  # torn again, as the restarted agent finds it
     played(tmp_path, Disk(target="d1", how="record-removed", at_s=0.0))
     assert not (tmp_path / "d1/flight").exists()
 
