@@ -175,6 +175,6 @@ def padded(payload: bytes, size: int) -> bytes:
     """A message with a field that no receiver knows, so that it has about ``size`` bytes, and never fewer than before."""
     if size < len(payload) + 12:
         return payload
-    whole, rest = divmod(size - len(payload) - 12, _PAD)
-    fields = msgpack.unpackb(payload) | {"padding": [*([bytes(_PAD)] * whole), bytes(rest)]}
+    whole, rest = divmod(size - len(payload) - 12, _PAD + 3)  # each piece has a header of 3 bytes
+    fields = msgpack.unpackb(payload) | {"padding": [*([bytes(_PAD)] * whole), bytes(max(0, rest - 3))]}
     return bytes(msgpack.packb(fields))

@@ -139,7 +139,7 @@ class FaultPlayer:
                 self._agents.signal_agent(drone, signal.SIGSTOP)
                 return "the agent is stopped"
             case Late():
-                self._go(fault, drone, self._agents.start(drone))
+                self._go(fault, drone, self._start(drone))
                 return "the agent is started, late"
             case SlowCpu():
                 self._go(fault, drone, self._slow(drone, fault.late_s))
@@ -170,7 +170,7 @@ class FaultPlayer:
             task.cancel()
         match fault:
             case Kill():
-                self._go(fault, drone, self._agents.start(drone))
+                self._go(fault, drone, self._start(drone))
                 return "the agent is started again"
             case Freeze():
                 self._agents.signal_agent(drone, signal.SIGCONT)
@@ -197,7 +197,14 @@ class FaultPlayer:
     async def _start_if_ended(self, drone: str) -> None:
         """As its service manager would, where the watchdog has killed it."""
         if self._agents.exit_code(drone) is not None:
-            await self._agents.start(drone)
+            await self._start(drone)
+
+    async def _start(self, drone: str) -> None:
+        """Start an agent; it finds its state file as a bad disk left it, though the agent before it has saved its state since."""
+        for fault, _ in self._schedule.active(Disk, self._drones.index(drone)):
+            if fault.how.startswith("state"):
+                self._note(f"{drone}: {self._damage(drone, fault.how)}")
+        await self._agents.start(drone)
 
     async def _slow(self, drone: str, late_s: float) -> None:
         try:
@@ -268,7 +275,7 @@ class FaultPlayer:
 def _concerns(fault: Cut | Lag, drones: Sequence[str], sender: str, receiver: str) -> bool:
     """Whether a fault of links concerns what ``sender`` sends to ``receiver``."""
     targets = fault.strikes(drones)
-    peers = drones if fault.peers is None else (fault.peers,) if isinstance(fault.peers, str) else fault.peers
+    peers = drones if fault.peers is None else fault.names_of_peers()
     sends, receives = sender in targets and receiver in peers, receiver in targets and sender in peers
     return (sends and fault.direction != "receive") or (receives and fault.direction != "send")
 

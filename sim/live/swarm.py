@@ -33,12 +33,13 @@ ELSEWHERE_READY_S = 300.0  # agents elsewhere may have to be started first
 
 
 class Swarm(NamedTuple):
-    """A started swarm. agents: those on this machine. faults: None where the scenario has none."""
+    """A started swarm. agents: those on this machine. faults, relays: None where there are none."""
 
     scenario: Scenario
     operator: Operator
     agents: Agents
     faults: FaultPlayer | None
+    relays: RelayProcess | None
 
 
 async def fly_live(
@@ -108,7 +109,7 @@ async def live_swarm(scenario: Scenario, seed: int, folder: Path, places: Places
         faults = FaultPlayer(scenario, seed, agents, relays, world, view, places) if scenario.fault else None
         if faults is not None:
             stack.push_async_callback(faults.close)
-        yield Swarm(scenario, operator, agents, faults)
+        yield Swarm(scenario, operator, agents, faults, relays)
 
 
 def _write_drones(scenario: Scenario, files: RunFolder, places: Places, feeds: Ready) -> None:

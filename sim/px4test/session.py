@@ -23,7 +23,7 @@ from sim.px4test.rows import Report, Row
 from sim.scenario import Scenario, load_scenario, override
 
 LONGEST_S = 420.0  # limit of a session; two missions take four minutes
-READY_S = 90.0  # PX4 boots, and its filter settles
+READY_S = 180.0  # PX4 boots, and its filter settles; minutes where the machine is starved
 Flights = Callable[[Swarm, int, float, Path], Awaitable[list[Row]]]
 
 

@@ -21,7 +21,7 @@ from protocol.session import Mesh, MeshConfig
 from protocol.summary import encode_summary
 
 FAILSAFE_S = 2.0  # what the issue demands
-START_S = 60.0  # boot of the vehicles (5 s), start of the agents, takeoff (10 s), on a busy computer
+START_S = 120.0  # boot of the vehicles (5 s), start of the agents, takeoff (10 s), on a busy computer
 HUNG = 70
 
 Ruin = Callable[[Agent], None]
@@ -93,7 +93,7 @@ class Flight:
         assert taken_s is not None
         print(f"{how.__name__}: failsafe after {taken_s - ruined_s:.2f} s")
         assert taken_s - ruined_s < FAILSAFE_S, how.__name__
-        until(lambda: vehicles.now(0)["mode"] == "return", 1.0, f"return after {how.__name__}")
+        until(lambda: vehicles.now(0)["mode"] == "return", 5.0, f"return after {how.__name__}")
         received = vehicles.now(0)["setpoints"]
         if how is stop_both:
             time.sleep(1.0)  # well in the failsafe

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -20,11 +21,13 @@ from agent.flight import topics
 from agent.flight.reader import RecordedFlight
 from protocol.keys import parse_key
 from protocol.messages import Stage
-from sim.faults.agents import Kill, Partition
+from sim.faults.agents import Cut, Kill, Partition
 from sim.faults.kinds import AnyFault
 from sim.live.course import Course
 from sim.live.faults import FaultPlayer
 from sim.live.places import Places
+from sim.live.relays.linkstate import PASSING, LinkState
+from sim.live.relays.plan import vehicle_of
 from sim.live.swarm import READY_S, Swarm, live_swarm
 from sim.live.view import View
 from sim.live.worldlink import Order, Truth
@@ -35,7 +38,11 @@ from sim.scenario import load_scenario, override
 FLIGHT_S = 300.0  # of which 60 s are flown; the machine is shared
 CIRCLED_S = 3.0
 SPACED_S, SETTLED_S = 25.0, 4.0  # a silent drone keeps its place on the circle for 20 s
-LOOK_S = 0.25  # of a busy machine: launcher and world see things later than they happen
+
+
+def stretched(time_s: float) -> float:
+    """A time limit on a machine with more work than it has processors."""
+    return time_s * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
 class Circling(NamedTuple):
@@ -110,8 +117,8 @@ def test_who_is_killed_is_missed_at_once_and_has_the_whole_log_again_when_it_is_
             near = [now.time_s for now in witness.since(struck_s) if angle_deg(now, source) < 150.0]
             spaced_s = max(near, default=struck_s) - struck_s
             print(f"gone after {gone_s:.2f} s, told after {told_s:.2f} s, re-spaced after {spaced_s:.1f} s")
-            assert gone_s < 1.0 + LOOK_S
-            assert told_s < 1.0 + 1.0 + LOOK_S  # a status comes once a second
+            assert gone_s < stretched(1.0)
+            assert told_s < stretched(1.0 + 1.0)  # a status comes once a second
             assert spaced_s < SPACED_S
             assert await operator.until(lambda: agents[1].alive, 60.0)
             tracked = [now.stages for now in witness.since(struck_s)]
@@ -152,22 +159,37 @@ def test_a_swarm_in_two_parts_tracks_on_and_has_one_log_again_at_once(tmp_path: 
             assert await operator.until(operator.observer.agreed, 30.0)
             agreed_s = witness.now.time_s - healed_s
             print(f"one digest {agreed_s:.2f} s after the heal")
-            assert agreed_s < 3.0 + LOOK_S
+            assert agreed_s < stretched(3.0)
             return began_ns, healed_ns
 
     began_ns, healed_ns = asyncio.run(course())
     for drone, other in (("d1", "d2"), ("d2", "d1")):
         flight = RecordedFlight(sorted((tmp_path / "agents" / drone / "flight").glob("*.mcap"))[0])
-        heard = [
-            record.publish_ns
-            for record in flight.records()
-            if record.topic == topics.MESSAGE
-            and parse_key(topics.decode_message(record.data)[0])[1:] == (other, "pose")
-            and began_ns < record.publish_ns < healed_ns
-        ]
+        messages = [record for record in flight.records() if record.topic == topics.MESSAGE]
+        told = [(record, parse_key(topics.decode_message(record.data)[0])) for record in messages]
+        heard = [record.publish_ns for record, key in told if (key.sender, key.kind) == (other, "pose")]
+        heard = [at_ns for at_ns in heard if began_ns < at_ns < healed_ns]
         gap_s = max(after - before for before, after in pairwise(heard)) * 1e-9
         print(f"largest gap of {other} at {drone}: {gap_s:.2f} s")
-        assert gap_s < 0.5 + late_s  # the machine itself stood still for so long
+        assert gap_s < stretched(0.5) + late_s  # the machine itself stood still for so long
+
+
+@pytest.mark.slow
+def test_who_hears_nothing_of_its_vehicle_for_a_moment_holds_and_then_tracks_on(tmp_path: Path) -> None:
+    async def course() -> None:
+        async with circling(tmp_path, Cut(at_s=3600.0)) as (swarm, witness, flying):
+            case, relays, struck_s = Circling(swarm, witness, flying), swarm.relays, witness.now.time_s
+            assert relays is not None
+            relays.impair(vehicle_of("d2"), "d2", LinkState(cut=True))  # what the agent sends still arrives
+            assert await swarm.operator.until(lambda: witness.now.modes[1] == "hold", 10.0)
+            relays.impair(vehicle_of("d2"), "d2", PASSING)
+            assert await swarm.operator.until(lambda: witness.now.modes[1] == "offboard", 20.0)
+            back_s = witness.now.time_s
+            await case.until_s(back_s + 5.0)
+            assert all(now.stages[1] is Stage.TRACK for now in witness.since(struck_s))
+            assert all(now.modes[1] == "offboard" for now in witness.since(back_s))
+
+    asyncio.run(course())
 
 
 @pytest.mark.slow

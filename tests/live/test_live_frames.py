@@ -10,7 +10,7 @@ from live_run import live_run
 
 from agent.flight.replay import replay
 
-FLIGHT_S = 150.0  # of which 60 s are flown; the machine is shared
+FLIGHT_S = 300.0  # of which 60 s are flown; the machine is shared
 
 
 @pytest.mark.slow

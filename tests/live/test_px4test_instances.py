@@ -18,7 +18,7 @@ from px4_ports import px4_ports
 
 PROGRAM = Path(sysconfig.get_path("scripts")) / "radron-sim"
 STANDIN = Path(__file__).parents[1] / "support" / "px4_flying_standin.py"
-LONGEST_S = 240.0
+LONGEST_S = 400.0
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 from agent.flight.replay import replay
 from sim.live.course import Course
 from sim.live.places import Places
-from sim.live.swarm import live_swarm
+from sim.live.swarm import READY_S, live_swarm
 from sim.live.view import View
 from sim.live.worldlink import Order
 from sim.px4test.witness import Moment, Witness
@@ -19,7 +19,7 @@ from sim.result import RunResult
 from sim.scenario import load_scenario, override
 
 SEED = 2
-READY_S, AGAIN_S = 60.0, 40.0  # a landing may be noticed late
+AGAIN_S = 60.0  # a landing may be noticed late
 HOME_M = 3.0
 
 

