@@ -65,13 +65,19 @@ def command(
     swarm: Annotated[str, typer.Option(metavar="NAME", help="The swarm's name, as in its mission file.")],
     connect: Annotated[list[str], typer.Option(metavar="tcp/HOST:PORT", help="A drone's endpoint; may be given several times.")],
     drones: Annotated[str, typer.Option(metavar="d1,d2", help="Only these drones.", show_default="all")] = "",
+    without: Annotated[
+        str, typer.Option(metavar="d3", help="All but these, which need not be there; their absence is no obstacle to a start.")
+    ] = "",
     anyway: Annotated[bool, typer.Option("--anyway", help="Start those that can, although others report problems.")] = False,
 ) -> None:
     """Command a swarm, and wait until it has obeyed. Exit code 2 if a drone refuses, with its reasons."""
     from agent import groundcontrol  # noqa: PLC0415
+    from agent.groundcontrol import CommandError  # noqa: PLC0415
 
-    names = tuple(name for name in drones.split(",") if name)
-    order = groundcontrol.Order(action, swarm, tuple(connect), names, anyway)
+    names, left = (tuple(name for name in listed.split(",") if name) for listed in (drones, without))
+    if names and left:
+        raise CommandError("--drones and --without exclude each other: give one of them")
+    order = groundcontrol.Order(action, swarm, tuple(connect), names, left, anyway)
     asyncio.run(groundcontrol.command(order, print))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -39,12 +40,16 @@ class CommandError(RadronError):
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """An action, the drones that are to do it (empty: all), and the endpoints at which the swarm is reached."""
+    """An action, the drones that are to do it (empty: all), and the endpoints at which the swarm is reached.
+
+    ``without``: all but these are to do it, whether these are heard or not; problems that only concern them are no obstacle.
+    """
 
     action: Action
     swarm: str
     connect: tuple[str, ...]
     drones: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
     anyway: bool = False  # start although drones report problems; a drone that cannot start still refuses
 
 
@@ -60,13 +65,13 @@ async def command(order: Order, say: Callable[[str], None]) -> None:
     try:
         drones = await _find(order, statuses)
         if order.action is Action.START and not order.anyway:
-            _look_for_problems(drones, statuses)
+            _look_for_problems(drones, statuses, order.without)
         message = Command(
             stamp_ns=time.time_ns(),
             station=f"command-{os.getpid()}",
             mission=_mission_of(drones, statuses),
             action=order.action,
-            drones=order.drones,
+            drones=tuple(drones) if order.without else order.drones,
         )
         say(f"{order.action}: to {', '.join(drones)}")
         await _send_until_done(mesh, order, message, drones, statuses)
@@ -119,7 +124,7 @@ async def _find(order: Order, statuses: _Statuses) -> list[str]:
     """The drones that the order addresses, all of them heard."""
     began_s = time.monotonic()
     while (waited_s := time.monotonic() - began_s) < FIND_S:
-        heard = statuses.heard()
+        heard = [name for name in statuses.heard() if name not in order.without]
         if order.drones and set(order.drones) <= set(heard):
             return sorted(order.drones)
         if not order.drones and heard and waited_s > LISTEN_S:
@@ -138,11 +143,20 @@ def _mission_of(drones: Collection[str], statuses: _Statuses) -> str:
     return next(iter(missions.values()))
 
 
-def _look_for_problems(drones: Collection[str], statuses: _Statuses) -> None:
-    """Refuse to start a swarm in which one drone has a problem: else the others would start without it."""
-    told = [f"{name}: {', '.join(statuses[name].problems)}" for name in drones if statuses[name].problems]
+def _look_for_problems(drones: Collection[str], statuses: _Statuses, without: Collection[str]) -> None:
+    """Refuse to start a swarm in which one drone has a problem: else the others would start without it.
+
+    ``without``: drones that are left behind on purpose: what only concerns them is no problem.
+    """
+    found = {name: [text for text in statuses[name].problems if not _concerns(text, without)] for name in drones}
+    told = [f"{name}: {', '.join(texts)}" for name, texts in found.items() if texts]
     if told:
         raise CommandError(f"not started: {'; '.join(told)} (--anyway starts those that can)")
+
+
+def _concerns(problem: str, drones: Collection[str]) -> bool:
+    """Whether a problem is that one of these drones is not heard, or what it has."""
+    return any(re.match(rf"(no contact with )?{re.escape(name)}\b", problem) for name in drones)
 
 
 async def _send_until_done(mesh: Mesh, order: Order, message: Command, drones: list[str], statuses: _Statuses) -> None:

@@ -271,7 +271,9 @@ class Pilot:
         if abs(now_ns - command.stamp_ns) > COMMAND_AGE_NS:
             return "command_too_old"
         self._problems.unplaced = self._own.is_unplaced
-        problems = self._problems.against_start(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
+        others = self._peers.statuses(now_ns)
+        flying = {name: others[name] for name in others if not command.drones or name in command.drones}
+        problems = self._problems.against_start(now_ns, self._own.vehicle, flying)
         begun_ns = self._begun_ns(command.stamp_ns, now_ns)
         obeyed = self._executive.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems)
         return None if obeyed else "command_refused"

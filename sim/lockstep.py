@@ -140,8 +140,8 @@ class _World:
         errors = Localization(scenario.localization, count, TICK_NS * 1e-9, random.localization)
         self._localization = with_dead_reckoning(scenario.fault, errors)
         self._estimated = self._frames.local(position)
-        places = zip(self._estimated, self._frames.yaw_rad.tolist(), strict=True)
-        self._autopilots = [Autopilot(home, -yaw, TICK_NS * 1e-9) for home, yaw in places]
+        places = zip(self._estimated, self._frames.yaw_rad.tolist(), mission.return_heights_m, strict=True)
+        self._autopilots = [Autopilot(home, -yaw, TICK_NS * 1e-9, height_m) for home, yaw, height_m in places]
         world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
+import shapely
 from msgspec import Meta, Struct
 from msgspec.structs import replace
 from shapely import Polygon
@@ -35,6 +36,7 @@ LONGEST_TRACK_S = 36_000.0
 Duration = Annotated[float, Meta(gt=0.0, le=LONGEST_TRACK_S)]
 COMING_HOME_S = 300.0  # return and landing, with a large reserve
 EDGE_M = 3.0  # a wandering source turns back at this distance from the edge of the area
+_ABREAST_M, _INSIDE_M = 5.0, 3.0  # between added launch places, and from them to the fence
 _LEAST_SHARE = 1e-3  # least share of its bounding box that an area fills; below it, drawing a position in it takes too long
 _FOLDER = Path(__file__).parent / "scenarios"
 
@@ -192,7 +194,7 @@ def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:
         raise ConfigError(f"{scenario.name}: its hypothesis is given, not estimated; it does not use estimator {estimator!r}")
     for key, value in values.items():
         if key == "drones":
-            document["mission"]["drones"] = _line_up(document["mission"]["drones"], _whole(key, value))
+            document["mission"]["drones"] = _line_up(document["mission"], _whole(key, value))
             continue
         for path in _SHORT.get(key, (key,)):
             _set(document, path, _number(value))
@@ -292,8 +294,18 @@ def _whole(key: str, value: str | float) -> int:
     return int(number)
 
 
-def _line_up(drones: list[dict[str, Any]], count: int) -> list[dict[str, Any]]:
-    """``count`` drones: the given ones, then further ones beside the last, 5 m apart along x."""
-    x, y, z = drones[-1]["origin_m"]
-    missing = range(1, count - len(drones) + 1)
-    return [*drones[:count], *({"id": f"x{k}", "origin_m": (x + 5.0 * k, y, z), "yaw_deg": 0.0} for k in missing)]
+def _line_up(mission: dict[str, Any], count: int) -> list[dict[str, Any]]:
+    """``count`` drones: the given ones, then further ones east of the last, 5 m apart, as far as the fence allows; then west of
+    the first, then in further rows north of these.
+    """
+    drones, area = mission["drones"], mission["area"]
+    fence = Polygon(area["polygon_m"]).buffer(area["fence_margin_m"] - _INSIDE_M)
+    (first, _, _), (x, y, z) = drones[0]["origin_m"], drones[-1]["origin_m"]
+    reach = range(1, 65)
+    beside = [x + _ABREAST_M * k for k in reach] + [first - _ABREAST_M * k for k in reach]
+    rows = [(east, y) for east in beside] + [
+        (east, y + _ABREAST_M * row) for row in reach for east in sorted((*(one["origin_m"][0] for one in drones), *beside))
+    ]
+    inside = (place for place in rows if shapely.contains_xy(fence, *place))
+    missing = zip(range(1, count - len(drones) + 1), inside, strict=False)
+    return [*drones[:count], *({"id": f"x{k}", "origin_m": (*place, z), "yaw_deg": 0.0} for k, place in missing)]

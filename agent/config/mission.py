@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
-from shapely import Polygon
+from shapely import Point, Polygon
 from shapely.validation import explain_validity
 
 from agent.config.section import Activity, Coordinate, Degrees, NonNegative, Positive, Section
@@ -20,6 +20,7 @@ from protocol.units import DroneId, Identifier, Latitude, Longitude
 
 Corner = tuple[Coordinate, Coordinate]
 MOST_LANES = 300  # over an area: they are planned between two steps in flight (0.2 s on a desktop), again when a drone drops out
+_RETURN_SHARE = 0.9  # of the ceiling, for the highest return: heights above a launch place are good to a metre or two
 GRID_BYTES = 2_000_000  # limit of an elevation grid: 1 km2 at 1 m, compressed
 
 
@@ -170,6 +171,23 @@ class TrackConfig(Section, frozen=True, kw_only=True):
     duration_s: Positive | None = None
 
 
+class SafetyConfig(Section, frozen=True, kw_only=True):
+    """What happens when a drone, its radio, or its agent fails.
+
+    ``alone``: what a drone does that hears no other one of those that flew: it goes on (``keep``), stays where it keeps clear of
+    the others (``hold``), or returns. ``agent_lost``: what the autopilots do without their agents (PX4: COM_OBL_RC_ACT), so that
+    the others can keep clear of it; preflight checks it. ``return_height_m``: of the first drone's return by its autopilot, above
+    its launch place; each further one returns ``return_layer_m`` higher, or less where the ceiling does not allow as much.
+    ``battery_reserve``: share of the battery below which a drone returns, one after the other; below half of it at once.
+    """
+
+    alone: Literal["keep", "hold", "return"] = "keep"
+    agent_lost: Literal["return", "land", "hold"] = "return"
+    return_height_m: Positive = 10.0
+    return_layer_m: NonNegative = 3.0
+    battery_reserve: Annotated[float, Meta(ge=0.0, le=0.9)] = 0.2
+
+
 class DroneInMission(Section, frozen=True, kw_only=True):
     """A member of the swarm and where its local frame lies at the start: its origin and heading in the mission frame.
 
@@ -263,6 +281,7 @@ class MissionConfig(Section, frozen=True, kw_only=True):
     detection: DetectionConfig = DetectionConfig()
     fusion: FusionConfig = FusionConfig()
     track: TrackConfig = TrackConfig()
+    safety: SafetyConfig = SafetyConfig()
 
     def check(self, where: str) -> None:
         """Raise ConfigError if values contradict each other; ``where`` is named in the text."""
@@ -281,6 +300,14 @@ class MissionConfig(Section, frozen=True, kw_only=True):
         doubles = sorted({name for name in ids if ids.count(name) > 1})
         if doubles:
             raise ConfigError(f"{where}: drones: the id {doubles[0]!r} is given twice; ids must differ")
+        fence = outline.buffer(self.area.fence_margin_m)
+        for drone in self.drones:
+            beyond_m = fence.distance(Point(drone.origin_m[:2]))
+            if beyond_m > 0.0:
+                raise ConfigError(
+                    f"{where}: drones: the launch place of {drone.id} is {beyond_m:.1f} m outside the fence; move it, or give a "
+                    "larger area or area.fence_margin_m"
+                )
         if self.area.floor_m >= self.area.ceiling_m:
             raise ConfigError(f"{where}: area.floor_m must be below area.ceiling_m")
         for name, height in (("survey", self.survey.height_m), ("encirclement", self.encirclement.height_m)):
@@ -291,6 +318,18 @@ class MissionConfig(Section, frozen=True, kw_only=True):
                 )
         if self.fusion.estimator == "given" and self.fusion.given is None:
             raise ConfigError(f"{where}: fusion.estimator = 'given' needs fusion.given.schedule")
+
+    @property
+    def return_heights_m(self) -> tuple[float, ...]:
+        """Heights above its launch place at which each drone's autopilot returns, in the order of ``drones``: in layers."""
+        highest_m = _RETURN_SHARE * self.area.ceiling_m
+        lowest_m = min(self.safety.return_height_m, highest_m)
+        layer_m = min(self.safety.return_layer_m, (highest_m - lowest_m) / max(len(self.drones) - 1, 1))
+        return tuple(round(lowest_m + layer_m * index, 2) for index in range(len(self.drones)))
+
+    def return_height_m(self, drone: str) -> float:
+        """Of one drone, as in ``return_heights_m``."""
+        return self.return_heights_m[[member.id for member in self.drones].index(drone)]
 
     @property
     def mission_id(self) -> str:

@@ -152,6 +152,13 @@ class OwnPose:
         transform = self._mission_from_local(epoch, stamp_ns)
         return transform.apply_point(position_m) if transform is not None else None
 
+    def place_at(self, stamp_ns: int) -> Vector3 | None:
+        """Where this drone was at a stamp of the last seconds, mission frame; None where that is not known."""
+        span_ns, state = self.history.span_ns, self.history.at(stamp_ns)
+        if state is None or span_ns is None or stamp_ns < span_ns[0]:
+            return None
+        return self.in_mission(state.epoch, state.stamp_ns, state.position_m)
+
     def problems(self, now_ns: int) -> tuple[str, ...]:
         """What is not believed of the vehicle's telemetry: a recent jump that it did not announce, a landing that it is not."""
         told = (self._jumps.problem(now_ns), self._grounded.problem(now_ns))

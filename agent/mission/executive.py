@@ -12,6 +12,7 @@ from agent.config.mission import MissionConfig
 from agent.localization.ownpose import OwnPose
 from agent.mission.memory import Memory
 from agent.mission.problems import TELEMETRY_AGE_NS
+from agent.mission.reserve import Reserve
 from agent.mission.stages import Mission, Situation
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.guidance import Moment
@@ -59,6 +60,7 @@ class Executive:
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
         self._prospect = Prospect(lambda: fusion.outlook)
         self._navigator = Navigator(mission, drone, own, frames, self._search, InformedSearch(mission, self._prospect))
+        self._reserve, self._battery_low = Reserve(drone.id, mission.safety.battery_reserve), False
         self.finding = ""
         self.memory = memory
         self._remembered = memory  # until telemetry shows whether that flight goes on
@@ -102,7 +104,10 @@ class Executive:
         """What is wrong with how the mission is flown."""
         unsteered, landed = self._mission.unsteered(now_ns), self._mission.landed_because
         coming_down = "landed" if self.stage is Stage.LANDED else "lands"
-        told = (unsteered, f"{coming_down}: {landed}" if landed else None, self._navigator.response.problem)
+        absence = self._navigator.absence
+        unheard = f"does not hear {', '.join(absence.missing)} any more" if absence is not None else None
+        low = "its battery is below the mission's reserve" if self._reserve.is_low else None
+        told = (unsteered, unheard, low, f"{coming_down}: {landed}" if landed else None, self._navigator.response.problem)
         return tuple(text for text in told if text is not None)
 
     def take_coverage(self, entry: Coverage, anew: bool) -> None:
@@ -116,6 +121,7 @@ class Executive:
         self._conclude(now_ns)
         if self.stage is Stage.RETURN and self._own.vehicle is not None:
             self._navigator.home.watch(self._own.vehicle)
+        self._battery_low = self._reserve.returns(now_ns, self._own.vehicle, peers.statuses(now_ns))
         self._mission.step(self._situation(now_ns))
         self._remember(now_ns)
         return self._decide(now_ns, peers)
@@ -157,7 +163,17 @@ class Executive:
             problems,
             rms_m=hypothesis.sight_of(self._id).rms_m if hypothesis is not None and hypothesis.evidence is not None else None,
             nothing_found=self.finding != "",
+            stranded=self._is_stranded,
+            battery_low=self._battery_low,
         )
+
+    @property
+    def _is_stranded(self) -> bool:
+        """Whether it has to return because it does not hear others: by the mission's policy, or as its circle has no room."""
+        absence = self._navigator.absence
+        if absence is None:
+            return False
+        return (absence.alone and self._config.safety.alone == "return") or not self._navigator.has_room
 
     def _conclude(self, now_ns: int) -> None:
         """Note that the search has ended without a source, until one is found."""

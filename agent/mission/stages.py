@@ -20,6 +20,7 @@ FAILSAFE_NS = 3_000_000_000  # the same for a failsafe, which may pass
 REJOIN_NS = 5_000_000_000  # a restarted agent has this long to get the vehicle out of its failsafe
 STALE_NS = 1_200_000_000  # greatest age of the mode in a heartbeat
 OWN_HOLD_NS = 3_000_000_000  # a hold that this agent has asked for is shown and left again within this time
+STRANDED_NS = 5_000_000_000  # a drone that is to return because it does not hear others waits for them this long
 UNSTEERED_NS = 3_000_000_000  # after this long without offboard in a steered stage it is reported
 
 _REQUESTS = {
@@ -55,6 +56,8 @@ class Situation(Struct, frozen=True):
 
     ``at_home``: the drone hovers over the place where it took off. ``problems``: those that prevent a start. ``rms_m``: of the
     source estimate, by an estimator with a posterior; else None. ``nothing_found``: the search has ended without a source.
+    ``stranded``: other drones are not heard, and the mission, or the fence, leaves this one nothing but to return.
+    ``battery_low``: it is this drone's turn to return for want of battery.
     """
 
     now_ns: int
@@ -65,6 +68,8 @@ class Situation(Struct, frozen=True):
     problems: tuple[str, ...] = ()
     rms_m: float | None = None
     nothing_found: bool = False
+    stranded: bool = False
+    battery_low: bool = False
 
 
 class Mission:
@@ -87,6 +92,7 @@ class Mission:
         self.landed_because = ""  # why it landed, unless on request or by a human pilot
         self._rejoining_until_ns = 0
         self._search_since_ns: int | None = None
+        self._stranded_since_ns: int | None = None
         self._was_armed = self._was_offboard = False
         self._mode = FlightMode.HOLD
         self._held_ns: int | None = None  # when this agent itself last asked for a hold, for want of telemetry
@@ -225,6 +231,16 @@ class Mission:
 
     def _search(self, situation: Situation) -> None:
         now_ns = situation.now_ns
+        if situation.battery_low:
+            self._enter(Stage.RETURN, now_ns)
+            return
+        if not situation.stranded:
+            self._stranded_since_ns = None
+        elif self._stranded_since_ns is None:
+            self._stranded_since_ns = now_ns
+        elif now_ns - self._stranded_since_ns > STRANDED_NS:
+            self._enter(Stage.RETURN, now_ns)
+            return
         if self.stage is Stage.SURVEY:
             if situation.has_hypothesis:
                 self._enter(Stage.TRACK, now_ns)

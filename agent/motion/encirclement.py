@@ -23,6 +23,7 @@ from agent.motion.reference import PeerState, Reference
 
 # angles are compared this far ahead: a drone near the centre has a direction of motion, but no meaningful angle
 _LOOKAHEAD_S = 0.5
+MARGIN_M = 2.5  # between neighbours on the smallest circle, beyond the separation
 _CLOSING_SHARE = 0.5  # share of the acceleration limit for closing in; the rest is for the turn and for corrections
 _AT_SLOT_M = 0.01  # offsets below this are not led
 _SPEED_SHARE = 0.85  # share of the speed limit for closing in and circling together
@@ -41,7 +42,7 @@ def minimum_radius(drones: int, separation_m: float) -> float:
 class Encirclement:
     """Reference trajectories on the circle around a centre, counter-clockwise."""
 
-    def __init__(self, config: EncirclementConfig, limits: LimitsConfig, margin_m: float = 2.5) -> None:
+    def __init__(self, config: EncirclementConfig, limits: LimitsConfig, margin_m: float = MARGIN_M) -> None:
         """``margin_m``: distance between neighbours on the smallest circle, beyond ``limits.separation_m``."""
         self._config = config
         self._limits = limits

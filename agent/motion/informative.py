@@ -69,7 +69,14 @@ class Waypoints:
         self._centres: Array = np.empty((0, 2))
         self._gain: Array = np.empty((0, 0))  # (W, blocks) hits per second and Bq
 
-    def choose(self, belief: Belief, position: Point2, velocity: Point2, others: Sequence[Point2] = ()) -> Point2:
+    def choose(
+        self,
+        belief: Belief,
+        position: Point2,
+        velocity: Point2,
+        others: Sequence[Point2] = (),
+        behind: Sequence[tuple[float, float, float]] = (),
+    ) -> Point2:
         """The waypoint to fly to next.
 
         Args:
@@ -77,6 +84,7 @@ class Waypoints:
             position: this drone's; frame of the area.
             velocity: this drone's.
             others: positions of the drones that share the search; what is nearer to them is mostly left to them.
+            behind: (x, y, b) of lines: a waypoint p is one where n . p >= b for n = (x, y), as far as there are any.
         """
         rates = self._information_rate(*self._pooled(belief), position, others)
         away = self._candidates - position
@@ -88,6 +96,9 @@ class Waypoints:
         on_way = rates[self._node_at(np.asarray(position) + away[:, None] * share[:, None])].mean(axis=1)
         flown_s = np.minimum(arrival_s, _HORIZON_S)
         learnt = flown_s * on_way + (_HORIZON_S - flown_s) * rates[self._node_at(self._candidates)] * _STAY
+        if behind:
+            slack = np.min([self._candidates @ line[:2] - line[2] for line in behind], axis=0)
+            learnt = np.where(slack >= min(0.0, float(slack.max())), learnt, -np.inf)
         x, y = self._candidates[int(learnt.argmax())].tolist()
         return x, y
 

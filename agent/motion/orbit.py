@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from math import sqrt
 
-from agent.config.mission import EncirclementConfig
+from agent.config.mission import EncirclementConfig, MissionConfig
+from agent.motion.encirclement import MARGIN_M, minimum_radius
 from agent.motion.informative import BACKGROUND_PS, HITS_PER_BQ
 
 _RADIUS_MPS = 2.0  # rate limit; lets the tracker follow, and keeps neighbours apart that change at different times
@@ -16,6 +17,18 @@ _LONGEST_S = 1.0  # longest time step
 _OVER_FLOOR_M = 0.8  # reserve for gusts and turns, which take up to 0.5 m
 _WIDEST_M = 40.0
 _CLEAR_OF_BACKGROUND = 4.0  # least signal of the source, in multiples of the background
+
+
+def ring_radius_m(mission: MissionConfig, ring: int, fits_hypothesis: bool) -> float:
+    """Radius of one of the circles around the same centre for drones that do not hear each other: they are apart by twice the
+    separation, so that neither the vehicles' deviations nor different hypotheses bring drones on two of them together.
+
+    ``ring``: from 0 on; ``fits_hypothesis``: the radius of the shared circle follows the hypothesis' RMS.
+    """
+    config, limits = mission.encirclement, mission.limits
+    shared_m = min(config.nearest_m, config.radius_m) if fits_hypothesis else config.radius_m
+    room_m = minimum_radius(len(mission.drones), limits.separation_m + MARGIN_M)
+    return max(shared_m, room_m) + 2.0 * limits.separation_m * ring
 
 
 class Orbit:
@@ -29,7 +42,9 @@ class Orbit:
         self.radius_m, self.height_m = config.radius_m, config.height_m
         self._stamp_ns: int | None = None
 
-    def update(self, now_ns: int, rms_m: float, activity_bq: float | None, lost: bool = False) -> None:
+    def update(
+        self, now_ns: int, rms_m: float, activity_bq: float | None, lost: bool = False, ring_m: float | None = None
+    ) -> None:
         """Approach the circle that is best now.
 
         Args:
@@ -37,13 +52,17 @@ class Orbit:
             rms_m: of the hypothesis.
             activity_bq: of the source, where known.
             lost: the circle may be wider than configured: all that is known is that the source is within ``rms_m``.
+            ring_m: the radius that it has to be, whatever the accuracy.
         """
         elapsed_s = 0.0 if self._stamp_ns is None else min((now_ns - self._stamp_ns) * 1e-9, _LONGEST_S)
         self._stamp_ns = now_ns
-        radius_m = min(max(rms_m, self._nearest_m), _WIDEST_M) if lost else self._radius(rms_m, activity_bq)
+        radius_m = ring_m or self._wanted(rms_m, activity_bq, lost)
         height_m = max(self._lowest_m, self._config.height_m * min(radius_m / self._config.radius_m, 1.0))
         self.radius_m += _step(radius_m - self.radius_m, _RADIUS_MPS, elapsed_s)
         self.height_m += _step(height_m - self.height_m, _HEIGHT_MPS, elapsed_s)
+
+    def _wanted(self, rms_m: float, activity_bq: float | None, lost: bool) -> float:
+        return min(max(rms_m, self._nearest_m), _WIDEST_M) if lost else self._radius(rms_m, activity_bq)
 
     def _radius(self, rms_m: float, activity_bq: float | None) -> float:
         """As near as the accuracy of the hypothesis allows, and nearer where a weak source would not be seen from there."""

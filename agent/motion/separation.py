@@ -31,7 +31,8 @@ class PeerPlan(Struct, frozen=True):
     positions: (H, 3) m, at stamp_ns, stamp_ns + step_s, ...; plain floats, because most plans are read once and found to be far
     away. sigma_m: 1-sigma error of the other's position relative to this drone. measured: its position by its own localisation,
     for the last resort; None without a fresh pose. doubt_m: added even to the bare separation, because the frames it is placed by
-    are estimated. deviation_m: horizontal RMS deviation from its plans.
+    are estimated. deviation_m: horizontal RMS deviation from its plans. blind: it does not know of this drone, so it never gives
+    way. away: (H, 2), unit vectors: it may be anywhere beyond lines across these through its positions, not just there.
     """
 
     id: str
@@ -42,6 +43,8 @@ class PeerPlan(Struct, frozen=True):
     measured: PeerState | None = None
     doubt_m: float = 0.0
     deviation_m: float = 0.0
+    blind: bool = False
+    away: Array | None = None
 
     @classmethod
     def from_pose(
@@ -58,6 +61,10 @@ class PeerPlan(Struct, frozen=True):
         (x, y, z), (u, v, w) = state.position, state.velocity
         positions = [(x + t * u, y + t * v, z + t * w) for t in (state.age_s, state.age_s + horizon_s)]
         return cls(peer, now_ns, horizon_s, positions, sigma_m, state, doubt_m, deviation_m)
+
+    def goes_before(self, me: str) -> bool:
+        """Whether it has the right of way."""
+        return self.blind or self.id < me
 
     def at(self, now_ns: int, times: Array) -> Array:
         """Horizontal positions (T, 2) at these times (s) from now; extrapolated beyond the plan."""
@@ -111,7 +118,7 @@ def margin_m(own_m: float, peer_m: float) -> float:
 
 def keep_away(me: str, peer: PeerPlan, separation_m: float, own_m: float = 0.0) -> float:
     """Distance (m) that this drone's plan keeps from the peer's; ``own_m``: RMS deviation of this drone from its plans."""
-    margin = margin_m(own_m, peer.deviation_m) * (1.0 if peer.id < me else _RIGHT_OF_WAY)
+    margin = margin_m(own_m, peer.deviation_m) * (1.0 if peer.goes_before(me) else _RIGHT_OF_WAY)
     return separation_m + margin + DOUBT_SIGMAS * peer.sigma_m
 
 
@@ -163,6 +170,6 @@ def escape(
         if miss - least < worst and (approaching or miss < 0.9 * least):
             worst = miss - least
             size = max(hypot(x, y), 1e-6)
-            away = 2.0 if peer.id < me else 0.0
+            away = 2.0 if peer.goes_before(me) else 0.0
             answer = (away * x / size, away * y / size)
     return answer

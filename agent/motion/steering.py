@@ -23,6 +23,7 @@ from agent.motion.separation import PeerPlan, escape, half_planes, keep_away
 _ROWS = 3  # half-planes per step in the constrained problem
 _NEAR_M = 2.0  # half-planes closer than this to the plan enter the problem
 _FENCE_YIELDS = 1.0  # where the two conflict, the fence yields, by at most the margin between the vehicles
+_LINE_YIELDS = 0.3  # the line between two sides, behind which drones fly that cannot give way, yields less than all else
 _DEVIATION_S = 1.0  # time constant of a vehicle's return to its plan
 
 Peaks = list[list[float]]  # (4, 3): largest jerk, displacement, speed and acceleration of a plan along each axis
@@ -57,12 +58,16 @@ class Situation(Struct, frozen=True):
 
 
 class _Neighbour(Struct, frozen=True):
-    """A nearby peer: positions (H + 1, 2) now and at the steps, distance to keep, and bare separation."""
+    """A nearby peer: positions (H + 1, 2) now and at the steps, distance to keep, and bare separation.
+
+    ``away``: (H, 2), normals of the lines that it is beyond; None where it is at these positions.
+    """
 
     positions: Array
     distance: float
     bare: float
     has_right_of_way: bool
+    away: Array | None = None
 
 
 class Steering:
@@ -123,11 +128,17 @@ class Steering:
         for peer in peers:
             theirs = self._corrected(peer, situation.now_ns, x - virtual_x, y - virtual_y)
             distance = keep_away(self._id, peer, self._limits.separation_m, own_m)
+            if peer.away is not None:
+                bound = _Neighbour(np.array(theirs), distance, 0.0, has_right_of_way=True, away=peer.away[1:])
+                least_m = float(np.einsum("kx,kx->k", position - bound.positions[1:], peer.away[1:]).min()) - distance
+                neighbours += [bound] if least_m < _NEAR_M else []
+                clear = clear and least_m >= 0.0
+                continue
             apart = [(px - qx) ** 2 + (py - qy) ** 2 for (px, py), (qx, qy) in zip(mine, theirs[1:], strict=True)]
             clearance = sqrt(min(apart)) - distance
             if clearance < _NEAR_M:
                 bare = self._limits.separation_m + peer.doubt_m
-                neighbours.append(_Neighbour(np.array(theirs), distance, bare, peer.id < self._id))
+                neighbours.append(_Neighbour(np.array(theirs), distance, bare, peer.goes_before(self._id)))
                 clear = clear and clearance >= 0.0
         return neighbours, clear
 
@@ -155,6 +166,10 @@ class Steering:
         normals, offsets, yielding = np.zeros((count, horizon, 2)), np.full((count, horizon), -np.inf), np.ones((count, horizon))
         previous = situation.previous() if neighbours else position
         for row, other in enumerate(neighbours):
+            if other.away is not None:
+                normals[row], yielding[row] = other.away, _LINE_YIELDS
+                offsets[row] = np.einsum("kx,kx->k", other.away, other.positions[1:]) + other.distance
+                continue
             normals[row], offsets[row] = half_planes(previous, here, other.positions, other.distance, other.has_right_of_way)
         for row, (normal, offset) in enumerate(zip(*fence, strict=True), start=len(neighbours)):
             normals[row], offsets[row], yielding[row] = normal, offset, _FENCE_YIELDS
@@ -171,6 +186,8 @@ class Steering:
         Where the distance is growing already, no better solution exists.
         """
         for other in neighbours:
+            if other.away is not None:
+                continue
             apart = position - other.positions[1:]
             squared = np.einsum("kx,kx->k", apart, apart)
             least = float(squared.min())

@@ -145,6 +145,15 @@ class Tracker:
         position, velocity, _, _ = self._at((now_ns - self._stamp_ns) * 1e-9)
         return PeerState(position, velocity)
 
+    def ahead(self, now_ns: int, here: Vector3) -> Array:
+        """Positions (H + 1, 3) of the present plan from now on; ``here`` where there is none."""
+        if self._plan is None:
+            return np.repeat(np.array(here)[None], self._horizon + 1, axis=0)
+        flat = sampled(
+            self._plan.positions, (now_ns - self._plan.stamp_ns) * 1e-9, self._step_s, np.concatenate(((0.0,), self._times))
+        )
+        return np.column_stack((flat, np.full(len(flat), here[2])))
+
     def sample(self, now_ns: int, yaw_rate_rps: float = 0.0) -> tuple[Vector3, Vector3, Vector3]:
         """Setpoint for now: position, velocity, acceleration, ahead by the vehicle's dead time.
 

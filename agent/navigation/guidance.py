@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import atan2, hypot
+from collections.abc import Callable, Sequence
+from math import atan2, cos, hypot, sin
 
 import numpy as np
 from msgspec import Struct
@@ -11,16 +11,18 @@ from msgspec import Struct
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.fusion.estimator import Hypothesis
-from agent.geometry import Array, Vector3
+from agent.geometry import Array, Point2, Vector3
 from agent.localization.ownpose import LocalFrame, OwnPose
 from agent.motion.encirclement import Encirclement
 from agent.motion.leading import Leading
 from agent.motion.orbit import Orbit
 from agent.motion.reference import PeerState, Reference
-from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, margin_m
+from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, margin_m
 from agent.navigation.home import Home
 from agent.navigation.neighbours import Neighbour
 from agent.navigation.ownground import OwnGround
+from agent.navigation.sharing import SharedCircle
+from agent.navigation.silent import CIRCLING, Absence
 from agent.navigation.surveying import InformedSearch, Search
 from agent.vehicle.interface import VehicleState
 from protocol.messages import Stage
@@ -78,6 +80,8 @@ class Guidance:
         most_mps = _SPEED_SHARE * mission.limits.speed_mps - mission.encirclement.speed_mps
         self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + _ROOM_M)
         self._encirclement = Encirclement(mission.encirclement, mission.limits)
+        self._shared = SharedCircle(mission)
+        self._absence: Absence | None = None
         self._yaw_rad = 0.0
         self._stays: Vector3 | None = None  # the place held while the position cannot be trusted, local
         self._waits: tuple[int, float, float] | None = None  # since when and where it waits for its frame, local
@@ -90,6 +94,7 @@ class Guidance:
     def begin(self) -> None:
         """Guidance begins, or begins again: any waiting is over."""
         self._waits = self._stays = None
+        self._shared.begin()
 
     def centre(self, moment: Moment) -> Centre | None:
         """The centre of the circle; None without a hypothesis, or while the local frame is not known."""
@@ -104,13 +109,21 @@ class Guidance:
         return Centre(to_local.apply_point((x, y, z)), to_local.rotate_direction((u, v, w)))
 
     def reference(
-        self, moment: Moment, state: PeerState, centre: Centre | None, partners: Sequence[Neighbour], deviation_m: float = 0.0
+        self,
+        moment: Moment,
+        state: PeerState,
+        centre: Centre | None,
+        partners: Sequence[Neighbour],
+        deviation_m: float = 0.0,
+        absence: Absence | None = None,
     ) -> Reference:
         """The reference from ``state``, the tracker's own, together with the drones that take part.
 
-        ``deviation_m``: RMS deviation of this drone from its plans.
+        ``deviation_m``: RMS deviation of this drone from its plans; ``absence``: of drones that are not heard any more.
         """
-        if not moment.vehicle.position_trusted:
+        self._absence = absence
+        circles = centre is not None and moment.stage is not Stage.SURVEY
+        if not moment.vehicle.position_trusted or (self._holds and not circles and moment.stage is not Stage.RETURN):
             return self._stay(state)
         self._stays, frame = None, self._own.frame
         if frame is not None:
@@ -122,6 +135,16 @@ class Guidance:
         if moment.stage is Stage.SURVEY or centre is None:
             return self._survey(moment, state, partners, frame)
         return self._circle(moment, state, centre, partners, deviation_m)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether the circle that is this drone's while others are not heard lies inside the fence."""
+        return self._shared.has_room
+
+    @property
+    def _holds(self) -> bool:
+        """Whether it stays where it keeps clear of drones that it does not hear."""
+        return self._absence is not None and self._absence.alone and self._config.safety.alone == "hold"
 
     def heading(self, moment: Moment, centre: Centre | None) -> tuple[float, float]:
         """Yaw (rad) and its rate (rad/s): always turning in the survey (paper, Sec. V-A), facing the hypothesis when tracking."""
@@ -144,9 +167,13 @@ class Guidance:
         here = to_mission.apply_point(state.position)[:2]
         moves = to_mission.rotate_direction(state.velocity)[:2]
         others = [to_mission.apply_point(partner.plan.state(moment.now_ns).position)[:2] for partner in partners]
-        found = self._informed.reference(moment.now_ns, here, moves, others, HORIZON, STEP_S)
+        walls = tuple(self._absence.walls.values()) if self._absence is not None else ()
+        found = self._informed.reference(moment.now_ns, here, moves, others, HORIZON, STEP_S, walls)
         if found is None:
-            active = sorted([self._id, *(partner.id for partner in partners)])
+            searching = (
+                self._absence.missing if self._absence is not None and walls else ()
+            )  # a share of the area is left to each
+            active = sorted([self._id, *(partner.id for partner in partners), *searching])
             found = self._search.reference(active, here, HORIZON, STEP_S)
         positions, velocities = found
         level = np.zeros(HORIZON + 1)
@@ -164,19 +191,26 @@ class Guidance:
         """
         config, hypothesis = self._config.encirclement, moment.hypothesis
         radius_m, height_m, doubt_m = config.radius_m, config.height_m, 0.0
-        if config.law == "smooth" and hypothesis is not None and hypothesis.evidence is not None:
+        fits = self._fits(moment)
+        ring_m = self._shared.ring_m(self._absence, self._in_mission(centre), fits)
+        if fits and hypothesis is not None:
             rms_m = hypothesis.sight_of(self._id).rms_m
-            self._orbit.update(moment.now_ns, rms_m, hypothesis.activity_bq, moment.stage is Stage.REACQUIRE)
+            self._orbit.update(moment.now_ns, rms_m, hypothesis.activity_bq, moment.stage is Stage.REACQUIRE, ring_m)
             radius_m, height_m = self._orbit.radius_m, self._orbit.height_m
             doubt_m = DOUBT_SIGMAS * max((partner.plan.sigma_m for partner in partners), default=0.0)
+        elif ring_m is not None:
+            radius_m = ring_m
         elif moment.stage is Stage.REACQUIRE:
             radius_m += self._config.track.widening_mps * moment.stage_s
         widest_m = max((margin_m(deviation_m, partner.plan.deviation_m) for partner in partners), default=0.0)
         doubt_m += max(0.0, widest_m - LEAST_MARGIN_M)
         x, y, _ = centre.position
+        if self._holds:
+            return self._hover(moment, state, centre, radius_m)
+        heard = {partner.id: partner.plan.state(moment.now_ns) for partner in partners}
         return self._encirclement.reference(
             self._ground.above_level(state, moment.vehicle),
-            {partner.id: partner.plan.state(moment.now_ns) for partner in partners},
+            self._shared.places(moment.now_ns, heard, self._absence, (centre.position, centre.velocity), radius_m),
             self._id,
             center=(x, y, self._ground.level_m(moment.vehicle)),
             center_velocity=centre.velocity,
@@ -184,6 +218,34 @@ class Guidance:
             height_m=height_m,
             doubt_m=doubt_m,
         )
+
+    def circles_of_others(
+        self, moment: Moment, centre: Centre | None, absence: Absence | None, ahead: Callable[[], Array]
+    ) -> list[PeerPlan]:
+        """Where missing drones may circle, while this one circles: nearest to its plan ``ahead`` (K, 3)."""
+        if absence is None or centre is None or moment.stage not in CIRCLING:
+            return []
+        return self._shared.others(absence, moment.now_ns, centre.position, ahead(), STEP_S, self._fits(moment))
+
+    def _fits(self, moment: Moment) -> bool:
+        """Whether the circle's radius follows the hypothesis' accuracy."""
+        return (
+            self._config.encirclement.law == "smooth" and moment.hypothesis is not None and moment.hypothesis.evidence is not None
+        )
+
+    def _in_mission(self, centre: Centre) -> Point2:
+        frame = self._own.frame
+        assert frame is not None  # without it there is no centre
+        x, y, _ = frame.mission_from_local.apply_point(centre.position)
+        return x, y
+
+    def _hover(self, moment: Moment, state: PeerState, centre: Centre, radius_m: float) -> Reference:
+        """On the circle, where it is nearest."""
+        (x, y, _), (cx, cy, _) = state.position, centre.position
+        angle = atan2(y - cy, x - cx)
+        place = (cx + radius_m * cos(angle), cy + radius_m * sin(angle))
+        positions = np.tile((*place, self._survey_z_m(moment)), (HORIZON + 1, 1))
+        return Reference(positions, np.zeros((HORIZON + 1, 3)), STEP_S)
 
     def _stay(self, state: PeerState) -> Reference:
         """Stay while the position cannot be trusted; the tracker still keeps separation."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.frames.graph import FrameGraph
@@ -15,6 +17,7 @@ from agent.navigation.neighbours import Neighbourhood, Self
 from agent.navigation.ownfence import OwnFence
 from agent.navigation.ownground import OwnGround
 from agent.navigation.peers import Peers
+from agent.navigation.silent import CIRCLING, Absence
 from agent.navigation.surveying import InformedSearch, Search
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
@@ -47,7 +50,7 @@ class Navigator:
         self._ground = OwnGround(Ground.from_config(mission), self._own)
         self._fence = OwnFence(mission.area, self._own)
         self._guidance = Guidance(mission, drone, self._own, self._ground, self.home, search, informed)
-        self._neighbourhood = Neighbourhood(mission, frames)
+        self._neighbourhood = Neighbourhood(mission, frames, drone.id)
         self._tracker: Tracker | None = None
         self._virtual = PeerState((0.0, 0.0, 0.0))  # the tracker's own state; at its start the vehicle's
         self._epoch = -1
@@ -57,6 +60,16 @@ class Navigator:
     def waits(self) -> bool:
         """Whether the drone waits because its frame is not known."""
         return self._guidance.waits
+
+    @property
+    def absence(self) -> Absence | None:
+        """The drones that took part and are not heard any more, as of the last step."""
+        return self._neighbourhood.absence
+
+    @property
+    def has_room(self) -> bool:
+        """Whether the circle that is this drone's while others are not heard lies inside the fence."""
+        return self._guidance.has_room
 
     def follow(self, vehicle: VehicleState) -> None:
         """Take telemetry, each once, also while somebody else flies."""
@@ -70,6 +83,7 @@ class Navigator:
     def rest(self) -> None:
         """The vehicle is under other control; the next step starts from its position then."""
         self._tracker = None
+        self._neighbourhood.absence = None
 
     def step(self, moment: Moment, peers: Peers) -> tuple[Setpoint, Plan | None]:
         """The setpoint for now, and a new plan to publish where one was made.
@@ -106,14 +120,25 @@ class Navigator:
         vehicle = moment.vehicle
         frame = self._own.frame
         local_from_mission = frame.local_from_mission if frame is not None else None
-        me = Self(moment.now_ns, vehicle.epoch, self._own.sigma_m, local_from_mission)
+        ahead = partial(tracker.ahead, moment.now_ns, vehicle.position_m)
+        me = Self(
+            moment.now_ns,
+            vehicle.epoch,
+            self._own.sigma_m,
+            local_from_mission,
+            ahead=ahead,
+            step_s=STEP_S,
+            place_at=self._own.place_at,
+            circles=moment.stage in CIRCLING,
+        )
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]
+        deviation_m = self.response.response.tracking_error_m
         made = tracker.plan(
             moment.now_ns,
             PeerState(vehicle.position_m, vehicle.velocity_mps),
-            self._guidance.reference(moment, self._virtual, centre, partners, self.response.response.tracking_error_m),
-            [other.plan for other in others],
+            self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self._neighbourhood.absence),
+            [*(other.plan for other in others), *self._guidance.circles_of_others(moment, centre, self.absence, ahead)],
             self._ground.relief(vehicle),
         )
         return Plan(

@@ -9,14 +9,13 @@ A drone that is heard is never left out because its frame is not known. Its posi
 4. its frame, or the own one, is not known: this drone's sightings alone;
 5. it is not seen either, but still near its launch place: the mission's launch layout.
 
-A flying drone that is not heard any more still hovers where its autopilot stopped it. Separation is kept from where it is seen,
-or for a while from where it must have stopped.
+From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``).
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from math import hypot
 
@@ -28,13 +27,14 @@ from agent.config.drone import ResponseConfig
 from agent.config.mission import MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
-from agent.geometry import Array
+from agent.geometry import Array, Vector3
 from agent.localization.continuity import carried_on
 from agent.motion.feedforward import Deviation
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.peers import Peer, Peers
 from agent.navigation.relative import offset, placed_alone, places
+from agent.navigation.silent import LEAVING_NS, SILENT_NS, TAKING_PART, Absence, Silent, Viewer
 from protocol.entries import Sighting
 from protocol.messages import Pose, Stage
 
@@ -42,13 +42,10 @@ WORST_SIGMA_M = 5.0  # separation grows no further: a drone with a larger sigma 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
 PLAN_AGE_NS = 1_000_000_000  # an older plan is stale
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
-_TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 _ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 _SIGMAS = 3.0
 _DOUBT_SIGMAS, _MOST_DOUBT_M = 2.0, 1.0  # growth of the minimum separation where frames are estimated
-SILENT_NS = 1_000_000_000  # without a pose: ten of their periods
-SILENCE_NS = 20_000_000_000  # a silent drone is assumed where it stopped for this long; a restarted agent is back by then
-_GOES_ON_S = 1.0  # its autopilot flies on for this long without setpoints (PX4: COM_OF_LOSS_T)
+_STOPPED_NS = 2_000_000_000  # after this long without its agent a drone has stopped: older sightings show where it still flew
 _EXPECTED_M = ResponseConfig().tracking_error_m  # prior of a drone's deviation from its plans
 _POSE_GAP_NS = 500_000_000  # no position is interpolated over a longer gap between poses
 
@@ -61,50 +58,89 @@ class Neighbour(Struct, frozen=True):
     takes_part: bool
 
 
+def _nowhere_ahead() -> Array:
+    return np.zeros((1, 3))
+
+
+def _no_place(_: int) -> None:
+    """Not known."""
+
+
 class Self(Struct, frozen=True):
     """The own drone: epoch of its frame, and that frame; None while it is not known.
 
-    ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance).
+    ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance). ``ahead``: gives its planned positions
+    (K, 3) from now on, ``step_s`` apart, local frame; ``place_at``: where it was at a stamp, mission frame; ``circles``: it
+    tracks.
     """
 
     now_ns: int
     epoch: int
     sigma_m: float
     local_from_mission: Transform | None
+    ahead: Callable[[], Array] = _nowhere_ahead
+    step_s: float = 0.2
+    place_at: Callable[[int], Vector3 | None] = _no_place
+    circles: bool = False
 
 
 class Neighbourhood:
-    """The drones that fly around one drone."""
+    """The drones that fly around one drone.
 
-    def __init__(self, mission: MissionConfig, frames: FrameGraph) -> None:
+    ``absence``: of those that took part and are not heard any more, as of the last call of ``around``; None where there are none.
+    """
+
+    def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
+        """``drone``: the own id."""
         self._frames = frames
+        self._id, self._order = drone, [member.id for member in mission.drones]
         self._members = {member.id: member for member in mission.drones}
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
         self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity
         self._deviations: dict[str, Deviation] = {}
+        self._silent = Silent(mission)
+        self.absence: Absence | None = None
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
         """All drones that are not on the ground and can be located, by id."""
-        found, alive = [], peers.alive(me.now_ns)
+        found: list[Neighbour] = []
+        missing = []
         for name in peers.names:
             peer = peers[name]
             if peer.pose is None or (peer.status is not None and peer.status.stage in _ON_GROUND):
+                self._silent.heard(name)
                 continue
             self._compare(name, peer, peer.pose)
             mission_from_theirs = self._frame_of(name, peer.pose)
-            plan = None
+            took_part = peer.status is not None and peer.status.stage in TAKING_PART
             if me.now_ns - peer.pose.stamp_ns > SILENT_NS:
-                plan = self._silent(name, peer, peer.pose, mission_from_theirs, me)
-            elif mission_from_theirs is not None and me.local_from_mission is not None:
+                found += self._of_silent(name, peer, peer.pose, mission_from_theirs, me)
+                missing += [name] if took_part else []
+                continue
+            self._silent.heard(name)
+            plan = None
+            if mission_from_theirs is not None and me.local_from_mission is not None:
                 plan = self._placed_by_frames(name, peer, peer.pose, mission_from_theirs, me.local_from_mission, me)
-            heard = name in alive
-            takes_part = heard and plan is not None and peer.status is not None and peer.status.stage in _TAKING_PART
-            if heard and plan is None:
+            takes_part = took_part and plan is not None
+            if plan is None:
                 plan = _placed_by_sightings(name, peer.sightings, peer.pose, me) or self._placed_by_layout(name, peer.pose, me)
             if plan is not None:
-                plan = replace(plan, deviation_m=self._deviations[name].rms_m)
-                found.append(Neighbour(name, plan, takes_part))
+                found.append(Neighbour(name, replace(plan, deviation_m=self._deviations[name].rms_m), takes_part))
+        self.absence = self._absence(missing, [one.id for one in found if one.takes_part], peers, me.now_ns) if missing else None
         return found
+
+    def _absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
+        ring = min(self._order.index(name) for name in (self._id, *partners))
+        kept = tuple(name for name in missing if self._is_kept(name, partners, peers, now_ns))
+        return Absence(tuple(missing), ring, kept, self._silent.walls(now_ns), not partners)
+
+    def _is_kept(self, name: str, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
+        """Whether a missing drone may still be on the same circle: at first, and as long as one that is heard hears it."""
+        pose = peers[name].pose
+        if pose is not None and now_ns - pose.stamp_ns < LEAVING_NS:
+            return True
+        statuses = (peers[partner].status for partner in partners)
+        return any(status is not None and name in status.delays_ns for status in statuses)
 
     def _compare(self, name: str, peer: Peer, pose: Pose) -> None:
         """Compare a drone's pose with its plan; both are in its own frame, known or not."""
@@ -115,19 +151,19 @@ class Neighbourhood:
         x, y, _ = PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, plan.positions_m).state(pose.stamp_ns).position
         deviation.add(pose.stamp_ns, pose.position_m[0] - x, pose.position_m[1] - y)
 
-    def _silent(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
-        """A drone not heard any more: by sightings since then, or where it must have stopped."""
-        stopped_ns = pose.stamp_ns + round(_GOES_ON_S * 1e9)
-        seen = _placed_by_sightings(name, [one for one in peer.sightings if one.stamp_ns > stopped_ns], pose, me)
-        if seen is not None or peer.status is None or me.now_ns - pose.stamp_ns > SILENCE_NS:
-            return seen
-        if mission_from_theirs is None or me.local_from_mission is None:
-            return None
-        local_from_theirs = _bare(me.local_from_mission) @ _bare(mission_from_theirs)
-        (x, y, z), (u, v, w) = pose.position_m, pose.velocity_mps
-        stopped = PeerState(local_from_theirs.apply_point((x + _GOES_ON_S * u, y + _GOES_ON_S * v, z + _GOES_ON_S * w)))
-        sigma_m = hypot(me.sigma_m, _sigma_m(pose, mission_from_theirs), 0.5 * _GOES_ON_S * hypot(u, v))
-        return _held(name, me.now_ns, stopped, sigma_m)
+    def _of_silent(
+        self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self
+    ) -> Iterator[Neighbour]:
+        """A drone not heard any more: by sightings since then, or wherever it may be."""
+        recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
+        seen = _placed_by_sightings(name, recent, pose, me)
+        if seen is not None:
+            yield Neighbour(name, replace(seen, blind=True), False)
+        elif peer.status is not None and mission_from_theirs is not None and me.local_from_mission is not None:
+            sigma_m = min(hypot(me.sigma_m, _sigma_m(pose, mission_from_theirs)), WORST_SIGMA_M)
+            viewer = Viewer(me.now_ns, me.step_s, _bare(me.local_from_mission), me.ahead, me.place_at, me.circles)
+            for plan in self._silent.plans(name, peer, pose, _bare(mission_from_theirs), sigma_m, viewer):
+                yield Neighbour(name, plan, False)
 
     def _frame_of(self, name: str, pose: Pose) -> Transform | None:
         """Its frame; after a jump one by the continuity of its motion; one that has become unknown with a large covariance."""

@@ -7,22 +7,27 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from protocol.entries import Sighting
-from protocol.messages import Plan, Pose, Status
+from protocol.messages import Plan, Pose, Stage, Status
 
-ALIVE_NS = 2_000_000_000  # a drone not heard for this long has dropped out
+OLDEST_NS = 2_000_000_000  # an older message is dropped
 STATUS_AGE_NS = 10_000_000_000  # an older status does not count: the drone is switched off
 RECENT_NS = 3_000_000_000  # poses and sightings are kept for this long
+_AT_LAUNCH = (Stage.PREFLIGHT, Stage.TAKEOFF)
 _MOST_SIGHTINGS = 256  # kept, whatever their stamps
 FUTURE_NS = 1_000_000_000  # a stamp further ahead than this comes from a wrong clock
 
 
 @dataclass(slots=True)
 class Peer:
-    """The newest of each kind; None until heard. ``poses``, ``sightings`` (by this drone): of the last seconds."""
+    """The newest of each kind; None until heard. ``poses``, ``sightings`` (by this drone): of the last seconds.
+
+    ``launch``: its last pose before it left the place of its launch.
+    """
 
     pose: Pose | None = None
     plan: Plan | None = None
     status: Status | None = None
+    launch: Pose | None = None
     poses: deque[Pose] = field(default_factory=deque)
     sightings: deque[Sighting] = field(default_factory=partial(deque, maxlen=_MOST_SIGHTINGS))
 
@@ -46,7 +51,7 @@ class Peers:
         peer = self._peers.get(message.drone)
         if peer is None:
             return "unknown_drone"
-        if message.stamp_ns < now_ns - ALIVE_NS:
+        if message.stamp_ns < now_ns - OLDEST_NS:
             return "stale"
         if message.stamp_ns > now_ns + FUTURE_NS:
             return "from_the_future"
@@ -57,6 +62,8 @@ class Peers:
         setattr(peer, kind, message)
         if isinstance(message, Pose):
             peer.poses.append(message)
+            if peer.status is not None and peer.status.stage in _AT_LAUNCH:
+                peer.launch = message
             while peer.poses[0].stamp_ns < message.stamp_ns - RECENT_NS:
                 peer.poses.popleft()
         return None
@@ -68,12 +75,6 @@ class Peers:
         newest_ns = max(sightings[0].stamp_ns, sighting.stamp_ns)
         while sightings[0].stamp_ns < newest_ns - RECENT_NS:
             sightings.popleft()
-
-    def alive(self, now_ns: int) -> list[str]:
-        """Ids of the drones heard recently, sorted."""
-        return sorted(
-            name for name, peer in self._peers.items() if peer.pose is not None and now_ns - peer.pose.stamp_ns < ALIVE_NS
-        )
 
     def statuses(self, now_ns: int) -> dict[str, Status]:
         """The newest status of each drone that has sent one recently."""

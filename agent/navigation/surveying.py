@@ -17,6 +17,7 @@ from agent.motion.informative import LARGEST_M2, Belief, Waypoints
 from agent.motion.path import PathFollower
 from agent.motion.survey import left, survey_path
 from agent.navigation.covered import Covered, Path
+from agent.navigation.silent import KEPT_M, Wall
 from protocol.entries import Coverage
 
 COVERAGE_S = 5.0  # period of the coverage reports
@@ -141,7 +142,14 @@ class InformedSearch:
         self._due_ns = 0
 
     def reference(
-        self, now_ns: int, position: Point2, velocity: Point2, others: Sequence[Point2], steps: int, step_s: float
+        self,
+        now_ns: int,
+        position: Point2,
+        velocity: Point2,
+        others: Sequence[Point2],
+        steps: int,
+        step_s: float,
+        walls: Sequence[Wall] = (),
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Positions and velocities (steps + 1, 2) to follow from here; None: fly lanes instead.
 
@@ -152,6 +160,7 @@ class InformedSearch:
             others: positions of the other searching drones.
             steps: of the reference.
             step_s: between its points.
+            walls: what this drone keeps behind, away from drones that it does not hear.
         """
         outlook = self._prospect.at(now_ns) if self._waypoints is not None else None
         if outlook is None or self._waypoints is None:
@@ -159,7 +168,7 @@ class InformedSearch:
             return None
         if self._follower is None or now_ns >= self._due_ns or self._due_ns - now_ns > LOOK_NS:  # the clock was set back
             self._due_ns, self._progress = now_ns + LOOK_NS, 0.0
-            self._follower = self._way(self._waypoints, outlook, position, velocity, others)
+            self._follower = self._way(self._waypoints, outlook, position, velocity, others, walls)
         length_m = self._follower.length_m
         self._progress = min(self._follower.advance(self._progress, position), length_m)
         travelled = self._progress + self._speed_mps * step_s * np.arange(steps + 2.0)
@@ -167,10 +176,17 @@ class InformedSearch:
         return points[:-1], np.diff(points, axis=0) / step_s
 
     def _way(
-        self, waypoints: Waypoints, outlook: Outlook, position: Point2, velocity: Point2, others: Sequence[Point2]
+        self,
+        waypoints: Waypoints,
+        outlook: Outlook,
+        position: Point2,
+        velocity: Point2,
+        others: Sequence[Point2],
+        walls: Sequence[Wall],
     ) -> PathFollower:
         belief = Belief(outlook.places, outlook.weight, outlook.activity_bq, outlook.none)
-        start, end = np.array(position), np.array(waypoints.choose(belief, position, velocity, others))
+        behind = [(*wall.normal, wall.offset + KEPT_M) for wall in walls]
+        start, end = np.array(position), np.array(waypoints.choose(belief, position, velocity, others, behind))
         return PathFollower(np.vstack([start, self._detours.between(start, end), end]))
 
 

@@ -26,7 +26,7 @@ from agent.sensing.sighting_feed import SightingsFeed
 from agent.shell.node import mesh_config
 from agent.shell.startable import camera_missing
 from agent.shell.statestore import StateFile, unreadable
-from agent.vehicle.interface import Finding
+from agent.vehicle.interface import AgentLost, Finding
 from agent.vehicle.px4 import Px4Vehicle
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
@@ -122,7 +122,8 @@ class Preflight:
         return Finding(name, "ok", f"{status.stage}, the same mission")
 
     async def _check_vehicle(self) -> None:
-        vehicle = Px4Vehicle(self._drone.vehicle, self._mission.area.ceiling_m)
+        lost = AgentLost(self._mission.safety.agent_lost, self._mission.return_height_m(self._drone.id), sets=False)
+        vehicle = Px4Vehicle(self._drone.vehicle, self._mission.area.ceiling_m, lost=lost)
         try:
             await vehicle.connect()
             while True:

@@ -37,7 +37,7 @@ from agent.shell.memory import MemoryWatch
 from agent.shell.recovery import recover
 from agent.shell.startable import camera_missing
 from agent.shell.statestore import State, StateStore
-from agent.vehicle.interface import GnssFix
+from agent.vehicle.interface import AgentLost, GnssFix
 from agent.vehicle.px4 import Px4Vehicle
 from protocol.messages import Stage
 from protocol.session import Mesh, MeshConfig
@@ -125,7 +125,8 @@ class Node:
         self._closers.append(self._mesh.close)
         self._log.info("mesh is up", boot=boot, mission=self._mission.mission_id)
         ceiling_m, exact = self._mission.area.ceiling_m, self._frame_is_exact
-        self._vehicle = Px4Vehicle(self._drone.vehicle, ceiling_m, saved.launch, exact=exact)
+        lost = AgentLost(self._mission.safety.agent_lost, self._mission.return_height_m(self._drone.id))
+        self._vehicle = Px4Vehicle(self._drone.vehicle, ceiling_m, saved.launch, exact=exact, lost=lost)
         self._closers.append(self._vehicle.close)
         self._vehicle.on_state(contained("telemetry", self._pilot.observe_vehicle, None))
         self._publish = contained("publications", self._mesh.publish, None)

@@ -15,6 +15,7 @@ from agent.vehicle.messages import ParameterError, ParameterValue
 from agent.vehicle.trust import drift_m
 
 TAKEOFF_ALTITUDE = "MIS_TAKEOFF_ALT"
+RETURN_ALTITUDE = "RTL_RETURN_ALT"
 ASK_AGAIN_S = 0.5  # PX4 1.17 reports unknown names; older versions do not answer
 MOST_ASKS = 6
 REFRESH_S = 5.0  # a wrong value is read again, so that a correction shows
@@ -105,7 +106,7 @@ RULES = (
     _OFFBOARD,
     Rule("COM_OBL_RC_ACT", _one_of(_OFFBOARD_LOSS, _AGENT_GONE)),
     Rule("NAV_RCL_ACT", _one_of(_REMOTE_LOSS, _REMOTE_GONE)),
-    Rule("RTL_RETURN_ALT", _below_ceiling),
+    Rule(RETURN_ALTITUDE, _below_ceiling),
     Rule("RTL_DESCEND_ALT", _below_ceiling),
     Rule("GF_ACTION", _one_of(_FENCE, "the reaction at its own fence")),
     Rule("GF_MAX_HOR_DIST", _distance),
@@ -124,11 +125,23 @@ SATELLITE_RULES = (Rule("EKF2_NOAID_TOUT", _drift_time),)
 VISION_RULES = (Rule("EKF2_EV_CTRL", _guided_by_vision), Rule("EKF2_NOAID_TOUT", _blind_time))
 
 
-def rules_of(gnss: bool, vision: bool) -> tuple[Rule, ...]:
-    """The rules for an autopilot with or without satellites, and with or without vision poses from this agent."""
+def rules_of(gnss: bool, vision: bool, agent_lost: str | None = None) -> tuple[Rule, ...]:
+    """The rules for an autopilot with or without satellites, and with or without vision poses from this agent.
+
+    ``agent_lost``: the reaction that the mission's drones expect of each other; None: any. Without satellites none returns.
+    """
     if not gnss:
         return HOMELESS_RULES
-    return RULES + VISION_RULES if vision else RULES + SATELLITE_RULES
+    expected = {number: word for number, word in _OFFBOARD_LOSS.items() if word == agent_lost}
+    first = Rule("COM_OBL_RC_ACT", _one_of(expected, f"{_AGENT_GONE} that the mission names")) if expected else None
+    rules = tuple(first if first is not None and rule.name == first.name else rule for rule in RULES)
+    return rules + VISION_RULES if vision else rules + SATELLITE_RULES
+
+
+def float32(value: float) -> float:
+    """Rounded to the precision of a parameter."""
+    rounded: float = struct.unpack("f", struct.pack("f", value))[0]
+    return rounded
 
 
 def value_of(message: ParameterValue) -> float:
@@ -148,8 +161,11 @@ def value_of(message: ParameterValue) -> float:
 class Parameters:
     """The values of the parameters in ``rules`` and of the takeoff altitude, as far as they are known."""
 
-    def __init__(self, ceiling_m: float, rules: tuple[Rule, ...] = RULES) -> None:
+    def __init__(self, ceiling_m: float, rules: tuple[Rule, ...] = RULES, return_height_m: float | None = None) -> None:
+        """``return_height_m``: of this drone's return, to be set on its autopilot; None: that is left as it is."""
         self._ceiling_m = ceiling_m
+        self._return_m = float32(return_height_m) if return_height_m is not None else None
+        self._sets, self._set_s = 0, float("-inf")
         self._rules = rules
         self._names = (*(rule.name for rule in rules), TAKEOFF_ALTITUDE)
         self._values: dict[str, float] = {}
@@ -170,6 +186,7 @@ class Parameters:
     def forget(self) -> None:
         """Start again: the autopilot may have been restarted, or be another one."""
         self._values.clear()
+        self._sets = 0
         self._asked.clear()
 
     def value(self, name: str) -> float | None:
@@ -185,6 +202,14 @@ class Parameters:
                 self._asked[name] = (count + 1, now_s)
                 names.append(name)
         return names
+
+    def height_to_set(self, now_s: float) -> float | None:
+        """The return altitude to set now; None where it is right, not known yet, or has been refused."""
+        value, wanted = self._values.get(RETURN_ALTITUDE), self._return_m
+        if wanted is None or value in (None, wanted) or self._sets >= MOST_ASKS or now_s - self._set_s < ASK_AGAIN_S:
+            return None
+        self._sets, self._set_s = self._sets + 1, now_s
+        return wanted
 
     def _pause_s(self, name: str, count: int) -> float:
         if name not in self._values:
@@ -205,4 +230,8 @@ class Parameters:
                 return Finding(name, "not yet", "being read")
             return Finding(name, "failed", "unknown to the autopilot: is it a PX4 of version 1.13 or later?")
         value, advice = self._values[name], self._advice(name)
+        if name == RETURN_ALTITUDE and self._return_m not in (None, value):
+            if self._sets < MOST_ASKS:
+                return Finding(name, "not yet", f"is {value:g}; the agent sets it to {self._return_m:g}, the layer of this drone")
+            advice = f"set it to {self._return_m:g}, the layer of this drone: the autopilot has not taken it from the agent"
         return Finding(name, "ok", f"{value:g}") if advice is None else Finding(name, "failed", f"is {value:g}; {advice}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import ctypes
 import time
 from collections.abc import Callable
 from math import isfinite
@@ -12,7 +11,7 @@ from typing import Literal
 from agent.config.drone import VehicleConfig
 from agent.vehicle.frame import ned_from_enu, ned_from_enu_position, ned_yaw
 from agent.vehicle.health import StatusMessages
-from agent.vehicle.interface import Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
+from agent.vehicle.interface import AgentLost, Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
 from agent.vehicle.link import Link, Received
 from agent.vehicle.messages import (
     CommandAck,
@@ -26,7 +25,7 @@ from agent.vehicle.messages import (
     TimeSync,
 )
 from agent.vehicle.modes import CUSTOM_MODES, SET_MODE_FLAGS
-from agent.vehicle.parameters import FLOAT, TAKEOFF_ALTITUDE, Parameters, rules_of
+from agent.vehicle.parameters import FLOAT, RETURN_ALTITUDE, TAKEOFF_ALTITUDE, Parameters, float32, rules_of
 from agent.vehicle.requests import Act, Requests
 from agent.vehicle.telemetry import Telemetry
 from agent.vehicle.vision import Vision
@@ -67,6 +66,7 @@ class Px4Vehicle:
         *,
         clock_s: Callable[[], float] = time.monotonic,
         link: Link | None = None,
+        lost: AgentLost | None = None,
     ) -> None:
         """Not connected yet.
 
@@ -78,13 +78,16 @@ class Px4Vehicle:
             exact: the mission's local frame is known exactly, so that it has only one epoch.
             clock_s: a clock that never goes back.
             link: to the autopilot; None: as in ``config``.
+            lost: what it does without the agent, by the mission; None: whatever it is set to.
         """
         self._config = config
         self._clock_ns, self._clock_s = clock_ns, clock_s
         self._link = link or Link(config.address, clock_ns, clock_s, config.system_id)
         self._telemetry = Telemetry(config, launch, exact)
         self._messages = StatusMessages()
-        self._parameters = Parameters(mission_ceiling_m, rules_of(config.gnss, config.vision is not None))
+        rules = rules_of(config.gnss, config.vision is not None, lost.reaction if lost is not None else None)
+        height_m = lost.return_height_m if lost is not None and lost.sets and config.gnss else None
+        self._parameters = Parameters(mission_ceiling_m, rules, height_m)
         self._requests = Requests()
         self._vision = Vision(config.vision.address, self._link.send, clock_ns) if config.vision is not None else None
         self._seeing: asyncio.Task[None] | None = None
@@ -154,7 +157,7 @@ class Px4Vehicle:
         seen = self._telemetry.seen
         if seen is None:
             return
-        altitude_set = self._parameters.value(TAKEOFF_ALTITUDE) == _float32(command.takeoff_height_m)
+        altitude_set = self._parameters.value(TAKEOFF_ALTITUDE) == float32(command.takeoff_height_m)
         act = self._requests.step(now_s, command.request, seen, streaming, altitude_set)
         if act is not None:
             self._ask(act, command)
@@ -215,6 +218,10 @@ class Px4Vehicle:
         """
         for name in self._parameters.due(now_s):
             self._link.send("PARAM_REQUEST_READ", {"param_id": name, "param_index": -1})
+        seen = self._telemetry.seen
+        height_m = self._parameters.height_to_set(now_s) if seen is not None and not seen.armed else None
+        if height_m is not None:
+            self._link.send("PARAM_SET", {"param_id": RETURN_ALTITUDE, "param_value": height_m, "param_type": FLOAT})
         elapsed_s = now_s - self._set_up_s
         if elapsed_s < SET_UP_S:
             return
@@ -318,8 +325,3 @@ class Px4Vehicle:
             return Finding("launch place", "not yet", problem or "no position from the autopilot yet")
         where = f"{launch.north_m:.1f} m north, {launch.east_m:.1f} m east, {-launch.down_m:.1f} m above the autopilot's origin"
         return Finding("launch place", "ok", where)
-
-
-def _float32(value: float) -> float:
-    """Rounded to the precision of a parameter."""
-    return ctypes.c_float(value).value

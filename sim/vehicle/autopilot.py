@@ -27,7 +27,9 @@ class Autopilot:
     of mode by the agent are refused. ``knows_position``: its filter does.
     """
 
-    def __init__(self, home: Vector3, yaw: float, step_s: float) -> None:
+    def __init__(self, home: Vector3, yaw: float, step_s: float, return_height_m: float = RETURN_HEIGHT_M) -> None:
+        """``return_height_m``: of a return, above home (PX4: RTL_RETURN_ALT)."""
+        self._return_height_m = return_height_m
         self.mode = FlightMode.HOLD
         self.armed = False
         self.in_air = False
@@ -205,7 +207,7 @@ class Autopilot:
             self._guidance.stay(self.target.position)
 
     def _return_home(self) -> None:
-        if self._guidance.go_home(RETURN_HEIGHT_M, TAKEOFF_SPEED_MPS, RETURN_SPEED_MPS):
+        if self._guidance.go_home(self._return_height_m, TAKEOFF_SPEED_MPS, RETURN_SPEED_MPS):
             self.mode = FlightMode.LAND
 
     def _descend(self, position: Vector3) -> None:

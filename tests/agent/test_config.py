@@ -9,7 +9,7 @@ from msgspec import inspect
 
 from agent.config.drone import DroneConfig
 from agent.config.loading import convert, load_mission, load_toml
-from agent.config.mission import MissionConfig
+from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.errors import ConfigError, RadronError
 
 MISSION = """
@@ -175,3 +175,12 @@ def test_every_number_has_bounds(config: type) -> None:
 def test_convert_names_the_place() -> None:
     with pytest.raises(ConfigError, match=r"^here: the file: expected `object`, got `array`$"):
         convert([], MissionConfig, "here")
+
+
+def test_nobody_is_launched_outside_the_fence() -> None:
+    area = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0)), fence_margin_m=10.0)
+    mission = MissionConfig(
+        name="test", area=area, drones=(DroneInMission(id="d1"), DroneInMission(id="d2", origin_m=(75.0, 20.0, 0.0)))
+    )
+    with pytest.raises(ConfigError, match=r"m.toml: drones: the launch place of d2 is 15.0 m outside the fence; move it"):
+        mission.check("m.toml")

@@ -67,7 +67,9 @@ def _quickly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(groundcontrol, "OBEY_S", 2.0)
 
 
-def order(action: Action, *drones: Drone, only: tuple[str, ...] = (), anyway: bool = False) -> list[str]:
+def order(
+    action: Action, *drones: Drone, only: tuple[str, ...] = (), without: tuple[str, ...] = (), anyway: bool = False
+) -> list[str]:
     """Carry out an order to running drones; what was said."""
     said: list[str] = []
 
@@ -77,15 +79,17 @@ def order(action: Action, *drones: Drone, only: tuple[str, ...] = (), anyway: bo
             for drone in drones:
                 await stack.enter_async_context(drone.running(endpoints))
                 endpoints += (drone.endpoint,)
-            await groundcontrol.command(Order(action, "test", endpoints, only, anyway), said.append)
+            await groundcontrol.command(Order(action, "test", endpoints, only, without, anyway), said.append)
 
     asyncio.run(run())
     return said
 
 
-def refused(action: Action, *drones: Drone, only: tuple[str, ...] = (), anyway: bool = False) -> str:
+def refused(
+    action: Action, *drones: Drone, only: tuple[str, ...] = (), without: tuple[str, ...] = (), anyway: bool = False
+) -> str:
     with pytest.raises(CommandError) as caught:
-        order(action, *drones, only=only, anyway=anyway)
+        order(action, *drones, only=only, without=without, anyway=anyway)
     return str(caught.value)
 
 
@@ -115,6 +119,25 @@ def test_those_that_can_start_anyway_and_the_other_says_why_not() -> None:
     d1, d2 = Drone("d1"), Drone("d2", problems=("the vehicle is not ready to be armed",), lame=True)
     assert refused(Action.START, d1, d2, anyway=True) == "d2: the vehicle is not ready to be armed"
     assert d1.stage is Stage.TAKEOFF
+
+
+def test_an_absent_drone_does_not_hold_up_the_others_if_the_operator_says_so() -> None:
+    missed = ("no contact with d3 (tcp/10.0.0.3:7447)",)
+    d1, d2 = Drone("d1", problems=missed), Drone("d2", problems=missed)
+    assert "no contact with d3" in refused(Action.START, d1, d2)
+    assert order(Action.START, d1, d2, without=("d3",))[-1] == "start: d1 takeoff, d2 takeoff"
+    assert d1.commands[-1].drones == ("d1", "d2")
+
+
+def test_one_that_is_there_but_left_behind_gets_no_command() -> None:
+    d1, d2 = Drone("d1", problems=("d2 has another mission file (f, here 0)",)), Drone("d2", mission="f" * 16)
+    assert order(Action.START, d1, d2, without=("d2",))[0] == "start: to d1"
+    assert not d2.commands
+
+
+def test_a_problem_of_a_drone_that_is_to_start_is_one_without_the_absent_too() -> None:
+    d1 = Drone("d1", problems=("no contact with d3 (none)", "no contact with d30 (none)"))
+    assert refused(Action.START, d1, without=("d3",)).startswith("not started: d1: no contact with d30 (none) (")
 
 
 @pytest.mark.parametrize("ahead_s", [-8.0, 8.0])

@@ -73,12 +73,13 @@ def test_what_was_found_of_the_vehicle_is_remembered_with_the_next_stamp_and_gon
     assert one.memory is kept  # the deviation has changed meanwhile, and waits
 
 
-def test_goes_on_from_the_failsafe_by_streaming_setpoints():
-    one, step = back()
+@pytest.mark.parametrize("mode", [FlightMode.RETURN, FlightMode.LAND])
+def test_goes_on_from_the_failsafe_by_streaming_setpoints(mode):
+    one, step = back(mode=mode)
     assert one.stage is Stage.SURVEY
     assert step.command.request is Request.OFFBOARD
     assert step.command.setpoint is not None
-    assert fly(one, BACK_NS, 2.0, FlightMode.RETURN, healthy=False) == [Request.OFFBOARD] * 40
+    assert fly(one, BACK_NS, 2.0, mode, healthy=False) == [Request.OFFBOARD] * 40
     assert fly(one, BACK_NS + 2 * SECOND, 10.0, FlightMode.OFFBOARD) == [Request.OFFBOARD] * 200
     assert one.stage is Stage.SURVEY
 

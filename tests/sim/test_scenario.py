@@ -1,3 +1,5 @@
+import math
+from itertools import combinations
 from pathlib import Path
 
 import msgspec
@@ -260,3 +262,13 @@ def test_bad_override(values, complaint):
 def test_no_estimator_can_be_chosen_where_the_hypothesis_is_given():
     with pytest.raises(ConfigError, match="stabilization: its hypothesis is given"):
         override(load_scenario("stabilization"), {"mission.fusion.estimator": "paper"})
+
+
+def test_a_large_swarm_starts_inside_the_fence_and_apart():
+    mission = override(load_scenario("ideal-static-swarm"), {"drones": 64}).mission
+    fence = Polygon(mission.area.polygon_m).buffer(mission.area.fence_margin_m)
+    places = [drone.origin_m[:2] for drone in mission.drones]
+    assert len(places) == 64
+    assert all(fence.contains(Point(place)) for place in places)
+    assert min(math.dist(one, other) for one, other in combinations(places, 2)) >= 5.0
+    assert places[:5] == [(44.0, 2.0), (50.0, 2.0), (56.0, 2.0), (61.0, 2.0), (66.0, 2.0)]

@@ -47,7 +47,7 @@ def seen(*messages, now_ns=0, own_sigma_m=0.0):
     for message in messages:
         assert peers.receive(message, now_ns) is None
     me = Self(now_ns, 0, own_sigma_m, Transform())
-    return Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION)).around(peers, me)
+    return Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a").around(peers, me)
 
 
 def test_a_plan_is_read_in_the_own_frame():
@@ -77,23 +77,46 @@ def after_silence(seconds, stage=Stage.TRACK):
     peers, now_ns = Peers(["b"]), round(seconds * SECOND)
     for message in (pose(), status(stage)):
         assert peers.receive(message, 0) is None
-    found = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION)).around(peers, Self(now_ns, 0, 0.1, Transform()))
+    found = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a").around(peers, Self(now_ns, 0, 0.1, Transform()))
     return found, now_ns
 
 
-@pytest.mark.parametrize(("seconds", "takes_part"), [(1.5, True), (5.0, False), (19.0, False)])
-def test_a_drone_that_is_heard_no_more_hangs_where_its_autopilot_stopped_it(seconds, takes_part):
-    (other,), now_ns = after_silence(seconds)
-    for later_ns in (now_ns, now_ns + 3 * SECOND):
-        assert other.plan.state(later_ns).position == pytest.approx((10.0, 3.0, 3.0))
-    assert other.plan.measured.velocity == (0.0, 0.0, 0.0)
-    assert other.plan.sigma_m >= 1.0
-    assert other.takes_part is takes_part
+def test_a_drone_that_is_heard_no_more_may_stop_or_be_on_its_way_home():
+    """b flew at (10, 1) m, along y at 2 m/s; home is at (10, 0)."""
+    stops, comes_home = (one.plan for one in after_silence(5.0)[0])
+    x, y, _ = stops.positions[0]
+    assert (x, y) == pytest.approx(
+        (10.0, 1.0), abs=1e-6
+    )  # nearest to a, between the place of its last pose and the farthest stop
+    assert comes_home.positions[0][:2] == pytest.approx((10.0, 0.0), abs=1e-6)
+    assert stops.blind
+    assert not any(one.takes_part for one in after_silence(1.5)[0])
 
 
-def test_after_a_while_a_silent_drone_is_forgotten_and_one_on_the_ground_at_once():
-    assert after_silence(21.0)[0] == []
+def test_it_is_kept_clear_of_until_it_must_be_down_and_on_the_ground_no_more():
+    assert len(after_silence(30.0)[0]) == 1  # no longer where it stopped
+    assert after_silence(120.0)[0] == []
     assert after_silence(5.0, Stage.LANDED)[0] == []
+
+
+def test_a_drone_in_hold_stays_and_one_that_lands_is_down_some_time():
+    for stage, minutes in ((Stage.HOLD, 60.0), (Stage.LANDING, 0.3)):
+        (other,) = (one.plan for one in after_silence(60.0 * minutes, stage)[0])
+        assert other.positions[0][:2] == pytest.approx((10.0, 1.0), abs=1e-6)
+    assert after_silence(60.0, Stage.LANDING)[0] == []
+
+
+def test_who_searched_keeps_to_its_own_side():
+    """Half-way between (0, 0), where a was, and (10, 1), where b was when they last heard of each other."""
+    me = Self(3 * SECOND, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0))
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.SURVEY)):
+        assert peers.receive(message, 0) is None
+    beyond = hood.around(peers, me)[0].plan.positions[0]
+    assert math.hypot(beyond[0], beyond[1]) == pytest.approx(math.hypot(5.0, 0.5) + 2.0)
+    wall = hood.absence.walls["b"]
+    assert wall.offset == pytest.approx(-math.hypot(5.0, 0.5))
+    assert (hood.absence.missing, hood.absence.ring, hood.absence.alone) == (("b",), 0, True)
 
 
 def test_silence_and_unknown_frames():
@@ -153,7 +176,7 @@ def around_a(messages, sights=(), known=None, own=HERE, neighbourhood=None):
         peers.see(sight)
     sigma_m = own.sigmas_at((0.0, 0.0, 0.0))[0] if own is not None else 0.1
     me = Self(NOW_NS, 0, sigma_m, own)
-    return (neighbourhood or Neighbourhood(ESTIMATED, graph)).around(peers, me)
+    return (neighbourhood or Neighbourhood(ESTIMATED, graph, "a")).around(peers, me)
 
 
 TRUE = Transform(math.pi / 2, (10.0, 0.0, 0.0))  # b's x axis points north: it is at (10, 6)
@@ -209,7 +232,7 @@ def test_a_drone_that_is_heard_no_more_is_where_it_is_seen(seconds):
         assert peers.receive(message, message.stamp_ns) is None
     for sight in [*sights_of_b(TRUE), *(replace(sight, stamp_ns=sight.stamp_ns + now_ns - NOW_NS) for sight in hanging())]:
         peers.see(sight)
-    (other,) = Neighbourhood(ESTIMATED, graph).around(peers, Self(now_ns, 0, 0.1, HERE))
+    (other,) = Neighbourhood(ESTIMATED, graph, "a").around(peers, Self(now_ns, 0, 0.1, HERE))
     assert other.plan.state(now_ns + SECOND).position == pytest.approx((10.0, 15.0, 3.0), abs=0.2)
     assert not other.takes_part
 
@@ -225,7 +248,7 @@ def hanging():
 def test_a_drone_whose_frame_has_jumped_is_where_it_was_flying():
     graph = FrameGraph()
     graph.place("b", 0, TRUE)
-    one = Neighbourhood(ESTIMATED, graph)
+    one = Neighbourhood(ESTIMATED, graph, "a")
     around_a(flying_b(), neighbourhood=one)
     jumped = [replace(pose(NOW_NS + SECOND // 10, epoch=1), position_m=(-40.0, 9.0, 3.0))]
     jumped.append(replace(status(Stage.TRACK), stamp_ns=NOW_NS))
@@ -238,7 +261,7 @@ def test_a_drone_whose_frame_has_jumped_is_where_it_was_flying():
 def test_a_drone_whose_frame_is_not_believed_any_more_stays_where_it_was_held_to_be_with_all_doubt():
     graph = FrameGraph()
     graph.place("b", 0, TRUE)
-    one = Neighbourhood(ESTIMATED, graph)
+    one = Neighbourhood(ESTIMATED, graph, "a")
     around_a(flying_b(), neighbourhood=one)
     graph.replace_from("b", 0, 0, [(0, None)])
     (other,) = around_a(flying_b(), neighbourhood=one)
@@ -262,13 +285,13 @@ def flown(apart_m, seconds, hood, peers, since_s=0.0):
 
 
 def test_how_a_peer_deviates_from_its_plans_is_seen():
-    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION))
+    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
     assert flown(1.2, 40.0, hood, peers) == pytest.approx(1.2, abs=0.05)
     assert flown(0.1, 40.0, hood, peers, since_s=40.0) == pytest.approx(0.1, abs=0.15)
 
 
 def test_a_jump_of_its_frame_is_no_deviation():
-    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION))
+    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
     before = flown(0.1, 40.0, hood, peers)
     for tick in range(20):
         now_ns = round((40.0 + 0.1 * tick) * SECOND)

@@ -13,6 +13,7 @@ from agent.vehicle.parameters import (
     MOST_ASKS,
     NEGATIVE,
     REFRESH_S,
+    RETURN_ALTITUDE,
     RULES,
     Parameters,
     rules_of,
@@ -138,3 +139,34 @@ def test_a_vehicle_with_satellites_and_vision_needs_both() -> None:
     assert {finding.verdict for finding in by_vision(True, both).findings()} == {"ok"}
     assert "bit 0" in failed(by_vision(True, both, EKF2_EV_CTRL=8))["EKF2_EV_CTRL"]
     assert "EKF2_EV_CTRL" not in {finding.name for finding in Parameters(60.0, rules_of(True, False)).findings()}
+
+
+def test_the_return_altitude_is_set_to_the_drones_layer() -> None:
+    parameters = Parameters(60.0, return_height_m=13.125)
+    parameters.due(0.0)
+    assert parameters.height_to_set(0.0) is None  # not known yet
+    for name, value in GOOD.items():
+        parameters.receive(message(name, value))
+    found = {finding.name: finding for finding in parameters.findings()}[RETURN_ALTITUDE]
+    assert (found.verdict, found.text) == ("not yet", "is 30; the agent sets it to 13.125, the layer of this drone")
+    assert parameters.height_to_set(1.0) == 13.125
+    assert parameters.height_to_set(1.1) is None  # asked for, not confirmed yet
+    parameters.receive(message(RETURN_ALTITUDE, 13.125))
+    assert parameters.height_to_set(9.0) is None
+    assert failed(parameters) == {}
+
+
+def test_an_autopilot_that_does_not_take_its_layer_fails() -> None:
+    parameters = Parameters(60.0, return_height_m=13.0)
+    for name, value in GOOD.items():
+        parameters.receive(message(name, value))
+    asked = [parameters.height_to_set(ASK_AGAIN_S * turn) for turn in range(20)]
+    assert asked.count(None) == 20 - MOST_ASKS
+    assert "set it to 13, the layer of this drone" in failed(parameters)[RETURN_ALTITUDE]
+
+
+def test_the_reaction_to_a_lost_agent_is_the_one_that_the_others_expect() -> None:
+    parameters = Parameters(60.0, rules_of(gnss=True, vision=False, agent_lost="land"))
+    for name, value in GOOD.items():
+        parameters.receive(message(name, value))
+    assert "set it to 4 (land)" in failed(parameters)["COM_OBL_RC_ACT"]

@@ -1,0 +1,48 @@
+"""Who returns when for want of battery."""
+
+import pytest
+from msgspec.structs import replace
+from one_pilot import SECOND, state
+
+from agent.mission.reserve import Reserve
+from protocol.messages import Stage, Status
+
+LATER_NS = 10 * SECOND
+
+
+def other(name: str, stage: Stage, battery: float | None = None) -> dict[str, Status]:
+    return {name: Status(stamp_ns=0, drone=name, mission="0" * 16, boot="1" * 16, stage=stage, battery=battery)}
+
+
+def returns(level: float | None, others: dict[str, Status] | None = None, for_ns: int = LATER_NS) -> bool:
+    reserve, vehicle = Reserve("d2", 0.2), replace(state(0), battery=level)
+    reserve.returns(0, vehicle, others or {})
+    return reserve.returns(for_ns, vehicle, others or {})
+
+
+@pytest.mark.parametrize(("level", "goes"), [(None, False), (0.3, False), (0.2, False), (0.19, True)])
+def test_below_the_reserve_it_returns(level: float | None, goes: bool) -> None:
+    assert returns(level) is goes
+
+
+def test_a_level_that_is_low_for_a_moment_is_not_believed() -> None:
+    assert not returns(0.1, for_ns=SECOND)
+
+
+@pytest.mark.parametrize(
+    ("others", "goes"),
+    [
+        (other("d3", Stage.RETURN), False),
+        (other("d3", Stage.LANDING), False),
+        (other("d3", Stage.LANDED, 0.1), True),
+        (other("d1", Stage.TRACK, 0.15), False),
+        (other("d1", Stage.TRACK, 0.5), True),
+        (other("d3", Stage.TRACK, 0.15), True),
+    ],
+)
+def test_one_after_the_other(others: dict[str, Status], goes: bool) -> None:
+    assert returns(0.15, others) is goes
+
+
+def test_one_that_can_wait_no_longer_does_not() -> None:
+    assert returns(0.09, other("d1", Stage.RETURN))
