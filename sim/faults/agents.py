@@ -122,7 +122,10 @@ class RadioRange(Fault, frozen=True, kw_only=True, tag="range"):
 
 
 class Flood(Fault, frozen=True, kw_only=True, tag="flood"):
-    """The targets send messages that are valid, and many: ``rate_mbps`` (megabytes a second) in messages of ``message_bytes``."""
+    """The targets send many messages: ``rate_mbps`` (megabytes a second) of poses padded to ``message_bytes``.
+
+    They are valid up to 4 kB; larger ones are refused by their size.
+    """
 
     family: ClassVar[Family] = "network"
     rate_mbps: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0

@@ -24,6 +24,7 @@ NAMES = {
     "mismatch-walls", "hilly",
     "mixed-frames", "mixed-frames-moving", "mixed-frames-rough", "no-gnss", "no-gnss-moving", "gnss-lost-midway",
     "frame-jump", "frame-jump-unannounced", "lying-drone", "stop-and-go",
+    "fault-kill", "fault-partition", "fault-lossy", "fault-mavlink-loss", "fault-kitchen-sink",
 }  # fmt: skip
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from protocol.codec import decode_from, encode
+from protocol.errors import ProtocolError
 from protocol.messages import Pose
 from sim.faults.kinds import KINDS
-from sim.faults.network import FaultyRadio
+from sim.faults.network import FaultyRadio, padded
 from sim.faults.schedule import Schedule
 from sim.world.radio import Radio, RadioTruth
 
@@ -165,7 +166,7 @@ def test_corrupted_messages_have_other_bytes():
     assert {np.sign(len(payload) - 100) for payload in wrong} == {-1, 0, 1}
 
 
-@pytest.mark.parametrize(("size", "rate_mbps", "number"), [(1000, 0.1, 5), (60_000, 12.0, 10), (300, 50.0, 300)])
+@pytest.mark.parametrize(("size", "rate_mbps", "number"), [(1000, 0.1, 5), (4000, 0.8, 10), (300, 50.0, 300)])
 def test_a_flood_is_of_valid_messages_of_the_drone(size, rate_mbps, number):
     air = Air(fault("flood", target="d2", rate_mbps=rate_mbps, message_bytes=size))
     pose = Pose(
@@ -183,3 +184,14 @@ def test_a_flood_is_of_valid_messages_of_the_drone(size, rate_mbps, number):
     assert all(decode_from(key, payload) == pose for payload in flood[:5])
     assert len(flood[0]) == pytest.approx(size, rel=0.1)
     assert "padding" in msgpack.unpackb(flood[0])
+
+
+def test_a_flood_of_messages_larger_than_any_pose_is_refused_by_its_size():
+    pose = Pose(
+        stamp_ns=5, drone="d2", epoch=0, position_m=(1.0, 2.0, 3.0), velocity_mps=(0.0, 0.0, 0.0),
+        quaternion=(1.0, 0.0, 0.0, 0.0), position_sigma_m=0.1, yaw_sigma_rad=0.1,
+    )  # fmt: skip
+    payload = padded(encode(pose), 60_000)
+    assert len(payload) == pytest.approx(60_000, rel=0.1)
+    with pytest.raises(ProtocolError, match="bytes"):
+        decode_from(POSE.format("d2"), payload)
