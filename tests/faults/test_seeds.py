@@ -1,4 +1,4 @@
-"""Random missions with faults: four short ones each time, forty with the slow tests; ``make faults`` flies a thousand.
+"""Random missions with faults: four short ones each time, forty in ``make test-all``; ``make faults`` flies a thousand.
 
 The seeds are none that anything was tuned on, and are not chosen: they are the first ones.
 """
@@ -19,7 +19,7 @@ def test_nothing_is_violated_in_a_short_mission(seed: int) -> None:
     assert violations(seed, SHORT) == ""
 
 
-@pytest.mark.slow
+@pytest.mark.missions
 @pytest.mark.parametrize("seed", range(40))
 def test_nothing_is_violated(seed: int) -> None:
     assert violations(seed, FULL) == ""

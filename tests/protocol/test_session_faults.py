@@ -266,6 +266,7 @@ def test_the_receive_threads_are_raised_unless_the_user_says_otherwise(setting: 
     assert int(done.stdout) == threads
 
 
+@pytest.mark.slow
 def test_a_peer_that_fetches_the_log_over_a_congested_link_does_not_hold_the_publisher_up() -> None:
     async def run() -> None:
         port = free_port()

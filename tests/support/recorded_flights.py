@@ -9,7 +9,6 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-import sim.lockstep
 from agent.config.drone import DroneConfig
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.flight.header import FlightHeader
@@ -17,6 +16,7 @@ from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.pilot import Pilot
 from agent.vehicle.interface import FlightMode, VehicleState
+from sim.lockstep import watched
 from sim.scenario import load_scenario, override
 
 MISSION = MissionConfig(
@@ -30,8 +30,8 @@ HEADER = FlightHeader.of(MISSION, DroneConfig(id="d1"), "0123456789abcdef", 1_80
 class LockstepPilot(RecordedPilot):
     """Takes a pilot's place in the lockstep. Makes the calls too that only a live agent makes."""
 
-    def __init__(self, folder, mission, config, boot, listeners=()):
-        pilot = Pilot(mission, config, boot, listeners)
+    def __init__(self, folder, mission, config, boot, listeners=(), memory=None):
+        pilot = Pilot(mission, config, boot, listeners, memory)
         self.fusion, self.listeners = pilot.fusion, pilot.listeners
         self.recorder = FlightRecorder(folder / config.id, 100, FlightHeader.of(mission, config, boot, time.time_ns()))
         super().__init__(pilot, self.recorder)
@@ -58,12 +58,10 @@ def fly_recorded(folder, seed=1, name="demo", **changes):
         pilots.append(LockstepPilot(folder, *args, **kwargs))
         return pilots[-1]
 
-    original, sim.lockstep.Pilot = sim.lockstep.Pilot, made
     try:
         scenario = override(load_scenario(name), {key.replace("__", "."): value for key, value in changes.items()})
-        sim.lockstep.fly(scenario, seed)
+        watched(scenario, seed, lambda moment: False, made)
     finally:
-        sim.lockstep.Pilot = original
         for pilot in pilots:
             pilot.recorder.close()
     return sorted(folder.iterdir())

@@ -78,20 +78,20 @@ class Mortal:
 
 
 @pytest.mark.slow
-def test_a_restarted_agent_flies_on_and_everything_replays(tmp_path, monkeypatch):
+def test_a_restarted_agent_flies_on_and_everything_replays(tmp_path):
     agents = []
 
-    def made(mission, config, boot, listeners=()):
+    def made(mission, config, boot, listeners=(), memory=None):
         agents.append(Mortal(tmp_path / config.id, mission, config, boot, mortal=config.id == "d2"))
         return agents[-1]
 
-    monkeypatch.setattr(sim.lockstep, "Pilot", made)
-    world = sim.lockstep._World(override(load_scenario("demo"), {"mission.track.duration_s": 25.0}), 1, ())
+    world = sim.lockstep._World(override(load_scenario("demo"), {"mission.track.duration_s": 25.0}), 1, (), made)
     for agent in agents:
         agent.others = [other for other in agents if other is not agent]
     stages = []
     while not world.tick():
         stages.append([agent.stage for agent in agents])
+    world.close()
     end_ns = sim.lockstep.EPOCH_NS + world.ticks * sim.lockstep.TICK_NS
     for agent in agents:
         agent.ask(end_ns)  # what was under way when the world ended
