@@ -53,8 +53,8 @@ def test_two_sides_that_do_not_hear_each_other_circle_apart_and_come_together_ag
     flight = fly(circling(5, split(23.7, 25.0, *groups), until_s=75.0), seed=1)
     assert flight.result.min_separation_m >= LEAST_M
     assert set(flight.trace.stage[-1]) == {Stage.TRACK}
-    away = np.hypot(*(flight.trace.position_m[-1, :, :2] - (60.0, 50.0)).T)  # the centre has moved meanwhile
-    assert away == pytest.approx(np.full(5, 12.0), abs=1.0)
+    away = np.hypot(*np.moveaxis(flight.trace.position_m[-50:, :, :2] - (60.0, 50.0), -1, 0))  # the centre has moved meanwhile
+    assert np.median(away, axis=0) == pytest.approx(np.full(5, 12.0), abs=1.0)  # in the last 10 s
 
 
 @pytest.mark.slow

@@ -144,7 +144,7 @@ class Requests:
         if message.get_type() == "COMMAND_INT":
             return _WRONG_FRAME
         place = Geodetic(message.param5, message.param6, message.param7)
-        if not _is_on_earth(place):
+        if not _is_on_earth(place if isfinite(place.altitude_m) else place._replace(altitude_m=0.0)):  # it may be left out
             return int(DENIED)
         self.told = place
         return int(ACCEPTED)
