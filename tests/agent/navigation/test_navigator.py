@@ -40,15 +40,20 @@ def hypothesis(stamp_ns: int, rms_m: float = 0.2, evidence: float | None = 20.0,
     )
 
 
+def made(mission: MissionConfig = MISSION):
+    """The navigator of the first drone, its own pose, and all frames."""
+    frames = FrameGraph.from_launch_layout(mission)
+    search = Search(mission, "d1", frames)
+    own = own_pose("d1", frames)
+    return Navigator(mission, AT_ONCE, own, frames, search, InformedSearch(mission, Prospect(lambda: None))), own, frames
+
+
 def flown(believed, seconds: float = 40.0, mission: MissionConfig = MISSION, stage: Stage = Stage.TRACK):
     """Places (T, 3) in the mission frame of a vehicle that is where it is told to be.
 
     believed: the hypothesis by the time.
     """
-    frames = FrameGraph.from_launch_layout(mission)
-    search = Search(mission, "d1", frames)
-    own = own_pose("d1", frames)
-    navigator = Navigator(mission, AT_ONCE, own, frames, search, InformedSearch(mission, Prospect(lambda: None)))
+    navigator, own, frames = made(mission)
     mission_from_local = frames.mission_from_local("d1", 0)
     local = mission_from_local.inverse()
     position, velocity, places = local.apply_point((35.0, 25.0, 3.0)), (0.0, 0.0, 0.0), []
@@ -164,3 +169,21 @@ def test_small_corrections_of_the_own_frame_do_not_shake_the_flight():
     told = np.array([frame.apply_point((x, y, 0.0))[:2] for frame, (x, y) in zip(local, places, strict=True)])
     speeds = np.hypot(*np.diff(told, axis=0).T) * SECOND / TICK_NS
     assert np.abs(np.diff(speeds)).max() < 0.4  # m/s from tick to tick: 8 m/s2; a setpoint that jumped by 0.2 m would show 4
+
+
+@pytest.mark.parametrize(("taken_s", "least_s"), [(5.0, 5.0), (0.0, 2.0)], ids=["taken over", "refused"])
+def test_a_vehicle_that_somebody_else_flies_publishes_no_plan_and_would_go_on_from_where_it_is(taken_s, least_s):
+    """After 5 s in offboard somebody stops it, or it never gets there."""
+    navigator, own, frames = made()
+    position, velocity = frames.mission_from_local("d1", 0).inverse().apply_point((35.0, 25.0, 3.0)), (0.0, 0.0, 0.0)
+    published, apart_m = [], []
+    for tick in range(round(10.0 * SECOND / TICK_NS)):
+        now_ns, follows = START_NS + tick * TICK_NS, tick * TICK_NS < taken_s * SECOND
+        mode = FlightMode.OFFBOARD if follows else FlightMode.HOLD
+        vehicle = own.take(replace(state(now_ns, mode, position), velocity_mps=velocity))
+        setpoint, plan = navigator.step(Moment(now_ns, Stage.TRACK, START_NS, vehicle, hypothesis(now_ns)), Peers([]))
+        published += [tick * TICK_NS / SECOND] if plan is not None else []
+        apart_m.append(np.hypot(*np.subtract(setpoint.position_m, position)[:2]))
+        position, velocity = (setpoint.position_m, setpoint.velocity_mps) if follows else (position, (0.0, 0.0, 0.0))
+    assert least_s - 0.3 < max(published) < least_s + 0.05
+    assert max(apart_m[-100:]) < 0.5
