@@ -188,10 +188,10 @@ class Executive:
         request, vehicle = self._mission.request, self._own.vehicle
         height_m = self._config.survey.height_m
         if request is not Request.OFFBOARD or vehicle is None:
-            self._navigator.rest()
+            self._navigator.rest(now_ns, peers)
             return Decision(VehicleCommand(request, takeoff_height_m=height_m))
         if abs(now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:  # stamps of the future: this computer's clock was set back
-            self._navigator.rest()
+            self._navigator.rest(now_ns, peers)
             self._counters["held_without_telemetry"] += 1
             self._mission.hold_asked(now_ns)
             return Decision(VehicleCommand(Request.HOLD))

@@ -83,10 +83,13 @@ class Navigator:
             self.response.compare(vehicle, self._tracker.state(vehicle.stamp_ns))
             self._tracker.follow_by(self.response.response)
 
-    def rest(self) -> None:
+    def rest(self, now_ns: int, peers: Peers) -> None:
         """The vehicle is under other control; the next step starts from its position then."""
         self._tracker, self._was_steered = None, False
         self._neighbourhood.absence = None
+        if not 0 <= self._due_ns - now_ns <= REPLAN_NS:  # or the clock was set back
+            self._due_ns = now_ns + REPLAN_NS
+            self._neighbourhood.follow(peers)
 
     def step(self, moment: Moment, peers: Peers) -> tuple[Setpoint, Plan | None]:
         """The setpoint for now, and a new plan to publish where one was made.

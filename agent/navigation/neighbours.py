@@ -133,6 +133,13 @@ class Neighbourhood:
         self.absence = self._absence(missing, [one.id for one in found if one.takes_part], peers, me.now_ns) if missing else None
         return found
 
+    def follow(self, peers: Peers) -> None:
+        """Keep the frames of the others while this drone plans nothing: a jump is bridged only as it happens."""
+        for name in peers.names:
+            peer = peers[name]
+            if peer.pose is not None and (peer.status is None or peer.status.stage not in _ON_GROUND):
+                self._frame_of(name, peer.pose)
+
     def _absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
         ring = min(self._order.index(name) for name in (self._id, *partners))
         kept = tuple(name for name in missing if self._is_kept(name, partners, peers, now_ns))

@@ -15,10 +15,11 @@ from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis, Sight
 from agent.navigation.guidance import Moment
 from agent.navigation.navigator import Navigator
+from agent.navigation.neighbours import Self
 from agent.navigation.peers import Peers
 from agent.navigation.surveying import InformedSearch, Prospect, Search
 from agent.vehicle.interface import FlightMode
-from protocol.messages import Stage
+from protocol.messages import Pose, Stage
 
 MISSION = replace(ANY_MISSION, encirclement=EncirclementConfig(nearest_m=5.0))
 AT_ONCE = DroneConfig(id="d1", vehicle=VehicleConfig(response=ResponseConfig(lag_s=0.0)))
@@ -187,3 +188,34 @@ def test_a_vehicle_that_somebody_else_flies_publishes_no_plan_and_would_go_on_fr
         position, velocity = (setpoint.position_m, setpoint.velocity_mps) if follows else (position, (0.0, 0.0, 0.0))
     assert least_s - 0.3 < max(published) < least_s + 0.05
     assert max(apart_m[-100:]) < 0.5
+
+
+def test_jumps_of_the_others_are_bridged_while_it_plans_nothing_itself():
+    """It holds for 3 s, while the other one's localisation jumps by 10 m and both fly on at 2 m/s."""
+    navigator, own, frames = made()
+    peers, hold_s = Peers(["d2"]), 3.0
+    launch = frames.mission_from_local("d2", 0)
+    for tick in range(round(hold_s * SECOND / TICK_NS)):
+        now_ns, elapsed_s = START_NS + tick * TICK_NS, tick * TICK_NS / SECOND
+        x, epoch = (2.0 * elapsed_s, 0) if elapsed_s < 1.0 else (10.0 + 2.0 - 2.0 * (elapsed_s - 1.0), 1)  # and turns back
+        velocity_mps = (2.0 if epoch == 0 else -2.0, 0.0, 0.0)
+        here = state(now_ns, FlightMode.HOLD, (x, 0.0, 3.0))
+        peers.receive(
+            Pose(
+                stamp_ns=now_ns,
+                drone="d2",
+                epoch=epoch,
+                position_m=here.position_m,
+                velocity_mps=velocity_mps,
+                quaternion=here.quaternion,
+                position_sigma_m=0.1,
+                yaw_sigma_rad=0.01,
+            ),
+            now_ns,
+        )
+        navigator.rest(now_ns, peers)
+    own.take(state(now_ns, FlightMode.HOLD, (0.0, 0.0, 3.0)))
+    me = Self(now_ns, 0, 0.1, own.frame.local_from_mission)
+    (other,) = navigator._neighbourhood.around(peers, me)
+    true = own.frame.local_from_mission.apply_point(launch.apply_point((x - 10.0, 0.0, 3.0)))
+    assert np.hypot(*np.subtract(other.plan.positions[0], true)[:2]) < 1.0
