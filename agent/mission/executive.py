@@ -16,6 +16,7 @@ from agent.mission.reserve import Reserve
 from agent.mission.stages import Mission, Situation
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.guidance import Moment
+from agent.navigation.home import NO_NEARER_S
 from agent.navigation.navigator import Navigator
 from agent.navigation.peers import Peers
 from agent.navigation.surveying import CoverageLog, InformedSearch, Prospect, Search, conclusion
@@ -154,6 +155,7 @@ class Executive:
     def _situation(self, now_ns: int, problems: tuple[str, ...] = ()) -> Situation:
         vehicle, hypothesis = self._own.vehicle, self._world.fusion.hypothesis
         at_home = self.stage is Stage.RETURN and self._navigator.home.is_reached
+        returning_s = (now_ns - self._mission.since_ns) * 1e-9 if self.stage is Stage.RETURN else 0.0
         return Situation(
             now_ns,
             vehicle,
@@ -165,6 +167,7 @@ class Executive:
             nothing_found=self.finding != "",
             stranded=self._is_stranded,
             battery_low=self._battery_low,
+            no_nearer=returning_s >= NO_NEARER_S and self._navigator.home.is_no_nearer,
         )
 
     @property
@@ -188,10 +191,10 @@ class Executive:
         request, vehicle = self._mission.request, self._own.vehicle
         height_m = self._config.survey.height_m
         if request is not Request.OFFBOARD or vehicle is None:
-            self._navigator.rest()
+            self._navigator.rest(now_ns, peers)
             return Decision(VehicleCommand(request, takeoff_height_m=height_m))
         if abs(now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:  # stamps of the future: this computer's clock was set back
-            self._navigator.rest()
+            self._navigator.rest(now_ns, peers)
             self._counters["held_without_telemetry"] += 1
             self._mission.hold_asked(now_ns)
             return Decision(VehicleCommand(Request.HOLD))

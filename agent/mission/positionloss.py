@@ -5,7 +5,8 @@ lasts, hold is requested while the autopilot still accepts it: PX4 goes back to 
 and in hold it stays. (In the failsafe that follows it accepts no mode that needs a position.)
 
 The mission continues when the position is confirmed and the drone is certainly well above the ground: a real one has landed
-unnoticed, and then taken off at 5 m/s. Near the ground it lands.
+unnoticed, and then taken off at 5 m/s. Near the ground it lands, and wherever it is if the position stays lost for
+``LONGEST_NS``, or the battery is spent before.
 """
 
 from __future__ import annotations
@@ -14,8 +15,12 @@ from agent.vehicle.interface import FlightMode, VehicleState
 
 HOLD_NS = 1_000_000_000  # time in place by setpoints; PX4's failsafe comes after EKF2_NOAID_TOUT, 2 s
 NEAR_GROUND_M = 1.0  # height estimates drift by as much
+LONGEST_NS = 30_000_000_000  # it hovers without a position for at most this long
 FALL_MPS = 1.0  # PX4 descends at 0.5 to 0.8 m/s without a position
-WHY = "its position could not be trusted (satellites lost, or its estimate jumped), and it was near the ground"
+_LOST = "its position could not be trusted (satellites lost, or its estimate jumped)"
+WHY = f"{_LOST}, and it was near the ground"
+WHY_LONG = f"{_LOST} for {LONGEST_NS * 1e-9:.0f} s"
+WHY_SPENT = f"{_LOST}, and its battery is below the mission's reserve"
 
 
 class PositionLoss:
@@ -29,8 +34,8 @@ class PositionLoss:
         self._flew = False
         self._least_m = 0.0  # lower bound of its height
 
-    def step(self, vehicle: VehicleState, now_ns: int) -> None:
-        """Take the newest telemetry of a flight."""
+    def step(self, vehicle: VehicleState, now_ns: int, *, spent: bool = False) -> None:
+        """Take the newest telemetry of a flight; ``spent``: the battery calls for the return."""
         if vehicle.position_trusted:
             self._resume(vehicle)
             return
@@ -43,6 +48,8 @@ class PositionLoss:
         self.stays = self._flew and (not vehicle.healthy or now_ns - self._since_ns >= HOLD_NS)
         if not vehicle.healthy and min(vehicle.height_m, self._least_m) < NEAR_GROUND_M:
             self.lands = WHY
+        elif self.stays and (spent or now_ns - self._since_ns >= LONGEST_NS):
+            self.lands = WHY_SPENT if spent else WHY_LONG
 
     def _resume(self, vehicle: VehicleState) -> None:
         """The position is confirmed; a drone near or on the ground by then does not resume its mission."""

@@ -21,6 +21,7 @@ REJOIN_NS = 5_000_000_000  # a restarted agent has this long to get the vehicle 
 STALE_NS = 1_200_000_000  # greatest age of the mode in a heartbeat
 OWN_HOLD_NS = 3_000_000_000  # a hold that this agent has asked for is shown and left again within this time
 STRANDED_NS = 5_000_000_000  # a drone that is to return because it does not hear others waits for them this long
+NO_NEARER = "it did not get home: its place is not known, or something kept it away"
 UNSTEERED_NS = 3_000_000_000  # after this long without offboard in a steered stage it is reported
 
 _REQUESTS = {
@@ -57,7 +58,7 @@ class Situation(Struct, frozen=True):
     ``at_home``: the drone hovers over the place where it took off. ``problems``: those that prevent a start. ``rms_m``: of the
     source estimate, by an estimator with a posterior; else None. ``nothing_found``: the search has ended without a source.
     ``stranded``: other drones are not heard, and the mission, or the fence, leaves this one nothing but to return.
-    ``battery_low``: it is this drone's turn to return for want of battery.
+    ``battery_low``: it is this drone's turn to return for want of battery. ``no_nearer``: its return has not got on for long.
     """
 
     now_ns: int
@@ -70,6 +71,7 @@ class Situation(Struct, frozen=True):
     nothing_found: bool = False
     stranded: bool = False
     battery_low: bool = False
+    no_nearer: bool = False
 
 
 class Mission:
@@ -216,7 +218,7 @@ class Mission:
             return
         self._watch_steering(vehicle, now_ns)
         if not self.released:
-            self._watch_position(vehicle, now_ns)
+            self._watch_position(vehicle, now_ns, situation.battery_low)
             self._watch_takeover(vehicle, now_ns)
         if self.released or self._position_loss.stays:
             return
@@ -224,7 +226,8 @@ class Mission:
             if vehicle.in_air and vehicle.mode in _MODES[Stage.TAKEOFF]:
                 self._enter(Stage.TRACK if situation.has_hypothesis else Stage.SURVEY, now_ns)
         elif self.stage is Stage.RETURN:
-            if situation.at_home:
+            if situation.at_home or situation.no_nearer:
+                self.landed_because = self.landed_because if situation.at_home else NO_NEARER
                 self._enter(Stage.LANDING, now_ns)
         elif self.stage in SEARCHING:
             self._search(situation)
@@ -280,10 +283,10 @@ class Mission:
         elif self._unsteered_since_ns is None:
             self._unsteered_since_ns = now_ns
 
-    def _watch_position(self, vehicle: VehicleState, now_ns: int) -> None:
-        """Hold while the position cannot be trusted, and land where that has brought the vehicle near the ground."""
+    def _watch_position(self, vehicle: VehicleState, now_ns: int, spent: bool) -> None:
+        """Hold while the position cannot be trusted, and land where that has brought it near the ground, or lasts too long."""
         stayed = self._position_loss.stays
-        self._position_loss.step(vehicle, now_ns)
+        self._position_loss.step(vehicle, now_ns, spent=spent)
         if self._position_loss.lands is not None and self.stage in (Stage.TAKEOFF, Stage.HOLD, *STEERED):
             self.landed_because = self._position_loss.lands
             self._enter(Stage.LANDING, now_ns)

@@ -31,8 +31,9 @@ class PeerPlan(Struct, frozen=True):
     positions: (H, 3) m, at stamp_ns, stamp_ns + step_s, ...; plain floats, because most plans are read once and found to be far
     away. sigma_m: 1-sigma error of the other's position relative to this drone. measured: its position by its own localisation,
     for the last resort; None without a fresh pose. doubt_m: added even to the bare separation, because the frames it is placed by
-    are estimated. deviation_m: horizontal RMS deviation from its plans. blind: it does not know of this drone, so it never gives
-    way. away: (H, 2), unit vectors: it may be anywhere beyond lines across these through its positions, not just there.
+    are estimated. deviation_m: horizontal RMS deviation from its plans. blind: it does not know of this drone, or
+    nobody steers it by what it knows, so it never gives way. away: (H, 2), unit vectors: it may be anywhere beyond lines across
+    these through its positions, not just there.
     """
 
     id: str
@@ -56,11 +57,13 @@ class PeerPlan(Struct, frozen=True):
         doubt_m: float = 0.0,
         deviation_m: float = 0.0,
         horizon_s: float = 4.0,
+        *,
+        blind: bool = False,
     ) -> PeerPlan:
-        """Constant velocity, for a drone that has sent no plan."""
+        """Constant velocity, for a drone that has sent no plan, or does not follow it."""
         (x, y, z), (u, v, w) = state.position, state.velocity
         positions = [(x + t * u, y + t * v, z + t * w) for t in (state.age_s, state.age_s + horizon_s)]
-        return cls(peer, now_ns, horizon_s, positions, sigma_m, state, doubt_m, deviation_m)
+        return cls(peer, now_ns, horizon_s, positions, sigma_m, state, doubt_m, deviation_m, blind)
 
     def goes_before(self, me: str) -> bool:
         """Whether it has the right of way."""
@@ -151,7 +154,7 @@ def escape(
     """The last resort: a horizontal velocity (m/s) to take at once, or None while measured positions and velocities need none.
 
     It is needed if both drones, braking from now on along straight lines, would still come closer than the separation. Then both
-    brake, and the one that has to give way also backs off.
+    brake, and the one that has to give way also backs off. A blind one is not expected to brake.
     """
     worst, answer = 0.0, None
     for peer in sorted(peers, key=lambda peer: peer.id):
@@ -163,7 +166,8 @@ def escape(
         y = state.position[1] - other.position[1] - other.velocity[1] * other.age_s
         u, w = state.velocity[0] - other.velocity[0], state.velocity[1] - other.velocity[1]
         closing_squared = u * u + w * w
-        braking_s = reaction_s + sqrt(closing_squared) / (4.0 * limits.acceleration_mps2)  # both brake; half the speed on average
+        brakes = 1.0 if peer.blind else 2.0
+        braking_s = reaction_s + sqrt(closing_squared) / (2.0 * brakes * limits.acceleration_mps2)  # half the speed on average
         passing_s = min(max(0.0, -(x * u + y * w) / closing_squared), braking_s) if closing_squared > 1e-6 else 0.0
         miss = hypot(x + u * passing_s, y + w * passing_s)
         approaching = x * u + y * w < 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, inf
 
 from agent.geometry import Vector3
 from agent.localization.ownpose import OwnPose
@@ -13,7 +13,9 @@ AT_HOME_MPS = 0.8  # the estimate of a vehicle that stands still shows up to 0.5
 SETTLED_NS = 2_000_000_000  # the drone must have been at home for this long
 NEAR_M = 1.5
 LONGEST_NS = 5_000_000_000  # being near for this long counts too: an estimate that wanders by 0.4 m may never settle
-_GAP_NS = 1_000_000_000  # after a longer gap in the approach, both times start again
+_GAP_NS = 1_000_000_000  # after a longer gap in the approach, all times start again
+NO_NEARER_S = 60.0  # a return that has not come a metre nearer for this long ends where the drone is
+_NEARER_M = 1.0
 
 
 class Home:
@@ -26,6 +28,7 @@ class Home:
         self._watched_ns = 0
         self._near_since_ns: int | None = None
         self._there_since_ns: int | None = None
+        self._nearest_m, self._nearest_ns = inf, 0  # how near the return has come, and when
 
     def took_off(self, vehicle: VehicleState) -> None:
         """The drone takes off here."""
@@ -56,16 +59,25 @@ class Home:
         settled = _lasts(self._there_since_ns, self._watched_ns, SETTLED_NS)
         return settled or _lasts(self._near_since_ns, self._watched_ns, LONGEST_NS)
 
+    @property
+    def is_no_nearer(self) -> bool:
+        """Whether a return gets no nearer: home is not known, or others or the fence keep the drone away from it."""
+        return self._watched_ns - self._nearest_ns >= NO_NEARER_S * 1e9
+
     def watch(self, vehicle: VehicleState) -> None:
         """Take the newest telemetry of a return: note since when the drone has been near home, and over it."""
         place, now_ns = self.in_local, vehicle.stamp_ns
-        interrupted = now_ns - self._watched_ns > _GAP_NS
+        interrupted = not 0 <= now_ns - self._watched_ns <= _GAP_NS  # or the clock was set back
         self._watched_ns = now_ns
+        if interrupted:
+            self._nearest_m, self._nearest_ns = inf, now_ns
         if interrupted or place is None or not vehicle.position_trusted:
             self._near_since_ns = self._there_since_ns = None
         if place is None or not vehicle.position_trusted:
             return
         away_m = hypot(vehicle.position_m[0] - place[0], vehicle.position_m[1] - place[1])
+        if away_m < self._nearest_m - _NEARER_M:
+            self._nearest_m, self._nearest_ns = away_m, now_ns
         there = away_m < AT_HOME_M and hypot(*vehicle.velocity_mps[:2]) < AT_HOME_MPS
         self._near_since_ns = _since(self._near_since_ns, now_ns, away_m < NEAR_M)
         self._there_since_ns = _since(self._there_since_ns, now_ns, there)

@@ -24,6 +24,7 @@ from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
 from protocol.messages import Plan
 
 REPLAN_NS = 200_000_000  # 5 Hz
+_TAKEN_UP_NS = 2_000_000_000  # the autopilot is in offboard, and shows it, this long after the first setpoint
 
 
 class Navigator:
@@ -55,6 +56,8 @@ class Navigator:
         self._virtual = PeerState((0.0, 0.0, 0.0))  # the tracker's own state; at its start the vehicle's
         self._epoch = -1
         self._due_ns = 0
+        self._begun_ns = 0
+        self._was_steered = False
 
     @property
     def waits(self) -> bool:
@@ -80,20 +83,27 @@ class Navigator:
             self.response.compare(vehicle, self._tracker.state(vehicle.stamp_ns))
             self._tracker.follow_by(self.response.response)
 
-    def rest(self) -> None:
+    def rest(self, now_ns: int, peers: Peers) -> None:
         """The vehicle is under other control; the next step starts from its position then."""
-        self._tracker = None
+        self._tracker, self._was_steered = None, False
         self._neighbourhood.absence = None
+        if not 0 <= self._due_ns - now_ns <= REPLAN_NS:  # or the clock was set back
+            self._due_ns = now_ns + REPLAN_NS
+            self._neighbourhood.follow(peers)
 
     def step(self, moment: Moment, peers: Peers) -> tuple[Setpoint, Plan | None]:
         """The setpoint for now, and a new plan to publish where one was made.
 
         A drone whose frame is not known cannot know where the area is: it waits in place, keeping clear of the drones it sees.
+        A plan that the vehicle does not follow is not published, and begins anew where the vehicle is.
         """
         plan = None
-        if self._tracker is None or self._epoch != moment.vehicle.epoch:
+        if self._tracker is None:
+            self._begun_ns = moment.now_ns
+        is_steered, due = self._is_steered(moment), moment.now_ns >= self._due_ns
+        if self._tracker is None or self._epoch != moment.vehicle.epoch or (due and not is_steered):
             self._tracker = self._begin(moment.vehicle)
-        elif moment.now_ns >= self._due_ns:
+        elif due:
             self._virtual = self._tracker.state(moment.now_ns)
             fence = self._fence.moved(moment.vehicle)
             if fence is not None:
@@ -104,7 +114,14 @@ class Navigator:
             plan = self._replan(self._tracker, moment, centre, peers)
         yaw_rad, yaw_rate_rps = self._guidance.heading(moment, centre)
         position, velocity, acceleration = self._tracker.sample(moment.now_ns, yaw_rate_rps)
-        return Setpoint(position, velocity, acceleration, yaw_rad, yaw_rate_rps), plan
+        return Setpoint(position, velocity, acceleration, yaw_rad, yaw_rate_rps), plan if is_steered else None
+
+    def _is_steered(self, moment: Moment) -> bool:
+        """Whether the vehicle follows the setpoints: not if a human pilot or a failsafe flies, or offboard was refused."""
+        if moment.vehicle.mode is FlightMode.OFFBOARD:
+            self._was_steered = True
+            return True
+        return not self._was_steered and moment.now_ns - self._begun_ns < _TAKEN_UP_NS
 
     def _begin(self, vehicle: VehicleState) -> Tracker:
         """A tracker that starts where the vehicle is; also after a jump of the localisation, which has not moved the vehicle."""

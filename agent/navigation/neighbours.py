@@ -9,6 +9,9 @@ A drone that is heard is never left out because its frame is not known. Its posi
 4. its frame, or the own one, is not known: this drone's sightings alone;
 5. it is not seen either, but still near its launch place: the mission's launch layout.
 
+A drone goes where its plan says only as long as its poses follow that plan: one that departs from it by more than separation
+allows for is flown by somebody else. It is placed by its pose, as one that publishes plans no more, and never gives way.
+
 From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``).
 """
 
@@ -31,7 +34,7 @@ from agent.geometry import Array, Vector3
 from agent.localization.continuity import carried_on
 from agent.motion.feedforward import Deviation
 from agent.motion.reference import PeerState
-from agent.motion.separation import PeerPlan
+from agent.motion.separation import PeerPlan, margin_m
 from agent.navigation.peers import Peer, Peers
 from agent.navigation.relative import offset, placed_alone, places
 from agent.navigation.silent import LEAVING_NS, SILENT_NS, TAKING_PART, Absence, Silent, Viewer
@@ -98,6 +101,7 @@ class Neighbourhood:
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
         self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity
         self._deviations: dict[str, Deviation] = {}
+        self._departed: set[str] = set()  # whose poses do not follow their plans
         self._silent = Silent(mission)
         self.absence: Absence | None = None
 
@@ -129,6 +133,13 @@ class Neighbourhood:
         self.absence = self._absence(missing, [one.id for one in found if one.takes_part], peers, me.now_ns) if missing else None
         return found
 
+    def follow(self, peers: Peers) -> None:
+        """Keep the frames of the others while this drone plans nothing: a jump is bridged only as it happens."""
+        for name in peers.names:
+            peer = peers[name]
+            if peer.pose is not None and (peer.status is None or peer.status.stage not in _ON_GROUND):
+                self._frame_of(name, peer.pose)
+
     def _absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
         ring = min(self._order.index(name) for name in (self._id, *partners))
         kept = tuple(name for name in missing if self._is_kept(name, partners, peers, now_ns))
@@ -143,13 +154,21 @@ class Neighbourhood:
         return any(status is not None and name in status.delays_ns for status in statuses)
 
     def _compare(self, name: str, peer: Peer, pose: Pose) -> None:
-        """Compare a drone's pose with its plan; both are in its own frame, known or not."""
+        """Compare a drone's pose with its plan; both are in its own frame, known or not.
+
+        Deviations beyond the margin of plans are no part of how well it follows them.
+        """
         deviation = self._deviations.setdefault(name, Deviation(_EXPECTED_M))
         plan = peer.plan
         if plan is None or plan.epoch != pose.epoch or not 0 <= pose.stamp_ns - plan.stamp_ns + PLAN_AGE_NS <= 2 * PLAN_AGE_NS:
             return
         x, y, _ = PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, plan.positions_m).state(pose.stamp_ns).position
-        deviation.add(pose.stamp_ns, pose.position_m[0] - x, pose.position_m[1] - y)
+        dx, dy = pose.position_m[0] - x, pose.position_m[1] - y
+        if hypot(dx, dy) > margin_m(0.0, deviation.rms_m):
+            self._departed.add(name)
+        else:
+            self._departed.discard(name)
+            deviation.add(pose.stamp_ns, dx, dy)
 
     def _of_silent(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self
@@ -190,7 +209,7 @@ class Neighbourhood:
     ) -> PeerPlan:
         if mission_from_theirs.covariance is None and local_from_mission.covariance is None:
             sigma_m = min(hypot(me.sigma_m, pose.position_sigma_m), WORST_SIGMA_M)
-            return _plan(name, peer, pose, local_from_mission @ mission_from_theirs, sigma_m, me.now_ns)
+            return self._plan(name, peer, pose, local_from_mission @ mission_from_theirs, sigma_m, me.now_ns)
         local_from_theirs = _bare(local_from_mission) @ _bare(mission_from_theirs)
         sigma_m = hypot(me.sigma_m, _sigma_m(pose, mission_from_theirs))
         expected = partial(_expected, peer, pose.epoch, local_from_theirs)
@@ -202,7 +221,32 @@ class Neighbourhood:
             x, y, z = local_from_theirs.translation
             local_from_theirs = Transform(local_from_theirs.yaw_rad, (x + dx, y + dy, z + dz))
             sigma_m = seen.sigma_m if far else share**0.5 * seen.sigma_m
-        return _plan(name, peer, pose, local_from_theirs, min(sigma_m, WORST_SIGMA_M), me.now_ns, _doubt_m(sigma_m))
+        return self._plan(name, peer, pose, local_from_theirs, min(sigma_m, WORST_SIGMA_M), me.now_ns, _doubt_m(sigma_m))
+
+    def _plan(
+        self,
+        name: str,
+        peer: Peer,
+        pose: Pose,
+        local_from_theirs: Transform,
+        sigma_m: float,
+        now_ns: int,
+        doubt_m: float = 0.0,
+    ) -> PeerPlan:
+        """Its published plan; without a recent one that it follows, its pose extrapolated by its velocity.
+
+        One that has published plans, and does not any more, is not steered by its agent now.
+        """
+        measured = PeerState(
+            local_from_theirs.apply_point(pose.position_m),
+            local_from_theirs.rotate_direction(pose.velocity_mps),
+            age_s=(now_ns - pose.stamp_ns) * 1e-9,
+        )
+        plan, departed = peer.plan, name in self._departed
+        if departed or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
+            return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m, blind=plan is not None)
+        ahead = local_from_theirs.apply_points(plan.positions_m)
+        return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, measured, doubt_m)
 
     def _placed_by_layout(self, name: str, pose: Pose, me: Self) -> PeerPlan | None:
         member = self._members[name]
@@ -267,19 +311,3 @@ def _held(name: str, now_ns: int, state: PeerState, sigma_m: float) -> PeerPlan:
 
 def _doubt_m(sigma_m: float) -> float:
     return min(_DOUBT_SIGMAS * sigma_m, _MOST_DOUBT_M)
-
-
-def _plan(
-    name: str, peer: Peer, pose: Pose, local_from_theirs: Transform, sigma_m: float, now_ns: int, doubt_m: float = 0.0
-) -> PeerPlan:
-    """Its published plan; without a recent one, its pose extrapolated by its velocity."""
-    measured = PeerState(
-        local_from_theirs.apply_point(pose.position_m),
-        local_from_theirs.rotate_direction(pose.velocity_mps),
-        age_s=(now_ns - pose.stamp_ns) * 1e-9,
-    )
-    plan = peer.plan
-    if plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
-        return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m)
-    ahead = local_from_theirs.apply_points(plan.positions_m)
-    return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, measured, doubt_m)

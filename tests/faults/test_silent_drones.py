@@ -1,4 +1,4 @@
-"""Drones that are not heard any more, while the others fly on: cut off by the radio, or without an agent.
+"""Drones that are not heard or steered any more, while the others fly on: cut off by the radio, without an agent, taken over.
 
 Separation is the true one; under faults 2.5 m are kept, else 3 m. Mostly the hypothesis is given: then the flight is cheap.
 """
@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from protocol.messages import Stage
 from sim.faults.agents import Kill, Partition
+from sim.faults.machines import Takeover
 from sim.lockstep import fly
 from sim.scenario import load_scenario, override
 
@@ -94,3 +95,12 @@ def test_one_whose_vehicle_has_landed_stays_on_the_ground():
     flight = fly(circling(3, Kill(at_s=23.7, for_s=50.0, target="d2"), until_s=85.0), seed=1)
     assert flight.trace.stage[-1, 1] in (Stage.PREFLIGHT, Stage.LANDED)  # the agent is there again since 73.7 s
     assert flight.trace.position_m[-1, 1, 2] < 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["hold", "manual", "return", "land"])
+@pytest.mark.parametrize(("drone", "seed"), [("d2", 1), ("d1", 2)])
+def test_the_others_keep_clear_of_a_drone_that_a_pilot_takes_over(drone, seed, mode):
+    """It stops on the circle: the next one came to 1.1 m, as it believed that drone's last plan."""
+    flight = fly(circling(5, Takeover(at_s=25.0, for_s=12.0, target=drone, mode=mode), until_s=42.0), seed=seed)
+    assert flight.result.min_separation_m >= LEAST_M

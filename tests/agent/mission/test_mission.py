@@ -392,6 +392,31 @@ def test_near_the_ground_it_lands_for_good() -> None:
     assert (mission.stage, mission.request) == (Stage.LANDING, Request.LAND)
 
 
+HOLDING_BLIND = replace(BLIND, mode=FlightMode.HOLD)
+
+
+@pytest.mark.parametrize(("low_s", "lands_s", "why"), [(99.0, 40.0, "for 30 s"), (20.0, 20.0, "battery")])
+def test_a_position_that_stays_lost_is_not_held_for_ever(low_s, lands_s, why) -> None:
+    mission, landing_s = surveying(), []
+    for tick in range(700):
+        now_s = 10.0 + 0.05 * tick
+        mission.step(at(now_s, HOLDING_BLIND, battery_low=now_s >= low_s))
+        landing_s += [now_s] if mission.stage is Stage.LANDING else []
+    assert landing_s[0] == pytest.approx(lands_s, abs=0.11)
+    assert mission.request is Request.LAND
+    assert why in mission.landed_because
+
+
+def test_a_return_that_gets_no_nearer_lands_where_it_is() -> None:
+    mission = surveying()
+    mission.command(Action.RETURN, 5 * SECOND, at(5.0))
+    mission.step(at(30.0))
+    assert mission.stage is Stage.RETURN
+    mission.step(at(70.0, no_nearer=True))
+    assert (mission.stage, mission.request) == (Stage.LANDING, Request.LAND)
+    assert "home" in mission.landed_because
+
+
 def test_a_takeoff_goes_on_through_a_jump_and_ends_when_the_position_is_confirmed() -> None:
     mission = Mission(TrackConfig())
     mission.command(Action.START, SECOND, CALM)

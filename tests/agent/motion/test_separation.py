@@ -113,3 +113,10 @@ def test_what_is_doubted_of_where_it_is_adds_to_the_separation() -> None:
     assert escape("b", mine, [sure], LIMITS, 0.38) is None
     assert escape("b", mine, [doubted], LIMITS, 0.38) is not None
     assert escape("b", mine, [PeerPlan.from_pose("a", SECOND, theirs, doubt_m=1.0)], LIMITS, 0.38) is None  # far away still
+
+
+def test_nobody_waits_for_a_blind_drone_to_brake() -> None:
+    mine, theirs = flying(0.0, 0.0, 4.0, 0.0), flying(9.0, 0.0, -2.0, 0.0)
+    steered, blind = (PeerPlan.from_pose("b", SECOND, theirs, blind=blind) for blind in (False, True))
+    assert escape("a", mine, [steered], LIMITS, 0.38) is None
+    assert escape("a", mine, [blind], LIMITS, 0.38) == pytest.approx((-2.0, 0.0))

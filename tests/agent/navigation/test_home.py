@@ -8,7 +8,7 @@ from one_pilot import MISSION, own_pose, state
 from recorded_px4 import NAMES, Replay
 
 from agent.frames.swarm import SwarmFrames
-from agent.navigation.home import AT_HOME_M, LONGEST_NS, NEAR_M, Home
+from agent.navigation.home import AT_HOME_M, LONGEST_NS, NEAR_M, NO_NEARER_S, Home
 
 SECOND = 1_000_000_000
 
@@ -71,3 +71,13 @@ def test_nothing_is_reached_by_a_position_that_cannot_be_trusted() -> None:
     states = [state(SECOND + tick * SECOND // 20, position=(0.0, 0.0, 3.0), position_trusted=False) for tick in range(200)]
     assert not any(reached(home, one) for one in states)
     assert hypot(*states[0].position_m[:2]) < AT_HOME_M
+
+
+def test_a_return_that_is_kept_from_home_is_given_up() -> None:
+    """It comes within 5 m, and hovers there."""
+    home, given_up = home_at(state(0, position=(0.0, 0.0, 0.0))), []
+    for tick in range(1500):
+        now_s = 1.0 + 0.05 * tick
+        home.watch(state(round(now_s * SECOND), position=(max(5.0, 35.0 - 3.0 * now_s), 0.0, 3.0)))
+        given_up += [now_s] if home.is_no_nearer else []
+    assert 10.0 + NO_NEARER_S - 0.5 < given_up[0] < 10.0 + NO_NEARER_S + 0.5

@@ -15,10 +15,11 @@ from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis, Sight
 from agent.navigation.guidance import Moment
 from agent.navigation.navigator import Navigator
+from agent.navigation.neighbours import Self
 from agent.navigation.peers import Peers
 from agent.navigation.surveying import InformedSearch, Prospect, Search
 from agent.vehicle.interface import FlightMode
-from protocol.messages import Stage
+from protocol.messages import Pose, Stage
 
 MISSION = replace(ANY_MISSION, encirclement=EncirclementConfig(nearest_m=5.0))
 AT_ONCE = DroneConfig(id="d1", vehicle=VehicleConfig(response=ResponseConfig(lag_s=0.0)))
@@ -40,15 +41,20 @@ def hypothesis(stamp_ns: int, rms_m: float = 0.2, evidence: float | None = 20.0,
     )
 
 
+def made(mission: MissionConfig = MISSION):
+    """The navigator of the first drone, its own pose, and all frames."""
+    frames = FrameGraph.from_launch_layout(mission)
+    search = Search(mission, "d1", frames)
+    own = own_pose("d1", frames)
+    return Navigator(mission, AT_ONCE, own, frames, search, InformedSearch(mission, Prospect(lambda: None))), own, frames
+
+
 def flown(believed, seconds: float = 40.0, mission: MissionConfig = MISSION, stage: Stage = Stage.TRACK):
     """Places (T, 3) in the mission frame of a vehicle that is where it is told to be.
 
     believed: the hypothesis by the time.
     """
-    frames = FrameGraph.from_launch_layout(mission)
-    search = Search(mission, "d1", frames)
-    own = own_pose("d1", frames)
-    navigator = Navigator(mission, AT_ONCE, own, frames, search, InformedSearch(mission, Prospect(lambda: None)))
+    navigator, own, frames = made(mission)
     mission_from_local = frames.mission_from_local("d1", 0)
     local = mission_from_local.inverse()
     position, velocity, places = local.apply_point((35.0, 25.0, 3.0)), (0.0, 0.0, 0.0), []
@@ -164,3 +170,52 @@ def test_small_corrections_of_the_own_frame_do_not_shake_the_flight():
     told = np.array([frame.apply_point((x, y, 0.0))[:2] for frame, (x, y) in zip(local, places, strict=True)])
     speeds = np.hypot(*np.diff(told, axis=0).T) * SECOND / TICK_NS
     assert np.abs(np.diff(speeds)).max() < 0.4  # m/s from tick to tick: 8 m/s2; a setpoint that jumped by 0.2 m would show 4
+
+
+@pytest.mark.parametrize(("taken_s", "least_s"), [(5.0, 5.0), (0.0, 2.0)], ids=["taken over", "refused"])
+def test_a_vehicle_that_somebody_else_flies_publishes_no_plan_and_would_go_on_from_where_it_is(taken_s, least_s):
+    """After 5 s in offboard somebody stops it, or it never gets there."""
+    navigator, own, frames = made()
+    position, velocity = frames.mission_from_local("d1", 0).inverse().apply_point((35.0, 25.0, 3.0)), (0.0, 0.0, 0.0)
+    published, apart_m = [], []
+    for tick in range(round(10.0 * SECOND / TICK_NS)):
+        now_ns, follows = START_NS + tick * TICK_NS, tick * TICK_NS < taken_s * SECOND
+        mode = FlightMode.OFFBOARD if follows else FlightMode.HOLD
+        vehicle = own.take(replace(state(now_ns, mode, position), velocity_mps=velocity))
+        setpoint, plan = navigator.step(Moment(now_ns, Stage.TRACK, START_NS, vehicle, hypothesis(now_ns)), Peers([]))
+        published += [tick * TICK_NS / SECOND] if plan is not None else []
+        apart_m.append(np.hypot(*np.subtract(setpoint.position_m, position)[:2]))
+        position, velocity = (setpoint.position_m, setpoint.velocity_mps) if follows else (position, (0.0, 0.0, 0.0))
+    assert least_s - 0.3 < max(published) < least_s + 0.05
+    assert max(apart_m[-100:]) < 0.5
+
+
+def test_jumps_of_the_others_are_bridged_while_it_plans_nothing_itself():
+    """It holds for 3 s, while the other one's localisation jumps by 10 m and both fly on at 2 m/s."""
+    navigator, own, frames = made()
+    peers, hold_s = Peers(["d2"]), 3.0
+    launch = frames.mission_from_local("d2", 0)
+    for tick in range(round(hold_s * SECOND / TICK_NS)):
+        now_ns, elapsed_s = START_NS + tick * TICK_NS, tick * TICK_NS / SECOND
+        x, epoch = (2.0 * elapsed_s, 0) if elapsed_s < 1.0 else (10.0 + 2.0 - 2.0 * (elapsed_s - 1.0), 1)  # and turns back
+        velocity_mps = (2.0 if epoch == 0 else -2.0, 0.0, 0.0)
+        here = state(now_ns, FlightMode.HOLD, (x, 0.0, 3.0))
+        peers.receive(
+            Pose(
+                stamp_ns=now_ns,
+                drone="d2",
+                epoch=epoch,
+                position_m=here.position_m,
+                velocity_mps=velocity_mps,
+                quaternion=here.quaternion,
+                position_sigma_m=0.1,
+                yaw_sigma_rad=0.01,
+            ),
+            now_ns,
+        )
+        navigator.rest(now_ns, peers)
+    own.take(state(now_ns, FlightMode.HOLD, (0.0, 0.0, 3.0)))
+    me = Self(now_ns, 0, 0.1, own.frame.local_from_mission)
+    (other,) = navigator._neighbourhood.around(peers, me)
+    true = own.frame.local_from_mission.apply_point(launch.apply_point((x - 10.0, 0.0, 3.0)))
+    assert np.hypot(*np.subtract(other.plan.positions[0], true)[:2]) < 1.0

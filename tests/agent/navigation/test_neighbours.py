@@ -298,3 +298,25 @@ def test_a_jump_of_its_frame_is_no_deviation():
         peers.receive(replace(pose(now_ns, epoch=1), position_m=(50.0, 0.0, 3.0)), now_ns)
         found = hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
     assert all(other.plan.deviation_m == pytest.approx(before) for other in found)
+
+
+def test_a_drone_that_does_not_follow_its_plan_is_where_its_pose_says_and_gives_no_way():
+    """Its plan leads it past at 4 m/s, but somebody has stopped it: after 0.6 s it is 2.4 m behind its plan."""
+    peers, now_ns = Peers(["b"]), 6 * SECOND // 10
+    stopped = replace(pose(now_ns), velocity_mps=(0.0, 0.0, 0.0))
+    hood = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    for at_ns, message in ((0, pose()), (0, plan()), (0, status(Stage.TRACK)), (now_ns, stopped)):
+        assert peers.receive(message, now_ns) is None
+        (other,) = hood.around(peers, Self(at_ns, 0, 0.0, Transform()))
+    assert other.plan.positions[-1] == pytest.approx((10.0, 1.0, 3.0))
+    assert other.plan.blind
+    assert other.plan.goes_before("a")
+    follows = replace(pose(now_ns), position_m=(1.0, 2.4, 3.0), stamp_ns=now_ns + 1)
+    assert peers.receive(follows, now_ns) is None
+    (other,) = hood.around(peers, Self(now_ns, 0, 0.0, Transform()))
+    assert not other.plan.blind
+
+
+def test_a_drone_that_publishes_plans_no_more_gives_no_way():
+    assert seen(pose(3 * SECOND // 2), plan(SECOND), status(Stage.TRACK), now_ns=3 * SECOND // 2)[0].plan.blind is False
+    assert seen(pose(3 * SECOND // 2), plan(), status(Stage.HOLD), now_ns=3 * SECOND // 2)[0].plan.blind is True
