@@ -137,6 +137,7 @@ async def _judge(
     strays: int | None = None,
 ) -> None:
     """Criteria of every flight. ``failsafe``: drone whose autopilot may take over; ``strays``: drone that may land elsewhere."""
+    await swarm.operator.until(lambda: not any(moments[-1].armed), HEARTBEAT_S + SETPOINTS_S)  # a heartbeat tells of disarming
     result, end = flight.result, moments[-1]
     folder.mkdir(parents=True, exist_ok=True)
     await asyncio.to_thread(write_flight, folder, flight)  # drawing takes seconds, during which agents must be heard

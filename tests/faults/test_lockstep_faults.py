@@ -86,22 +86,17 @@ def test_both_sides_of_a_partition_fuse_on_and_agree_when_it_is_over():
 
 
 @pytest.mark.slow
-def test_a_lossy_network_costs_hardly_any_accuracy_and_no_entry():
-    """Medians over three seeds: the error of one flight differs from the next one's by more than the network makes."""
-    ratios = []
-    for seed in (1, 2, 3):
-        clean = fly(load_scenario("demo"), seed).result
-        flight, seen = flown("fault-lossy", seed)
-        ratios.append(flight.result.error_median_m / clean.error_median_m)
-        end = max(seen.digests)
-        pilots = seen.pilots[end]
-        old = [
-            {record.entry.entry_id for record in pilot.fusion.log if record.entry.stamp_ns < EPOCH_NS + (end - 5.0) * 1e9}
-            for pilot in pilots
-        ]
-        assert old[0] == old[1] == old[2]
-        assert len(old[0]) > 500
-    assert sorted(ratios)[1] < 1.2
+def test_a_lossy_network_costs_no_entry_and_the_source_is_found():
+    """What it costs in accuracy takes more flights: ``radron-sim campaign demo fault-lossy --runs 20``."""
+    flight, seen = flown("fault-lossy")
+    assert flight.result.error_median_m < 0.5
+    end = max(seen.digests)
+    old = [
+        {record.entry.entry_id for record in pilot.fusion.log if record.entry.stamp_ns < EPOCH_NS + (end - 5.0) * 1e9}
+        for pilot in seen.pilots[end]
+    ]
+    assert old[0] == old[1] == old[2]
+    assert len(old[0]) > 500
 
 
 @pytest.mark.slow
