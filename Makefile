@@ -14,10 +14,10 @@ demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two mi
 	$(BIN)/radron-sim live demo --seed 5 --out results/demo
 
 test: $(DEV)  ## the tests, without the slow ones
-	$(BIN)/pytest -n 2 -m "not slow and not missions"
+	$(BIN)/pytest -n 2 -m "not slow and not long"
 
-test-slow: $(DEV)  ## the slow tests, of more than ten seconds each
-	$(BIN)/pytest -n 2 -m slow
+test-slow: $(DEV)  ## the slow tests, of more than ten seconds each, without the longest
+	$(BIN)/pytest -n 2 -m "slow and not long"
 
 test-all: $(DEV)  ## all tests
 	$(BIN)/pytest -n 2

@@ -99,7 +99,7 @@ def test_a_lossy_network_costs_no_entry_and_the_source_is_found():
     assert len(old[0]) > 500
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_kitchen_sink_ends_landed_and_tells_of_its_faults():
     flight, _ = flown("fault-kitchen-sink")
     assert [fault.label for fault in flight.trace.faults] == [

@@ -19,7 +19,7 @@ def test_nothing_is_violated_in_a_short_mission(seed: int) -> None:
     assert violations(seed, SHORT) == ""
 
 
-@pytest.mark.missions
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(40))
 def test_nothing_is_violated(seed: int) -> None:
     assert violations(seed, FULL) == ""

@@ -39,7 +39,7 @@ def test_the_others_keep_clear_of_the_way_home_of_a_vehicle_whose_agent_is_gone(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("drone", ["d1", "d2", "d3"])
-@pytest.mark.parametrize("seed", [2, 3, 4])
+@pytest.mark.parametrize("seed", [2, *(pytest.param(seed, marks=pytest.mark.long) for seed in (3, 4))])
 def test_wherever_an_agent_ends(seed, drone):
     flight = fly(circling(3 + 2 * (seed % 2), Kill(at_s=18.0 + 3.0 * seed, target=drone), until_s=60.0), seed=seed)
     assert flight.result.min_separation_m >= LEAST_M
@@ -99,7 +99,7 @@ def test_one_whose_vehicle_has_landed_stays_on_the_ground():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["hold", "manual", "return", "land"])
-@pytest.mark.parametrize(("drone", "seed"), [("d2", 1), ("d1", 2)])
+@pytest.mark.parametrize(("drone", "seed"), [("d2", 1), pytest.param("d1", 2, marks=pytest.mark.long)])
 def test_the_others_keep_clear_of_a_drone_that_a_pilot_takes_over(drone, seed, mode):
     """It stops on the circle: the next one came to 1.1 m, as it believed that drone's last plan."""
     flight = fly(circling(5, Takeover(at_s=25.0, for_s=12.0, target=drone, mode=mode), until_s=42.0), seed=seed)

@@ -192,7 +192,7 @@ def test_who_hears_nothing_of_its_vehicle_for_a_moment_holds_and_then_tracks_on(
     asyncio.run(course())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_mission_over_bad_links_to_the_autopilots_is_completed(tmp_path: Path) -> None:
     options = ("--seed", "1", "--set", "mission.track.duration_s=12", "--json", str(tmp_path / "run.json"))
     with live_run(tmp_path, "fault-mavlink-loss", *options) as run:

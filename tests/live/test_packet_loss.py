@@ -28,7 +28,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_swarm_that_loses_packets_finds_the_source_and_has_one_log(tmp_path: Path) -> None:
     with packet_network(2, seed=1) as (hosts, inside, impair), ExitStack() as agents:
         mesh = {f"d{number + 1}": f"tcp/{host}:7447" for number, host in enumerate(hosts)}
