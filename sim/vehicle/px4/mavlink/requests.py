@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from math import isfinite
+from math import isfinite, isnan
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -144,7 +144,7 @@ class Requests:
         if message.get_type() == "COMMAND_INT":
             return _WRONG_FRAME
         place = Geodetic(message.param5, message.param6, message.param7)
-        if not _is_on_earth(place if isfinite(place.altitude_m) else place._replace(altitude_m=0.0)):  # it may be left out
+        if not _is_on_earth(place._replace(altitude_m=0.0) if isnan(place.altitude_m) else place):  # it may be left out
             return int(DENIED)
         self.told = place
         return int(ACCEPTED)
