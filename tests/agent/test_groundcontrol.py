@@ -115,6 +115,7 @@ def test_nobody_starts_while_one_has_a_problem() -> None:
     assert not d1.commands
 
 
+@pytest.mark.slow
 def test_those_that_can_start_anyway_and_the_other_says_why_not() -> None:
     d1, d2 = Drone("d1"), Drone("d2", problems=("the vehicle is not ready to be armed",), lame=True)
     assert refused(Action.START, d1, d2, anyway=True) == "d2: the vehicle is not ready to be armed"

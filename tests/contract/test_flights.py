@@ -75,6 +75,7 @@ def test_a_drone_that_has_landed_flies_the_next_mission() -> None:
     assert second_ns > first_ns + 20_000_000_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_satellites_gone_for_long_end_in_a_landing_that_stays_one(seed: int) -> None:
     """Whether PX4 notices the landing or not, and whatever it goes back to when its satellites return."""

@@ -147,6 +147,7 @@ def test_a_file_that_was_cut_off_is_identical_as_far_as_it_goes(segment, tmp_pat
     assert report.truncated
 
 
+@pytest.mark.slow
 def test_after_a_kill_the_records_reach_to_the_last_second(tmp_path, capsys):
     process = subprocess.Popen(
         [sys.executable, recorded_flights.__file__, str(tmp_path)],

@@ -71,6 +71,7 @@ def test_what_is_wrong_is_in_the_status_and_stands_against_a_start(tmp_path: Pat
         assert not vehicles.now(1)["armed"]
 
 
+@pytest.mark.slow
 def test_two_agents_with_one_id_both_say_so(tmp_path: Path, vehicles: Vehicles) -> None:
     first = Agent(tmp_path, "d1")
     listen = f"tcp/127.0.0.1:{free_ports(1)[0]}"

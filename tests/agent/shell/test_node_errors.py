@@ -40,6 +40,7 @@ def refusal(agent: Agent, limit_s: float = LIMIT_S) -> str:
     return line
 
 
+@pytest.mark.slow
 def test_no_vehicle(tmp_path: Path, agent: RunAgent) -> None:
     (port,) = write_configs(tmp_path, 1)
     line = refusal(agent())

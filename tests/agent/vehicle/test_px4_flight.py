@@ -4,6 +4,7 @@ import asyncio
 import time
 from math import dist, hypot, pi
 
+import pytest
 from px4_sky import STAY, TAKEOFF, Sky, hover, ready, sky
 
 from agent.vehicle.interface import FlightMode, LaunchPlace, Request, VehicleCommand
@@ -50,6 +51,7 @@ def test_a_flight_from_takeoff_to_landing() -> None:
     asyncio.run(scenario())
 
 
+@pytest.mark.slow
 def test_setpoints_end_a_failsafe_but_not_the_flight_of_a_human_pilot() -> None:
     async def scenario() -> None:
         async with sky() as flight:

@@ -95,6 +95,7 @@ def test_without_satellites_it_flies_by_the_slam_and_comes_down_where_that_stops
     asyncio.run(scenario())
 
 
+@pytest.mark.slow
 def test_a_frame_that_jumps_is_another_epoch_and_the_vehicle_stays_where_it_is() -> None:
     async def scenario() -> None:
         jump = EventTruth(at_s=1.0, jump_m=15.0, turn_deg=30.0)

@@ -54,6 +54,7 @@ def test_messages_pass_the_pipe_in_pieces_and_end_with_it() -> None:
     asyncio.run(course())
 
 
+@pytest.mark.slow
 def test_a_world_runs_in_real_time_and_obeys(tmp_path: Path) -> None:
     async def course() -> None:
         truths: list[Truth] = []
