@@ -10,6 +10,7 @@ from agent.config.drone import DroneConfig
 from agent.detector.detection import ConeEvent, Detections
 from agent.geometry import Quaternion, Vector3, turned
 from agent.localization.history import HISTORY_NS, PoseHistory
+from agent.vehicle.interface import VehicleState
 from protocol.entries import Cone, ConeOrder, Counts, Coverage, Entry, Exposure, PoseSample
 
 EXPOSURE_NS = 500_000_000
@@ -19,6 +20,7 @@ MOST_POSES = 16  # of an exposure, or fewer a second: 70 bytes each of the 2 kB 
 # once in 1200 even at half that background (gaps of length T at rate r begin r exp(-r T) times a second).
 MUTE_S = 10.0  # counts carry no information on the source any more: zeros more likely mean a dead camera
 SILENT_S = 20.0  # the operator is told
+UNPLACED_NS = 1_500_000_000  # after the last telemetry: a readout is of 0.2 s, and telemetry may come this late
 LATE_NS = 3_000_000_000  # a camera's readouts may come this late; time not covered by then was not observed
 
 
@@ -65,8 +67,9 @@ class Observer:
         """Log entries of a stretch of detections; counts are held until an exposure is full.
 
         The zeros of a mute camera are not used (see ``unseen``): they are no evidence against a source. Stretches are dropped and
-        counted in ``dropped``, where the pose is not known (before the first telemetry, or longer than poses are kept) or where
-        they overlap earlier ones (a clock stepped back).
+        counted in ``dropped``, where the pose is not known (before the first telemetry, longer than poses are kept, or after the
+        telemetry has ended) or not trusted, or where they overlap earlier ones (a clock stepped back): measured at a wrong place,
+        they would mislead the whole swarm.
         """
         self._silent_s = 0.0 if detections.hits else self._silent_s + detections.live_time_s
         if self._silent_s >= MUTE_S:
@@ -74,7 +77,10 @@ class Observer:
             return self._exposure() if self._start_ns is not None else []
         start_ns, end_ns = detections.start_ns, detections.end_ns
         state = self._history.at(start_ns)
-        if state is None or start_ns < self._end_ns or not start_ns <= end_ns <= start_ns + HISTORY_NS:
+        if state is None or not self._is_placed(state, end_ns):
+            self.dropped += 1
+            return []
+        if start_ns < self._end_ns or not start_ns <= end_ns <= start_ns + HISTORY_NS:
             self.dropped += 1
             return []
         entries: list[Entry] = [self._cone(event) for event in detections.cones]
@@ -90,6 +96,11 @@ class Observer:
         if self._end_ns - self._start_ns >= EXPOSURE_NS:
             entries += self._exposure()
         return entries
+
+    def _is_placed(self, state: VehicleState, end_ns: int) -> bool:
+        """Whether this drone knows where it was, from a state on until a stamp."""
+        span_ns = self._history.span_ns
+        return state.position_trusted and span_ns is not None and end_ns <= span_ns[1] + UNPLACED_NS
 
     def unseen(self, now_ns: int) -> list[Entry]:
         """Poses of the time in which the camera delivered nothing: exposures without live time. They carry no information on the

@@ -158,8 +158,9 @@ def stretch(start_s, end_s, live_s=None, hits=1):
     return Detections(int(start_s * SECOND), int(end_s * SECOND), end_s - start_s if live_s is None else live_s, hits=hits)
 
 
-def test_an_exposure_ends_at_a_gap(observer):
+def test_an_exposure_ends_at_a_gap(observer, history):
     assert observer.observe(stretch(0.0, 0.2)) == []
+    history.add(telemetry(30 * SECOND, (0.0, 0.0, 8.0), Rotation.identity()))
     (exposure,) = observer.observe(stretch(30.0, 30.2))
     assert (exposure.stamp_ns, exposure.end_ns, exposure.counts.hits) == (0, SECOND // 5, 1)
     (after,) = observer.observe(stretch(30.2, 30.6))
@@ -173,6 +174,21 @@ def test_stretches_that_cannot_be_placed_are_dropped_and_counted(observer, bad):
     assert observer.dropped == 1
     (exposure,) = observer.observe(stretch(0.2, 0.6))
     assert (exposure.stamp_ns, exposure.counts.hits) == (0, 2)
+
+
+def test_what_is_measured_at_an_unknown_place_is_dropped(observer, history):
+    """A vehicle without satellites published cones from where it was last believed, metres off."""
+    observer.observe(stretch(0.0, 0.2))
+    lost = replace(telemetry(SECOND, (0.0, 0.0, 8.0), Rotation.identity()), position_trusted=False)
+    history.add(lost)
+    (exposure,) = observer.observe(stretch(0.2, 0.9))
+    assert exposure.counts.hits == 2
+    assert observer.observe(stretch(1.0, 1.2)) == []
+    history.add(replace(lost, stamp_ns=2 * SECOND, position_trusted=True))
+    assert observer.observe(stretch(2.0, 2.2)) == []
+    assert observer.dropped == 1
+    assert observer.observe(stretch(4.0, 4.2)) == []  # the telemetry has ended
+    assert observer.dropped == 2
 
 
 def test_live_time_is_never_longer_than_the_exposure(observer):
