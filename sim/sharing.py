@@ -104,7 +104,8 @@ def _content(observation: Observation) -> tuple[object, ...]:
     transform = observation.mission_from_local
     covariance = None if transform.covariance is None else transform.covariance.tobytes()
     frame = transform.yaw_rad, transform.translation, covariance
-    common = observation.stamp_ns, observation.position_sigma_m, observation.yaw_sigma_rad, observation.entry, frame
+    origin = observation.identity, observation.epoch
+    common = observation.stamp_ns, observation.position_sigma_m, observation.yaw_sigma_rad, origin, frame
     if isinstance(observation, ConeObservation):
         return *common, observation.readings
     return *common, observation.middle_ns, observation.position, observation.live_time_s, observation.counts.tobytes()

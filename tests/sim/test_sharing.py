@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from agent.frames.transform import Transform
 from agent.fusion.bayes.estimator import BayesEstimator
 from agent.fusion.estimator import GridStep
-from agent.fusion.observation import CountObservation, Origin
+from agent.fusion.observation import CountObservation
 from agent.fusion.registry import estimator_named
 from agent.pilot import Pilot
 from protocol.entries import EntryId
@@ -85,9 +85,9 @@ def test_one_drone_of_each_flight_folds_on_its_own():
 
 @pytest.fixture
 def counts():
-    origin = Origin(EntryId("0" * 16, 1_000_000_000, "d1", "1" * 16, 1), 0)
+    identity = EntryId("0" * 16, 1_000_000_000, "d1", "1" * 16, 1)
     frame = Transform(0.1, (1.0, 2.0, 3.0), np.eye(4))
-    return CountObservation(1_000_000_000, 900_000_000, (1.0, 2.0, 8.0), 0.5, np.ones(3), 0.1, 0.01, frame, origin)
+    return CountObservation(1_000_000_000, 900_000_000, (1.0, 2.0, 8.0), 0.5, np.ones(3), 0.1, 0.01, frame, identity, 0)
 
 
 def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_object(counts):
@@ -106,7 +106,8 @@ def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_objec
         replace(counts, counts=np.array((1.0, 1.0, 2.0))),
         replace(counts, position_sigma_m=0.2),
         replace(counts, yaw_sigma_rad=0.02),
-        replace(counts, entry=Origin(counts.entry.identity, 1)),
+        replace(counts, epoch=1),
+        replace(counts, identity=replace(counts.identity, sequence=2)),
         replace(counts, mission_from_local=Transform(0.2, (1.0, 2.0, 3.0), np.eye(4))),
         replace(counts, mission_from_local=Transform(0.1, (1.0, 2.0, 3.5), np.eye(4))),
         replace(counts, mission_from_local=Transform(0.1, (1.0, 2.0, 3.0), 2.0 * np.eye(4))),
