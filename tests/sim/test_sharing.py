@@ -107,7 +107,7 @@ def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_objec
         replace(counts, position_sigma_m=0.2),
         replace(counts, yaw_sigma_rad=0.02),
         replace(counts, epoch=1),
-        replace(counts, identity=replace(counts.identity, sequence=2)),
+        replace(counts, identity=counts.identity._replace(sequence=2)),
         replace(counts, mission_from_local=Transform(0.2, (1.0, 2.0, 3.0), np.eye(4))),
         replace(counts, mission_from_local=Transform(0.1, (1.0, 2.0, 3.5), np.eye(4))),
         replace(counts, mission_from_local=Transform(0.1, (1.0, 2.0, 3.0), 2.0 * np.eye(4))),
