@@ -1,9 +1,9 @@
 """``make planted``: which of the planted bugs the missions with faults find, and by what.
 
-Each bug flies the same seeds until one finds it, 20 at most: short missions in lockstep, full ones, and live ones, in which the
-agents are real processes. Bugs in code that lockstep does not run fly live only. A bug is found where an invariant is violated
-that holds in the same mission without it, or the mission dies or does not end; live missions, of which no two are the same, must
-show it twice. Every mission is kept in OUT/found.jsonl, so that an interrupted run goes on, as long as the packages are the same.
+Each bug flies the same seeds until one finds it, 20 at most: missions in lockstep with dealt faults and with drawn ones, and
+live ones, in which the agents are real processes. Bugs in code that lockstep does not run fly live only. A bug is found where an
+invariant is violated that holds in the same mission without it, or the mission dies or does not end; live missions, of which no
+two are the same, must show it twice. Every mission is kept in OUT/found.jsonl, so that an interrupted run goes on, as long as the packages are the same.
 The table is also written to OUT/table.md. Exit code 1 where less than 85 % of the written bugs are found.
 """
 
@@ -143,7 +143,7 @@ def _hunt(bugs: Sequence[Bug], options: argparse.Namespace) -> list[Score]:
     """The scores in the order of the bugs; progress goes to standard error."""
     stages = _stages(options)
     if not stages:
-        raise BugError("no missions: give a number above 0 to one of --short, --full, --live")
+        raise BugError("no missions: give a number above 0 to one of --dealt, --drawn, --live")
     flights = Flights(options.longest)
     scores = {bug.id: Score(bug) for bug in bugs}
     with tempfile.TemporaryDirectory(prefix="planted-") as folder, ThreadPoolExecutor(options.jobs) as pool:
@@ -176,7 +176,7 @@ def _all(pool: ThreadPoolExecutor, hunt: Hunt, waiting: Sequence[Score], stage: 
 
 def _stages(options: argparse.Namespace) -> list[Stage]:
     """Those with missions; ``--command`` flies them all."""
-    numbers = (options.short, options.full, options.live)
+    numbers = (options.dealt, options.drawn, options.live)
     stages = [replace(stage, missions=number) for stage, number in zip(STAGES, numbers, strict=True) if number]
     command = tuple(shlex.split(options.command)) if options.command else ()
     return [replace(stage, command=command or stage.command) for stage in stages]
