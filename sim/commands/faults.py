@@ -21,7 +21,7 @@ def faults(
     runs: Annotated[int, typer.Option(help="Number of missions, with consecutive seeds.")] = 100,
     seed: Annotated[int, typer.Option(help="The first seed.")] = 0,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for missions and summary; rerun to resume.")] = None,
-    dealt: Annotated[bool, typer.Option("--dealt", help="Eight successive seeds have every kind of fault.")] = False,
+    dealt: Annotated[bool, typer.Option("--dealt", help="Ten successive seeds have every kind of fault, and none.")] = False,
     short: Annotated[bool, typer.Option("--short", help="Short missions, as in the fast tests.")] = False,
     show: Annotated[int | None, typer.Option(metavar="SEED", help="Print this seed's mission as a scenario file.")] = None,
     minimise: Annotated[

@@ -1,8 +1,9 @@
 """Missions to which the faults are dealt instead of drawn, so that few of them have every kind.
 
 Some successive seeds have each fault of a deck once, five in each mission; times, targets and numbers are random, and so are the
-swarm, its area and the source, as in the missions of ``draw``. Live missions, which take a minute of real time each, have a deck
-of their own.
+swarm, its area and the source, as in the missions of ``draw``. Two of ten have no fault at all, which would hide what goes wrong
+without any: in one the frames have to be estimated, in the other one the source moves as fast as any. Live missions, which take a
+minute of real time each, have a deck of their own, and in each of them somebody disarms a drone.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sim.campaign.faults.course import LIVE, Course
-from sim.campaign.faults.missions import draw_mission
+from sim.campaign.faults.missions import PACE_MPS, draw_mission
 from sim.campaign.faults.strengths import STRENGTHS, Strike
 from sim.faults.kinds import KINDS
 
@@ -22,7 +23,7 @@ _STREAM, _DECK_STREAM = 1_000_006, 1_000_007
 HAND = 5  # faults of a mission
 LASTS_S = (8.0, 14.0)
 _LONGEST_OFFLINE_S = 7.0  # an agent that is back later may find its vehicle landed
-_WITHOUT_END = ("late", "motor", "old-command", "disarm", "camera-dead")  # a dead camera: an agent needs a while to be sure
+_WITHOUT_END = ("late", "motor", "old-command", "camera-dead")  # a dead camera: an agent needs a while to be sure
 LIVE_DECK: tuple[Card, ...] = (
     ("kill", {}),
     ("freeze", {}),
@@ -38,7 +39,7 @@ LIVE_DECK: tuple[Card, ...] = (
     ("satellites-lost", {}),
     ("position-jump", {"announced": True, "turn_deg": 0.0}),
     ("takeover", {}),
-    ("disarm", {"at_s": 0.0}),
+    ("camera-dead", {"for_s": 9.0}),
 )
 DECK: tuple[Card, ...] = (
     ("kill", {}),
@@ -86,15 +87,22 @@ DECK: tuple[Card, ...] = (
 
 def deal(seed: int, course: Course) -> dict[str, Any]:
     """The scenario document of a seed's mission, with its faults in order of time."""
-    deck = LIVE_DECK if course is LIVE else DECK
+    live = course is LIVE
+    deck, calm = (LIVE_DECK, 0) if live else (DECK, 2)
+    missions = calm + len(deck) // HAND
+    turn = seed % missions
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
-    document = draw_mission(rng, f"dealt-faults-{seed}", course, may_estimate=course is not LIVE)
+    document = draw_mission(rng, f"dealt-faults-{seed}", course, estimated=False if live else True if turn == 0 else None)
+    if turn < calm:
+        if turn == 1:
+            document["source"] |= {"motion": "wander", "speed_mps": PACE_MPS}
+        return document
     names = [drone["id"] for drone in document["mission"]["drones"]]
-    missions = len(deck) // HAND
     order = np.random.default_rng(np.random.SeedSequence(seed // missions, spawn_key=(_DECK_STREAM,))).permutation(len(deck))
-    hand = order[seed % missions * HAND :][:HAND].tolist()
-    whom = [names[place] for place in rng.permutation(len(names))]
-    faults = [_fault(rng, deck[card], names, whom[k % len(names)], course) for k, card in enumerate(hand)]
+    hand = order[(turn - calm) * HAND :][:HAND].tolist()
+    *whom, last = [names[place] for place in rng.permutation(len(names))]
+    faults = [_fault(rng, deck[card], names, whom[k % len(whom)], course) for k, card in enumerate(hand)]
+    faults += [{"kind": "disarm", "at_s": 0.0, "target": last}] if live else []
     document["fault"] = sorted(faults, key=lambda fault: fault["at_s"])
     return document
 
