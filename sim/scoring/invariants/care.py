@@ -24,7 +24,7 @@ _SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType
 _LOOK_TICKS = 10
 
 
-class Reserve(Invariant):
+class Reserve(Invariant[Moment]):
     """No vehicle is in the air with less than 3 % left in its battery; exempt is one whose battery lies about it."""
 
     name = "reserve"
@@ -41,7 +41,7 @@ class Reserve(Invariant):
                 yield Breach((drone,), f"{100.0 * level:.1f} % left in the air")
 
 
-class Named(Invariant):
+class Named(Invariant[Moment]):
     """Where drones see each other, one whose own position is more than 5 m wrong is suspected by another within 10 s.
 
     It is wrong by a jump or a drag that nobody has announced. The 10 s count while at least two others are within 30 m of it.
@@ -100,7 +100,7 @@ def _misplaced_s(fault: Fault) -> tuple[float, float] | None:
     return None
 
 
-class Memory(Invariant):
+class Memory(Invariant[Moment]):
     """An agent holds at most 8 MB, and 2 kB for each entry of its log, at the end of the flight: what grows is the log alone."""
 
     name = "memory"
