@@ -76,8 +76,8 @@ class Observer:
         The zeros of a mute camera are not used (see ``unseen``): they are no evidence against a source. Stretches are dropped and
         counted in ``dropped``, where the pose is not known (before the first telemetry, longer than poses are kept, or after the
         telemetry has ended) or not trusted, or where they overlap earlier ones (a clock stepped back): measured at a wrong place,
-        they would mislead the whole swarm. Of more cones than ``MOST_CONES_PS`` the first ones are taken, whatever their direction,
-        and the others counted in ``withheld``.
+        they would mislead the whole swarm. Of more cones than ``MOST_CONES_PS`` the first ones are taken, whatever their
+        direction, and the others counted in ``withheld``.
         """
         start_ns, end_ns = detections.start_ns, detections.end_ns
         self._heard_ns, self._unused_ns = end_ns, 0
