@@ -1,13 +1,7 @@
-"""msgpack <-> message. Anything that violates the schema, the limits or the key raises ``ProtocolError``.
-
-A message is a map, and its last field is the CRC-32 of all bytes before the four that hold it. A damaged message is refused like
-one that never came, and log entries that never came are asked for again. Without it a flipped bit of a number is another valid
-entry under the same identity, and two logs with that difference stay different for ever.
-"""
+"""msgpack <-> message. Anything that violates the schema, the limits or the key raises ``ProtocolError``."""
 
 from __future__ import annotations
 
-from binascii import crc32
 from typing import NoReturn
 
 import msgpack
@@ -29,8 +23,6 @@ _LIMITS = {
     "max_map_len": 128,
     "max_ext_len": 0,
 }
-_CHECK = b"\xa5crc32\xc4\x04"  # name and header of the last field, whose value is 4 bytes, big-endian
-_MAP, _LARGEST_MAP, _MAP_16 = 0x80, 0x8F, 0xDE  # msgpack's map of no field, of 15, and of a number of fields in two bytes
 _WRITER = msgspec.msgpack.Encoder()
 _READERS: dict[type[Message], msgspec.msgpack.Decoder[AnyMessage]] = {
     kind: msgspec.msgpack.Decoder(kind) for kind in KINDS.values()
@@ -47,7 +39,7 @@ def encode(message: Message) -> bytes:
     if reader is None:
         raise ProtocolError(f"not a message: {type(message).__name__} is of no known kind")
     try:
-        payload = sealed(_WRITER.encode(message))
+        payload = _WRITER.encode(message)
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
         raise ProtocolError(f"not serialisable: {str(error)[:120]}") from None
     _check_size(payload, _limit_of(type(message)))
@@ -59,21 +51,6 @@ def encode(message: Message) -> bytes:
     return payload
 
 
-def sealed(fields: bytes) -> bytes:
-    """A map with the checksum as its last field. Bytes that are no map are none with it."""
-    first = fields[0] if fields else 0
-    if _MAP <= first < _LARGEST_MAP:
-        head, rest = bytes((first + 1,)), fields[1:]
-    elif first == _LARGEST_MAP:
-        head, rest = bytes((_MAP_16, 0, 16)), fields[1:]
-    elif first == _MAP_16:
-        head, rest = bytes((_MAP_16,)) + (int.from_bytes(fields[1:3]) + 1).to_bytes(3)[1:], fields[3:]
-    else:
-        head, rest = b"", fields
-    payload = head + rest + _CHECK
-    return payload + crc32(payload).to_bytes(4)
-
-
 def decode(payload: bytes) -> AnyMessage:
     """Decode any message. Unknown fields are ignored; missing required fields and duplicate fields are refused.
 
@@ -83,8 +60,6 @@ def decode(payload: bytes) -> AnyMessage:
         ProtocolError: for any error in the bytes.
     """
     _check_size(payload)
-    if payload[-12:-4] != _CHECK or crc32(payload[:-4]).to_bytes(4) != payload[-4:]:
-        raise ProtocolError("damaged, or not a message: its checksum does not fit its bytes")
     try:
         document = msgpack.unpackb(payload, use_list=False, object_pairs_hook=_object, ext_hook=_refuse_extension, **_LIMITS)
     except (ValueError, TypeError, RecursionError, MemoryError, msgpack.UnpackException) as error:
@@ -117,7 +92,7 @@ def _as_written(kind: str, payload: bytes) -> AnyMessage | None:
         message = _READERS[KINDS[kind]].decode(payload)
     except (msgspec.DecodeError, ValueError, RecursionError, OverflowError):  # ValueError: text that is not UTF-8
         return None
-    if sealed(_WRITER.encode(message)) != payload:
+    if _WRITER.encode(message) != payload:
         return None
     _refuse_flaw(message)
     return message

@@ -14,7 +14,6 @@ from itertools import product
 import msgpack
 import numpy as np
 
-from protocol.codec import sealed
 from sim.faults.agents import Corrupt, Cut, Duplicate, Flood, Lag, LinkFault, Loss, Partition, RadioRange, Reorder
 from sim.faults.base import Fault
 from sim.faults.schedule import Active, Schedule
@@ -182,5 +181,4 @@ def padded(payload: bytes, size: int) -> bytes:
         return payload
     whole, rest = divmod(size - len(payload) - 12, _PAD + 3)  # each piece has a header of 3 bytes
     fields = msgpack.unpackb(payload) | {"padding": [*([bytes(_PAD)] * whole), bytes(max(0, rest - 3))]}
-    del fields["crc32"]
-    return sealed(msgpack.packb(fields))
+    return bytes(msgpack.packb(fields))

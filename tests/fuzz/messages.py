@@ -19,7 +19,7 @@ from agent.config.drone import DroneConfig
 from agent.config.mission import DatumConfig, DroneInMission, FusionConfig, MissionConfig
 from agent.pilot import Pilot, Step
 from agent.vehicle.interface import FlightMode
-from protocol.codec import decode_from, encode, sealed
+from protocol.codec import decode_from, encode
 from protocol.keys import key_of
 from protocol.messages import DRONE_KINDS, KINDS, Status
 from tests.fuzz.mutation import HOSTILE_TEXTS, broken, hostile, mutated, nested
@@ -67,7 +67,7 @@ class Messages(Target):
         super().__init__(folder)
         self._kinds = documents(EVERY)
         self._all = [one for ones in self._kinds.values() for one in ones]
-        self._bytes = [sealed(msgpack.packb(one)) for one in self._all]
+        self._bytes = [msgpack.packb(one) for one in self._all]
 
     def case(self, rng: Random, probe: Probe) -> None:
         """One pilot from its start on, with a message each millisecond."""
@@ -89,19 +89,19 @@ class Messages(Target):
         if pick < 0.03:
             return self._key(rng, mission), rng.randbytes(rng.choice((0, 1, 10, 100, 3000)))
         if pick < 0.05:
-            return self._key(rng, mission), sealed(_monster(rng))
+            return self._key(rng, mission), _monster(rng)
         fields = self._fields(rng)
         if pick < 0.1:
-            return self._key(rng, mission), _broken(rng, fields, self._bytes)
+            return self._key(rng, mission), broken(rng, msgpack.packb(fields), self._bytes)
         fields = _of_member(rng, fields, mission, now_ns)
         key = _key_of(mission, fields)
         if pick < 0.5:  # valid, whatever it claims
-            return key, sealed(msgpack.packb(fields))
+            return key, msgpack.packb(fields)
         if pick < 0.75:
             return key, _packed(mutated(rng, fields))
         if pick < 0.95:
-            return key, _broken(rng, fields, self._bytes)
-        return self._key(rng, mission), sealed(msgpack.packb(fields))
+            return key, broken(rng, msgpack.packb(fields), self._bytes)
+        return self._key(rng, mission), msgpack.packb(fields)
 
     def _fields(self, rng: Random) -> dict[str, Any]:
         """An example of any kind; hardly any that ends the mission."""
@@ -211,16 +211,9 @@ def _key_of(mission: MissionConfig, fields: dict[str, Any]) -> str:
     return f"radron/1/{mission.swarm}/{fields['drone']}/{fields['kind']}"
 
 
-def _broken(rng: Random, fields: dict[str, Any], others: list[bytes]) -> bytes:
-    """Damaged on the way, or before the checksum was made."""
-    if rng.random() < 0.2:
-        return broken(rng, sealed(msgpack.packb(fields)), others)
-    return sealed(broken(rng, msgpack.packb(fields), others))
-
-
 def _packed(document: Any) -> bytes:
     try:
-        return sealed(msgpack.packb(document))
+        return bytes(msgpack.packb(document))
     except (OverflowError, ValueError):  # a number that msgpack has no form for
         return b"\xcf" + b"\xff" * 8
 
