@@ -19,7 +19,7 @@ from agent.errors import ConfigError
 from sim.faults.agents import Cut, Disk, Flood, Freeze, Kill, Lag, Late, Partition, RadioRange, SlowCpu
 from sim.faults.base import Fault
 from sim.faults.kinds import kind_of
-from sim.faults.machines import CameraDead, MavlinkLoss, SatellitesLost, Takeover
+from sim.faults.machines import Battery, CameraDead, Gust, MavlinkLoss, MotorFailure, Refusal, SatellitesLost, Takeover
 from sim.faults.schedule import Active, Schedule
 from sim.live.agents import Agents
 from sim.live.flooding import FloodPlan
@@ -32,10 +32,12 @@ from sim.live.view import View
 from sim.live.worldlink import Order, Truth
 from sim.live.worldprocess import WorldProcess
 from sim.scenario import Scenario
+from sim.vehicle.px4.faults import VehicleFault
 
 _RELAYED = (Partition, Cut, Lag, RadioRange, MavlinkLoss)
 _ON_LINKS = (Partition, Cut, Lag, RadioRange)
-PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, CameraDead, SatellitesLost, Takeover)
+_OF_VEHICLES = (Gust, MotorFailure, Battery, Refusal)
+PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, CameraDead, SatellitesLost, Takeover, *_OF_VEHICLES)
 _DISKS = ("state-torn", "state-flipped", "record-torn", "record-removed")
 AWAKE_S = 0.05  # between two stops of a slow computer: a step
 LONGEST_STOP_S = 0.8  # of a slow computer; after 1 s of silence the watchdog kills the agent
@@ -156,6 +158,9 @@ class FaultPlayer:
             case Takeover():
                 self._world.order(Order(f"pilot {fault.mode}"), index)
                 return f"a pilot takes over: {fault.mode}"
+            case Gust() | MotorFailure() | Battery() | Refusal():
+                self._world.order(Order.BREAK, index, fault)
+                return _vehicle_told(fault)
             case MavlinkLoss():
                 return f"{100.0 * fault.probability:g} % of the MAVLink messages are lost"
             case Disk():
@@ -187,6 +192,9 @@ class FaultPlayer:
             case Takeover():
                 self._world.order(Order.PILOT_HOLD, index)
                 return "the pilot gives it back, in hold"
+            case Gust() | Battery() | Refusal():
+                self._world.order(Order.MEND, index, fault)
+                return f"{kind_of(fault)} is over"
             case MavlinkLoss():
                 return "no MAVLink messages are lost any more"
         return None
@@ -278,6 +286,17 @@ def _concerns(fault: Cut | Lag, drones: Sequence[str], sender: str, receiver: st
     peers = drones if fault.peers is None else fault.names_of_peers()
     sends, receives = sender in targets and receiver in peers, receiver in targets and sender in peers
     return (sends and fault.direction != "receive") or (receives and fault.direction != "send")
+
+
+def _vehicle_told(fault: VehicleFault) -> str:
+    match fault:
+        case Gust():
+            return f"a gust, {fault.acceleration_mps2:g} m/s^2"
+        case MotorFailure():
+            return f"a motor fails: it comes down at {fault.descent_mps:g} m/s"
+        case Battery():
+            return f"the battery {'reports' if fault.lies else 'is at'} {100.0 * fault.level:g} %"
+    return "the autopilot refuses changes of mode, and arming"
 
 
 def _links_told(fault: Fault) -> str:

@@ -23,6 +23,7 @@ from sim.vehicle.guidance import Reframing
 from sim.vehicle.multirotor import Multirotors, Setpoints
 from sim.vehicle.px4.config import Datum, Px4Config
 from sim.vehicle.px4.face import Px4Face
+from sim.vehicle.px4.faults import EmulatedFaults, VehicleFault
 from sim.vehicle.px4.filter.deadreckoning import FilterErrors
 from sim.vehicle.px4.filter.estimate import Estimate, Estimator
 from sim.vehicle.px4.filter.frames import AutopilotFrames
@@ -108,6 +109,7 @@ class Px4Fleet:
         ]
         for drone, face in enumerate(self.faces):
             face.set_truth_source(partial(self._estimator.truth, drone))
+        self._faults = EmulatedFaults(self.faces, motion, step_s, rng.spawn(1)[0])
         self._equipped = [-1] * count  # count of parameter changes that each is equipped with
 
     async def start(self) -> None:
@@ -129,6 +131,7 @@ class Px4Fleet:
         contact = (self._motion.position_m[:, 2] <= self._ground_m() + CONTACT_M).tolist()
         estimates = self._estimator.step()
         self._localize(estimates)
+        self._faults.step()
         for face, estimate, touches in zip(self.faces, estimates, contact, strict=True):
             face.step(self.time_s, estimate, touches)
         self._move()
@@ -152,6 +155,14 @@ class Px4Fleet:
             commander.take_over()
         else:
             commander.set_mode(Mode[mode.upper()])
+
+    def begin_fault(self, drone: int, fault: VehicleFault) -> None:
+        """A fault strikes a vehicle."""
+        self._faults.begin(drone, fault)
+
+    def end_fault(self, drone: int, fault: VehicleFault) -> None:
+        """A fault of a vehicle is over."""
+        self._faults.end(drone, fault)
 
     def reports(self) -> list[VehicleReport]:
         """One for each vehicle."""

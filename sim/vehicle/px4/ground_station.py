@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from agent.errors import VehicleError
 from sim.geometry import Array, Quaternion
 from sim.vehicle.px4.config import Address
+from sim.vehicle.px4.faults import VehicleFault
 from sim.vehicle.px4.filter.satellites import SATELLITES
 from sim.vehicle.px4.fleet import VehicleReport
 from sim.vehicle.px4.mavlink.link import DATAGRAM_BYTES
@@ -178,6 +179,12 @@ class GroundStation:
 
     def take_over(self, drone: int, mode: str) -> None:
         """Vehicles elsewhere have their own pilots."""
+
+    def begin_fault(self, drone: int, fault: VehicleFault) -> None:
+        """Vehicles elsewhere have their own faults."""
+
+    def end_fault(self, drone: int, fault: VehicleFault) -> None:
+        """Vehicles elsewhere have their own faults."""
 
     def close(self) -> None:
         """Stop listening."""
