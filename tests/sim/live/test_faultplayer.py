@@ -16,7 +16,18 @@ from protocol.codec import decode, encode
 from protocol.messages import Pose
 from sim.faults.agents import Cut, Disk, Freeze, Kill, Lag, Late, Partition, RadioRange
 from sim.faults.kinds import AnyFault
-from sim.faults.machines import CameraDead, CameraNoisy, MavlinkLoss, SatellitesLost, Takeover
+from sim.faults.machines import (
+    Battery,
+    CameraDead,
+    CameraNoisy,
+    Gust,
+    MavlinkLoss,
+    MotorFailure,
+    PositionJump,
+    Refusal,
+    SatellitesLost,
+    Takeover,
+)
 from sim.faults.network import padded
 from sim.live.agents import Agents
 from sim.live.faults import FaultPlayer, check_playable, needs_relays
@@ -24,9 +35,10 @@ from sim.live.places import Places
 from sim.live.relays.launcher import RelayProcess
 from sim.live.relays.linkstate import PASSING, LinkState
 from sim.live.view import View
-from sim.live.worldlink import Order, Truth
+from sim.live.worldlink import Order, Truth, order_line, read_order
 from sim.live.worldprocess import WorldProcess
 from sim.scenario import Scenario, load_scenario
+from sim.vehicle.px4.faults import VehicleFault
 
 CUT = LinkState(cut=True)
 
@@ -55,8 +67,8 @@ class Fakes:
     def folder(self, drone: str) -> Path:
         return self._folder / drone
 
-    def order(self, order: Order, drone: int | None = None) -> None:
-        self.done.append((order, drone))
+    def order(self, order: Order, drone: int | None = None, fault: VehicleFault | None = None) -> None:
+        self.done.append((order, drone) if fault is None else (order, drone, fault))
 
     def impair(self, sender: str, receiver: str, state: LinkState) -> None:
         self.links[sender, receiver] = state
@@ -119,6 +131,28 @@ def test_orders_to_the_world_and_what_was_done(tmp_path: Path) -> None:
     one = player(Fakes(tmp_path), camera)
     one.step(1.04, truth(0.0, 0.0, 0.0))
     assert [(each.time_s, each.what) for each in one.played] == [(1.04, "d1: no more readouts")]
+
+
+@pytest.mark.parametrize(
+    ("fault", "lasts"),
+    [
+        (Gust(at_s=0.0, for_s=1.0), False),
+        (Battery(at_s=0.0, for_s=1.0, level=0.1, lies=True), False),
+        (Refusal(at_s=0.0, for_s=1.0), False),
+        (PositionJump(at_s=0.0, for_s=1.0, announced=True), False),
+        (MotorFailure(at_s=0.0), True),
+    ],
+)
+def test_faults_of_vehicles_are_played_by_the_world(tmp_path: Path, fault: VehicleFault, lasts: bool) -> None:
+    struck = replace(fault, target="d2")
+    done = played(tmp_path, struck).done
+    assert done == [(Order.BREAK, 1, struck), *[(Order.MEND, 1, struck)] * (not lasts)]
+    assert read_order(order_line(Order.BREAK, 1, struck)) == (Order.BREAK, 1, struck)
+
+
+def test_orders_without_a_fault_or_a_drone_are_read() -> None:
+    assert read_order(order_line(Order.GO, None, None)) == (Order.GO, 0, None)
+    assert read_order(order_line(Order.PILOT_MANUAL, 2, None)) == (Order.PILOT_MANUAL, 2, None)
 
 
 def test_links_are_cut_as_the_groups_the_direction_or_the_distance_say(tmp_path: Path) -> None:
