@@ -15,6 +15,7 @@ from sim.faults.base import Fault
 from sim.faults.machines import Battery, CameraDead, Drag, PositionJump
 from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Moment
+from sim.sharing import Results
 
 LEAST_LEVEL = 0.03  # of the battery: below it a real one gives way at any time
 NAMED_S = 10.0
@@ -22,7 +23,7 @@ TOLD_S = 25.0
 MISPLACED_M = 5.0  # so far off is a vehicle that others see plainly: sightings are good to a metre or two
 SEEN_M = 30.0  # and nobody overlooks one that is nearer
 FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b: a are the estimator's checkpoints, which are bounded, and all planners
-_SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType)
+_SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType, Results)
 _LOOK_TICKS = 10
 
 
