@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 from collections.abc import Sequence
+from math import hypot
 from pathlib import Path
 from typing import cast
 
@@ -16,7 +17,7 @@ from protocol.codec import decode, encode
 from protocol.messages import Pose
 from sim.faults.agents import Cut, Disk, Freeze, Kill, Lag, Late, Partition, RadioRange
 from sim.faults.kinds import AnyFault
-from sim.faults.machines import CameraDead, CameraNoisy, MavlinkLoss, SatellitesLost, Takeover
+from sim.faults.machines import CameraDead, CameraNoisy, Disarm, MavlinkLoss, PositionJump, SatellitesLost, StreamLost, Takeover
 from sim.faults.network import padded
 from sim.live.agents import Agents
 from sim.live.faults import FaultPlayer, check_playable, needs_relays
@@ -55,8 +56,8 @@ class Fakes:
     def folder(self, drone: str) -> Path:
         return self._folder / drone
 
-    def order(self, order: Order, drone: int | None = None) -> None:
-        self.done.append((order, drone))
+    def order(self, order: Order, drone: int | None = None, *details: str | float) -> None:
+        self.done.append((order, drone, *details))
 
     def impair(self, sender: str, receiver: str, state: LinkState) -> None:
         self.links[sender, receiver] = state
@@ -121,6 +122,16 @@ def test_orders_to_the_world_and_what_was_done(tmp_path: Path) -> None:
     assert [(each.time_s, each.what) for each in one.played] == [(1.04, "d1: no more readouts")]
 
 
+def test_streams_that_stop_filters_that_are_reset_and_somebody_who_disarms(tmp_path: Path) -> None:
+    stream = StreamLost(target="d2", message="ODOMETRY", at_s=0.0, for_s=1.0)
+    done = played(tmp_path, stream, Disarm(target="d3", at_s=1.0)).done
+    assert done == [(Order.STREAM_OFF, 1, "ODOMETRY"), (Order.PILOT_DISARM, 2), (Order.STREAM_ON, 1, "ODOMETRY")]
+    there, back = played(tmp_path, PositionJump(target="d1", jump_m=5.0, announced=True, at_s=0.0, for_s=1.0)).done
+    assert there[:2] == back[:2] == (Order.RESET, 0)
+    assert hypot(*cast(tuple[float, float], there[2:4])) == pytest.approx(5.0)
+    assert [-cast(float, number) for number in there[2:]] == list(back[2:])
+
+
 def test_links_are_cut_as_the_groups_the_direction_or_the_distance_say(tmp_path: Path) -> None:
     apart = {("d1", "d3"), ("d3", "d1"), ("d2", "d3"), ("d3", "d2")}
     split = Partition(groups=(("d1", "d2"),), at_s=1.0)
@@ -159,6 +170,8 @@ def test_what_cannot_be_played_is_refused_with_what_can() -> None:
         check_playable(scenario(Kill(at_s=0.0), CameraNoisy(at_s=0.0)), here=True)
     with pytest.raises(ConfigError, match="how = 'full' is not played in a live flight, which plays state-torn, "):
         check_playable(scenario(Disk(how="full", at_s=0.0)), here=True)
+    with pytest.raises(ConfigError, match="announced = false is not played"):
+        check_playable(scenario(PositionJump(at_s=0.0)), here=True)
     with pytest.raises(ConfigError, match="leave out --external"):
         check_playable(scenario(Kill(at_s=0.0)), here=False)
     check_playable(scenario(), here=False)
