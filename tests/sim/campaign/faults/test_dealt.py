@@ -3,7 +3,7 @@
 from collections import Counter
 
 from sim.campaign.faults.course import DEALT, LIVE
-from sim.campaign.faults.dealt import DECK, HAND, LIVE_DECK, deal
+from sim.campaign.faults.dealt import DECK, HAND, LIVE_DECK, MISLEADING, deal
 from sim.faults.disk import check_playable as check_lockstep
 from sim.live.faults import check_playable as check_live
 from sim.scenario import parse_scenario
@@ -16,7 +16,7 @@ def kinds(first: int, course) -> Counter[str]:
 
 def test_successive_seeds_have_the_whole_deck_and_live_ones_a_disarmed_drone_each() -> None:
     for first in (0, 500_000):
-        assert kinds(first, DEALT) == Counter(kind for kind, _ in DECK)
+        assert kinds(first, DEALT) == Counter(kind for kind, _ in DECK + MISLEADING)
     assert kinds(600_000, LIVE) == Counter(kind for kind, _ in LIVE_DECK) + Counter(disarm=3)
 
 
