@@ -71,7 +71,7 @@ class Flights:
         self._stopped = False
 
     def fly(self, command: Sequence[str], tree: Path, bug: str, seed: int, sources: str, attempt: int = 0) -> Flown | None:
-        """Fly the packages in ``tree``; None where it was stopped; BugError on a machine too busy for live ones."""
+        """Fly the packages in ``tree``; None where it was stopped. Raises BugError where the machine is too busy to fly live."""
         with tempfile.TemporaryDirectory(prefix="planted-") as folder:
             out = Path(folder) / "out"
             code, errors = self._run([*command, "--runs", "1", "--seed", str(seed), "--out", str(out)], tree)
