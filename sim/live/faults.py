@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from itertools import permutations
 from math import dist
+from random import Random
 
 import msgspec
 from msgspec import Struct

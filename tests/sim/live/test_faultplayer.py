@@ -20,12 +20,14 @@ from sim.faults.machines import (
     Battery,
     CameraDead,
     CameraNoisy,
+    Disarm,
     Gust,
     MavlinkLoss,
     MotorFailure,
     PositionJump,
     Refusal,
     SatellitesLost,
+    StreamLost,
     Takeover,
 )
 from sim.faults.network import padded
@@ -140,6 +142,8 @@ def test_orders_to_the_world_and_what_was_done(tmp_path: Path) -> None:
         (Battery(at_s=0.0, for_s=1.0, level=0.1, lies=True), False),
         (Refusal(at_s=0.0, for_s=1.0), False),
         (PositionJump(at_s=0.0, for_s=1.0, announced=True), False),
+        (StreamLost(message="ODOMETRY", at_s=0.0, for_s=1.0), False),
+        (Disarm(at_s=0.0), True),
         (MotorFailure(at_s=0.0), True),
     ],
 )
@@ -193,6 +197,8 @@ def test_what_cannot_be_played_is_refused_with_what_can() -> None:
         check_playable(scenario(Kill(at_s=0.0), CameraNoisy(at_s=0.0)), here=True)
     with pytest.raises(ConfigError, match="how = 'full' is not played in a live flight, which plays state-torn, "):
         check_playable(scenario(Disk(how="full", at_s=0.0)), here=True)
+    with pytest.raises(ConfigError, match="announced = false is not played"):
+        check_playable(scenario(PositionJump(at_s=0.0)), here=True)
     with pytest.raises(ConfigError, match="leave out --external"):
         check_playable(scenario(Kill(at_s=0.0)), here=False)
     check_playable(scenario(), here=False)

@@ -7,7 +7,7 @@ import pytest
 from emulated_px4 import Flight
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.faults.machines import Battery, Gust, MotorFailure, Refusal
+from sim.faults.machines import Battery, Gust, MotorFailure, PositionJump, Refusal, StreamLost
 
 ACCEPTED, REJECTED = 0, 1
 ARM, LAND, RETURN = mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH
@@ -115,5 +115,42 @@ def test_a_refusal_concerns_modes_and_arming_until_it_is_over():
         assert flight.report.mode == "hold"
         fleet.end_fault(0, refusal)
         assert await flight.ask(LAND) == [ACCEPTED]
+
+    flown(scenario)
+
+
+def test_a_reset_of_the_filter_moves_its_own_position_and_back():
+    async def scenario(flight, fleet):
+        def place():
+            told = flight.companion.last("LOCAL_POSITION_NED")
+            return np.array((told.x, told.y))
+
+        jump, before, truth = PositionJump(at_s=0.0, jump_m=5.0, announced=True), place(), flight.position.copy()
+        fleet.begin_fault(0, jump)
+        await flight.run(0.2)
+        assert np.hypot(*(place() - before)) == pytest.approx(5.0, abs=0.5)
+        assert np.hypot(*(flight.position - truth)[:2]) < 0.5
+        fleet.end_fault(0, jump)
+        await flight.run(0.2)
+        assert np.hypot(*(place() - before)) < 0.5
+
+    flown(scenario)
+
+
+def test_a_message_that_is_not_sent_comes_again_when_the_fault_is_over():
+    async def scenario(flight, fleet):
+        silent = StreamLost(at_s=0.0, message="LOCAL_POSITION_NED")
+
+        def stamp_ms():
+            return flight.companion.last("LOCAL_POSITION_NED").time_boot_ms
+
+        fleet.begin_fault(0, silent)
+        await flight.run(0.2)
+        before = stamp_ms()
+        await flight.run(1.0)
+        assert stamp_ms() == before
+        fleet.end_fault(0, silent)
+        await flight.run(1.0)
+        assert stamp_ms() > before + 500
 
     flown(scenario)
