@@ -25,6 +25,8 @@ from agent.fusion.engine import Fusion
 from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.exchange import LogExchange
 from agent.fusion.posterior import Posterior, posterior_of
+from agent.fusion.registry import Estimators, estimator_named
+from agent.geometry import Vector3
 from agent.localization.clocks import Clocks
 from agent.localization.ownpose import OwnPose
 from agent.localization.poseproblems import pose_problems
@@ -67,6 +69,7 @@ class Pilot:
         boot: str,
         listeners: Sequence[str] = (),
         memory: Memory | None = None,
+        estimators: Estimators = estimator_named,
     ) -> None:
         """Set up a drone.
 
@@ -76,6 +79,7 @@ class Pilot:
             boot: 16 hex digits, new at every start of the agent.
             listeners: estimators that fuse the same log without influence on the flight.
             memory: from the agent that flew this drone before; the flight continues if telemetry shows it in the air.
+            estimators: makes estimators by name; a simulation of many drones has them share what they compute.
 
         Raises:
             ConfigError: the drone is not one of the mission's.
@@ -88,7 +92,7 @@ class Pilot:
         self._swarm, self._mission_id = mission.swarm, mission.mission_id
         self._id, self._boot = drone.id, boot
         self.counters: Counter[str] = Counter()
-        self._world = WorldModel(mission, listeners)
+        self._world = WorldModel(mission, listeners, estimators)
         others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
         self._clocks = Clocks(drone.id, others)
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps
@@ -102,6 +106,7 @@ class Pilot:
         self._peers = Peers(others)
         self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory)
         self._problems = Problems(drone.id, self._mission_id)
+        self._told: tuple[str, ...] = ()
         self._exchange = LogExchange(mission.swarm, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
         self._reporter = Reporter(drone.id, self._mission_id, boot, mission.fusion.estimator)
@@ -156,6 +161,19 @@ class Pilot:
     def digest(self) -> str:
         """Digest of the log, 32 hex digits."""
         return self.fusion.digest
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Those of the last status."""
+        return self._told
+
+    @property
+    def own_place(self) -> tuple[Vector3, float] | None:
+        """Where this drone takes itself to be, mission frame, and 1 sigma of it, horizontal; None where it does not know."""
+        vehicle, frame = self._own.vehicle, self._own.frame
+        if vehicle is None or frame is None:
+            return None
+        return frame.mission_from_local.apply_point(vehicle.position_m), self._own.sigma_m
 
     def warn(self, problems: tuple[str, ...]) -> None:
         """Set the warnings that the shell has for the operator; replaces the previous ones."""
@@ -311,7 +329,7 @@ class Pilot:
         self._problems.seen = pose_problems(self._id, self._own, self._clocks, self.frames, now_ns, self.stage in FLYING)
         self._problems.unplaced = self._own.is_unplaced
         self._problems.flown = self._executive.problems(now_ns)
-        problems = self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
+        problems = self._told = self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
         delays_ns = self._clocks.delays_ns(now_ns)
         began_ns, seen = self._executive.started_ns, self._watch.message
         return Condition(self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns)

@@ -19,7 +19,19 @@ from agent.errors import ConfigError
 from sim.faults.agents import Cut, Disk, Flood, Freeze, Kill, Lag, Late, Partition, RadioRange, SlowCpu
 from sim.faults.base import Fault
 from sim.faults.kinds import kind_of
-from sim.faults.machines import Battery, CameraDead, Gust, MavlinkLoss, MotorFailure, Refusal, SatellitesLost, Takeover
+from sim.faults.machines import (
+    Battery,
+    CameraDead,
+    Disarm,
+    Gust,
+    MavlinkLoss,
+    MotorFailure,
+    PositionJump,
+    Refusal,
+    SatellitesLost,
+    StreamLost,
+    Takeover,
+)
 from sim.faults.schedule import Active, Schedule
 from sim.live.agents import Agents
 from sim.live.flooding import FloodPlan
@@ -29,7 +41,7 @@ from sim.live.relays.launcher import RelayProcess
 from sim.live.relays.linkstate import LinkState, combined
 from sim.live.relays.plan import vehicle_of
 from sim.live.view import View
-from sim.live.worldlink import Order, Truth
+from sim.live.worldlink import Order, Truth, fault_told
 from sim.live.worldprocess import WorldProcess
 from sim.scenario import Scenario
 from sim.vehicle.px4.faults import VehicleFault
@@ -37,7 +49,8 @@ from sim.vehicle.px4.faults import VehicleFault
 _RELAYED = (Partition, Cut, Lag, RadioRange, MavlinkLoss)
 _ON_LINKS = (Partition, Cut, Lag, RadioRange)
 _OF_VEHICLES = (Gust, MotorFailure, Battery, Refusal)
-PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, CameraDead, SatellitesLost, Takeover, *_OF_VEHICLES)
+_BY_THE_WORLD = (CameraDead, SatellitesLost, StreamLost, PositionJump, Takeover, Disarm, *_OF_VEHICLES)
+PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, *_BY_THE_WORLD)
 _DISKS = ("state-torn", "state-flipped", "record-torn", "record-removed")
 AWAKE_S = 0.05  # between two stops of a slow computer: a step
 LONGEST_STOP_S = 0.8  # of a slow computer; after 1 s of silence the watchdog kills the agent
@@ -61,6 +74,8 @@ def check_playable(scenario: Scenario, *, here: bool) -> None:
         if not isinstance(fault, PLAYABLE):
             kinds = ", ".join(str(kind.__struct_config__.tag) for kind in PLAYABLE)
             raise ConfigError(f"{where}: not played in a live flight, which plays {kinds}; `radron-sim run` plays all")
+        if isinstance(fault, PositionJump) and not fault.announced:
+            raise ConfigError(f"{where}: announced = false is not played in a live flight; announced = true is")
         if isinstance(fault, Disk) and fault.how not in _DISKS:
             raise ConfigError(f"{where}: how = {fault.how!r} is not played in a live flight, which plays {', '.join(_DISKS)}")
 
@@ -98,6 +113,7 @@ class FaultPlayer:
         self._random = Random(seed)
         self._agents, self._relays, self._world, self._view, self._places = agents, relays, world, view, places
         self._tasks: dict[tuple[Fault, str], asyncio.Task[None]] = {}
+        self._jumps: dict[tuple[Fault, int], tuple[float, float, float]] = {}  # of positions: east, north (m), heading (rad)
         self._time_s = 0.0
 
     def step(self, time_s: float, truth: Truth) -> None:
@@ -132,7 +148,6 @@ class FaultPlayer:
 
     def _begin(self, fault: Fault, drone: str) -> str | None:
         """Begin a fault of one drone; returns what was done."""
-        index = self._drones.index(drone)
         match fault:
             case Kill():
                 self._agents.signal(drone, signal.SIGKILL)
@@ -149,22 +164,39 @@ class FaultPlayer:
             case Flood():
                 self._go(fault, drone, self._flood(drone, fault))
                 return f"floods the mesh, {fault.rate_mbps:g} MB/s in messages of {fault.message_bytes} bytes"
+            case MavlinkLoss():
+                return f"{100.0 * fault.probability:g} % of the MAVLink messages are lost"
+            case Disk():
+                return self._damage(drone, fault.how)
+        return self._begin_in_the_world(fault, self._drones.index(drone))
+
+    def _begin_in_the_world(self, fault: Fault, index: int) -> str | None:
+        """Begin a fault that the world plays."""
+        match fault:
             case CameraDead():
                 self._world.order(Order.CAMERA_OFF, index)
                 return "no more readouts"
             case SatellitesLost():
                 self._world.order(Order.SATELLITES_OFF, index)
                 return "no satellites"
+            case StreamLost():
+                self._world.order(Order.STREAM_OFF, index, fault.message)
+                return f"no {fault.message} from the autopilot any more"
+            case PositionJump():
+                angle = self._random.uniform(0.0, math.tau)
+                turn_rad = math.radians(fault.turn_deg) * self._random.choice((-1.0, 1.0))
+                self._jumps[fault, index] = (fault.jump_m * math.cos(angle), fault.jump_m * math.sin(angle), turn_rad)
+                self._world.order(Order.RESET, index, *self._jumps[fault, index])
+                return f"the filter is reset: the position jumps by {fault.jump_m:g} m"
+            case Disarm():
+                self._world.order(Order.PILOT_DISARM, index)
+                return "somebody disarms it before it takes off"
             case Takeover():
                 self._world.order(Order(f"pilot {fault.mode}"), index)
                 return f"a pilot takes over: {fault.mode}"
             case Gust() | MotorFailure() | Battery() | Refusal():
-                self._world.order(Order.BREAK, index, fault)
+                self._world.order(Order.BREAK, index, fault_told(fault))
                 return _vehicle_told(fault)
-            case MavlinkLoss():
-                return f"{100.0 * fault.probability:g} % of the MAVLink messages are lost"
-            case Disk():
-                return self._damage(drone, fault.how)
         return None
 
     def _end(self, fault: Fault, drone: str) -> str | None:
@@ -189,11 +221,17 @@ class FaultPlayer:
             case SatellitesLost():
                 self._world.order(Order.SATELLITES_ON, index)
                 return "satellites again"
+            case PositionJump():
+                self._world.order(Order.RESET, index, *(-number for number in self._jumps.pop((fault, index))))
+                return "the filter is reset again: the position jumps back"
+            case StreamLost():
+                self._world.order(Order.STREAM_ON, index, fault.message)
+                return f"{fault.message} again"
             case Takeover():
                 self._world.order(Order.PILOT_HOLD, index)
                 return "the pilot gives it back, in hold"
             case Gust() | Battery() | Refusal():
-                self._world.order(Order.MEND, index, fault)
+                self._world.order(Order.MEND, index, fault_told(fault))
                 return f"{kind_of(fault)} is over"
             case MavlinkLoss():
                 return "no MAVLink messages are lost any more"

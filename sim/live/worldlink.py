@@ -9,7 +9,7 @@ from typing import Literal
 import msgspec
 from msgspec import Struct
 
-from sim.geometry import Vector3
+from sim.geometry import Quaternion, Vector3
 from sim.scenario import Scenario
 from sim.vehicle.px4.config import Address
 from sim.vehicle.px4.faults import VehicleFault
@@ -41,7 +41,8 @@ class WorldConfig(Struct, frozen=True, kw_only=True):
 
 
 class Order(StrEnum):
-    """The launcher's orders to the world, one per line on its standard input; those for one drone are followed by its index.
+    """The launcher's orders to the world, one per line on its standard input; those for one drone are followed by its index, and
+    by what is written below in capitals.
 
     The end of that stream ends the world.
     """
@@ -56,8 +57,12 @@ class Order(StrEnum):
     PILOT_HOLD = "pilot hold"
     PILOT_RETURN = "pilot return"
     PILOT_LAND = "pilot land"
-    BREAK = "break"  # a fault strikes one vehicle; followed by the fault as JSON, as is the next one
-    MEND = "mend"
+    PILOT_DISARM = "pilot disarm"  # as soon as it shows that it is armed, before it takes off
+    STREAM_OFF = "stream off"  # MESSAGE: its autopilot does not send this one any more
+    STREAM_ON = "stream on"  # MESSAGE
+    RESET = "reset"  # EAST NORTH TURN (m, m, rad): its filter is reset, its own position jumps by so much
+    BREAK = "break"  # FAULT (JSON without spaces): it strikes the vehicle
+    MEND = "mend"  # FAULT: it is over
 
 
 class Ready(Struct, frozen=True, tag="ready"):
@@ -75,8 +80,9 @@ class Ready(Struct, frozen=True, tag="ready"):
 class Truth(Struct, frozen=True, tag="truth"):
     """The world at one time; mission frame (ENU), metres.
 
-    time_s: since the world began. position_m, velocity_mps: of the vehicles. late_s: largest lag of the world behind the clock
-    since the last truth. dropped: earlier truths that the launcher was too slow to read.
+    time_s: since the world began; stamp_ns: the same, UTC. attitude: world-from-body quaternions (w, x, y, z). position_m,
+    velocity_mps: of the vehicles. late_s: largest lag of the world behind the clock since the last truth. dropped: earlier truths
+    that the launcher was too slow to read.
     """
 
     time_s: float
@@ -86,24 +92,22 @@ class Truth(Struct, frozen=True, tag="truth"):
     vehicles: tuple[VehicleReport, ...]
     late_s: float
     dropped: int
+    stamp_ns: int = 0
+    attitude: tuple[Quaternion, ...] = ()
 
 
 _fault_decoder = msgspec.json.Decoder(VehicleFault)
 
 
-def order_line(order: Order, drone: int | None, fault: VehicleFault | None) -> bytes:
-    """An order as a line; ``drone``: index of the one concerned."""
-    parts = [str(order)] if drone is None else [f"{order}: {drone}"]
-    if fault is not None:
-        parts.append(msgspec.json.encode(fault).decode())
-    return " ".join(parts).encode() + b"\n"
+def fault_told(fault: VehicleFault) -> str:
+    """A fault as the detail of an order."""
+    return msgspec.json.encode(fault).decode()
 
 
-def read_order(line: bytes) -> tuple[Order, int, VehicleFault | None]:
-    """The parts of such a line; without a drone its index is 0."""
-    order, _, more = line.decode().strip().partition(": ")
-    drone, _, fault = more.partition(" ")
-    return Order(order), int(drone or 0), _fault_decoder.decode(fault) if fault else None
+def fault_of(detail: str) -> VehicleFault:
+    """The fault of such a detail."""
+    fault: VehicleFault = _fault_decoder.decode(detail)
+    return fault
 
 
 _decoder = msgspec.msgpack.Decoder(Ready | Truth)
