@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -24,13 +24,13 @@ from agent.errors import RadronError
 from sim.geometry import Array
 from sim.live.crew import Guidance, crew_parameters
 from sim.live.feed import ByteServer, FeedServer, LineServer
-from sim.live.worldlink import Order, Ready, Truth, WorldConfig, pack, read_order
+from sim.live.vehicles import Vehicles
+from sim.live.worldlink import Order, Ready, Truth, WorldConfig, fault_of, pack
 from sim.scoring.recorder import LONGEST_START_S
 from sim.streams import Streams, streams
 from sim.vehicle.multirotor import Multirotors
 from sim.vehicle.px4.config import Datum, Px4Config
-from sim.vehicle.px4.faults import VehicleFault
-from sim.vehicle.px4.fleet import Px4Fleet, VehicleReport
+from sim.vehicle.px4.fleet import Px4Fleet
 from sim.vehicle.px4.ground_station import GroundStation
 from sim.world.cameras import Cameras, Motion
 from sim.world.launch import launch_places
@@ -171,12 +171,8 @@ class World:
                     self._vehicles.begin()
                 case Order.CAMERAS_OFF:
                     self._cameras = None
-                case Order.SATELLITES_OFF:
-                    self._vehicles.switch_satellites(drone, False)
-                case Order.SATELLITES_ON:
-                    self._vehicles.switch_satellites(drone, True)
                 case Order.CAMERA_OFF:
-                    self._dead_cameras.add(drone)
+                    self._dead_cameras.add(int(drone))
                 case Order.CAMERA_ON:
                     self._dead_cameras.discard(drone)
                 case Order.PILOT_MANUAL | Order.PILOT_HOLD | Order.PILOT_RETURN | Order.PILOT_LAND:
