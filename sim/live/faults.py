@@ -41,7 +41,7 @@ from sim.live.relays.launcher import RelayProcess
 from sim.live.relays.linkstate import LinkState, combined
 from sim.live.relays.plan import vehicle_of
 from sim.live.view import View
-from sim.live.worldlink import Order, Truth, fault_told
+from sim.live.worldlink import Order, Truth
 from sim.live.worldprocess import WorldProcess
 from sim.scenario import Scenario
 from sim.vehicle.px4.faults import VehicleFault

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from sim.geometry import Vector3
 from sim.vehicle.px4.faults import VehicleFault
 from sim.vehicle.px4.fleet import VehicleReport
 
@@ -32,15 +31,6 @@ class Vehicles(Protocol):
 
     def end_fault(self, drone: int, fault: VehicleFault) -> None:
         """A fault of a vehicle is over."""
-
-    def disarm(self, drone: int) -> None:
-        """Somebody on site disarms a vehicle as soon as it shows that it is armed, before it takes off."""
-
-    def switch_stream(self, drone: int, message: str, sent: bool) -> None:
-        """Switch one of a vehicle's MAVLink messages off or on."""
-
-    def reset_filter(self, drone: int, shift_m: Vector3, turn_rad: float) -> None:
-        """A vehicle's filter is reset: its own position jumps by ``shift_m`` (world), its heading by ``turn_rad``."""
 
     def reports(self) -> list[VehicleReport]:
         """An observer's view of each vehicle, besides its motion."""

@@ -25,7 +25,7 @@ from sim.geometry import Array
 from sim.live.crew import Guidance, crew_parameters
 from sim.live.feed import ByteServer, FeedServer, LineServer
 from sim.live.vehicles import Vehicles
-from sim.live.worldlink import Order, Ready, Truth, WorldConfig, fault_of, pack
+from sim.live.worldlink import Order, Ready, Truth, WorldConfig, pack, read_order
 from sim.scoring.recorder import LONGEST_START_S
 from sim.streams import Streams, streams
 from sim.vehicle.multirotor import Multirotors
@@ -52,37 +52,6 @@ ALIVE_STEPS = 50  # between keep-alive lines of sensors without data
 CATCH_UP_STEPS = 10  # largest number of steps at once when the world is behind; then the links are served
 SLIP_S = 0.3  # a world further behind than this has stood still: it goes on from there under the present time
 _BACKLOG_BYTES = 1 << 20  # of truths that the launcher has not read
-
-
-class Vehicles(Protocol):
-    """The vehicles' simulation, here or elsewhere."""
-
-    async def start(self) -> None:
-        """Open the links on the running loop."""
-
-    def begin(self) -> None:
-        """Start the mission."""
-
-    def step(self) -> None:
-        """Advance by one step."""
-
-    def switch_satellites(self, drone: int, received: bool) -> None:
-        """Switch a vehicle's satellite reception."""
-
-    def take_over(self, drone: int, mode: str) -> None:
-        """A pilot takes a vehicle over by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
-
-    def begin_fault(self, drone: int, fault: VehicleFault) -> None:
-        """A fault strikes a vehicle."""
-
-    def end_fault(self, drone: int, fault: VehicleFault) -> None:
-        """A fault of a vehicle is over."""
-
-    def reports(self) -> list[VehicleReport]:
-        """An observer's view of each vehicle, besides its motion."""
-
-    def close(self) -> None:
-        """Close the links."""
 
 
 class World:
@@ -171,8 +140,12 @@ class World:
                     self._vehicles.begin()
                 case Order.CAMERAS_OFF:
                     self._cameras = None
+                case Order.SATELLITES_OFF:
+                    self._vehicles.switch_satellites(drone, False)
+                case Order.SATELLITES_ON:
+                    self._vehicles.switch_satellites(drone, True)
                 case Order.CAMERA_OFF:
-                    self._dead_cameras.add(int(drone))
+                    self._dead_cameras.add(drone)
                 case Order.CAMERA_ON:
                     self._dead_cameras.discard(drone)
                 case Order.PILOT_MANUAL | Order.PILOT_HOLD | Order.PILOT_RETURN | Order.PILOT_LAND:

@@ -95,15 +95,19 @@ class Truth(Struct, frozen=True, tag="truth"):
 _fault_decoder = msgspec.json.Decoder(VehicleFault)
 
 
-def fault_told(fault: VehicleFault) -> str:
-    """A fault as the detail of an order."""
-    return msgspec.json.encode(fault).decode()
+def order_line(order: Order, drone: int | None, fault: VehicleFault | None) -> bytes:
+    """An order as a line; ``drone``: index of the one concerned."""
+    parts = [str(order)] if drone is None else [f"{order}: {drone}"]
+    if fault is not None:
+        parts.append(msgspec.json.encode(fault).decode())
+    return " ".join(parts).encode() + b"\n"
 
 
-def fault_of(detail: str) -> VehicleFault:
-    """The fault of such a detail."""
-    fault: VehicleFault = _fault_decoder.decode(detail)
-    return fault
+def read_order(line: bytes) -> tuple[Order, int, VehicleFault | None]:
+    """The parts of such a line; without a drone its index is 0."""
+    order, _, more = line.decode().strip().partition(": ")
+    drone, _, fault = more.partition(" ")
+    return Order(order), int(drone or 0), _fault_decoder.decode(fault) if fault else None
 
 
 _decoder = msgspec.msgpack.Decoder(Ready | Truth)

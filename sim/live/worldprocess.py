@@ -11,8 +11,9 @@ import msgspec
 
 from agent.errors import RadronError
 from sim.live.processes import Child
-from sim.live.worldlink import Order, Ready, Truth, WorldConfig, read
+from sim.live.worldlink import Order, Ready, Truth, WorldConfig, order_line, read
 from sim.runfile import write_text
+from sim.vehicle.px4.faults import VehicleFault
 
 UP_S = 300.0  # the first start computes the camera's response, with a progress bar
 SILENT_S = 10.0  # a world that is silent for so long hangs

@@ -37,7 +37,7 @@ from sim.live.places import Places
 from sim.live.relays.launcher import RelayProcess
 from sim.live.relays.linkstate import PASSING, LinkState
 from sim.live.view import View
-from sim.live.worldlink import Order, Truth, fault_of, fault_told
+from sim.live.worldlink import Order, Truth, order_line, read_order
 from sim.live.worldprocess import WorldProcess
 from sim.scenario import Scenario, load_scenario
 from sim.vehicle.px4.faults import VehicleFault
@@ -69,8 +69,8 @@ class Fakes:
     def folder(self, drone: str) -> Path:
         return self._folder / drone
 
-    def order(self, order: Order, drone: int | None = None, *details: str | float) -> None:
-        self.done.append((order, drone, *details))
+    def order(self, order: Order, drone: int | None = None, fault: VehicleFault | None = None) -> None:
+        self.done.append((order, drone) if fault is None else (order, drone, fault))
 
     def impair(self, sender: str, receiver: str, state: LinkState) -> None:
         self.links[sender, receiver] = state
@@ -150,9 +150,13 @@ def test_orders_to_the_world_and_what_was_done(tmp_path: Path) -> None:
 def test_faults_of_vehicles_are_played_by_the_world(tmp_path: Path, fault: VehicleFault, lasts: bool) -> None:
     struck = replace(fault, target="d2")
     done = played(tmp_path, struck).done
-    assert done == [(Order.BREAK, 1, fault_told(struck)), *[(Order.MEND, 1, fault_told(struck))] * (not lasts)]
-    assert fault_of(fault_told(struck)) == struck
-    assert " " not in fault_told(struck)  # which separates the details of an order
+    assert done == [(Order.BREAK, 1, struck), *[(Order.MEND, 1, struck)] * (not lasts)]
+    assert read_order(order_line(Order.BREAK, 1, struck)) == (Order.BREAK, 1, struck)
+
+
+def test_orders_without_a_fault_or_a_drone_are_read() -> None:
+    assert read_order(order_line(Order.GO, None, None)) == (Order.GO, 0, None)
+    assert read_order(order_line(Order.PILOT_MANUAL, 2, None)) == (Order.PILOT_MANUAL, 2, None)
 
 
 def test_links_are_cut_as_the_groups_the_direction_or_the_distance_say(tmp_path: Path) -> None:
