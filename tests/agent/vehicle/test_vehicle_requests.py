@@ -177,3 +177,20 @@ def test_in_a_failsafe_what_it_goes_back_to_is_changed() -> None:
     assert desk.run(Request.LAND, 3.0) == []
     desk.seen = replace(FLYING, mode=FlightMode.HOLD)  # before the request came through it went elsewhere
     assert Act.LAND in desk.run(Request.LAND, 3.0)
+
+
+def test_one_heartbeat_that_says_disarmed_does_not_end_a_request() -> None:
+    """Faulty or forged: the next one says otherwise, and the autopilot is asked again. One that stays disarmed is left alone."""
+    steered = replace(FLYING, mode=FlightMode.OFFBOARD)
+    desk = Desk(steered, beat_s=1.0)
+    desk.run(Request.OFFBOARD, 3.0)
+    assert Act.RETURN in desk.run(Request.RETURN, 2.0)
+    for _ in range(3):
+        desk.seen = ON_GROUND
+        desk.run(Request.RETURN, 1.0)
+        desk.seen = steered
+        assert Act.RETURN in desk.run(Request.RETURN, 2.0)
+    desk.seen = ON_GROUND
+    desk.run(Request.RETURN, 4.0)
+    desk.seen = steered
+    assert desk.run(Request.RETURN, 4.0) == []
