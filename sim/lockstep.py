@@ -32,6 +32,7 @@ from sim.faults.poses import with_dead_reckoning
 from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
 from sim.faults.schedule import Schedule
+from sim.geometry import Vector3
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
 from sim.scoring.aboard import Aboard
@@ -143,6 +144,7 @@ class _World:
         errors = Localization(scenario.localization, count, TICK_NS * 1e-9, random.localization)
         self._localization = with_dead_reckoning(scenario.fault, errors)
         self._estimated = self._frames.local(position)
+        self._velocities: list[Vector3] = [(0.0, 0.0, 0.0)] * count
         places = zip(self._estimated, self._frames.yaw_rad.tolist(), mission.return_heights_m, strict=True)
         self._autopilots = [Autopilot(home, -yaw, TICK_NS * 1e-9, height_m) for home, yaw, height_m in places]
         world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
@@ -283,7 +285,7 @@ class _World:
     def _telemetry(self, now_ns: int) -> None:
         motion, error, frames = self._multirotors, self._localization, self._frames
         self._estimated = frames.local(motion.position_m + error.position_error_m)
-        velocities = frames.turn(motion.velocity_mps + error.velocity_error_mps)
+        velocities = self._velocities = frames.turn(motion.velocity_mps + error.velocity_error_mps)
         # An attitude error acts like another thrust.
         thrusts = frames.turn(motion.thrust_mps2 + GRAVITY_MPS2 * error.tilt_error)
         yaws = (motion.yaw_rad + error.yaw_error_rad - frames.yaw_rad).tolist()
@@ -338,8 +340,9 @@ class _World:
         motion, error = self._multirotors, self._localization
         flat = self._terrain.flat and not self._frames.moving  # where a frame moves vertically, home is not at ground level
         heights = self._terrain.above_ground(motion.position_m)[:, 2].tolist()
-        for autopilot, estimated, height_m in zip(self._autopilots, self._estimated, heights, strict=True):
-            autopilot.step(estimated, estimated[2] - height_m)  # it lands where the ground is, not where it believes it to be
+        told = zip(self._autopilots, self._estimated, heights, self._velocities, strict=True)
+        for autopilot, estimated, height_m, velocity in told:
+            autopilot.step(estimated, estimated[2] - height_m, velocity)  # it lands where the ground is, not where it believes it
         targets = [autopilot.target for autopilot in self._autopilots]
         turned = self._frames.to_world([(target.position, target.velocity, target.acceleration) for target in targets])
         yaws = np.array([(target.yaw, target.yaw_rate) for target in targets])

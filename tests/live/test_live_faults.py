@@ -6,7 +6,7 @@ import asyncio
 import json
 import os
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from itertools import pairwise
 from math import atan2, degrees
@@ -37,7 +37,8 @@ from sim.scenario import load_scenario, override
 
 FLIGHT_S = 300.0  # of which 60 s are flown; the machine is shared
 CIRCLED_S = 3.0
-SPACED_S, SETTLED_S = 25.0, 4.0  # a silent drone keeps its place on the circle for 20 s
+EVEN_DEG = 25.0  # deviation of a gap from 120 degrees
+SPACED_S, SETTLED_S = 10.0, 19.0  # the vehicle whose agent is gone has left the circle by then
 
 
 def stretched(time_s: float) -> float:
@@ -70,7 +71,7 @@ class Circling(NamedTuple):
 @asynccontextmanager
 async def circling(folder: Path, fault: AnyFault) -> AsyncIterator[Circling]:
     """Three drones of the demo around the source. The fault's times count from ``strike``."""
-    scenario = override(load_scenario("demo"), {"mission.track.duration_s": 70.0})
+    scenario = override(load_scenario("demo"), {"mission.track.duration_s": 90.0})
     async with live_swarm(replace(scenario, fault=(fault,)), 1, folder, Places.relayed(3), View()) as swarm:
         operator = swarm.operator
         await operator.get_ready(READY_S)
@@ -79,7 +80,8 @@ async def circling(folder: Path, fault: AnyFault) -> AsyncIterator[Circling]:
         since_s: list[float] = []
 
         def circled() -> bool:
-            if not witness.moments or any(stage is not Stage.TRACK for stage in witness.now.stages):
+            source = operator.world.truth.source_m
+            if not witness.moments or source is None or not circles_evenly(witness.now, source):
                 since_s.clear()
             elif not since_s:
                 since_s.append(witness.now.time_s)
@@ -93,10 +95,16 @@ async def circling(folder: Path, fault: AnyFault) -> AsyncIterator[Circling]:
             flying.cancel()
 
 
-def angle_deg(now: Moment, source: tuple[float, float]) -> float:
-    """Angle at the source between the first drone and the third."""
-    first, third = (atan2(y - source[1], x - source[0]) for x, y in (now.position[0, :2], now.position[2, :2]))
-    return abs((degrees(third - first) + 180.0) % 360.0 - 180.0)
+def angle_deg(now: Moment, source: Sequence[float], one: int = 0, other: int = 2) -> float:
+    """Angle at the source between two drones."""
+    first, second = (atan2(*(now.position[drone, :2] - source[:2])[::-1]) for drone in (one, other))
+    return abs((degrees(second - first) + 180.0) % 360.0 - 180.0)
+
+
+def circles_evenly(now: Moment, source: Sequence[float]) -> bool:
+    """Whether all three track, a third of the circle apart."""
+    tracks = all(stage is Stage.TRACK for stage in now.stages)
+    return tracks and all(abs(angle_deg(now, source, *pair) - 120.0) < EVEN_DEG for pair in ((0, 1), (1, 2), (0, 2)))
 
 
 @pytest.mark.slow

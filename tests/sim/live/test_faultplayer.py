@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import signal
 from collections.abc import Sequence
-from math import hypot
 from pathlib import Path
 from typing import cast
 
@@ -17,7 +16,20 @@ from protocol.codec import decode, encode
 from protocol.messages import Pose
 from sim.faults.agents import Cut, Disk, Freeze, Kill, Lag, Late, Partition, RadioRange
 from sim.faults.kinds import AnyFault
-from sim.faults.machines import CameraDead, CameraNoisy, Disarm, MavlinkLoss, PositionJump, SatellitesLost, StreamLost, Takeover
+from sim.faults.machines import (
+    Battery,
+    CameraDead,
+    CameraNoisy,
+    Disarm,
+    Gust,
+    MavlinkLoss,
+    MotorFailure,
+    PositionJump,
+    Refusal,
+    SatellitesLost,
+    StreamLost,
+    Takeover,
+)
 from sim.faults.network import padded
 from sim.live.agents import Agents
 from sim.live.faults import FaultPlayer, check_playable, needs_relays
@@ -25,9 +37,10 @@ from sim.live.places import Places
 from sim.live.relays.launcher import RelayProcess
 from sim.live.relays.linkstate import PASSING, LinkState
 from sim.live.view import View
-from sim.live.worldlink import Order, Truth
+from sim.live.worldlink import Order, Truth, order_line, read_order
 from sim.live.worldprocess import WorldProcess
 from sim.scenario import Scenario, load_scenario
+from sim.vehicle.px4.faults import VehicleFault
 
 CUT = LinkState(cut=True)
 
@@ -56,8 +69,8 @@ class Fakes:
     def folder(self, drone: str) -> Path:
         return self._folder / drone
 
-    def order(self, order: Order, drone: int | None = None, *details: str | float) -> None:
-        self.done.append((order, drone, *details))
+    def order(self, order: Order, drone: int | None = None, fault: VehicleFault | None = None) -> None:
+        self.done.append((order, drone) if fault is None else (order, drone, fault))
 
     def impair(self, sender: str, receiver: str, state: LinkState) -> None:
         self.links[sender, receiver] = state
@@ -122,14 +135,28 @@ def test_orders_to_the_world_and_what_was_done(tmp_path: Path) -> None:
     assert [(each.time_s, each.what) for each in one.played] == [(1.04, "d1: no more readouts")]
 
 
-def test_streams_that_stop_filters_that_are_reset_and_somebody_who_disarms(tmp_path: Path) -> None:
-    stream = StreamLost(target="d2", message="ODOMETRY", at_s=0.0, for_s=1.0)
-    done = played(tmp_path, stream, Disarm(target="d3", at_s=1.0)).done
-    assert done == [(Order.STREAM_OFF, 1, "ODOMETRY"), (Order.PILOT_DISARM, 2), (Order.STREAM_ON, 1, "ODOMETRY")]
-    there, back = played(tmp_path, PositionJump(target="d1", jump_m=5.0, announced=True, at_s=0.0, for_s=1.0)).done
-    assert there[:2] == back[:2] == (Order.RESET, 0)
-    assert hypot(*cast(tuple[float, float], there[2:4])) == pytest.approx(5.0)
-    assert [-cast(float, number) for number in there[2:]] == list(back[2:])
+@pytest.mark.parametrize(
+    ("fault", "lasts"),
+    [
+        (Gust(at_s=0.0, for_s=1.0), False),
+        (Battery(at_s=0.0, for_s=1.0, level=0.1, lies=True), False),
+        (Refusal(at_s=0.0, for_s=1.0), False),
+        (PositionJump(at_s=0.0, for_s=1.0, announced=True), False),
+        (StreamLost(message="ODOMETRY", at_s=0.0, for_s=1.0), False),
+        (Disarm(at_s=0.0), True),
+        (MotorFailure(at_s=0.0), True),
+    ],
+)
+def test_faults_of_vehicles_are_played_by_the_world(tmp_path: Path, fault: VehicleFault, lasts: bool) -> None:
+    struck = replace(fault, target="d2")
+    done = played(tmp_path, struck).done
+    assert done == [(Order.BREAK, 1, struck), *[(Order.MEND, 1, struck)] * (not lasts)]
+    assert read_order(order_line(Order.BREAK, 1, struck)) == (Order.BREAK, 1, struck)
+
+
+def test_orders_without_a_fault_or_a_drone_are_read() -> None:
+    assert read_order(order_line(Order.GO, None, None)) == (Order.GO, 0, None)
+    assert read_order(order_line(Order.PILOT_MANUAL, 2, None)) == (Order.PILOT_MANUAL, 2, None)
 
 
 def test_links_are_cut_as_the_groups_the_direction_or_the_distance_say(tmp_path: Path) -> None:
