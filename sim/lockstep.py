@@ -214,6 +214,8 @@ class _World:
         for drone, action, stamp_ns in self._old_commands.due(now_ns):
             if self._crew.agents[drone].alive:
                 self._command(now_ns, drone, action, stamp_ns)
+            else:
+                self._old_commands.forget(drone)
         for drone, agent in enumerate(self._crew.agents):
             agent.command, agent.sent = None, 0
             if not agent.alive:

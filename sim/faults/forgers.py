@@ -60,6 +60,10 @@ class OldCommands:
         self._schedule = schedule
         self._waiting: deque[tuple[int, int, Action, int]] = deque()  # when, to whom, what, its stamp
 
+    def forget(self, drone: int) -> None:
+        """The drone's agent is dead: it has not heard what would make the last command an old one."""
+        self._waiting = deque(one for one in self._waiting if one[1] != drone)
+
     def due(self, now_ns: int) -> list[tuple[int, Action, int]]:
         """The commands that arrive now: drone, command, stamp."""
         for one in self._schedule.begun:

@@ -61,3 +61,13 @@ def test_an_old_command_comes_after_the_one_that_ended_it() -> None:
         (20 + LATE_NS // 50_000_000, 1, Action.HOLD),
     ]
     assert arrived[2][3] == arrived[0][3] < arrived[1][3]
+
+
+def test_an_agent_that_was_dead_gets_no_old_command() -> None:
+    schedule = Schedule([msgspec.convert({"kind": "old-command", "at_s": 0.0, "target": "d2"}, KINDS["old-command"])], DRONES, 1)
+    commands = OldCommands(schedule)
+    schedule.advance(0.0)
+    assert [command[:2] for command in commands.due(0)] == [(1, Action.HOLD)]
+    schedule.advance(0.05)
+    commands.forget(1)
+    assert commands.due(2 * LATE_NS) == []
