@@ -31,7 +31,7 @@ AUTHORITY_DAYS = 3650
 DAYS = {Role.DRONE: 30, Role.OPERATOR: 90, Role.OBSERVER: 90, Role.STATION: 365, Role.RELEASE: 365}
 EARLIER = timedelta(hours=1)  # certificates begin this much in the past: a drone's clock may be behind
 _LIST_DAYS = 3650  # until a list of revoked certificates should be replaced; nobody refuses an older one
-_THROWAWAY_DAYS = 2
+_THROWAWAY_DAYS = 31  # so that no agent reminds of their end
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,12 +133,12 @@ def write_file(file: Path, data: bytes, secret: bool = False) -> None:
         raise
 
 
-def throwaway(folder: Path, members: Mapping[str, Role], now_ns: int) -> None:
-    """Identities for one flight on this machine, in ``folder/NAME/``. Their authority's key is forgotten: nobody else can join.
+def throwaway(members: Mapping[Path, tuple[str, Role]], now_ns: int) -> None:
+    """Identities for one flight, by folder. Their authority's key is forgotten: nobody else can join.
 
     Raises:
         OSError: they cannot be written.
     """
     issuer = Issuer.new("throwaway", now_ns, _THROWAWAY_DAYS)
-    for name, role in members.items():
-        write_identity(folder / name, issuer.authority, issuer.issue(name, role, now_ns, _THROWAWAY_DAYS))
+    for folder, (name, role) in members.items():
+        write_identity(folder, issuer.authority, issuer.issue(name, role, now_ns, _THROWAWAY_DAYS))

@@ -325,8 +325,6 @@ def _check_owner(identity: Identity, drone: str | None) -> None:
     place = f"{identity.folder / CERTIFICATE_FILE}: is the certificate of {own.name} ({own.role})"
     if drone is not None and (own.name, own.role) != (drone, Role.DRONE):
         raise MeshError(f"{place}, and this drone is {drone}; run `radron-deploy pki issue {drone} --role drone`")
-    if drone is None and own.role not in (Role.OPERATOR, Role.OBSERVER, Role.STATION):
-        raise MeshError(f"{place}, which does not command; run `radron-deploy pki issue NAME --role operator`")
 
 
 def _settle(future: asyncio.Future[None]) -> None:

@@ -7,19 +7,24 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from agent.config.section import Degrees, NonNegative, Section
-from protocol.units import DroneId
+from protocol.units import DroneId, Identifier
 
 
 class PeerMeshConfig(Section, frozen=True, kw_only=True):
-    """Where the swarm's Zenoh sessions listen, by drone: ``{d1 = "tcp/10.7.1.11:7447", ...}``, the same on every drone.
+    """Where the swarm's Zenoh sessions listen, by drone: ``{d1 = "tls/10.7.1.11:7447", ...}``, the same on every drone.
 
     A drone listens at its own endpoint and connects to those of the drones before it: one link for each pair. ``gossip``: it also
-    connects to drones that others announce, where those listen.
+    connects to drones that others announce, where those listen. ``identity``: folder with this drone's certificate and key, made
+    by ``radron-deploy pki issue``. ``insecure``: plain TCP instead (endpoints ``tcp/...``), open to everybody. ``others``: names
+    of those who may join besides the drones: operators, observers (none: everybody with a certificate of the swarm).
     """
 
     endpoints: dict[DroneId, str] = field(default_factory=dict)
     listen: str | None = None  # none: its own entry of ``endpoints``
     gossip: bool = True
+    identity: str | None = None
+    insecure: bool = False
+    others: tuple[Identifier, ...] | None = None
 
 
 class VisionConfig(Section, frozen=True, kw_only=True):

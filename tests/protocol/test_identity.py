@@ -173,7 +173,7 @@ def test_keys_are_never_shown(issuer: Issuer, tmp_path: Path) -> None:
 
 
 def test_a_throwaway_authority_leaves_no_key_with_which_others_could_join(tmp_path: Path) -> None:
-    throwaway(tmp_path, {"d1": Role.DRONE, "operator": Role.OPERATOR}, now_ns())
+    throwaway({tmp_path / "d1": ("d1", Role.DRONE), tmp_path / "operator": ("operator", Role.OPERATOR)}, now_ns())
     d1, operator = load_identity(tmp_path / "d1"), load_identity(tmp_path / "operator")
     assert operator.authority.verify(d1.own.der).name == "d1"
     keys = [path for path in tmp_path.rglob("*") if path.is_file() and b"PRIVATE" in path.read_bytes()]
