@@ -25,6 +25,7 @@ from agent.fusion.engine import Fusion
 from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.exchange import LogExchange
 from agent.fusion.posterior import Posterior, posterior_of
+from agent.fusion.registry import Estimators, estimator_named
 from agent.localization.clocks import Clocks
 from agent.localization.ownpose import OwnPose
 from agent.localization.poseproblems import pose_problems
@@ -67,6 +68,7 @@ class Pilot:
         boot: str,
         listeners: Sequence[str] = (),
         memory: Memory | None = None,
+        estimators: Estimators = estimator_named,
     ) -> None:
         """Set up a drone.
 
@@ -76,6 +78,7 @@ class Pilot:
             boot: 16 hex digits, new at every start of the agent.
             listeners: estimators that fuse the same log without influence on the flight.
             memory: from the agent that flew this drone before; the flight continues if telemetry shows it in the air.
+            estimators: makes estimators by name; a simulation of many drones has them share what they compute.
 
         Raises:
             ConfigError: the drone is not one of the mission's.
@@ -88,7 +91,7 @@ class Pilot:
         self._swarm, self._mission_id = mission.swarm, mission.mission_id
         self._id, self._boot = drone.id, boot
         self.counters: Counter[str] = Counter()
-        self._world = WorldModel(mission, listeners)
+        self._world = WorldModel(mission, listeners, estimators)
         others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
         self._clocks = Clocks(drone.id, others)
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps

@@ -37,6 +37,7 @@ from sim.scoring.aboard import Aboard
 from sim.scoring.framescore import FrameScore
 from sim.scoring.moment import Moment, Observer
 from sim.scoring.recorder import LONGEST_START_S, Recorder
+from sim.sharing import Folds
 from sim.streams import streams
 from sim.vehicle.autopilot import Autopilot
 from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, Setpoints, attitude
@@ -134,6 +135,7 @@ class _World:
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
         self._configs, self._listen, self._seed, self._make = configs, listen, seed, make or Pilot
+        self._folds = Folds(count, seed)
         self._terrain = Terrain(scenario.terrain)
         position = self._terrain.on_ground(launch_places(scenario.start, mission, random.start))
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
@@ -151,9 +153,8 @@ class _World:
         agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]
         self._crew = Crew(scenario.fault, self._faults, agents, self._start, self._gone)
         scored = [Aboard(agent) for agent in agents]
-        known = None
-        if self._frames.moving:
-            known = FrameScore(mission, scored[0], self._frames, scenario.localization.event_s)
+        event_s = scenario.localization.event_s
+        known = FrameScore(mission, scored[0], self._frames, event_s) if self._frames.moving else None
         self.recorder = Recorder(scenario, scored, self._frames, TICK_NS * 1e-9, scored[0].listeners, known)
         self._source = None
         self._source_now: tuple[float, float] | None = None
@@ -312,7 +313,7 @@ class _World:
         """The pilot of a drone's agent that has been started so many times before."""
         boot = f"{self._seed & 0xFFFFFFFF:08x}{starts << 16 | drone:08x}"
         listeners = self._listen if drone == 0 else ()
-        return self._make(self._mission, self._configs[drone], boot=boot, listeners=listeners, memory=memory)
+        return self._make(self._mission, self._configs[drone], boot, listeners, memory, self._folds.of(drone))
 
     def _gone(self, drone: int) -> None:
         """An agent has died, or begins."""

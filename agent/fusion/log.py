@@ -99,7 +99,7 @@ class ObservationLog:
         """The identity of an entry held, as the log holds it: whoever keeps that one needs no memory for another."""
         own = entry.entry_id
         publisher = entry.drone, entry.boot
-        rivals = (self._numbered[publisher][entry.sequence], *self._twins.get((publisher, entry.sequence), ()))
+        rivals: list[EntryId] = [self._numbered[publisher][entry.sequence], *self._twins.get((publisher, entry.sequence), ())]
         return next(identity for identity in rivals if identity == own)
 
     def revision(self, kind: type[Entry]) -> int:

@@ -109,8 +109,10 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform, identity:
     place = _position(exposure.poses, middle_ns - exposure.stamp_ns)
     sigmas = _sigmas(exposure, mission_from_local, place, exposure.position_sigma_m)
     position = mission_from_local.apply_point(place)
-    origin = mission_from_local, identity, exposure.epoch
-    return CountObservation(exposure.end_ns, middle_ns, position, exposure.live_time_s, counts, *sigmas, *origin)
+    live_s = exposure.live_time_s
+    return CountObservation(
+        exposure.end_ns, middle_ns, position, live_s, counts, *sigmas, mission_from_local, identity, exposure.epoch
+    )
 
 
 def _sigmas(entry: Cone | Exposure, mission_from_local: Transform, place: Vector3, told_m: float) -> tuple[float, float]:

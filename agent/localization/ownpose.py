@@ -159,7 +159,7 @@ class OwnPose:
 
     @property
     def otherwise(self) -> Transform | None:
-        """The local frame in the mission frame if the localisation is right that has jumped; None where there is no such doubt."""
+        """The local frame in the mission frame if the localisation that has jumped is right; None without such a doubt."""
         return self._otherwise
 
     @property

@@ -210,7 +210,7 @@ class Neighbourhood:
         return transform
 
     def _elsewhere(self, name: str, pose: Pose, me: Self) -> PeerPlan | None:
-        """Where a drone of an exactly known frame is if its localisation is right that has jumped (``agent.localization.ownpose``).
+        """Where a drone of an exactly known frame is if its localisation that has jumped is right (``localization.ownpose``).
 
         None where it states no doubt, or one that separation allows for anyway.
         """

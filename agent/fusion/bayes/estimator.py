@@ -21,7 +21,7 @@ from msgspec.structs import replace
 from shapely import Polygon
 
 from agent.config.mission import BayesEstimatorConfig, MissionConfig
-from agent.frames.transform import Transform
+from agent.frames.transform import Transform, same
 from agent.fusion.bayes.apparent import Sights, on_ground
 from agent.fusion.bayes.cones import Orders
 from agent.fusion.bayes.mixture import Mixture, apparent_rms_m, with_variance
@@ -283,7 +283,7 @@ def _frame_change(
     """
     epoch, transform = observation.epoch, observation.mission_from_local
     before = frames.get(vehicle)
-    if transform.covariance is None or (before is not None and before[1] is transform):
+    if transform.covariance is None or (before is not None and same(before[1], transform)):
         return None, frames
     now = {**frames, vehicle: (epoch, transform)}
     if before is None:

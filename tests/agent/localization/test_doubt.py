@@ -63,7 +63,9 @@ def test_the_fence_holds_for_both_places(own):
     for frame in (own.frame.mission_from_local, own.otherwise):
         for x, y in both.outline.exterior.coords:
             u, v, _ = frame.apply_point((x, y, 0.0))
-            assert -AREA.fence_margin_m - 0.6 <= min(u, v) <= max(u, v) <= 50.0 + AREA.fence_margin_m + 0.6  # corners are simplified
+            assert (
+                -AREA.fence_margin_m - 0.6 <= min(u, v) <= max(u, v) <= 50.0 + AREA.fence_margin_m + 0.6
+            )  # corners are simplified
 
 
 @pytest.mark.parametrize(("jump_m", "stage"), [(5.0, Stage.SURVEY), (22.0, Stage.RETURN)])
