@@ -24,6 +24,7 @@ from protocol.keys import key_of
 from protocol.messages import Action, Command
 from sim.faults.agents import Late
 from sim.faults.disk import check_playable
+from sim.faults.forgers import Forgers, OldCommands
 from sim.faults.liars import Liars
 from sim.faults.network import FaultyRadio
 from sim.faults.onboard import OnboardFaults
@@ -148,6 +149,7 @@ class _World:
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
         self._liars = Liars(scenario.fault, self._faults)
+        self._forgers, self._old_commands = Forgers(self._faults, names), OldCommands(self._faults)
         self._recovery = Recovery(mission.swarm, names, self._radio, self._liars.told) if scenario.fault else None
         late = [any(isinstance(fault, Late) and name in fault.strikes(names) for fault in scenario.fault) for name in names]
         agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]
@@ -207,6 +209,9 @@ class _World:
         if self.ticks == round(START_S * 1e9 / TICK_NS):
             self._command_start(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive])
         self._command_start(now_ns, self._crew.called(now_ns))
+        for drone, action, stamp_ns in self._old_commands.due(now_ns):
+            if self._crew.agents[drone].alive:
+                self._command(now_ns, drone, action, stamp_ns)
         for drone, agent in enumerate(self._crew.agents):
             agent.command, agent.sent = None, 0
             if not agent.alive:
@@ -229,6 +234,8 @@ class _World:
         step = pilot.step(own_ns)
         for key, payload in (*agent.readings, *step.publications):
             self._radio.send(drone, key, self._liars.tell(drone, key, payload), now_ns)
+            for forged in self._forgers.forged(drone, key, payload):
+                self._radio.send(drone, key, forged, now_ns)
             self.recorder.hear(drone, key, payload)
         agent.command, agent.sent = step.command, len(agent.readings) + len(step.publications)
         agent.readings.clear()
@@ -303,11 +310,15 @@ class _World:
             )
 
     def _command_start(self, now_ns: int, drones: Sequence[int]) -> None:
-        mission = self._mission
         for drone in drones:
-            command = Command(stamp_ns=now_ns, station="lockstep", mission=mission.mission_id, action=Action.START)
-            own_ns = self._onboard.clocks.own_ns(drone, now_ns)
-            self.pilots[drone].receive(key_of(mission.swarm, command), encode(command), own_ns)
+            self._command(now_ns, drone, Action.START, now_ns)
+
+    def _command(self, now_ns: int, drone: int, action: Action, stamp_ns: int) -> None:
+        """A command of the operator reaches a drone; ``stamp_ns``: when it was given."""
+        mission = self._mission
+        command = Command(stamp_ns=stamp_ns, station="lockstep", mission=mission.mission_id, action=action)
+        own_ns = self._onboard.clocks.own_ns(drone, now_ns)
+        self.pilots[drone].receive(key_of(mission.swarm, command), encode(command), own_ns)
 
     def _start(self, drone: int, starts: int = 0, memory: Memory | None = None) -> Pilot:
         """The pilot of a drone's agent that has been started so many times before."""
