@@ -18,7 +18,7 @@ import numpy as np
 from agent.config.drone import DroneConfig, VehicleConfig
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
-from agent.vehicle.interface import VehicleState
+from agent.vehicle.interface import FlightMode, VehicleState
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
@@ -335,9 +335,9 @@ class _World:
     def _move(self) -> None:
         motion, error = self._multirotors, self._localization
         flat = self._terrain.flat and not self._frames.moving  # where a frame moves vertically, home is not at ground level
-        heights = None if flat else self._terrain.above_ground(motion.position_m)[:, 2].tolist()
-        for drone, (autopilot, estimated) in enumerate(zip(self._autopilots, self._estimated, strict=True)):
-            autopilot.step(estimated, None if heights is None else estimated[2] - heights[drone])
+        heights = self._terrain.above_ground(motion.position_m)[:, 2].tolist()
+        for autopilot, estimated, height_m in zip(self._autopilots, self._estimated, heights, strict=True):
+            autopilot.step(estimated, estimated[2] - height_m)  # it lands where the ground is, not where it believes it to be
         targets = [autopilot.target for autopilot in self._autopilots]
         turned = self._frames.to_world([(target.position, target.velocity, target.acceleration) for target in targets])
         yaws = np.array([(target.yaw, target.yaw_rate) for target in targets])
@@ -351,7 +351,8 @@ class _World:
         grounded = np.array([autopilot.grounded for autopilot in self._autopilots])
         # The autopilot controls its estimates, not its true position and velocity.
         motion.step(setpoints, grounded, error.position_error_m, error.velocity_error_mps)
-        if not flat or motion.any_falls:
+        landing = any(autopilot.mode is FlightMode.LAND for autopilot in self._autopilots)
+        if not flat or motion.any_falls or landing:
             motion.rest_on(motion.position_m[:, 2] - self._terrain.above_ground(motion.position_m)[:, 2])
         error.step()
         self._onboard.poses.step()

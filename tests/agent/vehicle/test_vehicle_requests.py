@@ -54,6 +54,15 @@ def test_a_vehicle_that_was_disarmed_is_not_armed_again_by_the_same_request() ->
     assert desk.run(Request.TAKEOFF, 5.0) == []
 
 
+def test_nor_is_one_that_showed_itself_armed_right_after_the_command() -> None:
+    desk = Desk(ON_GROUND, beat_s=1.0)
+    assert desk.run(Request.TAKEOFF, 1.0, altitude_set=False) == [Act.SET_TAKEOFF_ALTITUDE]
+    desk.seen = replace(ON_GROUND, armed=True)
+    assert desk.run(Request.TAKEOFF, 0.1)[0] is Act.ARM  # a heartbeat right after it, too soon to be taken for its effect
+    desk.seen = ON_GROUND
+    assert Act.ARM not in desk.run(Request.TAKEOFF, 5.0)
+
+
 def test_offboard_is_asked_for_once_setpoints_stream_and_again_until_the_heartbeat_shows_it() -> None:
     desk = Desk(FLYING)
     assert desk.run(Request.OFFBOARD, 1.0, streaming=False) == []
