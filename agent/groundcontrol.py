@@ -8,10 +8,12 @@ import re
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from pathlib import Path
 
 from agent.errors import RadronError
 from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
+from protocol.identity import CERTIFICATE_FILE, Identity, Role, load_identity, utc
 from protocol.keys import key_of, parse_key
 from protocol.messages import Action, Command, Stage, Status
 from protocol.session import Mesh, MeshConfig
@@ -51,6 +53,7 @@ class Order:
     drones: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
     anyway: bool = False  # start although drones report problems; a drone that cannot start still refuses
+    identity: Path | None = None  # folder with the operator's certificate; None: links are not encrypted
 
 
 async def command(order: Order, say: Callable[[str], None]) -> None:
@@ -61,11 +64,15 @@ async def command(order: Order, say: Callable[[str], None]) -> None:
         ProtocolError: an endpoint that cannot be used.
     """
     statuses = _Statuses()
-    mesh = await Mesh.open(MeshConfig(connect=order.connect), order.swarm, None, receive=statuses.receive)
+    links = MeshConfig(connect=order.connect, identity=_identity(order))
+    mesh = await Mesh.open(links, order.swarm, None, receive=statuses.receive)
     try:
-        drones = await _find(order, statuses)
-        if order.action is Action.START and not order.anyway:
-            _look_for_problems(drones, statuses, order.without)
+        drones = await _find(order, statuses, links.identity)
+        if order.action is Action.START:
+            if not order.anyway:
+                _look_for_problems(drones, statuses, order.without)
+            for line in (f"{name}: {text}" for name in drones for text in statuses[name].notices):
+                say(line)
         message = Command(
             stamp_ns=time.time_ns(),
             station=f"command-{os.getpid()}",
@@ -78,6 +85,30 @@ async def command(order: Order, say: Callable[[str], None]) -> None:
         say(f"{order.action}: " + ", ".join(f"{name} {statuses[name].stage}" for name in drones))
     finally:
         await mesh.close()
+
+
+_RENEW = "run `radron-deploy pki issue NAME --role operator`, and copy the folder that it makes"
+
+
+def _identity(order: Order) -> Identity | None:
+    """The operator's certificate. Its times are left to the drones' clocks: a laptop's wrong clock must not prevent a landing."""
+    if order.identity is None:
+        return None
+    identity = load_identity(order.identity)
+    own = identity.own
+    if own.role is not Role.OPERATOR:
+        file = order.identity / CERTIFICATE_FILE
+        raise CommandError(f"{file}: is the certificate of {own.name}, whose role is {own.role}, not operator; {_RENEW}")
+    return identity
+
+
+def _lapsed(identity: Identity | None, now_ns: int) -> str:
+    """Why nothing is heard, if it may be for the operator's certificate."""
+    if identity is None or identity.own.not_before_ns <= now_ns <= identity.own.not_after_ns:
+        return ""
+    until, now = (f"{utc(at_ns):%Y-%m-%d %H:%M} UTC" for at_ns in (identity.own.not_after_ns, now_ns))
+    file = identity.folder / CERTIFICATE_FILE
+    return f"; {file} is valid until {until}, and this computer's clock shows {now}: set it, or {_RENEW}"
 
 
 class _Statuses:
@@ -120,7 +151,7 @@ class _Statuses:
         return f"{drone}: {action} is not possible in {status.stage}"
 
 
-async def _find(order: Order, statuses: _Statuses) -> list[str]:
+async def _find(order: Order, statuses: _Statuses, identity: Identity | None) -> list[str]:
     """The drones that the order addresses, all of them heard."""
     began_s = time.monotonic()
     while (waited_s := time.monotonic() - began_s) < FIND_S:
@@ -132,7 +163,8 @@ async def _find(order: Order, statuses: _Statuses) -> list[str]:
         await asyncio.sleep(0.1)
     places = ", ".join(order.connect)
     missing = ", ".join(sorted(set(order.drones) - set(statuses.heard()))) or f"any drone of the swarm {order.swarm!r}"
-    raise CommandError(f"{order.action}: nothing heard from {missing} at {places} within {FIND_S:g} s")
+    lapsed = _lapsed(identity, time.time_ns())
+    raise CommandError(f"{order.action}: nothing heard from {missing} at {places} within {FIND_S:g} s{lapsed}")
 
 
 def _mission_of(drones: Collection[str], statuses: _Statuses) -> str:

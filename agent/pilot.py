@@ -32,7 +32,7 @@ from agent.localization.ownpose import OwnPose
 from agent.localization.poseproblems import pose_problems
 from agent.mission.executive import Executive
 from agent.mission.memory import Memory
-from agent.mission.problems import TWIN_NS, Problems
+from agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, TWIN_NS, Problems
 from agent.mission.reporter import Condition, Outbox, Reporter
 from agent.mission.stages import FLYING
 from agent.mission.worldmodel import WorldModel
@@ -106,6 +106,7 @@ class Pilot:
         self._peers = Peers(others)
         self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory)
         self._problems = Problems(drone.id, self._mission_id)
+        self._notices: tuple[str, ...] = ()
         self._told: tuple[str, ...] = ()
         self._exchange = LogExchange(mission.swarm, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
@@ -182,6 +183,10 @@ class Pilot:
     def block(self, problems: tuple[str, ...]) -> None:
         """Set the problems found by the shell that prevent a start; replaces the previous ones."""
         self._problems.blocked = problems
+
+    def notice(self, notices: tuple[str, ...]) -> None:
+        """Set what the shell has for the operator to know, and which is no problem of this flight; replaces the previous."""
+        self._notices = tuple(text[:LONGEST_PROBLEM] for text in notices[:MOST_NOTICES])
 
     def log_summary(self) -> bytes:
         """A summary of the log: a request for missing entries, answered by the others' ``log_answer``."""
@@ -332,4 +337,4 @@ class Pilot:
         problems = self._told = self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
         delays_ns = self._clocks.delays_ns(now_ns)
         began_ns, seen = self._executive.started_ns, self._watch.message
-        return Condition(self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns)
+        return Condition(self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns, self._notices)

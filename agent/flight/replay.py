@@ -210,9 +210,10 @@ def _action(pilot: RecordedPilot, call: FlightRecord) -> Callable[[], object]:
             return lambda: pilot.receive(key, payload, now_ns)
         case topics.QUERY:
             return lambda: pilot.log_answer(data)
-        case topics.WARN | topics.BLOCK:
+        case topics.WARN | topics.BLOCK | topics.NOTICE:
             texts = msgspec.json.decode(data, type=tuple[str, ...])
-            return lambda: pilot.warn(texts) if topic == topics.WARN else pilot.block(texts)
+            tell = {topics.WARN: pilot.warn, topics.BLOCK: pilot.block, topics.NOTICE: pilot.notice}[topic]
+            return lambda: tell(texts)
         case topics.ADVANCE:
             return lambda: pilot.advance(now_ns)
         case topics.STEP:

@@ -36,6 +36,7 @@ class Condition(Struct, frozen=True):
     recognised: Recognised | None = None
     delays_ns: dict[str, int] = {}
     started_ns: int | None = None
+    notices: tuple[str, ...] = ()
 
 
 class Outbox:
@@ -121,6 +122,7 @@ class Reporter:
                 recognised=now.recognised,
                 delays_ns=now.delays_ns,
                 started_ns=now.started_ns,
+                notices=now.notices,
             )
 
     def _is_due(self, kind: type[Message], now_ns: int) -> bool:
