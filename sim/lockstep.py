@@ -22,6 +22,7 @@ from agent.vehicle.interface import VehicleState
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command
+from protocol.signing import sign_command
 from sim.faults.agents import Late
 from sim.faults.disk import check_playable
 from sim.faults.liars import Liars
@@ -31,6 +32,7 @@ from sim.faults.poses import with_dead_reckoning
 from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
 from sim.faults.schedule import Schedule
+from sim.members import OPERATOR_NAME, SimulatedAuthority, operator_of
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
 from sim.scoring.aboard import Aboard
@@ -134,6 +136,8 @@ class _World:
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
         self._configs, self._listen, self._seed, self._make = configs, listen, seed, make or Pilot
+        self._authority = SimulatedAuthority(seed)
+        self._operator = operator_of(self._authority)
         self._terrain = Terrain(scenario.terrain)
         position = self._terrain.on_ground(launch_places(scenario.start, mission, random.start))
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
@@ -145,7 +149,7 @@ class _World:
         world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
-        self._liars = Liars(scenario.fault, self._faults)
+        self._liars = Liars(scenario.fault, self._faults, [self._authority.trust(name).sign for name in names])
         self._recovery = Recovery(mission.swarm, names, self._radio, self._liars.told) if scenario.fault else None
         late = [any(isinstance(fault, Late) and name in fault.strikes(names) for fault in scenario.fault) for name in names]
         agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]
@@ -303,16 +307,21 @@ class _World:
 
     def _command_start(self, now_ns: int, drones: Sequence[int]) -> None:
         mission = self._mission
+        if not drones:
+            return
+        own_ns = {drone: self._onboard.clocks.own_ns(drone, now_ns) for drone in drones}
+        to = {self._configs[drone].id: self.pilots[drone].ticket(own_ns[drone]) for drone in drones}
+        command = Command(stamp_ns=now_ns, station=OPERATOR_NAME, mission=mission.mission_id, action=Action.START, to=to)
+        payload = encode(sign_command(command, self._operator))
         for drone in drones:
-            command = Command(stamp_ns=now_ns, station="lockstep", mission=mission.mission_id, action=Action.START)
-            own_ns = self._onboard.clocks.own_ns(drone, now_ns)
-            self.pilots[drone].receive(key_of(mission.swarm, command), encode(command), own_ns)
+            self.pilots[drone].receive(key_of(mission.swarm, command), payload, own_ns[drone])
 
     def _start(self, drone: int, starts: int = 0, memory: Memory | None = None) -> Pilot:
         """The pilot of a drone's agent that has been started so many times before."""
         boot = f"{self._seed & 0xFFFFFFFF:08x}{starts << 16 | drone:08x}"
         listeners = self._listen if drone == 0 else ()
-        return self._make(self._mission, self._configs[drone], boot=boot, listeners=listeners, memory=memory)
+        trust = self._authority.trust(self._configs[drone].id)
+        return self._make(self._mission, self._configs[drone], boot=boot, listeners=listeners, memory=memory, trust=trust)
 
     def _gone(self, drone: int) -> None:
         """An agent has died, or begins."""

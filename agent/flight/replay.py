@@ -11,10 +11,14 @@ from typing import NamedTuple
 import msgspec
 from msgspec import Struct
 
-from agent.errors import RadronError
+from agent.errors import FlightRecordError, RadronError
 from agent.flight import topics
+from agent.flight.header import FlightHeader
 from agent.flight.reader import FlightRecord, RecordedFlight
 from agent.flight.recorded import RecordedPilot
+from agent.flight.signatures import RecordedSignatures
+from protocol.errors import ProtocolError
+from protocol.signing import Authority
 
 _OUT = "out/"
 _SHOWN = 200  # characters of a result in a report
@@ -55,24 +59,31 @@ class ReplayReport(Struct, frozen=True, kw_only=True):
         return not self.differing and self.flaw is None
 
 
-def replay(path: Path, progress: Callable[[float], None] | None = None) -> ReplayReport:
+def replay(
+    path: Path, progress: Callable[[float], None] | None = None, authority: Authority | None = None
+) -> ReplayReport:
     """Feed a recorded flight to a new pilot, call by call.
 
     Args:
         path: any file of the flight, or a folder with one flight.
         progress: called regularly with the share done, 0 to 1.
+        authority: of the swarm; None: the recorded one.
 
     Raises:
         FlightRecordError: the flight cannot be replayed.
     """
     flight = RecordedFlight(path)
+    signatures = _signatures(flight.header, authority)
     with TemporaryDirectory() as folder:
         heard = _Received()
-        pilot = RecordedPilot(flight.header.pilot(Path(folder)), heard)
+        trust = signatures.trust if signatures is not None else None
+        pilot = RecordedPilot(flight.header.pilot(Path(folder), trust), heard)
         comparison = _Comparison()
         for count, (call, results, is_last) in enumerate(_groups(flight)):
             heard.results.clear()
             comparison.calls[call.topic] += 1
+            if signatures is not None:
+                signatures.offer(results)
             error = _repeat(pilot, call)
             comparison.compare(call, results, heard.results, error, is_last)
             if progress is not None and count % 500 == 0:
@@ -90,6 +101,18 @@ def replay(path: Path, progress: Callable[[float], None] | None = None) -> Repla
         flaw=flight.flaw,
         versions=flight.header.versions,
     )
+
+
+def _signatures(header: FlightHeader, authority: Authority | None) -> RecordedSignatures | None:
+    """What signs and verifies in the replay; None for a flight without certificates."""
+    if not header.certificate:
+        return None
+    if authority is None:
+        raise FlightRecordError(f"the flight of {header.drone.id} was signed: its authority is needed for a replay")
+    try:
+        return RecordedSignatures(header.certificate, authority)
+    except ProtocolError as error:
+        raise FlightRecordError(f"the certificate of {header.drone.id} in the record: {error}") from None
 
 
 class _Group(NamedTuple):

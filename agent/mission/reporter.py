@@ -14,7 +14,7 @@ from protocol.codec import encode
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
 from protocol.message import Message
-from protocol.messages import Estimate, Frame, Pose, Recognised, Stage, Status
+from protocol.messages import Estimate, Failsafe, Frame, Pose, Recognised, Source, Stage, Status, Ticket
 
 _PERIODS_NS: dict[type[Message], int] = {
     Pose: 100_000_000,
@@ -26,7 +26,8 @@ _PERIODS_NS: dict[type[Message], int] = {
 
 class Condition(Struct, frozen=True):
     """Contents of a status besides the battery: stage, counters, problems, result of a search without a source ("": none), the
-    nuclide recognised in the spectrum, the delays of the others' statuses, and the start of the mission.
+    nuclide recognised in the spectrum, the delays of the others' statuses, the start of the mission, the ticket for the next
+    command, and what the vehicle's failsafe does.
     """
 
     stage: Stage
@@ -36,6 +37,8 @@ class Condition(Struct, frozen=True):
     recognised: Recognised | None = None
     delays_ns: dict[str, int] = {}
     started_ns: int | None = None
+    ticket: Ticket | None = None
+    failsafe: Failsafe | None = None
 
 
 class Outbox:
@@ -46,15 +49,23 @@ class Outbox:
         self._counters = counters
         self._waiting: list[tuple[str, bytes]] = []
 
+    def can_send(self, message: Message) -> bool:
+        """Whether the protocol takes a message; one that it refuses is counted."""
+        return self._encoded(message) is not None
+
     def put(self, message: Message) -> bytes | None:
         """Encode and queue a message; its payload, or None where it cannot be sent."""
+        payload = self._encoded(message)
+        if payload is not None:
+            self._waiting.append((key_of(self._swarm, message), payload))
+        return payload
+
+    def _encoded(self, message: Message) -> bytes | None:
         try:
-            payload = encode(message)
+            return encode(message)
         except ProtocolError:
             self._counters[f"unsendable_{type(message).__name__.lower()}"] += 1
             return None
-        self._waiting.append((key_of(self._swarm, message), payload))
-        return payload
 
     def take(self) -> list[tuple[str, bytes]]:
         """Everything since the last call."""
@@ -121,6 +132,8 @@ class Reporter:
                 recognised=now.recognised,
                 delays_ns=now.delays_ns,
                 started_ns=now.started_ns,
+                ticket=now.ticket,
+                failsafe=now.failsafe,
             )
 
     def _is_due(self, kind: type[Message], now_ns: int) -> bool:
@@ -147,12 +160,7 @@ class Reporter:
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
         x, y, z = hypothesis.position.tolist()
         u, v, w = hypothesis.velocity.tolist()
-        return Estimate(
-            stamp_ns=now_ns,
-            drone=self._drone,
-            mission=self._mission_id,
-            estimator=self._estimator,
-            digest=digest,
+        source = Source(
             position_m=(x, y, z),
             covariance_m2=(xx, xy, xz, yy, yz, zz),
             velocity_mps=(u, v, w),
@@ -160,4 +168,12 @@ class Reporter:
             activity_sigma_bq=hypothesis.activity_sigma_bq,
             evidence=hypothesis.evidence,
             cones=hypothesis.cones,
+        )
+        return Estimate(
+            stamp_ns=now_ns,
+            drone=self._drone,
+            mission=self._mission_id,
+            estimator=self._estimator,
+            digest=digest,
+            sources=(source,),
         )

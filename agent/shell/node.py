@@ -266,7 +266,7 @@ class Node:
         """Pass changed problems on to the pilot, and save the state for a restart."""
         self._tell("warning", self._warnings(now_s), self._pilot.warn)
         unkept = () if self._store.problem is None else (self._store.problem,)
-        self._tell("problem", self._vehicle.problems + self._unrecorded + unkept, self._pilot.block)
+        self._tell("problem", self._vehicle.problems + self._unrecorded + unkept + self._mesh.differing, self._pilot.block)
         memory = self._pilot.memory
         # On the ground the launch place changes all the time, and is not needed.
         self._store.save(State(memory=memory, launch=self._vehicle.launch if memory is not None else None))

@@ -15,6 +15,7 @@ from agent.flight.recorder import FlightRecorder
 from agent.flight.replay import replay
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
+from protocol.signing import Authority, Trust
 
 _LIMIT_MB = 1000  # far beyond a random mission
 
@@ -41,6 +42,7 @@ class Recording:
         """``folder``: for the records; one folder in it for each start of the agent."""
         self._drone, self._folder = drone, folder
         self._recorders: dict[Path, FlightRecorder] = {}
+        self._authority: Authority | None = None
 
     def make(
         self,
@@ -49,14 +51,16 @@ class Recording:
         boot: str,
         listeners: Sequence[str] = (),
         memory: Memory | None = None,
+        trust: Trust | None = None,
     ) -> Pilot:
         """As ``Pilot``."""
-        pilot = Pilot(mission, drone, boot, listeners, memory)
+        pilot = Pilot(mission, drone, boot, listeners, memory, trust)
         if drone.id != self._drone:
             return pilot
         folder = self._folder / boot
-        recorder = FlightRecorder(folder, _LIMIT_MB, FlightHeader.of(mission, drone, boot, 0, memory))
+        recorder = FlightRecorder(folder, _LIMIT_MB, FlightHeader.of(mission, drone, boot, 0, memory, trust))
         self._recorders[folder] = recorder
+        self._authority = trust.authority if trust is not None else None
         return cast(Pilot, _Recorded(pilot, recorder))
 
     def differences(self) -> list[str]:
@@ -65,7 +69,7 @@ class Recording:
         for folder, recorder in self._recorders.items():
             recorder.close()
             try:
-                report = replay(folder)
+                report = replay(folder, authority=self._authority)
             except RadronError as error:
                 found.append(f"cannot be replayed: {error}")
                 continue
