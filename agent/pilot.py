@@ -26,6 +26,7 @@ from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.exchange import LogExchange
 from agent.fusion.posterior import Posterior, posterior_of
 from agent.fusion.proofs import Proofs
+from agent.fusion.registry import Estimators, estimator_named
 from agent.localization.clocks import Clocks
 from agent.localization.ownpose import OwnPose
 from agent.localization.poseproblems import pose_problems
@@ -69,6 +70,7 @@ class Pilot:
         boot: str,
         listeners: Sequence[str] = (),
         memory: Memory | None = None,
+        estimators: Estimators = estimator_named,
         trust: Trust | None = None,
     ) -> None:
         """Set up a drone.
@@ -79,6 +81,7 @@ class Pilot:
             boot: 16 hex digits, new at every start of the agent.
             listeners: estimators that fuse the same log without influence on the flight.
             memory: from the agent that flew this drone before; the flight continues if telemetry shows it in the air.
+            estimators: makes estimators by name; a simulation of many drones has them share what they compute.
             trust: signs what it publishes, and verifies what others do; None: in a swarm without certificates.
 
         Raises:
@@ -92,7 +95,7 @@ class Pilot:
         self._swarm, self._mission_id = mission.swarm, mission.mission_id
         self._id, self._boot = drone.id, boot
         self.counters: Counter[str] = Counter()
-        self._world = WorldModel(mission, listeners)
+        self._world = WorldModel(mission, listeners, estimators)
         others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
         self._clocks = Clocks(drone.id, others)
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps
@@ -333,4 +336,6 @@ class Pilot:
         ticket = self._orders.ticket(now_ns)
         delays_ns = self._clocks.delays_ns(now_ns)
         began_ns, seen = self._executive.started_ns, self._watch.message
-        return Condition(self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns, ticket, self._failsafe)
+        return Condition(
+            self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns, ticket, self._failsafe
+        )

@@ -39,6 +39,7 @@ from sim.scoring.aboard import Aboard
 from sim.scoring.framescore import FrameScore
 from sim.scoring.moment import Moment, Observer
 from sim.scoring.recorder import LONGEST_START_S, Recorder
+from sim.sharing import Folds
 from sim.streams import streams
 from sim.vehicle.autopilot import Autopilot
 from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, Setpoints, attitude
@@ -136,6 +137,7 @@ class _World:
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
         self._configs, self._listen, self._seed, self._make = configs, listen, seed, make or Pilot
+        self._folds = Folds(count, seed)
         self._authority = SimulatedAuthority(seed)
         self._operator = operator_of(self._authority)
         self._terrain = Terrain(scenario.terrain)
@@ -155,9 +157,8 @@ class _World:
         agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]
         self._crew = Crew(scenario.fault, self._faults, agents, self._start, self._gone)
         scored = [Aboard(agent) for agent in agents]
-        known = None
-        if self._frames.moving:
-            known = FrameScore(mission, scored[0], self._frames, scenario.localization.event_s)
+        event_s = scenario.localization.event_s
+        known = FrameScore(mission, scored[0], self._frames, event_s) if self._frames.moving else None
         self.recorder = Recorder(scenario, scored, self._frames, TICK_NS * 1e-9, scored[0].listeners, known)
         self._source = None
         self._source_now: tuple[float, float] | None = None
@@ -321,7 +322,7 @@ class _World:
         boot = f"{self._seed & 0xFFFFFFFF:08x}{starts << 16 | drone:08x}"
         listeners = self._listen if drone == 0 else ()
         trust = self._authority.trust(self._configs[drone].id)
-        return self._make(self._mission, self._configs[drone], boot=boot, listeners=listeners, memory=memory, trust=trust)
+        return self._make(self._mission, self._configs[drone], boot, listeners, memory, self._folds.of(drone), trust)
 
     def _gone(self, drone: int) -> None:
         """An agent has died, or begins."""

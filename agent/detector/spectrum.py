@@ -24,7 +24,9 @@ class CoarseSpectrum:
     def add(self, energy_kev: float, coincidence: bool) -> None:
         """Add one event; of a coincidence the sum of both energies."""
         if LOWEST_KEV <= energy_kev < HIGHEST_KEV:
-            (self._coincidences if coincidence else self._singles)[min(int((sqrt(energy_kev) - _LOW_ROOT) * _PER_ROOT), BINS - 1)] += 1
+            (self._coincidences if coincidence else self._singles)[
+                min(int((sqrt(energy_kev) - _LOW_ROOT) * _PER_ROOT), BINS - 1)
+            ] += 1
 
     def add_singles(self, energy_kev: NDArray[np.float64]) -> None:
         """Add single clusters; energy_kev: (N,)."""

@@ -59,9 +59,7 @@ class ReplayReport(Struct, frozen=True, kw_only=True):
         return not self.differing and self.flaw is None
 
 
-def replay(
-    path: Path, progress: Callable[[float], None] | None = None, authority: Authority | None = None
-) -> ReplayReport:
+def replay(path: Path, progress: Callable[[float], None] | None = None, authority: Authority | None = None) -> ReplayReport:
     """Feed a recorded flight to a new pilot, call by call.
 
     Args:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from agent.config.mission import MissionConfig
-from agent.frames.transform import Transform
+from agent.frames.transform import Transform, same
 
 LAUNCH_EPOCH = 0  # the epoch in which a drone's localisation starts
 
@@ -53,13 +53,13 @@ class FrameGraph:
         """
         line = self._lines.setdefault((drone, epoch), _Line())
         first = bisect_left(line.stamps_ns, stamp_ns)
-        same = 0
+        kept = 0
         for (stamp, transform), held_ns, held in zip(known, line.stamps_ns[first:], line.transforms[first:], strict=False):
-            if stamp != held_ns or not _same(transform, held):
+            if stamp != held_ns or not same(transform, held):
                 break
-            same += 1
-        first += same
-        rest = known[same:]
+            kept += 1
+        first += kept
+        rest = known[kept:]
         if not rest and first == len(line.stamps_ns):
             return
         # Before the first known stamp the first transform holds, so the change reaches back to the beginning.
@@ -92,13 +92,3 @@ class FrameGraph:
             if newer:
                 found[key] = newer[0][1]
         return found
-
-
-def _same(a: Transform | None, b: Transform | None) -> bool:
-    if a is b:
-        return True
-    if a is None or b is None or (a.yaw_rad, a.translation) != (b.yaw_rad, b.translation):
-        return False
-    if a.covariance is None or b.covariance is None:
-        return a.covariance is b.covariance
-    return a.covariance.tobytes() == b.covariance.tobytes()

@@ -112,3 +112,14 @@ class Transform:
         """Derivative of R(yaw) vector by yaw."""
         x, y, _ = vector
         return (-self._sin * x - self._cos * y, self._cos * x - self._sin * y, 0.0)
+
+
+def same(a: Transform | None, b: Transform | None) -> bool:
+    """Whether two transforms, or two that are not known, have the same value."""
+    if a is b:
+        return True
+    if a is None or b is None or (a.yaw_rad, a.translation) != (b.yaw_rad, b.translation):
+        return False
+    if a.covariance is None or b.covariance is None:
+        return a.covariance is b.covariance
+    return a.covariance.tobytes() == b.covariance.tobytes()

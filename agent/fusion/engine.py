@@ -16,7 +16,7 @@ from protocol.entries import AnyEntry, Entry, EntryId
 
 SLICE_UNITS = 400  # work per call of advance, in units of ``Estimator.work``: about 10 ms
 LATE_NS = 5_000_000_000  # an entry that changes older steps than this waits for others of its kind
-_MOST_CHECKPOINTS = 64  # 0.4 MB each while `bayes` searches
+_MOST_CHECKPOINTS = 12  # 0.2 MB each while `bayes` searches an area of 60 m x 60 m, up to 1.6 MB in larger ones
 _NEVER, _AFTER = -1, 2**63  # before and after every step
 
 FrameKey = tuple[str, int]  # drone and epoch
@@ -56,7 +56,7 @@ class Fusion:
         self._grid_ns = round((self.estimator.grid_s or mission.fusion.grid_s) * 1e9)
         self._frames = frames
         self._revision = frames.revision
-        self._waiting: dict[FrameKey, dict[EntryId, AnyEntry]] = {}  # entries whose frame is unknown
+        self._waiting: dict[FrameKey, dict[EntryId, None]] = {}  # entries whose frame is unknown
         self._waits_in: dict[EntryId, FrameKey] = {}
         self._late: dict[EntryId, AnyEntry | None] = {}  # what is to take the place of what is held; None: nothing
         self._replay: dict[int, Any] | None = None  # the chain that takes the place of the present one
@@ -103,13 +103,14 @@ class Fusion:
         if outcome is not Outcome.ADDED and outcome is not Outcome.REPLACED:
             return False
         read = entry if isinstance(entry, self.estimator.reads) else None
+        identity = self.log.identity_of(entry)
         if self._is_late(entry.stamp_ns):
             if read is not None or outcome is Outcome.REPLACED:
-                self._late[entry.entry_id] = read
+                self._late[identity] = read
                 self.pending = True
             return True
-        self._late.pop(entry.entry_id, None)
-        self._rewind(self._put(entry.entry_id, read))
+        self._late.pop(identity, None)
+        self._rewind(self._put(identity, read))
         return True
 
     def _is_late(self, stamp_ns: int) -> bool:
@@ -174,14 +175,13 @@ class Fusion:
         transform = self._frames.mission_from_local(entry.drone, entry.epoch, entry.stamp_ns)
         if transform is None:
             key = self._waits_in[identity] = entry.drone, entry.epoch
-            self._waiting.setdefault(key, {})[identity] = entry
+            self._waiting.setdefault(key, {})[identity] = None
             return first
-        observation = observe(entry, transform)
+        observation = observe(entry, transform, identity)
         if observation is None:
             return first
-        identity = observation.entry.identity  # one object for all indices
         step = observation.stamp_ns // self._grid_ns
-        if step >= self._first_step and self._timeline.add(step, identity, observation):
+        if step >= self._first_step and self._timeline.add(step, observation):
             return min(first, step)
         return first
 
@@ -216,23 +216,21 @@ class Fusion:
             observations = self._timeline.of(index)
             budget -= self.estimator.work(state, len(observations))
             state = states[index] = self.estimator.step(state, self._grid_step(index), observations)
-            if len(states) > 2 * _MOST_CHECKPOINTS:
+            if len(states) > _MOST_CHECKPOINTS:
                 _thin(states)
-        if len(states) > _MOST_CHECKPOINTS:
-            _thin(states)
         return True, budget
 
     def _apply_frame_changes(self) -> None:
         """Convert the entries again that were measured in frames whose estimate has changed."""
         changes = self._frames.changes(self._revision)
         self._revision = self._frames.revision
-        again = [entry for key in changes for entry in self._waiting.get(key, {}).values()]
+        again = [identity for key in changes for identity in self._waiting.get(key, ())]
         for observation in self._timeline.since(min(changes.values(), default=0) // self._grid_ns):
-            measured = observation.entry
-            changed_ns = changes.get((measured.drone, measured.epoch))
+            measured = observation.identity
+            changed_ns = changes.get((measured.drone, observation.epoch))
             if changed_ns is not None and measured.stamp_ns >= changed_ns:
-                again.append(cast(AnyEntry, self.log.entry(measured.identity)))
-        changed = min((self._put(entry.entry_id, entry) for entry in again), default=_AFTER)
+                again.append(measured)
+        changed = min((self._put(identity, cast(AnyEntry, self.log.entry(identity))) for identity in again), default=_AFTER)
         if changed < self._oldest_step and self._states:
             self._begin_replay(changed)
         else:
@@ -254,6 +252,10 @@ def _undo(states: dict[int, Any], step: int) -> None:
 
 
 def _thin(states: dict[int, Any]) -> None:
-    """Drop half of the older checkpoints: the older, the sparser."""
-    for index in list(states)[1 : _MOST_CHECKPOINTS // 2 : 2]:
-        del states[index]
+    """Drop a checkpoint: the one without which replays have to begin earliest, relative to what they must compute anyway.
+
+    So the spacing grows with the age, and a late entry costs about twice the steps that it changes, however old it is.
+    """
+    held = list(states)
+    age = [held[-1] + 1 - index for index in held]
+    del states[held[min(range(1, len(held) - 1), key=lambda place: age[place - 1] / age[place + 1])]]

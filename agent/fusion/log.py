@@ -9,7 +9,7 @@ import hashlib
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
-from itertools import islice, zip_longest
+from itertools import chain, islice, zip_longest
 from typing import TypeVar, cast
 
 from msgspec import Struct
@@ -39,11 +39,10 @@ class Outcome(Enum):
 
 
 class Record(Struct, frozen=True):
-    """An entry as its bytes that crossed the link, with their hash as a number. Decoded it would take four times the memory."""
+    """An entry as its bytes that crossed the link. Decoded it would take four times the memory."""
 
     kind: type[Entry]
     payload: bytes
-    hash: int
 
     @property
     def entry(self) -> Entry:
@@ -72,30 +71,36 @@ class ObservationLog:
         self.mission_id = mission_id
         self._drones = frozenset(drones)
         self.counters: dict[str, int] = {outcome.value: 0 for outcome in Outcome}
-        self._records: dict[EntryId, Record] = {}
-        self._by_kind: defaultdict[type[Entry], set[EntryId]] = defaultdict(set)
+        self._payloads: defaultdict[type[Entry], dict[EntryId, bytes]] = defaultdict(dict)
         self._revisions: Counter[type[Entry]] = Counter()
         self._held: dict[Publisher, SequenceSet] = {}
         self._boots: defaultdict[str, list[str]] = defaultdict(list)  # by drone, in the order of their first entries
-        self._numbered: defaultdict[Publisher, dict[int, list[EntryId]]] = defaultdict(dict)  # one each, but for faults
+        self._numbered: defaultdict[Publisher, dict[int, EntryId]] = defaultdict(dict)
+        self._twins: defaultdict[tuple[Publisher, int], list[EntryId]] = defaultdict(list)  # others of the same number: faults
         self._sum = 0
 
     def __len__(self) -> int:
         """Number of entries held."""
-        return len(self._records)
+        return sum(map(len, self._payloads.values()))
 
     def __iter__(self) -> Iterator[Record]:
         """The records held, in the order of their identities."""
-        return (self._records[identity] for identity in sorted(self._records))
+        return (self._record(identity) for identity in sorted(chain.from_iterable(self._payloads.values())))
 
     def entries(self, kind: type[E]) -> list[E]:
         """The entries of one kind in the order of their identities: a function of the log's content."""
-        held = self._by_kind[kind]
-        return [cast(E, self._records[identity].entry) for identity in sorted(held)]
+        return [cast(E, decode(payload)) for _, payload in sorted(self._payloads[kind].items())]
 
     def entry(self, identity: EntryId) -> Entry:
         """The entry held of this identity. Raises KeyError without one."""
-        return self._records[identity].entry
+        return self._record(identity).entry
+
+    def identity_of(self, entry: Entry) -> EntryId:
+        """The identity of an entry held, as the log holds it: whoever keeps that one needs no memory for another."""
+        own = entry.entry_id
+        publisher = entry.drone, entry.boot
+        rivals: list[EntryId] = [self._numbered[publisher][entry.sequence], *self._twins.get((publisher, entry.sequence), ())]
+        return next(identity for identity in rivals if identity == own)
 
     def revision(self, kind: type[Entry]) -> int:
         """A counter that grows whenever ``entries(kind)`` changes: a cheap test for changes."""
@@ -115,32 +120,43 @@ class ObservationLog:
     def _add(self, entry: Entry, payload: bytes) -> Outcome:
         if entry.mission != self.mission_id or entry.drone not in self._drones:
             return Outcome.FOREIGN
-        record = Record(type(entry), payload, int.from_bytes(hashlib.blake2b(payload, digest_size=_DIGEST_BYTES).digest()))
-        identity = entry.entry_id
-        present = self._records.get(identity)
+        kind, identity, hashed = type(entry), entry.entry_id, _hash(payload)
+        present = self._kind_of(identity)
+        present_hash = 0
         if present is not None:
-            if record.hash == present.hash:
+            present_hash = _hash(self._payloads[present][identity])
+            if hashed == present_hash:
                 return Outcome.DUPLICATE
-            if record.hash > present.hash:
+            if hashed > present_hash:
                 return Outcome.CONFLICT
-        self._records[identity] = record
-        if present is not None:  # possibly of another kind
-            self._forget(identity, present.kind)
+            del self._payloads[present][identity]
+            self._revisions[present] += 1
         else:
-            publisher = entry.drone, entry.boot
-            if publisher not in self._held:
-                self._held[publisher] = SequenceSet()
-                self._boots[entry.drone].append(entry.boot)
-            self._held[publisher].add(entry.sequence)
-            self._numbered[publisher].setdefault(entry.sequence, []).append(identity)
-        self._by_kind[type(entry)].add(identity)
-        self._revisions[type(entry)] += 1
-        self._sum = (self._sum + record.hash - (present.hash if present else 0)) % _MODULUS
-        return Outcome.REPLACED if present else Outcome.ADDED
-
-    def _forget(self, identity: EntryId, kind: type[Entry]) -> None:
-        self._by_kind[kind].discard(identity)
+            self._number(identity)
+        self._payloads[kind][identity] = payload
         self._revisions[kind] += 1
+        self._sum = (self._sum + hashed - present_hash) % _MODULUS
+        return Outcome.ADDED if present is None else Outcome.REPLACED
+
+    def _number(self, identity: EntryId) -> None:
+        """Enter a new identity under its publisher and sequence number."""
+        publisher, sequence = (identity.drone, identity.boot), identity.sequence
+        if publisher not in self._held:
+            self._held[publisher] = SequenceSet()
+            self._boots[identity.drone].append(identity.boot)
+        self._held[publisher].add(sequence)
+        if self._numbered[publisher].setdefault(sequence, identity) is not identity:
+            self._twins[publisher, sequence].append(identity)
+
+    def _kind_of(self, identity: EntryId) -> type[Entry] | None:
+        return next((kind for kind, held in self._payloads.items() if identity in held), None)
+
+    def _record(self, identity: EntryId) -> Record:
+        """The record of this identity. Raises KeyError without one."""
+        kind = self._kind_of(identity)
+        if kind is None:
+            raise KeyError(identity)
+        return Record(kind, self._payloads[kind][identity])
 
     def summary(self) -> dict[Publisher, tuple[Range, ...]]:
         """The sequence numbers held of each publisher: a peer that gets this can tell which entries are missing here.
@@ -177,5 +193,9 @@ class ObservationLog:
             numbered = self._numbered[publisher]
             for first, last in self._held[publisher].without(SequenceSet(summary.get(publisher, ()))):
                 for sequence in range(first, last + 1):
-                    for identity in numbered[sequence]:
-                        yield identity, self._records[identity]
+                    for identity in (numbered[sequence], *self._twins.get((publisher, sequence), ())):
+                        yield identity, self._record(identity)
+
+
+def _hash(payload: bytes) -> int:
+    return int.from_bytes(hashlib.blake2b(payload, digest_size=_DIGEST_BYTES).digest())

@@ -17,23 +17,6 @@ _SHORTEST_LIVE_S = 1e-3  # exposures shorter than this hold no information
 _SHORTEST_AXIS = 0.5  # a shorter "unit vector" is no direction
 
 
-class Origin(Struct, frozen=True):
-    """Which entry an observation comes from. The log holds the entry itself, as bytes: decoded it takes four times the memory."""
-
-    identity: EntryId
-    epoch: int
-
-    @property
-    def drone(self) -> str:
-        """The publisher."""
-        return self.identity.drone
-
-    @property
-    def stamp_ns(self) -> int:
-        """The entry's stamp."""
-        return self.identity.stamp_ns
-
-
 class ConeSurface(Struct, frozen=True):
     """One reading of a Compton cone, mission frame: the source lies at the angle theta_rad from the axis.
 
@@ -53,7 +36,7 @@ class ConeSurface(Struct, frozen=True):
 class ConeObservation(Struct, frozen=True):
     """A Compton cone with its possible readings, one or two, in the order in which they were published.
 
-    ``entry``: the cone's identity and epoch; ``mission_from_local``: the transform of the publisher's local frame.
+    ``identity`` and ``epoch``: of the log entry; ``mission_from_local``: the transform of the publisher's local frame.
     Sigmas: 1-sigma errors of the drone's position (of the horizontal distance) and heading.
     """
 
@@ -62,7 +45,8 @@ class ConeObservation(Struct, frozen=True):
     position_sigma_m: float
     yaw_sigma_rad: float
     mission_from_local: Transform
-    entry: Origin
+    identity: EntryId
+    epoch: int
 
     @property
     def apex(self) -> Vector3:
@@ -94,26 +78,30 @@ class CountObservation(Struct, frozen=True):
     position_sigma_m: float
     yaw_sigma_rad: float
     mission_from_local: Transform
-    entry: Origin
+    identity: EntryId
+    epoch: int
 
 
 Observation = ConeObservation | CountObservation
 
 
-def observe(entry: Entry, mission_from_local: Transform) -> Observation | None:
+def observe(entry: Entry, mission_from_local: Transform, identity: EntryId | None = None) -> Observation | None:
     """Transform an entry into the mission frame; None if it holds no information about the source.
+
+    ``identity``: that of the entry as the log holds it, so that there is one in memory and not two.
 
     That is decided by the entry's content alone, so that all agents decide alike: a cone whose readings are both impossible
     (probability 0) or have no axis, or an exposure without live time.
     """
+    identity = identity or entry.entry_id
     if isinstance(entry, Cone):
-        return _observe_cone(entry, mission_from_local)
+        return _observe_cone(entry, mission_from_local, identity)
     if isinstance(entry, Exposure):
-        return _observe_counts(entry, mission_from_local)
+        return _observe_counts(entry, mission_from_local, identity)
     return None
 
 
-def _observe_counts(exposure: Exposure, mission_from_local: Transform) -> CountObservation | None:
+def _observe_counts(exposure: Exposure, mission_from_local: Transform, identity: EntryId) -> CountObservation | None:
     if exposure.live_time_s < _SHORTEST_LIVE_S:
         return None
     middle_ns = (exposure.stamp_ns + exposure.end_ns) // 2
@@ -121,9 +109,9 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform) -> CountO
     place = _position(exposure.poses, middle_ns - exposure.stamp_ns)
     sigmas = _sigmas(exposure, mission_from_local, place, exposure.position_sigma_m)
     position = mission_from_local.apply_point(place)
-    origin = Origin(exposure.entry_id, exposure.epoch)
+    live_s = exposure.live_time_s
     return CountObservation(
-        exposure.end_ns, middle_ns, position, exposure.live_time_s, counts, *sigmas, mission_from_local, origin
+        exposure.end_ns, middle_ns, position, live_s, counts, *sigmas, mission_from_local, identity, exposure.epoch
     )
 
 
@@ -149,7 +137,7 @@ def _position(poses: Sequence[PoseSample], offset_ns: int) -> Vector3:
     return (x + part * (u - x), y + part * (v - y), z + part * (w - z))
 
 
-def _observe_cone(cone: Cone, mission_from_local: Transform) -> ConeObservation | None:
+def _observe_cone(cone: Cone, mission_from_local: Transform, identity: EntryId) -> ConeObservation | None:
     apex = mission_from_local.apply_point(cone.apex_m)
     readings = []
     for order in cone.orders:
@@ -162,4 +150,4 @@ def _observe_cone(cone: Cone, mission_from_local: Transform) -> ConeObservation 
     if not readings:
         return None
     sigmas = _sigmas(cone, mission_from_local, cone.apex_m, cone.apex_sigma_m)
-    return ConeObservation(cone.stamp_ns, tuple(readings), *sigmas, mission_from_local, Origin(cone.entry_id, cone.epoch))
+    return ConeObservation(cone.stamp_ns, tuple(readings), *sigmas, mission_from_local, identity, cone.epoch)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from msgspec import Struct
@@ -42,9 +42,11 @@ def posterior_of(fusion: Fusion, now_ns: int) -> Posterior | None:
 
 def _sum_of(fusion: Fusion, stamp_ns: int) -> Posterior | None:
     """The Gaussian sum of ``bayes``, its components those of all sites and modes of motion; None of another estimator."""
-    from agent.fusion.bayes.estimator import BayesEstimator  # noqa: PLC0415  on board nobody asks
+    from agent.fusion.bayes.estimator import BayesEstimator, BayesState  # noqa: PLC0415  on board nobody asks
 
-    track = fusion.estimator.mixture(fusion.state, stamp_ns) if isinstance(fusion.estimator, BayesEstimator) else None
+    if not isinstance(fusion.state, BayesState):
+        return None
+    track = cast(BayesEstimator, fusion.estimator).mixture(fusion.state, stamp_ns)
     if track is None:
         return None
     weight = track.weight.ravel()

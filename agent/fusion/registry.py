@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from agent.fusion.paper import PaperEstimator
     from agent.fusion.projection import Rule
 
+Estimators = Callable[[str, MissionConfig], "Estimator[Any]"]  # as ``estimator_named``
 GROUP = "radron.estimators"  # of entry points
 _MEMBERS = ("name", "reads", "grid_s", "hold_s", "initial", "step", "work", "hypothesis", "outlook")
 

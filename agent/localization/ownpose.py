@@ -7,7 +7,7 @@ telemetry, the poses of the last seconds, the epoch, and the transform from the 
 from __future__ import annotations
 
 from collections import Counter
-from math import hypot, isfinite
+from math import dist, hypot, isfinite, sqrt
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -26,6 +26,8 @@ from protocol.entries import Entry, Sighting
 
 SET_BACK = 5  # so many messages in a row older than known, but newer than each other: the clock was set back
 FARTHEST_M = 1e5  # the largest coordinate that a message can carry
+SAME_M = 1.0  # two places nearer to each other are one: so much the continuity of the motion is off after a few jumps
+LARGEST_DOUBT_M = 7.0  # between the two places where a drone may be, above which it leaves the mission
 _UNKNOWN_HEADING_DEG = 90.0  # a heading with a larger 1-sigma error is not known at all
 
 
@@ -46,6 +48,10 @@ class OwnPose:
     After a jump of the localisation the drone is still where it was: until the log yields an estimate of the new epoch's frame,
     the one that continues its motion is used (``agent.localization.continuity``). A frame that the mission knows exactly is known
     so for its first epoch only; from a jump on it is the one by continuity, and what is measured in it does not count.
+
+    A jump that was not announced has two explanations: the position is wrong from then on, or it was wrong until then, as that of
+    a vehicle whose satellites are not spoofed any more. Where only the mission knows the frame, nothing can tell which. The drone
+    flies on by continuity, but may as well be where its localisation says (``otherwise``), and allows for both.
     """
 
     def __init__(
@@ -75,6 +81,7 @@ class OwnPose:
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
         self._grounded = Grounded()
         self._continued: tuple[int, Transform] | None = None  # an epoch, and its frame by continuity
+        self._otherwise: Transform | None = None  # the frame of that epoch if its unannounced jumps put the position right
         self._older, self._older_ns = 0, 0  # messages older than known in a row, and the stamp of the last one
         self._known: LocalFrame | None = None  # the last one known; keeps the inverse
 
@@ -92,9 +99,11 @@ class OwnPose:
             self._counters["telemetry_older_than_known"] += 1
             return None
         self._older, self._older_ns = 0, 0
+        jumps = self._jumps.jumps
         vehicle = self._with_clock_error(self._grounded.take(self._jumps.take(state)))
         if last is not None and last.epoch != vehicle.epoch:
-            self._continue(last, vehicle)
+            self._continue(last, vehicle, announced=self._jumps.jumps == jumps)
+        vehicle = self._with_doubt(vehicle)
         self.history.add(vehicle)
         return vehicle
 
@@ -145,7 +154,18 @@ class OwnPose:
         if frame is None or frame.mission_from_local.covariance is None:
             return vehicle.position_sigma_m
         by_frame_m = frame.mission_from_local.sigmas_at(vehicle.position_m)[0]
-        return by_frame_m if vehicle.position_trusted else max(by_frame_m, vehicle.position_sigma_m)
+        doubted = self._otherwise is not None or not vehicle.position_trusted
+        return max(by_frame_m, vehicle.position_sigma_m) if doubted else by_frame_m
+
+    @property
+    def otherwise(self) -> Transform | None:
+        """The local frame in the mission frame if the localisation that has jumped is right; None without such a doubt."""
+        return self._otherwise
+
+    @property
+    def doubt_m(self) -> float:
+        """Distance between the two places where this drone may be after a jump that was not announced; 0 without that doubt."""
+        return self._doubt_m(self.vehicle) if self.vehicle is not None else 0.0
 
     def in_mission(self, epoch: int, stamp_ns: int, position_m: Vector3) -> Vector3 | None:
         """A place of the local frame, as that frame lay at a stamp, in the mission frame; None while it is not known."""
@@ -161,7 +181,9 @@ class OwnPose:
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
         """What is not believed of the vehicle's telemetry: a recent jump that it did not announce, a landing that it is not."""
-        told = (self._jumps.problem(now_ns), self._grounded.problem(now_ns))
+        doubt_m = self.doubt_m
+        doubted = f"it may be {doubt_m:.0f} m from where it believes to be: its localisation has jumped" if doubt_m else None
+        told = (self._jumps.problem(now_ns), doubted, self._grounded.problem(now_ns))
         return tuple(text for text in told if text is not None)
 
     def _mission_from_local(self, epoch: int, stamp_ns: int | None = None) -> Transform | None:
@@ -170,19 +192,44 @@ class OwnPose:
             return self._continued[1]
         return known
 
-    def _continue(self, last: VehicleState, vehicle: VehicleState) -> None:
+    def _continue(self, last: VehicleState, vehicle: VehicleState, *, announced: bool) -> None:
         """A new epoch: the vehicle has flown on, whatever its localisation says."""
         old = self._mission_from_local(last.epoch)
-        if old is not None:
-            elapsed_s = max(0, vehicle.stamp_ns - last.stamp_ns) * 1e-9
-            before, after = (last.position_m, last.quaternion), (vehicle.position_m, vehicle.quaternion)
-            self._continued = vehicle.epoch, carried_on(old, before, last.velocity_mps, after, elapsed_s)
+        if old is None:
+            return
+        elapsed_s = max(0, vehicle.stamp_ns - last.stamp_ns) * 1e-9
+        before, after = (last.position_m, last.quaternion), (vehicle.position_m, vehicle.quaternion)
+        frame = carried_on(old, before, last.velocity_mps, after, elapsed_s)
+        if not self.is_estimated:
+            otherwise = self._otherwise or old
+            if announced:
+                otherwise = carried_on(otherwise, before, last.velocity_mps, after, elapsed_s)
+            if _apart_m(frame, otherwise, vehicle) < SAME_M:  # the jump has undone the one before it
+                frame, self._otherwise = otherwise, None
+            else:
+                self._otherwise = otherwise
+        self._continued = vehicle.epoch, frame
+
+    def _doubt_m(self, vehicle: VehicleState) -> float:
+        frame = self._mission_from_local(vehicle.epoch)
+        return 0.0 if self._otherwise is None or frame is None else _apart_m(frame, self._otherwise, vehicle)
+
+    def _with_doubt(self, state: VehicleState) -> VehicleState:
+        """Both places are equally likely: the RMS distance from the one that is flown by."""
+        if self._otherwise is None:
+            return state
+        return replace(state, position_sigma_m=hypot(state.position_sigma_m, self._doubt_m(state) / sqrt(2.0)))
 
     def _with_clock_error(self, state: VehicleState) -> VehicleState:
         clock_m = self._clocks.sigma_m(hypot(*state.velocity_mps))
         if clock_m == 0.0:
             return state
         return replace(state, position_sigma_m=hypot(state.position_sigma_m, clock_m), clock_sigma_m=clock_m)
+
+
+def _apart_m(one: Transform, other: Transform, vehicle: VehicleState) -> float:
+    """Horizontal distance between the places of a vehicle by two frames of its epoch."""
+    return dist(one.apply_point(vehicle.position_m)[:2], other.apply_point(vehicle.position_m)[:2])
 
 
 def _plausible(state: VehicleState) -> bool:

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
-from agent.localization.ownpose import OwnPose
+from agent.localization.ownpose import LARGEST_DOUBT_M, OwnPose
 from agent.mission.memory import Memory
 from agent.mission.problems import TELEMETRY_AGE_NS
 from agent.mission.reserve import Reserve
@@ -165,7 +165,7 @@ class Executive:
             problems,
             rms_m=hypothesis.sight_of(self._id).rms_m if hypothesis is not None and hypothesis.evidence is not None else None,
             nothing_found=self.finding != "",
-            stranded=self._is_stranded,
+            stranded=self._is_stranded or self._own.doubt_m > LARGEST_DOUBT_M,
             battery_low=self._battery_low,
             no_nearer=returning_s >= NO_NEARER_S and self._navigator.home.is_no_nearer,
         )

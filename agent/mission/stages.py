@@ -20,7 +20,7 @@ FAILSAFE_NS = 3_000_000_000  # the same for a failsafe, which may pass
 REJOIN_NS = 5_000_000_000  # a restarted agent has this long to get the vehicle out of its failsafe
 STALE_NS = 1_200_000_000  # greatest age of the mode in a heartbeat
 OWN_HOLD_NS = 3_000_000_000  # a hold that this agent has asked for is shown and left again within this time
-STRANDED_NS = 5_000_000_000  # a drone that is to return because it does not hear others waits for them this long
+STRANDED_NS = 5_000_000_000  # a drone that is to return because it does not hear others, or is in doubt, waits this long
 NO_NEARER = "it did not get home: its place is not known, or something kept it away"
 UNSTEERED_NS = 3_000_000_000  # after this long without offboard in a steered stage it is reported
 
@@ -57,7 +57,8 @@ class Situation(Struct, frozen=True):
 
     ``at_home``: the drone hovers over the place where it took off. ``problems``: those that prevent a start. ``rms_m``: of the
     source estimate, by an estimator with a posterior; else None. ``nothing_found``: the search has ended without a source.
-    ``stranded``: other drones are not heard, and the mission, or the fence, leaves this one nothing but to return.
+    ``stranded``: other drones are not heard, and the mission, or the fence, leaves this one nothing but to return; or it may be
+    far from where it believes to be.
     ``battery_low``: it is this drone's turn to return for want of battery. ``no_nearer``: its return has not got on for long.
     """
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from agent.config.mission import MissionConfig
 from agent.frames.swarm import SwarmFrames
 from agent.fusion.engine import Fusion
-from agent.fusion.registry import estimator_named
+from agent.fusion.registry import Estimators
 from protocol.entries import Cone, Entry
 
 
@@ -18,11 +18,11 @@ class WorldModel:
     same log, by name. ``last_cone_ns``: stamp of the newest cone in the log, of any drone; 0 where there is none.
     """
 
-    def __init__(self, mission: MissionConfig, listeners: Sequence[str]) -> None:
+    def __init__(self, mission: MissionConfig, listeners: Sequence[str], estimators: Estimators) -> None:
         self.frames = SwarmFrames(mission)
         graph = self.frames.graph
-        self.fusion = Fusion(mission, graph)
-        self.listeners = {name: Fusion(mission, graph, estimator_named(name, mission)) for name in listeners}
+        self.fusion = Fusion(mission, graph, estimators(mission.fusion.estimator, mission))
+        self.listeners = {name: Fusion(mission, graph, estimators(name, mission)) for name in listeners}
         self.last_cone_ns = 0
 
     def start(self, started_ns: int) -> None:

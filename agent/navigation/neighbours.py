@@ -12,6 +12,8 @@ A drone that is heard is never left out because its frame is not known. Its posi
 A drone goes where its plan says only as long as its poses follow that plan: one that departs from it by more than separation
 allows for is flown by somebody else. It is placed by its pose, as one that publishes plans no more, and never gives way.
 
+One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both.
+
 From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``).
 """
 
@@ -28,7 +30,7 @@ from msgspec.structs import replace
 
 from agent.config.drone import ResponseConfig
 from agent.config.mission import MissionConfig
-from agent.frames.graph import FrameGraph
+from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
 from agent.frames.transform import Transform
 from agent.geometry import Array, Vector3
 from agent.localization.continuity import carried_on
@@ -130,6 +132,9 @@ class Neighbourhood:
                 plan = _placed_by_sightings(name, peer.sightings, peer.pose, me) or self._placed_by_layout(name, peer.pose, me)
             if plan is not None:
                 found.append(Neighbour(name, replace(plan, deviation_m=self._deviations[name].rms_m), takes_part))
+            elsewhere = self._elsewhere(name, peer.pose, me)
+            if elsewhere is not None:
+                found.append(Neighbour(name, elsewhere, False))
         self.absence = self._absence(missing, [one.id for one in found if one.takes_part], peers, me.now_ns) if missing else None
         return found
 
@@ -203,6 +208,19 @@ class Neighbourhood:
             return Transform(transform.yaw_rad, transform.translation, _DOUBTED)
         self._placed[name] = pose, transform
         return transform
+
+    def _elsewhere(self, name: str, pose: Pose, me: Self) -> PeerPlan | None:
+        """Where a drone of an exactly known frame is if its localisation that has jumped is right (``localization.ownpose``).
+
+        None where it states no doubt, or one that separation allows for anyway.
+        """
+        launch = self._frames.mission_from_local(name, LAUNCH_EPOCH) if self._members[name].is_exact else None
+        if launch is None or pose.epoch == LAUNCH_EPOCH or pose.position_sigma_m < WORST_SIGMA_M or me.local_from_mission is None:
+            return None
+        local_from_theirs = _bare(me.local_from_mission) @ launch
+        place = local_from_theirs.apply_point(pose.position_m)
+        state = PeerState(place, local_from_theirs.rotate_direction(pose.velocity_mps), age_s=(me.now_ns - pose.stamp_ns) * 1e-9)
+        return PeerPlan.from_pose(name, me.now_ns, state, blind=True)
 
     def _placed_by_frames(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, local_from_mission: Transform, me: Self

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from msgspec.structs import replace
-from shapely import Point
+from shapely import Point, Polygon
 
 from agent.config.mission import AreaConfig
 from agent.geometry import Array
@@ -16,10 +16,14 @@ from agent.vehicle.interface import VehicleState
 _LEAST_MARGIN_M = 5.0  # of the fence, however uncertain the own position is
 _MOVED_M = 0.3  # smaller shifts of the fence in the local frame are not applied
 _WAITING_M = 12.0  # radius of the fence around a drone that does not know its frame
+_ROOM_M = 4.0  # a fence within which no circle of this radius fits leaves no room to fly
 
 
 class OwnFence:
-    """Placed where the area lies in the local frame, and moved as the estimate of that frame improves."""
+    """Placed where the area lies in the local frame, and moved as the estimate of that frame improves.
+
+    While the drone may be in either of two places, both must be inside.
+    """
 
     def __init__(self, area: AreaConfig, own: OwnPose) -> None:
         self._area = area
@@ -51,7 +55,8 @@ class OwnFence:
         """The area's corners (N, 2) in the local frame; and the fence's margin, less the uncertainty of the own position."""
         margin_m = self._area.fence_margin_m
         if frame.mission_from_local.covariance is not None:
-            doubted_m = margin_m - DOUBT_SIGMAS * self._own.sigma_m
+            sigma_m = self._own.sigma_m if self._own.otherwise is None else 0.0  # the other fence allows for the doubt
+            doubted_m = margin_m - DOUBT_SIGMAS * sigma_m
             margin_m = max(doubted_m, min(margin_m, _LEAST_MARGIN_M))
         return frame.local_from_mission.apply(self._corners)[:, :2], margin_m
 
@@ -61,4 +66,11 @@ class OwnFence:
             self._outlined = None
             return Fence(Point(vehicle.position_m[:2]).buffer(_WAITING_M), area.floor_m + level_m, area.ceiling_m + level_m)
         corners, margin_m = self._outlined = self._outline(frame)
-        return Fence.from_area(replace(area, fence_margin_m=margin_m), corners, ground_m=level_m)
+        fence = Fence.from_area(replace(area, fence_margin_m=margin_m), corners, ground_m=level_m)
+        otherwise = self._own.otherwise
+        if otherwise is None:
+            return fence
+        other = Fence.from_area(area, otherwise.inverse().apply(self._corners)[:, :2], ground_m=level_m)
+        both = fence.outline & other.outline
+        roomy = isinstance(both, Polygon) and not both.buffer(-_ROOM_M).is_empty
+        return Fence(both, fence.floor_m, fence.ceiling_m) if roomy else fence

@@ -23,6 +23,7 @@ MUTE_S = 10.0  # counts carry no information on the source any more: zeros more 
 SILENT_S = 20.0  # the operator is told
 UNPLACED_NS = 1_500_000_000  # after the last telemetry: a readout is of 0.2 s, and telemetry may come this late
 LATE_NS = 3_000_000_000  # a camera's readouts may come this late; time not covered by then was not observed
+GONE_NS = 10_000_000_000  # a camera that has delivered nothing for so long is not waited for
 
 
 class Observer:
@@ -41,6 +42,8 @@ class Observer:
         self._start_ns: int | None = None
         self._epoch = 0
         self._end_ns = 0
+        self._unused_ns = 0  # end of the last stretch if it was not used: nothing else will come of that time
+        self._heard_ns: int | None = None  # end of the last stretch; before the first, since when it is waited for
         self._live_s = 0.0
         self._hits = self._photopeak = self._coincidences = 0
         self._spectrum = CoarseSpectrum()
@@ -73,14 +76,17 @@ class Observer:
         telemetry has ended) or not trusted, or where they overlap earlier ones (a clock stepped back): measured at a wrong place,
         they would mislead the whole swarm.
         """
+        start_ns, end_ns = detections.start_ns, detections.end_ns
+        self._heard_ns, self._unused_ns = end_ns, 0
         self._silent_s = 0.0 if detections.hits else self._silent_s + detections.live_time_s
         if self._silent_s >= MUTE_S:
             self._live_s = 0.0  # the counts held so far carry no information either
+            self._unused_ns = end_ns
             return self._exposure() if self._start_ns is not None else []
-        start_ns, end_ns = detections.start_ns, detections.end_ns
         state = self._history.at(start_ns)
         if state is None or not self._is_placed(state, end_ns):
             self.dropped += 1
+            self._unused_ns = end_ns
             return []
         if start_ns < self._end_ns or not start_ns <= end_ns <= start_ns + HISTORY_NS:
             self.dropped += 1
@@ -106,14 +112,19 @@ class Observer:
         return state.position_trusted and span_ns is not None and end_ns <= span_ns[1] + UNPLACED_NS
 
     def unseen(self, now_ns: int) -> list[Entry]:
-        """Poses of the time in which the camera delivered nothing: exposures without live time. They carry no information on the
-        source, but without them the drone's frame could not be estimated any more.
+        """Poses of the time of which the camera delivered nothing that is used: exposures without live time. They carry no
+        information on the source, but without them the drone's frame could not be estimated any more.
+
+        A readout that may still come is waited for, and no longer than that: poses that come late have everybody estimate all
+        frames since then again, and with them the source.
         """
         entries: list[Entry] = []
         span_ns = self._history.span_ns
         if span_ns is None:
             return entries
-        until_ns = min(now_ns - LATE_NS, span_ns[1])
+        self._heard_ns = now_ns if self._heard_ns is None else self._heard_ns
+        wait_ns = LATE_NS if now_ns - self._heard_ns < GONE_NS else 0
+        until_ns = min(max(now_ns - wait_ns, self._unused_ns), span_ns[1])
         while until_ns - max(self._end_ns, span_ns[0]) >= EXPOSURE_NS:
             if self._start_ns is not None:
                 entries += self._exposure()  # the counts held so far

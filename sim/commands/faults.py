@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from agent.errors import ConfigError
 from sim.commands.flights import Dask, Workers, executor
+
+if TYPE_CHECKING:
+    from sim.campaign.faults.campaign import FaultCampaign, Fly
+    from sim.campaign.workers import Executor
 
 
 def faults(
@@ -38,20 +42,21 @@ def faults(
     elif minimise is not None:
         _minimise(minimise, short)
     else:
-        _fly(runs, seed, out, short, workers, dask)
+        from sim.campaign.faults.campaign import FaultCampaign  # noqa: PLC0415
+        from sim.campaign.faults.mission import fly_mission  # noqa: PLC0415
+
+        fly_and_tell(FaultCampaign(runs, seed, course), fly_mission, out, executor(workers, dask))
 
 
-def _fly(runs: int, seed: int, out: Path | None, short: bool, workers: int | None, dask: str | None) -> None:
-    from sim.campaign.faults.campaign import FaultCampaign, fly_faults  # noqa: PLC0415
-    from sim.campaign.faults.course import FULL, SHORT  # noqa: PLC0415
+def fly_and_tell(campaign: FaultCampaign, fly: Fly, out: Path | None, execute: Executor) -> None:
+    """Fly a campaign's missions, and tell and write what was found; exit code 1 where something is violated."""
+    from sim.campaign.faults.campaign import fly_faults  # noqa: PLC0415
     from sim.campaign.faults.summary import sentences, summarise, table, told, write_summary  # noqa: PLC0415
     from sim.console import campaign_progress, say  # noqa: PLC0415
     from sim.console import out as stdout  # noqa: PLC0415
 
-    campaign = FaultCampaign(runs, seed, SHORT if short else FULL)
-    execute = executor(workers, dask)
     with campaign_progress("faults") as watch:
-        flown = fly_faults(campaign, out, execute, watch=watch)
+        flown = fly_faults(campaign, out, execute, fly, watch)
     summary = summarise(flown.verdicts)
     typer.echo(table(summary), nl=False)
     for line in (line for verdict in flown.verdicts for line in told(verdict)):

@@ -14,7 +14,7 @@ from agent.mission.memory import Memory
 from agent.shell.statestore import State, decode_state, encode_state
 from sim.faults.agents import Disk
 from sim.faults.base import Fault
-from sim.faults.kinds import kind_of
+from sim.faults.kinds import LIVE_ONLY, kind_of
 from sim.faults.schedule import Active
 
 SLOW_NS = 10_000_000_000  # until a file is written on a slow disk
@@ -71,6 +71,10 @@ class StateDisk:
 def check_playable(faults: Sequence[Fault], where: str) -> None:
     """Raise ConfigError for faults that lockstep cannot play."""
     for number, fault in enumerate(faults):
+        if isinstance(fault, LIVE_ONLY):
+            raise ConfigError(
+                f"{where}: fault[{number}] ({kind_of(fault)}): only live flights play it: use radron-sim live, or remove it"
+            )
         if isinstance(fault, Disk) and fault.how.startswith("record-"):
             raise ConfigError(
                 f"{where}: fault[{number}] ({kind_of(fault)}): how: {fault.how!r} needs a flight record, which only live flights "

@@ -32,6 +32,7 @@ from sim.faults.machines import (
     CameraNoisy,
     CameraStuck,
     Clock,
+    Disarm,
     Drag,
     Gust,
     MavlinkLoss,
@@ -39,6 +40,7 @@ from sim.faults.machines import (
     PositionJump,
     Refusal,
     SatellitesLost,
+    StreamLost,
     Takeover,
 )
 
@@ -46,8 +48,11 @@ AnyFault = (
     Kill | Freeze | Late | SlowCpu | Disk
     | Partition | Cut | Loss | Lag | Reorder | Duplicate | Corrupt | RadioRange | Flood | Lie
     | CameraDead | CameraNoisy | CameraStuck | CameraGain | Clock
-    | SatellitesLost | PositionJump | Drag | Gust | MotorFailure | Battery | MavlinkLoss | Takeover | Refusal
+    | SatellitesLost | PositionJump | Drag | Gust | MotorFailure | Battery
+    | MavlinkLoss | StreamLost | Takeover | Disarm | Refusal
 )  # fmt: skip
+
+LIVE_ONLY = (StreamLost, Disarm)  # kinds that need the real MAVLink
 
 KINDS: dict[str, type[Fault]] = {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}
 

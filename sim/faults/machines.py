@@ -127,6 +127,24 @@ class MavlinkLoss(Fault, frozen=True, kw_only=True, tag="mavlink-loss"):
     probability: Probability
 
 
+class StreamLost(Fault, frozen=True, kw_only=True, tag="stream-lost"):
+    """The autopilot does not send one of its MAVLink messages any more; live flights only."""
+
+    family: ClassVar[Family] = "vehicle"
+    message: Literal[
+        "HEARTBEAT",
+        "ATTITUDE_QUATERNION",
+        "LOCAL_POSITION_NED",
+        "ODOMETRY",
+        "GPS_RAW_INT",
+        "DISTANCE_SENSOR",
+        "EXTENDED_SYS_STATE",
+        "SYS_STATUS",
+        "BATTERY_STATUS",
+        "ESTIMATOR_STATUS",
+    ]
+
+
 class Takeover(Fault, frozen=True, kw_only=True, tag="takeover"):
     """A pilot chooses a mode by remote control, and leaves the vehicle in hold when it is over. In ``manual`` the pilot hovers,
     and the autopilot obeys the agent in nothing; after another mode it obeys new requests.
@@ -134,6 +152,14 @@ class Takeover(Fault, frozen=True, kw_only=True, tag="takeover"):
 
     family: ClassVar[Family] = "vehicle"
     mode: Literal["manual", "hold", "return", "land"] = "hold"
+
+
+class Disarm(Fault, frozen=True, kw_only=True, tag="disarm"):
+    """Somebody on site disarms the vehicle by remote control as soon as it shows that it is armed, before it takes off.
+    Live flights only.
+    """
+
+    family: ClassVar[Family] = "vehicle"
 
 
 class Refusal(Fault, frozen=True, kw_only=True, tag="refusal"):

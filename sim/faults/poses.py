@@ -92,12 +92,7 @@ class PoseFaults:
     def step(self) -> None:
         """Advance one step, before the frames do."""
         schedule = self._schedule
-        for one in schedule.begun:
-            for drone in sorted(one.drones):
-                self._begin(one, drone)
-        for one in schedule.ended:
-            for drone in sorted(one.drones):
-                self._end(one, drone)
+        schedule.dispatch(self._begin, self._end)
         for fault, one in schedule.active(Drag):
             for drone in sorted(one.drones):
                 self._drag(fault, one, drone)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import msgspec
@@ -51,6 +51,13 @@ class Schedule:
         self.ended = [one for one in self._active if one.fault.end_s <= time_s + 1e-9]
         if self.ended:
             self._active = [one for one in self._active if one not in self.ended]
+
+    def dispatch(self, begin: Callable[[Active, int], None], end: Callable[[Active, int], None]) -> None:
+        """Call one for each fault that has begun and each drone that it strikes, then the other for those that have ended."""
+        for change, faults in ((begin, self.begun), (end, self.ended)):
+            for one in faults:
+                for drone in sorted(one.drones):
+                    change(one, drone)
 
     def active(self, kind: type[T], drone: int | None = None) -> list[tuple[T, Active]]:
         """The active faults of a kind, of one drone or of any, in the order in which they began."""

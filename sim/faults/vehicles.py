@@ -48,12 +48,7 @@ class VehicleFaults:
     def step(self) -> None:
         """Advance one step, before the agents do."""
         schedule = self._schedule
-        for one in schedule.begun:
-            for drone in sorted(one.drones):
-                self._begin(one, drone)
-        for one in schedule.ended:
-            for drone in sorted(one.drones):
-                self._end(one, drone)
+        schedule.dispatch(self._begin, self._end)
         for drone, autopilot in enumerate(self._autopilots):
             self._power(drone, autopilot)
             autopilot.refuses = bool(schedule.active(Refusal, drone))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 
@@ -27,12 +28,22 @@ SETTLE_S = 15.0  # time in which the agents' logs become equal once the cameras 
 class Course:
     """One mission of a started swarm."""
 
-    def __init__(self, scenario: Scenario, seed: int, operator: Operator, faults: FaultPlayer | None = None) -> None:
-        """``scenario``: with the agents' mission."""
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        operator: Operator,
+        faults: FaultPlayer | None = None,
+        watch: Callable[[float, Truth], bool] | None = None,
+    ) -> None:
+        """``scenario``: with the agents' mission. ``watch``: sees each truth of the mission, with the time (s) since the start
+        command, and ends the mission by returning True.
+        """
         mission = scenario.mission
         self._seed = seed
         self._operator = operator
         self._faults = faults
+        self._watch = watch
         self._world = operator.world
         frames = LocalFrames([(drone.origin_m, drone.yaw_deg) for drone in mission.drones])
         self._recorder = Recorder(scenario, operator.observer.agents, frames, TRUTH_S)
@@ -110,6 +121,8 @@ class Course:
             if self._begun and not self._over:
                 position, velocity = np.array(truth.position_m), np.array(truth.velocity_mps)
                 self._over = self._recorder.sample(time_s, position, velocity, truth.source_m)
+                if self._watch is not None:
+                    self._over = self._watch(time_s, truth) or self._over
         self._operator.view.show(time_s, truth, self._operator.observer.agents)
 
     def _all_landed(self) -> bool:

@@ -19,7 +19,7 @@ from agent.errors import ConfigError
 from sim.faults.agents import Cut, Disk, Flood, Freeze, Kill, Lag, Late, Partition, RadioRange, SlowCpu
 from sim.faults.base import Fault
 from sim.faults.kinds import kind_of
-from sim.faults.machines import CameraDead, MavlinkLoss, SatellitesLost, Takeover
+from sim.faults.machines import CameraDead, Disarm, MavlinkLoss, PositionJump, SatellitesLost, StreamLost, Takeover
 from sim.faults.schedule import Active, Schedule
 from sim.live.agents import Agents
 from sim.live.flooding import FloodPlan
@@ -35,7 +35,8 @@ from sim.scenario import Scenario
 
 _RELAYED = (Partition, Cut, Lag, RadioRange, MavlinkLoss)
 _ON_LINKS = (Partition, Cut, Lag, RadioRange)
-PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, CameraDead, SatellitesLost, Takeover)
+_BY_THE_WORLD = (CameraDead, SatellitesLost, StreamLost, PositionJump, Takeover, Disarm)
+PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, *_BY_THE_WORLD)
 _DISKS = ("state-torn", "state-flipped", "record-torn", "record-removed")
 AWAKE_S = 0.05  # between two stops of a slow computer: a step
 LONGEST_STOP_S = 0.8  # of a slow computer; after 1 s of silence the watchdog kills the agent
@@ -59,6 +60,8 @@ def check_playable(scenario: Scenario, *, here: bool) -> None:
         if not isinstance(fault, PLAYABLE):
             kinds = ", ".join(str(kind.__struct_config__.tag) for kind in PLAYABLE)
             raise ConfigError(f"{where}: not played in a live flight, which plays {kinds}; `radron-sim run` plays all")
+        if isinstance(fault, PositionJump) and not fault.announced:
+            raise ConfigError(f"{where}: announced = false is not played in a live flight; announced = true is")
         if isinstance(fault, Disk) and fault.how not in _DISKS:
             raise ConfigError(f"{where}: how = {fault.how!r} is not played in a live flight, which plays {', '.join(_DISKS)}")
 
@@ -96,6 +99,7 @@ class FaultPlayer:
         self._random = Random(seed)
         self._agents, self._relays, self._world, self._view, self._places = agents, relays, world, view, places
         self._tasks: dict[tuple[Fault, str], asyncio.Task[None]] = {}
+        self._jumps: dict[tuple[Fault, int], tuple[float, float, float]] = {}  # of positions: east, north (m), heading (rad)
         self._time_s = 0.0
 
     def step(self, time_s: float, truth: Truth) -> None:
@@ -130,7 +134,6 @@ class FaultPlayer:
 
     def _begin(self, fault: Fault, drone: str) -> str | None:
         """Begin a fault of one drone; returns what was done."""
-        index = self._drones.index(drone)
         match fault:
             case Kill():
                 self._agents.signal(drone, signal.SIGKILL)
@@ -147,19 +150,36 @@ class FaultPlayer:
             case Flood():
                 self._go(fault, drone, self._flood(drone, fault))
                 return f"floods the mesh, {fault.rate_mbps:g} MB/s in messages of {fault.message_bytes} bytes"
+            case MavlinkLoss():
+                return f"{100.0 * fault.probability:g} % of the MAVLink messages are lost"
+            case Disk():
+                return self._damage(drone, fault.how)
+        return self._begin_in_the_world(fault, self._drones.index(drone))
+
+    def _begin_in_the_world(self, fault: Fault, index: int) -> str | None:
+        """Begin a fault that the world plays."""
+        match fault:
             case CameraDead():
                 self._world.order(Order.CAMERA_OFF, index)
                 return "no more readouts"
             case SatellitesLost():
                 self._world.order(Order.SATELLITES_OFF, index)
                 return "no satellites"
+            case StreamLost():
+                self._world.order(Order.STREAM_OFF, index, fault.message)
+                return f"no {fault.message} from the autopilot any more"
+            case PositionJump():
+                angle = self._random.uniform(0.0, math.tau)
+                turn_rad = math.radians(fault.turn_deg) * self._random.choice((-1.0, 1.0))
+                self._jumps[fault, index] = (fault.jump_m * math.cos(angle), fault.jump_m * math.sin(angle), turn_rad)
+                self._world.order(Order.RESET, index, *self._jumps[fault, index])
+                return f"the filter is reset: the position jumps by {fault.jump_m:g} m"
+            case Disarm():
+                self._world.order(Order.PILOT_DISARM, index)
+                return "somebody disarms it before it takes off"
             case Takeover():
                 self._world.order(Order(f"pilot {fault.mode}"), index)
                 return f"a pilot takes over: {fault.mode}"
-            case MavlinkLoss():
-                return f"{100.0 * fault.probability:g} % of the MAVLink messages are lost"
-            case Disk():
-                return self._damage(drone, fault.how)
         return None
 
     def _end(self, fault: Fault, drone: str) -> str | None:
@@ -184,6 +204,12 @@ class FaultPlayer:
             case SatellitesLost():
                 self._world.order(Order.SATELLITES_ON, index)
                 return "satellites again"
+            case PositionJump():
+                self._world.order(Order.RESET, index, *(-number for number in self._jumps.pop((fault, index))))
+                return "the filter is reset again: the position jumps back"
+            case StreamLost():
+                self._world.order(Order.STREAM_ON, index, fault.message)
+                return f"{fault.message} again"
             case Takeover():
                 self._world.order(Order.PILOT_HOLD, index)
                 return "the pilot gives it back, in hold"

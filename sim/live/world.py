@@ -21,7 +21,7 @@ from shapely import Polygon
 
 from agent.config.drone import DroneConfig
 from agent.errors import RadronError
-from sim.geometry import Array
+from sim.geometry import Array, Vector3
 from sim.live.crew import Guidance, crew_parameters
 from sim.live.feed import ByteServer, FeedServer, LineServer
 from sim.live.worldlink import Order, Ready, Truth, WorldConfig, pack
@@ -70,6 +70,15 @@ class Vehicles(Protocol):
 
     def take_over(self, drone: int, mode: str) -> None:
         """A pilot takes a vehicle over by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
+
+    def disarm(self, drone: int) -> None:
+        """Somebody on site disarms a vehicle as soon as it shows that it is armed, before it takes off."""
+
+    def switch_stream(self, drone: int, message: str, sent: bool) -> None:
+        """Switch one of a vehicle's MAVLink messages off or on."""
+
+    def reset_filter(self, drone: int, shift_m: Vector3, turn_rad: float) -> None:
+        """A vehicle's filter is reset: its own position jumps by ``shift_m`` (world), its heading by ``turn_rad``."""
 
     def reports(self) -> list[VehicleReport]:
         """An observer's view of each vehicle, besides its motion."""
@@ -157,7 +166,8 @@ class World:
 
     async def _obey(self, orders: asyncio.StreamReader) -> None:
         while line := await orders.readline():
-            order, _, drone = line.decode().strip().partition(": ")
+            order, _, told = line.decode().strip().partition(": ")
+            drone, *details = told.split() or [""]
             match Order(order):
                 case Order.GO:
                     self._went_s = self._steps * STEP_S
@@ -174,6 +184,13 @@ class World:
                     self._dead_cameras.discard(int(drone))
                 case Order.PILOT_MANUAL | Order.PILOT_HOLD | Order.PILOT_RETURN | Order.PILOT_LAND:
                     self._vehicles.take_over(int(drone), order.removeprefix("pilot "))
+                case Order.PILOT_DISARM:
+                    self._vehicles.disarm(int(drone))
+                case Order.STREAM_OFF | Order.STREAM_ON:
+                    self._vehicles.switch_stream(int(drone), details[0], Order(order) is Order.STREAM_ON)
+                case Order.RESET:
+                    east_m, north_m, turn_rad = map(float, details)
+                    self._vehicles.reset_filter(int(drone), (east_m, north_m, 0.0), turn_rad)
 
     def _source(self) -> tuple[float, float] | None:
         """The source's position. It appears at the start of the mission: however long the agents take to get ready, they learn as
@@ -241,6 +258,8 @@ class World:
                     vehicles=tuple(self._vehicles.reports()),
                     late_s=self._late_s,
                     dropped=self._dropped,
+                    stamp_ns=self._now_ns,
+                    attitude=tuple(map(self._motion.quaternion, range(len(self._motion.position_m)))),
                 )
             )
         )

@@ -9,7 +9,7 @@ from typing import Literal
 import msgspec
 from msgspec import Struct
 
-from sim.geometry import Vector3
+from sim.geometry import Quaternion, Vector3
 from sim.scenario import Scenario
 from sim.vehicle.px4.config import Address
 from sim.vehicle.px4.fleet import VehicleReport
@@ -40,7 +40,8 @@ class WorldConfig(Struct, frozen=True, kw_only=True):
 
 
 class Order(StrEnum):
-    """The launcher's orders to the world, one per line on its standard input; those for one drone are followed by its index.
+    """The launcher's orders to the world, one per line on its standard input; those for one drone are followed by its index, and
+    by what is written below in capitals.
 
     The end of that stream ends the world.
     """
@@ -55,6 +56,10 @@ class Order(StrEnum):
     PILOT_HOLD = "pilot hold"
     PILOT_RETURN = "pilot return"
     PILOT_LAND = "pilot land"
+    PILOT_DISARM = "pilot disarm"  # as soon as it shows that it is armed, before it takes off
+    STREAM_OFF = "stream off"  # MESSAGE: its autopilot does not send this one any more
+    STREAM_ON = "stream on"  # MESSAGE
+    RESET = "reset"  # EAST NORTH TURN (m, m, rad): its filter is reset, its own position jumps by so much
 
 
 class Ready(Struct, frozen=True, tag="ready"):
@@ -72,8 +77,9 @@ class Ready(Struct, frozen=True, tag="ready"):
 class Truth(Struct, frozen=True, tag="truth"):
     """The world at one time; mission frame (ENU), metres.
 
-    time_s: since the world began. position_m, velocity_mps: of the vehicles. late_s: largest lag of the world behind the clock
-    since the last truth. dropped: earlier truths that the launcher was too slow to read.
+    time_s: since the world began; stamp_ns: the same, UTC. attitude: world-from-body quaternions (w, x, y, z). position_m,
+    velocity_mps: of the vehicles. late_s: largest lag of the world behind the clock since the last truth. dropped: earlier truths
+    that the launcher was too slow to read.
     """
 
     time_s: float
@@ -83,6 +89,8 @@ class Truth(Struct, frozen=True, tag="truth"):
     vehicles: tuple[VehicleReport, ...]
     late_s: float
     dropped: int
+    stamp_ns: int = 0
+    attitude: tuple[Quaternion, ...] = ()
 
 
 _decoder = msgspec.msgpack.Decoder(Ready | Truth)

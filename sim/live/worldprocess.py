@@ -71,9 +71,11 @@ class WorldProcess:
             self.truth = truth
             see(truth)
 
-    def order(self, order: Order, drone: int | None = None) -> None:
-        """Send an order; ``drone``: index of the drone concerned."""
-        self._child.stdin.write(f"{order}{'' if drone is None else f': {drone}'}\n".encode())
+    def order(self, order: Order, drone: int | None = None, *details: str | float) -> None:
+        """Send an order; ``drone``: index of the drone concerned; ``details``: see ``Order``."""
+        self._child.stdin.write(
+            f"{order}{'' if drone is None else f': {drone}'}{''.join(f' {one}' for one in details)}\n".encode()
+        )
 
     @property
     def exit_code(self) -> int | None:

@@ -1,43 +1,99 @@
-"""The world after one tick of a flight in lockstep, as its observers see it: truth, agents and autopilots."""
+"""The world at one time of a flight, as its observers see it: truth, agents and autopilots."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from agent.pilot import Pilot
-from agent.vehicle.interface import VehicleCommand
+from agent.vehicle.interface import FlightMode, VehicleCommand
+from protocol.messages import Stage
 from sim.geometry import Array
 from sim.vehicle.autopilot import Autopilot
 
 OFF_GROUND_M = 0.5  # above the ground: off it
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """One drone per row and item, in the order of the mission.
+class Hypothesis(Protocol):
+    """A source estimate: position (3,) m, mission frame, and its covariance (3, 3)."""
 
-    time_s: since the start of the simulation. position_m: (N, 3) true x, y in the mission frame, and height above ground.
-    velocity_mps: (N, 3) true, mission frame. source: true x, y; None without one. pilots: None where an agent is dead.
-    commands: of this tick; None where there was no step. sent: messages that
-    each agent has published in this tick. inboxes: messages on their way to each agent.
-    batteries: true levels, 0 .. 1.
+    @property
+    def position(self) -> Array:
+        """(3,)."""
+
+    @property
+    def covariance(self) -> Array:
+        """(3, 3)."""
+
+
+class Member(Protocol):
+    """An agent: on board, or as it is heard in the mesh."""
+
+    @property
+    def stage(self) -> Stage:
+        """Of its mission."""
+
+    @property
+    def digest(self) -> str:
+        """Of the log that its hypothesis follows from."""
+
+    @property
+    def hypothesis(self) -> Hypothesis | None:
+        """Its source estimate."""
+
+
+class Flown(Protocol):
+    """An autopilot, as an observer sees it."""
+
+    @property
+    def mode(self) -> FlightMode:
+        """Its mode."""
+
+    @property
+    def armed(self) -> bool:
+        """Whether its rotors run."""
+
+    @property
+    def setpoint_age_s(self) -> float | None:
+        """Age of the setpoint that the vehicle follows; None where it follows none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What can be observed of any flight, in lockstep or live. One drone per row and item, in the order of the mission.
+
+    time_s: since the start of the simulation; live: since the start command. position_m: (N, 3) true x, y in the mission frame,
+    and height above ground. source: true x, y; None without one. pilots: None where an agent is dead.
     """
 
     time_s: float
     position_m: Array
-    velocity_mps: Array
     source: tuple[float, float] | None
-    pilots: Sequence[Pilot | None]
-    commands: Sequence[VehicleCommand | None]
-    autopilots: Sequence[Autopilot]
-    sent: Sequence[int]
-    inboxes: Sequence[int]
-    batteries: Sequence[float]
+    pilots: Sequence[Member | None]
+    autopilots: Sequence[Flown]
 
     def airborne(self, drone: int) -> bool:
         """Whether it is off the ground."""
         return bool(self.position_m[drone, 2] > OFF_GROUND_M)
+
+
+@dataclass(frozen=True, slots=True)
+class Moment(Scene):
+    """The world after one tick of a flight in lockstep.
+
+    velocity_mps: (N, 3) true, mission frame. commands: of this tick; None where there was no step. sent: messages that
+    each agent has published in this tick. inboxes: messages on their way to each agent.
+    batteries: true levels, 0 .. 1.
+    """
+
+    pilots: Sequence[Pilot | None]
+    autopilots: Sequence[Autopilot]
+    velocity_mps: Array
+    commands: Sequence[VehicleCommand | None]
+    sent: Sequence[int]
+    inboxes: Sequence[int]
+    batteries: Sequence[float]
 
 
 Observer = Callable[[Moment], bool]  # called after every tick; True ends the flight

@@ -1,7 +1,7 @@
 """The members of a swarm with certificates, for tests of one pilot."""
 
 from msgspec.structs import replace
-from one_pilot import MISSION, START_NS, boot_of, cone_of, command
+from one_pilot import MISSION, START_NS, boot_of, command, cone_of
 
 from agent.config.drone import DroneConfig
 from agent.pilot import Pilot

@@ -21,7 +21,7 @@ from msgspec.structs import replace
 from shapely import Polygon
 
 from agent.config.mission import BayesEstimatorConfig, MissionConfig
-from agent.frames.transform import Transform
+from agent.frames.transform import Transform, same
 from agent.fusion.bayes.apparent import Sights, on_ground
 from agent.fusion.bayes.cones import Orders
 from agent.fusion.bayes.mixture import Mixture, apparent_rms_m, with_variance
@@ -214,7 +214,7 @@ class BayesEstimator:
         """
         axis = observation.position_sigma_m**2 / 2.0
         variance = axis, axis, observation.yaw_sigma_rad**2, self._gain_variance
-        return self._vehicles[observation.entry.drone], variance
+        return self._vehicles[observation.identity.drone], variance
 
     def _update_search(self, state: BayesState, observation: Observation) -> BayesState:
         time_s = observation.stamp_ns / _NS
@@ -281,9 +281,9 @@ def _frame_change(
     """By how much (BIAS,) the estimate of a vehicle's frame has changed since its last observation (None: not), and the frames
     with the new one. The change of a place is that at the observation. A new epoch has errors of its own: 1 sigma of each bias.
     """
-    epoch, transform = observation.entry.epoch, observation.mission_from_local
+    epoch, transform = observation.epoch, observation.mission_from_local
     before = frames.get(vehicle)
-    if transform.covariance is None or (before is not None and before[1] is transform):
+    if transform.covariance is None or (before is not None and same(before[1], transform)):
         return None, frames
     now = {**frames, vehicle: (epoch, transform)}
     if before is None:

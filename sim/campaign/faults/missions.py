@@ -15,12 +15,12 @@ _APART_M = (5.0, 7.0)  # between the launch places
 _IDEAL = ("horizontal_m", "vertical_m", "height_m", "yaw_deg", "tilt_deg", "velocity_mps", "climb_mps", "drift_m")
 
 
-def draw_mission(rng: np.random.Generator, name: str, course: Course) -> dict[str, Any]:
-    """A scenario document without faults."""
+def draw_mission(rng: np.random.Generator, name: str, course: Course, *, may_estimate: bool = True) -> dict[str, Any]:
+    """A scenario document without faults. ``may_estimate``: the drones' frames may have to be estimated."""
     width_m, depth_m = (round(float(side)) for side in rng.uniform(*course.side_m, 2))
     count = int(rng.integers(3, course.most_drones + 1))
     places = _launch_places(rng, count, width_m, depth_m)
-    estimated = rng.random() < 0.25
+    estimated = rng.random() < 0.25 and may_estimate
     drones = [{"id": f"d{k + 1}", "origin_m": place} for k, place in enumerate(places)]
     document: dict[str, Any] = {
         "name": name,

@@ -13,6 +13,7 @@ from agent.flight.header import FlightHeader
 from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.flight.replay import replay
+from agent.fusion.registry import Estimators, estimator_named
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
 from protocol.signing import Authority, Trust
@@ -51,10 +52,11 @@ class Recording:
         boot: str,
         listeners: Sequence[str] = (),
         memory: Memory | None = None,
+        estimators: Estimators = estimator_named,
         trust: Trust | None = None,
     ) -> Pilot:
         """As ``Pilot``."""
-        pilot = Pilot(mission, drone, boot, listeners, memory, trust)
+        pilot = Pilot(mission, drone, boot, listeners, memory, estimators, trust)
         if drone.id != self._drone:
             return pilot
         folder = self._folder / boot

@@ -122,4 +122,8 @@ STRENGTHS: dict[str, Callable[[Strike], Numbers]] = {
     "mavlink-loss": lambda strike: {"probability": strike.scale(0.05, 1.0)},
     "takeover": lambda strike: {"mode": strike.one("manual", "hold", "return", "land")},
     "refusal": _none,
+    "stream-lost": lambda strike: {
+        "message": strike.one("ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GPS_RAW_INT", "HEARTBEAT")
+    },
+    "disarm": _none,
 }

@@ -6,7 +6,7 @@ from sim.faults.agents import Kill, Lie
 from sim.faults.base import Family, Fault
 from sim.faults.machines import Takeover
 from sim.scoring.invariants.base import Setting
-from sim.scoring.moment import Moment
+from sim.scoring.moment import Scene
 
 _DISABLING: tuple[Family, ...] = ("vehicle", "thrust", "pose", "camera", "network")
 _OF_THE_LOG = ("cone", "counts", "sighting")
@@ -22,7 +22,7 @@ class Able:
         self._fit = [drone for drone, name in enumerate(setting.names) if name not in unfit]
         self.drones: tuple[int, ...] | None = None
 
-    def see(self, moment: Moment) -> tuple[int, ...]:
+    def see(self, moment: Scene) -> tuple[int, ...]:
         """The able drones so far."""
         if self.drones is None:
             if moment.time_s < self._setting.heal_s:

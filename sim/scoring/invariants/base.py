@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 from msgspec import Struct
 
 from sim.faults.base import Family
 from sim.scenario import Scenario
-from sim.scoring.moment import Moment
+from sim.scoring.moment import Scene
 
+S_contra = TypeVar("S_contra", bound=Scene, contravariant=True)  # what an invariant needs to see
 RECOVERY_S = 15.0  # until a vehicle is back where it belongs after its own position or thrust was wrong
 OWN_FAULTS: tuple[Family, ...] = ("pose", "thrust")
 
@@ -67,7 +68,7 @@ class Setting:
         return tuple(self.names[drone] for drone in drones)
 
 
-class Invariant(ABC):
+class Invariant(ABC, Generic[S_contra]):
     """One thing that must hold. A violation is told when it begins, and again only after it was over."""
 
     name: ClassVar[str]
@@ -77,14 +78,14 @@ class Invariant(ABC):
         self._broken: set[tuple[int, ...]] = set()
 
     @abstractmethod
-    def breaches(self, moment: Moment) -> Iterator[Breach]:
+    def breaches(self, moment: S_contra) -> Iterator[Breach]:
         """Who violates it at this moment. Called once after each tick."""
 
-    def at_end(self, moment: Moment) -> Iterator[Breach]:
+    def at_end(self, moment: S_contra) -> Iterator[Breach]:
         """Who violates it by how the flight has ended, or would only be judged then; ``moment``: the last one."""
         yield from ()
 
-    def look(self, moment: Moment) -> list[Violation]:
+    def look(self, moment: S_contra) -> list[Violation]:
         """The violations that begin at this moment."""
         found = list(self.breaches(moment))
         if not found and not self._broken:
@@ -93,7 +94,7 @@ class Invariant(ABC):
         self._broken = {breach.drones for breach in found}
         return [self._told(breach, moment.time_s) for breach in new]
 
-    def finish(self, moment: Moment) -> list[Violation]:
+    def finish(self, moment: S_contra) -> list[Violation]:
         """The violations that show at the end."""
         return [self._told(breach, moment.time_s) for breach in self.at_end(moment)]
 

@@ -8,13 +8,13 @@ from math import sqrt
 from agent.pilot import Pilot
 from sim.faults.base import Family
 from sim.scoring.invariants.base import Breach, Invariant, Setting
-from sim.scoring.moment import Moment
+from sim.scoring.moment import Member, Moment, Scene
 
 EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
 _BELIEF_FAULTS: tuple[Family, ...] = ("camera", "pose", "liar")
 
 
-class TruthPossible(Invariant):
+class TruthPossible(Invariant[Scene]):
     """No hypothesis excludes the true source at 6 sigma for 5 s: the operator is told where it is, and how surely.
 
     Exempt from the first fault of a camera, of an own position or of a liar on: these put wrong measurements into every log.
@@ -27,7 +27,7 @@ class TruthPossible(Invariant):
         self._until_s = setting.began_s(_BELIEF_FAULTS)
         self._since_s: list[float | None] = [None] * len(setting.names)
 
-    def breaches(self, moment: Moment) -> Iterator[Breach]:
+    def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Drones that have excluded the truth for too long."""
         if moment.source is None or moment.time_s >= self._until_s:
             return
@@ -42,7 +42,7 @@ class TruthPossible(Invariant):
                 yield Breach((drone,), f"the truth is {sigmas:.1f} sigma away for {EXCLUDED_S:g} s")
 
 
-class SameLogSameHypothesis(Invariant):
+class SameLogSameHypothesis(Invariant[Moment]):
     """Agents whose logs have one digest, at one time of the grid, have one hypothesis, to the bit.
 
     All of the swarm's agreement rests on it. An agent that is still working off a backlog is left out.
@@ -72,7 +72,7 @@ def _equal(one: Pilot, other: Pilot) -> bool:
     )
 
 
-def _sigmas(pilot: Pilot, source: tuple[float, float]) -> float:
+def _sigmas(pilot: Member, source: tuple[float, float]) -> float:
     """Mahalanobis distance of the true source from a drone's hypothesis, horizontal; 0 without one."""
     hypothesis = pilot.hypothesis
     if hypothesis is None:

@@ -14,17 +14,18 @@ from sim.faults.base import Fault
 from sim.faults.machines import Battery, Drag, PositionJump
 from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Moment
+from sim.sharing import Results
 
 LEAST_LEVEL = 0.03  # of the battery: below it a real one gives way at any time
 NAMED_S = 10.0
 MISPLACED_M = 5.0  # so far off is a vehicle that others see plainly: sightings are good to a metre or two
 SEEN_M = 30.0  # and nobody overlooks one that is nearer
 FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b: a are the estimator's checkpoints, which are bounded, and all planners
-_SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType)
+_SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType, Results)
 _LOOK_TICKS = 10
 
 
-class Reserve(Invariant):
+class Reserve(Invariant[Moment]):
     """No vehicle is in the air with less than 3 % left in its battery; exempt is one whose battery lies about it."""
 
     name = "reserve"
@@ -41,7 +42,7 @@ class Reserve(Invariant):
                 yield Breach((drone,), f"{100.0 * level:.1f} % left in the air")
 
 
-class Named(Invariant):
+class Named(Invariant[Moment]):
     """Where drones see each other, one whose own position is more than 5 m wrong is suspected by another within 10 s.
 
     It is wrong by a jump or a drag that nobody has announced. The 10 s count while at least two others are within 30 m of it.
@@ -100,7 +101,7 @@ def _misplaced_s(fault: Fault) -> tuple[float, float] | None:
     return None
 
 
-class Memory(Invariant):
+class Memory(Invariant[Moment]):
     """An agent holds at most 8 MB, and 2 kB for each entry of its log, at the end of the flight: what grows is the log alone."""
 
     name = "memory"

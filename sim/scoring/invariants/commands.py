@@ -15,7 +15,7 @@ MOST_SENT = 200  # messages of one agent in one tick; a busy one sends five
 MOST_WAITING = 20_000  # messages on their way to one agent: of a flood for a second or two
 
 
-class FreshSetpoint(Invariant):
+class FreshSetpoint(Invariant[Moment]):
     """No vehicle obeys a setpoint that is older than 1.3 s: the agent behind it is late, deaf or dead, and nobody steers."""
 
     name = "setpoint-age"
@@ -28,7 +28,7 @@ class FreshSetpoint(Invariant):
                 yield Breach((drone,), f"obeys a setpoint of {age_s:.2f} s ago")
 
 
-class Finite(Invariant):
+class Finite(Invariant[Moment]):
     """Every number is finite: of commands, hypotheses and true states. One that is not spreads to all that are computed from it.
 
     The numbers of messages are checked by the codec, and what it refuses is counted by the agent.
@@ -61,7 +61,7 @@ class Finite(Invariant):
                     yield Breach((drone,), f"hypothesis at {hypothesis.position.tolist()}")
 
 
-class Queues(Invariant):
+class Queues(Invariant[Moment]):
     """No queue grows without bound: neither what an agent sends in one step, nor what is on its way to one."""
 
     name = "queues"

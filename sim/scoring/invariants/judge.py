@@ -18,7 +18,7 @@ class Judge:
         """``until``: the flight ends as soon as the invariant of this name is violated."""
         self._setting, self._until = setting, until
         self.separation, self.converged, self.landed = Separation(setting), Converged(setting), Landed(setting)
-        self.invariants: tuple[Invariant, ...] = (
+        self.invariants: tuple[Invariant[Moment], ...] = (
             self.separation, Collision(setting), Fence(setting), Heights(setting),
             FreshSetpoint(setting), Finite(setting), Queues(setting),
             TruthPossible(setting), SameLogSameHypothesis(setting),

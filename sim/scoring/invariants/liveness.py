@@ -9,14 +9,14 @@ from protocol.messages import Stage
 from sim.faults.machines import Takeover
 from sim.scoring.invariants.able import Able
 from sim.scoring.invariants.base import Breach, Invariant, Setting
-from sim.scoring.moment import Moment
+from sim.scoring.moment import Scene
 
 AGREE_S = 20.0  # a log query every few seconds, and 5 s of backlog
 _COMING_HOME = (Stage.RETURN, Stage.LANDING, Stage.LANDED)
 _SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 
 
-class Converged(Invariant):
+class Converged(Invariant[Scene]):
     """After the heal, the able drones have one digest and one hypothesis at least every 20 s, until the first of them comes home.
 
     While they measure, each new entry makes their logs differ until it has arrived everywhere.
@@ -30,7 +30,7 @@ class Converged(Invariant):
         self._agreed_s = setting.heal_s
         self.ever = False  # they have agreed at least once since the heal, or there is nobody who could disagree
 
-    def breaches(self, moment: Moment) -> Iterator[Breach]:
+    def breaches(self, moment: Scene) -> Iterator[Breach]:
         """The able drones that have not agreed for too long."""
         able = self._able.see(moment)
         if moment.time_s < self.setting.heal_s or self._over(moment, able):
@@ -42,11 +42,11 @@ class Converged(Invariant):
             digests, since_s = len({digest for digest, _ in found}), moment.time_s - self._agreed_s
             yield Breach(able, f"{digests} digests and {len(found)} beliefs {since_s:.0f} s after the last agreement")
 
-    def _over(self, moment: Moment, able: tuple[int, ...]) -> bool:
+    def _over(self, moment: Scene, able: tuple[int, ...]) -> bool:
         """Whether one of them does not search any more, after they have agreed."""
         return self.ever and any((pilot := moment.pilots[k]) is None or pilot.stage not in _SEARCHING for k in able)
 
-    def _belief(self, moment: Moment, drone: int) -> tuple[str, object]:
+    def _belief(self, moment: Scene, drone: int) -> tuple[str, object]:
         pilot = moment.pilots[drone]
         if pilot is None:
             return "", drone
@@ -54,7 +54,7 @@ class Converged(Invariant):
         return pilot.digest, None if hypothesis is None else hypothesis.position.tobytes()
 
 
-class Landed(Invariant):
+class Landed(Invariant[Scene]):
     """The able drones end the mission landed; every other one has landed or returns, or its human pilot flies it."""
 
     name = "landing"
@@ -63,12 +63,12 @@ class Landed(Invariant):
         super().__init__(setting)
         self.able = Able(setting)
 
-    def breaches(self, moment: Moment) -> Iterator[Breach]:
+    def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Nothing while it flies."""
         self.able.see(moment)
         yield from ()
 
-    def at_end(self, moment: Moment) -> Iterator[Breach]:
+    def at_end(self, moment: Scene) -> Iterator[Breach]:
         """Those that are still out."""
         able = self.able.see(moment)
         for drone in range(len(self.setting.names)):
@@ -77,14 +77,14 @@ class Landed(Invariant):
                 stage = "without an agent" if pilot is None else f"in stage {pilot.stage}"
                 yield Breach((drone,), f"{moment.position_m[drone, 2]:.1f} m above ground, {stage}, mode {mode}")
 
-    def is_over(self, moment: Moment) -> bool:
+    def is_over(self, moment: Scene) -> bool:
         """Whether nothing more is to be expected of the flight."""
         able = self.able.see(moment)
         return self.able.drones is not None and all(
             self.is_home(moment, drone, drone in able) for drone in range(len(self.setting.names))
         )
 
-    def is_home(self, moment: Moment, drone: int, able: bool) -> bool:
+    def is_home(self, moment: Scene, drone: int, able: bool) -> bool:
         """Whether a drone has ended its flight as it must."""
         autopilot, pilot = moment.autopilots[drone], moment.pilots[drone]
         if not moment.airborne(drone) and not autopilot.armed:

@@ -11,13 +11,13 @@ from shapely import Polygon
 
 from protocol.messages import Stage
 from sim.scoring.invariants.base import Breach, Invariant, Setting
-from sim.scoring.moment import Moment
+from sim.scoring.moment import Scene
 
 APART_M, APART_UNDER_FAULTS_M, COLLISION_M = 3.0, 2.5, 2.0
 _BY_SETPOINTS = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 
 
-class Separation(Invariant):
+class Separation(Invariant[Scene]):
     """Two vehicles in the air are 3 m apart, 2.5 m from the first fault on: no rotor touches another in any gust.
 
     The distance is that in space: vehicles whose autopilots return by themselves fly in layers above each other. Exempt are pairs
@@ -31,7 +31,7 @@ class Separation(Invariant):
         self.least_m = inf  # of all pairs that are not exempt
         self._pairs = list(combinations(range(len(setting.names)), 2))
 
-    def breaches(self, moment: Moment) -> Iterator[Breach]:
+    def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Pairs that are too near to each other."""
         apart_m = APART_M if moment.time_s < self.setting.first_fault_s else APART_UNDER_FAULTS_M
         for pair, distance_m in self._near(moment, max(apart_m, self.least_m)):
@@ -39,7 +39,7 @@ class Separation(Invariant):
             if distance_m < apart_m:
                 yield Breach(pair, f"{distance_m:.2f} m apart, at least {apart_m:g} m wanted")
 
-    def _near(self, moment: Moment, within_m: float) -> Iterator[tuple[tuple[int, int], float]]:
+    def _near(self, moment: Scene, within_m: float) -> Iterator[tuple[tuple[int, int], float]]:
         """Pairs in the air within a distance, without the exempt ones."""
         places = moment.position_m.tolist()
         for pair in self._pairs:
@@ -56,13 +56,13 @@ class Collision(Separation):
 
     name = "collision"
 
-    def breaches(self, moment: Moment) -> Iterator[Breach]:
+    def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Pairs that have collided."""
         for pair, distance_m in self._near(moment, COLLISION_M):
             yield Breach(pair, f"{distance_m:.2f} m apart")
 
 
-class Fence(Invariant):
+class Fence(Invariant[Scene]):
     """No vehicle in the air leaves the area by more than the fence's margin; exempt as in separation."""
 
     name = "fence"
@@ -73,7 +73,7 @@ class Fence(Invariant):
         self._fence = Polygon(area.polygon_m).buffer(area.fence_margin_m)
         shapely.prepare(self._fence)
 
-    def breaches(self, moment: Moment) -> Iterator[Breach]:
+    def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Vehicles outside."""
         inside = shapely.contains_xy(self._fence, moment.position_m[:, :2])
         if inside.all():
@@ -84,12 +84,12 @@ class Fence(Invariant):
                 yield Breach((drone,), f"at ({x:.1f}, {y:.1f}) m, outside the fence")
 
 
-class Heights(Invariant):
+class Heights(Invariant[Scene]):
     """Vehicles stay below the ceiling, and above the floor while they follow setpoints; exempt as in separation."""
 
     name = "height"
 
-    def breaches(self, moment: Moment) -> Iterator[Breach]:
+    def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Vehicles that are too low or too high."""
         area = self.setting.mission.area
         for drone, height_m in enumerate(moment.position_m[:, 2].tolist()):

@@ -40,6 +40,8 @@ class Commander:
 
     To be set before each step: knows_position, in its local frame; has_home, on the globe; home_altitude_m, above the sea;
     fixless, without the satellites that it needs; station_lost and station_missing, the ground station; battery.
+
+    armed_s: when it was armed last.
     """
 
     def __init__(
@@ -73,7 +75,7 @@ class Commander:
         self._velocity: Vector3 = (0.0, 0.0, 0.0)
         self._drifting = False
         self._time_s = 0.0
-        self._armed_s = 0.0
+        self.armed_s = 0.0
         self._offboard_s = float("-inf")
         self._at_the_sticks = False
         self._taking_off = False  # from the ground, as TAKEOFF does
@@ -135,7 +137,7 @@ class Commander:
         if self.preflight_failure is not None and not force:
             self._announce(events.ARMING_DENIED)
             return TEMPORARILY_REJECTED
-        self.armed, self._armed_s = True, self._time_s
+        self.armed, self.armed_s = True, self._time_s
         self._ground.arm()
         self._guidance.home = self._position
         self._guidance.stay(self._position)
@@ -282,7 +284,7 @@ class Commander:
                 if self.armed:
                     self._announce(events.LANDING_DETECTED)
         elif self.armed:
-            spun_up = self._time_s - self._armed_s >= SPOOL_UP_S
+            spun_up = self._time_s - self.armed_s >= SPOOL_UP_S
             if ground.rise(spun_up and self._steering.wants_up(self.mode, self._position)):
                 self._taking_off = self.mode is Mode.TAKEOFF
                 self._announce(events.TAKEOFF_DETECTED)
@@ -292,7 +294,7 @@ class Commander:
         ground, value = self._ground, self._parameters
         if ground.flown and ground.landed and self._time_s - ground.landed_s > value["COM_DISARM_LAND"] > 0.0:
             self._disarm(By.LANDING)
-        elif not ground.flown and self._time_s - self._armed_s - IDLE_S > value["COM_DISARM_PRFLT"] > 0.0:
+        elif not ground.flown and self._time_s - self.armed_s - IDLE_S > value["COM_DISARM_PRFLT"] > 0.0:
             self._disarm(By.IDLENESS)
 
     def _disarm(self, by: By) -> None:

@@ -89,7 +89,7 @@ class Px4Face:
         self._claimed_m, self._frame_resets = position_sigma_m[0], 0
         self._step_ns, self._stepped_ns = round(step_s * 1e9), clock_ns()
         self._home_altitude_m, self._next_jump_s = place.place.altitude_m, 0.0
-        self._origin_announced = False
+        self._origin_announced = self._to_be_disarmed = False
 
     @property
     def target(self) -> Target:
@@ -108,6 +108,10 @@ class Px4Face:
     def lose_satellites(self, duration_s: float) -> None:
         """Block its satellite reception from now on, for this long."""
         self._dark_until_s = max(self._dark_until_s, self._state.boot_s + duration_s)
+
+    def disarm_before_takeoff(self) -> None:
+        """Somebody on site disarms it as soon as its heartbeat shows it armed, unless it is in the air by then."""
+        self._to_be_disarmed = True
 
     @property
     def in_sight(self) -> bool:
@@ -208,6 +212,9 @@ class Px4Face:
         commander.battery, commander.home_altitude_m = state.battery.warning, state.home_altitude_m
         north, east, down = estimate.velocity_ned_mps
         armed = commander.armed
+        if self._to_be_disarmed and armed and all(link.schedule.beat_s > commander.armed_s for link in self.links):
+            self._to_be_disarmed = False
+            commander.disarm(force=False)
         commander.step(state.boot_s, estimate.position_enu_m, (east, north, -down), contact)
         if commander.armed and not armed and self.parameters["SDLOG_MODE"] == 0.0:
             self._announce(events.log_opened(time.gmtime(state.utc_ns * 1e-9)[:6]))

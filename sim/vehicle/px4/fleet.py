@@ -17,8 +17,9 @@ from math import degrees, hypot
 from typing import Literal
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
 
-from sim.geometry import Array
+from sim.geometry import Array, Vector3
 from sim.vehicle.guidance import Reframing
 from sim.vehicle.multirotor import Multirotors, Setpoints
 from sim.vehicle.px4.config import Datum, Px4Config
@@ -152,6 +153,22 @@ class Px4Fleet:
             commander.take_over()
         else:
             commander.set_mode(Mode[mode.upper()])
+
+    def disarm(self, drone: int) -> None:
+        """Somebody on site disarms a vehicle as soon as it shows that it is armed, before it takes off."""
+        self.faces[drone].disarm_before_takeoff()
+
+    def switch_stream(self, drone: int, message: str, sent: bool) -> None:
+        """Switch one of a vehicle's MAVLink messages off or on, on all links."""
+        number: int = getattr(mavlink, f"MAVLINK_MSG_ID_{message}")
+        for link in self.faces[drone].links:
+            (link.schedule.muted.discard if sent else link.schedule.muted.add)(number)
+
+    def reset_filter(self, drone: int, shift_m: Vector3, turn_rad: float) -> None:
+        """A vehicle's filter is reset: its own position jumps by ``shift_m`` (world), its heading by ``turn_rad``."""
+        place = self._motion.position_m[drone] + self._error.position_error_m[drone]
+        x, y, z = (self._frames.matrix[drone].T @ np.array(shift_m)).tolist()
+        self.faces[drone].reset(self._frames.correct(drone, place, (x, y, z), turn_rad))
 
     def reports(self) -> list[VehicleReport]:
         """One for each vehicle."""

@@ -81,7 +81,7 @@ class Mortal:
 def test_a_restarted_agent_flies_on_and_everything_replays(tmp_path):
     agents = []
 
-    def made(mission, config, boot, listeners=(), memory=None):
+    def made(mission, config, boot, listeners, memory, estimators):
         agents.append(Mortal(tmp_path / config.id, mission, config, boot, mortal=config.id == "d2"))
         return agents[-1]
 

@@ -136,7 +136,7 @@ def test_an_answer_costs_what_is_in_it_however_many_gaps_there_are(mission, entr
     log = empty_log(mission)
     for entry, payload in gapped(entries, 20_000):
         log.add(entry, payload)
-    log._records = CountedDict(log._records)
+    log._payloads[Cone] = CountedDict(log._payloads[Cone])
     for summary, found in ({}, MOST), (log.summary(), 0), ({("a", "00000000000000b1"): ((0, 10**6),)}, 0):
         CountedDict.looked = 0
         assert len(log.missing_from(summary, MOST)) == found

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from agent.frames.transform import Transform
-from agent.fusion.observation import Origin, observe
+from agent.fusion.observation import observe
 from protocol.entries import ConeOrder, PoseSample
 
 
@@ -20,7 +20,7 @@ def with_orders(cone, *orders):
 
 def test_a_cone_moves_into_the_mission_frame(cone):
     seen = observe(cone, Transform(math.pi / 2, (10.0, 20.0, 1.0)))
-    assert (seen.stamp_ns, seen.entry) == (cone.stamp_ns, Origin(cone.entry_id, cone.epoch))
+    assert (seen.stamp_ns, seen.identity, seen.epoch) == (cone.stamp_ns, cone.entry_id, cone.epoch)
     for reading in seen.readings:
         assert reading.apex == pytest.approx((10.0, 21.0, 4.0))
     assert seen.readings[0].axis == pytest.approx((0.0, 1.0, 0.0))

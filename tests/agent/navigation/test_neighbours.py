@@ -320,3 +320,20 @@ def test_a_drone_that_does_not_follow_its_plan_is_where_its_pose_says_and_gives_
 def test_a_drone_that_publishes_plans_no_more_gives_no_way():
     assert seen(pose(3 * SECOND // 2), plan(SECOND), status(Stage.TRACK), now_ns=3 * SECOND // 2)[0].plan.blind is False
     assert seen(pose(3 * SECOND // 2), plan(), status(Stage.HOLD), now_ns=3 * SECOND // 2)[0].plan.blind is True
+
+
+@pytest.mark.parametrize(("sigma_m", "places"), [(0.1, 1), (16.0, 2)])
+def test_a_drone_in_doubt_after_a_jump_is_given_way_in_both_places(sigma_m, places):
+    """Its pose jumps by 20 m along its x axis, which is the mission's y axis."""
+    peers, around = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    peers.receive(pose(), 0)
+    around.around(peers, Self(0, 0, 0.0, Transform()))
+    now_ns = SECOND // 10
+    peers.receive(replace(pose(now_ns, sigma_m, epoch=1), position_m=(21.0, 0.0, 3.0)), now_ns)
+    found = around.around(peers, Self(now_ns, 0, 0.0, Transform()))
+    assert len(found) == places
+    assert found[0].plan.state(now_ns).position == pytest.approx((10.0, 1.2, 3.0))
+    if places == 2:
+        assert found[1].plan.state(now_ns).position == pytest.approx((10.0, 21.0, 3.0))
+        assert found[1].plan.blind
+        assert not found[1].takes_part

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from agent.config.drone import DroneConfig
 from agent.detector.detection import ConeEvent, Detections
 from agent.localization.history import PoseHistory
-from agent.sensing.observer import EXPOSURE_NS, LATE_NS, MOST_POSES, MUTE_S, SILENT_S, Observer
+from agent.sensing.observer import EXPOSURE_NS, GONE_NS, LATE_NS, MOST_POSES, MUTE_S, SILENT_S, Observer
 from agent.vehicle.interface import FlightMode, VehicleState
 from protocol.codec import encode
 from protocol.entries import Cone, Counts, Exposure
@@ -127,6 +127,43 @@ def test_zeros_of_a_dead_camera_are_no_absence_of_a_source():
     assert sum(entry.end_ns - entry.stamp_ns for entry in mute) > (30 - 15) * SECOND - LATE_NS - SECOND
     assert entries[-1].counts.hits > 0
     assert observer.dropped == 0
+
+
+@pytest.mark.parametrize("unused", ["mute", "lost"])
+def test_poses_of_a_time_that_is_not_used_are_told_at_once(unused):
+    """Told 3 s later, they had every drone estimate all frames since then again, twice a second."""
+    history = PoseHistory()
+    observer, step = observer_with(history), SECOND // 5
+    latest_ns = 0
+    for tick in range(1, 101):
+        now_ns = START_NS + tick * step
+        there = telemetry(now_ns, (0.1 * tick, 0.0, 8.0), Rotation.identity())
+        history.add(replace(there, position_trusted=unused != "lost"))
+        observer.observe(Detections(now_ns - step, now_ns, 0.2, hits=int(unused == "lost")))
+        latest_ns = max([latest_ns, *(entry.end_ns for entry in observer.unseen(now_ns))])
+        if now_ns > START_NS + (MUTE_S + 1) * SECOND:
+            assert now_ns - latest_ns < EXPOSURE_NS
+
+
+def test_a_camera_that_is_gone_is_not_waited_for_and_used_again_when_it_comes_back():
+    """However late its readouts are then, up to the 3 s that they may be."""
+    history = PoseHistory()
+    observer, step = observer_with(history), SECOND // 10
+    entries = []
+    for tick in range(1, 401):
+        now_ns = START_NS + tick * step
+        history.add(telemetry(now_ns, (0.1 * tick, 0.0, 8.0), Rotation.identity()))
+        if tick <= 10 or tick > 250:
+            read_ns = now_ns if tick <= 10 else now_ns - LATE_NS + 2 * step
+            entries += observer.observe(Detections(read_ns - step, read_ns, 0.1, hits=1))
+        entries += observer.unseen(now_ns)
+        told_s = (now_ns - entries[-1].end_ns) / SECOND if entries else 0.0
+        if 1.0 + GONE_NS / SECOND < tick / 10 <= 25.0:
+            assert told_s < EXPOSURE_NS / SECOND
+    assert all(before.end_ns <= after.stamp_ns for before, after in pairwise(entries))
+    back_ns = START_NS + 25 * SECOND + 2 * LATE_NS
+    assert all(entry.live_time_s > 0.4 for entry in entries if entry.stamp_ns > back_ns)
+    assert entries[-1].stamp_ns > back_ns
 
 
 def test_a_camera_that_never_had_a_hit_is_told_of_even_before_anybody_knows_where_it_is():

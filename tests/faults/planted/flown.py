@@ -1,4 +1,4 @@
-"""Missions flown with planted bugs: one mission by ``radron-sim faults``, the file that keeps them, and what counts as found."""
+"""Missions flown with planted bugs: their stages, one mission by ``radron-sim``, the file that keeps them, what is found."""
 
 from __future__ import annotations
 
@@ -15,16 +15,38 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-FAULTS = (sys.executable, "-c", "from sim.cli import main; main()", "faults")
+_RADRON_SIM = (sys.executable, "-c", "from sim.cli import main; main()")
 CRASH, HANG = "no result", "no end"  # beside the invariants' names: it died without a line, or did not end
 _MOST_TEXT = 300
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One kind of missions. ``seed``: the first one, of no other campaign; ``missions``: of a bug at most.
+
+    ``repeated``: no two flights of a seed are the same, so that a bug is found only where a second one violates the same.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    seed: int
+    missions: int
+    repeated: bool = False
+
+
+SHORT = Stage("short", (*_RADRON_SIM, "faults", "--short", "--workers", "1"), 500_000, 7)
+FULL = Stage("full", (*_RADRON_SIM, "faults", "--workers", "1"), 510_000, 10)
+LIVE = Stage("live", (*_RADRON_SIM, "live-faults"), 600_000, 3, repeated=True)  # three have all faults once
+STAGES = (SHORT, FULL, LIVE)  # 20 missions in all
 
 
 @dataclass(frozen=True, slots=True)
 class Flown:
     """A mission of one seed with one bug ("": none, the control), of packages with that fingerprint.
 
-    ``violated``: names of the violated invariants, sorted; ``text``: the first violation in words.
+    ``attempt``: 1 where it is flown again.
+
+    ``violated``: names of the violated invariants, sorted; ``text``: the first violation of each, in words.
     """
 
     bug: str
@@ -32,27 +54,28 @@ class Flown:
     sources: str
     violated: tuple[str, ...]
     text: str = ""
+    attempt: int = 0
 
 
 class Flights:
     """Flies missions in processes that end with this object's ``stop``."""
 
-    def __init__(self, command: Sequence[str] = FAULTS, longest_s: float = 3600.0) -> None:
+    def __init__(self, longest_s: float = 3600.0) -> None:
         """``longest_s``: a mission that takes longer is stopped, and counts as one without an end."""
-        self._command, self._longest_s = tuple(command), longest_s
+        self._longest_s = longest_s
         self._running: set[subprocess.Popen[str]] = set()
         self._lock = threading.Lock()
         self._stopped = False
 
-    def fly(self, tree: Path, bug: str, seed: int, sources: str) -> Flown | None:
+    def fly(self, command: Sequence[str], tree: Path, bug: str, seed: int, sources: str, attempt: int = 0) -> Flown | None:
         """Fly the packages in ``tree``; None where it was stopped."""
         with tempfile.TemporaryDirectory(prefix="planted-") as folder:
             out = Path(folder) / "out"
-            code, errors = self._run([*self._command, "--runs", "1", "--seed", str(seed), "--out", str(out)], tree)
+            code, errors = self._run([*command, "--runs", "1", "--seed", str(seed), "--out", str(out)], tree)
             if self._stopped:
                 return None
             violated, text = ((HANG,), f"over {self._longest_s:g} s") if code is None else _judged(out, code, errors)
-            return Flown(bug, seed, sources, violated, text[:_MOST_TEXT])
+            return Flown(bug, seed, sources, violated, text[:_MOST_TEXT], attempt)
 
     def stop(self) -> None:
         """End all missions, and fly no more."""
@@ -97,21 +120,21 @@ class Record:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._lock = threading.Lock()
-        self._flown: dict[tuple[str, int, str], Flown] = {}
+        self._flown: dict[tuple[str, int, str, int], Flown] = {}
         lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
         for flown in _read(lines):
-            self._flown[flown.bug, flown.seed, flown.sources] = flown
+            self._flown[flown.bug, flown.seed, flown.sources, flown.attempt] = flown
         if lines:  # the last one may have been torn by an interruption
             path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
-    def find(self, bug: str, seed: int, sources: str) -> Flown | None:
+    def find(self, bug: str, seed: int, sources: str, attempt: int = 0) -> Flown | None:
         """That mission, if it was flown with these packages."""
-        return self._flown.get((bug, seed, sources))
+        return self._flown.get((bug, seed, sources, attempt))
 
     def add(self, flown: Flown) -> None:
         """Keep a mission."""
         with self._lock:
-            self._flown[flown.bug, flown.seed, flown.sources] = flown
+            self._flown[flown.bug, flown.seed, flown.sources, flown.attempt] = flown
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(asdict(flown)) + "\n")
 
@@ -135,7 +158,7 @@ def only_with_bug(flown: Flown, control: Flown) -> tuple[str, ...]:
 
 
 def _judged(out: Path, code: int, errors: str) -> tuple[tuple[str, ...], str]:
-    """Names of the violated invariants, and the first violation in words."""
+    """Names of the violated invariants, and the first violation of each in words."""
     try:
         lines = (out / "missions.jsonl").read_text(encoding="utf-8").splitlines()
         violations = [violation for line in lines for violation in json.loads(line)["violations"]]
@@ -144,8 +167,8 @@ def _judged(out: Path, code: int, errors: str) -> tuple[tuple[str, ...], str]:
     if not lines or code not in (0, 1):
         said = errors.strip().splitlines() or ["nothing on standard error"]
         return (CRASH,), f"exit code {code}: {said[-1]}"
-    names = tuple(sorted({str(violation["invariant"]) for violation in violations}))
-    return names, str(violations[0].get("text", "")) if violations else ""
+    texts = {str(violation["invariant"]): str(violation.get("text", "")) for violation in reversed(violations)}
+    return tuple(sorted(texts)), "; ".join(f"{name}: {text}" for name, text in sorted(texts.items()))
 
 
 def _read(lines: Iterable[str]) -> Iterator[Flown]:

@@ -1,9 +1,10 @@
-"""``make planted``: which of the planted bugs the random missions of ``radron-sim faults`` find, and by what.
+"""``make planted``: which of the planted bugs the missions with faults find, and by what.
 
-Each bug flies the same seeds, at most 20, until one finds it: an invariant is violated that holds in the same mission without the
-bug, or the mission dies or does not end. Every mission is kept in OUT/found.jsonl, so that an interrupted run goes on, as long as
-the packages are the same. The table is also written to OUT/table.md. Exit code 1 where less than 85 % of the written bugs are
-found.
+Each bug flies the same seeds until one finds it, 20 at most: short missions in lockstep, full ones, and live ones, in which the
+agents are real processes. Bugs in code that lockstep does not run fly live only. A bug is found where an invariant is violated
+that holds in the same mission without it, or the mission dies or does not end; live missions, of which no two are the same, must
+show it twice. Every mission is kept in OUT/found.jsonl, so that an interrupted run goes on, as long as the packages are the same.
+The table is also written to OUT/table.md. Exit code 1 where less than 85 % of the written bugs are found.
 """
 
 from __future__ import annotations
@@ -15,16 +16,14 @@ import shlex
 import signal
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bugs import LISTS, ROOT, Bug, BugError, copy_packages, fingerprint, load_bugs
-from flown import CRASH, FAULTS, HANG, Flights, Flown, Memo, Record, only_with_bug
+from flown import CRASH, HANG, LIVE, STAGES, Flights, Flown, Memo, Record, Stage, only_with_bug
 
-FIRST_SEED = 500_000  # of no other campaign
-MISSIONS = 20
 FLOOR = 0.85
 CONTROL = ""
 
@@ -35,6 +34,7 @@ class Score:
 
     bug: Bug
     by: tuple[str, ...] = ()
+    stage: str = ""
     seed: int | None = None
     text: str = ""
     flown: int = 0
@@ -43,7 +43,7 @@ class Score:
 class Hunt:
     """Flies the bugs of one state of the packages, of which it keeps copies of its own while others edit them."""
 
-    def __init__(self, folder: Path, flights: Flights, record: Record, missions: int) -> None:
+    def __init__(self, folder: Path, flights: Flights, record: Record, stages: Sequence[Stage]) -> None:
         """``folder``: an empty one, for the copies.
 
         The control of the first seed is flown at once, so that the copies with a bug have what it has compiled.
@@ -52,45 +52,62 @@ class Hunt:
             BugError: it gives no result: there is nothing to compare with.
         """
         self._tree, self._flights, self._record = folder / "packages", flights, record
-        self._seeds = range(FIRST_SEED, FIRST_SEED + missions)
         copy_packages(ROOT, self._tree)
         self._sources = fingerprint(self._tree)
-        first = self._flown(self._tree, CONTROL, FIRST_SEED, self._sources)
+        first = self._flown(stages[0], self._tree, CONTROL, stages[0].seed, self._sources)
         if first is not None and {CRASH, HANG} & set(first.violated):
-            raise BugError(f"seed {FIRST_SEED} without any bug: {', '.join(first.violated)}: {first.text}")
+            raise BugError(f"seed {first.seed} without any bug: {', '.join(first.violated)}: {first.text}")
         self._control_tree = folder / "control"  # a flight writes into its packages, so none flies in those that are copied
         copy_packages(self._tree, self._control_tree)
         self._controls = Memo()
 
-    def score(self, bug: Bug) -> Score | None:
-        """Fly a bug until it is found; None where that was stopped."""
+    def score(self, before: Score, stage: Stage) -> Score | None:
+        """Fly a bug in one more stage, until it is found; None where that was stopped."""
+        bug = before.bug
         sources = hashlib.blake2b(f"{self._sources}\0{bug.file}\0{bug.old}\0{bug.new}".encode(), digest_size=8).hexdigest()
         with tempfile.TemporaryDirectory(prefix="planted-") as folder:
             tree: Path | None = None
-            for count, seed in enumerate(self._seeds, start=1):
-                if self._record.find(bug.id, seed, sources) is None and tree is None:
+
+            def fly(seed: int, attempt: int = 0) -> Flown | None:
+                nonlocal tree
+                if self._record.find(bug.id, seed, sources, attempt) is None and tree is None:
                     tree = Path(folder) / "tree"
                     copy_packages(self._tree, tree)
                     bug.plant(tree)
-                flown = self._flown(tree, bug.id, seed, sources)
-                control = self._control(seed) if flown is not None and flown.violated else flown
-                if flown is None or control is None:
-                    return None
-                found = only_with_bug(flown, control) if flown.violated else ()
-                if found:
-                    return Score(bug, found, seed, flown.text, count)
-        return Score(bug, flown=len(self._seeds))
+                return self._flown(stage, tree, bug.id, seed, sources, attempt)
 
-    def _control(self, seed: int) -> Flown | None:
+            for count, seed in enumerate(range(stage.seed, stage.seed + stage.missions), start=1):
+                flown = fly(seed)
+                found = self._found(stage, flown, fly) if flown is not None else None
+                if flown is None or found is None:
+                    return None
+                if found:
+                    return Score(bug, found, stage.name, seed, flown.text, before.flown + count)
+        return replace(before, flown=before.flown + stage.missions)
+
+    def _found(self, stage: Stage, flown: Flown, fly: Callable[[int, int], Flown | None]) -> tuple[str, ...] | None:
+        """What finds the bug in a mission; None where that was stopped."""
+        if not flown.violated:
+            return ()
+        control = self._control(stage, flown.seed)
+        if control is None:
+            return None
+        found = only_with_bug(flown, control)
+        if not found or not stage.repeated:
+            return found
+        again = fly(flown.seed, 1)
+        return None if again is None else tuple(name for name in found if name in again.violated)
+
+    def _control(self, stage: Stage, seed: int) -> Flown | None:
         """The mission without any bug."""
         with self._controls.lock(seed):
-            return self._flown(self._control_tree, CONTROL, seed, self._sources)
+            return self._flown(stage, self._control_tree, CONTROL, seed, self._sources)
 
-    def _flown(self, tree: Path | None, bug: str, seed: int, sources: str) -> Flown | None:
-        known = self._record.find(bug, seed, sources)
+    def _flown(self, stage: Stage, tree: Path | None, bug: str, seed: int, sources: str, attempt: int = 0) -> Flown | None:
+        known = self._record.find(bug, seed, sources, attempt)
         if known is not None or tree is None:
             return known
-        flown = self._flights.fly(tree, bug, seed, sources)
+        flown = self._flights.fly(stage.command, tree, bug, seed, sources, attempt)
         if flown is not None:
             self._record.add(flown)
         return flown
@@ -124,16 +141,22 @@ def main() -> None:
 
 def _hunt(bugs: Sequence[Bug], options: argparse.Namespace) -> list[Score]:
     """The scores in the order of the bugs; progress goes to standard error."""
-    flights = Flights(shlex.split(options.command) if options.command else FAULTS, options.longest)
-    scores: dict[str, Score] = {}
+    stages = _stages(options)
+    if not stages:
+        raise BugError("no missions: give a number above 0 to one of --short, --full, --live")
+    flights = Flights(options.longest)
+    scores = {bug.id: Score(bug) for bug in bugs}
     with tempfile.TemporaryDirectory(prefix="planted-") as folder, ThreadPoolExecutor(options.jobs) as pool:
         try:
-            hunt = Hunt(Path(folder), flights, Record(options.out / "found.jsonl"), options.missions)
-            for ended in as_completed([pool.submit(hunt.score, bug) for bug in bugs]):
-                score = ended.result()
-                if score is not None:
-                    scores[score.bug.id] = score
-                    print(f"planted: {len(scores)} of {len(bugs)}: {_told(score)}", file=sys.stderr, flush=True)
+            hunt = Hunt(Path(folder), flights, Record(options.out / "found.jsonl"), stages)
+            for stage in stages:
+                live = stage.name == LIVE.name  # real time: one after the other
+                waiting = [score for score in scores.values() if not score.by and (live or not score.bug.live)]
+                flying = (hunt.score(score, stage) for score in waiting) if live else _all(pool, hunt, waiting, stage)
+                for count, score in enumerate(flying, start=1):
+                    if score is not None:
+                        scores[score.bug.id] = score
+                        print(f"planted: {stage.name}: {count} of {len(waiting)}: {_told(score)}", file=sys.stderr, flush=True)
         except BaseException as error:
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # all that follows takes a moment
             pool.shutdown(wait=False, cancel_futures=True)
@@ -145,14 +168,29 @@ def _hunt(bugs: Sequence[Bug], options: argparse.Namespace) -> list[Score]:
     return [scores[bug.id] for bug in bugs]
 
 
+def _all(pool: ThreadPoolExecutor, hunt: Hunt, waiting: Sequence[Score], stage: Stage) -> Iterator[Score | None]:
+    """The scores of a stage as they become known."""
+    for ended in as_completed([pool.submit(hunt.score, score, stage) for score in waiting]):
+        yield ended.result()
+
+
+def _stages(options: argparse.Namespace) -> list[Stage]:
+    """Those with missions; ``--command`` flies them all."""
+    numbers = (options.short, options.full, options.live)
+    stages = [replace(stage, missions=number) for stage, number in zip(STAGES, numbers, strict=True) if number]
+    command = tuple(shlex.split(options.command)) if options.command else ()
+    return [replace(stage, command=command or stage.command) for stage in stages]
+
+
 def table_of(scores: Sequence[Score]) -> list[str]:
     """The table, in Markdown, with the shares that are found."""
-    lines = ["| bug | subject | mistake | found by | seed | missions |", "|---|---|---|---|---|---|"]
+    lines = ["| bug | subject | mistake | found by | in | seed | missions |", "|---|---|---|---|---|---|---|"]
     for score in scores:
         bug = score.bug
         title = bug.title.replace("|", "\\|") + (" (live)" if bug.live else "")
         found = ", ".join(score.by) or "**not found**"
-        lines.append(f"| `{bug.id}` | {bug.subject} | {title} | {found} | {score.seed or ''} | {score.flown} |")
+        where = f"{score.stage} | {score.seed}" if score.by else " | "
+        lines.append(f"| `{bug.id}` | {bug.subject} | {title} | {found} | {where} | {score.flown} |")
     lines.append("")
     for origin in LISTS:
         every = [score for score in scores if score.bug.origin == origin]
@@ -176,11 +214,13 @@ def _told(score: Score) -> str:
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0], prog="planted")
     parser.add_argument("--only", nargs="+", metavar="ID", help="these bugs; default: all")
-    parser.add_argument("--missions", type=int, default=MISSIONS, help=f"most missions of a bug, {MISSIONS} by default")
+    for stage in STAGES:
+        told = f"{stage.name} missions of a bug at most, {stage.missions} by default"
+        parser.add_argument(f"--{stage.name}", type=int, default=stage.missions, metavar="N", help=told)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="missions at the same time; default: all cores")
     parser.add_argument("--longest", type=float, default=3600.0, metavar="S", help="a mission that takes longer has no end")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "planted")
-    parser.add_argument("--command", help="in the place of radron-sim faults, for tests")
+    parser.add_argument("--command", help="in the place of radron-sim, for tests")
     return parser.parse_args()
 
 

@@ -103,6 +103,8 @@ class Schedule:
         """Nothing before ``begin_s``; every message begins within one of its intervals from then."""
         self._usual = {message: 1.0 / rate for message, rate in rates_hz.items()}
         self._interval = dict(self._usual)
+        self.beat_s = float("-inf")  # of the last heartbeat
+        self.muted: set[int] = set()  # messages that a fault keeps from being sent
         self._rng = rng
         self._next = {message: begin_s + float(rng.uniform(0.0, interval)) for message, interval in self._usual.items()}
 
@@ -116,7 +118,9 @@ class Schedule:
                 self._next[message] = now_s + interval_s if late else next_s + interval_s
                 if message == _HEARTBEAT:
                     self._next[message] += self._delay_s()
-                yield BUILDERS[message]
+                    self.beat_s = now_s
+                if message not in self.muted:
+                    yield BUILDERS[message]
 
     def _delay_s(self) -> float:
         """Delay of a heartbeat beyond its second."""

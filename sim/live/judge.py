@@ -1,0 +1,231 @@
+"""A live flight judged by its invariants: from the truth of the world process, and from what the agents publish and log."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Sequence
+from math import asin, atan2, cos, degrees, hypot, remainder, sin, tau
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.vehicle.interface import FlightMode
+from protocol.messages import AnyDroneMessage, Pose, Stage
+from sim.faults.agents import Freeze, Kill, SlowCpu
+from sim.faults.base import Fault
+from sim.faults.machines import Disarm
+from sim.geometry import Quaternion
+from sim.live.monitor import Belief, ObservedAgent
+from sim.live.report import AgentEnd, LiveReport
+from sim.live.worldlink import Truth
+from sim.scoring.invariants.base import Invariant, Setting, Violation
+from sim.scoring.invariants.beliefs import TruthPossible
+from sim.scoring.invariants.liveness import Landed
+from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
+from sim.scoring.moment import OFF_GROUND_M, Scene
+
+WRONG_SIGMAS, WRONG_M, WRONG_RAD, WRONG_S = 6.0, 1.0, 0.25, 2.0  # an own pose is wrong beyond all of these
+_TRUTHS = 60  # 3 s of them
+_DELAYED_NS = 700_000_000
+_PAUSE_NS = 1_000_000_000  # between two poses: what was before does not count
+_TRACEBACK = "Traceback (most recent call last)"
+
+
+class _Member(NamedTuple):
+    """An agent, as its messages show it."""
+
+    stage: Stage
+    digest: str
+    hypothesis: Belief | None
+
+
+class _Autopilot(NamedTuple):
+    mode: FlightMode
+    armed: bool
+    setpoint_age_s: float | None
+
+
+class LiveJudge:
+    """Of one flight. ``violations``: in order of time."""
+
+    def __init__(self, setting: Setting, agents: Sequence[ObservedAgent]) -> None:
+        self.setting = setting
+        self.landed, self.separation = Landed(setting), Separation(setting)
+        self.invariants: tuple[Invariant[Scene], ...] = (
+            self.separation, Collision(setting), Fence(setting), Heights(setting), TruthPossible(setting), self.landed,
+        )  # fmt: skip
+        self.violations: list[Violation] = []
+        self._agents = agents
+        self._poses = [OwnPose() for _ in agents]
+        self._disarmed = [Disarmed(fault) for fault in setting.scenario.fault if isinstance(fault, Disarm)]
+        self._truths: deque[Truth] = deque(maxlen=_TRUTHS)
+        self.time_s = self.drone_s = 0.0  # since the start command; in the air, of all drones together
+        self._last: Scene | None = None
+
+    def see(self, time_s: float, truth: Truth) -> bool:
+        """Judge the world, ``time_s`` after the start command; True where nothing more is to be expected."""
+        self._truths.append(truth)
+        scene = self._last = self._scene(time_s, truth)
+        self.drone_s += (time_s - self.time_s) * sum(map(scene.airborne, range(len(self._agents))))
+        self.time_s = time_s
+        for invariant in self.invariants:
+            self.violations += invariant.look(scene)
+        for disarmed in self._disarmed:
+            for name in disarmed.broken(time_s, scene, self.setting.names):
+                self._tell("disarmed", (name,), "somebody has disarmed it on the ground, and it is armed again")
+        return time_s >= self.setting.end_s or (time_s > self.setting.heal_s and self.landed.is_over(scene))
+
+    def hear(self, drone: int, message: AnyDroneMessage) -> None:
+        """Take what an agent publishes: the pose that it tells of itself must be possible."""
+        if not isinstance(message, Pose) or not self._truths:
+            return
+        told = self._poses[drone].check(message, self._around(message.stamp_ns), drone, self.setting)
+        if told is not None:
+            self._tell("own-pose", (self.setting.names[drone],), told)
+
+    def finish(self, logs: Sequence[Path], report: LiveReport, exits: dict[str, int | None]) -> None:
+        """Judge how the flight has ended. ``logs``: of the agents; ``exits``: exit codes of their processes."""
+        if self._last is not None:
+            for invariant in self.invariants:
+                self.violations += invariant.finish(self._last)
+        able = [report.agents[drone] for drone in self.landed.able.drones or ()]
+        told = {(end.digest, end.position_m) for end in able if end.alive}
+        if len(told) > 1:
+            text = f"{len({digest for digest, _ in told})} digests and {len(told)} beliefs at the end, with the cameras off"
+            self._tell("convergence", tuple(end.drone for end in able), text)
+        for drone, code in exits.items():
+            if code is not None and not any(_may_end(fault, drone) for fault in self.setting.scenario.fault):
+                self._tell("process", (drone,), f"its agent ended by itself, exit code {code}")
+        for name, log in zip(self.setting.names, logs, strict=True):
+            for text in exceptions(log):
+                self._tell("exception", (name,), text)
+
+    def errors_m(self, ends: Sequence[AgentEnd]) -> list[float | None]:
+        """Errors of the able drones' source estimates at the end."""
+        source = self._last.source if self._last is not None else None
+        places = [ends[drone].position_m for drone in self.landed.able.drones or ()]
+        return [
+            None if place is None or source is None else hypot(place[0] - source[0], place[1] - source[1]) for place in places
+        ]
+
+    def _scene(self, time_s: float, truth: Truth) -> Scene:
+        return Scene(
+            time_s=time_s,
+            position_m=np.array(truth.position_m),
+            source=truth.source_m,
+            pilots=[_member(agent) for agent in self._agents],
+            autopilots=[
+                _Autopilot(_mode(told.mode), told.armed, 0.0 if told.mode == "offboard" else None) for told in truth.vehicles
+            ],
+        )
+
+    def _around(self, stamp_ns: int) -> list[Truth]:
+        """The truths around a time, within what a busy machine delays stamps and world."""
+        return [truth for truth in self._truths if abs(truth.stamp_ns - stamp_ns) < _DELAYED_NS] or [self._truths[-1]]
+
+    def _tell(self, name: str, drones: tuple[str, ...], text: str) -> None:
+        self.violations.append(Violation(invariant=name, time_s=round(self.time_s, 3), drones=drones, text=text))
+
+
+class OwnPose:
+    """No drone tells a pose of itself that excludes its true position or heading at 6 sigma for 2 s: the others' separation and
+    the meaning of all that it measures rest on it. Only poses in the frame in which it started are judged.
+    """
+
+    def __init__(self) -> None:
+        self._epoch: int | None = None
+        self._since_ns = self._last_ns = 0
+        self._wrong = False
+
+    def check(self, pose: Pose, truths: Sequence[Truth], drone: int, setting: Setting) -> str | None:
+        """What is wrong with it, once it has been for long enough; else None. ``truths``: one of which it must be."""
+        self._epoch = pose.epoch if self._epoch is None else self._epoch
+        if pose.epoch != self._epoch:
+            return None
+        layout = setting.mission.drones[drone]
+        yaw_rad = np.radians(layout.yaw_deg)
+        x, y, _ = pose.position_m
+        east, north = x * cos(yaw_rad) - y * sin(yaw_rad), x * sin(yaw_rad) + y * cos(yaw_rad)
+        east, north = east + layout.origin_m[0], north + layout.origin_m[1]
+        off_m = min(hypot(east - truth.position_m[drone][0], north - truth.position_m[drone][1]) for truth in truths)
+        heading = heading_rad(pose.quaternion) + yaw_rad
+        turned = min(abs(remainder(heading - heading_rad(truth.attitude[drone]), tau)) for truth in truths)
+        far = off_m > max(WRONG_M, WRONG_SIGMAS * pose.position_sigma_m)
+        askew = turned > max(WRONG_RAD, WRONG_SIGMAS * pose.yaw_sigma_rad)
+        if not (far or askew) or truths[-1].position_m[drone][2] < OFF_GROUND_M or pose.stamp_ns - self._last_ns > _PAUSE_NS:
+            self._since_ns, self._wrong = pose.stamp_ns, False
+        self._last_ns = pose.stamp_ns
+        if self._wrong or pose.stamp_ns - self._since_ns < WRONG_S * 1e9:
+            return None
+        self._wrong = True
+        return (
+            f"it says that it is {off_m:.1f} m from where it is, sigma {pose.position_sigma_m:.2f} m, and turned by "
+            f"{degrees(turned):.0f} degrees, sigma {degrees(pose.yaw_sigma_rad):.1f}, for {WRONG_S:g} s"
+        )
+
+
+class Disarmed:
+    """A vehicle that somebody on site has disarmed before it took off stays disarmed: there may be a hand at its propellers."""
+
+    def __init__(self, fault: Disarm) -> None:
+        self._fault = fault
+        self._was_armed: set[int] = set()
+        self._off: set[int] = set()
+
+    def broken(self, time_s: float, scene: Scene, names: Sequence[str]) -> list[str]:
+        """The drones that are armed again now."""
+        found = []
+        for drone in [names.index(name) for name in self._fault.strikes(names)]:
+            if scene.autopilots[drone].armed:
+                if drone in self._off:
+                    found.append(names[drone])
+                    self._off.discard(drone)
+                if time_s >= self._fault.at_s:
+                    self._was_armed.add(drone)
+            elif drone in self._was_armed and not scene.airborne(drone):
+                self._was_armed.discard(drone)
+                self._off.add(drone)
+        return found
+
+
+def exceptions(log: Path) -> list[str]:
+    """The exceptions in an agent's log, the last line of each, without copies."""
+    found: dict[str, None] = {}
+    lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else []
+    for number, line in enumerate(lines):
+        if _TRACEBACK not in line:
+            continue
+        try:
+            told = str(json.loads(line)["exception"])
+        except (ValueError, KeyError, TypeError):
+            told = "\n".join(lines[number : number + 40])  # of the interpreter itself
+        ends = [part for part in told.splitlines()[1:] if part and not part.startswith(" ")]
+        found[ends[0] if ends else line] = None
+    return list(found)
+
+
+def heading_rad(quaternion: Quaternion) -> float:
+    """Heading of a world-from-body attitude (w, x, y, z): of its forward axis; where that is upright, of its left one."""
+    w, x, y, z = quaternion
+    if abs(asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))) > 1.4:
+        return atan2(-2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z))
+    return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def _member(agent: ObservedAgent) -> _Member | None:
+    if not agent.alive:
+        return None
+    return _Member(agent.stage, "" if agent.estimate is None else agent.estimate.digest, agent.hypothesis)
+
+
+def _mode(told: str) -> FlightMode:
+    """As the autopilot's heartbeat shows it; the modes flown by hand are one."""
+    told = "land" if told == "descend" else told
+    return FlightMode(told) if told in FlightMode.__members__.values() else FlightMode.MANUAL
+
+
+def _may_end(fault: Fault, drone: str) -> bool:
+    """Whether a fault ends processes: by a signal, or because the watchdog finds them standing still."""
+    return isinstance(fault, Kill | Freeze | SlowCpu) and drone in fault.strikes([drone])

@@ -1,0 +1,84 @@
+"""A jump that was not announced, of a localisation that only the mission knows: right until then, or right from then on?"""
+
+import math
+
+import pytest
+from one_pilot import AREA, MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, state
+
+from agent.frames.graph import FrameGraph
+from agent.navigation.ownfence import OwnFence
+from agent.vehicle.interface import FlightMode
+from protocol.messages import Pose, Stage, Status
+
+HERE, JUMPED = (10.0, 10.0, 3.0), (32.0, 10.0, 3.0)
+
+
+@pytest.fixture
+def own():
+    """A hover of 0.3 s of a drone whose frame the mission knows exactly: turned by 30 degrees, its origin at (5, 5)."""
+    own = own_pose("d1", FrameGraph.from_launch_layout(MISSION))
+    for tick in range(6):
+        own.take(state(START_NS + tick * TICK_NS, position=HERE))
+    return own
+
+
+def in_mission(own):
+    return own.frame.mission_from_local.apply_point(own.vehicle.position_m)
+
+
+def test_it_flies_on_by_continuity_but_may_be_where_its_localisation_says(own):
+    before, there = in_mission(own), own.frame.mission_from_local.apply_point(JUMPED)
+    taken = own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
+    assert in_mission(own) == pytest.approx(before)
+    assert own.otherwise.apply_point(JUMPED) == pytest.approx(there)
+    assert own.doubt_m == pytest.approx(22.0, abs=0.1)
+    assert taken.position_sigma_m == own.sigma_m == pytest.approx(22.0 / math.sqrt(2.0), abs=0.1)
+    assert "22 m from where it believes to be" in " ".join(own.problems(START_NS + 90 * SECOND))
+
+
+def test_a_jump_back_ends_the_doubt_and_the_frame_is_known_exactly_again(own):
+    exactly = own.frame.mission_from_local
+    own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
+    own.take(state(START_NS + 7 * TICK_NS, position=HERE))
+    assert own.otherwise is None
+    assert own.doubt_m == 0.0
+    assert own.frame.mission_from_local == exactly
+    assert own.vehicle.position_sigma_m == 0.1
+
+
+def test_an_announced_jump_is_no_doubt_and_does_not_end_one(own):
+    own.take(state(START_NS + 6 * TICK_NS, position=JUMPED, epoch=1))
+    assert own.otherwise is None
+    own.take(state(START_NS + 7 * TICK_NS, position=HERE, epoch=1))
+    own.take(state(START_NS + 8 * TICK_NS, position=JUMPED, epoch=2))
+    assert own.doubt_m == pytest.approx(22.0, abs=0.5)
+
+
+def test_the_fence_holds_for_both_places(own):
+    fence = OwnFence(AREA, own)
+    alone = fence.put(own.vehicle, 0.0)
+    own.take(state(START_NS + 6 * TICK_NS, position=JUMPED))
+    both = fence.put(own.vehicle, 0.0)
+    assert both.outline.area < 0.9 * alone.outline.area
+    for frame in (own.frame.mission_from_local, own.otherwise):
+        for x, y in both.outline.exterior.coords:
+            u, v, _ = frame.apply_point((x, y, 0.0))
+            assert (
+                -AREA.fence_margin_m - 0.6 <= min(u, v) <= max(u, v) <= 50.0 + AREA.fence_margin_m + 0.6
+            )  # corners are simplified
+
+
+@pytest.mark.parametrize(("jump_m", "stage"), [(5.0, Stage.SURVEY), (22.0, Stage.RETURN)])
+def test_a_drone_in_great_doubt_leaves_the_mission_and_tells(jump_m, stage):
+    one = pilot()
+    one.observe_vehicle(state(START_NS))
+    one.receive(*command(), START_NS)
+    told = []
+    for tick in range(7 * 20):
+        now_ns, x = START_NS + tick * TICK_NS, 0.0 if tick < 10 else jump_m
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, position=(x, 0.0, 3.0)))
+        step = one.step(now_ns)
+        told += messages(step, Pose) + messages(step, Status)
+    assert one.stage is stage
+    assert [message.position_sigma_m for message in told if isinstance(message, Pose)][-1] > 0.6 * jump_m
+    assert any("from where it believes to be" in " ".join(message.problems) for message in told if isinstance(message, Status))

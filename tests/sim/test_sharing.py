@@ -1,0 +1,144 @@
+"""Agents that share a fold do what they would do alone, bit for bit."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from agent.frames.transform import Transform
+from agent.fusion.bayes.estimator import BayesEstimator
+from agent.fusion.estimator import GridStep
+from agent.fusion.observation import CountObservation
+from agent.fusion.registry import estimator_named
+from agent.pilot import Pilot
+from protocol.entries import EntryId
+from sim.lockstep import watched
+from sim.scenario import load_scenario, override
+from sim.scoring.invariants.care import bytes_of
+from sim.sharing import MOST_RESULTS, Folds, Results, SharedFold
+
+PARTITION = {"kind": "partition", "groups": [["d1", "d2"], ["d3"]], "at_s": 12.0, "for_s": 5.0}
+
+
+class Told(Pilot):
+    """Keeps what it publishes."""
+
+    def step(self, now_ns):
+        step = super().step(now_ns)
+        self.told = getattr(self, "told", []) + step.publications
+        return step
+
+
+def flown(scenario, until_s):
+    """All that a flight's agents published, commanded and believed, and where their vehicles were."""
+    seen, pilots = [], []
+
+    def made(*args):
+        pilots.append(Told(*args))
+        return pilots[-1]
+
+    def watch(moment):
+        believed = [pilot and pilot.hypothesis for pilot in moment.pilots]
+        bits = [one and (one.stamp_ns, one.position.tobytes(), one.covariance.tobytes(), one.evidence) for one in believed]
+        seen.append((moment.position_m.tobytes(), moment.commands, bits))
+        return moment.time_s > until_s
+
+    watched(scenario, 1, watch, made)
+    return seen, [pilot.told for pilot in pilots]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "until_s"), [("demo", 30.0), ("mixed-frames", 25.0)])
+def test_a_flight_with_shared_folds_is_the_same_to_the_bit(name, until_s, monkeypatch):
+    """With exact frames and with estimated ones, and while a partition parts the logs and heals."""
+    scenario = override(load_scenario(name), {"fault": [PARTITION]})
+    computed = Counter()
+    step = BayesEstimator.step
+
+    def counted(self, *args):
+        computed[kind] += 1
+        return step(self, *args)
+
+    monkeypatch.setattr(BayesEstimator, "step", counted)
+    kind = "shared"
+    shared = flown(scenario, until_s)
+    monkeypatch.setattr(Folds, "of", lambda self, drone: estimator_named)
+    kind = "alone"
+    alone = flown(scenario, until_s)
+    assert shared == alone
+    assert any(shared[0][-1][2])  # there are hypotheses
+    assert computed["shared"] < 0.8 * computed["alone"]
+
+
+def test_one_drone_of_each_flight_folds_on_its_own():
+    """Else nothing would tell if all had one wrong hypothesis."""
+    mission = load_scenario("demo").mission
+    for seed in range(3):
+        folds = Folds(3, seed)
+        made = [folds.of(drone)("bayes", mission) for drone in range(3)]
+        assert isinstance(made[seed], BayesEstimator)
+        others = [estimator for drone, estimator in enumerate(made) if drone != seed]
+        assert others[0] is others[1]
+        assert isinstance(others[0], SharedFold)
+
+
+@pytest.fixture
+def counts():
+    identity = EntryId("0" * 16, 1_000_000_000, "d1", "1" * 16, 1)
+    frame = Transform(0.1, (1.0, 2.0, 3.0), np.eye(4))
+    return CountObservation(1_000_000_000, 900_000_000, (1.0, 2.0, 8.0), 0.5, np.ones(3), 0.1, 0.01, frame, identity, 0)
+
+
+def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_object(counts):
+    mission = load_scenario("demo").mission
+    fold = SharedFold(estimator_named("bayes", mission))
+    state, step = fold.initial(None), GridStep(10, 1_000_000_000, 1_100_000_000)
+    assert fold.initial(None) is state
+    first = fold.step(state, step, [counts])
+    again = replace(counts, counts=np.ones(3), mission_from_local=Transform(0.1, (1.0, 2.0, 3.0), np.eye(4)))
+    assert fold.step(state, step, [again]) is first
+    others = [
+        replace(counts, stamp_ns=1_000_000_001),
+        replace(counts, middle_ns=900_000_001),
+        replace(counts, position=(1.0, 2.0, 8.5)),
+        replace(counts, live_time_s=0.4),
+        replace(counts, counts=np.array((1.0, 1.0, 2.0))),
+        replace(counts, position_sigma_m=0.2),
+        replace(counts, yaw_sigma_rad=0.02),
+        replace(counts, epoch=1),
+        replace(counts, identity=counts.identity._replace(sequence=2)),
+        replace(counts, mission_from_local=Transform(0.2, (1.0, 2.0, 3.0), np.eye(4))),
+        replace(counts, mission_from_local=Transform(0.1, (1.0, 2.0, 3.5), np.eye(4))),
+        replace(counts, mission_from_local=Transform(0.1, (1.0, 2.0, 3.0), 2.0 * np.eye(4))),
+        replace(counts, mission_from_local=Transform(0.1, (1.0, 2.0, 3.0))),
+    ]
+    found = [fold.step(state, step, [one]) for one in others]
+    assert len({id(one) for one in [first, *found]}) == len(others) + 1
+    assert fold.step(state, GridStep(11, 1_100_000_000, 1_200_000_000), [counts]) is not first
+    assert fold.step(first, step, [counts]) is not first
+
+
+def test_results_are_bounded_and_those_in_use_stay():
+    results, state, computed = Results(), object(), []
+
+    def compute(value):
+        computed.append(value)
+        return value
+
+    for value in range(3 * MOST_RESULTS):
+        results.get(state, value, lambda value=value: compute(value))
+        results.get(state, 0, lambda: compute(0))
+    assert computed == list(range(3 * MOST_RESULTS))
+    results.get(state, MOST_RESULTS, lambda: compute(-1))
+    assert computed[-1] == -1
+    results.get(object(), 0, lambda: compute(-2))
+    assert computed[-1] == -2
+
+
+def test_what_is_remembered_for_others_is_no_memory_of_an_agent():
+    mission = load_scenario("demo").mission
+    fold = SharedFold(estimator_named("bayes", mission))
+    before = bytes_of(fold)
+    fold.results.get(object(), 0, lambda: np.zeros(1_000_000))
+    assert bytes_of(fold) == before
