@@ -63,7 +63,11 @@ def preflight(
 def command(
     action: Annotated[Action, typer.Argument(help="What the swarm is to do.")],
     swarm: Annotated[str, typer.Option(metavar="NAME", help="The swarm's name, as in its mission file.")],
-    connect: Annotated[list[str], typer.Option(metavar="tcp/HOST:PORT", help="A drone's endpoint; may be given several times.")],
+    connect: Annotated[list[str], typer.Option(metavar="tls/HOST:PORT", help="A drone's endpoint; may be given several times.")],
+    identity: Annotated[
+        Path | None, typer.Option(envvar="RADRON_IDENTITY", metavar="FOLDER", help="The operator's certificate and key.")
+    ] = None,
+    insecure: Annotated[bool, typer.Option("--insecure", help="The swarm's links are not encrypted (tcp/HOST:PORT).")] = False,
     drones: Annotated[str, typer.Option(metavar="d1,d2", help="Only these drones.", show_default="all")] = "",
     without: Annotated[
         str, typer.Option(metavar="d3", help="All but these, which need not be there; their absence is no obstacle to a start.")
@@ -77,7 +81,10 @@ def command(
     names, left = (tuple(name for name in listed.split(",") if name) for listed in (drones, without))
     if names and left:
         raise CommandError("--drones and --without exclude each other: give one of them")
-    order = groundcontrol.Order(action, swarm, tuple(connect), names, left, anyway)
+    if insecure == (identity is not None):
+        make = "run `radron-deploy pki issue NAME --role operator`, and give the folder that it makes"
+        raise CommandError(f"--identity or --insecure: give one of them; for a certificate, {make}")
+    order = groundcontrol.Order(action, swarm, tuple(connect), names, left, anyway, identity)
     asyncio.run(groundcontrol.command(order, print))
 
 

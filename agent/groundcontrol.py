@@ -8,14 +8,16 @@ import re
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from pathlib import Path
 
 from agent.errors import RadronError
 from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
+from protocol.identity import CERTIFICATE_FILE, Identity, Role, load_identity, utc
 from protocol.keys import key_of, parse_key
 from protocol.messages import Action, Command, Stage, Status, Ticket
 from protocol.session import Mesh, MeshConfig
-from protocol.signing import Trust, sign_command
+from protocol.signing import Trust, sign_command, trust_of
 
 LISTEN_S = 2.5  # a drone publishes its status every second
 FIND_S = 8.0  # how long to search for the swarm
@@ -52,8 +54,7 @@ class Order:
     drones: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
     anyway: bool = False  # start although drones report problems; a drone that cannot start still refuses
-    trust: Trust | None = None  # signs the command; None: a swarm without certificates
-    station: str = ""  # the operator's name, that of the certificate
+    identity: Path | None = None  # folder with the operator's certificate; None: links are not encrypted, nothing is signed
 
 
 async def command(order: Order, say: Callable[[str], None]) -> None:
@@ -64,19 +65,47 @@ async def command(order: Order, say: Callable[[str], None]) -> None:
         ProtocolError: an endpoint that cannot be used.
     """
     statuses = _Statuses()
-    mesh = await Mesh.open(MeshConfig(connect=order.connect), order.swarm, None, receive=statuses.receive)
+    links = MeshConfig(connect=order.connect, identity=_identity(order))
+    mesh = await Mesh.open(links, order.swarm, None, receive=statuses.receive)
     try:
-        drones = await _find(order, statuses, lambda: mesh.differing)
-        if order.action is Action.START and mesh.differing:
-            raise CommandError(f"not started: {'; '.join(mesh.differing)}")
-        if order.action is Action.START and not order.anyway:
-            _look_for_problems(drones, statuses, order.without)
+        drones = await _find(order, statuses, links.identity, lambda: mesh.differing)
+        if order.action is Action.START:
+            if mesh.differing:
+                raise CommandError(f"not started: {'; '.join(mesh.differing)}")
+            if not order.anyway:
+                _look_for_problems(drones, statuses, order.without)
+            for line in (f"{name}: {text}" for name in drones for text in statuses[name].notices):
+                say(line)
         statuses.keep_numbers(drones)
         say(f"{order.action}: to {', '.join(drones)}")
-        await _send_until_done(mesh, order, drones, statuses)
+        await _send_until_done(mesh, order, trust_of(links.identity), drones, statuses)
         say(f"{order.action}: " + ", ".join(f"{name} {statuses[name].stage}" for name in drones))
     finally:
         await mesh.close()
+
+
+_RENEW = "run `radron-deploy pki issue NAME --role operator`, and copy the folder that it makes"
+
+
+def _identity(order: Order) -> Identity | None:
+    """The operator's certificate. Its times are left to the drones' clocks: a laptop's wrong clock must not prevent a landing."""
+    if order.identity is None:
+        return None
+    identity = load_identity(order.identity)
+    own = identity.own
+    if own.role is not Role.OPERATOR:
+        file = order.identity / CERTIFICATE_FILE
+        raise CommandError(f"{file}: is the certificate of {own.name}, whose role is {own.role}, not operator; {_RENEW}")
+    return identity
+
+
+def _lapsed(identity: Identity | None, now_ns: int) -> str:
+    """Why nothing is heard, if it may be for the operator's certificate."""
+    if identity is None or identity.own.not_before_ns <= now_ns <= identity.own.not_after_ns:
+        return ""
+    until, now = (f"{utc(at_ns):%Y-%m-%d %H:%M} UTC" for at_ns in (identity.own.not_after_ns, now_ns))
+    file = identity.folder / CERTIFICATE_FILE
+    return f"; {file} is valid until {until}, and this computer's clock shows {now}: set it, or {_RENEW}"
 
 
 class _Statuses:
@@ -133,7 +162,9 @@ class _Statuses:
         return f"{drone}: {action} is not possible in {status.stage}"
 
 
-async def _find(order: Order, statuses: _Statuses, differing: Callable[[], tuple[str, ...]]) -> list[str]:
+async def _find(
+    order: Order, statuses: _Statuses, identity: Identity | None, differing: Callable[[], tuple[str, ...]]
+) -> list[str]:
     """The drones that the order addresses, all of them heard."""
     began_s = time.monotonic()
     while (waited_s := time.monotonic() - began_s) < FIND_S:
@@ -147,7 +178,8 @@ async def _find(order: Order, statuses: _Statuses, differing: Callable[[], tuple
     if differing():
         raise CommandError(f"{order.action}: {'; '.join(differing())}")
     missing = ", ".join(sorted(set(order.drones) - set(statuses.heard()))) or f"any drone of the swarm {order.swarm!r}"
-    raise CommandError(f"{order.action}: nothing heard from {missing} at {places} within {FIND_S:g} s")
+    lapsed = _lapsed(identity, time.time_ns())
+    raise CommandError(f"{order.action}: nothing heard from {missing} at {places} within {FIND_S:g} s{lapsed}")
 
 
 def _mission_of(drones: Collection[str], statuses: _Statuses) -> str:
@@ -174,18 +206,18 @@ def _concerns(problem: str, drones: Collection[str]) -> bool:
     return any(re.match(rf"(no contact with )?{re.escape(name)}\b", problem) for name in drones)
 
 
-def _message(order: Order, stamp_ns: int, drones: Collection[str], statuses: _Statuses) -> Command:
+def _message(action: Action, trust: Trust | None, stamp_ns: int, drones: Collection[str], statuses: _Statuses) -> Command:
     message = Command(
         stamp_ns=stamp_ns,
-        station=order.station or f"command-{os.getpid()}",
+        station=trust.name if trust is not None else f"command-{os.getpid()}",
         mission=_mission_of(drones, statuses),
-        action=order.action,
+        action=action,
         to={name: ticket for name in drones if (ticket := statuses.ticket(name)) is not None},
     )
-    return message if order.trust is None else sign_command(message, order.trust)
+    return message if trust is None else sign_command(message, trust)
 
 
-async def _send_until_done(mesh: Mesh, order: Order, drones: list[str], statuses: _Statuses) -> None:
+async def _send_until_done(mesh: Mesh, order: Order, trust: Trust | None, drones: list[str], statuses: _Statuses) -> None:
     """Send a command again and again: copies have the same stamp and numbers, and the newest nonces."""
     deadline_s = time.monotonic() + OBEY_S
     due_s, stamp_ns = 0.0, time.time_ns()
@@ -198,6 +230,6 @@ async def _send_until_done(mesh: Mesh, order: Order, drones: list[str], statuses
             raise CommandError("; ".join(statuses.why(order.action, name) for name in waiting))
         if now_s >= due_s:
             due_s = now_s + REPEAT_S
-            message = _message(order, stamp_ns, drones, statuses)
+            message = _message(order.action, trust, stamp_ns, drones, statuses)
             mesh.publish(key_of(order.swarm, message), encode(message))
         await asyncio.sleep(0.05)

@@ -33,7 +33,7 @@ from agent.localization.poseproblems import pose_problems
 from agent.mission.executive import Executive
 from agent.mission.memory import Memory
 from agent.mission.orders import Orders
-from agent.mission.problems import TWIN_NS, Problems
+from agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, TWIN_NS, Problems
 from agent.mission.reporter import Condition, Outbox, Reporter
 from agent.mission.stages import FLYING
 from agent.mission.worldmodel import WorldModel
@@ -113,6 +113,7 @@ class Pilot:
         self._orders = Orders(drone.id, self._mission_id, boot, verifier)
         self._proofs = Proofs(ids, trust, verifier)
         self._failsafe = Failsafe(Reaction(mission.safety.agent_lost), mission.return_height_m(drone.id))
+        self._notices: tuple[str, ...] = ()
         self._exchange = LogExchange(mission.swarm, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
         self._reporter = Reporter(drone.id, self._mission_id, boot, mission.fusion.estimator)
@@ -179,6 +180,10 @@ class Pilot:
     def ticket(self, now_ns: int) -> Ticket:
         """What the next command to this drone needs, as its status tells it."""
         return self._orders.ticket(now_ns)
+
+    def notice(self, notices: tuple[str, ...]) -> None:
+        """Set what the shell has for the operator to know, and which is no problem of this flight; replaces the previous."""
+        self._notices = tuple(text[:LONGEST_PROBLEM] for text in notices[:MOST_NOTICES])
 
     def log_summary(self) -> bytes:
         """A summary of the log: a request for missing entries, answered by the others' ``log_answer``."""
@@ -333,9 +338,7 @@ class Pilot:
         self._problems.unplaced = self._own.is_unplaced
         self._problems.flown = self._executive.problems(now_ns)
         problems = self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
-        ticket = self._orders.ticket(now_ns)
         delays_ns = self._clocks.delays_ns(now_ns)
         began_ns, seen = self._executive.started_ns, self._watch.message
-        return Condition(
-            self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns, ticket, self._failsafe
-        )
+        told = self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns
+        return Condition(*told, self._orders.ticket(now_ns), self._failsafe, self._notices)

@@ -1,1 +1,1 @@
-"""The way onto the drones; knows only the protocol. Nothing is here yet."""
+"""The way onto the drones; knows only the protocol."""

@@ -21,13 +21,14 @@ from msgspec import Struct
 from zenoh.handlers import Callback
 
 from protocol.errors import MeshError
+from protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Identity
 
 T = TypeVar("T")
 
 OPEN_S = 5.0  # a session opens in 0.5 s at most, reachable peers or not
 LOOKUP_S = 1.5
 CLOSE_S = 2.0  # it takes 0.8 s while a stopped peer is dialled; twice that on a busy machine
-_ENDPOINT = re.compile(r"tcp/(?P<host>[^\s/?#]+):(?P<port>\d{1,5})\Z")
+_ENDPOINT = re.compile(r"(?P<protocol>tcp|tls)/(?P<host>[^\s/?#]+):(?P<port>\d{1,5})\Z")
 _RUNTIME = "(rx: (worker_threads: 16))"  # by default there are two: vanished peers then stall the reception from others for 10 s
 
 # Each value was chosen by partition tests. One-way dialling and "greater-zid" keep two peers from opening two half sessions.
@@ -39,35 +40,45 @@ _SETTINGS: dict[str, object] = {
     "transport/link/tx/queue/size/data_high": 16,  # batches of 64 KiB for each peer, at the priority of log entries
     "transport/unicast/open_timeout": 750,  # ms, two round trips; closing waits for it while a stopped peer is dialled
     "transport/unicast/accept_timeout": 750,
+    "transport/link/rx/max_message_size": 1 << 20,  # bytes; none of ours is larger, and a peer chooses how much memory it takes
     "transport/shared_memory/enabled": False,  # drones share no memory, and a killed process leaves its segments behind
     "queries_default_timeout": 1000,
 }
 
 
 class MeshConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where a session listens and which peers it dials, as Zenoh endpoints: ``tcp/10.7.1.11:7447``.
+    """Where a session listens and which peers it dials, as Zenoh endpoints: ``tls/10.7.1.11:7447``.
 
-    Of two drones only one may dial the other (by convention the one with the higher index).
+    Of two drones only one may dial the other (by convention the one with the higher index). ``drones``: those of the swarm; with
+    an identity, each of them can publish under its own name only. ``others``: who else may join.
     """
 
     listen: str | None = None  # None: dial only (operators)
     connect: tuple[str, ...] = ()
     multicast: bool = False  # also find peers by multicast
     gossip: bool = True  # also dial peers that another one announces; False: only those above
+    identity: Identity | None = None  # None: plain TCP, open to everybody (endpoints ``tcp/...``)
+    drones: tuple[str, ...] | None = None  # None: not known
+    others: tuple[str, ...] | None = None  # None: everybody with a certificate of the swarm
 
 
-async def open_session(config: MeshConfig, dial_all: bool) -> zenoh.Session:
+async def open_session(config: MeshConfig, dial_all: bool, access: dict[str, object] | None = None) -> zenoh.Session:
     """Open a Zenoh session. An unreachable peer is no error: it is dialled until it answers.
 
     Args:
         config: endpoints; host names are resolved here, once (Zenoh would resolve them at each attempt, and block meanwhile).
         dial_all: also dial every peer announced by another one: for a session that does not listen.
+        access: what peers may send, by the name in their certificate; None: everything.
 
     Raises:
         MeshError: a malformed endpoint, an unknown name, a port in use.
     """
     settings = zenoh.Config()
-    for path, value in {**_SETTINGS, **await _settings_of(config, dial_all)}.items():
+    plain: dict[str, object] = {"transport/link/protocols": ["tcp"]}
+    secured = plain if config.identity is None else _secured(config.identity)
+    if access is not None:
+        secured["access_control"] = access
+    for path, value in {**_SETTINGS, **secured, **await _settings_of(config, dial_all)}.items():
         settings.insert_json5(path, json.dumps(value))
     os.environ.setdefault("ZENOH_RUNTIME", _RUNTIME)  # read when the first session opens
     opening = in_thread(lambda: _open(settings))
@@ -81,6 +92,26 @@ async def open_session(config: MeshConfig, dial_all: bool) -> zenoh.Session:
         raise MeshError(f"mesh: the Zenoh session does not open within {OPEN_S:g} s; check that the network is up") from None
     except zenoh.ZError as error:
         raise MeshError(_explain(str(error), config)) from None
+
+
+def _secured(identity: Identity) -> dict[str, object]:
+    """Settings for TLS in both directions.
+
+    A peer's rights follow from the name in its certificate, so its address needs no place there, and is not compared. A link
+    outlives its certificates: nothing is cut in flight.
+    """
+    certificate, key = str(identity.folder / CERTIFICATE_FILE), str(identity.folder / KEY_FILE)
+    tls = {
+        "root_ca_certificate": str(identity.folder / AUTHORITY_FILE),
+        "enable_mtls": True,
+        "listen_certificate": certificate,
+        "listen_private_key": key,
+        "connect_certificate": certificate,
+        "connect_private_key": key,
+        "verify_name_on_connect": False,
+        "close_link_on_expiration": False,
+    }
+    return {"transport/link/protocols": ["tls"], "transport/link/tls": tls}
 
 
 def _open(settings: zenoh.Config) -> zenoh.Session:
@@ -146,7 +177,9 @@ def _host_port(address: tuple[str, int]) -> str:
 
 async def _settings_of(config: MeshConfig, dial_all: bool) -> dict[str, object]:
     names = [("mesh.listen", config.listen)] if config.listen is not None else []
-    numbers = await asyncio.gather(*(_numeric(*item) for item in [*names, *(("mesh.connect", peer) for peer in config.connect)]))
+    protocol = "tcp" if config.identity is None else "tls"
+    given = [*names, *(("mesh.connect", peer) for peer in config.connect)]
+    numbers = await asyncio.gather(*(_numeric(*item, protocol) for item in given))
     listen = list(numbers[: len(names)])
     return {
         "listen/endpoints": listen,
@@ -157,11 +190,19 @@ async def _settings_of(config: MeshConfig, dial_all: bool) -> dict[str, object]:
     }
 
 
-async def _numeric(where: str, endpoint: str) -> str:
+async def _numeric(where: str, endpoint: str, protocol: str) -> str:
     """The endpoint with a numeric host."""
     match = _ENDPOINT.match(endpoint)
     if match is None or int(match["port"]) > 65535:
-        raise MeshError(f"{where}: {endpoint!r} is not an endpoint; expected tcp/HOST:PORT, such as tcp/10.7.1.11:7447")
+        expected = f"expected {protocol}/HOST:PORT, such as {protocol}/10.7.1.11:7447"
+        raise MeshError(f"{where}: {endpoint!r} is not an endpoint; {expected}")
+    if match["protocol"] != protocol:
+        why = (
+            "links are encrypted unless insecure = true"
+            if protocol == "tls"
+            else "without a certificate, links are not encrypted"
+        )
+        raise MeshError(f"{where}: {endpoint!r}: {why}; write {protocol}/{endpoint[4:]}")
     host, port = match["host"].strip("[]"), int(match["port"])
     try:
         found = await asyncio.wait_for(in_thread(lambda: socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)), LOOKUP_S)
@@ -172,7 +213,7 @@ async def _numeric(where: str, endpoint: str) -> str:
     address = ipaddress.ip_address(str(found[0][4][0]).partition("%")[0])
     if address.is_unspecified:
         raise MeshError(f"{where}: {endpoint!r} is not the address of one interface; give one that peers can dial")
-    return f"tcp/{_host_port((str(address), port))}"
+    return f"{protocol}/{_host_port((str(address), port))}"
 
 
 def _explain(text: str, config: MeshConfig) -> str:

@@ -198,6 +198,8 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     status's stamp. The offset of two drones' clocks is half the difference of the two delays that they report of each other.
     ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``ticket``: for the next command.
     ``failsafe``: None: not known, as the vehicle's own setting stays.
+    ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``notices``: what the operator should know
+    before a start, and which is no obstacle to it: links that are not encrypted, a certificate that soon ends.
     """
 
     mission: MissionId
@@ -209,6 +211,7 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     finding: Annotated[str, Meta(max_length=256)] = ""
     recognised: Recognised | None = None  # None: no nuclide stands out (yet)
     started_ns: StampNs | None = None
+    notices: Annotated[tuple[Annotated[str, Meta(max_length=256)], ...], Meta(max_length=8)] = ()
     delays_ns: Annotated[dict[DroneId, DelayNs], Meta(max_length=64)] = field(default_factory=dict)
     ticket: Ticket | None = None
     failsafe: Failsafe | None = None

@@ -18,10 +18,12 @@ from zenoh.handlers import Callback
 
 from protocol.codec import MAX_PAYLOAD_BYTES
 from protocol.errors import MeshError, ProtocolError
+from protocol.identity import CERTIFICATE_FILE, Identity, Role
 from protocol.inbox import ENTRY_KINDS, NEWS_KINDS, Inbox, Receive
 from protocol.keys import ROOT, VERSION, drone_key, parse_key, read_token, token_keys
 from protocol.link import MeshConfig, close_session, in_thread, open_session
 from protocol.outgoing import Outgoing
+from protocol.rights import access_control
 from protocol.units import STATION
 
 __all__ = ["Mesh", "MeshConfig"]
@@ -99,7 +101,11 @@ class Mesh:
             MeshError: the session cannot be opened as configured.
         """
         drone_key(swarm, drone or "any", "alive")  # invalid names are refused
-        session = await open_session(config, dial_all=config.listen is None)
+        identity, access = config.identity, None
+        if identity is not None:
+            _check_owner(identity, drone)
+            access = access_control(swarm, config.drones, identity.revoked.names, config.others)
+        session = await open_session(config, dial_all=config.listen is None, access=access)
         mesh = cls(session, swarm, drone, receive, drained, answer, members)
         declaring = in_thread(mesh._declare)
         try:
@@ -329,6 +335,13 @@ class Mesh:
         self._answers -= 1
         if not sending.cancelled() and sending.exception() is not None:
             self._count("log_answer_failed")
+
+
+def _check_owner(identity: Identity, drone: str | None) -> None:
+    own = identity.own
+    place = f"{identity.folder / CERTIFICATE_FILE}: is the certificate of {own.name} ({own.role})"
+    if drone is not None and (own.name, own.role) != (drone, Role.DRONE):
+        raise MeshError(f"{place}, and this drone is {drone}; run `radron-deploy pki issue {drone} --role drone`")
 
 
 def _settle(future: asyncio.Future[None]) -> None:

@@ -13,18 +13,19 @@ from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Protocol, TypeVar
 
+from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec.structs import replace
 
 from protocol.codec import as_bytes, written
 from protocol.entries import SIGNATURE_BYTES, Credential, Entry
 from protocol.errors import ProtocolError
+from protocol.identity import Identity, Role
 from protocol.messages import Action, Command
 
 MOST_IN_BATCH = 32  # of the place in a proof, and of its length
 MOST_ROOTS = 1024  # that are remembered as verified
 MOST_CERTIFICATES = 256  # that are remembered as read
 MOST_OF_BOOT = 4  # certificates; an honest agent has one
-DRONE, OPERATOR = "drone", "operator"  # roles in a certificate
 _HASH_BYTES = 16
 _ENTRIES, _COMMAND = b"radron 2 entries\0", b"radron 2 command\0"  # no signature counts as one of something else
 
@@ -36,16 +37,33 @@ class Member(Protocol):
     """A verified certificate."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Id of a drone, or name of a station."""
+        ...
+
     @property
-    def role(self) -> str: ...
+    def role(self) -> str:
+        """One of ``identity.Role``."""
+        ...
+
     @property
-    def serial(self) -> int: ...
+    def serial(self) -> int:
+        """Number of the certificate."""
+        ...
+
     @property
-    def not_before_ns(self) -> int: ...
+    def not_before_ns(self) -> int:
+        """Beginning of its validity, UTC."""
+        ...
+
     @property
-    def not_after_ns(self) -> int: ...
-    def verified(self, signature: bytes, data: bytes) -> bool: ...
+    def not_after_ns(self) -> int:
+        """End of its validity, UTC."""
+        ...
+
+    def verified(self, signature: bytes, data: bytes) -> bool:
+        """Whether this member has signed these bytes."""
+        ...
 
 
 class Authority(Protocol):
@@ -62,11 +80,21 @@ class Trust:
     own certificate (PEM) for whoever verifies later.
     """
 
+    name: str
     sign: Sign
     certificate: bytes
     authority: Authority
     authority_pem: str = ""
     revoked: frozenset[int] = frozenset()  # serial numbers of certificates that command no more
+
+
+def trust_of(identity: Identity | None) -> Trust | None:
+    """What a member with this identity signs and verifies with; None without one."""
+    if identity is None:
+        return None
+    pem = identity.authority.certificate.public_bytes(Encoding.PEM).decode()
+    own = identity.own
+    return Trust(own.name, identity.sign, own.der, identity.authority, pem, identity.revoked.serials)
 
 
 def sign_command(command: Command, trust: Trust) -> Command:
@@ -147,7 +175,7 @@ class Verifier:
             return "without_valid_certificate"
         if station.serial in self._revoked:
             return "with_revoked_certificate"
-        if station.role != OPERATOR:
+        if station.role != Role.OPERATOR:
             return f"by_a_{station.role}"
         if not station.verified(command.signature, _COMMAND + as_bytes(replace(command, signature=b""))):
             return "forged"
@@ -158,7 +186,7 @@ class Verifier:
     def _of_credential(self, entry: Credential) -> Member | None:
         """The member of a drone's certificate that was valid when the boot began."""
         member = self._member(entry.certificate)
-        if member is None or member.role != DRONE or member.name != entry.drone or entry.sequence != 0:
+        if member is None or member.role != Role.DRONE or member.name != entry.drone or entry.sequence != 0:
             return None
         return member if member.not_before_ns <= entry.stamp_ns <= member.not_after_ns else None
 

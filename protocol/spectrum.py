@@ -16,7 +16,7 @@ from protocol.units import Count
 BINS = 32
 LOWEST_KEV, HIGHEST_KEV = 40.0, 1450.0
 _STEP = (sqrt(HIGHEST_KEV) - sqrt(LOWEST_KEV)) / BINS
-EDGES_KEV = tuple((sqrt(LOWEST_KEV) + place * _STEP) ** 2 for place in range(BINS)) + (HIGHEST_KEV,)
+EDGES_KEV = (*((sqrt(LOWEST_KEV) + place * _STEP) ** 2 for place in range(BINS)), HIGHEST_KEV)
 
 
 class SpectrumBin(Struct, frozen=True, array_like=True):

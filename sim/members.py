@@ -14,7 +14,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 
 from protocol.entries import SIGNATURE_BYTES
 from protocol.errors import ProtocolError
-from protocol.signing import DRONE, OPERATOR, Trust
+from protocol.identity import Role
+from protocol.signing import Trust
 
 OPERATOR_NAME = "lockstep"
 
@@ -42,10 +43,10 @@ class SimulatedAuthority:
         self._seed = seed
         self._key = _key(seed, "authority")
 
-    def trust(self, name: str, role: str = DRONE) -> Trust:
+    def trust(self, name: str, role: str = Role.DRONE) -> Trust:
         """What a member of that name and role signs and verifies with."""
         key = _key(self._seed, name)
-        return Trust(key.sign, self.certificate(name, role, key.public_key()), self)
+        return Trust(name, key.sign, self.certificate(name, role, key.public_key()), self)
 
     def certificate(self, name: str, role: str, key: Ed25519PublicKey) -> bytes:
         """The certificate of a member's key."""
@@ -63,7 +64,7 @@ class SimulatedAuthority:
 
 def operator_of(authority: SimulatedAuthority) -> Trust:
     """Lockstep's operator."""
-    return authority.trust(OPERATOR_NAME, OPERATOR)
+    return authority.trust(OPERATOR_NAME, Role.OPERATOR)
 
 
 def _key(seed: int, name: str) -> Ed25519PrivateKey:

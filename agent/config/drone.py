@@ -7,19 +7,24 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from agent.config.section import Degrees, NonNegative, Section
-from protocol.units import DroneId
+from protocol.units import DroneId, Identifier
 
 
 class PeerMeshConfig(Section, frozen=True, kw_only=True):
-    """Where the swarm's Zenoh sessions listen, by drone: ``{d1 = "tcp/10.7.1.11:7447", ...}``, the same on every drone.
+    """Where the swarm's Zenoh sessions listen, by drone: ``{d1 = "tls/10.7.1.11:7447", ...}``, the same on every drone.
 
     A drone listens at its own endpoint and connects to those of the drones before it: one link for each pair. ``gossip``: it also
-    connects to drones that others announce, where those listen.
+    connects to drones that others announce, where those listen. ``identity``: folder with this drone's certificate and key, made
+    by ``radron-deploy pki issue``. ``insecure``: plain TCP instead (endpoints ``tcp/...``), open to everybody. ``others``: names
+    of those who may join besides the drones: operators, observers (none: everybody with a certificate of the swarm).
     """
 
     endpoints: dict[DroneId, str] = field(default_factory=dict)
     listen: str | None = None  # none: its own entry of ``endpoints``
     gossip: bool = True
+    identity: str | None = None
+    insecure: bool = False
+    others: tuple[Identifier, ...] | None = None
 
 
 class VisionConfig(Section, frozen=True, kw_only=True):
@@ -45,12 +50,15 @@ class ResponseConfig(Section, frozen=True, kw_only=True):
 class VehicleConfig(Section, frozen=True, kw_only=True):
     """The autopilot's onboard MAVLink link, as a MAVSDK address, and assumptions about vehicle and localisation.
 
+    ``address``: the autopilot obeys everybody who reaches it: the best link is a serial line, or a network of these two alone, at
+    whose address the agent listens. ``source``: the autopilot's IP address there: packets from others are dropped.
     ``system_id``: the vehicle's MAVLink system id, for a link on which other autopilots can be heard too; none: the first
     one that is heard. ``gnss``: the autopilot flies by satellites; without, it has neither origin nor home, and is guided by
     vision.
     """
 
-    address: str = "udpin://0.0.0.0:14540"
+    address: str = "udpin://127.0.0.1:14540"
+    source: str | None = None  # none: packets from every address that reaches ours
     connect_timeout_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 5.0
     system_id: Annotated[int, Meta(ge=1, le=255)] | None = None
     position_sigma_m: NonNegative = 0.15  # lower limit; the autopilot's own figure is used if it is larger

@@ -119,6 +119,11 @@ class RecordedPilot:
         self._sink.write(topics.BLOCK, msgspec.json.encode(problems))
         self._run(self._pilot.block, problems)
 
+    def notice(self, notices: tuple[str, ...]) -> None:
+        """See ``Pilot``."""
+        self._sink.write(topics.NOTICE, msgspec.json.encode(notices))
+        self._run(self._pilot.notice, notices)
+
     def step(self, now_ns: int) -> Step:
         """See ``Pilot``."""
         self._sink.write(topics.STEP, b"{}", now_ns)

@@ -17,6 +17,7 @@ from agent.flight.header import FlightHeader
 from agent.flight.reader import FlightRecord, RecordedFlight
 from agent.flight.recorded import RecordedPilot
 from agent.flight.signatures import RecordedSignatures
+from protocol import identity
 from protocol.errors import ProtocolError
 from protocol.signing import Authority
 
@@ -105,10 +106,8 @@ def _signatures(header: FlightHeader, authority: Authority | None) -> RecordedSi
     """What signs and verifies in the replay; None for a flight without certificates."""
     if not header.certificate:
         return None
-    if authority is None:
-        raise FlightRecordError(f"the flight of {header.drone.id} was signed: its authority is needed for a replay")
     try:
-        return RecordedSignatures(header.certificate, authority)
+        return RecordedSignatures(header.certificate, authority or identity.Authority.read(header.authority.encode()))
     except ProtocolError as error:
         raise FlightRecordError(f"the certificate of {header.drone.id} in the record: {error}") from None
 
@@ -231,9 +230,10 @@ def _action(pilot: RecordedPilot, call: FlightRecord) -> Callable[[], object]:
             return lambda: pilot.receive(key, payload, now_ns)
         case topics.QUERY:
             return lambda: pilot.log_answer(data)
-        case topics.WARN | topics.BLOCK:
+        case topics.WARN | topics.BLOCK | topics.NOTICE:
             texts = msgspec.json.decode(data, type=tuple[str, ...])
-            return lambda: pilot.warn(texts) if topic == topics.WARN else pilot.block(texts)
+            tell = {topics.WARN: pilot.warn, topics.BLOCK: pilot.block, topics.NOTICE: pilot.notice}[topic]
+            return lambda: tell(texts)
         case topics.ADVANCE:
             return lambda: pilot.advance(now_ns)
         case topics.STEP:

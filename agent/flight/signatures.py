@@ -20,7 +20,7 @@ class RecordedSignatures:
         """Raises ProtocolError where the authority has not issued the certificate."""
         self._member: Member = authority.verify(certificate)
         self._results: Sequence[tuple[str, bytes]] = ()
-        self.trust = Trust(self._sign, certificate, authority)
+        self.trust = Trust(self._member.name, self._sign, certificate, authority)
 
     def offer(self, results: Sequence[tuple[str, bytes]]) -> None:
         """Topics and contents of the recorded results of the next call."""

@@ -28,6 +28,7 @@ MESSAGE = "in/message"  # msgpack: [key, payload]
 QUERY = "in/query"  # a peer's request for missing log entries: protocol/summary.py
 WARN = "in/warn"  # JSON: list of texts
 BLOCK = "in/block"
+NOTICE = "in/notice"
 ADVANCE = "call/advance"  # JSON: {}
 STEP = "call/step"
 HYPOTHESIS = "out/hypothesis"  # JSON, after every update; null where it was withdrawn

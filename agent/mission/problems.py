@@ -11,6 +11,7 @@ TELEMETRY_AGE_NS = 1_000_000_000  # telemetry further from now is not flown by
 TWIN_NS = 10_000_000_000  # another agent with the same id is forgotten after this long
 MOST_PROBLEMS = 32  # in a status message, which also limits their length
 LONGEST_PROBLEM = 256
+MOST_NOTICES = 8
 
 
 class Problems:

@@ -39,6 +39,7 @@ class Condition(Struct, frozen=True):
     started_ns: int | None = None
     ticket: Ticket | None = None
     failsafe: Failsafe | None = None
+    notices: tuple[str, ...] = ()
 
 
 class Outbox:
@@ -134,6 +135,7 @@ class Reporter:
                 started_ns=now.started_ns,
                 ticket=now.ticket,
                 failsafe=now.failsafe,
+                notices=now.notices,
             )
 
     def _is_due(self, kind: type[Message], now_ns: int) -> bool:

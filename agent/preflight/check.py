@@ -23,6 +23,7 @@ from agent.preflight.chrony import NAME as CHRONY
 from agent.preflight.chrony import chrony_finding
 from agent.preflight.layout import layout_finding
 from agent.sensing.sighting_feed import SightingsFeed
+from agent.shell.identity import INSECURE, own_identity, validity
 from agent.shell.node import mesh_config
 from agent.shell.startable import camera_missing
 from agent.shell.statestore import StateFile, unreadable
@@ -62,6 +63,7 @@ class Preflight:
         """The present findings."""
         return [
             self._mission_finding,
+            self._certificate(),
             self._calibration(),
             self._state_finding,
             self._space_finding,
@@ -97,7 +99,8 @@ class Preflight:
         except (RadronError, ProtocolError) as error:
             self._mesh_finding = Finding("mesh", "failed", str(error))
             return
-        self._mesh_finding = Finding("mesh", "ok", str(config.listen))
+        links = "encrypted" if config.identity is not None else "not encrypted"
+        self._mesh_finding = Finding("mesh", "ok", f"{config.listen}, {links}")
         await _until_cancelled(self._mesh.close)
 
     def _receive(self, key: str, payload: bytes) -> None:
@@ -235,6 +238,16 @@ class Preflight:
         if free_mb < _LEAST_FREE_MB:
             return Finding("flight records", "failed", f"{free_mb} MB free at {folder}: at least {_LEAST_FREE_MB} are needed")
         return Finding("flight records", "ok", f"{free_mb} MB free at {folder}, {self._drone.recorder.limit_mb} may be used")
+
+    def _certificate(self) -> Finding:
+        try:
+            identity = own_identity(self._drone)
+        except (RadronError, ProtocolError) as error:
+            return Finding("certificate", "failed", str(error))
+        if identity is None:
+            return Finding("certificate", "ok", f"none: {INSECURE}")
+        state = validity(identity, time.time_ns())
+        return Finding("certificate", "ok", state.text) if state.fault is None else Finding("certificate", "failed", state.fault)
 
     def _clock(self) -> Finding:
         now_s = time.time()

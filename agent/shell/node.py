@@ -32,6 +32,7 @@ from agent.pilot import Pilot
 from agent.sensing.sighting_feed import SightingsFeed
 from agent.shell.faultbarrier import FaultBarrier
 from agent.shell.heartbeat import Heartbeat
+from agent.shell.identity import INSECURE, own_identity, validity
 from agent.shell.logs import Logger
 from agent.shell.memory import MemoryWatch
 from agent.shell.recovery import recover
@@ -39,8 +40,10 @@ from agent.shell.startable import camera_missing
 from agent.shell.statestore import State, StateStore
 from agent.vehicle.interface import AgentLost, GnssFix
 from agent.vehicle.px4 import Px4Vehicle
+from protocol.identity import Identity
 from protocol.messages import Stage
 from protocol.session import Mesh, MeshConfig
+from protocol.signing import trust_of
 
 PERIOD_S = 0.05
 ADVANCE_S = 0.02  # between two slices of work on the log, however many bursts of messages come
@@ -74,7 +77,7 @@ class Node:
         self._memory = MemoryWatch()
         self._store = StateStore(drone.state, drone.id, log)
         self._stage: Stage | None = None
-        self._told: dict[str, tuple[str, ...]] = {"warning": (), "problem": ()}
+        self._told: dict[str, tuple[str, ...]] = {"warning": (), "problem": (), "notice": ()}
         self._late_s = self._advanced_s = float("-inf")  # when a step was last late, and the log last worked on
         self._tasks: list[asyncio.Task[None]] = []
         self._closers: list[Callable[[], Coroutine[None, None, None]]] = []
@@ -86,6 +89,7 @@ class Node:
         self._sightings: SightingsFeed | None = None
         self._recorder: FlightRecorder | None = None
         self._unrecorded: tuple[str, ...] = ()  # why there is no recorder
+        self._identity: Identity | None = None  # None: links are not encrypted
 
     async def run(self) -> None:
         """Fly until cancelled.
@@ -105,6 +109,8 @@ class Node:
         """Open everything in order; what was opened before a failure is closed by ``run``."""
         boot = os.urandom(8).hex()
         saved = self._store.load()
+        links = mesh_config(self._drone, self._mission)
+        self._identity = links.identity
         self._pilot = self._make_pilot(boot, saved)
         contained = self._barrier.call
         self._detector = self._detector_of(self._drone.detector)
@@ -114,7 +120,7 @@ class Node:
             self._sightings = SightingsFeed(self._drone.sightings.address)
             self._closers.append(self._sightings.close)
         self._mesh = await Mesh.open(
-            mesh_config(self._drone, self._mission),
+            links,
             self._mission.swarm,
             self._drone.id,
             receive=contained("messages", lambda key, payload: self._pilot.receive(key, payload, time.time_ns()), None),
@@ -123,7 +129,7 @@ class Node:
             members=frozenset(member.id for member in self._mission.drones),
         )
         self._closers.append(self._mesh.close)
-        self._log.info("mesh is up", boot=boot, mission=self._mission.mission_id)
+        self._log.info("mesh is up", boot=boot, mission=self._mission.mission_id, encrypted=self._identity is not None)
         ceiling_m, exact = self._mission.area.ceiling_m, self._frame_is_exact
         lost = AgentLost(self._mission.safety.agent_lost, self._mission.return_height_m(self._drone.id))
         self._vehicle = Px4Vehicle(self._drone.vehicle, ceiling_m, saved.launch, exact=exact, lost=lost)
@@ -148,11 +154,11 @@ class Node:
         """A recorded one if records are wanted. If they cannot be written, that prevents a start, but not the rejoining of a
         flight.
         """
-        records = self._drone.recorder
-        pilot = Pilot(self._mission, self._drone, boot, memory=saved.memory)
+        records, trust = self._drone.recorder, trust_of(self._identity)
+        pilot = Pilot(self._mission, self._drone, boot, memory=saved.memory, trust=trust)
         if records.folder is None:
             return pilot
-        header = FlightHeader.of(self._mission, self._drone, boot, time.time_ns(), saved.memory)
+        header = FlightHeader.of(self._mission, self._drone, boot, time.time_ns(), saved.memory, trust)
         try:
             self._recorder = FlightRecorder(records.folder, records.limit_mb, header)
         except FlightRecordError as error:
@@ -266,7 +272,12 @@ class Node:
         """Pass changed problems on to the pilot, and save the state for a restart."""
         self._tell("warning", self._warnings(now_s), self._pilot.warn)
         unkept = () if self._store.problem is None else (self._store.problem,)
-        self._tell("problem", self._vehicle.problems + self._unrecorded + unkept + self._mesh.differing, self._pilot.block)
+        expiry = validity(self._identity, time.time_ns()) if self._identity is not None else None
+        unfit = (expiry.fault,) if expiry is not None and expiry.fault is not None else ()
+        problems = self._vehicle.problems + self._unrecorded + unkept + unfit + self._mesh.differing
+        self._tell("problem", problems, self._pilot.block)
+        notices = (INSECURE if expiry is None else expiry.notice, self._vehicle.exposure)
+        self._tell("notice", tuple(text for text in notices if text is not None), self._pilot.notice)
         memory = self._pilot.memory
         # On the ground the launch place changes all the time, and is not needed.
         self._store.save(State(memory=memory, launch=self._vehicle.launch if memory is not None else None))
@@ -303,13 +314,16 @@ def mesh_config(drone: DroneConfig, mission: MissionConfig) -> MeshConfig:
     """Listen at the drone's own endpoint, and dial those of the drones before it in the mission: never in both directions.
 
     Raises:
-        ConfigError: the drone has no endpoint.
+        ConfigError: the drone has no endpoint, or no certificate.
+        IdentityError: a certificate or key that cannot be used.
     """
     endpoints = drone.mesh.endpoints
     listen = drone.mesh.listen or endpoints.get(drone.id)
     if listen is None:
-        raise ConfigError(f'mesh.endpoints has no entry for {drone.id}: add one, such as "tcp/10.7.1.11:7447"')
+        raise ConfigError(f'mesh.endpoints has no entry for {drone.id}: add one, such as "tls/10.7.1.11:7447"')
     members = [member.id for member in mission.drones]
     before = members[: members.index(drone.id)]
     connect = tuple(endpoints[name] for name in before if name in endpoints)
-    return MeshConfig(listen=listen, connect=connect, gossip=drone.mesh.gossip)
+    identity, others = own_identity(drone), drone.mesh.others
+    drones = tuple(members)
+    return MeshConfig(listen=listen, connect=connect, gossip=drone.mesh.gossip, identity=identity, drones=drones, others=others)

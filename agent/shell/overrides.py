@@ -101,6 +101,7 @@ def _with_paths_from(folder: Path, drone: DroneConfig) -> DroneConfig:
         mission=absolute(drone.mission),
         state=absolute(drone.state),
         calibration=absolute(drone.calibration),
+        mesh=replace(drone.mesh, identity=absolute(drone.mesh.identity)),
         detector=detector,
         recorder=replace(drone.recorder, folder=absolute(drone.recorder.folder)),
     )

@@ -9,6 +9,7 @@ from math import isfinite
 from typing import Literal
 
 from agent.config.drone import VehicleConfig
+from agent.vehicle.exposure import exposure
 from agent.vehicle.frame import ned_from_enu, ned_from_enu_position, ned_yaw
 from agent.vehicle.health import StatusMessages
 from agent.vehicle.interface import AgentLost, Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
@@ -144,6 +145,11 @@ class Px4Vehicle:
         if any(finding.verdict == "not yet" for finding in parameters):
             problems.append("the autopilot's parameters are being read")
         return tuple(problems)
+
+    @property
+    def exposure(self) -> str | None:
+        """Who else could command the autopilot: it obeys everybody who reaches its port."""
+        return exposure(self._config.address)
 
     async def findings(self) -> list[Finding]:
         """The present findings of a preflight check; "not yet" may change within seconds."""

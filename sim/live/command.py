@@ -47,7 +47,15 @@ def live(
         ),
     ] = None,
     mesh: Annotated[
-        str | None, typer.Option(envvar="RADRON_SIM_MESH", help="The agents' endpoints, as tcp/10.7.1.11:7447; comma-separated.")
+        str | None, typer.Option(envvar="RADRON_SIM_MESH", help="The agents' endpoints, as tls/10.7.1.11:7447; comma-separated.")
+    ] = None,
+    identity: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="RADRON_SIM_IDENTITY",
+            metavar="FOLDER",
+            help="With --external: the operator's certificate; without, certificates are made for this flight, in OUT/agents.",
+        ),
     ] = None,
     bind: Annotated[
         str,
@@ -69,7 +77,7 @@ def live(
 
     case = checked([scenario], {}, with_drones(settings, drones), [estimator] if estimator else [], law)[0]
     check_json(json)
-    elsewhere = _elsewhere(external, agent_hosts, mesh, bind, vehicles, len(case.scenario.mission.drones))
+    elsewhere = _elsewhere(external, agent_hosts, mesh, bind, vehicles, len(case.scenario.mission.drones), identity)
     if out is not None:
         make_folder(out)
 
@@ -95,7 +103,15 @@ def live(
             say(f"written to {out}: {', '.join(path.name for path in written)}; recordings in {out}/agents")
 
 
-def _elsewhere(external: bool, agent_hosts: str | None, mesh: str | None, bind: str, vehicles: str, drones: int) -> Places | None:
+def _elsewhere(
+    external: bool,
+    agent_hosts: str | None,
+    mesh: str | None,
+    bind: str,
+    vehicles: str,
+    drones: int,
+    identity: Path | None = None,
+) -> Places | None:
     """Hosts and endpoints of agents that run elsewhere; None if they are started here."""
     if not external:
         if vehicles != "emulated":
@@ -107,8 +123,8 @@ def _elsewhere(external: bool, agent_hosts: str | None, mesh: str | None, bind: 
     if len(hosts) != drones:
         raise ConfigError(f"--agent-hosts: {len(hosts)} given for {drones} drones; give one for each, separated by commas")
     if not endpoints:
-        raise ConfigError("--external needs --mesh with the endpoints of the agents, such as tcp/10.7.1.11:7447")
-    return Places.elsewhere(hosts, endpoints, bind, emulated=vehicles == "emulated")
+        raise ConfigError("--external needs --mesh with the endpoints of the agents, such as tls/10.7.1.11:7447")
+    return Places.elsewhere(hosts, endpoints, bind, emulated=vehicles == "emulated", operator=identity)
 
 
 def _listed(text: str | None) -> tuple[str, ...]:

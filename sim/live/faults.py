@@ -243,7 +243,8 @@ class FaultPlayer:
             self._agents.signal(drone, signal.SIGCONT)
 
     async def _flood(self, drone: str, fault: Flood) -> None:
-        plan = FloodPlan(self._swarm, drone, self._places.mesh, fault.rate_mbps * 1e6, fault.message_bytes)
+        identity = self._agents.folder(drone) / "identity"
+        plan = FloodPlan(self._swarm, drone, identity, self._places.mesh, fault.rate_mbps * 1e6, fault.message_bytes)
         command = [sys.executable, "-m", "sim.live.flooding", msgspec.json.encode(plan).decode()]
         child = await Child.start(f"flood of {drone}", command)
         try:

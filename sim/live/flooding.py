@@ -9,10 +9,12 @@ from __future__ import annotations
 import asyncio
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import msgspec
 from msgspec import Struct
 
+from protocol.identity import load_identity
 from protocol.keys import drone_key
 from protocol.session import Mesh, MeshConfig
 from sim.faults.network import padded
@@ -21,10 +23,13 @@ BURST_S = 0.005  # between two bursts
 
 
 class FloodPlan(Struct, frozen=True):
-    """Whose messages are sent, where the drones listen, and how much: bytes a second, in messages of so many bytes."""
+    """Whose messages are sent, with the folder of its certificate, where the drones listen, and how much: bytes a second, in
+    messages of so many bytes.
+    """
 
     swarm: str
     drone: str
+    identity: Path
     mesh: tuple[str, ...]
     rate_bytes_ps: float
     message_bytes: int
@@ -40,7 +45,8 @@ async def flood(plan: FloodPlan, now_s: Callable[[], float]) -> None:
         if place == key and not payload:
             payload = padded(message, plan.message_bytes)
 
-    mesh = await Mesh.open(MeshConfig(connect=plan.mesh), plan.swarm, None, receive=receive)
+    links = MeshConfig(connect=plan.mesh, identity=load_identity(plan.identity))
+    mesh = await Mesh.open(links, plan.swarm, None, receive=receive)
     try:
         while not payload:
             await asyncio.sleep(BURST_S)

@@ -12,6 +12,7 @@ from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command, Stage, Ticket
 from protocol.session import Mesh, MeshConfig
+from protocol.signing import Trust, sign_command, trust_of
 from sim.live.agents import Agents
 from sim.live.monitor import Observer
 from sim.live.processes import Child
@@ -22,7 +23,7 @@ from sim.live.worldprocess import LiveError, WorldProcess
 LOOK_S = 0.1  # polling interval of conditions
 REPEAT_S = 0.5  # interval between copies of a command
 RENEW_S = 8.0  # after which a command is stamped anew; agents refuse commands older than 10 s
-STATION = "sim"
+STATION = "sim"  # its name in a swarm without certificates
 
 
 class Operator:
@@ -37,10 +38,12 @@ class Operator:
         self.watchers: list[Callable[[Truth], None]] = []
         self._agents = agents
         self._mesh: Mesh
+        self._trust: Trust | None = None  # signs the commands
         self._watching: asyncio.Task[None]
 
     async def join(self, config: MeshConfig, stack: AsyncExitStack) -> None:
         """Join the mesh and watch the world, until the stack unwinds."""
+        self._trust = trust_of(config.identity)
         self._mesh = await Mesh.open(config, self.mission.swarm, None, receive=self.observer.receive)
         stack.push_async_callback(self._mesh.close)
         self._watching = asyncio.create_task(self.world.watch(self._see))
@@ -104,7 +107,9 @@ class Operator:
         newest = {agent.drone: agent.ticket for agent in self.observer.agents}
         to = {name: Ticket(ticket.nonce, number) for name, number in numbers.items() if (ticket := newest[name]) is not None}
         if to:
-            message = Command(stamp_ns=stamp_ns, station=STATION, mission=self.mission.mission_id, action=action, to=to)
+            station = self._trust.name if self._trust is not None else STATION
+            message = Command(stamp_ns=stamp_ns, station=station, mission=self.mission.mission_id, action=action, to=to)
+            message = message if self._trust is None else sign_command(message, self._trust)
             self._mesh.publish(key_of(self.mission.swarm, message), encode(message))
 
     async def until(self, condition: Callable[[], bool], within_s: float | None) -> bool:

@@ -6,6 +6,7 @@ import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from pathlib import Path
 
 from sim.live.relays.plan import Carried, RelayPlan, vehicle_of
 from sim.live.runfolder import LOCAL, free_ports
@@ -23,7 +24,8 @@ class Places:
     listening address of the feeds of cameras and other sensors; empty: free ports. ground_station: where to listen for vehicles
     that are not emulated; None: they are emulated. agents_here: they are started on this machine. mesh_relays: ports of the
     relays between agents 1 and 2, 1 and 3, ..., 2 and 3, ...; mavlink_relays: ports to which the emulated vehicles send instead
-    of to their agents; both empty: the links are direct.
+    of to their agents; both empty: the links are direct. operator: folder with the operator's certificate; None: certificates
+    are made for the flight, where the endpoints are ``tls/...``.
     """
 
     onboard: tuple[Address, ...]
@@ -36,6 +38,7 @@ class Places:
     agents_here: bool = False
     mesh_relays: tuple[int, ...] = ()
     mavlink_relays: tuple[int, ...] = ()
+    operator: Path | None = None
 
     @classmethod
     def here(cls, count: int) -> Places:
@@ -48,7 +51,7 @@ class Places:
         elsewhere.
         """
         onboard = tuple((LOCAL, port) for port in ports)
-        mesh = tuple(f"tcp/{LOCAL}:{port}" for port in free_ports(len(ports), socket.SOCK_STREAM))
+        mesh = tuple(f"tls/{LOCAL}:{port}" for port in free_ports(len(ports), socket.SOCK_STREAM))
         return cls(onboard, mesh, LOCAL, ground_station=ground_station, agents_here=True)
 
     @classmethod
@@ -58,7 +61,7 @@ class Places:
         streams, datagrams = free_ports(count + pairs, socket.SOCK_STREAM), free_ports(2 * count, socket.SOCK_DGRAM)
         return cls(
             onboard=tuple((LOCAL, port) for port in datagrams[:count]),
-            mesh=tuple(f"tcp/{LOCAL}:{port}" for port in streams[:count]),
+            mesh=tuple(f"tls/{LOCAL}:{port}" for port in streams[:count]),
             bind=LOCAL,
             agents_here=True,
             mesh_relays=tuple(streams[count:]),
@@ -66,13 +69,21 @@ class Places:
         )
 
     @classmethod
-    def elsewhere(cls, hosts: Sequence[str], mesh: Sequence[str], bind: str, emulated: bool = True) -> Places:
+    def elsewhere(
+        cls, hosts: Sequence[str], mesh: Sequence[str], bind: str, emulated: bool = True, operator: Path | None = None
+    ) -> Places:
         """Agents on one host each, in containers or on drones, with the same ports."""
         feeds, visions, sightings = (
             tuple(range(first, first + len(hosts))) for first in (FIRST_FEED_PORT, FIRST_VISION_PORT, FIRST_SIGHTINGS_PORT)
         )
         station = None if emulated else (bind, GROUND_STATION_PORT)
-        return cls(tuple((host, MAVLINK_PORT) for host in hosts), tuple(mesh), bind, feeds, visions, sightings, station)
+        onboard = tuple((host, MAVLINK_PORT) for host in hosts)
+        return cls(onboard, tuple(mesh), bind, feeds, visions, sightings, station, operator=operator)
+
+    @property
+    def encrypted(self) -> bool:
+        """Whether the agents' links are."""
+        return all(endpoint.startswith("tls/") for endpoint in self.mesh)
 
     @property
     def vehicles(self) -> tuple[Address, ...]:
@@ -84,7 +95,7 @@ class Places:
         found = dict(zip(drones, self.mesh, strict=True))
         for (earlier, later), port in zip(combinations(drones, 2), self.mesh_relays, strict=False):
             if later == drone:
-                found[earlier] = f"tcp/{LOCAL}:{port}"
+                found[earlier] = f"tls/{LOCAL}:{port}"
         return found
 
     def relay_plan(self, seed: int, drones: Sequence[str]) -> RelayPlan:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import random
 import shutil
 import socket
+import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +24,8 @@ from agent.config.drone import (
     VisionConfig,
 )
 from agent.config.mission import MissionConfig
+from protocol.identity import Role
+from protocol.issuing import throwaway
 from sim.live.crew import Guidance
 from sim.runfile import make_folder, write_text
 from sim.scenario import Scenario
@@ -30,13 +34,15 @@ from sim.world.launch import launch_places
 
 _PORTS = range(20_000, 32_000)  # below the range from which the kernel assigns ports
 LOCAL = "127.0.0.1"
+OPERATOR = "operator"  # the name in its certificate
 
 
 class RunFolder:
     """The folder of a live flight.
 
     ``agents/``: everything that the agents get: ``mission.toml``; for each ``{drone}/`` with ``drone.toml``, ``agent.log``,
-    ``calibration/``, ``flight/`` (the recordings) and ``state/``. ``world.json``: the truth, which they never see.
+    ``calibration/``, ``flight/`` (the recordings), ``identity/`` and ``state/``. What they never see: ``operator/``, the
+    operator's certificate, and ``world.json``, the truth.
     """
 
     def __init__(self, folder: Path, agents_here: bool) -> None:
@@ -44,6 +50,7 @@ class RunFolder:
         self.folder = folder
         self.mission_file = folder / "agents" / "mission.toml"
         self.world_file = folder / "world.json"
+        self.operator = folder / "operator"
         if agents_here:
             shutil.rmtree(folder / "agents", ignore_errors=True)
         make_folder(folder / "agents")
@@ -63,6 +70,15 @@ class RunFolder:
     def calibration(self, drone: str) -> Path:
         """Its camera's calibration files."""
         return self.agent(drone) / "calibration"
+
+    def identity(self, drone: str) -> Path:
+        """Folder with an agent's certificate and key."""
+        return self.agent(drone) / "identity"
+
+    def make_identities(self, drones: Sequence[str]) -> None:
+        """Certificates for this flight only, of an authority whose key nobody keeps."""
+        members = {self.identity(drone): (drone, Role.DRONE) for drone in drones}
+        throwaway({**members, self.operator: (OPERATOR, Role.OPERATOR)}, time.time_ns())
 
     def write_mission(self, mission: MissionConfig) -> None:
         """Write the mission file and its elevation grid; the mission id is unchanged."""

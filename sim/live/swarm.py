@@ -5,7 +5,7 @@ The launcher is an operator's station in the mesh; only it and the world process
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from agent.config.drone import PeerMeshConfig
+from protocol.identity import Identity, load_identity
 from protocol.session import MeshConfig
 from sim.live.agents import Agents
 from sim.live.course import Course
@@ -94,6 +95,7 @@ async def live_swarm(scenario: Scenario, seed: int, folder: Path, places: Places
         if places.mesh_relays or places.mavlink_relays:
             relays = await RelayProcess.start(places.relay_plan(seed, drones))
             stack.push_async_callback(relays.stop)
+        identity = _identity(places, files, drones, view)
         agents = Agents(files, drones if places.agents_here else ())
         stack.push_async_callback(agents.stop)
         if places.agents_here:
@@ -105,11 +107,22 @@ async def live_swarm(scenario: Scenario, seed: int, folder: Path, places: Places
         else:
             view.say(f"the agents are expected at {', '.join(places.mesh)}")
         operator = Operator(scenario.mission, world, agents, view)
-        await operator.join(MeshConfig(connect=places.mesh), stack)
+        await operator.join(MeshConfig(connect=places.mesh, identity=identity, drones=tuple(drones)), stack)
         faults = FaultPlayer(scenario, seed, agents, relays, world, view, places) if scenario.fault else None
         if faults is not None:
             stack.push_async_callback(faults.close)
         yield Swarm(scenario, operator, agents, faults, relays)
+
+
+def _identity(places: Places, files: RunFolder, drones: Sequence[str], view: View) -> Identity | None:
+    """The operator's certificate; where none is given, certificates are made for all."""
+    if not places.encrypted:
+        view.say("links between the agents are NOT encrypted: their endpoints are tcp/...")
+        return None
+    if places.operator is None:
+        files.make_identities(drones)
+    view.say("links between the agents are encrypted (TLS; certificates of this flight only)")
+    return load_identity(places.operator or files.operator)
 
 
 def _write_drones(scenario: Scenario, files: RunFolder, places: Places, feeds: Ready) -> None:
@@ -125,5 +138,7 @@ def _write_drones(scenario: Scenario, files: RunFolder, places: Places, feeds: R
     )
     for drone, links in zip(drones, ports, strict=True):
         # Gossip would let the agents dial each other directly, past the relays.
-        mesh = PeerMeshConfig(endpoints=places.endpoints(drones, drone), gossip=not places.mesh_relays)
+        mesh = PeerMeshConfig(
+            endpoints=places.endpoints(drones, drone), gossip=not places.mesh_relays, identity=files.identity(drone).name
+        )
         files.write_drone(drone_config(scenario, drone, files.calibration(drone).is_dir(), Ports(*links), mesh))

@@ -8,9 +8,9 @@ from one_pilot import MISSION, SECOND, START_NS, messages, state
 from agent.mission.orders import NONCE_NS, START_AGE_NS
 from protocol.codec import decode_from, encode
 from protocol.entries import Credential, Entry
+from protocol.identity import Role
 from protocol.keys import key_of
 from protocol.messages import Action, Command, Stage, Status
-from protocol.signing import OPERATOR as ROLE
 from protocol.signing import sign_command
 from sim.members import OPERATOR_NAME
 
@@ -102,17 +102,6 @@ def test_a_signed_start_is_obeyed_once():
     assert one.counters["dropped_command_already_obeyed"] == 1
 
 
-WRONG = {
-    "unsigned": lambda now_ns: unsigned(now_ns),
-    "foreign": lambda now_ns: order(Action.LAND, now_ns, FOREIGN.trust(OPERATOR_NAME, ROLE)),
-    "drone": lambda now_ns: order(Action.LAND, now_ns, AUTHORITY.trust(OPERATOR_NAME)),
-    "observer": lambda now_ns: order(Action.LAND, now_ns, AUTHORITY.trust(OPERATOR_NAME, "observer")),
-    "another": lambda now_ns: order(Action.LAND, now_ns, AUTHORITY.trust("tower", ROLE)),
-    "altered": lambda now_ns: altered(now_ns),
-    "elsewhere": lambda now_ns: order(Action.LAND, now_ns, mission="0" * 16),
-}
-
-
 def unsigned(now_ns):
     key, payload = order(Action.LAND, now_ns)
     return key, encode(replace(decode_from(key, payload), signature=b"", certificate=b""))
@@ -121,6 +110,17 @@ def unsigned(now_ns):
 def altered(now_ns):
     key, payload = order(Action.HOLD, now_ns)
     return key, encode(replace(decode_from(key, payload), action=Action.LAND))
+
+
+WRONG = {
+    "unsigned": unsigned,
+    "foreign": lambda now_ns: order(Action.LAND, now_ns, FOREIGN.trust(OPERATOR_NAME, Role.OPERATOR)),
+    "drone": lambda now_ns: order(Action.LAND, now_ns, AUTHORITY.trust(OPERATOR_NAME)),
+    "observer": lambda now_ns: order(Action.LAND, now_ns, AUTHORITY.trust(OPERATOR_NAME, "observer")),
+    "another": lambda now_ns: order(Action.LAND, now_ns, AUTHORITY.trust("tower", Role.OPERATOR)),
+    "altered": altered,
+    "elsewhere": lambda now_ns: order(Action.LAND, now_ns, mission="0" * 16),
+}
 
 
 @pytest.mark.parametrize("wrong", WRONG)

@@ -16,6 +16,7 @@ from pathlib import Path
 from agent.config.loading import load_mission
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
+from protocol.identity import load_identity
 from protocol.messages import Estimate, Pose, Status
 from protocol.session import Mesh, MeshConfig
 
@@ -54,7 +55,8 @@ async def look_on() -> None:
         (x, y), (cx, cy) = places[drone], centres[drone]
         return math.degrees(math.atan2(y - cy, x - cx))
 
-    config = MeshConfig(connect=tuple(endpoints[drone] for drone in members))
+    identity = load_identity(Path(os.environ["RADRON_MESH__IDENTITY"]))  # that of the container in which this runs
+    config = MeshConfig(connect=tuple(endpoints[drone] for drone in members), identity=identity)
     mesh = await Mesh.open(config, mission.swarm, None, receive=receive)
     ended = asyncio.create_task(asyncio.to_thread(sys.stdin.read))
     while not ended.done():

@@ -54,10 +54,11 @@ def test_an_agent_is_configured_as_its_addresses_say(services: dict[str, Any], t
     drone, _ = load_drone(ROOT / "deploy/compose/drone.toml", {**environment, "RADRON_MISSION": str(tmp_path / "mission.toml")})
 
     assert drone.id == ids[number - 1]
-    assert drone.mesh.endpoints[drone.id] == f"tcp/{service['networks']['mesh']['ipv4_address']}:7447"
+    assert drone.mesh.endpoints[drone.id] == f"tls/{service['networks']['mesh']['ipv4_address']}:7447"
     # The simulation's conventions: it sends vehicle i's MAVLink to the i-th host, and serves camera i at port 5600 + i, i from 0.
     assert service["networks"]["vehicle"]["ipv4_address"] == f"10.7.2.{10 + number}"
-    assert drone.vehicle.address == "udpin://0.0.0.0:14540"
+    assert drone.vehicle.address == f"udpin://{service['networks']['vehicle']['ipv4_address']}:14540"
+    assert drone.mesh.identity == f"/results/agents/{drone.id}/identity"
     assert drone.detector.address == f"{services['sim']['networks']['vehicle']['ipv4_address']}:{5599 + number}"
 
 

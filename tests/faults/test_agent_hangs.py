@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from live_agents import Agent, Vehicles, closing, command, station_endpoint, until, write_configs
+from live_agents import Agent, Vehicles, closing, command, operator_folder, station_endpoint, until, write_configs
 
 from agent.config.loading import load_mission
 from protocol.codec import decode
 from protocol.entries import Coverage, EntryId
+from protocol.identity import load_identity
 from protocol.session import Mesh, MeshConfig
 from protocol.summary import encode_summary
 
@@ -124,7 +125,8 @@ class Flight:
 
         async def ask() -> None:
             endpoints = tuple(station_endpoint(self.folder, name) for name in self.agents)
-            mesh = await Mesh.open(MeshConfig(connect=endpoints), mission.swarm, None, receive=receive)
+            links = MeshConfig(connect=endpoints, identity=load_identity(operator_folder(self.folder)))
+            mesh = await Mesh.open(links, mission.swarm, None, receive=receive)
             try:
                 for _ in range(50):
                     if await mesh.ask(drone, encode_summary(mission.mission_id, {})):

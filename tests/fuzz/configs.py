@@ -124,7 +124,9 @@ mission = "mission.toml"
 state = "state"
 calibration = "calibration"
 [mesh]
-endpoints = {d1 = "tcp/10.7.1.11:7447", d2 = "tcp/10.7.1.12:7447"}
+endpoints = {d1 = "tls/10.7.1.11:7447", d2 = "tls/10.7.1.12:7447"}
+identity = "identity"
+others = ["anna"]
 [vehicle]
 address = "serial:///dev/ttyACM0:57600"
 system_id = 2

@@ -22,11 +22,11 @@ AGENT = Path(sysconfig.get_path("scripts")) / "radron-agent"
 def test_an_agent_elsewhere_is_waited_for_and_started(tmp_path: Path) -> None:
     pid = os.getpid()
     host = f"127.{1 + pid % 250}.{1 + pid // 250 % 250}.{1 + pid // 62_500 % 250}"  # ports are fixed: so no other test's address
-    links = ("--agent-hosts", host, "--mesh", f"tcp/{host}:7447", "--bind", host)
+    links = ("--agent-hosts", host, "--mesh", f"tls/{host}:7447", "--bind", host)
     drone = DroneConfig(
         id="d1",
         mission=str(tmp_path / "agents" / "mission.toml"),
-        mesh=PeerMeshConfig(endpoints={"d1": f"tcp/{host}:7447"}),
+        mesh=PeerMeshConfig(endpoints={"d1": f"tls/{host}:7447"}, identity=str(tmp_path / "agents/d1/identity")),
         vehicle=VehicleConfig(address=f"udpin://{host}:14540"),
         detector=DetectorConfig(driver="feed", address=f"{host}:5600"),
     )

@@ -31,7 +31,7 @@ pytestmark = pytest.mark.skipif(
 @pytest.mark.long
 def test_a_swarm_that_loses_packets_finds_the_source_and_has_one_log(tmp_path: Path) -> None:
     with packet_network(2, seed=1) as (hosts, inside, impair), ExitStack() as agents:
-        mesh = {f"d{number + 1}": f"tcp/{host}:7447" for number, host in enumerate(hosts)}
+        mesh = {f"d{number + 1}": f"tls/{host}:7447" for number, host in enumerate(hosts)}
         links = ("--agent-hosts", ",".join(hosts), "--mesh", ",".join(mesh.values()), "--bind", address(HUB))
         options = ("--drones", "2", "--seed", "1", "--set", "mission.track.duration_s=20", "--json", str(tmp_path / "run.json"))
         with live_run(tmp_path, "demo", *options, "--external", *links) as run:
@@ -41,7 +41,7 @@ def test_a_swarm_that_loses_packets_finds_the_source_and_has_one_log(tmp_path: P
                 config = DroneConfig(
                     id=drone,
                     mission=str(tmp_path / "agents" / "mission.toml"),
-                    mesh=PeerMeshConfig(endpoints=mesh),
+                    mesh=PeerMeshConfig(endpoints=mesh, identity=str(tmp_path / "agents" / drone / "identity")),
                     vehicle=VehicleConfig(address=f"udpin://{host}:14540"),
                     detector=DetectorConfig(driver="feed", address=f"{address(HUB)}:{5600 + number}"),
                     recorder=RecorderConfig(folder=str(tmp_path / drone)),

@@ -17,6 +17,9 @@ from typing import Any, TypeVar
 
 import psutil
 
+from protocol.identity import Role
+from protocol.issuing import throwaway
+
 SUPPORT = Path(__file__).parent
 T = TypeVar("T")
 
@@ -128,19 +131,27 @@ def write_configs(folder: Path, count: int, **vehicle: object) -> list[int]:
     """Mission and drone files d1.toml, d2.toml ... in a folder; the UDP ports at which the agents wait for their vehicles."""
     names = [f"d{number + 1}" for number in range(count)]
     ports = free_ports(count, socket.SOCK_DGRAM)
-    mesh = ", ".join(f'{name} = "tcp/127.0.0.1:{port}"' for name, port in zip(names, free_ports(count), strict=True))
+    mesh = ", ".join(f'{name} = "tls/127.0.0.1:{port}"' for name, port in zip(names, free_ports(count), strict=True))
     drones = ", ".join(f'{{ id = "{name}", origin_m = [{5 + 6 * index}, 5, 0] }}' for index, name in enumerate(names))
     (folder / "mission.toml").write_text(
         f'name = "test"\ndrones = [{drones}]\narea = {{ polygon_m = [[0, 0], [60, 0], [60, 60], [0, 60]] }}\n'
     )
+    members = {folder / "identity" / name: (name, Role.DRONE) for name in names}
+    throwaway({**members, operator_folder(folder): ("operator", Role.OPERATOR)}, time.time_ns())
     settings = "".join(f"{key} = {json.dumps(value)}\n" for key, value in vehicle.items())
     for name, port in zip(names, ports, strict=True):
         (folder / f"{name}.toml").write_text(
-            f'id = "{name}"\nmission = "mission.toml"\nstate = "state"\nmesh = {{ endpoints = {{ {mesh} }} }}\n'
+            f'id = "{name}"\nmission = "mission.toml"\nstate = "state"\n'
+            f'mesh = {{ identity = "identity/{name}", endpoints = {{ {mesh} }} }}\n'
             f'recorder = {{ folder = "records" }}\n'
             f'[vehicle]\naddress = "udpin://127.0.0.1:{port}"\n{settings}'
         )
     return ports
+
+
+def operator_folder(folder: Path) -> Path:
+    """The operator's certificate and key."""
+    return folder / "identity" / "operator"
 
 
 def station_endpoint(folder: Path, name: str = "d1") -> str:
@@ -152,8 +163,9 @@ def station_endpoint(folder: Path, name: str = "d1") -> str:
 def command(folder: Path, action: str, *options: str) -> subprocess.CompletedProcess[str]:
     """``radron-agent command`` to the swarm of these files."""
     tool = str(Path(sys.executable).parent / "radron-agent")
+    links = ("--connect", station_endpoint(folder), "--identity", str(operator_folder(folder)))
     return subprocess.run(
-        [tool, "command", action, "--swarm", "radron", "--connect", station_endpoint(folder), *options],
+        [tool, "command", action, "--swarm", "radron", *links, *options],
         capture_output=True, text=True, timeout=40.0, check=False,
     )  # fmt: skip
 

@@ -101,9 +101,9 @@ def test_a_drone_without_a_camera_is_not_ready(folder: Path) -> None:
 
 
 def test_the_address_of_another_computer(folder: Path) -> None:
-    mesh = finding(folder, "mesh", RADRON_MESH__LISTEN="tcp/192.0.2.1:7447")  # RFC 5737: nobody's
+    mesh = finding(folder, "mesh", RADRON_MESH__LISTEN="tls/192.0.2.1:7447")  # RFC 5737: nobody's
     assert mesh.verdict == "failed"
-    assert mesh.text.startswith("mesh.listen: 'tcp/192.0.2.1:7447' is not an address of this computer")
+    assert mesh.text.startswith("mesh.listen: 'tls/192.0.2.1:7447' is not an address of this computer")
 
 
 def test_a_serial_device_that_is_not_there(folder: Path) -> None:

@@ -25,7 +25,7 @@ MISSION = MissionConfig(
 def drone(address: str | None) -> DroneConfig:
     return DroneConfig(
         id="d1",
-        mesh=PeerMeshConfig(endpoints={"d1": f"tcp/127.0.0.1:{free_ports(1)[0]}"}),
+        mesh=PeerMeshConfig(endpoints={"d1": f"tcp/127.0.0.1:{free_ports(1)[0]}"}, insecure=True),
         vehicle=VehicleConfig(address=f"udpin://127.0.0.1:{free_ports(1, socket.SOCK_DGRAM)[0]}"),
         sightings=SightingsConfig(address=address),
     )

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from live_agents import Agent, Vehicles, closing, command, free_ports, station_endpoint, until, write_configs
+from live_agents import Agent, Vehicles, closing, command, free_ports, operator_folder, station_endpoint, until, write_configs
 
 from protocol.codec import decode
+from protocol.identity import load_identity
 from protocol.messages import Status
 from protocol.session import Mesh, MeshConfig
 
@@ -39,7 +40,8 @@ def problems_of(folder: Path, drone: str, *expected: str, connect: tuple[str, ..
         return bool(statuses) and all(any(part in text for text in statuses[-1].problems) for part in expected)
 
     async def listen() -> None:
-        mesh = await Mesh.open(MeshConfig(connect=(station_endpoint(folder, drone), *connect)), "radron", None, receive=receive)
+        links = MeshConfig(connect=(station_endpoint(folder, drone), *connect), identity=load_identity(operator_folder(folder)))
+        mesh = await Mesh.open(links, "radron", None, receive=receive)
         try:
             deadline_s = time.monotonic() + SAID_S + BUSY_S
             while not told():
@@ -64,7 +66,7 @@ def preflight(folder: Path, drone: str) -> subprocess.CompletedProcess[str]:
 def test_what_is_wrong_is_in_the_status_and_stands_against_a_start(tmp_path: Path, vehicles: Vehicles) -> None:
     d2 = Agent(tmp_path, "d2")
     with closing(d2):
-        problems_of(tmp_path, "d2", "not ready to arm", "no contact with d1 (tcp/127.0.0.1:")
+        problems_of(tmp_path, "d2", "not ready to arm", "no contact with d1 (tls/127.0.0.1:")
         refused = command(tmp_path, "start", "--drones", "d2", "--connect", station_endpoint(tmp_path, "d2"))
         assert refused.returncode == 2
         assert "not ready to arm" in refused.stderr
@@ -74,7 +76,7 @@ def test_what_is_wrong_is_in_the_status_and_stands_against_a_start(tmp_path: Pat
 @pytest.mark.slow
 def test_two_agents_with_one_id_both_say_so(tmp_path: Path, vehicles: Vehicles) -> None:
     first = Agent(tmp_path, "d1")
-    listen = f"tcp/127.0.0.1:{free_ports(1)[0]}"
+    listen = f"tls/127.0.0.1:{free_ports(1)[0]}"
     twin = Agent(tmp_path, "d2", RADRON_ID="d1", RADRON_MESH__LISTEN=listen)
     with closing(first, twin):
         problems_of(tmp_path, "d1", "another agent is running as d1", connect=(listen,))

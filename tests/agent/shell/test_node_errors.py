@@ -63,7 +63,7 @@ def test_the_meshs_port_is_in_use(tmp_path: Path, agent: RunAgent) -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
-        endpoint = f"tcp/127.0.0.1:{other.getsockname()[1]}"
+        endpoint = f"tls/127.0.0.1:{other.getsockname()[1]}"
         line = refusal(agent(RADRON_MESH__LISTEN=endpoint))
     assert endpoint in line
     assert "in use" in line

@@ -171,11 +171,11 @@ def test_each_agent_dials_those_before_it_through_their_relays() -> None:
     places = Places.relayed(3)
     plan = places.relay_plan(1, drones)
     assert [(each.dials, each.dialled) for each in plan.mesh] == [("d2", "d1"), ("d3", "d1"), ("d3", "d2")]
-    relays = {(each.dials, each.dialled): f"tcp/127.0.0.1:{each.port}" for each in plan.mesh}
+    relays = {(each.dials, each.dialled): f"tls/127.0.0.1:{each.port}" for each in plan.mesh}
     own = dict(zip(drones, places.mesh, strict=True))
     assert places.endpoints(drones, "d1") == own
     assert places.endpoints(drones, "d3") == {"d1": relays["d3", "d1"], "d2": relays["d3", "d2"], "d3": own["d3"]}
-    assert [f"tcp/127.0.0.1:{each.target[1]}" for each in plan.mesh] == [own["d1"], own["d1"], own["d2"]]
+    assert [f"tls/127.0.0.1:{each.target[1]}" for each in plan.mesh] == [own["d1"], own["d1"], own["d2"]]
     assert [each.target for each in plan.mavlink] == list(places.onboard)
     assert [each.port for each in plan.mavlink] == [port for _, port in places.vehicles]
     assert Places.here(3).vehicles != ()

@@ -26,7 +26,7 @@ def test_a_mission_file_is_the_same_mission(name: str, tmp_path: Path) -> None:
 
 def test_a_drone_file_says_what_the_flight_needs(tmp_path: Path) -> None:
     files = RunFolder(tmp_path, agents_here=True)
-    mesh = {"d1": "tcp/127.0.0.1:1", "d2": "tcp/127.0.0.1:2"}
+    mesh = {"d1": "tls/127.0.0.1:1", "d2": "tls/127.0.0.1:2"}
     config = drone_config(
         load_scenario("demo"), "d2", calibrated=True, ports=Ports(14541, 5601), mesh=PeerMeshConfig(endpoints=mesh)
     )
@@ -40,7 +40,7 @@ def test_a_drone_file_says_how_the_vehicle_is_guided(tmp_path: Path) -> None:
     files = RunFolder(tmp_path, agents_here=True)
     scenario, ports = load_scenario("mixed-frames"), Ports(14541, 5601, 5701, 5801)
     by_slam = drone_config(
-        scenario, "d3", calibrated=False, ports=ports, mesh=PeerMeshConfig(endpoints={"d3": "tcp/127.0.0.1:1"})
+        scenario, "d3", calibrated=False, ports=ports, mesh=PeerMeshConfig(endpoints={"d3": "tls/127.0.0.1:1"})
     )
     files.write_drone(by_slam)
     assert load_toml(files.drone_file("d3"), DroneConfig) == by_slam

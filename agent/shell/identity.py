@@ -1,0 +1,73 @@
+"""This drone's certificate: which one, whether it is valid, and what to tell the operator about it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from agent.config.drone import DroneConfig
+from agent.errors import ConfigError
+from protocol.identity import CERTIFICATE_FILE, Identity, load_identity, utc
+
+INSECURE = "links are not encrypted (mesh.insecure = true): whoever reaches this drone can command the swarm"
+FLIGHT_S = 2 * 3600.0  # a certificate must be valid for so long at a start: links that break after its end do not come back
+_HOUR_S, _DAY_S = 3600.0, 86400.0
+_NOTICE_DAYS = 30.0
+
+
+class Validity(NamedTuple):
+    """``fault``: why this certificate must not start a flight. ``text``: whose it is, and until when."""
+
+    fault: str | None
+    text: str
+    left_days: float
+
+    @property
+    def notice(self) -> str | None:
+        """A reminder from a month before the end."""
+        return f"certificate: {self.text}" if self.fault is None and self.left_days <= _NOTICE_DAYS else None
+
+
+def own_identity(drone: DroneConfig) -> Identity | None:
+    """The drone's certificate and key; None where its file says that links are not encrypted.
+
+    Raises:
+        ConfigError: neither is given, or both.
+        IdentityError: files that cannot be used.
+    """
+    mesh = drone.mesh
+    if mesh.insecure and mesh.identity is not None:
+        raise ConfigError("mesh: identity and insecure exclude each other: remove insecure to encrypt the links")
+    if mesh.insecure:
+        return None
+    if mesh.identity is None:
+        make = f"run `radron-deploy pki issue {drone.id} --role drone`, and give the folder that it makes"
+        raise ConfigError(f"mesh.identity is missing: this drone has no certificate; {make} (mesh.insecure = true: fly without)")
+    return load_identity(Path(mesh.identity))
+
+
+def validity(identity: Identity, now_ns: int) -> Validity:
+    """Whether a certificate is good for a flight that starts now, by this computer's clock."""
+    own, file = identity.own, identity.folder / CERTIFICATE_FILE
+    left_s = (own.not_after_ns - now_ns) * 1e-9
+    left_days = left_s / _DAY_S
+    renew = f"run `radron-deploy pki issue {own.name} --role {own.role}`, and copy the folder that it makes"
+    until, now = (f"{utc(at_ns):%Y-%m-%d %H:%M} UTC" for at_ns in (own.not_after_ns, now_ns))
+    fault = None
+    if own.serial in identity.revoked.serials:
+        fault = f"{file}: has been revoked; run `radron-deploy pki issue` with another name than {own.name}"
+    elif now_ns < own.not_before_ns:
+        begins = f"{utc(own.not_before_ns):%Y-%m-%d %H:%M} UTC"
+        fault = f"{file}: not valid before {begins}, and this computer's clock shows {now}: set it, such as by `chronyc makestep`"
+    elif left_s <= 0.0:
+        fault = f"{file}: expired at {until} (this computer's clock shows {now}); {renew}"
+    elif left_s < FLIGHT_S:
+        fault = f"{file}: expires at {until}, in less than the {FLIGHT_S / _HOUR_S:g} h that a flight may need; {renew}"
+    left = f"{left_s / _HOUR_S:.0f} hours" if left_s < 2 * _DAY_S else f"{left_days:.0f} days"
+    return Validity(fault, f"{own.name}, {own.role}, until {until}, {_urgency(left_days)}{left} left", left_days)
+
+
+def _urgency(left_days: float) -> str:
+    if left_days <= 1.0:
+        return "renew it now: "
+    return "renew it this week: " if left_days <= 7.0 else ""

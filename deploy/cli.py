@@ -1,0 +1,44 @@
+"""The ``radron-deploy`` command."""
+
+from __future__ import annotations
+
+import sys
+from importlib.metadata import version
+from typing import Annotated
+
+import typer
+
+from deploy.pki import command as pki
+from protocol.errors import ProtocolError
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_show_locals=False)
+app.add_typer(pki.app, name="pki")
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"radron {version('radron')}")
+        raise typer.Exit
+
+
+@app.callback(help="From a checkout to a swarm: certificates.")
+def options(
+    _version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")] = False,
+) -> None:
+    """Options of all subcommands."""
+
+
+def main() -> None:
+    """Run the command; errors that the user can fix end in one line and exit code 2."""
+    try:
+        app()
+    except ProtocolError as error:
+        print(f"radron-deploy: {error}", file=sys.stderr)
+        sys.exit(2)
+    except OSError as error:  # mostly the disk: full, missing or no permission, which the user can fix
+        print(f"radron-deploy: {error.filename or 'input or output'}: {error.strerror or error}", file=sys.stderr)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

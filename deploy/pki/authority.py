@@ -1,0 +1,195 @@
+"""The folder of a swarm's certificate authority: its certificate, its encrypted key, and what it has issued and revoked."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import BestAvailableEncryption, Encoding, PrivateFormat, load_pem_private_key
+from msgspec.structs import replace
+
+from protocol.identity import AUTHORITY_FILE, REVOKED_FILE, Authority, IdentityError, Role, checked_name, utc
+from protocol.issuing import Issuer, write_file, write_identity
+
+AUTHORITY_KEY_FILE, ISSUED_FILE = "ca-key.pem", "issued.json"
+SHORTEST_PASSPHRASE = 12
+
+Passphrase = Callable[[], str]
+
+
+class Issued(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A certificate that was issued. Times: UTC, nanoseconds; ``serial``: hexadecimal, as other tools show it."""
+
+    name: str
+    role: Role
+    serial: str
+    not_before_ns: int
+    not_after_ns: int
+    revoked_ns: int | None = None
+
+
+class PkiFolder:
+    """An authority on disk: ``ca.pem``, ``ca-key.pem`` (or a key kept elsewhere), ``issued.json`` and ``revoked.crl``."""
+
+    def __init__(self, folder: Path, key_file: Path | None = None) -> None:
+        """``key_file``: where the key is, if not in the folder: on a medium that is kept offline."""
+        self.folder = folder
+        self.key_file = key_file if key_file is not None else folder / AUTHORITY_KEY_FILE
+
+    def init(self, swarm: str, passphrase: Passphrase, now_ns: int) -> None:
+        """Make a new authority. Its key is only ever written encrypted.
+
+        Raises:
+            IdentityError: there is one already, or the passphrase is too short.
+            OSError: it cannot be written.
+        """
+        for file in (self.folder / AUTHORITY_FILE, self.key_file):
+            if file.exists():
+                raise IdentityError(f"{file}: exists, and without it no member could join; choose another folder with --pki")
+        issuer = Issuer.new(swarm, now_ns)
+        secret = passphrase()
+        if len(secret) < SHORTEST_PASSPHRASE:
+            raise IdentityError(
+                f"the passphrase is too short: give at least {SHORTEST_PASSPHRASE} characters, such as four words"
+            )
+        self.folder.mkdir(parents=True, exist_ok=True)
+        encrypted = BestAvailableEncryption(secret.encode())
+        write_file(self.key_file, issuer.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, encrypted), secret=True)
+        write_file(self.folder / AUTHORITY_FILE, issuer.authority.certificate.public_bytes(Encoding.PEM))
+        self._save([])
+
+    def issue(self, name: str, role: Role, days: int | None, out: Path, passphrase: Passphrase, now_ns: int) -> Issued:
+        """Issue a certificate with a new key, and write the member's folder ``out``.
+
+        Raises:
+            IdentityError: the name is another member's or was revoked; the authority's key cannot be used.
+            OSError: something cannot be written.
+        """
+        with self._locked():
+            issued = self.issued()
+            _check_free(name, role, issued, now_ns)
+            issuer = self._issuer(passphrase)
+            credentials = issuer.issue(name, role, now_ns, days)
+            write_identity(out, issuer.authority, credentials, self._list(issuer, issued, now_ns))
+            peer = credentials.peer
+            times = {"not_before_ns": peer.not_before_ns, "not_after_ns": peer.not_after_ns}
+            new = Issued(name=name, role=role, serial=f"{peer.serial:x}", **times)
+            self._save([*issued, new])
+        return new
+
+    def revoke(self, name: str, passphrase: Passphrase, now_ns: int) -> list[Issued]:
+        """Revoke all certificates of a name that have not expired; returns them, and writes ``revoked.crl``.
+
+        Raises:
+            IdentityError: there is none; the authority's key cannot be used.
+            OSError: something cannot be written.
+        """
+        with self._locked():
+            issued = self.issued()
+            concerned = [one for one in issued if one.name == name and one.not_after_ns > now_ns and one.revoked_ns is None]
+            if not concerned:
+                valid = sorted({one.name for one in issued if one.not_after_ns > now_ns and one.revoked_ns is None})
+                raise IdentityError(f"{name!r} has no valid certificate; those that have: {', '.join(valid) or 'none'}")
+            issued = [replace(one, revoked_ns=now_ns) if one in concerned else one for one in issued]
+            issuer = self._issuer(passphrase)
+            self._save(issued)  # first: a name that is listed must not be issued again
+            self._list(issuer, issued, now_ns)
+        return concerned
+
+    def authority(self) -> Authority:
+        """The authority's certificate.
+
+        Raises:
+            IdentityError: there is none.
+        """
+        file = self.folder / AUTHORITY_FILE
+        try:
+            return Authority.read(file.read_bytes())
+        except FileNotFoundError:
+            raise IdentityError(f"{file}: there is no authority here; run `radron-deploy pki init --pki {self.folder}`") from None
+        except IdentityError as error:
+            raise IdentityError(f"{file}: {error}; restore it from a backup") from None
+
+    def issued(self) -> list[Issued]:
+        """Everything issued so far, in order.
+
+        Raises:
+            IdentityError: there is no authority, or its record cannot be read.
+        """
+        self.authority()
+        file = self.folder / ISSUED_FILE
+        try:
+            return msgspec.json.decode(file.read_bytes(), type=list[Issued])
+        except FileNotFoundError:
+            raise IdentityError(f"{file}: is missing: the record of what was issued; restore it from a backup") from None
+        except msgspec.DecodeError as error:
+            raise IdentityError(f"{file}: cannot be read ({error}); restore it from a backup") from None
+
+    def _issuer(self, passphrase: Passphrase) -> Issuer:
+        authority = self.authority()
+        try:
+            pem = self.key_file.read_bytes()
+        except FileNotFoundError:
+            raise IdentityError(f"{self.key_file}: is missing; if it is kept elsewhere, say where with --key") from None
+        mode = stat.S_IMODE(self.key_file.stat().st_mode)
+        if mode & 0o077:
+            raise IdentityError(
+                f"{self.key_file}: other users can read this key (mode {mode:03o}); run `chmod 600 {self.key_file}`"
+            )
+        secret = passphrase().encode()
+        try:
+            key = load_pem_private_key(pem, secret)
+        except TypeError:
+            mend = f"`openssl pkey -aes256 -in {self.key_file} -out NEW`, and put the new file in its place"
+            raise IdentityError(f"{self.key_file}: is not encrypted; run {mend}") from None
+        except ValueError:
+            text = (
+                "wrong passphrase, or not a key; a lost one cannot be recovered: `radron-deploy pki init` makes a new authority"
+            )
+            raise IdentityError(f"{self.key_file}: {text}") from None
+        if not isinstance(key, Ed25519PrivateKey) or key.public_key() != authority.certificate.public_key():
+            raise IdentityError(
+                f"{self.key_file}: is not the key of {self.folder / AUTHORITY_FILE}; say where that is with --key"
+            )
+        return Issuer(authority, key)
+
+    def _list(self, issuer: Issuer, issued: list[Issued], now_ns: int) -> bytes | None:
+        """Renew and return the list of what is revoked and has not expired; None: nothing was ever revoked."""
+        revoked = [one for one in issued if one.revoked_ns is not None]
+        if not revoked:
+            return None
+        usable = {int(one.serial, 16): one.name for one in revoked if one.not_after_ns > now_ns}
+        listed = issuer.revocation_list(usable, now_ns)
+        write_file(self.folder / REVOKED_FILE, listed)
+        return listed
+
+    def _save(self, issued: list[Issued]) -> None:
+        write_file(self.folder / ISSUED_FILE, msgspec.json.format(msgspec.json.encode(issued), indent=1))
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        """Two commands at the same time do not lose each other's record."""
+        self.authority()
+        descriptor = os.open(self.folder, os.O_RDONLY)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(descriptor)
+
+
+def _check_free(name: str, role: Role, issued: list[Issued], now_ns: int) -> None:
+    """See that a name is one member's and was not revoked: links are judged by names alone."""
+    checked_name(name)
+    for one in issued:
+        if one.name == name and one.role is not role:
+            raise IdentityError(f"{name!r} is the name of a member with the role {one.role}; choose another one")
+        if one.name == name and one.revoked_ns is not None and one.not_after_ns > now_ns:
+            ends = utc(one.not_after_ns).date()
+            raise IdentityError(f"{name!r} was revoked, and who has its key could use the name until {ends}; choose another one")

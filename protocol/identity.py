@@ -1,0 +1,276 @@
+"""Who somebody is: certificates of the swarm's members, signed by the swarm's own authority (X.509, Ed25519).
+
+The common name (CN) and a DNS entry (SAN) are the member's name, the organisational unit (OU) is its role. One key pair serves
+TLS and signatures. Nothing here reads a clock: whether an old log entry is genuine must not depend on when somebody asks.
+"""
+
+from __future__ import annotations
+
+import stat
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
+from cryptography.x509.oid import NameOID, ObjectIdentifier
+from msgspec import ValidationError, convert
+
+from protocol.errors import ProtocolError
+from protocol.units import DroneId
+
+AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, REVOKED_FILE = "ca.pem", "certificate.pem", "key.pem", "revoked.crl"
+REVOKED_NAME = ObjectIdentifier("2.25.177823990817045893047311286452150417643")  # in an entry of the revocation list: whose
+MOST_BYTES = 2048  # of a certificate; ours have about 400
+_MOST_FILE_BYTES = 64 * 1024
+_UNREADABLE = (ValueError, TypeError, x509.InvalidVersion, x509.DuplicateExtension, UnsupportedAlgorithm)
+
+
+class IdentityError(ProtocolError):
+    """A certificate, key or revocation list that cannot be used; the text names it and says what to do."""
+
+
+class Role(StrEnum):
+    """What a certificate entitles to."""
+
+    DRONE = "drone"  # publishes under its own name
+    OPERATOR = "operator"  # commands and queries
+    OBSERVER = "observer"  # subscribes and queries, publishes nothing
+    STATION = "station"  # a page or recorder on the ground: as an observer
+    RELEASE = "release"  # signs software; no links
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """A certificate that the swarm's authority has signed. Times: UTC, nanoseconds; outside them it opens no links."""
+
+    name: str
+    role: Role
+    key: Ed25519PublicKey = field(repr=False)
+    serial: int
+    not_before_ns: int
+    not_after_ns: int
+    der: bytes = field(repr=False)
+
+    def verified(self, signature: bytes, data: bytes) -> bool:
+        """Whether this member has signed these bytes."""
+        try:
+            self.key.verify(signature, data)
+        except InvalidSignature:
+            return False
+        return True
+
+
+class Authority:
+    """The swarm's certificate authority, as all members know it."""
+
+    def __init__(self, certificate: x509.Certificate) -> None:
+        """Use :meth:`read`."""
+        self.certificate = certificate
+
+    @classmethod
+    def read(cls, pem: bytes) -> Authority:
+        """The authority's certificate, signed by itself.
+
+        Raises:
+            IdentityError: anything else.
+        """
+        try:
+            certificate = x509.load_pem_x509_certificate(pem)
+            certificate.verify_directly_issued_by(certificate)
+            is_authority = certificate.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
+        except (*_UNREADABLE, InvalidSignature, x509.ExtensionNotFound):
+            raise IdentityError("is not the certificate of a swarm's authority") from None
+        if not is_authority or not isinstance(certificate.public_key(), Ed25519PublicKey):
+            raise IdentityError("is not the certificate of a swarm's authority with an Ed25519 key")
+        return cls(certificate)
+
+    def verify(self, der: bytes) -> Peer:
+        """Whose certificate this is. Its times are not looked at (``Peer.not_after_ns``), nor whether it was revoked.
+
+        Raises:
+            IdentityError: no certificate, one of another authority or signed by itself, or one without a proper name or role.
+        """
+        if len(der) > MOST_BYTES:
+            raise IdentityError(f"is too large for a certificate: {len(der)} bytes")
+        try:
+            certificate = x509.load_der_x509_certificate(der)
+            certificate.verify_directly_issued_by(self.certificate)
+            return _peer(certificate, der)
+        except InvalidSignature:
+            raise IdentityError("is not signed by this swarm's authority") from None
+        except IdentityError:
+            raise
+        except _UNREADABLE as error:
+            foreign = "does not match" in str(error)
+            reason = "was issued by another authority" if foreign else "is not a certificate"
+            raise IdentityError(reason) from None
+
+
+@dataclass(frozen=True, slots=True)
+class Revoked:
+    """What the swarm's authority has revoked, as far as a member's folder tells."""
+
+    serials: frozenset[int] = frozenset()
+    names: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """The own certificate and key, from a folder on disk."""
+
+    own: Peer
+    authority: Authority = field(repr=False)
+    folder: Path
+    key: Ed25519PrivateKey = field(repr=False)
+    revoked: Revoked = Revoked()
+
+    def sign(self, data: bytes) -> bytes:
+        """The 64 bytes of a signature."""
+        return self.key.sign(data)
+
+
+def load_identity(folder: Path) -> Identity:
+    """Read ``ca.pem``, ``certificate.pem``, ``key.pem`` and, if there is one, ``revoked.crl``.
+
+    Raises:
+        IdentityError: one that is missing, unreadable or not for the others, or a key that other users can read.
+    """
+    authority_file, certificate_file, key_file = folder / AUTHORITY_FILE, folder / CERTIFICATE_FILE, folder / KEY_FILE
+    if not folder.is_dir():
+        raise IdentityError(f"{folder}: there is no such folder; {_ISSUE}")
+    try:
+        authority = Authority.read(_read(authority_file))
+    except IdentityError as error:
+        raise _with(authority_file, error, "copy it from the folder of `radron-deploy pki init`") from None
+    try:
+        own = authority.verify(_der(_read(certificate_file)))
+    except IdentityError as error:
+        raise _with(certificate_file, error, _ISSUE) from None
+    return Identity(own, authority, folder, _own_key(key_file, own), _revoked(folder / REVOKED_FILE, authority))
+
+
+_ISSUE = "make one with `radron-deploy pki issue NAME --role ROLE`, and copy its folder here"
+
+
+def _own_key(file: Path, own: Peer) -> Ed25519PrivateKey:
+    pem = _read(file)
+    mode = stat.S_IMODE(file.stat().st_mode)
+    if mode & 0o077:
+        raise IdentityError(f"{file}: other users can read this key (mode {mode:03o}); run `chmod 600 {file}`")
+    try:
+        key = load_pem_private_key(pem, password=None)
+    except TypeError:
+        raise IdentityError(f"{file}: is encrypted, and a drone starts without a passphrase; {_ISSUE}") from None
+    except _UNREADABLE:
+        raise IdentityError(f"{file}: is not a private key; {_ISSUE}") from None
+    if not isinstance(key, Ed25519PrivateKey) or key.public_key() != own.key:
+        raise IdentityError(f"{file}: is not the key of {CERTIFICATE_FILE} ({own.name}); {_ISSUE}")
+    return key
+
+
+def _revoked(file: Path, authority: Authority) -> Revoked:
+    if not file.exists():
+        return Revoked()
+    try:
+        return read_revoked(_read(file), authority)
+    except IdentityError as error:
+        raise _with(file, error, "copy it again from the folder of `radron-deploy pki init`") from None
+
+
+def read_revoked(pem: bytes, authority: Authority) -> Revoked:
+    """The authority's list of revoked certificates.
+
+    Raises:
+        IdentityError: not a list, or not signed by this authority.
+    """
+    try:
+        listed = x509.load_pem_x509_crl(pem)
+        public = authority.certificate.public_key()
+        if not isinstance(public, Ed25519PublicKey) or not listed.is_signature_valid(public):
+            raise IdentityError("is not signed by this swarm's authority")
+        entries = [(entry.serial_number, entry.extensions) for entry in listed]
+        names = {_revoked_name(extensions) for _, extensions in entries} - {""}
+    except IdentityError:
+        raise
+    except _UNREADABLE:
+        raise IdentityError("is not a list of revoked certificates") from None
+    return Revoked(frozenset(serial for serial, _ in entries), frozenset(names))
+
+
+def _revoked_name(extensions: x509.Extensions) -> str:
+    for extension in extensions:
+        if extension.oid == REVOKED_NAME and isinstance(extension.value, x509.UnrecognizedExtension):
+            return extension.value.value.decode("ascii")
+    return ""
+
+
+def checked_name(name: object) -> str:
+    """A member's name: an identifier, and not the word that replaces a drone's id in the keys of operators.
+
+    Raises:
+        IdentityError: anything else.
+    """
+    try:
+        return convert(name, DroneId)
+    except ValidationError:
+        text = "use up to 32 of a-z, 0-9 and '-', and not 'station'"
+        raise IdentityError(f"{str(name)[:40]!r} is not a name for a certificate: {text}") from None
+
+
+def _peer(certificate: x509.Certificate, der: bytes) -> Peer:
+    key = certificate.public_key()
+    if not isinstance(key, Ed25519PublicKey):
+        raise IdentityError("has no Ed25519 key")
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    units = certificate.subject.get_attributes_for_oid(NameOID.ORGANIZATIONAL_UNIT_NAME)
+    if len(names) != 1 or len(units) != 1:
+        raise IdentityError("does not have one name (CN) and one role (OU)")
+    name, role = checked_name(names[0].value), str(units[0].value)
+    if role not in set(Role):
+        raise IdentityError(f"has the unknown role {role[:20]!r}; known: {', '.join(Role)}")
+    try:
+        alternatives = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        is_authority = certificate.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
+    except x509.ExtensionNotFound:
+        raise IdentityError("lacks its alternative name (SAN) or its constraints") from None
+    if is_authority or name not in alternatives.get_values_for_type(x509.DNSName):
+        raise IdentityError("is an authority's, or its alternative name (SAN) is another than its name (CN)")
+    times = (_ns(certificate.not_valid_before_utc), _ns(certificate.not_valid_after_utc))
+    return Peer(name, Role(role), key, certificate.serial_number, *times, der)
+
+
+def utc(at_ns: int) -> datetime:
+    """A time of day, as certificates have it."""
+    return datetime.fromtimestamp(at_ns // 1_000_000_000, UTC)
+
+
+def _ns(at: datetime) -> int:
+    return int(at.timestamp()) * 1_000_000_000
+
+
+def _der(pem: bytes) -> bytes:
+    try:
+        return x509.load_pem_x509_certificate(pem).public_bytes(Encoding.DER)
+    except _UNREADABLE:
+        raise IdentityError("is not a certificate") from None
+
+
+def _read(file: Path) -> bytes:
+    try:
+        with file.open("rb") as stream:
+            data = stream.read(_MOST_FILE_BYTES + 1)
+    except OSError as error:
+        raise IdentityError(f"{file}: {(error.strerror or 'cannot be read').lower()}; {_ISSUE}") from None
+    if len(data) > _MOST_FILE_BYTES:
+        raise IdentityError(f"{file}: is too large; {_ISSUE}")
+    return data
+
+
+def _with(file: Path, error: IdentityError, mend: str) -> IdentityError:
+    """The error with the file's name and what to do, unless it has them already."""
+    text = str(error)
+    return error if text.startswith(str(file)) else IdentityError(f"{file}: {text}; {mend}")

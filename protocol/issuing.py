@@ -1,0 +1,144 @@
+"""Making certificates: an authority with its key, and the folders of those to whom it issues."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import timedelta
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from protocol.identity import (
+    AUTHORITY_FILE,
+    CERTIFICATE_FILE,
+    KEY_FILE,
+    REVOKED_FILE,
+    REVOKED_NAME,
+    Authority,
+    Peer,
+    Role,
+    checked_name,
+    utc,
+)
+
+AUTHORITY_DAYS = 3650
+DAYS = {Role.DRONE: 30, Role.OPERATOR: 90, Role.OBSERVER: 90, Role.STATION: 365, Role.RELEASE: 365}
+EARLIER = timedelta(hours=1)  # certificates begin this much in the past: a drone's clock may be behind
+_LIST_DAYS = 3650  # until a list of revoked certificates should be replaced; nobody refuses an older one
+_THROWAWAY_DAYS = 31  # so that no agent reminds of their end
+
+
+@dataclass(frozen=True, slots=True)
+class Credentials:
+    """What a member gets: its certificate and its key."""
+
+    peer: Peer
+    key: Ed25519PrivateKey = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Issuer:
+    """A swarm's authority with its key."""
+
+    authority: Authority
+    key: Ed25519PrivateKey = field(repr=False)
+
+    @classmethod
+    def new(cls, swarm: str, now_ns: int, days: int = AUTHORITY_DAYS) -> Issuer:
+        """A new authority with a new key."""
+        key = Ed25519PrivateKey.generate()
+        name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"{checked_name(swarm)} authority")])
+        usage = x509.KeyUsage(False, False, False, False, False, True, True, False, False)  # signs certificates and lists
+        certificate = (
+            x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number())
+            .not_valid_before(utc(now_ns) - EARLIER)
+            .not_valid_after(utc(now_ns) + timedelta(days=days))
+            .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+            .add_extension(usage, critical=True)
+            .sign(key, None)
+        )
+        return cls(Authority(certificate), key)
+
+    def issue(self, name: str, role: Role, now_ns: int, days: float | None = None) -> Credentials:
+        """A new key, and a certificate for it that is valid for ``days`` (none: ``DAYS``) at most as long as the authority's.
+
+        Raises:
+            IdentityError: a name that cannot be one.
+        """
+        key = Ed25519PrivateKey.generate()
+        attributes = ((NameOID.COMMON_NAME, checked_name(name)), (NameOID.ORGANIZATIONAL_UNIT_NAME, str(role)))
+        subject = x509.Name([x509.NameAttribute(oid, value) for oid, value in attributes])
+        issuer = self.authority.certificate
+        ends = utc(now_ns) + timedelta(days=DAYS[role] if days is None else days)
+        certificate = (
+            x509.CertificateBuilder(issuer.subject, subject, key.public_key(), x509.random_serial_number())
+            .not_valid_before(utc(now_ns) - EARLIER)
+            .not_valid_after(min(ends, issuer.not_valid_after_utc))
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(x509.SubjectAlternativeName([x509.DNSName(name)]), critical=False)
+            .add_extension(
+                x509.ExtendedKeyUsage([ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]), critical=False
+            )
+            .sign(self.key, None)
+        )
+        return Credentials(self.authority.verify(certificate.public_bytes(Encoding.DER)), key)
+
+    def revocation_list(self, revoked: Mapping[int, str], now_ns: int) -> bytes:
+        """A list (CRL, PEM) of these certificates: from serial number to name."""
+        builder = x509.CertificateRevocationListBuilder(
+            self.authority.certificate.subject, utc(now_ns), utc(now_ns) + timedelta(days=_LIST_DAYS)
+        )
+        for serial, name in revoked.items():
+            whose = x509.UnrecognizedExtension(REVOKED_NAME, name.encode("ascii"))
+            entry = x509.RevokedCertificateBuilder(serial, utc(now_ns)).add_extension(whose, critical=False).build()
+            builder = builder.add_revoked_certificate(entry)
+        return builder.sign(self.key, None).public_bytes(Encoding.PEM)
+
+
+def write_identity(folder: Path, authority: Authority, credentials: Credentials, revoked: bytes | None = None) -> None:
+    """Write a member's folder; other users cannot read its key.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    certificate = x509.load_der_x509_certificate(credentials.peer.der)
+    pem = credentials.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    write_file(folder / KEY_FILE, pem, secret=True)
+    write_file(folder / CERTIFICATE_FILE, certificate.public_bytes(Encoding.PEM))
+    write_file(folder / AUTHORITY_FILE, authority.certificate.public_bytes(Encoding.PEM))
+    if revoked is not None:
+        write_file(folder / REVOKED_FILE, revoked)
+
+
+def write_file(file: Path, data: bytes, secret: bool = False) -> None:
+    """Write a file completely or not at all; a secret one is never readable by others, not even for a moment."""
+    descriptor, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}-")  # mode 600
+    try:
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+            if not secret:
+                os.fchmod(descriptor, 0o644)
+        os.replace(temporary, file)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def throwaway(members: Mapping[Path, tuple[str, Role]], now_ns: int) -> None:
+    """Identities for one flight, by folder. Their authority's key is forgotten: nobody else can join.
+
+    Raises:
+        OSError: they cannot be written.
+    """
+    issuer = Issuer.new("throwaway", now_ns, _THROWAWAY_DAYS)
+    for folder, (name, role) in members.items():
+        write_identity(folder, issuer.authority, issuer.issue(name, role, now_ns, _THROWAWAY_DAYS))

@@ -1,0 +1,171 @@
+"""``radron-deploy pki``: what the commands make, and the errors that a user gets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+
+import pytest
+
+from deploy.cli import main
+from deploy.pki.authority import PkiFolder
+from protocol.identity import IdentityError, Role, load_identity
+
+PASSPHRASE = "four quite ordinary words"
+NOW_NS = 1_800_000_000_000_000_000
+DAY_NS = 86_400_000_000_000
+
+
+def given() -> str:
+    return PASSPHRASE
+
+
+@pytest.fixture
+def pki(tmp_path: Path) -> PkiFolder:
+    folder = PkiFolder(tmp_path / "pki")
+    folder.init("radron", given, NOW_NS)
+    return folder
+
+
+def issue(pki: PkiFolder, name: str, role: Role = Role.DRONE, now_ns: int = NOW_NS, days: int | None = None) -> Path:
+    out = pki.folder / name
+    pki.issue(name, role, days, out, given, now_ns)
+    return out
+
+
+def test_members_of_one_authority_know_each_other(pki: PkiFolder) -> None:
+    d1, anna = load_identity(issue(pki, "d1")), load_identity(issue(pki, "anna", Role.OPERATOR))
+    assert d1.authority.verify(anna.own.der).role is Role.OPERATOR
+    assert [(one.name, one.role) for one in pki.issued()] == [("d1", Role.DRONE), ("anna", Role.OPERATOR)]
+    assert round((d1.own.not_after_ns - NOW_NS) / DAY_NS) == 30
+
+
+def test_the_authoritys_key_is_never_written_in_clear(pki: PkiFolder) -> None:
+    issue(pki, "d1")
+    assert b"ENCRYPTED PRIVATE KEY" in pki.key_file.read_bytes()
+    assert pki.key_file.stat().st_mode & 0o777 == 0o600
+    with pytest.raises(IdentityError, match=r"ca-key.pem: wrong passphrase"):
+        pki.issue("d2", Role.DRONE, None, pki.folder / "d2", lambda: "four other ordinary words", NOW_NS)
+    assert not (pki.folder / "d2").exists()
+
+
+def test_the_key_may_be_kept_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "stick").mkdir()
+    kept = PkiFolder(tmp_path / "pki", tmp_path / "stick" / "key.pem")
+    kept.init("radron", given, NOW_NS)
+    assert not any(b"PRIVATE" in path.read_bytes() for path in kept.folder.iterdir())
+    issue(kept, "d1")
+    with pytest.raises(IdentityError, match=r"ca-key.pem: is missing.*--key"):
+        issue(PkiFolder(kept.folder), "d2")
+
+
+def test_a_key_that_others_can_read_is_refused(pki: PkiFolder) -> None:
+    pki.key_file.chmod(0o640)
+    with pytest.raises(IdentityError, match=r"ca-key.pem: other users can read this key \(mode 640\); run `chmod 600 "):
+        issue(pki, "d1")
+    pki.key_file.chmod(0o600)
+    issue(pki, "d1")
+
+
+def test_a_second_authority_does_not_replace_the_first(pki: PkiFolder) -> None:
+    before = pki.key_file.read_bytes()
+    with pytest.raises(IdentityError, match=r"ca.pem: exists.*--pki"):
+        pki.init("radron", given, NOW_NS)
+    assert pki.key_file.read_bytes() == before
+
+
+def test_a_short_passphrase_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+    with pytest.raises(IdentityError, match="too short"):
+        PkiFolder(tmp_path / "pki").init("radron", lambda: "short", NOW_NS)
+    assert not (tmp_path / "pki").exists()
+
+
+def test_a_name_belongs_to_one_role(pki: PkiFolder) -> None:
+    issue(pki, "anna", Role.OBSERVER)
+    with pytest.raises(IdentityError, match="'anna' is the name of a member with the role observer"):
+        issue(pki, "anna", Role.DRONE)
+
+
+def test_renewing_makes_a_new_key(pki: PkiFolder) -> None:
+    first = load_identity(issue(pki, "d1"))
+    second = load_identity(issue(pki, "d1", now_ns=NOW_NS + 20 * DAY_NS))
+    assert first.own.key != second.own.key
+    assert second.own.not_after_ns - first.own.not_after_ns == 20 * DAY_NS
+
+
+def test_a_revoked_member_is_listed_and_its_name_is_not_issued_again_while_its_key_could_be_used(pki: PkiFolder) -> None:
+    d1, d2 = load_identity(issue(pki, "d1")), issue(pki, "d2")
+    assert len(pki.revoke("d1", given, NOW_NS + DAY_NS)) == 1
+    (d2 / "revoked.crl").write_bytes((pki.folder / "revoked.crl").read_bytes())
+    revoked = load_identity(d2).revoked
+    assert (revoked.names, revoked.serials) == ({"d1"}, {d1.own.serial})
+    assert load_identity(issue(pki, "d3")).revoked == revoked  # who joins later gets the list at once
+    with pytest.raises(IdentityError, match="'d1' was revoked"):
+        issue(pki, "d1", now_ns=NOW_NS + 29 * DAY_NS)
+    again = load_identity(issue(pki, "d1", now_ns=NOW_NS + 31 * DAY_NS))
+    assert again.revoked.names == frozenset()
+    with pytest.raises(IdentityError, match=r"'d9' has no valid certificate; those that have: d1"):
+        pki.revoke("d9", given, NOW_NS + 32 * DAY_NS)
+
+
+@pytest.mark.parametrize("name", ["station", "D1", "../d1", "", "d" * 33, "d1/pose"])
+def test_a_name_that_is_no_identifier_is_refused_before_anything_is_written(pki: PkiFolder, name: str) -> None:
+    with pytest.raises(IdentityError, match="is not a name for a certificate"):
+        pki.issue(name, Role.DRONE, None, pki.folder / "out", given, NOW_NS)
+    assert not (pki.folder / "out").exists()
+
+
+Command = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """Runs the command in the test's folder: exit code, standard output and error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments: str, passphrase: str | None = PASSPHRASE) -> tuple[int, str, str]:
+        monkeypatch.setenv("RADRON_PKI_PASSPHRASE", passphrase or "")
+        if passphrase is None:
+            monkeypatch.delenv("RADRON_PKI_PASSPHRASE")
+        monkeypatch.setattr("sys.argv", ["radron-deploy", "pki", *arguments])
+        monkeypatch.setattr("sys.stdin", StringIO())
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return int(ended.value.code or 0), *capsys.readouterr()
+
+    return run
+
+
+def test_the_command_from_init_to_revoke(command: Command) -> None:
+    for arguments in (["init"], ["issue", "d1", "--role", "drone"], ["issue", "anna", "--role", "operator", "--days", "2"]):
+        code, told, wrong = command(*arguments)
+        assert (code, wrong) == (0, "")
+        assert PASSPHRASE not in told
+    _, shown, _ = command("show")
+    assert re.search(r"d1\W+drone\W+.*30\.0.*valid", shown)
+    assert re.search(r"anna\W+operator\W+.*2\.0.*valid", shown)
+    assert "d1, drone, serial" in command("show", "pki/d1")[1]
+    assert "1 certificate revoked" in command("revoke", "d1")[1]
+    assert re.search(r"d1\W+drone\W+.*revoked", command("show")[1])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "passphrase", "text"),
+    [
+        (["issue", "d1", "--role", "drone"], None, "pki/ca-key.pem: the passphrase is missing"),
+        (["issue", "d1", "--role", "drone"], "wrong", "pki/ca-key.pem: wrong passphrase"),
+        (["issue", "d1", "--role", "drone", "--pki", "nowhere"], PASSPHRASE, "nowhere/ca.pem: there is no authority here; run `"),
+        (["revoke", "d1"], PASSPHRASE, "'d1' has no valid certificate"),
+        (["show", "nowhere"], PASSPHRASE, "nowhere: there is no such folder"),
+    ],
+)
+def test_errors_of_the_command_end_in_one_line(
+    pki: PkiFolder, command: Command, arguments: list[str], passphrase: str | None, text: str
+) -> None:
+    code, told, wrong = command(*arguments, passphrase=passphrase)
+    assert (code, told) == (2, "")
+    assert wrong.startswith(f"radron-deploy: {text}")
+    assert wrong.count("\n") == 1
