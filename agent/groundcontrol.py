@@ -152,8 +152,10 @@ class _Statuses:
         status = self._newest[drone]
         if drone not in self.heard():
             return f"{drone}: no longer heard"
+        if status.ticket is None:
+            return f"{drone}: its status tells no nonce, without which no command is obeyed"
         newest, number = status.ticket, self._numbers.get(drone)
-        if newest is not None and number is not None and newest.number > number:
+        if number is not None and newest.number > number:
             return f"{drone}: another command came first: give this one again"
         if action is Action.START and abs(self._ahead_s[drone]) > CLOCKS_S:
             return f"{drone}: its clock differs by {self._ahead_s[drone]:+.1f} s from this computer's: synchronise both"
@@ -231,5 +233,6 @@ async def _send_until_done(mesh: Mesh, order: Order, trust: Trust | None, drones
         if now_s >= due_s:
             due_s = now_s + REPEAT_S
             message = _message(order.action, trust, stamp_ns, drones, statuses)
-            mesh.publish(key_of(order.swarm, message), encode(message))
+            if message.to:
+                mesh.publish(key_of(order.swarm, message), encode(message))
         await asyncio.sleep(0.05)

@@ -6,6 +6,7 @@ from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, messages, state
 
 from agent.mission.orders import NONCE_NS, START_AGE_NS
+from agent.vehicle.interface import FlightMode
 from protocol.codec import decode_from, encode
 from protocol.entries import Credential, Entry
 from protocol.identity import Role
@@ -59,10 +60,10 @@ def test_entries_that_come_before_their_certificate_wait_for_it():
 
 def test_what_waits_is_bounded_and_the_log_query_brings_the_rest():
     one, other = trusting(), trusting("d2", boot="2" * 16)
-    for number in range(1, 700):
-        give(one, *cones([number]))
-    give(other, credential(), *cones(range(1, 700)))
-    give(one, credential())
+    entries, first = cones(range(1, 700)), credential()
+    give(one, *entries)
+    give(other, first, *entries)
+    give(one, first)
     assert len(one.fusion.log) == 501
     for _ in range(2):
         for key, payload in other.log_answer(one.log_summary()):
@@ -164,7 +165,7 @@ def test_after_a_restart_old_commands_are_refused_and_new_ones_obeyed():
     one, now_ns = flying(), START_NS + SECOND
     landing = order(Action.LAND, now_ns)
     again = trusting(boot="e" * 16, memory=one.memory)
-    again.observe_vehicle(state(now_ns))
+    again.observe_vehicle(state(now_ns, FlightMode.OFFBOARD))
     again.step(now_ns)
     assert again.stage is Stage.SURVEY
     again.receive(*landing, now_ns)

@@ -57,7 +57,8 @@ def test_any_text_is_a_key_or_refused(text: str) -> None:
     "key",
     [
         "",
-        "radron/2/s/d/pose",
+        "radron/1/s/d/pose",
+        "radron/3/s/d/pose",
         "radron/2/s/d",
         "radron/2/s/d/pose/x",
         "radron/2/s/d/command",

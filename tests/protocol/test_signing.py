@@ -1,5 +1,7 @@
 """Signatures: what a publisher has signed is accepted, whoever passes it on; everything else is not."""
 
+import dataclasses
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -31,9 +33,10 @@ def test_each_entry_of_a_batch_is_proven_by_itself(number):
 
 
 def test_a_batch_costs_one_signature_and_one_verification():
-    signatures, batch = [], cones(range(1, 9), sign=lambda data: signatures.append(data) or AUTHORITY.trust("d2").sign(data))
-    assert len(signatures) == 1
-    assert {entry.proof[:SIGNATURE_BYTES] for entry in batch} == {AUTHORITY.trust("d2").sign(signatures[0])}
+    signed: list[bytes] = []
+    batch = cones(range(1, 9), sign=lambda data: signed.append(data) or AUTHORITY.trust("d2").sign(data))
+    assert len(signed) == 1
+    assert {entry.proof[:SIGNATURE_BYTES] for entry in batch} == {AUTHORITY.trust("d2").sign(signed[0])}
     one = verifier()
     assert all(accepted(one, entry) for entry in batch)
     assert len(one._roots) == 2  # of the credential and of the batch
@@ -102,13 +105,8 @@ class Expiring:
     """An authority whose certificates hold for one hour from the start."""
 
     def verify(self, der):
-        return replace_times(AUTHORITY.verify(der), START_NS, START_NS + 3600 * 10**9)
-
-
-def replace_times(member, begin_ns, end_ns):
-    from dataclasses import replace as changed  # noqa: PLC0415
-
-    return changed(member, not_before_ns=begin_ns, not_after_ns=end_ns)
+        times = {"not_before_ns": START_NS, "not_after_ns": START_NS + 3600 * 10**9}
+        return dataclasses.replace(AUTHORITY.verify(der), **times)
 
 
 @pytest.mark.parametrize(("after_s", "holds"), [(-1, False), (0, True), (3599, True), (3601, False)])

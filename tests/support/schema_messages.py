@@ -32,8 +32,8 @@ def _values(kind: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: PLR0912 - a 
             return st.tuples(*(_values(item) for item in items))
         case inspect.VarTupleType(item_type=item, min_length=least, max_length=most):
             return st.lists(_values(item), min_size=least or 0, max_size=min(most or 5, max(least or 0, 5))).map(tuple)
-        case inspect.DictType(key_type=key, value_type=value):
-            return st.dictionaries(_values(key), _values(value), max_size=5)
+        case inspect.DictType(key_type=key, value_type=value, min_length=least):
+            return st.dictionaries(_values(key), _values(value), min_size=least or 0, max_size=5)
         case inspect.UnionType(types=types):
             return st.one_of(*(_values(part) for part in types))
         case inspect.FloatType(ge=low, le=high):
