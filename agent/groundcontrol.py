@@ -17,7 +17,8 @@ from protocol.identity import CERTIFICATE_FILE, Identity, Role, load_identity, u
 from protocol.keys import key_of, parse_key
 from protocol.messages import Action, Command, Stage, Status, Ticket
 from protocol.session import Mesh, MeshConfig
-from protocol.signing import Trust, sign_command, trust_of
+from protocol.signing import Trust, sign_command
+from protocol.trust import trust_of
 
 LISTEN_S = 2.5  # a drone publishes its status every second
 FIND_S = 8.0  # how long to search for the swarm

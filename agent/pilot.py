@@ -280,7 +280,7 @@ class Pilot:
         if isinstance(message, _FOR_ONLOOKERS):
             return None
         if isinstance(message, _NEWS):
-            return self._peers.receive(message, now_ns)
+            return self._peers.receive(message, now_ns, self._clocks.behind_ns(message.drone))
         return "unused"
 
     def _obey(self, command: Command, now_ns: int) -> str | None:

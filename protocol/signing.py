@@ -13,19 +13,18 @@ from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Protocol, TypeVar
 
-from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec.structs import replace
 
 from protocol.codec import as_bytes, written
 from protocol.entries import SIGNATURE_BYTES, Credential, Entry
 from protocol.errors import ProtocolError
-from protocol.identity import Identity, Role
 from protocol.messages import Action, Command
 
 MOST_IN_BATCH = 32  # of the place in a proof, and of its length
 MOST_ROOTS = 1024  # that are remembered as verified
 MOST_CERTIFICATES = 256  # that are remembered as read
 MOST_OF_BOOT = 4  # certificates; an honest agent has one
+DRONE, OPERATOR = "drone", "operator"  # roles in a certificate, as in ``identity.Role``: which needs a calendar, and this none
 _HASH_BYTES = 16
 _ENTRIES, _COMMAND = b"radron 2 entries\0", b"radron 2 command\0"  # no signature counts as one of something else
 
@@ -86,15 +85,6 @@ class Trust:
     authority: Authority
     authority_pem: str = ""
     revoked: frozenset[int] = frozenset()  # serial numbers of certificates that command no more
-
-
-def trust_of(identity: Identity | None) -> Trust | None:
-    """What a member with this identity signs and verifies with; None without one."""
-    if identity is None:
-        return None
-    pem = identity.authority.certificate.public_bytes(Encoding.PEM).decode()
-    own = identity.own
-    return Trust(own.name, identity.sign, own.der, identity.authority, pem, identity.revoked.serials)
 
 
 def sign_command(command: Command, trust: Trust) -> Command:
@@ -175,7 +165,7 @@ class Verifier:
             return "without_valid_certificate"
         if station.serial in self._revoked:
             return "with_revoked_certificate"
-        if station.role != Role.OPERATOR:
+        if station.role != OPERATOR:
             return f"by_a_{station.role}"
         if not station.verified(command.signature, _COMMAND + as_bytes(replace(command, signature=b""))):
             return "forged"
@@ -186,7 +176,7 @@ class Verifier:
     def _of_credential(self, entry: Credential) -> Member | None:
         """The member of a drone's certificate that was valid when the boot began."""
         member = self._member(entry.certificate)
-        if member is None or member.role != Role.DRONE or member.name != entry.drone or entry.sequence != 0:
+        if member is None or member.role != DRONE or member.name != entry.drone or entry.sequence != 0:
             return None
         return member if member.not_before_ns <= entry.stamp_ns <= member.not_after_ns else None
 

@@ -43,7 +43,7 @@ from agent.vehicle.px4 import Px4Vehicle
 from protocol.identity import Identity
 from protocol.messages import Stage
 from protocol.session import Mesh, MeshConfig
-from protocol.signing import trust_of
+from protocol.trust import trust_of
 
 PERIOD_S = 0.05
 ADVANCE_S = 0.02  # between two slices of work on the log, however many bursts of messages come

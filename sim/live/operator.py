@@ -12,7 +12,8 @@ from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Action, Command, Stage, Ticket
 from protocol.session import Mesh, MeshConfig
-from protocol.signing import Trust, sign_command, trust_of
+from protocol.signing import Trust, sign_command
+from protocol.trust import trust_of
 from sim.live.agents import Agents
 from sim.live.monitor import Observer
 from sim.live.processes import Child
