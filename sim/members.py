@@ -1,65 +1,56 @@
-"""The members of a simulated swarm: keys and certificates that follow from the seed, by an authority that follows from it too.
-
-Lockstep's certificates are not X.509: what is signed and verified with them is the same.
-"""
+"""The members of a simulated swarm: keys and certificates that follow from the seed, by an authority that follows from it too."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from datetime import UTC, datetime
 from hashlib import blake2b
 
-import msgpack
-from cryptography.exceptions import InvalidSignature
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509.oid import NameOID
 
-from protocol.entries import SIGNATURE_BYTES
-from protocol.errors import ProtocolError
-from protocol.identity import Role
+from protocol.identity import Authority, Peer, Role
 from protocol.signing import Trust
 
 OPERATOR_NAME = "lockstep"
-
-
-@dataclass(frozen=True)
-class SimulatedMember:
-    """A member that is certified for ever."""
-
-    name: str
-    role: str
-    key: Ed25519PublicKey
-    serial: int = 0
-    not_before_ns: int = 0
-    not_after_ns: int = 2**63 - 1
-
-    def verified(self, signature: bytes, data: bytes) -> bool:
-        """Whether this member has signed the data."""
-        return _is_signed(self.key, signature, data)
+_BEGINS, _ENDS = datetime(2020, 1, 1, tzinfo=UTC), datetime(2070, 1, 1, tzinfo=UTC)
+_ISSUER = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "simulated authority")])
 
 
 class SimulatedAuthority:
-    """Issues and verifies the certificates of one swarm."""
+    """Issues and verifies the certificates of one swarm; the same ones for the same seed."""
 
     def __init__(self, seed: int) -> None:
         self._seed = seed
         self._key = _key(seed, "authority")
+        self.authority = Authority(self._certificate(_ISSUER, self._key, None))
+        self._pem = self.authority.certificate.public_bytes(Encoding.PEM).decode()
 
     def trust(self, name: str, role: str = Role.DRONE) -> Trust:
         """What a member of that name and role signs and verifies with."""
         key = _key(self._seed, name)
-        return Trust(name, key.sign, self.certificate(name, role, key.public_key()), self)
+        attributes = ((NameOID.COMMON_NAME, name), (NameOID.ORGANIZATIONAL_UNIT_NAME, role))
+        subject = x509.Name([x509.NameAttribute(oid, value) for oid, value in attributes])
+        certificate = self._certificate(subject, key, name).public_bytes(Encoding.DER)
+        return Trust(name, key.sign, certificate, self.authority, self._pem)
 
-    def certificate(self, name: str, role: str, key: Ed25519PublicKey) -> bytes:
-        """The certificate of a member's key."""
-        body: bytes = msgpack.packb((name, role, key.public_bytes_raw()))
-        return self._key.sign(body) + body
+    def verify(self, der: bytes) -> Peer:
+        """As the authority does that the members know."""
+        return self.authority.verify(der)
 
-    def verify(self, der: bytes) -> SimulatedMember:
-        """Read a certificate. Raises ProtocolError where this authority has not issued it."""
-        signature, body = der[:SIGNATURE_BYTES], der[SIGNATURE_BYTES:]
-        if not _is_signed(self._key.public_key(), signature, body):
-            raise ProtocolError("not a certificate of this swarm")
-        name, role, raw = msgpack.unpackb(body)
-        return SimulatedMember(name, role, Ed25519PublicKey.from_public_bytes(raw))
+    def _certificate(self, subject: x509.Name, key: Ed25519PrivateKey, name: str | None) -> x509.Certificate:
+        """That of a member, or of the authority itself (``name`` None)."""
+        public = key.public_key()
+        builder = (
+            x509.CertificateBuilder(_ISSUER, subject, public, _number(public.public_bytes_raw()))
+            .not_valid_before(_BEGINS)
+            .not_valid_after(_ENDS)
+            .add_extension(x509.BasicConstraints(ca=name is None, path_length=0 if name is None else None), critical=True)
+        )
+        if name is not None:
+            builder = builder.add_extension(x509.SubjectAlternativeName([x509.DNSName(name)]), critical=False)
+        return builder.sign(self._key, None)
 
 
 def operator_of(authority: SimulatedAuthority) -> Trust:
@@ -71,9 +62,5 @@ def _key(seed: int, name: str) -> Ed25519PrivateKey:
     return Ed25519PrivateKey.from_private_bytes(blake2b(f"{seed} {name}".encode(), digest_size=32).digest())
 
 
-def _is_signed(key: Ed25519PublicKey, signature: bytes, data: bytes) -> bool:
-    try:
-        key.verify(signature, data)
-    except InvalidSignature:
-        return False
-    return True
+def _number(data: bytes) -> int:
+    return int.from_bytes(blake2b(data, digest_size=15).digest()) + 1

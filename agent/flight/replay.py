@@ -17,9 +17,8 @@ from agent.flight.header import FlightHeader
 from agent.flight.reader import FlightRecord, RecordedFlight
 from agent.flight.recorded import RecordedPilot
 from agent.flight.signatures import RecordedSignatures
-from protocol import identity
 from protocol.errors import ProtocolError
-from protocol.signing import Authority
+from protocol.identity import Authority
 
 _OUT = "out/"
 _SHOWN = 200  # characters of a result in a report
@@ -60,19 +59,18 @@ class ReplayReport(Struct, frozen=True, kw_only=True):
         return not self.differing and self.flaw is None
 
 
-def replay(path: Path, progress: Callable[[float], None] | None = None, authority: Authority | None = None) -> ReplayReport:
+def replay(path: Path, progress: Callable[[float], None] | None = None) -> ReplayReport:
     """Feed a recorded flight to a new pilot, call by call.
 
     Args:
         path: any file of the flight, or a folder with one flight.
         progress: called regularly with the share done, 0 to 1.
-        authority: of the swarm; None: the recorded one.
 
     Raises:
         FlightRecordError: the flight cannot be replayed.
     """
     flight = RecordedFlight(path)
-    signatures = _signatures(flight.header, authority)
+    signatures = _signatures(flight.header)
     with TemporaryDirectory() as folder:
         heard = _Received()
         trust = signatures.trust if signatures is not None else None
@@ -102,12 +100,12 @@ def replay(path: Path, progress: Callable[[float], None] | None = None, authorit
     )
 
 
-def _signatures(header: FlightHeader, authority: Authority | None) -> RecordedSignatures | None:
+def _signatures(header: FlightHeader) -> RecordedSignatures | None:
     """What signs and verifies in the replay; None for a flight without certificates."""
     if not header.certificate:
         return None
     try:
-        return RecordedSignatures(header.certificate, authority or identity.Authority.read(header.authority.encode()))
+        return RecordedSignatures(header.certificate, Authority.read(header.authority.encode()))
     except ProtocolError as error:
         raise FlightRecordError(f"the certificate of {header.drone.id} in the record: {error}") from None
 

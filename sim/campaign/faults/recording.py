@@ -16,7 +16,7 @@ from agent.flight.replay import replay
 from agent.fusion.registry import Estimators, estimator_named
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
-from protocol.signing import Authority, Trust
+from protocol.signing import Trust
 
 _LIMIT_MB = 1000  # far beyond a random mission
 
@@ -43,7 +43,6 @@ class Recording:
         """``folder``: for the records; one folder in it for each start of the agent."""
         self._drone, self._folder = drone, folder
         self._recorders: dict[Path, FlightRecorder] = {}
-        self._authority: Authority | None = None
 
     def make(
         self,
@@ -62,7 +61,6 @@ class Recording:
         folder = self._folder / boot
         recorder = FlightRecorder(folder, _LIMIT_MB, FlightHeader.of(mission, drone, boot, 0, memory, trust))
         self._recorders[folder] = recorder
-        self._authority = trust.authority if trust is not None else None
         return cast(Pilot, _Recorded(pilot, recorder))
 
     def differences(self) -> list[str]:
@@ -71,7 +69,7 @@ class Recording:
         for folder, recorder in self._recorders.items():
             recorder.close()
             try:
-                report = replay(folder, authority=self._authority)
+                report = replay(folder)
             except RadronError as error:
                 found.append(f"cannot be replayed: {error}")
                 continue
