@@ -27,6 +27,7 @@ from agent.fusion.exchange import LogExchange
 from agent.fusion.posterior import Posterior, posterior_of
 from agent.fusion.proofs import Proofs
 from agent.fusion.registry import Estimators, estimator_named
+from agent.geometry import Vector3
 from agent.localization.clocks import Clocks
 from agent.localization.ownpose import OwnPose
 from agent.localization.poseproblems import pose_problems
@@ -114,6 +115,7 @@ class Pilot:
         self._proofs = Proofs(ids, trust, verifier)
         self._failsafe = Failsafe(Reaction(mission.safety.agent_lost), mission.return_height_m(drone.id))
         self._notices: tuple[str, ...] = ()
+        self._told: tuple[str, ...] = ()
         self._exchange = LogExchange(mission.swarm, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
         self._reporter = Reporter(drone.id, self._mission_id, boot, mission.fusion.estimator)
@@ -168,6 +170,19 @@ class Pilot:
     def digest(self) -> str:
         """Digest of the log, 32 hex digits."""
         return self.fusion.digest
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Those of the last status."""
+        return self._told
+
+    @property
+    def own_place(self) -> tuple[Vector3, float] | None:
+        """Where this drone takes itself to be, mission frame, and 1 sigma of it, horizontal; None where it does not know."""
+        vehicle, frame = self._own.vehicle, self._own.frame
+        if vehicle is None or frame is None:
+            return None
+        return frame.mission_from_local.apply_point(vehicle.position_m), self._own.sigma_m
 
     def warn(self, problems: tuple[str, ...]) -> None:
         """Set the warnings that the shell has for the operator; replaces the previous ones."""
@@ -307,7 +322,7 @@ class Pilot:
 
     def _record(self, entries: Sequence[Entry], now_ns: int) -> None:
         """Sign entries of this drone, publish them, and log them, from the same bytes that the others get."""
-        sendable = [entry for entry in entries if self._outbox.can_send(entry)]
+        sendable = [read for entry in entries if (read := self._outbox.sendable(entry)) is not None]
         for entry in self._proofs.signed(sendable, partial(self._credential, now_ns)):
             payload = self._outbox.put(entry)
             if payload is not None:
@@ -337,7 +352,7 @@ class Pilot:
         self._problems.seen = (*self._proofs.problems(now_ns), *posed)
         self._problems.unplaced = self._own.is_unplaced
         self._problems.flown = self._executive.problems(now_ns)
-        problems = self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
+        problems = self._told = self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
         delays_ns = self._clocks.delays_ns(now_ns)
         began_ns, seen = self._executive.started_ns, self._watch.message
         told = self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns

@@ -194,12 +194,11 @@ class Ticket(Struct, frozen=True, array_like=True):
 class Status(DroneMessage, frozen=True, kw_only=True):
     """A drone's stage, counters, problems, and the result of its search, if it has ended.
 
-    ``delays_ns``: for each drone received, the least recent difference between the own clock at the arrival of its status and the
-    status's stamp. The offset of two drones' clocks is half the difference of the two delays that they report of each other.
-    ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``ticket``: for the next command.
-    ``failsafe``: None: not known, as the vehicle's own setting stays.
-    ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``notices``: what the operator should know
-    before a start, and which is no obstacle to it: links that are not encrypted, a certificate that soon ends.
+    ``delays_ns``: for each drone heard in the last 3 s, the least recent difference between the own clock at the arrival of its
+    status and the status's stamp. The offset of two drones' clocks is half the difference of the two delays that they report of
+    each other. ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``ticket``: for the next
+    command. ``failsafe``: None: not known, as the vehicle's own setting stays. ``notices``: what the operator should know before
+    a start, and which is no obstacle to it: links that are not encrypted, a certificate that soon ends.
     """
 
     mission: MissionId

@@ -94,16 +94,12 @@ def sign_command(command: Command, trust: Trust) -> Command:
 
 
 def sign_entries(entries: Sequence[E], sign: Sign) -> Iterator[E]:
-    """Entries that are published together, with their proofs.
-
-    Raises:
-        ProtocolError: one of them cannot be sent.
-    """
+    """Entries that are published together, with their proofs. Each must be as its receivers read it (``codec.written``)."""
     for start in range(0, len(entries), MOST_IN_BATCH):
-        bodies = [written(replace(entry, proof=b"")) for entry in entries[start : start + MOST_IN_BATCH]]
-        rows = _tree([_leaf(body) for body, _ in bodies])
+        batch = entries[start : start + MOST_IN_BATCH]
+        rows = _tree([_leaf(as_bytes(replace(entry, proof=b""))) for entry in batch])
         signature = sign(_ENTRIES + rows[-1][0])
-        for place, (_, entry) in enumerate(bodies):
+        for place, entry in enumerate(batch):
             beside = [row[place >> level ^ 1] for level, row in enumerate(rows[:-1])]
             yield replace(entry, proof=b"".join((signature, bytes((place,)), *beside)))
 

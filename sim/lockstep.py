@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from math import hypot
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,12 +20,10 @@ from agent.config.drone import DroneConfig, VehicleConfig
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
 from agent.vehicle.interface import VehicleState
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.messages import Action, Command
-from protocol.signing import sign_command
+from protocol.messages import Action
 from sim.faults.agents import Late
 from sim.faults.disk import check_playable
+from sim.faults.forgers import Forgers, OldCommands
 from sim.faults.liars import Liars
 from sim.faults.network import FaultyRadio
 from sim.faults.onboard import OnboardFaults
@@ -32,7 +31,7 @@ from sim.faults.poses import with_dead_reckoning
 from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
 from sim.faults.schedule import Schedule
-from sim.members import OPERATOR_NAME, SimulatedAuthority, operator_of
+from sim.members import SimulatedAuthority, SimulatedOperator
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
 from sim.scoring.aboard import Aboard
@@ -139,7 +138,7 @@ class _World:
         self._configs, self._listen, self._seed, self._make = configs, listen, seed, make or Pilot
         self._folds = Folds(count, seed)
         self._authority = SimulatedAuthority(seed)
-        self._operator = operator_of(self._authority)
+        self._operator = SimulatedOperator(self._authority, mission.swarm, mission.mission_id)
         self._terrain = Terrain(scenario.terrain)
         position = self._terrain.on_ground(launch_places(scenario.start, mission, random.start))
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
@@ -151,7 +150,9 @@ class _World:
         world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
-        self._liars = Liars(scenario.fault, self._faults, [self._authority.trust(name).sign for name in names])
+        signs = [self._authority.trust(name).sign for name in names]
+        self._liars = Liars(scenario.fault, self._faults, signs)
+        self._forgers, self._old_commands = Forgers(self._faults, names, signs), OldCommands(self._faults)
         self._recovery = Recovery(mission.swarm, names, self._radio, self._liars.told) if scenario.fault else None
         late = [any(isinstance(fault, Late) and name in fault.strikes(names) for fault in scenario.fault) for name in names]
         agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]
@@ -209,8 +210,9 @@ class _World:
         source = self._source_now = self._source(self.time_s) if self._source is not None else None
         measured = self._sense(now_ns, source)
         if self.ticks == round(START_S * 1e9 / TICK_NS):
-            self._command_start(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive])
-        self._command_start(now_ns, self._crew.called(now_ns))
+            self._command(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive], Action.START)
+        self._command(now_ns, self._crew.called(now_ns), Action.START)
+        self._old_commands.advance(now_ns, partial(self._command, now_ns), self._again)
         for drone, agent in enumerate(self._crew.agents):
             agent.command, agent.sent = None, 0
             if not agent.alive:
@@ -233,6 +235,8 @@ class _World:
         step = pilot.step(own_ns)
         for key, payload in (*agent.readings, *step.publications):
             self._radio.send(drone, key, self._liars.tell(drone, key, payload), now_ns)
+            for forged in self._forgers.forged(drone, key, payload):
+                self._radio.send(drone, key, forged, now_ns)
             self.recorder.hear(drone, key, payload)
         agent.command, agent.sent = step.command, len(agent.readings) + len(step.publications)
         agent.readings.clear()
@@ -306,16 +310,20 @@ class _World:
                 )
             )
 
-    def _command_start(self, now_ns: int, drones: Sequence[int]) -> None:
-        mission = self._mission
+    def _command(self, now_ns: int, drones: Sequence[int], action: Action) -> bytes | None:
+        """The operator commands some drones; what was sent."""
         if not drones:
-            return
+            return None
         own_ns = {drone: self._onboard.clocks.own_ns(drone, now_ns) for drone in drones}
-        to = {self._configs[drone].id: self.pilots[drone].ticket(own_ns[drone]) for drone in drones}
-        command = Command(stamp_ns=now_ns, station=OPERATOR_NAME, mission=mission.mission_id, action=Action.START, to=to)
-        payload = encode(sign_command(command, self._operator))
+        tickets = {self._configs[drone].id: self.pilots[drone].ticket(own_ns[drone]) for drone in drones}
+        payload = self._operator.ordered(now_ns, action, tickets)
         for drone in drones:
-            self.pilots[drone].receive(key_of(mission.swarm, command), payload, own_ns[drone])
+            self.pilots[drone].receive(self._operator.key, payload, own_ns[drone])
+        return payload
+
+    def _again(self, now_ns: int, drone: int, payload: bytes) -> None:
+        """A command that was sent before arrives once more."""
+        self.pilots[drone].receive(self._operator.key, payload, self._onboard.clocks.own_ns(drone, now_ns))
 
     def _start(self, drone: int, starts: int = 0, memory: Memory | None = None) -> Pilot:
         """The pilot of a drone's agent that has been started so many times before."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from hashlib import blake2b
 
@@ -10,8 +11,11 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
+from protocol.codec import encode
 from protocol.identity import Authority, Peer, Role
-from protocol.signing import Trust
+from protocol.keys import command_key
+from protocol.messages import Action, Command, Ticket
+from protocol.signing import Trust, sign_command
 
 OPERATOR_NAME = "lockstep"
 _BEGINS, _ENDS = datetime(2020, 1, 1, tzinfo=UTC), datetime(2070, 1, 1, tzinfo=UTC)
@@ -56,6 +60,19 @@ class SimulatedAuthority:
 def operator_of(authority: SimulatedAuthority) -> Trust:
     """Lockstep's operator."""
     return authority.trust(OPERATOR_NAME, Role.OPERATOR)
+
+
+class SimulatedOperator:
+    """Lockstep's operator: hears every status, and its commands reach everybody at once."""
+
+    def __init__(self, authority: SimulatedAuthority, swarm: str, mission: str) -> None:
+        self._trust, self._mission = operator_of(authority), mission
+        self.key = command_key(swarm, OPERATOR_NAME)
+
+    def ordered(self, now_ns: int, action: Action, tickets: Mapping[str, Ticket]) -> bytes:
+        """A command to the drones of these tickets."""
+        command = Command(stamp_ns=now_ns, station=OPERATOR_NAME, mission=self._mission, action=action, to=dict(tickets))
+        return encode(sign_command(command, self._trust))
 
 
 def _key(seed: int, name: str) -> Ed25519PrivateKey:

@@ -19,7 +19,8 @@ from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, Observation
 from agent.fusion.registry import Estimators, estimator_named
 
-MOST_RESULTS = 256  # that are kept; the agents of a flight are never further apart than the steps that fit into a tick
+MOST_STEPS = 256  # that are remembered: 25 s of a track, which agents replay side by side after a partition; up to 100 MB
+MOST_HYPOTHESES = 16  # all ask for the same ones at the same time
 
 S = TypeVar("S")
 R = TypeVar("R")
@@ -49,7 +50,7 @@ class SharedFold(Generic[S]):
         self._estimator = estimator
         self.name, self.reads = estimator.name, estimator.reads
         self.grid_s, self.hold_s = estimator.grid_s, estimator.hold_s
-        self.results = Results()
+        self._steps, self._hypotheses = Results(MOST_STEPS), Results(MOST_HYPOTHESES)
         self._initial: dict[int | None, S] = {}  # there is one for each start command
 
     def __getattr__(self, name: str) -> Any:
@@ -65,7 +66,7 @@ class SharedFold(Generic[S]):
     def step(self, state: S, step: GridStep, observations: Sequence[Observation]) -> S:
         """As ``Estimator``."""
         key = step.index, tuple(map(_content, observations))
-        return self.results.get(state, key, lambda: self._estimator.step(state, step, observations))
+        return self._steps.get(state, key, lambda: self._estimator.step(state, step, observations))
 
     def work(self, state: S, observations: int) -> int:
         """As ``Estimator``: as if nobody had computed the step yet, so that an agent's slices are those that it has alone."""
@@ -73,7 +74,7 @@ class SharedFold(Generic[S]):
 
     def hypothesis(self, state: S, step: GridStep) -> Hypothesis | None:
         """As ``Estimator``."""
-        return self.results.get(state, ("hypothesis", step), lambda: self._estimator.hypothesis(state, step))
+        return self._hypotheses.get(state, step, lambda: self._estimator.hypothesis(state, step))
 
     def outlook(self, state: S, step: GridStep) -> Outlook | None:
         """As ``Estimator``."""
@@ -83,7 +84,9 @@ class SharedFold(Generic[S]):
 class Results:
     """The newest results, by the state that they were computed from (the object itself) and what went into them."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int) -> None:
+        """``most``: so many are kept."""
+        self._most = most
         self._known: OrderedDict[tuple[int, object], tuple[object, object]] = OrderedDict()
 
     def get(self, state: object, key: object, compute: Callable[[], R]) -> R:
@@ -92,7 +95,7 @@ class Results:
         known = self._known.get(place)
         if known is None:
             known = self._known[place] = state, compute()
-            if len(self._known) > MOST_RESULTS:
+            if len(self._known) > self._most:
                 self._known.popitem(last=False)
         else:
             self._known.move_to_end(place)
@@ -104,8 +107,8 @@ def _content(observation: Observation) -> tuple[object, ...]:
     transform = observation.mission_from_local
     covariance = None if transform.covariance is None else transform.covariance.tobytes()
     frame = transform.yaw_rad, transform.translation, covariance
-    origin = observation.identity, observation.epoch
-    common = observation.stamp_ns, observation.position_sigma_m, observation.yaw_sigma_rad, origin, frame
+    common = observation.stamp_ns, observation.position_sigma_m, observation.yaw_sigma_rad, frame
+    entry = observation.identity, observation.epoch
     if isinstance(observation, ConeObservation):
-        return *common, observation.readings
-    return *common, observation.middle_ns, observation.position, observation.live_time_s, observation.counts.tobytes()
+        return *entry, *common, observation.readings
+    return *entry, *common, observation.middle_ns, observation.position, observation.live_time_s, observation.counts.tobytes()

@@ -16,6 +16,9 @@ from protocol.entries import AnyEntry, Entry, EntryId
 
 SLICE_UNITS = 400  # work per call of advance, in units of ``Estimator.work``: about 10 ms
 LATE_NS = 5_000_000_000  # an entry that changes older steps than this waits for others of its kind
+# A batch of late entries begins once none has come for so many calls of ``advance``, and after so many at the latest: what two
+# sides of a swarm have measured apart arrives within a second after they hear each other again, and one replay takes it all.
+_QUIET_CALLS, _MOST_CALLS = 5, 25
 _MOST_CHECKPOINTS = 12  # 0.2 MB each while `bayes` searches an area of 60 m x 60 m, up to 1.6 MB in larger ones
 _NEVER, _AFTER = -1, 2**63  # before and after every step
 
@@ -40,9 +43,9 @@ class Fusion:
     cone shows in the hypothesis at the next ``advance``. Only while a replay is unfinished is the hypothesis an older one.
 
     Entries that are late by more than ``LATE_NS`` are folded in batches: the replay is made beside the present chain of states,
-    which goes on without them until it is complete, and the next batch waits for as many calls of ``advance`` as it took. So a
-    drone that publishes old entries again and again delays nothing, and all are in the hypothesis in the end (``pending`` until
-    then).
+    which goes on without them until it is complete. The next batch waits for as many calls of ``advance`` as that took, and until
+    no more come. So a drone that publishes old entries again and again delays nothing, and all are in the hypothesis in the end
+    (``pending`` until then).
 
     Entries of a frame that is not known yet are in the log and its digest, and enter the hypothesis once the frame is known.
     Entries measured long before the mission's start are in the log only.
@@ -61,6 +64,7 @@ class Fusion:
         self._late: dict[EntryId, AnyEntry | None] = {}  # what is to take the place of what is held; None: nothing
         self._replay: dict[int, Any] | None = None  # the chain that takes the place of the present one
         self._replayed = self._rest = 0  # calls of the present replay, and until the next one
+        self._gathered = self._quiet = 0  # calls since the first of the late entries came, and since the last one
         self._timeline = Timeline()
         self._base: Any = self.estimator.initial(None)  # state before the first step of the timeline
         self._states: dict[int, Any] = {}  # checkpoints after their steps; ascending: the last one is the chain's end
@@ -107,6 +111,7 @@ class Fusion:
         if self._is_late(entry.stamp_ns):
             if read is not None or outcome is Outcome.REPLACED:
                 self._late[identity] = read
+                self._quiet = 0
                 self.pending = True
             return True
         self._late.pop(identity, None)
@@ -141,10 +146,11 @@ class Fusion:
             self._fold(budget)
 
     def _take_late(self) -> None:
-        """Begin a replay with the late entries, unless the last one was a moment ago."""
-        if self._rest > 0:
-            self._rest -= 1
+        """Begin a replay with the late entries, unless more are coming, or the last one was a moment ago."""
+        self._rest, self._gathered, self._quiet = self._rest - 1, self._gathered + 1, self._quiet + 1
+        if self._rest > 0 or (self._quiet < _QUIET_CALLS and self._gathered < _MOST_CALLS):
             return
+        self._rest = self._gathered = 0
         late, self._late = self._late, {}
         self._begin_replay(min(self._put(identity, entry) for identity, entry in late.items()))
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from typing import TypeVar
 
 from msgspec import Struct
 
 from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis
 from agent.vehicle.interface import VehicleState
-from protocol.codec import encode
+from protocol.codec import written
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
 from protocol.message import Message
 from protocol.messages import Estimate, Failsafe, Frame, Pose, Recognised, Source, Stage, Status, Ticket
 
+M = TypeVar("M", bound=Message)
 _PERIODS_NS: dict[type[Message], int] = {
     Pose: 100_000_000,
     Frame: 1_000_000_000,
@@ -50,20 +52,22 @@ class Outbox:
         self._counters = counters
         self._waiting: list[tuple[str, bytes]] = []
 
-    def can_send(self, message: Message) -> bool:
-        """Whether the protocol takes a message; one that it refuses is counted."""
-        return self._encoded(message) is not None
+    def sendable(self, message: M) -> M | None:
+        """The message as its receivers read it; None where the protocol refuses it, which is counted."""
+        found = self._written(message)
+        return found[1] if found is not None else None
 
     def put(self, message: Message) -> bytes | None:
         """Encode and queue a message; its payload, or None where it cannot be sent."""
-        payload = self._encoded(message)
-        if payload is not None:
-            self._waiting.append((key_of(self._swarm, message), payload))
-        return payload
+        found = self._written(message)
+        if found is None:
+            return None
+        self._waiting.append((key_of(self._swarm, message), found[0]))
+        return found[0]
 
-    def _encoded(self, message: Message) -> bytes | None:
+    def _written(self, message: M) -> tuple[bytes, M] | None:
         try:
-            return encode(message)
+            return written(message)
         except ProtocolError:
             self._counters[f"unsendable_{type(message).__name__.lower()}"] += 1
             return None

@@ -31,13 +31,16 @@ TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 CIRCLING = (Stage.TRACK, Stage.REACQUIRE)
 SILENT_NS = 1_000_000_000  # without a pose: ten of their periods
 APART_NS = 60_000_000_000  # drones that do not hear each other keep to their own sides for this long after their last contact
-LEAVING_NS = 15_000_000_000  # the same for the places of a shared circle: by then each side is on a circle of its own
+# The same for the places of a shared circle. Each side notices after a second, and moves to a circle of its own, 6 m or more from
+# the next, at up to 2 m/s (``agent.motion.orbit``): by then they are 5 m apart.
+LEAVING_NS = 5_000_000_000
 KEPT_M = 4.5  # least distance of a waypoint from that line
 _BEHIND_M = 2.0  # nearest place of the other beyond the line half-way: with margins, each stays 3.6 m from it
-# An autopilot without setpoints (PX4: COM_OF_LOSS_T): it flies on for a second, stops, climbs at 0.8 m/s or more, goes home at
-# 3 to 6 m/s (MPC_XY_CRUISE: 5), and comes down at half a metre per second or more.
-_GOES_ON_S, _STOPPED_S = 1.0, 3.0
-_CLIMB_MPS, _DESCENT_MPS, _DOWN_S = 0.8, 0.5, 10.0
+# An autopilot without setpoints (PX4: COM_OF_LOSS_T): it flies on for a second, stops, climbs (MPC_Z_V_AUTO_UP, which preflight
+# checks, and slower near the height), goes home at 3 to 6 m/s (MPC_XY_CRUISE: 5), and comes down at half a metre per second or
+# more. From the last setpoint until it leaves, PX4 takes 4.2 s for a rise of 2 m, 8.4 s for 10 m, and 12 s for 20 m.
+_GOES_ON_S, _STOPPED_S = 1.0, 3.5
+_CLIMB_MPS, _DESCENT_MPS, _DOWN_S = 1.5, 0.5, 10.0
 _SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
 _FARTHEST_S = 1.0  # it stops between one and two of these times its velocity ahead
 _SIGMA_M = 0.3  # of its way to the side

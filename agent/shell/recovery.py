@@ -1,4 +1,4 @@
-"""Recovery of missing log entries: the agent asks one peer after another for what it lacks."""
+"""Recovery of missing log entries: the agent asks one peer after another for what it lacks, and who appears at once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ async def recover(
     ask: Callable[[str, bytes], Awaitable[int]],
     phase: float,
 ) -> None:
-    """Ask one peer after another, until cancelled.
+    """Ask one peer after another, until cancelled; those that have appeared first, until they have nothing new.
 
     Args:
         alive: ids of the reachable peers.
@@ -23,14 +23,23 @@ async def recover(
         ask: sends it to a peer; returns the number of entries received.
         phase: 0 .. 1 of the period, so that agents do not all ask at the same time.
     """
-    turn = 0
-    first = True
+    now_s = asyncio.get_running_loop().time
+    due_s, turn = now_s() + PERIOD_S * phase, 0
+    known: set[str] = set()
+    fresh: list[str] = []
     while True:
         peers = sorted(alive())
-        if not peers:
+        fresh = [peer for peer in peers if peer in fresh or peer not in known]
+        known = set(peers)
+        if not peers or (not fresh and now_s() < due_s):
             await asyncio.sleep(HURRY_S)
             continue
-        turn += 1
-        got = await ask(peers[turn % len(peers)], summary())
-        await asyncio.sleep(HURRY_S if got else PERIOD_S * (phase if first else 1.0))
-        first = False
+        peer = fresh[0] if fresh else peers[turn % len(peers)]
+        got = await ask(peer, summary())
+        if fresh and not got:
+            fresh.remove(peer)
+        elif not fresh:
+            turn += 1
+            due_s = now_s() + (0.0 if got else PERIOD_S)
+        if got:
+            await asyncio.sleep(HURRY_S)

@@ -57,6 +57,10 @@ def _loss_time(value: float, _: float) -> str | None:
     return None if 0.0 < value <= 1.0 else "set it to 1 s or less: the vehicle flies on for this long without the agent"
 
 
+def _climb_rate(value: float, _: float) -> str | None:
+    return None if value >= 2.0 else "set it to 2 m/s or more: the other drones expect it to leave the place of a failsafe soon"
+
+
 def _below_ceiling(value: float, ceiling_m: float) -> str | None:
     return None if value < ceiling_m else f"set it below the mission's ceiling of {ceiling_m:g} m"
 
@@ -108,6 +112,7 @@ RULES = (
     Rule("NAV_RCL_ACT", _one_of(_REMOTE_LOSS, _REMOTE_GONE)),
     Rule(RETURN_ALTITUDE, _below_ceiling),
     Rule("RTL_DESCEND_ALT", _below_ceiling),
+    Rule("MPC_Z_V_AUTO_UP", _climb_rate),
     Rule("GF_ACTION", _one_of(_FENCE, "the reaction at its own fence")),
     Rule("GF_MAX_HOR_DIST", _distance),
 )

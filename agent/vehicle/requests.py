@@ -71,6 +71,7 @@ class Requests:
         self._request = Request.STAY
         self._asked_s = float("-inf")
         self._last: Act | None = None
+        self._was_armed = self._yielded = False
         self._begin(Request.STAY, taken_over=False)
 
     def step(self, now_s: float, request: Request, seen: Seen, streaming: bool, altitude_set: bool) -> Act | None:
@@ -89,6 +90,7 @@ class Requests:
             return self._asked(now_s, Act.HOLD if _must_hold(seen) else None, REPEAT_S)
         if request not in _TARGETS:
             return None
+        self._was_armed = self._was_armed or seen.armed  # however soon after the command a heartbeat shows it
         if seen.heartbeat_s > self._asked_s + SETTLE_S:
             self._judge(seen)
         act = None if self._yielded else self._wanted(seen, streaming, altitude_set)
@@ -118,7 +120,6 @@ class Requests:
         if not seen.armed:
             self._yielded = self._yielded or self._was_armed  # never arm twice for one request
             return
-        self._was_armed = True
         if seen.failsafe and seen.mode is not FlightMode.MANUAL:
             return  # offboard loss: the autopilot resumes by itself once setpoints are streamed again
         before = self._mode_before

@@ -12,6 +12,7 @@ from sim.commands.flights import Dask, Workers, executor
 
 if TYPE_CHECKING:
     from sim.campaign.faults.campaign import FaultCampaign, Fly
+    from sim.campaign.faults.mission import Mission
     from sim.campaign.workers import Executor
 
 
@@ -20,6 +21,7 @@ def faults(
     runs: Annotated[int, typer.Option(help="Number of missions, with consecutive seeds.")] = 100,
     seed: Annotated[int, typer.Option(help="The first seed.")] = 0,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for missions and summary; rerun to resume.")] = None,
+    dealt: Annotated[bool, typer.Option("--dealt", help="Ten successive seeds have every kind of fault, and none.")] = False,
     short: Annotated[bool, typer.Option("--short", help="Short missions, as in the fast tests.")] = False,
     show: Annotated[int | None, typer.Option(metavar="SEED", help="Print this seed's mission as a scenario file.")] = None,
     minimise: Annotated[
@@ -29,18 +31,23 @@ def faults(
     dask: Dask = None,
 ) -> None:
     """Fly random missions with faults, and tell what must hold and did not: exit code 1. Rerun with the same --out to resume."""
-    from sim.campaign.faults.course import FULL, SHORT  # noqa: PLC0415  (heavy imports wait until they are needed)
+    from sim.campaign.faults.course import DEALT, FULL, SHORT  # noqa: PLC0415  (heavy imports wait until they are needed)
 
-    course = SHORT if short else FULL
+    if short and dealt:
+        raise ConfigError("--short and --dealt: give one of them")
+    course = SHORT if short else DEALT if dealt else FULL
     for option, given in (("--show", show), ("--minimise", minimise)):
         if given is not None and given < 0:
             raise ConfigError(f"{option} {given}: give 0 or more")
     if show is not None:
-        from sim.campaign.faults.draw import as_toml, draw  # noqa: PLC0415
+        from sim.campaign.faults.draw import as_toml  # noqa: PLC0415
+        from sim.campaign.faults.mission import Mission  # noqa: PLC0415
 
-        typer.echo(as_toml(draw(show, course)), nl=False)
+        typer.echo(as_toml(Mission(show, course).drawn), nl=False)
     elif minimise is not None:
-        _minimise(minimise, short)
+        from sim.campaign.faults.mission import Mission  # noqa: PLC0415
+
+        _minimise(Mission(minimise, course))
     else:
         from sim.campaign.faults.campaign import FaultCampaign  # noqa: PLC0415
         from sim.campaign.faults.mission import fly_mission  # noqa: PLC0415
@@ -71,19 +78,17 @@ def fly_and_tell(campaign: FaultCampaign, fly: Fly, out: Path | None, execute: E
         raise typer.Exit(1)
 
 
-def _minimise(seed: int, short: bool) -> None:
-    from sim.campaign.faults.course import FULL, SHORT  # noqa: PLC0415
+def _minimise(mission: Mission) -> None:
     from sim.campaign.faults.draw import as_toml  # noqa: PLC0415
     from sim.campaign.faults.minimise import minimise  # noqa: PLC0415
-    from sim.campaign.faults.mission import Mission  # noqa: PLC0415
     from sim.console import say  # noqa: PLC0415
 
-    found = minimise(Mission(seed, SHORT if short else FULL), tell=say)
+    found = minimise(mission, tell=say)
     if found is None:
-        say(f"seed {seed} violates nothing")
+        say(f"seed {mission.seed} violates nothing")
         return
     document, violation = found
     who = " ".join(violation.drones) or "all"
-    typer.echo(f"# Seed {seed} violates {violation.invariant} at {violation.time_s:.2f} s, {who}: {violation.text}")
+    typer.echo(f"# Seed {mission.seed} violates {violation.invariant} at {violation.time_s:.2f} s, {who}: {violation.text}")
     typer.echo(as_toml(document), nl=False)
     raise typer.Exit(1)

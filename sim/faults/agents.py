@@ -78,9 +78,13 @@ class Cut(LinkFault, frozen=True, kw_only=True, tag="cut"):
 
 
 class Loss(LinkFault, frozen=True, kw_only=True, tag="loss"):
-    """Messages are lost; log entries are repeated until they arrive."""
+    """Messages are lost. ``resent``: log entries are repeated by their publisher until they arrive, unless its cache has
+    overflowed. ``news``: only messages of this kind are lost; all kinds if it is not given.
+    """
 
     probability: Probability
+    resent: bool = True
+    news: Literal["pose", "plan", "frame", "estimate", "status"] | None = None
 
 
 class Lag(LinkFault, frozen=True, kw_only=True, tag="delay"):
@@ -130,6 +134,28 @@ class Flood(Fault, frozen=True, kw_only=True, tag="flood"):
     family: ClassVar[Family] = "network"
     rate_mbps: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
     message_bytes: Annotated[int, Meta(ge=100, le=65_536)] = 200
+
+
+class Forged(Fault, frozen=True, kw_only=True, tag="forged"):
+    """The targets also send messages that every agent must refuse: nothing may follow from them.
+
+    ``impossible``: numbers that contradict each other, such as an axis of length 0. ``impersonated``: under their own keys, as if
+    they were another drone, 15 m beside it. ``other-mission``: log entries of another mission, in which the source lay elsewhere.
+    ``two-versions``: each log entry a second time under the same number with another content; of the two all must keep the same.
+    """
+
+    family: ClassVar[Family] = "network"
+    what: Literal["impossible", "impersonated", "other-mission", "two-versions"]
+
+
+class OldCommand(Fault, frozen=True, kw_only=True, tag="old-command"):
+    """The operator commands the targets to hold, and to resume 3 s later; 5 s after that a slow link delivers the hold again."""
+
+    family: ClassVar[Family] = "network"
+
+    def check(self) -> str | None:
+        """It takes its time."""
+        return "for_s: the commands come when they come; remove it" if self.for_s is not None else None
 
 
 Said = Literal["pose", "plan", "cone", "counts", "sighting"]

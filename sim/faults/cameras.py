@@ -30,8 +30,8 @@ class CameraFaults:
     def spoil(self, drone: int, readout: Readout) -> Readout | None:
         """A readout as the faulty camera delivers it; None where it delivers nothing."""
         schedule = self._schedule
-        if schedule.active(CameraDead, drone):
-            return None
+        for dead, _ in schedule.active(CameraDead, drone):
+            return replace(readout, hits=PixelHits.none()) if dead.blind else None
         for gain, _ in schedule.active(CameraGain, drone):
             readout = replace(readout, hits=amplified(readout.hits, gain.factor, self._calibrations[drone]))
         for _, one in schedule.active(CameraStuck, drone):

@@ -13,12 +13,14 @@ from sim.faults.agents import (
     Disk,
     Duplicate,
     Flood,
+    Forged,
     Freeze,
     Kill,
     Lag,
     Late,
     Lie,
     Loss,
+    OldCommand,
     Partition,
     RadioRange,
     Reorder,
@@ -46,13 +48,14 @@ from sim.faults.machines import (
 
 AnyFault = (
     Kill | Freeze | Late | SlowCpu | Disk
-    | Partition | Cut | Loss | Lag | Reorder | Duplicate | Corrupt | RadioRange | Flood | Lie
+    | Partition | Cut | Loss | Lag | Reorder | Duplicate | Corrupt | RadioRange | Flood | Lie | Forged | OldCommand
     | CameraDead | CameraNoisy | CameraStuck | CameraGain | Clock
     | SatellitesLost | PositionJump | Drag | Gust | MotorFailure | Battery
     | MavlinkLoss | StreamLost | Takeover | Disarm | Refusal
 )  # fmt: skip
 
 LIVE_ONLY = (StreamLost, Disarm)  # kinds that need the real MAVLink
+DEALT_ONLY = (*LIVE_ONLY, Forged, OldCommand)  # those that random missions leave out: their seeds would draw others
 
 KINDS: dict[str, type[Fault]] = {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}
 

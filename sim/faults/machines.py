@@ -10,9 +10,10 @@ from sim.faults.base import Family, Fault, Metres, Probability
 
 
 class CameraDead(Fault, frozen=True, kw_only=True, tag="camera-dead"):
-    """No readout at all."""
+    """No readout at all; ``blind``: readouts without any hit."""
 
     family: ClassVar[Family] = "camera"
+    blind: bool = False
 
 
 class CameraNoisy(Fault, frozen=True, kw_only=True, tag="camera-noisy"):

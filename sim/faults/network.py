@@ -113,11 +113,15 @@ class FaultyRadio(Radio):
         if key.endswith("/pose"):
             self._poses[sender] = key, payload
         arrivals: list[Arrival] = [(delay_s, payload)] if self.hears(sender, receiver) else []
+        resent = True
         for fault, active in self._struck.get((sender, receiver), ()):
+            if isinstance(fault, Loss) and fault.news is not None and not key.endswith(f"/{fault.news}"):
+                continue
             arrivals = [arrival for one in arrivals for arrival in played(fault, active.rng, one)]
+            resent = resent and not (isinstance(fault, Loss) and not fault.resent)
         for late_s, content in arrivals:
             super()._carry(sender, receiver, key, content, late_s, now_ns)
-        if not arrivals and is_entry(key):
+        if not arrivals and resent and is_entry(key):
             queue = self._waiting.setdefault((sender, receiver, key), deque(maxlen=CACHE_ENTRIES))
             queue.append((now_ns + int(self._truth.recovery_s * 1e9), payload))
 

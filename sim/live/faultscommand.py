@@ -29,6 +29,6 @@ def live_faults(
     if show is not None:
         if show < 0:
             raise ConfigError(f"--show {show}: give 0 or more")
-        typer.echo(as_toml(deal(show)), nl=False)
+        typer.echo(as_toml(deal(show, LIVE)), nl=False)
         return
     fly_and_tell(FaultCampaign(runs, seed, LIVE), fly_live_mission, out, in_processes(1))

@@ -11,7 +11,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from sim.campaign.faults.course import LIVE
-from sim.campaign.faults.dealt import deal
 from sim.campaign.faults.mission import LOCATED_M, Mission, Verdict
 from sim.live.course import Course
 from sim.live.faults import needs_relays
@@ -29,7 +28,7 @@ READY_S = 90.0
 
 def fly_live_mission(mission: Mission) -> Verdict:
     """Fly and judge a mission in real time; its processes have ended when it returns."""
-    document = deal(mission.seed) if mission.document is None else mission.document
+    document = mission.drawn
     scenario = parse_scenario(document, mission.label)
     began = _core_s()
     with TemporaryDirectory(prefix="radron-live-") as folder:

@@ -14,6 +14,7 @@ ARMING_S = 1.0
 TAKEOFF_SPEED_MPS = 1.0
 LANDING_SPEED_MPS = 0.7
 RETURN_SPEED_MPS = 5.0
+RETURN_CLIMB_MPS = 1.8  # mean over 10 m of a PX4's, which climbs at up to 3 m/s (MPC_Z_V_AUTO_UP) and slows down near the height
 RETURN_HEIGHT_M = 10.0
 DISARM_AFTER_S = 2.0
 OFFBOARD_LOSS_S = 1.0
@@ -207,7 +208,7 @@ class Autopilot:
             self._guidance.stay(self.target.position)
 
     def _return_home(self) -> None:
-        if self._guidance.go_home(self._return_height_m, TAKEOFF_SPEED_MPS, RETURN_SPEED_MPS):
+        if self._guidance.go_home(self._return_height_m, RETURN_CLIMB_MPS, RETURN_SPEED_MPS):
             self.mode = FlightMode.LAND
 
     def _descend(self, position: Vector3) -> None:

@@ -67,9 +67,9 @@ def test_the_hunt_stops_at_the_first_find_and_an_interrupted_one_goes_on(tmp_pat
     first = _hunt(tmp_path, standin, FOUND, UNSEEN, FATAL)
     assert first.returncode == 1  # two of three are less than 85 %
     assert f"| `{FOUND}` | fusion | " in first.stdout
-    assert "| beliefs | short | 500002 | 3 |" in first.stdout
+    assert "| beliefs | dealt | 500002 | 3 |" in first.stdout
     assert "| **not found** |  |  | 3 |" in first.stdout  # its violation of `battery` is one of the control too
-    assert "| no result | short | 500000 | 1 |" in first.stdout
+    assert "| no result | dealt | 500000 | 1 |" in first.stdout
     assert "the log is full of old entries" in first.stderr
     assert "Written: 2 of 3 found (67%)" in first.stdout
     number = Counter(flown.read_text().split())  # by seed; the control flies those only in which a bug violated anything
@@ -98,7 +98,7 @@ def test_a_mission_that_does_not_end_is_stopped_and_told(tmp_path: Path) -> None
 
 
 def _hunt(folder: Path, standin: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-S", str(PLANTED / "run.py"), "--out", str(folder / "out"), "--short", "3", "--full", "0"]
+    command = [sys.executable, "-S", str(PLANTED / "run.py"), "--out", str(folder / "out"), "--dealt", "3", "--drawn", "0"]
     command += ["--live", "0"] if "--live" not in options else []
     command += ["--command", shlex.join((sys.executable, "-S", str(standin))), "--only", *options]
     return subprocess.run(command, capture_output=True, text=True, timeout=120.0, check=False)

@@ -120,7 +120,7 @@ def replaced(value: Any, way: tuple[Any, ...], new: Any) -> Any:
 
 NUMBERS_THAT_NEVER_FIT = [math.nan, math.inf, -math.inf, 1e300, -1e300, 2**63, 2**64 - 1, -(2**63)]
 FREE_TEXT = ("problems", "finding")
-NEVER_A_FIELD = [*NUMBERS_THAT_NEVER_FIT, {"a": {"b": {}}}, [[[[]]]], "A b", b"\xff" * 200, True]
+NEVER_A_FIELD = [*NUMBERS_THAT_NEVER_FIT, {"a": {"b": {}}}, [[[[]]]], "A b", b"\xff" * 2000, True]
 
 
 @settings(max_examples=300, deadline=None)

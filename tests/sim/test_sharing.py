@@ -16,7 +16,7 @@ from protocol.entries import EntryId
 from sim.lockstep import watched
 from sim.scenario import load_scenario, override
 from sim.scoring.invariants.care import bytes_of
-from sim.sharing import MOST_RESULTS, Folds, Results, SharedFold
+from sim.sharing import Folds, Results, SharedFold
 
 PARTITION = {"kind": "partition", "groups": [["d1", "d2"], ["d3"]], "at_s": 12.0, "for_s": 5.0}
 
@@ -106,8 +106,8 @@ def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_objec
         replace(counts, counts=np.array((1.0, 1.0, 2.0))),
         replace(counts, position_sigma_m=0.2),
         replace(counts, yaw_sigma_rad=0.02),
-        replace(counts, epoch=1),
         replace(counts, identity=counts.identity._replace(sequence=2)),
+        replace(counts, epoch=1),
         replace(counts, mission_from_local=Transform(0.2, (1.0, 2.0, 3.0), np.eye(4))),
         replace(counts, mission_from_local=Transform(0.1, (1.0, 2.0, 3.5), np.eye(4))),
         replace(counts, mission_from_local=Transform(0.1, (1.0, 2.0, 3.0), 2.0 * np.eye(4))),
@@ -120,25 +120,27 @@ def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_objec
 
 
 def test_results_are_bounded_and_those_in_use_stay():
-    results, state, computed = Results(), object(), []
+    results, state, computed = Results(10), object(), []
 
     def compute(value):
         computed.append(value)
         return value
 
-    for value in range(3 * MOST_RESULTS):
+    for value in range(30):
         results.get(state, value, lambda value=value: compute(value))
         results.get(state, 0, lambda: compute(0))
-    assert computed == list(range(3 * MOST_RESULTS))
-    results.get(state, MOST_RESULTS, lambda: compute(-1))
+    assert computed == list(range(30))
+    results.get(state, 10, lambda: compute(-1))
     assert computed[-1] == -1
     results.get(object(), 0, lambda: compute(-2))
     assert computed[-1] == -2
 
 
-def test_what_is_remembered_for_others_is_no_memory_of_an_agent():
+def test_what_is_remembered_for_others_is_no_memory_of_an_agent(counts):
     mission = load_scenario("demo").mission
     fold = SharedFold(estimator_named("bayes", mission))
     before = bytes_of(fold)
-    fold.results.get(object(), 0, lambda: np.zeros(1_000_000))
-    assert bytes_of(fold) == before
+    step = GridStep(10, 1_000_000_000, 1_100_000_000)
+    first = fold.step(fold.initial(None), step, [counts])
+    assert bytes_of(first) > 100_000
+    assert bytes_of(fold) < before + 10_000

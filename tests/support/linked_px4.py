@@ -38,6 +38,7 @@ PARAMETERS = {
     "GF_MAX_HOR_DIST": 300.0,
     "RTL_RETURN_ALT": 20.0,
     "RTL_DESCEND_ALT": 10.0,
+    "MPC_Z_V_AUTO_UP": 3.0,
     "EKF2_NOAID_TOUT": 2_000_000,
 }
 _COMPANION = (1, 195)  # system and component of an agent

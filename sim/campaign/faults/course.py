@@ -27,6 +27,9 @@ FULL = Course()
 SHORT = Course(
     first_s=4.0, heal_s=12.0, track_s=(9.0, 11.0), search_s=30.0, end_s=90.0, side_m=(26.0, 34.0), most_drones=3
 )  # for the fast tests
+DEALT = Course(
+    first_s=6.0, heal_s=34.0, track_s=(26.0, 30.0), search_s=40.0, end_s=120.0, side_m=(26.0, 36.0), most_drones=4
+)  # five faults at a time
 LIVE = Course(
     first_s=10.0, heal_s=34.0, track_s=(20.0, 24.0), search_s=35.0, end_s=80.0, side_m=(26.0, 36.0), most_drones=3
 )  # in real time

@@ -1,7 +1,9 @@
-"""Missions with faults for live flights: they take a minute of real time each, so the faults are dealt to them, not drawn.
+"""Missions to which the faults are dealt instead of drawn, so that few of them have every kind.
 
-Three successive seeds have each fault of the deck once, five in each mission: the whole deck in as few flights as possible. Their
-times, targets and numbers are random, and so are the swarm, its area and the source, as in the missions of ``draw``.
+Some successive seeds have each fault of a deck once, five in each mission; times, targets and numbers are random, and so are the
+swarm, its area and the source, as in the missions of ``draw``. Two of ten have no fault at all, which would hide what goes wrong
+without any: in one the frames have to be estimated, in the other one the source moves as fast as any. Live missions, which take a
+minute of real time each, have a deck of their own, and in each of them somebody disarms a drone.
 """
 
 from __future__ import annotations
@@ -10,17 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from sim.campaign.faults.course import LIVE
-from sim.campaign.faults.missions import draw_mission
+from sim.campaign.faults.course import LIVE, Course
+from sim.campaign.faults.missions import PACE_MPS, draw_mission
 from sim.campaign.faults.strengths import STRENGTHS, Strike
 from sim.faults.kinds import KINDS
+
+Card = tuple[str, dict[str, Any]]  # a kind, and numbers that are not left to chance
 
 _STREAM, _DECK_STREAM = 1_000_006, 1_000_007
 HAND = 5  # faults of a mission
 LASTS_S = (8.0, 14.0)
 _LONGEST_OFFLINE_S = 7.0  # an agent that is back later may find its vehicle landed
-_FIRST_TRY_S = 0.0  # of whoever disarms it: before it takes off
-DECK: tuple[tuple[str, dict[str, Any]], ...] = (
+_WITHOUT_END = ("late", "motor", "old-command", "camera-dead")  # a dead camera: an agent needs a while to be sure
+LIVE_DECK: tuple[Card, ...] = (
     ("kill", {}),
     ("freeze", {}),
     ("late", {}),
@@ -35,33 +39,83 @@ DECK: tuple[tuple[str, dict[str, Any]], ...] = (
     ("satellites-lost", {}),
     ("position-jump", {"announced": True, "turn_deg": 0.0}),
     ("takeover", {}),
-    ("disarm", {}),
+    ("camera-dead", {"for_s": 9.0}),
+)
+DECK: tuple[Card, ...] = (
+    ("kill", {}),
+    ("kill", {}),
+    ("freeze", {}),
+    ("late", {}),
+    ("slow-cpu", {}),
+    ("partition", {}),
+    ("partition", {}),
+    ("cut", {}),
+    ("delay", {}),
+    ("reorder", {}),
+    ("duplicate", {}),
+    ("corrupt", {}),
+    ("range", {}),
+    ("loss", {"probability": 0.5, "resent": False}),
+    ("loss", {"probability": 1.0, "news": "plan"}),
+    ("forged", {"what": "impossible"}),
+    ("forged", {"what": "impersonated"}),
+    ("forged", {"what": "other-mission"}),
+    ("forged", {"what": "two-versions"}),
+    ("old-command", {}),
+    ("lie", {"what": "pose"}),
+    ("lie", {"what": "plan"}),
+    ("lie", {"what": "cone"}),
+    ("camera-dead", {"blind": True}),
+    ("camera-noisy", {}),
+    ("camera-stuck", {}),
+    ("camera-gain", {}),
+    ("clock", {"jump_s": 20.0}),
+    ("clock", {"jump_s": -20.0}),
+    ("satellites-lost", {}),
+    ("position-jump", {"announced": True}),
+    ("position-jump", {"announced": False}),
+    ("spoofed", {}),
+    ("gust", {}),
+    ("motor", {}),
+    ("battery", {"at_s": 0.0, "level": 0.15}),
+    ("mavlink-loss", {}),
+    ("takeover", {}),
+    ("refusal", {}),
+    ("disk", {}),
 )
 
 
-def deal(seed: int) -> dict[str, Any]:
-    """The scenario document of a seed's live mission, with its faults in order of time."""
+def deal(seed: int, course: Course) -> dict[str, Any]:
+    """The scenario document of a seed's mission, with its faults in order of time."""
+    live = course is LIVE
+    deck, calm = (LIVE_DECK, 0) if live else (DECK, 2)
+    missions = calm + len(deck) // HAND
+    turn = seed % missions
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
-    document = draw_mission(rng, f"live-faults-{seed}", LIVE, may_estimate=False)
+    document = draw_mission(rng, f"dealt-faults-{seed}", course, estimated=False if live else True if turn == 0 else None)
+    if turn < calm:
+        if turn == 1:
+            document["source"] |= {"motion": "wander", "speed_mps": PACE_MPS}
+        return document
     names = [drone["id"] for drone in document["mission"]["drones"]]
-    missions = len(DECK) // HAND
-    order = np.random.default_rng(np.random.SeedSequence(seed // missions, spawn_key=(_DECK_STREAM,))).permutation(len(DECK))
-    hand = order[seed % missions * HAND :][:HAND].tolist()
-    whom = [names[place] for place in rng.permutation(len(names))]
-    faults = [_fault(rng, DECK[card], names, whom[k % len(names)]) for k, card in enumerate(hand)]
+    order = np.random.default_rng(np.random.SeedSequence(seed // missions, spawn_key=(_DECK_STREAM,))).permutation(len(deck))
+    hand = order[(turn - calm) * HAND :][:HAND].tolist()
+    *whom, last = [names[place] for place in rng.permutation(len(names))]
+    faults = [_fault(rng, deck[card], names, whom[k % len(whom)], course) for k, card in enumerate(hand)]
+    faults += [{"kind": "disarm", "at_s": 0.0, "target": last}] if live else []
     document["fault"] = sorted(faults, key=lambda fault: fault["at_s"])
     return document
 
 
-def _fault(rng: np.random.Generator, card: tuple[str, dict[str, Any]], names: list[str], target: str) -> dict[str, Any]:
+def _fault(rng: np.random.Generator, card: Card, names: list[str], target: str, course: Course) -> dict[str, Any]:
     kind, given = card
-    at_s = round(float(rng.uniform(LIVE.first_s, LIVE.heal_s - LASTS_S[1])), 2)
+    at_s = round(float(rng.uniform(course.first_s, course.heal_s - LASTS_S[1])), 2)
     lasts_s = round(float(rng.uniform(*LASTS_S)), 2)
     entry: dict[str, Any] = {"kind": kind, "at_s": at_s} | STRENGTHS[kind](Strike(rng, names, [target])) | given
+    if kind == "clock":
+        entry.pop("drift_ppm", None)
     if kind != "partition":
         entry["target"] = target
-    if kind == "disarm":
-        entry["at_s"] = _FIRST_TRY_S
-    elif kind != "late":
+    if kind not in _WITHOUT_END:
         entry["for_s"] = min(lasts_s, _LONGEST_OFFLINE_S) if KINDS[kind].family == "process" else lasts_s
     return entry

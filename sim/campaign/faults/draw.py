@@ -15,7 +15,7 @@ from sim.campaign.faults.course import FULL, Course
 from sim.campaign.faults.missions import draw_mission
 from sim.campaign.faults.strengths import STRENGTHS, Strike
 from sim.faults.base import Family
-from sim.faults.kinds import KINDS, LIVE_ONLY
+from sim.faults.kinds import DEALT_ONLY, KINDS
 
 _STREAM = 1_000_005  # key of these random numbers, beside those of the flight itself
 _MOST_FAULTS = 5
@@ -51,7 +51,7 @@ def _enabled(rng: np.random.Generator) -> list[str]:
     """The kinds of this seed, at least one."""
     families: dict[Family, list[str]] = {}
     for name, kind in KINDS.items():
-        if issubclass(kind, LIVE_ONLY):
+        if issubclass(kind, DEALT_ONLY):
             continue
         families.setdefault(kind.family, []).append(name)
     while True:

@@ -13,7 +13,8 @@ import numpy as np
 from msgspec import Struct
 
 from protocol.messages import Stage
-from sim.campaign.faults.course import FULL, Course
+from sim.campaign.faults.course import DEALT, FULL, LIVE, Course
+from sim.campaign.faults.dealt import deal
 from sim.campaign.faults.draw import draw
 from sim.campaign.faults.recording import Recording
 from sim.scenario import parse_scenario
@@ -44,7 +45,9 @@ class Mission:
     @property
     def drawn(self) -> dict[str, Any]:
         """The scenario document that is flown."""
-        return draw(self.seed, self.course) if self.document is None else self.document
+        if self.document is not None:
+            return self.document
+        return deal(self.seed, self.course) if self.course in (DEALT, LIVE) else draw(self.seed, self.course)
 
 
 class Verdict(Struct, frozen=True, kw_only=True):

@@ -10,17 +10,18 @@ import numpy as np
 from sim.campaign.faults.course import Course
 
 _DATUM = {"latitude_deg": 47.397742, "longitude_deg": 8.545594, "altitude_m": 488.0}
-_PACE_MPS = 0.8  # of the fastest source: the swarm circles at 3 m/s
+PACE_MPS = 0.8  # of the fastest source: the swarm circles at 3 m/s
 _APART_M = (5.0, 7.0)  # between the launch places
 _IDEAL = ("horizontal_m", "vertical_m", "height_m", "yaw_deg", "tilt_deg", "velocity_mps", "climb_mps", "drift_m")
 
 
-def draw_mission(rng: np.random.Generator, name: str, course: Course, *, may_estimate: bool = True) -> dict[str, Any]:
-    """A scenario document without faults. ``may_estimate``: the drones' frames may have to be estimated."""
+def draw_mission(rng: np.random.Generator, name: str, course: Course, *, estimated: bool | None = None) -> dict[str, Any]:
+    """A scenario document without faults. ``estimated``: whether the drones' frames have to be estimated; None: drawn, too."""
     width_m, depth_m = (round(float(side)) for side in rng.uniform(*course.side_m, 2))
     count = int(rng.integers(3, course.most_drones + 1))
     places = _launch_places(rng, count, width_m, depth_m)
-    estimated = rng.random() < 0.25 and may_estimate
+    drawn = bool(rng.random() < 0.25)
+    estimated = drawn if estimated is None else estimated
     drones = [{"id": f"d{k + 1}", "origin_m": place} for k, place in enumerate(places)]
     document: dict[str, Any] = {
         "name": name,
@@ -72,7 +73,7 @@ def _source(rng: np.random.Generator, width_m: float, depth_m: float) -> dict[st
     source: dict[str, Any] = {"activity_bq": float(f"{10.0 ** rng.uniform(9.3, 10.0):.2g}")}
     motion = str(rng.choice(["static", "wander", "circle"], p=[0.6, 0.25, 0.15]))
     if motion != "static":
-        source |= {"motion": motion, "speed_mps": round(float(rng.uniform(0.2, _PACE_MPS)), 2)}
+        source |= {"motion": motion, "speed_mps": round(float(rng.uniform(0.2, PACE_MPS)), 2)}
     if motion == "circle":
         source["circle_radius_m"] = round(0.25 * min(width_m, depth_m), 1)
     return source

@@ -126,4 +126,6 @@ STRENGTHS: dict[str, Callable[[Strike], Numbers]] = {
         "message": strike.one("ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GPS_RAW_INT", "HEARTBEAT")
     },
     "disarm": _none,
+    "forged": lambda strike: {"what": strike.one("impossible", "impersonated", "other-mission", "two-versions")},
+    "old-command": _none,
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim.faults.agents import Kill, Lie
+from sim.faults.agents import Forged, Kill, Lie
 from sim.faults.base import Family, Fault
 from sim.faults.machines import Takeover
 from sim.scoring.invariants.base import Setting
@@ -34,12 +34,14 @@ class Able:
 def _disables(fault: Fault, heal_s: float) -> bool:
     """Whether it leaves a drone unable: vehicle, own position, camera or link are faulted for good, or its agent is dead.
 
-    Two faults last although they are over: a drone whose entries arrived falsified at the others has another log than they for
+    Some faults last although they are over: a drone whose entries arrived falsified at the others has another log than they for
     ever, and one that a human pilot has given back holds until the operator resumes its mission, whom nobody plays.
     """
     if isinstance(fault, Takeover) and fault.at_s < heal_s:
         return True
     if isinstance(fault, Lie) and (fault.what in _OF_THE_LOG or fault.end_s > heal_s):
+        return True
+    if isinstance(fault, Forged) and fault.what == "two-versions":
         return True
     lasts = fault.end_s > heal_s + 1e-9
     return lasts and (fault.family in _DISABLING or isinstance(fault, Kill))

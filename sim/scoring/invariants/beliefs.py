@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import sqrt
+from math import hypot, inf, sqrt
 
 from agent.pilot import Pilot
 from sim.faults.base import Family
@@ -11,6 +11,8 @@ from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Member, Moment, Scene
 
 EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
+MISPLACED_M = 1.0
+_FRAME_FAULTS: tuple[Family, ...] = ("pose", "liar", "clock")
 _BELIEF_FAULTS: tuple[Family, ...] = ("camera", "pose", "liar")
 
 
@@ -40,6 +42,42 @@ class TruthPossible(Invariant[Scene]):
                 self._since_s[drone] = moment.time_s
             elif moment.time_s - since_s > EXCLUDED_S:
                 yield Breach((drone,), f"the truth is {sigmas:.1f} sigma away for {EXCLUDED_S:g} s")
+
+
+class OwnPlace(Invariant[Moment]):
+    """No drone excludes its own true place at 6 sigma, and by a metre, for 5 s: separation, fence, and the meaning of all that it
+    measures rest on it.
+
+    Exempt is a drone whose own position is faulted; and where frames are estimated, everybody from the first fault of an own
+    position, of a liar or of a clock on: these put wrong observations into every log.
+    """
+
+    name = "own-place"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        estimated = not all(drone.is_exact for drone in setting.mission.drones)
+        self._until_s = setting.began_s(_FRAME_FAULTS) if estimated else inf
+        self._since_s: list[float | None] = [None] * len(setting.names)
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Drones that have been wrong for too long."""
+        if moment.time_s >= self._until_s:
+            return
+        for drone, pilot in enumerate(moment.pilots):
+            place = pilot.own_place if pilot is not None else None
+            if place is None or not moment.airborne(drone) or self.setting.lost_itself(drone, moment.time_s):
+                self._since_s[drone] = None
+                continue
+            (x, y, _), sigma_m = place
+            off_m = hypot(x - moment.position_m[drone, 0], y - moment.position_m[drone, 1])
+            since_s = self._since_s[drone]
+            if off_m <= max(MISPLACED_M, EXCLUDED_SIGMAS * sigma_m):
+                self._since_s[drone] = None
+            elif since_s is None:
+                self._since_s[drone] = moment.time_s
+            elif moment.time_s - since_s > EXCLUDED_S:
+                yield Breach((drone,), f"{off_m:.1f} m from where it takes itself to be, sigma {sigma_m:.2f} m")
 
 
 class SameLogSameHypothesis(Invariant[Moment]):

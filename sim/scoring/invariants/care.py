@@ -10,14 +10,16 @@ from math import hypot, inf
 
 import numpy as np
 
+from agent.pilot import Pilot
 from sim.faults.base import Fault
-from sim.faults.machines import Battery, Drag, PositionJump
+from sim.faults.machines import Battery, CameraDead, Drag, PositionJump
 from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Moment
 from sim.sharing import Results
 
 LEAST_LEVEL = 0.03  # of the battery: below it a real one gives way at any time
 NAMED_S = 10.0
+TOLD_S = 25.0
 MISPLACED_M = 5.0  # so far off is a vehicle that others see plainly: sightings are good to a metre or two
 SEEN_M = 30.0  # and nobody overlooks one that is nearer
 FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b: a are the estimator's checkpoints, which are bounded, and all planners
@@ -99,6 +101,30 @@ def _misplaced_s(fault: Fault) -> tuple[float, float] | None:
     if isinstance(fault, Drag) and fault.most_m > MISPLACED_M:
         return fault.at_s + MISPLACED_M / fault.speed_mps, fault.end_s
     return None
+
+
+class Told(Invariant[Moment]):
+    """A drone whose camera sees nothing any more, not even background, reports a problem within 25 s: nobody searches with it."""
+
+    name = "told"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        blind = [fault for fault in setting.scenario.fault if isinstance(fault, CameraDead) and fault.blind]
+        self._spans = [(setting.names.index(name), fault) for fault in blind for name in fault.strikes(setting.names)]
+        self._born: dict[int, tuple[Pilot, float]] = {}
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Drones that have said nothing for too long, since the fault began and their agents were started."""
+        for drone, fault in self._spans:
+            pilot = moment.pilots[drone]
+            if pilot is None:
+                continue
+            if drone not in self._born or self._born[drone][0] is not pilot:
+                self._born[drone] = pilot, moment.time_s
+            since_s = max(fault.at_s, self._born[drone][1])
+            if fault.end_s > moment.time_s > since_s + TOLD_S and not any("camera" in text for text in pilot.problems):
+                yield Breach((drone,), f"its camera is blind since {fault.at_s:.1f} s, and it does not say so")
 
 
 class Memory(Invariant[Moment]):

@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, messages, pilot, state
 
-from agent.localization.clocks import WINDOW_NS, Clocks
+from agent.localization.clocks import HEARD_NS, WINDOW_NS, Clocks
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Pose, Stage, Status
@@ -64,6 +64,13 @@ def test_what_was_heard_long_ago_counts_no_more():
     a, jumped_ns = clocks["a"], now_ns("a") - 100 * SECOND  # set back
     a.hear(replace(STATUS, drone="b", stamp_ns=now_ns("b")), jumped_ns)
     assert a.delays_ns(jumped_ns) == {"b": jumped_ns - now_ns("b")}
+
+
+def test_who_is_silent_for_three_seconds_is_published_as_heard_no_more_but_its_clock_still_counts():
+    clocks, now_ns = exchanged({"a": 0, "b": 120, "c": 0})
+    later_ns = now_ns("b") + HEARD_NS + SECOND
+    assert clocks["b"].delays_ns(later_ns) == {}
+    assert clocks["b"].offsets_s(later_ns)["a"] == pytest.approx(120.0, abs=0.01)
 
 
 def test_strangers_and_absurd_stamps_are_not_heard():

@@ -26,6 +26,7 @@ GOOD = {
     "NAV_RCL_ACT": 2,
     "RTL_RETURN_ALT": 30.0,
     "RTL_DESCEND_ALT": 10.0,
+    "MPC_Z_V_AUTO_UP": 3.0,
     "GF_ACTION": 3,
     "GF_MAX_HOR_DIST": 200.0,
 }
@@ -76,6 +77,7 @@ def test_a_sane_vehicle_has_nothing_to_mend() -> None:
         ("NAV_RCL_ACT", 5, "2 (return)"),
         ("RTL_RETURN_ALT", 60.0, "60 m"),
         ("RTL_DESCEND_ALT", 80.0, "60 m"),
+        ("MPC_Z_V_AUTO_UP", 1.0, "2 m/s"),
         ("GF_ACTION", 1, "3 (return)"),
         ("GF_ACTION", 4, "3 (return)"),
         ("GF_MAX_HOR_DIST", 0.0, "distance"),

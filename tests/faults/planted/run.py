@@ -1,10 +1,10 @@
 """``make planted``: which of the planted bugs the missions with faults find, and by what.
 
-Each bug flies the same seeds until one finds it, 20 at most: short missions in lockstep, full ones, and live ones, in which the
-agents are real processes. Bugs in code that lockstep does not run fly live only. A bug is found where an invariant is violated
-that holds in the same mission without it, or the mission dies or does not end; live missions, of which no two are the same, must
-show it twice. Every mission is kept in OUT/found.jsonl, so that an interrupted run goes on, as long as the packages are the same.
-The table is also written to OUT/table.md. Exit code 1 where less than 85 % of the written bugs are found.
+Each bug flies the same seeds until one finds it, 20 at most: missions in lockstep with dealt faults and with drawn ones, and
+live ones, in which the agents are real processes. Bugs in code that lockstep does not run fly live only. A bug is found where an
+invariant is violated that holds in the same mission without it, or the mission dies or does not end; live missions, of which no
+two are the same, must show it twice. Every mission is kept in OUT/found.jsonl, so that an interrupted run goes on, as long as the
+packages are the same. The table is also written to OUT/table.md. Exit code 1 where less than 85 % of the written bugs are found.
 """
 
 from __future__ import annotations
@@ -93,10 +93,15 @@ class Hunt:
         if control is None:
             return None
         found = only_with_bug(flown, control)
-        if not found or not stage.repeated:
+        if not found or not stage.repeats:
             return found
-        again = fly(flown.seed, 1)
-        return None if again is None else tuple(name for name in found if name in again.violated)
+        for attempt in range(1, stage.repeats + 1):
+            again = fly(flown.seed, attempt)
+            if again is None:
+                return None
+            if both := tuple(name for name in found if name in again.violated):
+                return both
+        return ()
 
     def _control(self, stage: Stage, seed: int) -> Flown | None:
         """The mission without any bug."""
@@ -143,7 +148,7 @@ def _hunt(bugs: Sequence[Bug], options: argparse.Namespace) -> list[Score]:
     """The scores in the order of the bugs; progress goes to standard error."""
     stages = _stages(options)
     if not stages:
-        raise BugError("no missions: give a number above 0 to one of --short, --full, --live")
+        raise BugError("no missions: give a number above 0 to one of --dealt, --drawn, --live")
     flights = Flights(options.longest)
     scores = {bug.id: Score(bug) for bug in bugs}
     with tempfile.TemporaryDirectory(prefix="planted-") as folder, ThreadPoolExecutor(options.jobs) as pool:
@@ -176,7 +181,7 @@ def _all(pool: ThreadPoolExecutor, hunt: Hunt, waiting: Sequence[Score], stage: 
 
 def _stages(options: argparse.Namespace) -> list[Stage]:
     """Those with missions; ``--command`` flies them all."""
-    numbers = (options.short, options.full, options.live)
+    numbers = (options.dealt, options.drawn, options.live)
     stages = [replace(stage, missions=number) for stage, number in zip(STAGES, numbers, strict=True) if number]
     command = tuple(shlex.split(options.command)) if options.command else ()
     return [replace(stage, command=command or stage.command) for stage in stages]

@@ -69,6 +69,7 @@ def test_every_kind_can_be_written_and_read(kind: str) -> None:
         "clock": {"jump_s": 0.5},
         "disk": {"how": "full"},
         "stream-lost": {"message": "HEARTBEAT"},
+        "forged": {"what": "impossible"},
         **{name: {"probability": 0.5} for name in ("loss", "reorder", "duplicate", "corrupt", "mavlink-loss")},
     }.get(kind, {})
     fault = msgspec.convert({"kind": kind, "at_s": 5.0, **numbers}, KINDS[kind])

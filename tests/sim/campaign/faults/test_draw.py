@@ -7,7 +7,7 @@ from pathlib import Path
 from sim.campaign.faults.course import FULL, SHORT
 from sim.campaign.faults.draw import as_toml, draw
 from sim.campaign.faults.strengths import STRENGTHS
-from sim.faults.kinds import KINDS, LIVE_ONLY
+from sim.faults.kinds import DEALT_ONLY, KINDS
 from sim.scenario import load_scenario, parse_scenario
 
 SEEDS = range(60)
@@ -38,7 +38,7 @@ def test_what_does_not_stay_is_over_at_the_heal_and_the_network_never_stays() ->
 def test_all_kinds_come_and_seeds_differ_in_their_kinds() -> None:
     assert set(STRENGTHS) == set(KINDS)
     seen = [frozenset(fault["kind"] for fault in draw(seed)["fault"]) for seed in range(400)]
-    assert set().union(*seen) == {name for name, kind in KINDS.items() if not issubclass(kind, LIVE_ONLY)}
+    assert set().union(*seen) == {name for name, kind in KINDS.items() if not issubclass(kind, DEALT_ONLY)}
     pairs = Counter(frozenset((one, other)) for kinds in seen for one in kinds for other in kinds if one != other)
     assert len(pairs) > 300  # of the 406 pairs of kinds
 

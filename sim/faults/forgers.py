@@ -1,0 +1,119 @@
+"""Messages that every agent must refuse, sent by members beside their own; and commands that arrive again late."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from msgspec.structs import replace
+
+from protocol.codec import as_bytes, decode_from
+from protocol.entries import Cone, Entry, Exposure
+from protocol.message import Message
+from protocol.messages import Action, AnyMessage, Plan, Pose
+from protocol.signing import Sign, sign_entries
+from sim.faults.agents import Forged, OldCommand
+from sim.faults.schedule import Schedule
+from sim.geometry import Vector3
+
+BESIDE_M = 15.0
+HELD_NS, LATE_NS = 3_000_000_000, 8_000_000_000  # from the hold to the resumption, and to its copy
+_BESIDE = 2**30  # added to the number of an entry that must not be taken, so that it hides none that must
+_SAID = ("pose", "plan", "cone", "exposure")
+_OTHER = "0123456789abcdef"  # id of another mission
+
+Give = Callable[[Sequence[int], Action], bytes | None]  # to which drones, and what; what was sent
+Again = Callable[[int, int, bytes], None]
+
+
+class Forgers:
+    """What the drones of a flight send beside their messages."""
+
+    def __init__(self, schedule: Schedule, drones: Sequence[str], signs: Sequence[Sign]) -> None:
+        """``drones``: of the mission; ``signs``: signs as each of them, whose key a forger holds."""
+        self._schedule, self._drones, self._signs = schedule, drones, signs
+
+    def forged(self, drone: int, key: str, payload: bytes) -> list[bytes]:
+        """What a drone sends beside this message, under the same key."""
+        if key.rsplit("/", 1)[-1] not in _SAID:
+            return []
+        active = self._schedule.active(Forged, drone)
+        told = [self._changed(key, payload, fault.what, drone) for fault, _ in active]
+        return [as_bytes(self._signed(one, drone)) for one in told if one is not None]
+
+    def _signed(self, message: AnyMessage, drone: int) -> Message:
+        return next(sign_entries([message], self._signs[drone])) if isinstance(message, Entry) else message
+
+    def _changed(self, key: str, payload: bytes, what: str, drone: int) -> AnyMessage | None:
+        message = decode_from(key, payload)
+        if what == "impossible":
+            return _impossible(message)
+        if what == "impersonated":
+            other = self._drones[(drone + 1) % len(self._drones)]
+            return replace(_beside(message), drone=other)
+        if not isinstance(message, Entry):
+            return None
+        if what == "other-mission":
+            return replace(_beside(message), mission=_OTHER)
+        return replace(message, yaw_sigma_rad=1.001 * message.yaw_sigma_rad + 1e-6) if isinstance(message, Cone) else None
+
+
+class OldCommands:
+    """The operator's commands of ``old-command``; the copy of the first has the same bytes."""
+
+    def __init__(self, schedule: Schedule) -> None:
+        self._schedule = schedule
+        self._resumes: deque[tuple[int, int]] = deque()  # when, and whom
+        self._copies: deque[tuple[int, int, bytes]] = deque()  # when, to whom, and what arrives again
+
+    def advance(self, now_ns: int, command: Give, again: Again) -> None:
+        """Give the commands that are due; ``again``: delivers one that was given before."""
+        for one in self._schedule.begun:
+            for drone in sorted(one.drones) if isinstance(one.fault, OldCommand) else ():
+                payload = command([drone], Action.HOLD)
+                if payload is not None:
+                    self._copies.append((now_ns + LATE_NS, drone, payload))
+                self._resumes.append((now_ns + HELD_NS, drone))
+        while self._resumes and self._resumes[0][0] <= now_ns:
+            command([self._resumes.popleft()[1]], Action.RESUME)
+        while self._copies and self._copies[0][0] <= now_ns:
+            _, drone, payload = self._copies.popleft()
+            again(now_ns, drone, payload)
+
+
+def _impossible(message: AnyMessage) -> AnyMessage:
+    """Each number is within its bounds, but they contradict each other."""
+    match message:
+        case Pose():
+            return replace(message, quaternion=(0.0, 0.0, 0.0, 0.1))
+        case Plan():
+            first, *others = message.positions_m
+            return replace(message, positions_m=(first, *(_moved(place, 1000.0) for place in others)))
+        case Cone():
+            first_order, second_order = (replace(order, axis=(0.0, 0.0, 0.0)) for order in message.orders)
+            return replace(message, orders=(first_order, second_order), sequence=message.sequence + _BESIDE)
+        case Exposure():
+            poses = tuple(replace(pose, quaternion=(0.0, 0.0, 0.0, 0.0)) for pose in message.poses)
+            return replace(message, poses=poses, sequence=message.sequence + _BESIDE)
+        case _:
+            return message
+
+
+def _beside(message: AnyMessage) -> AnyMessage:
+    """The same, as if it had been somewhere else."""
+    match message:
+        case Pose():
+            return replace(message, position_m=_moved(message.position_m, BESIDE_M))
+        case Plan():
+            return replace(message, positions_m=tuple(_moved(place, BESIDE_M) for place in message.positions_m))
+        case Cone():
+            return replace(message, apex_m=_moved(message.apex_m, BESIDE_M), sequence=message.sequence + _BESIDE)
+        case Exposure():
+            poses = tuple(replace(pose, position_m=_moved(pose.position_m, BESIDE_M)) for pose in message.poses)
+            return replace(message, poses=poses, sequence=message.sequence + _BESIDE)
+        case _:
+            return message
+
+
+def _moved(place: Vector3, by_m: float) -> Vector3:
+    return place[0] + by_m, place[1], place[2]
