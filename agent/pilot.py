@@ -43,7 +43,7 @@ from agent.sensing.observer import Observer
 from agent.sensing.positionsensors import PositionSensors
 from agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
 from protocol.codec import decode_from
-from protocol.entries import Coverage, Credential, Entry
+from protocol.entries import Coverage, Entry
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
 from protocol.messages import AnyMessage, Command, Estimate, Failsafe, Frame, Plan, Pose, Reaction, Stage, Status, Ticket
@@ -112,7 +112,7 @@ class Pilot:
         self._problems = Problems(drone.id, self._mission_id)
         verifier = Verifier(trust.authority, trust.revoked) if trust is not None else None
         self._orders = Orders(drone.id, self._mission_id, boot, verifier)
-        self._proofs = Proofs(ids, trust, verifier)
+        self._proofs = Proofs(ids, (drone.id, self._mission_id, boot), trust, verifier)
         self._failsafe = Failsafe(Reaction(mission.safety.agent_lost), mission.return_height_m(drone.id))
         self._notices: tuple[str, ...] = ()
         self._told: tuple[str, ...] = ()
@@ -323,14 +323,10 @@ class Pilot:
     def _record(self, entries: Sequence[Entry], now_ns: int) -> None:
         """Sign entries of this drone, publish them, and log them, from the same bytes that the others get."""
         sendable = [read for entry in entries if (read := self._outbox.sendable(entry)) is not None]
-        for entry in self._proofs.signed(sendable, partial(self._credential, now_ns)):
+        for entry in self._proofs.signed(sendable, now_ns):
             payload = self._outbox.put(entry)
             if payload is not None:
                 self._fold(entry, payload, now_ns)
-
-    def _credential(self, now_ns: int, certificate: bytes) -> Credential:
-        drone, mission, boot = self._id, self._mission_id, self._boot
-        return Credential(stamp_ns=now_ns, drone=drone, mission=mission, boot=boot, sequence=0, certificate=certificate)
 
     def _fold(self, entry: Entry, payload: bytes, now_ns: int) -> None:
         if not self._world.take(entry, payload, now_ns):

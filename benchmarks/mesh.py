@@ -1,4 +1,4 @@
-"""The mesh alone: time until it is complete, and message latency, against raw Zenoh in the same run.
+"""The mesh alone: time until it is complete, and message latency, against raw Zenoh and unencrypted links in the same run.
 
 `python benchmarks/mesh.py [--seconds S] [--drones 3,6,10] [--json OUT]`. Each peer is a separate process on this machine.
 """
@@ -11,6 +11,7 @@ import json
 import multiprocessing
 import socket
 import statistics
+import tempfile
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -20,15 +21,24 @@ from pathlib import Path
 from zenoh import CongestionControl
 from zenoh.handlers import Callback
 
+from protocol.identity import Role, load_identity
+from protocol.issuing import throwaway
 from protocol.keys import ROOT, drone_key
 from protocol.link import open_session
 from protocol.session import Mesh, MeshConfig
 
 RATE_HZ = 50.0
 PAYLOAD_BYTES = 400  # a cone
-ROUTES = ("raw Zenoh put to callback", "news: publish to receive", "log entries: publish to receive")
+ROUTES = (
+    "raw Zenoh put to callback",
+    "news: publish to receive",
+    "log entries: publish to receive",
+    "news, not encrypted",
+    "log entries, not encrypted",
+)
 RAW_KEY = f"{ROOT}/benchmark/raw"
 DEADLINE_S = 60.0
+MOST_DRONES = 20
 
 SPAWN = multiprocessing.get_context("spawn")
 
@@ -39,8 +49,11 @@ def main() -> None:
     parser.add_argument("--drones", default="3,6,10", help="sizes of the swarms")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    meshes = {int(number): full_mesh(int(number)) for number in options.drones.split(",")}
-    delays = latencies(options.seconds)
+    with tempfile.TemporaryDirectory() as folder:
+        names = [f"d{number}" for number in range(MOST_DRONES)]
+        throwaway({Path(folder, name): (name, Role.DRONE) for name in names}, time.time_ns())
+        meshes = {int(number): full_mesh(int(number), folder) for number in options.drones.split(",")}
+        delays = latencies(options.seconds, folder)
     figures = {
         "full_mesh": {str(number): {"from_start_s": start, "from_open_s": opened} for number, (start, opened) in meshes.items()},
         "latency_ms": {name: dict(zip(("p50", "p99", "max"), values, strict=True)) for name, values in delays.items()},
@@ -59,23 +72,29 @@ def show(meshes: dict[int, tuple[float, float]], delays: dict[str, tuple[float, 
         print(f"{name:40}" + "".join(f"{value:8.2f} ms" for value in values))
 
 
-def full_mesh(number: int) -> tuple[float, float]:
+def links(folder: str, drone: str, listen: str, connect: tuple[str, ...] = ()) -> MeshConfig:
+    """As in flight: encrypted, and with access control."""
+    drones = tuple(f"d{number}" for number in range(MOST_DRONES))
+    return MeshConfig(listen=listen, connect=connect, identity=load_identity(Path(folder, drone)), drones=drones)
+
+
+def full_mesh(number: int, folder: str) -> tuple[float, float]:
     """Seconds until every peer sees all others: since the first process started; since the last one began to open its session."""
-    ends = [f"tcp/127.0.0.1:{port}" for port in free_ports(number)]
+    ends = [f"tls/127.0.0.1:{port}" for port in free_ports(number)]
     start_s = time.monotonic()
-    peers = [start(join, f"d{i}", ends[i], tuple(ends[:i]), number) for i in range(number)]
+    peers = [start(join, folder, f"d{i}", ends[i], tuple(ends[:i]), number) for i in range(number)]
     times = [pipe.recv() for _, pipe in peers]
     stop(peers)
     complete_s = max(complete for _, complete in times)
     return complete_s - start_s, complete_s - max(opening for opening, _ in times)
 
 
-def join(pipe: Connection, drone: str, listen: str, connect: tuple[str, ...], number: int) -> None:
+def join(pipe: Connection, folder: str, drone: str, listen: str, connect: tuple[str, ...], number: int) -> None:
     """One drone of ``number``; sends when it began to open its session, and when it saw all others."""
 
     async def run() -> None:
         opening_s = time.monotonic()
-        mesh = await Mesh.open(MeshConfig(listen=listen, connect=connect), "benchmark", drone, receive=ignore)
+        mesh = await Mesh.open(links(folder, drone, listen, connect), "benchmark", drone, receive=ignore)
         await until(lambda: len(mesh.alive) == number - 1)
         pipe.send((opening_s, time.monotonic()))
         await asyncio.to_thread(pipe.recv)
@@ -84,10 +103,11 @@ def join(pipe: Connection, drone: str, listen: str, connect: tuple[str, ...], nu
     asyncio.run(run())
 
 
-def latencies(seconds: float) -> dict[str, tuple[float, float, float]]:
+def latencies(seconds: float, folder: str) -> dict[str, tuple[float, float, float]]:
     """p50, p99 and largest delay in ms by each route, from one process to another."""
-    ends = [f"tcp/127.0.0.1:{port}" for port in free_ports(4)]
-    peers = [start(hear, ends[0], ends[1]), start(tell, ends, seconds)]
+    ports = free_ports(6)
+    ends = [f"{kind}/127.0.0.1:{port}" for kind, port in zip(("tcp", "tls", "tcp", "tls", "tcp", "tcp"), ports, strict=True)]
+    peers = [start(hear, folder, ends), start(tell, folder, ends, seconds)]
     count = peers[1][1].recv()
     peers[0][1].send("stop")
     received = peers[0][1].recv()
@@ -100,26 +120,31 @@ def latencies(seconds: float) -> dict[str, tuple[float, float, float]]:
     }
 
 
-def hear(pipe: Connection, raw_end: str, mesh_end: str) -> None:
+def hear(pipe: Connection, folder: str, ends: list[str]) -> None:
     delays_ms: dict[str, list[float]] = {route: [] for route in ROUTES}
 
     def note(route: str, payload: bytes) -> None:
         delays_ms[route].append((time.monotonic_ns() - int.from_bytes(payload[:8], "big")) * 1e-6)
 
     async def run() -> None:
-        raw = await open_session(MeshConfig(listen=raw_end), dial_all=False)
+        raw = await open_session(MeshConfig(listen=ends[0]), dial_all=False)
         subscriber = raw.declare_subscriber(
             RAW_KEY, Callback(lambda sample: note(ROUTES[0], sample.payload.to_bytes()), indirect=False)
         )
         routes = {drone_key("benchmark", "d1", "pose"): ROUTES[1], drone_key("benchmark", "d1", "cone"): ROUTES[2]}
         mesh = await Mesh.open(
-            MeshConfig(listen=mesh_end), "benchmark", "d0", receive=lambda key, payload: note(routes[key], payload)
+            links(folder, "d0", ends[1]), "benchmark", "d0", receive=lambda key, payload: note(routes[key], payload)
+        )
+        plain_routes = dict(zip(routes, ROUTES[3:], strict=True))
+        plain = await Mesh.open(
+            MeshConfig(listen=ends[4]), "benchmark", "d0", receive=lambda key, payload: note(plain_routes[key], payload)
         )
         pipe.send("ready")
         await asyncio.to_thread(pipe.recv)
         await asyncio.sleep(0.2)  # the last ones
         pipe.send(delays_ms)
         await mesh.close()
+        await plain.close()
         subscriber.undeclare()
         raw.close()
         pipe.recv()
@@ -127,18 +152,21 @@ def hear(pipe: Connection, raw_end: str, mesh_end: str) -> None:
     asyncio.run(run())
 
 
-def tell(pipe: Connection, ends: list[str], seconds: float) -> None:
+def tell(pipe: Connection, folder: str, ends: list[str], seconds: float) -> None:
     """Stamps its messages with the monotonic clock, which all processes of a machine share."""
 
     async def run() -> None:
         raw = await open_session(MeshConfig(listen=ends[2], connect=(ends[0],)), dial_all=False)
         publisher = raw.declare_publisher(RAW_KEY, congestion_control=CongestionControl.DROP)
-        mesh = await Mesh.open(MeshConfig(listen=ends[3], connect=(ends[1],)), "benchmark", "d1", receive=ignore)
-        await until(lambda: mesh.alive and publisher.matching_status.matching)
+        mesh = await Mesh.open(links(folder, "d1", ends[3], (ends[1],)), "benchmark", "d1", receive=ignore)
+        plain = await Mesh.open(MeshConfig(listen=ends[5], connect=(ends[4],)), "benchmark", "d1", receive=ignore)
+        await until(lambda: mesh.alive and plain.alive and publisher.matching_status.matching)
         routes: list[Callable[[bytes], None]] = [
             publisher.put,
             lambda payload: mesh.publish(drone_key("benchmark", "d1", "pose"), payload),
             lambda payload: mesh.publish(drone_key("benchmark", "d1", "cone"), payload),
+            lambda payload: plain.publish(drone_key("benchmark", "d1", "pose"), payload),
+            lambda payload: plain.publish(drone_key("benchmark", "d1", "cone"), payload),
         ]
         pipe.send("ready")
         loop = asyncio.get_running_loop()
@@ -152,6 +180,7 @@ def tell(pipe: Connection, ends: list[str], seconds: float) -> None:
         pipe.send(count)
         pipe.recv()
         await mesh.close()
+        await plain.close()
         raw.close()
 
     asyncio.run(run())

@@ -137,8 +137,8 @@ class _World:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
         self._configs, self._listen, self._seed, self._make = configs, listen, seed, make or Pilot
         self._folds = Folds(count, seed)
-        self._authority = SimulatedAuthority(seed)
-        self._operator = SimulatedOperator(self._authority, mission.swarm, mission.mission_id)
+        authority = SimulatedAuthority(seed)
+        self._authority, self._operator = authority, SimulatedOperator(authority, mission.swarm, mission.mission_id)
         self._terrain = Terrain(scenario.terrain)
         position = self._terrain.on_ground(launch_places(scenario.start, mission, random.start))
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
@@ -150,9 +150,8 @@ class _World:
         world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
-        signs = [self._authority.trust(name).sign for name in names]
-        self._liars = Liars(scenario.fault, self._faults, signs)
-        self._forgers, self._old_commands = Forgers(self._faults, names, signs), OldCommands(self._faults)
+        self._liars = Liars(scenario.fault, self._faults, authority.signs(names))
+        self._forgers, self._old_commands = Forgers(self._faults, names, authority.signs(names)), OldCommands(self._faults)
         self._recovery = Recovery(mission.swarm, names, self._radio, self._liars.told) if scenario.fault else None
         late = [any(isinstance(fault, Late) and name in fault.strikes(names) for fault in scenario.fault) for name in names]
         agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]

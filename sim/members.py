@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from hashlib import blake2b
 
@@ -15,7 +15,7 @@ from protocol.codec import encode
 from protocol.identity import Authority, Peer, Role
 from protocol.keys import command_key
 from protocol.messages import Action, Command, Ticket
-from protocol.signing import Trust, sign_command
+from protocol.signing import Sign, Trust, sign_command
 
 OPERATOR_NAME = "lockstep"
 _BEGINS, _ENDS = datetime(2020, 1, 1, tzinfo=UTC), datetime(2070, 1, 1, tzinfo=UTC)
@@ -38,6 +38,10 @@ class SimulatedAuthority:
         subject = x509.Name([x509.NameAttribute(oid, value) for oid, value in attributes])
         certificate = self._certificate(subject, key, name).public_bytes(Encoding.DER)
         return Trust(name, key.sign, certificate, self.authority, self._pem)
+
+    def signs(self, names: Sequence[str]) -> list[Sign]:
+        """What signs as each of these members."""
+        return [_key(self._seed, name).sign for name in names]
 
     def verify(self, der: bytes) -> Peer:
         """As the authority does that the members know."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from protocol.entries import Credential, Entry
 from protocol.signing import Trust, Verifier, sign_entries
@@ -12,6 +12,7 @@ MOST_UNPROVEN = 500  # entries of a drone that wait for its certificate; more ar
 TOLD_NS = 10_000_000_000  # forgeries are told for this long
 
 Received = tuple[Entry, bytes]
+Own = tuple[str, str, str]
 
 
 class Proofs:
@@ -20,24 +21,27 @@ class Proofs:
     ``forged``: what was dropped because its publisher has not signed it, by publisher and kind.
     """
 
-    def __init__(self, drones: Sequence[str], trust: Trust | None, verifier: Verifier | None) -> None:
-        """``drones``: of the mission; only their entries are verified. ``trust`` None: nothing is signed, everything taken."""
-        self._trust, self._verifier = trust, verifier
+    def __init__(self, drones: Sequence[str], own: Own, trust: Trust | None, verifier: Verifier | None) -> None:
+        """``drones``: of the mission; only their entries are verified. ``own``: drone, mission and boot of the own entries.
+        ``trust`` None: nothing is signed, everything taken.
+        """
+        self._own, self._trust, self._verifier = own, trust, verifier
         self._introduced = False
         self._waiting = {name: deque[Received](maxlen=MOST_UNPROVEN) for name in drones}
         self.forged: defaultdict[str, Counter[str]] = defaultdict(Counter)
         self._forged_ns: dict[str, int] = {}
 
-    def signed(self, entries: Sequence[Entry], introduction: Callable[[bytes], Credential]) -> Sequence[Entry]:
-        """Entries that are published together, with their proofs; the first ones of a boot after its certificate.
-
-        ``introduction``: makes the entry with the certificate.
-        """
+    def signed(self, entries: Sequence[Entry], now_ns: int) -> Sequence[Entry]:
+        """Entries that are published together, with their proofs; the first ones of a boot after its certificate."""
         if self._trust is None or not entries:
             return entries
         if not self._introduced:
             self._introduced = True
-            entries = (introduction(self._trust.certificate), *entries)
+            drone, mission, boot = self._own
+            introduction = Credential(
+                stamp_ns=now_ns, drone=drone, mission=mission, boot=boot, sequence=0, certificate=self._trust.certificate
+            )
+            entries = (introduction, *entries)
         return tuple(sign_entries(entries, self._trust.sign))
 
     def proven(self, entry: Entry, payload: bytes, now_ns: int) -> Iterator[Received]:

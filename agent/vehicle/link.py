@@ -22,6 +22,7 @@ from msgspec import Struct
 from agent.errors import VehicleError
 from agent.vehicle.claim import claim_port
 from agent.vehicle.device import check_device
+from agent.vehicle.exposure import take_only_from
 from agent.vehicle.messages import DECODERS, Attitude, DistanceSensor, Message, Odometry
 
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
@@ -43,13 +44,22 @@ class Link:
     """One autopilot. All methods are called in the event loop's thread; so are the callbacks."""
 
     def __init__(
-        self, address: str, clock_ns: Callable[[], int], clock_s: Callable[[], float], system_id: int | None = None
+        self,
+        address: str,
+        clock_ns: Callable[[], int],
+        clock_s: Callable[[], float],
+        system_id: int | None = None,
+        source: str | None = None,
     ) -> None:
-        """``clock_ns``: UTC; ``clock_s``: one that never goes back; ``system_id``: of the vehicle; None: the first one heard."""
+        """``clock_ns``: UTC; ``clock_s``: one that never goes back; ``system_id``: of the vehicle; None: the first one heard.
+
+        ``source``: IP address whose packets are taken; None: all.
+        """
         self.address = address
         self.counters: Counter[str] = Counter()
         self._clock_ns, self._clock_s = clock_ns, clock_s
         self._wanted_id = system_id
+        self._source = source
         self._mavsdk: Mavsdk | None = None
         self._direct: MavlinkDirect | None = None
         self._system_id = 0
@@ -72,8 +82,10 @@ class Link:
             await self._mavsdk.add_any_connection(self.address)
         except MavsdkConnectionError as error:
             raise VehicleError(
-                f"{self.address}: cannot be opened ({error}); an address is like udpin://0.0.0.0:14540 or serial:///dev/ttyACM0:57600"
+                f"{self.address}: cannot be opened ({error}); an address is like udpin://127.0.0.1:14540 or serial:///dev/ttyACM0:57600"
             ) from None
+        if self._source is not None:
+            take_only_from(self.address, self._source)
         system = await self._find(self._mavsdk, timeout_s)
         if system is None:
             which = "autopilot" if self._wanted_id is None else f"autopilot with system_id {self._wanted_id}"

@@ -83,7 +83,7 @@ class Px4Vehicle:
         """
         self._config = config
         self._clock_ns, self._clock_s = clock_ns, clock_s
-        self._link = link or Link(config.address, clock_ns, clock_s, config.system_id)
+        self._link = link or Link(config.address, clock_ns, clock_s, config.system_id, config.source)
         self._telemetry = Telemetry(config, launch, exact)
         self._messages = StatusMessages()
         rules = rules_of(config.gnss, config.vision is not None, lost.reaction if lost is not None else None)
@@ -149,7 +149,7 @@ class Px4Vehicle:
     @property
     def exposure(self) -> str | None:
         """Who else could command the autopilot: it obeys everybody who reaches its port."""
-        return exposure(self._config.address)
+        return exposure(self._config.address, self._config.source)
 
     async def findings(self) -> list[Finding]:
         """The present findings of a preflight check; "not yet" may change within seconds."""
@@ -294,7 +294,7 @@ class Px4Vehicle:
     def _link_finding(self) -> Finding:
         now_s = self._clock_s()
         if not self._telemetry.is_lost(now_s):
-            return Finding("autopilot", "ok", self._config.address)
+            return Finding("autopilot", "ok", self.exposure or self._config.address)
         verdict: Literal["not yet", "failed"] = "not yet" if self._telemetry.seen is None else "failed"
         return Finding("autopilot", verdict, self._telemetry.problems(now_s)[0])
 

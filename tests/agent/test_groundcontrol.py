@@ -4,13 +4,16 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
 
 import pytest
+from identities import DAY_NS, identity, new_issuer
 from live_agents import free_ports
 
 from agent import groundcontrol
 from agent.groundcontrol import CommandError, Order
 from protocol.codec import decode, encode
+from protocol.identity import Role
 from protocol.keys import key_of
 from protocol.messages import Action, Command, Stage, Status, Ticket
 from protocol.session import Mesh, MeshConfig
@@ -29,6 +32,7 @@ class Drone:
         self.mission = mission
         self.problems = problems
         self.lame = lame
+        self.notices: tuple[str, ...] = ()
         self.stage = Stage.PREFLIGHT
         self.commands: list[Command] = []
         self.endpoint = f"tcp/127.0.0.1:{free_ports(1)[0]}"
@@ -48,7 +52,7 @@ class Drone:
         while True:
             status = Status(
                 stamp_ns=time.time_ns() + round(self.ahead_s * 1e9), drone=self.name, mission=self.mission, boot="0" * 16,
-                stage=self.stage, problems=self.problems, ticket=self.ticket,
+                stage=self.stage, problems=self.problems, notices=self.notices, ticket=self.ticket,
             )  # fmt: skip
             mesh.publish(key_of("test", status), encode(status))
             await asyncio.sleep(0.1)
@@ -163,3 +167,27 @@ def test_drones_of_different_missions_get_no_command() -> None:
 def test_a_swarm_that_is_not_there() -> None:
     d1 = Drone("d1")
     assert "nothing heard from d7 at tcp/127.0.0.1:" in refused(Action.LAND, d1, only=("d7",))
+
+
+def test_what_is_no_obstacle_is_told_at_a_start() -> None:
+    d1 = Drone("d1")
+    d1.notices = ("links are not encrypted",)
+    assert order(Action.START, d1)[0] == "d1: links are not encrypted"
+    assert d1.commands
+
+
+@pytest.mark.parametrize("role", [Role.DRONE, Role.OBSERVER, Role.STATION])
+def test_only_an_operators_certificate_commands(tmp_path: Path, role: Role) -> None:
+    identity(new_issuer(), tmp_path, "anna", role)
+    order = Order(Action.LAND, "test", ("tls/127.0.0.1:1",), identity=tmp_path / "anna")
+    with pytest.raises(
+        CommandError, match=rf"certificate\.pem: is the certificate of anna, whose role is {role}, not operator; run `"
+    ):
+        asyncio.run(groundcontrol.command(order, print))
+
+
+def test_a_certificate_that_has_expired_is_named_once_nobody_is_heard(tmp_path: Path) -> None:
+    identity(new_issuer(), tmp_path, "anna", Role.OPERATOR, from_ns=-100 * DAY_NS)
+    order = Order(Action.LAND, "test", (f"tls/127.0.0.1:{free_ports(1)[0]}",), identity=tmp_path / "anna")
+    with pytest.raises(CommandError, match=r"nothing heard .*anna/certificate\.pem is valid until .*this computer's clock shows"):
+        asyncio.run(groundcontrol.command(order, print))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from live_run import live_run
 
 from agent.flight.replay import replay
+from protocol.identity import load_identity
 from sim.result import RunResult
 
 FLIGHT_S = 300.0  # of which 60 s are flown; the machine is shared
@@ -39,9 +41,23 @@ def test_three_agents_find_the_source_agree_and_leave_nothing_behind(tmp_path: P
     assert len({tuple(agent["position_m"]) for agent in agents}) == 1
     assert all(agent["computed_setpoints"] > 100 for agent in agents)
     assert (tmp_path / "map.png").stat().st_size > 10_000
+    assert "links between the agents are encrypted" in run.said
+    assert not _files_with_keys(tmp_path)
     for drone in run.drones():
         replayed = replay(tmp_path / "agents" / drone.id / "flight")
         assert replayed.identical, replayed.first
         assert not replayed.truncated
         assert replayed.compared["out/command"] > 100
         assert replayed.compared["out/hypothesis"] > 10
+
+
+def _files_with_keys(folder: Path) -> list[Path]:
+    """Files of a flight, besides the key files themselves, in which the key of a member is found in any usual form."""
+    identities = [*folder.glob("agents/*/identity"), folder / "operator"]
+    assert len(identities) == 4
+    keys = [load_identity(identity).key.private_bytes_raw() for identity in identities]
+    pem_lines = [(identity / "key.pem").read_bytes().splitlines()[1] for identity in identities]
+    secrets = [*keys, *(key.hex().encode() for key in keys), *(base64.b64encode(key)[:40] for key in keys), *pem_lines]
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name != "key.pem"]
+    assert any(path.suffix == ".mcap" for path in files)
+    return [path for path in files if any(secret in path.read_bytes() for secret in secrets)]

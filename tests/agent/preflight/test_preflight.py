@@ -10,8 +10,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from live_agents import Agent, write_configs
+from identities import DAY_NS, identity, new_issuer
+from live_agents import Agent, free_ports, write_configs
+from msgspec.structs import replace
 
+from agent.config.drone import PeerMeshConfig
 from agent.mission.memory import Memory
 from agent.preflight.check import Preflight
 from agent.shell.overrides import load_drone
@@ -125,3 +128,29 @@ def test_a_serial_device_that_this_user_may_not_open(folder: Path, monkeypatch: 
         os.close(theirs)
     assert "no permission to open /dev/pts/" in refused.text
     assert "add this user to the group dialout" in refused.text
+
+
+def test_the_certificate_and_who_it_is_for(folder: Path) -> None:
+    good = finding(folder, "certificate")
+    assert good.verdict == "ok"
+    assert good.text.startswith("d1, drone, until ")
+    other = finding(folder, "mesh", RADRON_MESH__IDENTITY=str(folder / "identity/d2"))
+    assert (other.verdict, "is the certificate of d2 (drone), and this drone is d1" in other.text) == ("failed", True)
+    missing = finding(folder, "certificate", RADRON_MESH__IDENTITY=str(folder / "nowhere"))
+    assert (missing.verdict, "radron-deploy pki issue" in missing.text) == ("failed", True)
+
+
+def test_a_certificate_that_has_expired_prevents_the_next_start(folder: Path) -> None:
+    identity(new_issuer(), folder / "old", "d1", from_ns=-40 * DAY_NS)
+    expired = finding(folder, "certificate", RADRON_MESH__IDENTITY=str(folder / "old/d1"))
+    assert expired.verdict == "failed"
+    assert "expired at" in expired.text
+    assert "radron-deploy pki issue d1 --role drone" in expired.text
+
+
+def test_links_that_are_not_encrypted_are_told(folder: Path) -> None:
+    drone, mission = load_drone(folder / "d1.toml", {})
+    listen = f"tcp/127.0.0.1:{free_ports(1)[0]}"
+    check = Preflight(replace(drone, mesh=PeerMeshConfig(listen=listen, insecure=True)), mission)
+    (told,) = (finding for finding in check.findings if finding.name == "certificate")
+    assert (told.verdict, "links are not encrypted (mesh.insecure = true)" in told.text) == ("ok", True)

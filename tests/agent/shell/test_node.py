@@ -1,6 +1,7 @@
 """The agent as a process with its vehicle: its error messages, its preflight check, and its end in flight."""
 
 import asyncio
+import os
 import subprocess
 import sys
 import time
@@ -58,7 +59,7 @@ def preflight(folder: Path, drone: str) -> subprocess.CompletedProcess[str]:
     tool = str(Path(sys.executable).parent / "radron-agent")
     return subprocess.run(
         [tool, "preflight", "--config", str(folder / f"{drone}.toml"), "--wait", "12"],
-        capture_output=True, text=True, timeout=60.0, check=False, env={"COLUMNS": "200"},
+        capture_output=True, text=True, timeout=60.0, check=False, env={**os.environ, "COLUMNS": "200"},
     )  # fmt: skip
 
 
@@ -77,7 +78,7 @@ def test_what_is_wrong_is_in_the_status_and_stands_against_a_start(tmp_path: Pat
 def test_two_agents_with_one_id_both_say_so(tmp_path: Path, vehicles: Vehicles) -> None:
     first = Agent(tmp_path, "d1")
     listen = f"tls/127.0.0.1:{free_ports(1)[0]}"
-    twin = Agent(tmp_path, "d2", RADRON_ID="d1", RADRON_MESH__LISTEN=listen)
+    twin = Agent(tmp_path, "d2", RADRON_ID="d1", RADRON_MESH__LISTEN=listen, RADRON_MESH__IDENTITY="identity/d1")
     with closing(first, twin):
         problems_of(tmp_path, "d1", "another agent is running as d1", connect=(listen,))
 
