@@ -19,6 +19,7 @@ from agent.flight.recorded import RecordedPilot
 from agent.flight.signatures import RecordedSignatures
 from protocol.errors import ProtocolError
 from protocol.identity import Authority
+from protocol.keys import VERSION
 
 _OUT = "out/"
 _SHOWN = 200  # characters of a result in a report
@@ -102,6 +103,10 @@ def replay(path: Path, progress: Callable[[float], None] | None = None) -> Repla
 
 def _signatures(header: FlightHeader) -> RecordedSignatures | None:
     """What signs and verifies in the replay; None for a flight without certificates."""
+    if header.protocol != VERSION:
+        raise FlightRecordError(
+            f"recorded with version {header.protocol} of the protocol, here {VERSION}: replay it with the radron that recorded it"
+        )
     if not header.certificate:
         return None
     try:
