@@ -15,15 +15,17 @@ from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
 from protocol.identity import CERTIFICATE_FILE, Identity, Role, load_identity, utc
 from protocol.keys import key_of, parse_key
-from protocol.messages import Action, Command, Stage, Status
+from protocol.messages import Action, Command, Stage, Status, Ticket
 from protocol.session import Mesh, MeshConfig
+from protocol.signing import Trust, sign_command
+from protocol.trust import trust_of
 
 LISTEN_S = 2.5  # a drone publishes its status every second
 FIND_S = 8.0  # how long to search for the swarm
 OBEY_S = 5.0
 REPEAT_S = 1.0  # until the command is repeated: a drone that has obeyed it ignores the copy
 FRESH_S = 3.0
-CLOCKS_S = 3.0  # clock difference that is reported: commands are refused once they are too old
+CLOCKS_S = 3.0  # clock difference that is reported: a start is refused once it is too old
 
 _AIRBORNE = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 _DONE: dict[Action, tuple[Stage, ...]] = {
@@ -53,7 +55,7 @@ class Order:
     drones: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
     anyway: bool = False  # start although drones report problems; a drone that cannot start still refuses
-    identity: Path | None = None  # folder with the operator's certificate; None: links are not encrypted
+    identity: Path | None = None  # folder with the operator's certificate; None: links are not encrypted, nothing is signed
 
 
 async def command(order: Order, say: Callable[[str], None]) -> None:
@@ -67,21 +69,17 @@ async def command(order: Order, say: Callable[[str], None]) -> None:
     links = MeshConfig(connect=order.connect, identity=_identity(order))
     mesh = await Mesh.open(links, order.swarm, None, receive=statuses.receive)
     try:
-        drones = await _find(order, statuses, links.identity)
+        drones = await _find(order, statuses, links.identity, lambda: mesh.differing)
         if order.action is Action.START:
+            if mesh.differing:
+                raise CommandError(f"not started: {'; '.join(mesh.differing)}")
             if not order.anyway:
                 _look_for_problems(drones, statuses, order.without)
             for line in (f"{name}: {text}" for name in drones for text in statuses[name].notices):
                 say(line)
-        message = Command(
-            stamp_ns=time.time_ns(),
-            station=f"command-{os.getpid()}",
-            mission=_mission_of(drones, statuses),
-            action=order.action,
-            drones=tuple(drones) if order.without else order.drones,
-        )
+        statuses.keep_numbers(drones)
         say(f"{order.action}: to {', '.join(drones)}")
-        await _send_until_done(mesh, order, message, drones, statuses)
+        await _send_until_done(mesh, order, trust_of(links.identity), drones, statuses)
         say(f"{order.action}: " + ", ".join(f"{name} {statuses[name].stage}" for name in drones))
     finally:
         await mesh.close()
@@ -118,6 +116,17 @@ class _Statuses:
         self._newest: dict[str, Status] = {}
         self._heard_s: dict[str, float] = {}  # this computer's monotonic clock: a wrong UTC clock must not prevent a landing
         self._ahead_s: dict[str, float] = {}
+        self._numbers: dict[str, int] = {}  # of this command, by drone
+
+    def keep_numbers(self, drones: Collection[str]) -> None:
+        """Number the command to these drones, from now on the same in all its copies."""
+        tickets = {name: self._newest[name].ticket for name in drones}
+        self._numbers = {name: ticket.number for name, ticket in tickets.items() if ticket is not None}
+
+    def ticket(self, drone: str) -> Ticket | None:
+        """What a copy of the command needs for this drone: its newest nonce, and the command's number."""
+        newest, number = self._newest[drone].ticket, self._numbers.get(drone)
+        return None if newest is None or number is None else Ticket(newest.nonce, number)
 
     def receive(self, key: str, payload: bytes) -> None:
         try:
@@ -144,14 +153,21 @@ class _Statuses:
         status = self._newest[drone]
         if drone not in self.heard():
             return f"{drone}: no longer heard"
-        if abs(self._ahead_s[drone]) > CLOCKS_S:
+        if status.ticket is None:
+            return f"{drone}: its status tells no nonce, without which no command is obeyed"
+        newest, number = status.ticket, self._numbers.get(drone)
+        if number is not None and newest.number > number:
+            return f"{drone}: another command came first: give this one again"
+        if action is Action.START and abs(self._ahead_s[drone]) > CLOCKS_S:
             return f"{drone}: its clock differs by {self._ahead_s[drone]:+.1f} s from this computer's: synchronise both"
         if action is Action.START and status.stage is Stage.PREFLIGHT and status.problems:
             return f"{drone}: {', '.join(status.problems)}"
         return f"{drone}: {action} is not possible in {status.stage}"
 
 
-async def _find(order: Order, statuses: _Statuses, identity: Identity | None) -> list[str]:
+async def _find(
+    order: Order, statuses: _Statuses, identity: Identity | None, differing: Callable[[], tuple[str, ...]]
+) -> list[str]:
     """The drones that the order addresses, all of them heard."""
     began_s = time.monotonic()
     while (waited_s := time.monotonic() - began_s) < FIND_S:
@@ -162,6 +178,8 @@ async def _find(order: Order, statuses: _Statuses, identity: Identity | None) ->
             return heard
         await asyncio.sleep(0.1)
     places = ", ".join(order.connect)
+    if differing():
+        raise CommandError(f"{order.action}: {'; '.join(differing())}")
     missing = ", ".join(sorted(set(order.drones) - set(statuses.heard()))) or f"any drone of the swarm {order.swarm!r}"
     lapsed = _lapsed(identity, time.time_ns())
     raise CommandError(f"{order.action}: nothing heard from {missing} at {places} within {FIND_S:g} s{lapsed}")
@@ -191,10 +209,21 @@ def _concerns(problem: str, drones: Collection[str]) -> bool:
     return any(re.match(rf"(no contact with )?{re.escape(name)}\b", problem) for name in drones)
 
 
-async def _send_until_done(mesh: Mesh, order: Order, message: Command, drones: list[str], statuses: _Statuses) -> None:
+def _message(action: Action, trust: Trust | None, stamp_ns: int, drones: Collection[str], statuses: _Statuses) -> Command:
+    message = Command(
+        stamp_ns=stamp_ns,
+        station=trust.name if trust is not None else f"command-{os.getpid()}",
+        mission=_mission_of(drones, statuses),
+        action=action,
+        to={name: ticket for name in drones if (ticket := statuses.ticket(name)) is not None},
+    )
+    return message if trust is None else sign_command(message, trust)
+
+
+async def _send_until_done(mesh: Mesh, order: Order, trust: Trust | None, drones: list[str], statuses: _Statuses) -> None:
+    """Send a command again and again: copies have the same stamp and numbers, and the newest nonces."""
     deadline_s = time.monotonic() + OBEY_S
-    due_s = 0.0
-    key, payload = key_of(order.swarm, message), encode(message)
+    due_s, stamp_ns = 0.0, time.time_ns()
     while True:
         waiting = [name for name in drones if statuses[name].stage not in _DONE[order.action]]
         if not waiting:
@@ -204,5 +233,7 @@ async def _send_until_done(mesh: Mesh, order: Order, message: Command, drones: l
             raise CommandError("; ".join(statuses.why(order.action, name) for name in waiting))
         if now_s >= due_s:
             due_s = now_s + REPEAT_S
-            mesh.publish(key, payload)
+            message = _message(order.action, trust, stamp_ns, drones, statuses)
+            if message.to:
+                mesh.publish(key_of(order.swarm, message), encode(message))
         await asyncio.sleep(0.05)

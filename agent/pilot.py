@@ -25,6 +25,7 @@ from agent.fusion.engine import Fusion
 from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.exchange import LogExchange
 from agent.fusion.posterior import Posterior, posterior_of
+from agent.fusion.proofs import Proofs
 from agent.fusion.registry import Estimators, estimator_named
 from agent.geometry import Vector3
 from agent.localization.clocks import Clocks
@@ -32,6 +33,7 @@ from agent.localization.ownpose import OwnPose
 from agent.localization.poseproblems import pose_problems
 from agent.mission.executive import Executive
 from agent.mission.memory import Memory
+from agent.mission.orders import Orders
 from agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, TWIN_NS, Problems
 from agent.mission.reporter import Condition, Outbox, Reporter
 from agent.mission.stages import FLYING
@@ -44,12 +46,12 @@ from protocol.codec import decode_from
 from protocol.entries import Coverage, Entry
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
-from protocol.messages import AnyMessage, Command, Estimate, Frame, Plan, Pose, Stage, Status
+from protocol.messages import AnyMessage, Command, Estimate, Failsafe, Frame, Plan, Pose, Reaction, Stage, Status, Ticket
+from protocol.signing import Trust, Verifier
 
 _NEWS = (Pose, Plan, Status)
 _FOR_ONLOOKERS = (Frame, Estimate)  # every agent derives these from its own log
 LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
-COMMAND_AGE_NS = 10_000_000_000  # an older command is refused
 
 
 class Step(Struct, frozen=True):
@@ -70,6 +72,7 @@ class Pilot:
         listeners: Sequence[str] = (),
         memory: Memory | None = None,
         estimators: Estimators = estimator_named,
+        trust: Trust | None = None,
     ) -> None:
         """Set up a drone.
 
@@ -80,6 +83,7 @@ class Pilot:
             listeners: estimators that fuse the same log without influence on the flight.
             memory: from the agent that flew this drone before; the flight continues if telemetry shows it in the air.
             estimators: makes estimators by name; a simulation of many drones has them share what they compute.
+            trust: signs what it publishes, and verifies what others do; None: in a swarm without certificates.
 
         Raises:
             ConfigError: the drone is not one of the mission's.
@@ -106,6 +110,10 @@ class Pilot:
         self._peers = Peers(others)
         self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory)
         self._problems = Problems(drone.id, self._mission_id)
+        verifier = Verifier(trust.authority, trust.revoked) if trust is not None else None
+        self._orders = Orders(drone.id, self._mission_id, boot, verifier)
+        self._proofs = Proofs(ids, (drone.id, self._mission_id, boot), trust, verifier)
+        self._failsafe = Failsafe(Reaction(mission.safety.agent_lost), mission.return_height_m(drone.id))
         self._notices: tuple[str, ...] = ()
         self._told: tuple[str, ...] = ()
         self._exchange = LogExchange(mission.swarm, self.fusion.log, self.counters)
@@ -184,6 +192,10 @@ class Pilot:
         """Set the problems found by the shell that prevent a start; replaces the previous ones."""
         self._problems.blocked = problems
 
+    def ticket(self, now_ns: int) -> Ticket:
+        """What the next command to this drone needs, as its status tells it."""
+        return self._orders.ticket(now_ns)
+
     def notice(self, notices: tuple[str, ...]) -> None:
         """Set what the shell has for the operator to know, and which is no problem of this flight; replaces the previous."""
         self._notices = tuple(text[:LONGEST_PROBLEM] for text in notices[:MOST_NOTICES])
@@ -204,8 +216,7 @@ class Pilot:
 
     def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
         """Take a readout of the camera. Returns the resulting log entries, to be published at once."""
-        for entry in self._observer.observe(self._chain.process(readout)):
-            self._record(entry, readout.end_ns)
+        self._record(self._observer.observe(self._chain.process(readout)), readout.end_ns)
         self._watch.look(readout.end_ns)
         self._problems.noticed = (*self._chain.noise.problems, *self._observer.problems, *self._watch.problems)
         self.counters["pixel_hits_lost"] = self._chain.lost_hits
@@ -217,16 +228,15 @@ class Pilot:
         """Take a satellite fix. Returns the resulting log entry, to be published at once."""
         entry = self._sensors.fix(fix)
         if entry is not None:
-            self._record(entry, entry.stamp_ns)
+            self._record([entry], entry.stamp_ns)
         return self._outbox.take()
 
     def observe_sightings(self, seen: Sequence[SeenDrone]) -> list[tuple[str, bytes]]:
         """Take relative observations of other drones. Returns the resulting log entries, to be published at once."""
-        for sighting in seen:
-            entry = self._sensors.sighting(sighting)
-            if entry is not None:
-                self._record(entry, entry.stamp_ns)
-                self._peers.see(entry)
+        entries = [entry for sighting in seen if (entry := self._sensors.sighting(sighting)) is not None]
+        self._record(entries, max((entry.stamp_ns for entry in entries), default=0))
+        for entry in entries:
+            self._peers.see(entry)
         return self._outbox.take()
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> None:
@@ -260,11 +270,12 @@ class Pilot:
             self._reporter.hurry(now_ns)
         if act.plan is not None:
             self._outbox.put(act.plan)
+        entries: list[Entry] = []
         if act.searched is not None:
-            self._record(self._observer.coverage(*act.searched, self._executive.swath_m), now_ns)
+            entries.append(self._observer.coverage(*act.searched, self._executive.swath_m))
         if self._own.is_estimated:
-            for entry in self._observer.unseen(now_ns):
-                self._record(entry, now_ns)
+            entries += self._observer.unseen(now_ns)
+        self._record(entries, now_ns)
         self._report(now_ns)
         return Step(self._outbox.take(), act.command)
 
@@ -272,7 +283,8 @@ class Pilot:
         if isinstance(message, Command):
             return self._obey(message, now_ns)
         if isinstance(message, Entry):
-            self._fold(message, payload, now_ns)
+            for entry, content in self._proofs.proven(message, payload, now_ns):
+                self._fold(entry, content, now_ns)
             return None
         if message.drone == self._id:
             if isinstance(message, Status) and message.boot != self._boot and abs(now_ns - message.stamp_ns) < TWIN_NS:
@@ -283,23 +295,22 @@ class Pilot:
         if isinstance(message, _FOR_ONLOOKERS):
             return None
         if isinstance(message, _NEWS):
-            return self._peers.receive(message, now_ns)
+            return self._peers.receive(message, now_ns, self._clocks.behind_ns(message.drone))
         return "unused"
 
     def _obey(self, command: Command, now_ns: int) -> str | None:
-        if command.mission != self._mission_id:
-            return "command_of_another_mission"
-        if command.drones and self._id not in command.drones:
-            return None
-        if abs(now_ns - command.stamp_ns) > COMMAND_AGE_NS:
-            return "command_too_old"
+        refused = self._orders.refusal(command, now_ns)
+        if refused is not None:
+            return None if refused == "to_others" else f"command_{refused}"
         self._problems.unplaced = self._own.is_unplaced
         others = self._peers.statuses(now_ns)
-        flying = {name: others[name] for name in others if not command.drones or name in command.drones}
+        flying = {name: others[name] for name in others if name in command.to}
         problems = self._problems.against_start(now_ns, self._own.vehicle, flying)
         begun_ns = self._begun_ns(command.stamp_ns, now_ns)
-        obeyed = self._executive.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems)
-        return None if obeyed else "command_refused"
+        if not self._executive.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems):
+            return "command_refused"
+        self._orders.note(command)
+        return None
 
     def _begun_ns(self, stamp_ns: int, now_ns: int) -> int:
         """Start of the swarm's mission for a drone that is started by a command of that stamp: that of the drones that fly it
@@ -309,11 +320,13 @@ class Pilot:
         begun = (status.started_ns for status in statuses if status.mission == self._mission_id)
         return min((stamp_ns, *(began for began in begun if began is not None and now_ns - began < LONGEST_MISSION_NS)))
 
-    def _record(self, entry: Entry, now_ns: int) -> None:
-        """Publish an entry of this drone and log it, from the same bytes that the others get."""
-        payload = self._outbox.put(entry)
-        if payload is not None:
-            self._fold(entry, payload, now_ns)
+    def _record(self, entries: Sequence[Entry], now_ns: int) -> None:
+        """Sign entries of this drone, publish them, and log them, from the same bytes that the others get."""
+        sendable = [read for entry in entries if (read := self._outbox.sendable(entry)) is not None]
+        for entry in self._proofs.signed(sendable, now_ns):
+            payload = self._outbox.put(entry)
+            if payload is not None:
+                self._fold(entry, payload, now_ns)
 
     def _fold(self, entry: Entry, payload: bytes, now_ns: int) -> None:
         if not self._world.take(entry, payload, now_ns):
@@ -331,10 +344,12 @@ class Pilot:
             self._outbox.put(message)
 
     def _condition(self, now_ns: int) -> Condition:
-        self._problems.seen = pose_problems(self._id, self._own, self._clocks, self.frames, now_ns, self.stage in FLYING)
+        posed = pose_problems(self._id, self._own, self._clocks, self.frames, now_ns, self.stage in FLYING)
+        self._problems.seen = (*self._proofs.problems(now_ns), *posed)
         self._problems.unplaced = self._own.is_unplaced
         self._problems.flown = self._executive.problems(now_ns)
         problems = self._told = self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
         delays_ns = self._clocks.delays_ns(now_ns)
         began_ns, seen = self._executive.started_ns, self._watch.message
-        return Condition(self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns, self._notices)
+        told = self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns
+        return Condition(*told, self._orders.ticket(now_ns), self._failsafe, self._notices)

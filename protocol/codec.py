@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NoReturn
+from typing import NoReturn, TypeVar, cast
 
 import msgpack
 import msgspec
@@ -16,6 +16,7 @@ from protocol.messages import KINDS, AnyMessage, Command, Status
 MAX_PAYLOAD_BYTES = 64 * 1024
 MAX_ENTRY_BYTES = 2 * 1024  # of a log entry, which every agent keeps in memory until the mission ends
 MAX_NEWS_BYTES = 4 * 1024  # of poses, plans, frames and estimates; a status with all its texts may have more
+MAX_COMMAND_BYTES = 8 * 1024  # tickets of 64 drones, and a certificate
 _LIMITS = {
     "max_str_len": 1024,
     "max_bin_len": 1024,
@@ -23,6 +24,7 @@ _LIMITS = {
     "max_map_len": 128,
     "max_ext_len": 0,
 }
+M = TypeVar("M", bound=Message)
 _WRITER = msgspec.msgpack.Encoder()
 _READERS: dict[type[Message], msgspec.msgpack.Decoder[AnyMessage]] = {
     kind: msgspec.msgpack.Decoder(kind) for kind in KINDS.values()
@@ -35,6 +37,12 @@ def encode(message: Message) -> bytes:
     Raises:
         ProtocolError: the message breaks its own schema (NaN, out of range, too large, a NumPy scalar for a float).
     """
+    payload, _ = written(message)
+    return payload
+
+
+def written(message: M) -> tuple[bytes, M]:
+    """A serialised message, and what its receivers read. Raises as ``encode``."""
     reader = _READERS.get(type(message))
     if reader is None:
         raise ProtocolError(f"not a message: {type(message).__name__} is of no known kind")
@@ -44,11 +52,16 @@ def encode(message: Message) -> bytes:
         raise ProtocolError(f"not serialisable: {str(error)[:120]}") from None
     _check_size(payload, _limit_of(type(message)))
     try:  # own messages have no duplicate field and no extension type, so that the fast reader suffices
-        written = reader.decode(payload)
+        read = reader.decode(payload)
     except (msgspec.DecodeError, RecursionError, OverflowError) as error:
         raise ProtocolError(f"not a message: {str(error)[:200]}") from None
-    _refuse_flaw(written)
-    return payload
+    _refuse_flaw(read)
+    return payload, cast(M, read)
+
+
+def as_bytes(message: Message) -> bytes:
+    """A message that has been received, as :func:`encode` writes it."""
+    return _WRITER.encode(message)
 
 
 def decode(payload: bytes) -> AnyMessage:
@@ -118,6 +131,8 @@ def size_limit(kind: str) -> int:
 def _limit_of(kind: type[Message]) -> int:
     if issubclass(kind, Entry):
         return MAX_ENTRY_BYTES
+    if issubclass(kind, Command):
+        return MAX_COMMAND_BYTES
     return MAX_PAYLOAD_BYTES if issubclass(kind, Status) else MAX_NEWS_BYTES
 
 

@@ -14,8 +14,10 @@ from msgspec import Meta, Struct
 
 from protocol.checks import is_unit
 from protocol.message import DroneMessage
+from protocol.spectrum import Spectrum, is_in_order
 from protocol.units import (
     BootId,
+    Certificate,
     Count,
     Direction,
     DroneId,
@@ -40,6 +42,8 @@ from protocol.units import (
 )
 
 LONGEST_EXPOSURE_NS = 60_000_000_000
+SIGNATURE_BYTES = 64  # Ed25519
+Proof = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES + 1 + 16 * 5)]
 
 
 class EntryId(NamedTuple):
@@ -58,12 +62,18 @@ class Entry(DroneMessage, frozen=True, kw_only=True):
     mission: MissionId
     boot: BootId
     sequence: Count
-    signature: Annotated[bytes, Meta(max_length=128)] = b""  # reserved for the publisher's signature
+    proof: Proof = b""  # that the publisher has signed it: see ``signing``
 
     @property
     def entry_id(self) -> EntryId:
         """The unique identity of this entry; its texts are shared by all identities, which logs keep by the hundred thousand."""
         return EntryId(intern(self.mission), self.stamp_ns, intern(self.drone), intern(self.boot), self.sequence)
+
+
+class Credential(Entry, frozen=True, kw_only=True):
+    """The first entry of a boot, with sequence number 0: the certificate that the proofs of all its entries are verified with."""
+
+    certificate: Certificate
 
 
 class ConeOrder(Struct, frozen=True, array_like=True):
@@ -127,9 +137,12 @@ class Exposure(Entry, frozen=True, kw_only=True):
     position_sigma_m: PositiveMetres
     yaw_sigma_rad: SigmaRadians
     clock_sigma_m: PositiveMetres = 0.0  # part of position_sigma_m that the drone's clock error causes by its motion
+    spectrum: Spectrum = ()
 
     def flaw(self) -> str | None:
-        """Interval, live time and poses must be consistent."""
+        """Interval, live time, poses and spectrum must be consistent."""
+        if not is_in_order(self.spectrum):
+            return "the bins of its spectrum are not in order of energy"
         duration_ns = self.end_ns - self.stamp_ns
         if duration_ns <= 0:
             return "it ends before it begins"
@@ -196,4 +209,4 @@ class Coverage(Entry, frozen=True, kw_only=True):
     swath_m: SwathMetres
 
 
-AnyEntry = Cone | Exposure | Sighting | Fix | Coverage
+AnyEntry = Cone | Exposure | Sighting | Fix | Coverage  # measurements: what estimators can read

@@ -1,4 +1,8 @@
-"""Zenoh key expressions: ``radron/1/{swarm}/{drone}/{kind}`` and ``radron/1/{swarm}/station/{name}/command``."""
+"""Zenoh key expressions: ``radron/2/{swarm}/{drone}/{kind}`` and ``radron/2/{swarm}/station/{name}/command``.
+
+The number is the version of the protocol: drones of different versions do not read each other's messages. The liveliness tokens
+keep their place in every version, so that each can be named to the others.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from protocol.message import DroneMessage, Message
 from protocol.messages import DRONE_KINDS, Command
 from protocol.units import IDENTIFIER, STATION
 
-VERSION = 1
+VERSION = 2
 ROOT = f"radron/{VERSION}"
 _IDENTIFIER = re.compile(IDENTIFIER)
 
@@ -44,6 +48,17 @@ def key_of(swarm: str, message: Message) -> str:
     if isinstance(message, DroneMessage):
         return drone_key(swarm, message.drone, type(message).__name__.lower())
     raise ProtocolError(f"{type(message).__name__} has no key")
+
+
+def token_keys(swarm: str) -> str:
+    """Key expression of the liveliness tokens of a swarm's drones, of every version of the protocol."""
+    return f"radron/*/{_identifier(swarm, 'swarm')}/*/alive"
+
+
+def read_token(key: str) -> tuple[str, str]:
+    """The drone whose liveliness token this is, and the version of its protocol; "" for one that is not told as a number."""
+    _, version, _, drone, _ = key.split("/")
+    return drone, version if version.isdecimal() and len(version) < 4 else ""
 
 
 def parse_key(key: str) -> Key:

@@ -19,17 +19,21 @@ from typing import Annotated
 from msgspec import Meta, Struct, field
 
 from protocol.checks import flaw_of_covariance, is_unit
-from protocol.entries import AnyEntry, Cone, Coverage, Exposure, Fix, Sighting
+from protocol.entries import SIGNATURE_BYTES, AnyEntry, Cone, Coverage, Credential, Exposure, Fix, Sighting
 from protocol.message import DroneMessage, Message
 from protocol.units import (
     BootId,
+    Certificate,
+    CommandNumber,
     Count,
     Covariance3,
     Digest,
     DroneId,
     Epoch,
     Identifier,
+    Metres,
     MissionId,
+    Nonce,
     Nuclide,
     PlanStepNs,
     Position,
@@ -123,27 +127,38 @@ class Frame(DroneMessage, frozen=True, kw_only=True):
         return flaw_of_covariance([self.covariance[row : row + 4] for row in (0, 4, 8, 12)])
 
 
-class Estimate(DroneMessage, frozen=True, kw_only=True):
-    """The hypothesis (mission frame), and the digest of the log that it was computed from.
+class Source(Struct, frozen=True, kw_only=True):
+    """One estimated source (mission frame).
 
-    ``evidence``: natural logarithm of the likelihood ratio of a source to background alone.
+    ``evidence``: natural logarithm of the likelihood ratio of this source to none.
     """
 
-    mission: MissionId
-    estimator: Identifier
-    digest: Digest
     position_m: Position
     covariance_m2: Covariance3
     velocity_mps: Velocity = (0.0, 0.0, 0.0)
+    nuclide: Nuclide | None = None
     activity_bq: Annotated[float, Meta(ge=0.0, le=1e18)] | None = None
     activity_sigma_bq: Annotated[float, Meta(ge=0.0, le=1e18)] | None = None
     evidence: Annotated[float, Meta(ge=-1e9, le=1e9)] | None = None
     cones: Count = 0
 
+
+class Estimate(DroneMessage, frozen=True, kw_only=True):
+    """The hypothesis: all sources that the swarm knows of, and the digest of the log that they were computed from."""
+
+    mission: MissionId
+    estimator: Identifier
+    digest: Digest
+    sources: Annotated[tuple[Source, ...], Meta(min_length=1, max_length=8)]  # the one that is tracked first
+
     def flaw(self) -> str | None:
-        """The covariance must be valid."""
-        xx, xy, xz, yy, yz, zz = self.covariance_m2
-        return flaw_of_covariance([(xx, xy, xz), (xy, yy, yz), (xz, yz, zz)])
+        """The covariances must be valid."""
+        for source in self.sources:
+            xx, xy, xz, yy, yz, zz = source.covariance_m2
+            flaw = flaw_of_covariance([(xx, xy, xz), (xy, yy, yz), (xz, yz, zz)])
+            if flaw is not None:
+                return flaw
+        return None
 
 
 class Recognised(Struct, frozen=True, array_like=True):
@@ -156,14 +171,38 @@ class Recognised(Struct, frozen=True, array_like=True):
     evidence: Annotated[float, Meta(ge=0.0, le=1e9)]
 
 
+class Reaction(StrEnum):
+    """What a vehicle does without its agent."""
+
+    RETURN = "return"
+    LAND = "land"
+    HOLD = "hold"
+
+
+class Failsafe(Struct, frozen=True, array_like=True):
+    """What the vehicle's failsafe is going to do; ``height_m``: of a return, above the launch place."""
+
+    reaction: Reaction
+    height_m: Metres | None = None
+
+
+class Ticket(Struct, frozen=True, array_like=True):
+    """What a command to a drone needs, from the drone's newest status: its nonce, which is valid for some seconds, and a number
+    above that of the last command carried out.
+    """
+
+    nonce: Nonce
+    number: CommandNumber
+
+
 class Status(DroneMessage, frozen=True, kw_only=True):
     """A drone's stage, counters, problems, and the result of its search, if it has ended.
 
     ``delays_ns``: for each drone heard in the last 3 s, the least recent difference between the own clock at the arrival of its
     status and the status's stamp. The offset of two drones' clocks is half the difference of the two delays that they report of
-    each other.
-    ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``notices``: what the operator should know
-    before a start, and which is no obstacle to it: links that are not encrypted, a certificate that soon ends.
+    each other. ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``ticket``: for the next
+    command. ``failsafe``: None: not known, as the vehicle's own setting stays. ``notices``: what the operator should know before
+    a start, and which is no obstacle to it: links that are not encrypted, a certificate that soon ends.
     """
 
     mission: MissionId
@@ -177,21 +216,30 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     started_ns: StampNs | None = None
     notices: Annotated[tuple[Annotated[str, Meta(max_length=256)], ...], Meta(max_length=8)] = ()
     delays_ns: Annotated[dict[DroneId, DelayNs], Meta(max_length=64)] = field(default_factory=dict)
+    ticket: Ticket | None = None
+    failsafe: Failsafe | None = None
 
 
 class Command(Message, frozen=True, kw_only=True):
-    """An operator's command; an empty ``drones`` addresses the whole swarm."""
+    """An operator's command to the drones in ``to``.
+
+    ``signature``: of the whole message without it, by the key of ``certificate``, which is issued to the station. Both are empty
+    in a swarm without certificates.
+    """
 
     station: Identifier
     mission: MissionId
     action: Action
-    drones: Annotated[tuple[DroneId, ...], Meta(max_length=64)] = ()
+    to: Annotated[dict[DroneId, Ticket], Meta(min_length=1, max_length=64)]
+    certificate: Certificate = b""
+    signature: Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)] = b""
 
 
-AnyDroneMessage = AnyEntry | Pose | Plan | Frame | Estimate | Status
+AnyDroneMessage = Credential | AnyEntry | Pose | Plan | Frame | Estimate | Status
 AnyMessage = AnyDroneMessage | Command
 
 DRONE_KINDS: dict[str, type[AnyDroneMessage]] = {
+    "credential": Credential,
     "cone": Cone,
     "exposure": Exposure,
     "sighting": Sighting,

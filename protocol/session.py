@@ -20,7 +20,7 @@ from protocol.codec import MAX_PAYLOAD_BYTES
 from protocol.errors import MeshError, ProtocolError
 from protocol.identity import CERTIFICATE_FILE, Identity, Role
 from protocol.inbox import ENTRY_KINDS, NEWS_KINDS, Inbox, Receive
-from protocol.keys import ROOT, drone_key, parse_key
+from protocol.keys import ROOT, VERSION, drone_key, parse_key, read_token, token_keys
 from protocol.link import MeshConfig, close_session, in_thread, open_session
 from protocol.outgoing import Outgoing
 from protocol.rights import access_control
@@ -68,6 +68,7 @@ class Mesh:
         self._publishers: dict[str, zenoh.Publisher | ext.AdvancedPublisher] = {}
         self._declared: list[object] = []  # Zenoh undeclares what is not referenced
         self._alive: set[str] = set()
+        self._differing: dict[str, str] = {}  # versions of the protocol of drones that speak another one
         self._members = members
         self._answers = 0
         self._credit_s, self._credited_s = ANSWER_SHARE, self._loop.time()  # for answers
@@ -124,6 +125,14 @@ class Mesh:
         second.
         """
         return frozenset(self._alive)
+
+    @property
+    def differing(self) -> tuple[str, ...]:
+        """The drones that speak another version of the protocol, one line each: none of them can fly together with this one."""
+        return tuple(
+            f"{drone} speaks version {version or 'unknown'} of the protocol, here {VERSION}: give all the same version of radron"
+            for drone, version in sorted(self._differing.items())
+        )
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -219,7 +228,7 @@ class Mesh:
         liveliness = self._session.liveliness()
         self._declared.append(
             liveliness.declare_subscriber(
-                drone_key(self._swarm, "any", "alive").replace("/any/", "/*/"),
+                token_keys(self._swarm),
                 Callback(self._take_token, indirect=False),
                 history=True,
             )
@@ -262,11 +271,13 @@ class Mesh:
         self._to_loop(self._count, "entries_missed", miss.nb)
 
     def _take_token(self, sample: zenoh.Sample) -> None:
-        drone = str(sample.key_expr).split("/")[3]
+        drone, version = read_token(str(sample.key_expr))
         if drone == self._drone:
             return
         if self._members is not None and drone not in self._members:
             self._inbox.drop("unknown_drone")
+        elif version != str(VERSION):
+            self._to_loop(self._differ, drone, version, sample.kind == zenoh.SampleKind.PUT)
         elif sample.kind == zenoh.SampleKind.PUT:
             self._to_loop(self._appear, drone)
         else:
@@ -286,6 +297,12 @@ class Mesh:
             self._alive.add(drone)
         else:
             self._count("overflow")
+
+    def _differ(self, drone: str, version: str, appears: bool) -> None:
+        if not appears:
+            self._differing.pop(drone, None)
+        elif len(self._differing) < MOST_ALIVE:
+            self._differing[drone] = version
 
     def _count(self, name: str, number: int = 1) -> None:
         self.counters[name] += number

@@ -24,6 +24,9 @@ PlanStepNs = Annotated[int, Meta(ge=10_000_000, le=10_000_000_000)]
 DurationNs = Annotated[int, Meta(ge=0, le=60_000_000_000)]
 Epoch = Annotated[int, Meta(ge=0, le=1_000_000)]
 Count = Annotated[int, Meta(ge=0, le=2**40)]
+CommandNumber = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+Nonce = Annotated[str, Meta(pattern=HEX_16)]
+Certificate = Annotated[bytes, Meta(max_length=1024)]  # X.509, DER; Ed25519
 
 Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
 Longitude = Annotated[float, Meta(ge=-180.0, le=180.0)]

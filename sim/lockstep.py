@@ -9,7 +9,7 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable, Sequence
-from math import hypot
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -18,10 +18,8 @@ import numpy as np
 from agent.config.drone import DroneConfig, VehicleConfig
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
-from agent.vehicle.interface import FlightMode, VehicleState
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.messages import Action, Command
+from agent.vehicle.interface import FlightMode
+from protocol.messages import Action
 from sim.faults.agents import Late
 from sim.faults.disk import check_playable
 from sim.faults.forgers import Forgers, OldCommands
@@ -32,7 +30,7 @@ from sim.faults.poses import with_dead_reckoning
 from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
 from sim.faults.schedule import Schedule
-from sim.geometry import Vector3
+from sim.members import SimulatedAuthority, SimulatedOperator
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
 from sim.scoring.aboard import Aboard
@@ -41,8 +39,9 @@ from sim.scoring.moment import Moment, Observer
 from sim.scoring.recorder import LONGEST_START_S, Recorder
 from sim.sharing import Folds
 from sim.streams import streams
+from sim.telemetry import Telemetry
 from sim.vehicle.autopilot import Autopilot
-from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, Setpoints, attitude
+from sim.vehicle.multirotor import Multirotors, Setpoints
 from sim.world.cameras import Cameras
 from sim.world.launch import launch_places
 from sim.world.localization import Localization
@@ -130,28 +129,28 @@ class _World:
             walls = Walls(scenario.walls) if scenario.walls else None
             self._sightings = Sightings(scenario.sightings, names, walls, TICK_NS * 1e-9, random.sightings)
         configs = [DroneConfig(id=drone.id, vehicle=VehicleConfig(response=scenario.response)) for drone in mission.drones]
-        self._cameras: Cameras | None = None
-        if scenario.measured:
-            self._cameras = Cameras(scenario, configs, random.cameras, EPOCH_NS)
+        self._cameras = Cameras(scenario, configs, random.cameras, EPOCH_NS) if scenario.measured else None
         self._folder = TemporaryDirectory()  # also for agents that are started again
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
         self._configs, self._listen, self._seed, self._make = configs, listen, seed, make or Pilot
         self._folds = Folds(count, seed)
+        self._authority = authority = SimulatedAuthority(seed)
+        self._operator = SimulatedOperator(authority, mission.swarm, mission.mission_id)
         self._terrain = Terrain(scenario.terrain)
         position = self._terrain.on_ground(launch_places(scenario.start, mission, random.start))
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
         errors = Localization(scenario.localization, count, TICK_NS * 1e-9, random.localization)
         self._localization = with_dead_reckoning(scenario.fault, errors)
-        self._estimated = self._frames.local(position)
-        self._velocities: list[Vector3] = [(0.0, 0.0, 0.0)] * count
-        places = zip(self._estimated, self._frames.yaw_rad.tolist(), mission.return_heights_m, strict=True)
+        places = zip(self._frames.local(position), self._frames.yaw_rad.tolist(), mission.return_heights_m, strict=True)
         self._autopilots = [Autopilot(home, -yaw, TICK_NS * 1e-9, height_m) for home, yaw, height_m in places]
         world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
+        exact = [drone.is_exact for drone in mission.drones]
+        self._telemetry = Telemetry(self._multirotors, self._localization, self._frames, self._terrain, self._onboard, exact)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
-        self._liars = Liars(scenario.fault, self._faults)
-        self._forgers, self._old_commands = Forgers(self._faults, names), OldCommands(self._faults)
+        self._liars = Liars(scenario.fault, self._faults, authority.signs(names))
+        self._forgers, self._old_commands = Forgers(self._faults, names, authority.signs(names)), OldCommands(self._faults)
         self._recovery = Recovery(mission.swarm, names, self._radio, self._liars.told) if scenario.fault else None
         late = [any(isinstance(fault, Late) and name in fault.strikes(names) for fault in scenario.fault) for name in names]
         agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]
@@ -209,13 +208,9 @@ class _World:
         source = self._source_now = self._source(self.time_s) if self._source is not None else None
         measured = self._sense(now_ns, source)
         if self.ticks == round(START_S * 1e9 / TICK_NS):
-            self._command_start(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive])
-        self._command_start(now_ns, self._crew.called(now_ns))
-        for drone, action, stamp_ns in self._old_commands.due(now_ns):
-            if self._crew.agents[drone].alive:
-                self._command(now_ns, drone, action, stamp_ns)
-            else:
-                self._old_commands.forget(drone)
+            self._command(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive], Action.START)
+        self._command(now_ns, self._crew.called(now_ns), Action.START)
+        self._old_commands.advance(now_ns, partial(self._command, now_ns), self._again)
         for drone, agent in enumerate(self._crew.agents):
             agent.command, agent.sent = None, 0
             if not agent.alive:
@@ -250,7 +245,7 @@ class _World:
     def _sense(self, now_ns: int, source: tuple[float, float] | None) -> list[list[tuple[str, bytes]]]:
         """Pass telemetry, fixes, sightings and readouts to the pilots; returns what each publishes in response."""
         self._onboard.vehicles.step()
-        self._telemetry(now_ns)
+        self._telemetry.tell(now_ns, self.pilots, self._autopilots)
         published: list[list[tuple[str, bytes]]] = [[] for _ in self.pilots]
         self._localize(now_ns, published)
         if self._cameras is None:
@@ -282,53 +277,27 @@ class _World:
         for drone, seen in self._sightings.take(now_ns):
             published[drone] += self.pilots[drone].observe_sightings(self._onboard.clocks.restamped_sightings(drone, seen))
 
-    def _telemetry(self, now_ns: int) -> None:
-        motion, error, frames = self._multirotors, self._localization, self._frames
-        self._estimated = frames.local(motion.position_m + error.position_error_m)
-        velocities = self._velocities = frames.turn(motion.velocity_mps + error.velocity_error_mps)
-        # An attitude error acts like another thrust.
-        thrusts = frames.turn(motion.thrust_mps2 + GRAVITY_MPS2 * error.tilt_error)
-        yaws = (motion.yaw_rad + error.yaw_error_rad - frames.yaw_rad).tolist()
-        heights = (self._terrain.above_ground(motion.position_m)[:, 2] + error.height_error_m).tolist()
-        epochs, told_m = frames.epoch, frames.told_m
-        for drone, (pilot, autopilot) in enumerate(zip(self.pilots, self._autopilots, strict=True)):
-            if not self._onboard.vehicles.hears(drone):
-                continue
-            pilot.observe_vehicle(
-                VehicleState(
-                    stamp_ns=self._onboard.clocks.own_ns(drone, now_ns),
-                    epoch=0 if self._mission.drones[drone].is_exact else epochs[drone],
-                    position_m=self._estimated[drone],
-                    velocity_mps=velocities[drone],
-                    quaternion=attitude(yaws[drone], *thrusts[drone]),
-                    height_m=heights[drone],
-                    position_sigma_m=self._onboard.poses.sigma_m(drone, hypot(error.position_sigma_m[0], told_m[drone])),
-                    yaw_sigma_rad=error.yaw_sigma_rad,
-                    mode=autopilot.mode,
-                    armed=autopilot.armed,
-                    in_air=autopilot.in_air,
-                    healthy=not autopilot.failsafe,
-                    battery=self._onboard.vehicles.battery(drone),
-                    position_trusted=self._onboard.poses.trusted(drone),
-                )
-            )
-
-    def _command_start(self, now_ns: int, drones: Sequence[int]) -> None:
+    def _command(self, now_ns: int, drones: Sequence[int], action: Action) -> bytes | None:
+        """The operator commands some drones; what was sent."""
+        if not drones:
+            return None
+        own_ns = {drone: self._onboard.clocks.own_ns(drone, now_ns) for drone in drones}
+        tickets = {self._configs[drone].id: self.pilots[drone].ticket(own_ns[drone]) for drone in drones}
+        payload = self._operator.ordered(now_ns, action, tickets)
         for drone in drones:
-            self._command(now_ns, drone, Action.START, now_ns)
+            self.pilots[drone].receive(self._operator.key, payload, own_ns[drone])
+        return payload
 
-    def _command(self, now_ns: int, drone: int, action: Action, stamp_ns: int) -> None:
-        """A command of the operator reaches a drone; ``stamp_ns``: when it was given."""
-        mission = self._mission
-        command = Command(stamp_ns=stamp_ns, station="lockstep", mission=mission.mission_id, action=action)
-        own_ns = self._onboard.clocks.own_ns(drone, now_ns)
-        self.pilots[drone].receive(key_of(mission.swarm, command), encode(command), own_ns)
+    def _again(self, now_ns: int, drone: int, payload: bytes) -> None:
+        """A command that was sent before arrives once more."""
+        self.pilots[drone].receive(self._operator.key, payload, self._onboard.clocks.own_ns(drone, now_ns))
 
     def _start(self, drone: int, starts: int = 0, memory: Memory | None = None) -> Pilot:
         """The pilot of a drone's agent that has been started so many times before."""
         boot = f"{self._seed & 0xFFFFFFFF:08x}{starts << 16 | drone:08x}"
         listeners = self._listen if drone == 0 else ()
-        return self._make(self._mission, self._configs[drone], boot, listeners, memory, self._folds.of(drone))
+        trust = self._authority.trust(self._configs[drone].id)
+        return self._make(self._mission, self._configs[drone], boot, listeners, memory, self._folds.of(drone), trust)
 
     def _gone(self, drone: int) -> None:
         """An agent has died, or begins."""
@@ -340,7 +309,7 @@ class _World:
         motion, error = self._multirotors, self._localization
         flat = self._terrain.flat and not self._frames.moving  # where a frame moves vertically, home is not at ground level
         heights = self._terrain.above_ground(motion.position_m)[:, 2].tolist()
-        told = zip(self._autopilots, self._estimated, heights, self._velocities, strict=True)
+        told = zip(self._autopilots, self._telemetry.estimated_m, heights, self._telemetry.velocity_mps, strict=True)
         for autopilot, estimated, height_m, velocity in told:
             autopilot.step(estimated, estimated[2] - height_m, velocity)  # it lands where the ground is, not where it believes it
         targets = [autopilot.target for autopilot in self._autopilots]

@@ -112,7 +112,8 @@ class DetectorChain:
         length = self._end_ns - start_ns
         self._held_live_s = live_time_s * (self._end_ns - end_ns) / length if length > 0 else 0.0
         live_time_s = max(live_time_s - self._held_live_s, 0.0)
-        return Detections(start_ns, end_ns, live_time_s, found.hits, found.photopeak, found.coincidences, tuple(found.cones))
+        counts = found.hits, found.photopeak, found.coincidences
+        return Detections(start_ns, end_ns, live_time_s, *counts, tuple(found.cones), found.spectrum.bins())
 
     def _evaluate(self, hits: PixelHits) -> Tally:
         hits = self.noise.without_noise(hits, self._clock_ns, self._start_ns or 0)

@@ -6,6 +6,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from protocol.spectrum import SpectrumBin
+
 
 class ConeEvent(Struct, frozen=True):
     """One coincidence as a Compton cone, in both orders. Camera frame: z is the sensor's outward normal.
@@ -36,3 +38,4 @@ class Detections(Struct, frozen=True):
     photopeak: int = 0  # single clusters and coincidences with the line's full energy
     coincidences: int = 0  # two clusters within the window
     cones: tuple[ConeEvent, ...] = ()
+    spectrum: tuple[SpectrumBin, ...] = ()

@@ -17,18 +17,20 @@ from agent.detector.detection import ConeEvent
 from agent.detector.lines import lines_of
 from agent.detector.readout import SENSOR_THICKNESS_MM, TICK_NS
 from agent.detector.sensor import MM_PER_TICK
+from agent.detector.spectrum import CoarseSpectrum
 
 EnergySink = Callable[[Sequence[float] | NDArray[np.float64]], None]
 
 
 @dataclass(slots=True)
 class Tally:
-    """Counts (see ``Detections``) and cones, in order of time."""
+    """Counts (see ``Detections``), cones in order of time, and the spectrum."""
 
     hits: int = 0
     photopeak: int = 0
     coincidences: int = 0
     cones: list[ConeEvent] = field(default_factory=list)
+    spectrum: CoarseSpectrum = field(default_factory=CoarseSpectrum)
 
 
 class EventReader:
@@ -63,6 +65,7 @@ class EventReader:
         for line_kev, window_kev, _ in self._windows:
             full |= np.abs(energy - line_kev) <= window_kev
         tally.hits += len(energy)
+        tally.spectrum.add_singles(energy)
         tally.photopeak += int(np.count_nonzero(full))
         if self._on_energies is not None:
             self._on_energies(energy)
@@ -78,6 +81,8 @@ class EventReader:
         line = self._line_of(energy)
         tally.hits += len(event)
         tally.photopeak += line is not None
+        if len(event) <= 2:
+            tally.spectrum.add(energy, coincidence=len(event) == 2)
         if len(event) == 2:
             tally.coincidences += 1
             if line is not None:

@@ -15,13 +15,16 @@ from agent.detector.calibration import NAMES
 from agent.errors import ConfigError
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
+from protocol.keys import VERSION
+from protocol.signing import Trust
 
 _PACKAGES = ("radron", "numpy", "scipy", "osqp", "shapely", "msgpack", "msgspec")
 
 
 class FlightHeader(Struct, frozen=True, kw_only=True):
     """``calibration``: contents of the camera's calibration files by name, empty for the nominal camera. ``versions``: of the
-    packages used.
+    packages used. ``protocol``: version of the messages. ``certificate``: of the drone (DER), empty in a swarm without;
+    ``authority``: that of the swarm (PEM).
     """
 
     mission: MissionConfig
@@ -31,10 +34,19 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     memory: Memory | None = None
     calibration: dict[str, str] = {}
     versions: dict[str, str] = {}
+    protocol: int = 1
+    certificate: bytes = b""
+    authority: str = ""
 
     @classmethod
     def of(
-        cls, mission: MissionConfig, drone: DroneConfig, boot: str, started_ns: int, memory: Memory | None = None
+        cls,
+        mission: MissionConfig,
+        drone: DroneConfig,
+        boot: str,
+        started_ns: int,
+        memory: Memory | None = None,
+        trust: Trust | None = None,
     ) -> FlightHeader:
         """Header of a flight that begins at ``started_ns`` (UTC).
 
@@ -56,14 +68,17 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             memory=memory,
             calibration=calibration,
             versions=_versions(),
+            protocol=VERSION,
+            certificate=trust.certificate if trust is not None else b"",
+            authority=trust.authority_pem if trust is not None else "",
         )
 
-    def pilot(self, folder: Path) -> Pilot:
-        """The pilot as it was constructed; ``folder``: where the calibration may be written."""
+    def pilot(self, folder: Path, trust: Trust | None = None) -> Pilot:
+        """The pilot as it was constructed; ``folder``: where the calibration may be written; ``trust``: its signatures."""
         drone = msgspec.structs.replace(self.drone, calibration=str(folder) if self.calibration else None)
         for name, text in self.calibration.items():
             (folder / Path(name).name).write_text(text, encoding="utf-8")
-        return Pilot(self.mission, drone, self.boot, memory=self.memory)
+        return Pilot(self.mission, drone, self.boot, memory=self.memory, trust=trust)
 
 
 def _versions() -> dict[str, str]:

@@ -16,7 +16,7 @@ from agent.fusion.estimator import Hypothesis, Outlook
 from agent.mission.memory import Memory
 from agent.pilot import Pilot, Step
 from agent.vehicle.interface import GnssFix, SeenDrone, VehicleState
-from protocol.messages import Stage
+from protocol.messages import Stage, Ticket
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -132,6 +132,10 @@ class RecordedPilot:
         self._tell_hypothesis(now_ns)
         self._tell_publications(step.publications, now_ns)
         return step
+
+    def ticket(self, now_ns: int) -> Ticket:
+        """See ``Pilot``. Has no side effects, and is not recorded."""
+        return self._pilot.ticket(now_ns)
 
     def log_summary(self) -> bytes:
         """See ``Pilot``. Has no side effects, and is not recorded."""

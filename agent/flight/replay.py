@@ -11,10 +11,15 @@ from typing import NamedTuple
 import msgspec
 from msgspec import Struct
 
-from agent.errors import RadronError
+from agent.errors import FlightRecordError, RadronError
 from agent.flight import topics
+from agent.flight.header import FlightHeader
 from agent.flight.reader import FlightRecord, RecordedFlight
 from agent.flight.recorded import RecordedPilot
+from agent.flight.signatures import RecordedSignatures
+from protocol.errors import ProtocolError
+from protocol.identity import Authority
+from protocol.keys import VERSION
 
 _OUT = "out/"
 _SHOWN = 200  # characters of a result in a report
@@ -66,13 +71,17 @@ def replay(path: Path, progress: Callable[[float], None] | None = None) -> Repla
         FlightRecordError: the flight cannot be replayed.
     """
     flight = RecordedFlight(path)
+    signatures = _signatures(flight.header)
     with TemporaryDirectory() as folder:
         heard = _Received()
-        pilot = RecordedPilot(flight.header.pilot(Path(folder)), heard)
+        trust = signatures.trust if signatures is not None else None
+        pilot = RecordedPilot(flight.header.pilot(Path(folder), trust), heard)
         comparison = _Comparison()
         for count, (call, results, is_last) in enumerate(_groups(flight)):
             heard.results.clear()
             comparison.calls[call.topic] += 1
+            if signatures is not None:
+                signatures.offer(results)
             error = _repeat(pilot, call)
             comparison.compare(call, results, heard.results, error, is_last)
             if progress is not None and count % 500 == 0:
@@ -90,6 +99,20 @@ def replay(path: Path, progress: Callable[[float], None] | None = None) -> Repla
         flaw=flight.flaw,
         versions=flight.header.versions,
     )
+
+
+def _signatures(header: FlightHeader) -> RecordedSignatures | None:
+    """What signs and verifies in the replay; None for a flight without certificates."""
+    if header.protocol != VERSION:
+        raise FlightRecordError(
+            f"recorded with version {header.protocol} of the protocol, here {VERSION}: replay it with the radron that recorded it"
+        )
+    if not header.certificate:
+        return None
+    try:
+        return RecordedSignatures(header.certificate, Authority.read(header.authority.encode()))
+    except ProtocolError as error:
+        raise FlightRecordError(f"the certificate of {header.drone.id} in the record: {error}") from None
 
 
 class _Group(NamedTuple):

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from typing import TypeVar
 
 from msgspec import Struct
 
 from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis
 from agent.vehicle.interface import FlightMode, VehicleState
-from protocol.codec import encode
+from protocol.codec import written
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
 from protocol.message import Message
-from protocol.messages import Estimate, Frame, Pose, Recognised, Stage, Status
+from protocol.messages import Estimate, Failsafe, Frame, Pose, Recognised, Source, Stage, Status, Ticket
 
+M = TypeVar("M", bound=Message)
 _PERIODS_NS: dict[type[Message], int] = {
     Pose: 100_000_000,
     Frame: 1_000_000_000,
@@ -26,7 +28,8 @@ _PERIODS_NS: dict[type[Message], int] = {
 
 class Condition(Struct, frozen=True):
     """Contents of a status besides the battery: stage, counters, problems, result of a search without a source ("": none), the
-    nuclide recognised in the spectrum, the delays of the others' statuses, and the start of the mission.
+    nuclide recognised in the spectrum, the delays of the others' statuses, the start of the mission, the ticket for the next
+    command, and what the vehicle's failsafe does.
     """
 
     stage: Stage
@@ -36,6 +39,8 @@ class Condition(Struct, frozen=True):
     recognised: Recognised | None = None
     delays_ns: dict[str, int] = {}
     started_ns: int | None = None
+    ticket: Ticket | None = None
+    failsafe: Failsafe | None = None
     notices: tuple[str, ...] = ()
 
 
@@ -47,15 +52,25 @@ class Outbox:
         self._counters = counters
         self._waiting: list[tuple[str, bytes]] = []
 
+    def sendable(self, message: M) -> M | None:
+        """The message as its receivers read it; None where the protocol refuses it, which is counted."""
+        found = self._written(message)
+        return found[1] if found is not None else None
+
     def put(self, message: Message) -> bytes | None:
         """Encode and queue a message; its payload, or None where it cannot be sent."""
+        found = self._written(message)
+        if found is None:
+            return None
+        self._waiting.append((key_of(self._swarm, message), found[0]))
+        return found[0]
+
+    def _written(self, message: M) -> tuple[bytes, M] | None:
         try:
-            payload = encode(message)
+            return written(message)
         except ProtocolError:
             self._counters[f"unsendable_{type(message).__name__.lower()}"] += 1
             return None
-        self._waiting.append((key_of(self._swarm, message), payload))
-        return payload
 
     def take(self) -> list[tuple[str, bytes]]:
         """Everything since the last call."""
@@ -122,6 +137,8 @@ class Reporter:
                 recognised=now.recognised,
                 delays_ns=now.delays_ns,
                 started_ns=now.started_ns,
+                ticket=now.ticket,
+                failsafe=now.failsafe,
                 notices=now.notices,
             )
 
@@ -150,12 +167,7 @@ class Reporter:
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
         x, y, z = hypothesis.position.tolist()
         u, v, w = hypothesis.velocity.tolist()
-        return Estimate(
-            stamp_ns=now_ns,
-            drone=self._drone,
-            mission=self._mission_id,
-            estimator=self._estimator,
-            digest=digest,
+        source = Source(
             position_m=(x, y, z),
             covariance_m2=(xx, xy, xz, yy, yz, zz),
             velocity_mps=(u, v, w),
@@ -163,4 +175,12 @@ class Reporter:
             activity_sigma_bq=hypothesis.activity_sigma_bq,
             evidence=hypothesis.evidence,
             cones=hypothesis.cones,
+        )
+        return Estimate(
+            stamp_ns=now_ns,
+            drone=self._drone,
+            mission=self._mission_id,
+            estimator=self._estimator,
+            digest=digest,
+            sources=(source,),
         )

@@ -99,7 +99,6 @@ class Mission:
         self._was_armed = self._was_offboard = False
         self._mode = FlightMode.HOLD
         self._held_ns: int | None = None  # when this agent itself last asked for a hold, for want of telemetry
-        self._obeyed_ns = -1
 
     @property
     def request(self) -> Request:
@@ -111,15 +110,13 @@ class Mission:
         return _REQUESTS[self.stage]
 
     def command(self, action: Action, stamp_ns: int, situation: Situation, started_ns: int | None = None) -> str | None:
-        """Carry out an operator's command. Returns why it was refused, or None.
+        """Carry out an operator's command of that stamp. Returns why it was refused, or None.
 
-        A command that is not newer than the last one carried out is refused, except LAND and ABORT. ``started_ns``: stamp of
-        the start with which the swarm's mission began; None: this one.
+        ``started_ns``: stamp of the start with which the swarm's mission began; None: this one.
         """
-        refused = self._refusal(action, stamp_ns, situation)
+        refused = self._refusal(action, situation)
         if refused is not None:
             return refused
-        self._obeyed_ns = max(self._obeyed_ns, stamp_ns)
         self.released, self._unsteered_since_ns = False, None
         if action is Action.START:
             self._begin_anew()
@@ -131,11 +128,7 @@ class Mission:
         self._enter(stage, situation.now_ns)
         return None
 
-    def _refusal(self, action: Action, stamp_ns: int, situation: Situation) -> str | None:
-        if stamp_ns <= self._obeyed_ns and action not in (Action.LAND, Action.ABORT):
-            return f"{action}: older than a command carried out"
-        if stamp_ns == self._obeyed_ns and action is Action.LAND and self.stage is Stage.LANDING:
-            return "land: a copy of a command carried out before"  # meanwhile a human pilot may have the vehicle
+    def _refusal(self, action: Action, situation: Situation) -> str | None:
         if action is Action.START:
             if self.stage not in (Stage.PREFLIGHT, Stage.LANDED):
                 return "start: already started"
@@ -193,7 +186,7 @@ class Mission:
         Without setpoints the autopilot returns or lands in its failsafe (``healthy`` is False then), and goes back to offboard
         when they resume. A vehicle that a human pilot controls, has stopped or sent home is left alone.
         """
-        self.started_ns = self._obeyed_ns = memory.started_ns
+        self.started_ns = memory.started_ns
         self.tracking_since_ns, self.resume = memory.tracking_since_ns, memory.resume
         self._enter(memory.stage, now_ns)
         self._was_armed = self._was_offboard = True

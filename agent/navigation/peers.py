@@ -14,7 +14,8 @@ STATUS_AGE_NS = 10_000_000_000  # an older status does not count: the drone is s
 RECENT_NS = 3_000_000_000  # poses and sightings are kept for this long
 _AT_LAUNCH = (Stage.PREFLIGHT, Stage.TAKEOFF)
 _MOST_SIGHTINGS = 256  # kept, whatever their stamps
-FUTURE_NS = 1_000_000_000  # a stamp further ahead than this comes from a wrong clock
+FUTURE_NS = 100_000_000  # a stamp further ahead than this, and than the clocks are known to differ, is forged or a wrong clock's
+MOST_AHEAD_NS = 1_000_000_000  # however far the clocks differ
 
 
 @dataclass(slots=True)
@@ -46,14 +47,17 @@ class Peers:
         """Ids of all, heard or not, sorted."""
         return sorted(self._peers)
 
-    def receive(self, message: Pose | Plan | Status, now_ns: int) -> str | None:
-        """Keep a message if its stamp is newer. Returns why it was dropped, or None."""
+    def receive(self, message: Pose | Plan | Status, now_ns: int, behind_ns: int = 0) -> str | None:
+        """Keep a message if its stamp is newer. Returns why it was dropped, or None.
+
+        ``behind_ns``: how far the own clock is known to be behind that of the sender.
+        """
         peer = self._peers.get(message.drone)
         if peer is None:
             return "unknown_drone"
         if message.stamp_ns < now_ns - OLDEST_NS:
             return "stale"
-        if message.stamp_ns > now_ns + FUTURE_NS:
+        if message.stamp_ns > now_ns + min(FUTURE_NS + behind_ns, MOST_AHEAD_NS):
             return "from_the_future"
         kind = type(message).__name__.lower()
         known = getattr(peer, kind)

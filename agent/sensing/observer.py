@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from agent.config.drone import DroneConfig
 from agent.detector.detection import ConeEvent, Detections
+from agent.detector.spectrum import CoarseSpectrum
 from agent.geometry import Quaternion, Vector3, turned
 from agent.localization.history import HISTORY_NS, PoseHistory
 from agent.vehicle.interface import VehicleState
@@ -49,6 +50,7 @@ class Observer:
         self._heard_ns: int | None = None  # end of the last stretch; before the first, since when it is waited for
         self._live_s = 0.0
         self._hits = self._photopeak = self._coincidences = 0
+        self._spectrum = CoarseSpectrum()
 
     def coverage(self, stamp_ns: int, epoch: int, path_m: tuple[tuple[float, float], ...], swath_m: float) -> Coverage:
         """The log entry of a searched path (m, horizontal); local frame of the epoch."""
@@ -106,6 +108,7 @@ class Observer:
         self._hits += detections.hits
         self._photopeak += detections.photopeak
         self._coincidences += detections.coincidences
+        self._spectrum.add_bins(detections.spectrum)
         if self._end_ns - self._start_ns >= EXPOSURE_NS:
             entries += self._exposure()
         return entries
@@ -166,6 +169,7 @@ class Observer:
         start_ns, self._start_ns = self._start_ns, None
         counts = Counts(self._hits, self._photopeak, self._coincidences)
         self._hits = self._photopeak = self._coincidences = 0
+        spectrum, self._spectrum = self._spectrum.bins(), CoarseSpectrum()
         live_s, self._live_s = self._live_s, 0.0
         assert start_ns is not None
         state = self._history.at(start_ns)
@@ -193,6 +197,7 @@ class Observer:
                 position_sigma_m=state.position_sigma_m,
                 yaw_sigma_rad=state.yaw_sigma_rad,
                 clock_sigma_m=state.clock_sigma_m,
+                spectrum=spectrum,
             )
         ]
 

@@ -43,6 +43,7 @@ from agent.vehicle.px4 import Px4Vehicle
 from protocol.identity import Identity
 from protocol.messages import Stage
 from protocol.session import Mesh, MeshConfig
+from protocol.trust import trust_of
 
 PERIOD_S = 0.05
 ADVANCE_S = 0.02  # between two slices of work on the log, however many bursts of messages come
@@ -108,6 +109,8 @@ class Node:
         """Open everything in order; what was opened before a failure is closed by ``run``."""
         boot = os.urandom(8).hex()
         saved = self._store.load()
+        links = mesh_config(self._drone, self._mission)
+        self._identity = links.identity
         self._pilot = self._make_pilot(boot, saved)
         contained = self._barrier.call
         self._detector = self._detector_of(self._drone.detector)
@@ -116,8 +119,6 @@ class Node:
         if self._drone.sightings.address is not None:
             self._sightings = SightingsFeed(self._drone.sightings.address)
             self._closers.append(self._sightings.close)
-        links = mesh_config(self._drone, self._mission)
-        self._identity = links.identity
         self._mesh = await Mesh.open(
             links,
             self._mission.swarm,
@@ -153,11 +154,11 @@ class Node:
         """A recorded one if records are wanted. If they cannot be written, that prevents a start, but not the rejoining of a
         flight.
         """
-        records = self._drone.recorder
-        pilot = Pilot(self._mission, self._drone, boot, memory=saved.memory)
+        records, trust = self._drone.recorder, trust_of(self._identity)
+        pilot = Pilot(self._mission, self._drone, boot, memory=saved.memory, trust=trust)
         if records.folder is None:
             return pilot
-        header = FlightHeader.of(self._mission, self._drone, boot, time.time_ns(), saved.memory)
+        header = FlightHeader.of(self._mission, self._drone, boot, time.time_ns(), saved.memory, trust)
         try:
             self._recorder = FlightRecorder(records.folder, records.limit_mb, header)
         except FlightRecordError as error:
@@ -273,7 +274,8 @@ class Node:
         unkept = () if self._store.problem is None else (self._store.problem,)
         expiry = validity(self._identity, time.time_ns()) if self._identity is not None else None
         unfit = (expiry.fault,) if expiry is not None and expiry.fault is not None else ()
-        self._tell("problem", self._vehicle.problems + self._unrecorded + unkept + unfit, self._pilot.block)
+        problems = self._vehicle.problems + self._unrecorded + unkept + unfit + self._mesh.differing
+        self._tell("problem", problems, self._pilot.block)
         notices = (INSECURE if expiry is None else expiry.notice, self._vehicle.exposure)
         self._tell("notice", tuple(text for text in notices if text is not None), self._pilot.notice)
         memory = self._pilot.memory

@@ -130,7 +130,7 @@ def tracking(flight: RecordedFlight) -> tuple[float, float] | None:
     times = []
     for record, sender, kind, payload in messages(flight, topics.PUBLICATION):
         if kind == "status":
-            status = decode_from(f"radron/1/{flight.header.mission.swarm}/{sender}/{kind}", payload)
+            status = decode_from(f"radron/2/{flight.header.mission.swarm}/{sender}/{kind}", payload)
             if isinstance(status, Status) and status.stage is Stage.TRACK:
                 times.append(record.publish_ns * 1e-9)
     return (times[0], times[-1]) if times else None

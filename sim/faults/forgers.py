@@ -3,41 +3,47 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-import msgspec
 from msgspec.structs import replace
 
-from protocol.codec import decode_from
+from protocol.codec import as_bytes, decode_from
 from protocol.entries import Cone, Entry, Exposure
+from protocol.message import Message
 from protocol.messages import Action, AnyMessage, Plan, Pose
+from protocol.signing import Sign, sign_entries
 from sim.faults.agents import Forged, OldCommand
 from sim.faults.schedule import Schedule
 from sim.geometry import Vector3
 
 BESIDE_M = 15.0
 HELD_NS, LATE_NS = 3_000_000_000, 8_000_000_000  # from the hold to the resumption, and to its copy
+_BESIDE = 2**30  # added to the number of an entry that must not be taken, so that it hides none that must
 _SAID = ("pose", "plan", "cone", "exposure")
 _TOO_LONG = 50.0  # live time, of a duration
 _OTHER = "0123456789abcdef"  # id of another mission
-_WRITER = msgspec.msgpack.Encoder()  # writes what the codec refuses
+
+Give = Callable[[Sequence[int], Action], bytes | None]  # to which drones, and what; what was sent
+Again = Callable[[int, int, bytes], None]
 
 
 class Forgers:
     """What the drones of a flight send beside their messages."""
 
-    def __init__(self, schedule: Schedule, drones: Sequence[str]) -> None:
-        """``drones``: of the mission."""
-        self._schedule, self._drones = schedule, drones
+    def __init__(self, schedule: Schedule, drones: Sequence[str], signs: Sequence[Sign]) -> None:
+        """``drones``: of the mission; ``signs``: signs as each of them, whose key a forger holds."""
+        self._schedule, self._drones, self._signs = schedule, drones, signs
 
     def forged(self, drone: int, key: str, payload: bytes) -> list[bytes]:
         """What a drone sends beside this message, under the same key."""
         if key.rsplit("/", 1)[-1] not in _SAID:
             return []
         active = self._schedule.active(Forged, drone)
-        return [
-            _WRITER.encode(told) for fault, _ in active if (told := self._changed(key, payload, fault.what, drone)) is not None
-        ]
+        told = [self._changed(key, payload, fault.what, drone) for fault, _ in active]
+        return [as_bytes(self._signed(one, drone)) for one in told if one is not None]
+
+    def _signed(self, message: AnyMessage, drone: int) -> Message:
+        return next(sign_entries([message], self._signs[drone])) if isinstance(message, Entry) else message
 
     def _changed(self, key: str, payload: bytes, what: str, drone: int) -> AnyMessage | None:
         message = decode_from(key, payload)
@@ -54,27 +60,26 @@ class Forgers:
 
 
 class OldCommands:
-    """The operator's commands of ``old-command``, each with the stamp of its first copy."""
+    """The operator's commands of ``old-command``; the copy of the first has the same bytes."""
 
     def __init__(self, schedule: Schedule) -> None:
         self._schedule = schedule
-        self._waiting: deque[tuple[int, int, Action, int]] = deque()  # when, to whom, what, its stamp
+        self._resumes: deque[tuple[int, int]] = deque()  # when, and whom
+        self._copies: deque[tuple[int, int, bytes]] = deque()  # when, to whom, and what arrives again
 
-    def forget(self, drone: int) -> None:
-        """The drone's agent is dead: it has not heard what would make the last command an old one."""
-        self._waiting = deque(one for one in self._waiting if one[1] != drone)
-
-    def due(self, now_ns: int) -> list[tuple[int, Action, int]]:
-        """The commands that arrive now: drone, command, stamp."""
+    def advance(self, now_ns: int, command: Give, again: Again) -> None:
+        """Give the commands that are due; ``again``: delivers one that was given before."""
         for one in self._schedule.begun:
-            if isinstance(one.fault, OldCommand):
-                for drone in sorted(one.drones):
-                    self._waiting.append((now_ns, drone, Action.HOLD, now_ns))
-                    self._waiting.append((now_ns + HELD_NS, drone, Action.RESUME, now_ns + HELD_NS))
-                    self._waiting.append((now_ns + LATE_NS, drone, Action.HOLD, now_ns))
-        due = [(drone, action, stamp_ns) for at_ns, drone, action, stamp_ns in self._waiting if at_ns <= now_ns]
-        self._waiting = deque(one for one in self._waiting if one[0] > now_ns)
-        return due
+            for drone in sorted(one.drones) if isinstance(one.fault, OldCommand) else ():
+                payload = command([drone], Action.HOLD)
+                if payload is not None:
+                    self._copies.append((now_ns + LATE_NS, drone, payload))
+                self._resumes.append((now_ns + HELD_NS, drone))
+        while self._resumes and self._resumes[0][0] <= now_ns:
+            command([self._resumes.popleft()[1]], Action.RESUME)
+        while self._copies and self._copies[0][0] <= now_ns:
+            _, drone, payload = self._copies.popleft()
+            again(now_ns, drone, payload)
 
 
 def _impossible(message: AnyMessage) -> AnyMessage:
@@ -87,9 +92,9 @@ def _impossible(message: AnyMessage) -> AnyMessage:
             return replace(message, positions_m=(first, *(_moved(place, 1000.0) for place in others)))
         case Cone():
             first_order, second_order = (replace(order, axis=(1.0, 1.0, 0.0)) for order in message.orders)
-            return replace(message, orders=(first_order, second_order), boot=_OTHER)
+            return replace(message, orders=(first_order, second_order), sequence=message.sequence + _BESIDE)
         case Exposure():
-            return replace(message, live_time_s=_TOO_LONG * message.live_time_s, boot=_OTHER)
+            return replace(message, live_time_s=_TOO_LONG * message.live_time_s, sequence=message.sequence + _BESIDE)
         case _:
             return message
 
@@ -102,10 +107,10 @@ def _beside(message: AnyMessage) -> AnyMessage:
         case Plan():
             return replace(message, positions_m=tuple(_moved(place, BESIDE_M) for place in message.positions_m))
         case Cone():
-            return replace(message, apex_m=_moved(message.apex_m, BESIDE_M), boot=_OTHER)
+            return replace(message, apex_m=_moved(message.apex_m, BESIDE_M), sequence=message.sequence + _BESIDE)
         case Exposure():
             poses = tuple(replace(pose, position_m=_moved(pose.position_m, BESIDE_M)) for pose in message.poses)
-            return replace(message, poses=poses, boot=_OTHER)
+            return replace(message, poses=poses, sequence=message.sequence + _BESIDE)
         case _:
             return message
 

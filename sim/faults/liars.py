@@ -1,4 +1,4 @@
-"""Members that publish what is not so: their messages are changed on the way out, under valid stamps and sequence numbers.
+"""Members that publish what is not so: their messages are changed on the way out, under valid stamps, numbers and signatures.
 
 The liar's own log keeps what it measured; every request for its entries is answered with what it has told once.
 """
@@ -16,6 +16,7 @@ from protocol.codec import decode_from, encode
 from protocol.entries import Cone, Counts, Entry, Exposure, Sighting
 from protocol.errors import ProtocolError
 from protocol.messages import AnyMessage, Plan, Pose
+from protocol.signing import Sign, sign_entries
 from sim.faults.agents import Lie
 from sim.faults.base import Fault
 from sim.faults.schedule import Active, Schedule
@@ -27,9 +28,9 @@ KIND_OF = {"pose": "pose", "plan": "plan", "cone": "cone", "counts": "exposure",
 class Liars:
     """What the drones of a flight tell instead of what they know."""
 
-    def __init__(self, faults: Sequence[Fault], schedule: Schedule) -> None:
-        """``faults``: of the scenario."""
-        self._schedule = schedule
+    def __init__(self, faults: Sequence[Fault], schedule: Schedule, signs: Sequence[Sign]) -> None:
+        """``faults``: of the scenario. ``signs``: signs as each drone, whose key a liar holds."""
+        self._schedule, self._signs = schedule, signs
         lies = [fault for fault in faults if isinstance(fault, Lie)]
         self._kinds = {KIND_OF[lie.what] for lie in lies}
         self._replayed = {KIND_OF[lie.what] for lie in lies if lie.how == "replayed"}
@@ -54,7 +55,7 @@ class Liars:
         if changed is message:
             return payload
         try:
-            told = encode(changed)
+            told = encode(next(sign_entries([changed], self._signs[drone])) if isinstance(changed, Entry) else changed)
         except ProtocolError:  # beyond what can be said
             return payload
         if isinstance(message, Entry):

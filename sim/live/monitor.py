@@ -12,7 +12,7 @@ from protocol.codec import decode_from
 from protocol.entries import Cone
 from protocol.errors import ProtocolError
 from protocol.message import DroneMessage
-from protocol.messages import AnyDroneMessage, Estimate, Stage, Status
+from protocol.messages import AnyDroneMessage, Estimate, Stage, Status, Ticket
 from sim.geometry import Array
 from sim.vehicle.px4.fleet import VehicleReport
 
@@ -74,6 +74,11 @@ class ObservedAgent:
         return None
 
     @property
+    def ticket(self) -> Ticket | None:
+        """What a command to it needs."""
+        return self.status.ticket if self.status is not None else None
+
+    @property
     def finding(self) -> str:
         """The result of a search that found nothing; else empty."""
         return self.status.finding if self.status is not None else ""
@@ -91,11 +96,12 @@ class ObservedAgent:
         elif isinstance(message, Cone):
             self.cones += 1
         elif isinstance(message, Estimate):
-            xx, xy, xz, yy, yz, zz = message.covariance_m2
+            source = message.sources[0]
+            xx, xy, xz, yy, yz, zz = source.covariance_m2
             covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             self.estimate = message
             self._belief = Belief(
-                np.array(message.position_m), covariance, message.activity_bq, message.activity_sigma_bq, message.evidence
+                np.array(source.position_m), covariance, source.activity_bq, source.activity_sigma_bq, source.evidence
             )
             self._believed_s = now_s
 
@@ -176,4 +182,4 @@ class Observer:
         """Whether all live agents have reported the same digest, and with it the same position, bit for bit."""
         told = [agent.estimate for agent in self.agents if agent.alive]
         estimates = [estimate for estimate in told if estimate is not None]
-        return len(estimates) == len(told) > 0 and len({(each.digest, each.position_m) for each in estimates}) == 1
+        return len(estimates) == len(told) > 0 and len({(each.digest, each.sources[0].position_m) for each in estimates}) == 1

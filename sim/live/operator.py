@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from contextlib import AsyncExitStack
-
-from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
 from protocol.codec import encode
 from protocol.keys import key_of
-from protocol.messages import Action, Command, Stage
+from protocol.messages import Action, Command, Stage, Ticket
 from protocol.session import Mesh, MeshConfig
+from protocol.signing import Trust, sign_command
+from protocol.trust import trust_of
 from sim.live.agents import Agents
 from sim.live.monitor import Observer
 from sim.live.processes import Child
@@ -24,7 +24,7 @@ from sim.live.worldprocess import LiveError, WorldProcess
 LOOK_S = 0.1  # polling interval of conditions
 REPEAT_S = 0.5  # interval between copies of a command
 RENEW_S = 8.0  # after which a command is stamped anew; agents refuse commands older than 10 s
-STATION = "sim"
+STATION = "sim"  # its name in a swarm without certificates
 
 
 class Operator:
@@ -39,10 +39,12 @@ class Operator:
         self.watchers: list[Callable[[Truth], None]] = []
         self._agents = agents
         self._mesh: Mesh
+        self._trust: Trust | None = None  # signs the commands
         self._watching: asyncio.Task[None]
 
     async def join(self, config: MeshConfig, stack: AsyncExitStack) -> None:
         """Join the mesh and watch the world, until the stack unwinds."""
+        self._trust = trust_of(config.identity)
         self._mesh = await Mesh.open(config, self.mission.swarm, None, receive=self.observer.receive)
         stack.push_async_callback(self._mesh.close)
         self._watching = asyncio.create_task(self.world.watch(self._see))
@@ -86,22 +88,30 @@ class Operator:
         within_s: float | None,
         addressees: Callable[[], tuple[str, ...]] | None = None,
     ) -> bool:
-        """Send a command until it is obeyed. Copies carry the same stamp: the mission begins at one time for all drones.
+        """Send a command until it is obeyed. Copies have the same stamp: the mission begins at one time for all drones.
 
         ``addressees``: the drones that have yet to obey; None: all.
         """
         deadline_s = time.monotonic() + (within_s if within_s is not None else float("inf"))
         while not obeyed() and time.monotonic() < deadline_s:
-            renew_s = min(time.monotonic() + RENEW_S, deadline_s)
-            message = Command(stamp_ns=time.time_ns(), station=STATION, mission=self.mission.mission_id, action=action)
-            key = key_of(self.mission.swarm, message)
+            renew_s, stamp_ns = min(time.monotonic() + RENEW_S, deadline_s), time.time_ns()
+            numbers = {agent.drone: ticket.number for agent in self.observer.agents if (ticket := agent.ticket) is not None}
             while time.monotonic() < renew_s:
-                drones = () if addressees is None else addressees()
-                if drones or addressees is None:
-                    self._mesh.publish(key, encode(replace(message, drones=drones)))
+                drones = None if addressees is None else addressees()
+                self._send(action, stamp_ns, {name: numbers[name] for name in numbers if drones is None or name in drones})
                 if await self.until(obeyed, REPEAT_S):
                     return True
         return obeyed()
+
+    def _send(self, action: Action, stamp_ns: int, numbers: Mapping[str, int]) -> None:
+        """Send a command with these numbers, by drone, and the newest nonces."""
+        newest = {agent.drone: agent.ticket for agent in self.observer.agents}
+        to = {name: Ticket(ticket.nonce, number) for name, number in numbers.items() if (ticket := newest[name]) is not None}
+        if to:
+            station = self._trust.name if self._trust is not None else STATION
+            message = Command(stamp_ns=stamp_ns, station=station, mission=self.mission.mission_id, action=action, to=to)
+            message = message if self._trust is None else sign_command(message, self._trust)
+            self._mesh.publish(key_of(self.mission.swarm, message), encode(message))
 
     async def until(self, condition: Callable[[], bool], within_s: float | None) -> bool:
         """Wait for a condition; False if it has not come true in time. Reports agents that end meanwhile.

@@ -88,14 +88,15 @@ def _told(agent: AgentEnd) -> str:
 
 def _end_of(agent: ObservedAgent, vehicle: VehicleReport) -> AgentEnd:
     estimate, status = agent.estimate, agent.status
+    source = estimate.sources[0] if estimate is not None else None
     counters: Mapping[str, int] = status.counters if status is not None else {}
     return AgentEnd(
         drone=agent.drone,
         alive=agent.alive,
         stage=agent.stage,
         digest=estimate.digest if estimate is not None else None,
-        position_m=estimate.position_m if estimate is not None else None,
-        covariance_m2=tuple(estimate.covariance_m2) if estimate is not None else None,
+        position_m=source.position_m if source is not None else None,
+        covariance_m2=tuple(source.covariance_m2) if source is not None else None,
         cones=agent.cones,
         setpoints=vehicle.setpoints,
         computed_setpoints=vehicle.computed_setpoints,

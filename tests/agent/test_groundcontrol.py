@@ -15,7 +15,7 @@ from agent.groundcontrol import CommandError, Order
 from protocol.codec import decode, encode
 from protocol.identity import Role
 from protocol.keys import key_of
-from protocol.messages import Action, Command, Stage, Status
+from protocol.messages import Action, Command, Stage, Status, Ticket
 from protocol.session import Mesh, MeshConfig
 
 MISSION = "0123456789abcdef"
@@ -37,9 +37,13 @@ class Drone:
         self.commands: list[Command] = []
         self.endpoint = f"tcp/127.0.0.1:{free_ports(1)[0]}"
 
+    @property
+    def ticket(self) -> Ticket:
+        return Ticket("0" * 16, 1 if self.lame else len(self.commands) + 1)
+
     def receive(self, key: str, payload: bytes) -> None:
         message = decode(payload)
-        if isinstance(message, Command) and (not message.drones or self.name in message.drones):
+        if isinstance(message, Command) and message.to.get(self.name) == self.ticket:
             self.commands.append(message)
             if not self.lame:
                 self.stage = Stage.TAKEOFF if message.action is Action.START else Stage.HOLD
@@ -48,7 +52,7 @@ class Drone:
         while True:
             status = Status(
                 stamp_ns=time.time_ns() + round(self.ahead_s * 1e9), drone=self.name, mission=self.mission, boot="0" * 16,
-                stage=self.stage, problems=self.problems, notices=self.notices,
+                stage=self.stage, problems=self.problems, notices=self.notices, ticket=self.ticket,
             )  # fmt: skip
             mesh.publish(key_of("test", status), encode(status))
             await asyncio.sleep(0.1)
@@ -131,7 +135,7 @@ def test_an_absent_drone_does_not_hold_up_the_others_if_the_operator_says_so() -
     d1, d2 = Drone("d1", problems=missed), Drone("d2", problems=missed)
     assert "no contact with d3" in refused(Action.START, d1, d2)
     assert order(Action.START, d1, d2, without=("d3",))[-1] == "start: d1 takeoff, d2 takeoff"
-    assert d1.commands[-1].drones == ("d1", "d2")
+    assert set(d1.commands[-1].to) == {"d1", "d2"}
 
 
 def test_one_that_is_there_but_left_behind_gets_no_command() -> None:
@@ -151,7 +155,7 @@ def test_a_drone_whose_clock_is_off_can_be_commanded_all_the_same(ahead_s: float
 
 
 def test_a_wrong_clock_is_the_reason_given_for_a_drone_that_does_not_obey() -> None:
-    assert f"d1: its clock differs by {-20.0:+.1f} s" in refused(Action.HOLD, Drone("d1", lame=True, ahead_s=-20.0))
+    assert f"d1: its clock differs by {-20.0:+.1f} s" in refused(Action.START, Drone("d1", lame=True, ahead_s=-20.0))
 
 
 def test_drones_of_different_missions_get_no_command() -> None:

@@ -142,7 +142,7 @@ def test_one_that_had_been_taken_over_stays_so_until_told_to_resume():
     kept = replace(KEPT, stage=Stage.HOLD, resume=Stage.SURVEY, released=True)
     one, step = back(kept, mode=FlightMode.HOLD, healthy=True)
     assert (one.stage, step.command.request) == (Stage.HOLD, Request.RELEASE)
-    one.receive(*command(Action.RESUME, stamp_ns=BACK_NS), BACK_NS)
+    one.receive(*command(Action.RESUME, stamp_ns=BACK_NS, boot=NEW_BOOT), BACK_NS)
     assert fly(one, BACK_NS, 1.0, FlightMode.HOLD)[-1] is Request.OFFBOARD
 
 

@@ -40,7 +40,7 @@ async def look_on() -> None:
         if isinstance(message, Status):
             stages[message.drone] = (time.monotonic(), str(message.stage))
         elif isinstance(message, Estimate):
-            centres[message.drone] = message.position_m[:2]
+            centres[message.drone] = message.sources[0].position_m[:2]
         elif isinstance(message, Pose):
             member = members[message.drone]
             (x, y, _), yaw = message.position_m, math.radians(member.yaw_deg)

@@ -71,7 +71,8 @@ def test_the_vehicle_of_the_page_flies_a_mission(tmp_path):
     vehicle = module_of("vehicle", "ideal_vehicle", tmp_path).IdealVehicle(lambda: now[0])
     vehicle.on_state(pilot.observe_vehicle)
     asyncio.run(vehicle.connect())
-    start = Command(stamp_ns=now[0], station="test", mission=mission.mission_id, action=Action.START)
+    to = {"d1": pilot.ticket(now[0])}
+    start = Command(stamp_ns=now[0], station="test", mission=mission.mission_id, action=Action.START, to=to)
     pilot.receive(key_of(mission.swarm, start), encode(start), now[0])
     stages = []
     while pilot.stage is not Stage.LANDED and now[0] < (1_800_000_000 + 120) * SECOND:

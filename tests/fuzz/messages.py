@@ -207,8 +207,8 @@ def _of_member(rng: Random, fields: dict[str, Any], mission: MissionConfig, now_
 
 def _key_of(mission: MissionConfig, fields: dict[str, Any]) -> str:
     if fields["kind"] == "command":
-        return f"radron/1/{mission.swarm}/station/{fields['station']}/command"
-    return f"radron/1/{mission.swarm}/{fields['drone']}/{fields['kind']}"
+        return f"radron/2/{mission.swarm}/station/{fields['station']}/command"
+    return f"radron/2/{mission.swarm}/{fields['drone']}/{fields['kind']}"
 
 
 def _packed(document: Any) -> bytes:

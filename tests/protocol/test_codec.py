@@ -18,7 +18,8 @@ from protocol.entries import Cone, ConeOrder, Counts, Coverage, Exposure, PoseSa
 from protocol.errors import ProtocolError
 from protocol.keys import command_key, drone_key, key_of
 from protocol.message import Message
-from protocol.messages import KINDS, Command, Estimate, Frame, Plan, Pose, Status
+from protocol.messages import KINDS, Command, Estimate, Frame, Plan, Pose, Source, Status, Ticket
+from protocol.spectrum import SpectrumBin
 
 POSE = Pose(
     stamp_ns=1,
@@ -119,7 +120,7 @@ def replaced(value: Any, way: tuple[Any, ...], new: Any) -> Any:
 
 NUMBERS_THAT_NEVER_FIT = [math.nan, math.inf, -math.inf, 1e300, -1e300, 2**63, 2**64 - 1, -(2**63)]
 FREE_TEXT = ("problems", "finding")
-NEVER_A_FIELD = [*NUMBERS_THAT_NEVER_FIT, {"a": {"b": {}}}, [[[[]]]], "A b", b"\xff" * 200, True]
+NEVER_A_FIELD = [*NUMBERS_THAT_NEVER_FIT, {"a": {"b": {}}}, [[[[]]]], "A b", b"\xff" * 2000, True]
 
 
 @settings(max_examples=300, deadline=None)
@@ -278,9 +279,13 @@ SIGHTING = Sighting(
     **ENTRY, target="uav2", position_m=(0.0, 0.0, 3.0), direction=(0.0, 1.0, 0.0), direction_sigma_rad=0.01
 )  # fmt: skip
 COVERAGE = Coverage(**ENTRY, path_m=((0.0, 0.0),), swath_m=10.0)
-ESTIMATE = Estimate(
-    **SENDER, mission=HEX, estimator="paper", digest=HEX * 2, position_m=(0.0,) * 3, covariance_m2=(4.0, 2.0, 0.0, 1.0, 0.0, 0.0)
-)
+
+
+def sources(*covariance_m2: float) -> tuple[Source, ...]:
+    return (Source(position_m=(0.0,) * 3, covariance_m2=covariance_m2),)
+
+
+ESTIMATE = Estimate(**SENDER, mission=HEX, estimator="paper", digest=HEX * 2, sources=sources(4.0, 2.0, 0.0, 1.0, 0.0, 0.0))
 FRAME = Frame(**SENDER, epoch=0, translation_m=(0.0,) * 3, yaw_rad=0.0, covariance=(0.0,) * 16)
 
 
@@ -300,6 +305,9 @@ def orders(first: float, second: float) -> tuple[ConeOrder, ConeOrder]:
         (CONE, {"energy_sigmas_kev": (5.0, 0.0)}, "energy_sigmas_kev"),
         (CONE, {"separation_mm": 0.0}, "separation_mm"),
         (EXPOSURE, {"end_ns": EXPOSURE.stamp_ns + 60_000_000_001}, "longer than a minute"),
+        (EXPOSURE, {"spectrum": (SpectrumBin(5, 1, 0), SpectrumBin(4, 1, 0))}, "order of energy"),
+        (EXPOSURE, {"spectrum": (SpectrumBin(5, 1, 0), SpectrumBin(5, 0, 1))}, "order of energy"),
+        (EXPOSURE, {"spectrum": (SpectrumBin(32, 1, 0),)}, "<= 31"),
         (SIGHTING, {"direction": (0.0, 0.0, 0.0)}, "unit vector"),
         (SIGHTING, {"direction_sigma_rad": 0.0}, "direction_sigma_rad"),
         (SIGHTING, {"target": "uav1"}, "drone itself"),
@@ -311,9 +319,9 @@ def orders(first: float, second: float) -> tuple[ConeOrder, ConeOrder]:
         (PLAN, {"step_ns": 10_000_000_001}, "step_ns"),
         (PLAN, {"step_ns": 199_000_000}, "jumps"),
         (PLAN, {"positions_m": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -41.0))}, "jumps"),
-        (ESTIMATE, {"covariance_m2": (1.0, 0.0, 0.0, 1.0, 0.0, -1.0)}, "variance is negative"),
-        (ESTIMATE, {"covariance_m2": (4.0, 2.1, 0.0, 1.0, 0.0, 0.0)}, "correlation"),
-        (ESTIMATE, {"covariance_m2": (4.0, 0.0, 1e-3, 1.0, 0.0, 0.0)}, "correlation"),
+        (ESTIMATE, {"sources": sources(1.0, 0.0, 0.0, 1.0, 0.0, -1.0)}, "variance is negative"),
+        (ESTIMATE, {"sources": sources(4.0, 2.1, 0.0, 1.0, 0.0, 0.0)}, "correlation"),
+        (ESTIMATE, {"sources": sources(4.0, 0.0, 1e-3, 1.0, 0.0, 0.0)}, "correlation"),
         (FRAME, {"covariance": (1.0, 0.5, 0.0, 0.0, 0.4, 1.0, *(0.0,) * 10)}, "symmetric"),
     ],
 )
@@ -332,7 +340,7 @@ def test_what_is_known_exactly_may_be_said() -> None:
         msgspec.structs.replace(CONE, orders=orders(0.0, 1.0)),
         msgspec.structs.replace(PLAN, positions_m=PLAN.positions_m[:1]),
         msgspec.structs.replace(SIGHTING, range_m=0.0, range_sigma_m=0.5),
-        msgspec.structs.replace(ESTIMATE, covariance_m2=(0.0,) * 6),
+        msgspec.structs.replace(ESTIMATE, sources=sources(*(0.0,) * 6)),
     ):
         assert decode(encode(message)) == message
 
@@ -364,11 +372,11 @@ def test_the_key_must_fit_the_message() -> None:
         drone_key("s", "uav2", "pose"),
         drone_key("s", "uav1", "plan"),
         command_key("s", "uav1"),
-        "radron/1/s/uav1/alive",
+        "radron/2/s/uav1/alive",
     ):
         with pytest.raises(ProtocolError):
             decode_from(key, payload)
-    command = Command(stamp_ns=1, station="tower", mission=HEX, action="start")
+    command = Command(stamp_ns=1, station="tower", mission=HEX, action="start", to={"d1": Ticket(HEX, 1)})
     assert decode_from(command_key("s", "tower"), encode(command)) == command
     with pytest.raises(ProtocolError):
         decode_from(command_key("s", "hangar"), encode(command))

@@ -120,7 +120,7 @@ def test_what_is_no_message_of_this_swarm_is_counted_and_dropped() -> None:
     async def run() -> None:
         received = Received()
         received.inbox.put(drone_key("other", "d1", "cone"), b"")
-        received.inbox.put("radron/1/s/d1/nonsense", b"")
+        received.inbox.put("radron/2/s/d1/nonsense", b"")
         received.inbox.put("no key at all", b"")
         received.inbox.put(CONE, bytes(MAX_ENTRY_BYTES + 1))
         received.inbox.put(POSE, bytes(MAX_NEWS_BYTES + 1))

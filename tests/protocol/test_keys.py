@@ -23,7 +23,7 @@ def parts(key: Key) -> tuple[str, str, str]:
 @given(identifiers, drones, st.sampled_from(sorted(DRONE_KINDS)))
 def test_drone_keys_are_read_back(swarm: str, drone: str, kind: str) -> None:
     key = drone_key(swarm, drone, kind)
-    assert key == f"radron/1/{swarm}/{drone}/{kind}"
+    assert key == f"radron/2/{swarm}/{drone}/{kind}"
     assert parts(parse_key(key)) == (swarm, drone, kind)
 
 
@@ -57,16 +57,17 @@ def test_any_text_is_a_key_or_refused(text: str) -> None:
     "key",
     [
         "",
-        "radron/2/s/d/pose",
-        "radron/1/s/d",
-        "radron/1/s/d/pose/x",
-        "radron/1/s/d/command",
-        "radron/1/s/station/pose",
-        "radron/1/s/station/t/pose",
-        "radron/1/S/d/pose",
-        "radron/1/s/d\n/pose",
-        "radron/1/s/*/pose",
-        "radron/1/s/d/alive",
+        "radron/1/s/d/pose",
+        "radron/3/s/d/pose",
+        "radron/2/s/d",
+        "radron/2/s/d/pose/x",
+        "radron/2/s/d/command",
+        "radron/2/s/station/pose",
+        "radron/2/s/station/t/pose",
+        "radron/2/S/d/pose",
+        "radron/2/s/d\n/pose",
+        "radron/2/s/*/pose",
+        "radron/2/s/d/alive",
     ],
 )
 def test_what_names_no_message_is_refused(key: str) -> None:
@@ -75,8 +76,8 @@ def test_what_names_no_message_is_refused(key: str) -> None:
 
 
 def test_liveliness_and_log_have_keys() -> None:
-    assert drone_key("s", "d", "alive") == "radron/1/s/d/alive"
-    assert drone_key("s", "d", "log") == "radron/1/s/d/log"
+    assert drone_key("s", "d", "alive") == "radron/2/s/d/alive"
+    assert drone_key("s", "d", "log") == "radron/2/s/d/log"
 
 
 def test_names_that_make_no_key_are_refused() -> None:

@@ -236,7 +236,7 @@ def test_opening_and_closing_leaves_no_files_open() -> None:
 def test_a_key_of_somebody_else_is_refused() -> None:
     async def run() -> None:
         async with member("d1", endpoint()) as d1:
-            for key in ("radron/1/s/d1/nonsense", drone_key("other", "d1", "pose")):
+            for key in ("radron/2/s/d1/nonsense", drone_key("other", "d1", "pose")):
                 with pytest.raises(ProtocolError):
                     d1.mesh.publish(key, b"")
 

@@ -9,6 +9,7 @@ from agent.config.drone import DroneConfig
 from agent.config.mission import AreaConfig, DroneInMission, FusionConfig, MissionConfig
 from agent.localization.clocks import Clocks
 from agent.localization.ownpose import OwnPose
+from agent.mission.orders import Orders
 from agent.pilot import Pilot
 from agent.vehicle.interface import FlightMode, VehicleState
 from protocol.codec import decode_from, encode
@@ -29,7 +30,7 @@ TICK_NS = SECOND // 20
 
 
 def pilot(drone="d1", mission=MISSION, memory=None, boot=None):
-    return Pilot(mission, DroneConfig(id=drone), boot=boot or "0" * 15 + drone[-1], memory=memory)
+    return Pilot(mission, DroneConfig(id=drone), boot=boot or boot_of(drone), memory=memory)
 
 
 def own_pose(drone, graph, member=None):
@@ -58,8 +59,15 @@ def state(now_ns, mode=FlightMode.HOLD, position=(0.0, 0.0, 3.0), **values):
     )
 
 
-def command(action=Action.START, mission=MISSION, stamp_ns=START_NS, drones=()):
-    message = Command(stamp_ns=stamp_ns, station="tester", mission=mission.mission_id, action=action, drones=drones)
+def boot_of(drone):
+    return "0" * 15 + drone[-1]
+
+
+def command(action=Action.START, mission=MISSION, stamp_ns=START_NS, drones=("d1", "d2"), boot=None):
+    """A command at its stamp; the later it is, the higher its number."""
+    orders = {name: Orders(name, mission.mission_id, boot or boot_of(name), None) for name in drones}
+    to = {name: replace(one.ticket(stamp_ns), number=stamp_ns) for name, one in orders.items()}
+    message = Command(stamp_ns=stamp_ns, station="tester", mission=mission.mission_id, action=action, to=to)
     return command_key(mission.swarm, "tester"), encode(message)
 
 

@@ -30,10 +30,12 @@ HEADER = FlightHeader.of(MISSION, DroneConfig(id="d1"), "0123456789abcdef", 1_80
 class LockstepPilot(RecordedPilot):
     """Takes a pilot's place in the lockstep. Makes the calls too that only a live agent makes."""
 
-    def __init__(self, folder, mission, config, boot, listeners=(), memory=None, **options):
-        pilot = Pilot(mission, config, boot, listeners, memory, **options)
+    def __init__(self, folder, mission, config, boot, listeners, memory, estimators, trust):
+        pilot = Pilot(mission, config, boot, listeners, memory, estimators, trust)
         self.fusion, self.listeners = pilot.fusion, pilot.listeners
-        self.recorder = FlightRecorder(folder / config.id, 100, FlightHeader.of(mission, config, boot, time.time_ns()))
+        self.recorder = FlightRecorder(
+            folder / config.id, 100, FlightHeader.of(mission, config, boot, time.time_ns(), memory, trust)
+        )
         super().__init__(pilot, self.recorder)
         self._steps = itertools.count()
 

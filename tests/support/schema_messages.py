@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from msgspec import inspect
 
 from protocol.entries import Cone, Exposure, Sighting
-from protocol.messages import KINDS, AnyMessage, Estimate, Frame, Plan
+from protocol.messages import KINDS, AnyMessage, Frame, Plan, Source
 
 UNIT_BOUND = 1.000001  # of the components of unit vectors and quaternions
 
@@ -32,8 +32,8 @@ def _values(kind: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: PLR0912 - a 
             return st.tuples(*(_values(item) for item in items))
         case inspect.VarTupleType(item_type=item, min_length=least, max_length=most):
             return st.lists(_values(item), min_size=least or 0, max_size=min(most or 5, max(least or 0, 5))).map(tuple)
-        case inspect.DictType(key_type=key, value_type=value):
-            return st.dictionaries(_values(key), _values(value), max_size=5)
+        case inspect.DictType(key_type=key, value_type=value, min_length=least):
+            return st.dictionaries(_values(key), _values(value), min_size=least or 0, max_size=5)
         case inspect.UnionType(types=types):
             return st.one_of(*(_values(part) for part in types))
         case inspect.FloatType(ge=low, le=high):
@@ -61,12 +61,14 @@ def normalised(vector: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _ordered(values: dict[str, Any]) -> dict[str, Any]:
-    """An exposure that ends after its beginning, with its poses in order inside of it."""
+    """An exposure that ends after its beginning, with its poses in order inside of it, and its spectrum in order."""
     poses = sorted({pose.offset_ns: pose for pose in values["poses"]}.values(), key=lambda pose: pose.offset_ns)
     stamp = min(values["stamp_ns"], 2**63 - 1 - 120_000_000_000)
     duration = max(poses[-1].offset_ns, 1)
     live = min(values["live_time_s"], duration * 1e-9)
-    return {**values, "stamp_ns": stamp, "end_ns": stamp + duration, "poses": tuple(poses), "live_time_s": live}
+    bins = sorted({one.place: one for one in values["spectrum"]}.values(), key=lambda one: one.place)
+    placed = {"stamp_ns": stamp, "end_ns": stamp + duration, "poses": tuple(poses), "live_time_s": live}
+    return {**values, **placed, "spectrum": tuple(bins)}
 
 
 def _shared(values: dict[str, Any]) -> dict[str, Any]:
@@ -102,18 +104,18 @@ def _unsure_frame(values: dict[str, Any]) -> dict[str, Any]:
     return {**values, "covariance": tuple(x for row in _product(values["covariance"], 4) for x in row)}
 
 
-def _unsure_estimate(values: dict[str, Any]) -> dict[str, Any]:
+def _unsure_source(values: dict[str, Any]) -> dict[str, Any]:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = _product(values["covariance_m2"], 3)
     return {**values, "covariance_m2": (xx, xy, xz, yy, yz, zz)}
 
 
 CONSISTENT: dict[type, Callable[[dict[str, Any]], dict[str, Any]]] = {
     Cone: _shared,
-    Estimate: _unsure_estimate,
     Exposure: _ordered,
     Frame: _unsure_frame,
     Plan: _flyable,
     Sighting: _of_another,
+    Source: _unsure_source,
 }
 
 

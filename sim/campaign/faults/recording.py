@@ -16,6 +16,7 @@ from agent.flight.replay import replay
 from agent.fusion.registry import Estimators, estimator_named
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
+from protocol.signing import Trust
 
 _LIMIT_MB = 1000  # far beyond a random mission
 
@@ -51,13 +52,14 @@ class Recording:
         listeners: Sequence[str] = (),
         memory: Memory | None = None,
         estimators: Estimators = estimator_named,
+        trust: Trust | None = None,
     ) -> Pilot:
         """As ``Pilot``."""
-        pilot = Pilot(mission, drone, boot, listeners, memory, estimators)
+        pilot = Pilot(mission, drone, boot, listeners, memory, estimators, trust)
         if drone.id != self._drone:
             return pilot
         folder = self._folder / boot
-        recorder = FlightRecorder(folder, _LIMIT_MB, FlightHeader.of(mission, drone, boot, 0, memory))
+        recorder = FlightRecorder(folder, _LIMIT_MB, FlightHeader.of(mission, drone, boot, 0, memory, trust))
         self._recorders[folder] = recorder
         return cast(Pilot, _Recorded(pilot, recorder))
 

@@ -62,7 +62,7 @@ def test_segments_of_one_flight_are_read_as_one(tmp_path):
     recorder = FlightRecorder(folder, 8, HEADER)
     pilot = RecordedPilot(HEADER.pilot(tmp_path / "made"), recorder)
     for count in range(50):
-        pilot.receive("radron/1/radron/d1/pose", NOISE[count * 60_000 :][:60_000], 10**18 + count)
+        pilot.receive("radron/2/radron/d1/pose", NOISE[count * 60_000 :][:60_000], 10**18 + count)
         pilot.observe_vehicle(telemetry(10**18 + count))
         pilot.step(10**18 + count)
         until(lambda: not recorder._waiting)

@@ -15,7 +15,7 @@ from sim.world.radio import Radio, RadioTruth
 
 SECOND = 1_000_000_000
 NAMES = ("d1", "d2", "d3")
-POSE, CONE = "radron/1/s/{}/pose", "radron/1/s/{}/cone"
+POSE, CONE = "radron/2/s/{}/pose", "radron/2/s/{}/cone"
 PLACES = np.array([[0.0, 0.0, 3.0], [30.0, 0.0, 3.0], [70.0, 0.0, 3.0]])
 TRUTH = RadioTruth(delay_s=0.02, jitter_s=0.0, loss=0.0, recovery_s=0.5)
 

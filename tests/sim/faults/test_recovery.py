@@ -24,7 +24,7 @@ class Log:
 
     def log_answer(self, request):
         self.asked += 1
-        return [("radron/1/s/d2/cone", bytes([number])) for number in sorted(self.held - set(request))[:3]]
+        return [("radron/2/s/d2/cone", bytes([number])) for number in sorted(self.held - set(request))[:3]]
 
 
 class Pair:
@@ -45,7 +45,7 @@ class Pair:
                     if not self.recovery.hear(drone, key, payload, log, self.now_ns) and key.endswith("/cone"):
                         log.held |= set(payload)
                 if poses:
-                    self.radio.send(drone, f"radron/1/s/{NAMES[drone]}/pose", b"", self.now_ns)
+                    self.radio.send(drone, f"radron/2/s/{NAMES[drone]}/pose", b"", self.now_ns)
                 self.recovery.ask(drone, log, self.now_ns)
 
 

@@ -7,7 +7,7 @@ import pytest
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.message import DroneMessage
-from protocol.messages import Estimate, Stage, Status
+from protocol.messages import Estimate, Source, Stage, Status
 from sim.live.monitor import Observer
 from sim.scenario import load_scenario
 from sim.vehicle.px4.fleet import VehicleReport
@@ -37,7 +37,7 @@ def status(
 def estimate(drone: str, x: float, last: str = "0") -> Estimate:
     return Estimate(
         stamp_ns=1, drone=drone, mission=MISSION.mission_id, estimator="paper", digest=DIGEST + last,
-        position_m=(x, 2.0, 0.0), covariance_m2=(4.0, 0.0, 0.0, 9.0, 0.0, 0.0),
+        sources=(Source(position_m=(x, 2.0, 0.0), covariance_m2=(4.0, 0.0, 0.0, 9.0, 0.0, 0.0)),),
     )  # fmt: skip
 
 
@@ -111,7 +111,7 @@ def test_agents_agree_by_digest_and_by_every_bit_of_the_position(observer: Obser
 
 
 def test_what_is_no_message_is_counted_and_dropped(observer: Observer) -> None:
-    observer.receive("radron/1/radron/d1/status", b"\xff\xff")
+    observer.receive("radron/2/radron/d1/status", b"\xff\xff")
     observer.receive("nonsense", b"")
     assert observer.refused == 2
     assert observer.agents[0].status is None

@@ -1,0 +1,40 @@
+"""The drone's own signatures in a replay: its private key is in no record, but what it has signed is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from agent.flight import topics
+from protocol.codec import decode_from
+from protocol.entries import SIGNATURE_BYTES, Entry
+from protocol.errors import ProtocolError
+from protocol.signing import Authority, Member, Trust
+
+_NONE = bytes(SIGNATURE_BYTES)
+
+
+class RecordedSignatures:
+    """Signs in a replay, with the signature that the record holds for just these bytes."""
+
+    def __init__(self, certificate: bytes, authority: Authority) -> None:
+        """Raises ProtocolError where the authority has not issued the certificate."""
+        self._member: Member = authority.verify(certificate)
+        self._results: Sequence[tuple[str, bytes]] = ()
+        self.trust = Trust(self._member.name, self._sign, certificate, authority)
+
+    def offer(self, results: Sequence[tuple[str, bytes]]) -> None:
+        """Topics and contents of the recorded results of the next call."""
+        self._results = results
+
+    def _sign(self, data: bytes) -> bytes:
+        """The recorded signature of these bytes; zeros where there is none, so that the results differ."""
+        for topic, content in self._results:
+            if topic != topics.PUBLICATION:
+                continue
+            try:
+                message = decode_from(*topics.decode_message(content))
+            except (ProtocolError, ValueError):
+                continue
+            if isinstance(message, Entry) and self._member.verified(message.proof[:SIGNATURE_BYTES], data):
+                return message.proof[:SIGNATURE_BYTES]
+        return _NONE

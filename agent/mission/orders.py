@@ -1,0 +1,58 @@
+"""Which commands reach this drone's mission: signed by an operator, for this mission, and not sent before.
+
+A command carries, for each drone that it addresses, a ticket from that drone's newest status: a nonce, which the drone changes
+every few seconds by its own clock and never uses again after a restart, and a number above that of the last command carried out.
+So neither a recorded nor a delayed nor a reordered command is obeyed, and the operator's clock does not matter; only a start also
+has an age, because its stamp is the beginning of the swarm's mission.
+"""
+
+from __future__ import annotations
+
+from hashlib import blake2b
+
+from protocol.messages import Action, Command, Ticket
+from protocol.signing import Verifier
+
+NONCE_NS = 10_000_000_000  # a nonce is told for this long, and valid for as long again
+START_AGE_NS = 10_000_000_000  # an older start is refused
+
+
+class Orders:
+    """The commands to one drone."""
+
+    def __init__(self, drone: str, mission_id: str, boot: str, verifier: Verifier | None) -> None:
+        """``verifier`` None: the swarm has no certificates, and commands no signatures."""
+        self._drone, self._mission_id, self._boot = drone, mission_id, boot
+        self._verifier = verifier
+        self._last = 0  # number of the last command carried out
+
+    def ticket(self, now_ns: int) -> Ticket:
+        """What the next command needs, as published in the status."""
+        return Ticket(self._nonce(now_ns // NONCE_NS), self._last + 1)
+
+    def refusal(self, command: Command, now_ns: int) -> str | None:
+        """Why a command must not be carried out, or None: then ``note`` follows once it is."""
+        if command.mission != self._mission_id:
+            return "of_another_mission"
+        ticket = command.to.get(self._drone)
+        if ticket is None:
+            return "to_others"
+        if self._verifier is not None:
+            refused = self._verifier.refusal(command, now_ns)
+            if refused is not None:
+                return refused
+        present = now_ns // NONCE_NS
+        if ticket.nonce not in (self._nonce(present), self._nonce(present - 1)):
+            return "too_old"
+        if ticket.number <= self._last:
+            return "already_obeyed"
+        if command.action is Action.START and abs(now_ns - command.stamp_ns) > START_AGE_NS:
+            return "too_old"
+        return None
+
+    def note(self, command: Command) -> None:
+        """A command has been carried out: no other one with its number or a lower one is."""
+        self._last = command.to[self._drone].number
+
+    def _nonce(self, period: int) -> str:
+        return blake2b(f"{self._boot} {period}".encode(), digest_size=8).hexdigest()

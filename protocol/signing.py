@@ -1,0 +1,209 @@
+"""Signatures of log entries and commands (Ed25519, RFC 8032), made and verified with the certificates of the swarm's members.
+
+Log entries that are published together have one signature: that of the root of their hash tree (BLAKE2b-128, as in RFC 6962 with
+different hashes for leaves and nodes). The proof of an entry is this signature, its place in the tree, and the hashes beside its
+way to the root. So each entry can be verified by itself, whoever relays or recovers it, and a batch costs one verification.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import Protocol, TypeVar
+
+from msgspec.structs import replace
+
+from protocol.codec import as_bytes, written
+from protocol.entries import SIGNATURE_BYTES, Credential, Entry
+from protocol.errors import ProtocolError
+from protocol.messages import Action, Command
+
+MOST_IN_BATCH = 32  # of the place in a proof, and of its length
+MOST_ROOTS = 1024  # that are remembered as verified
+MOST_CERTIFICATES = 256  # that are remembered as read
+MOST_OF_BOOT = 4  # certificates; an honest agent has one
+DRONE, OPERATOR = "drone", "operator"  # roles in a certificate, as in ``identity.Role``: which needs a calendar, and this none
+_HASH_BYTES = 16
+_ENTRIES, _COMMAND = b"radron 2 entries\0", b"radron 2 command\0"  # no signature counts as one of something else
+
+Sign = Callable[[bytes], bytes]
+E = TypeVar("E", bound=Entry)
+
+
+class Member(Protocol):
+    """A verified certificate."""
+
+    @property
+    def name(self) -> str:
+        """Id of a drone, or name of a station."""
+        ...
+
+    @property
+    def role(self) -> str:
+        """One of ``identity.Role``."""
+        ...
+
+    @property
+    def serial(self) -> int:
+        """Number of the certificate."""
+        ...
+
+    @property
+    def not_before_ns(self) -> int:
+        """Beginning of its validity, UTC."""
+        ...
+
+    @property
+    def not_after_ns(self) -> int:
+        """End of its validity, UTC."""
+        ...
+
+    def verified(self, signature: bytes, data: bytes) -> bool:
+        """Whether this member has signed these bytes."""
+        ...
+
+
+class Authority(Protocol):
+    """Whoever issues the certificates of a swarm."""
+
+    def verify(self, der: bytes) -> Member:
+        """Read a certificate; raises ProtocolError where this authority has not issued it."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Trust:
+    """What a member signs and verifies with: its key, in ``sign``, its own certificate (DER), and the swarm's authority, with its
+    own certificate (PEM) for whoever verifies later.
+    """
+
+    name: str
+    sign: Sign
+    certificate: bytes
+    authority: Authority
+    authority_pem: str = ""
+    revoked: frozenset[int] = frozenset()  # serial numbers of certificates that command no more
+
+
+def sign_command(command: Command, trust: Trust) -> Command:
+    """The command with certificate and signature of its station."""
+    bare, _ = written(replace(command, certificate=trust.certificate, signature=b""))
+    return replace(command, certificate=trust.certificate, signature=trust.sign(_COMMAND + bare))
+
+
+def sign_entries(entries: Sequence[E], sign: Sign) -> Iterator[E]:
+    """Entries that are published together, with their proofs. Each must be as its receivers read it (``codec.written``)."""
+    for start in range(0, len(entries), MOST_IN_BATCH):
+        batch = entries[start : start + MOST_IN_BATCH]
+        rows = _tree([_leaf(as_bytes(replace(entry, proof=b""))) for entry in batch])
+        signature = sign(_ENTRIES + rows[-1][0])
+        for place, entry in enumerate(batch):
+            beside = [row[place >> level ^ 1] for level, row in enumerate(rows[:-1])]
+            yield replace(entry, proof=b"".join((signature, bytes((place,)), *beside)))
+
+
+def signed_root(entry: Entry) -> tuple[bytes, bytes] | None:
+    """The signature in an entry's proof, and what it must be a signature of; None where the proof is none."""
+    way = entry.proof[SIGNATURE_BYTES + 1 :]
+    if len(entry.proof) <= SIGNATURE_BYTES or len(way) % _HASH_BYTES or len(way) > 5 * _HASH_BYTES:
+        return None
+    place, found = entry.proof[SIGNATURE_BYTES], _leaf(as_bytes(replace(entry, proof=b"")))
+    for start in range(0, len(way), _HASH_BYTES):
+        beside = way[start : start + _HASH_BYTES]
+        found = _node(beside, found) if place & 1 else _node(found, beside)
+        place >>= 1
+    return None if place else (entry.proof[:SIGNATURE_BYTES], _ENTRIES + found)
+
+
+class Verifier:
+    """Tells which entries and commands are what their publishers have signed. By their bytes alone: all drones judge alike."""
+
+    def __init__(self, authority: Authority, revoked: frozenset[int] = frozenset()) -> None:
+        """``revoked``: serial numbers of certificates that command no more."""
+        self._authority, self._revoked = authority, revoked
+        self._read: OrderedDict[bytes, Member] = OrderedDict()
+        self._boots: defaultdict[tuple[str, str], list[Member]] = defaultdict(list)
+        self._roots: OrderedDict[tuple[str, str, bytes, bytes], None] = OrderedDict()
+
+    def knows(self, entry: Entry) -> bool:
+        """Whether the certificate that the entry is verified with is known: that of its drone in its boot, or its own."""
+        return isinstance(entry, Credential) or (entry.drone, entry.boot) in self._boots
+
+    def accepts_entry(self, entry: Entry, payload: bytes) -> bool:
+        """Whether its drone has signed just these bytes. A credential that is accepted counts from then on."""
+        signed = signed_root(entry)
+        if signed is None or as_bytes(entry) != payload:  # else a relay could add a field that no reader knows
+            return False
+        boot = entry.drone, entry.boot
+        if (*boot, *signed) in self._roots:
+            self._roots.move_to_end((*boot, *signed))
+            return True
+        member = self._of_credential(entry) if isinstance(entry, Credential) else None
+        members = self._boots.get(boot, ()) if member is None else (member,)
+        if not any(one.verified(*signed) for one in members):
+            return False
+        if member is not None and len(self._boots[boot]) < MOST_OF_BOOT:
+            self._boots[boot].append(member)
+        self._roots[(*boot, *signed)] = None
+        if len(self._roots) > MOST_ROOTS:
+            self._roots.popitem(last=False)
+        return True
+
+    def refusal(self, command: Command, now_ns: int) -> str | None:
+        """Why a command is not what an operator of this swarm has signed; None where it is.
+
+        A certificate's time is judged at a start only: the clock must not keep anybody from landing the swarm.
+        """
+        station = self._member(command.certificate)
+        if station is None or station.name != command.station:
+            return "without_valid_certificate"
+        if station.serial in self._revoked:
+            return "with_revoked_certificate"
+        if station.role != OPERATOR:
+            return f"by_a_{station.role}"
+        if not station.verified(command.signature, _COMMAND + as_bytes(replace(command, signature=b""))):
+            return "forged"
+        if command.action is Action.START and not station.not_before_ns <= now_ns <= station.not_after_ns:
+            return "with_expired_certificate"
+        return None
+
+    def _of_credential(self, entry: Credential) -> Member | None:
+        """The member of a drone's certificate that was valid when the boot began."""
+        member = self._member(entry.certificate)
+        if member is None or member.role != DRONE or member.name != entry.drone or entry.sequence != 0:
+            return None
+        return member if member.not_before_ns <= entry.stamp_ns <= member.not_after_ns else None
+
+    def _member(self, certificate: bytes) -> Member | None:
+        known = self._read.get(certificate)
+        if known is not None:
+            self._read.move_to_end(certificate)
+            return known
+        try:
+            member = self._authority.verify(certificate)
+        except ProtocolError:
+            return None
+        self._read[certificate] = member
+        if len(self._read) > MOST_CERTIFICATES:
+            self._read.popitem(last=False)
+        return member
+
+
+def _tree(leaves: list[bytes]) -> list[list[bytes]]:
+    """The rows of a hash tree from the leaves to the root; the row of the leaves is filled up with zeros to a power of two."""
+    size = 1 << (len(leaves) - 1).bit_length()
+    rows = [leaves + [bytes(_HASH_BYTES)] * (size - len(leaves))]
+    while len(rows[-1]) > 1:
+        row = rows[-1]
+        rows.append([_node(row[place], row[place + 1]) for place in range(0, len(row), 2)])
+    return rows
+
+
+def _leaf(body: bytes) -> bytes:
+    return blake2b(body, digest_size=_HASH_BYTES, person=b"leaf").digest()
+
+
+def _node(left: bytes, right: bytes) -> bytes:
+    return blake2b(left + right, digest_size=_HASH_BYTES, person=b"node").digest()

@@ -1,0 +1,35 @@
+"""The coarse spectrum of an exposure: 32 bins from 40 to 1450 keV, of equal width in the square root of the energy.
+
+So a bin is 13 keV wide at 40 keV, 51 keV at 662 keV and 75 keV at the end, about in step with the resolution of a pixel detector.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import sqrt
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from protocol.units import Count
+
+BINS = 32
+LOWEST_KEV, HIGHEST_KEV = 40.0, 1450.0
+_STEP = (sqrt(HIGHEST_KEV) - sqrt(LOWEST_KEV)) / BINS
+EDGES_KEV = (*((sqrt(LOWEST_KEV) + place * _STEP) ** 2 for place in range(BINS)), HIGHEST_KEV)
+
+
+class SpectrumBin(Struct, frozen=True, array_like=True):
+    """Events of one energy bin: single clusters, and coincidences of two by the sum of their energies."""
+
+    place: Annotated[int, Meta(ge=0, le=BINS - 1)]
+    singles: Count
+    coincidences: Count
+
+
+Spectrum = Annotated[tuple[SpectrumBin, ...], Meta(max_length=BINS)]  # bins without events are left out
+
+
+def is_in_order(spectrum: tuple[SpectrumBin, ...]) -> bool:
+    """Whether each bin occurs once, in the order of energy."""
+    return all(before.place < after.place for before, after in pairwise(spectrum))

@@ -1,0 +1,71 @@
+"""What each vehicle of a flight in lockstep tells its agent about itself, with the errors of its localisation and its faults."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot
+
+from agent.pilot import Pilot
+from agent.vehicle.interface import VehicleState
+from sim.faults.onboard import OnboardFaults
+from sim.geometry import Vector3
+from sim.vehicle.autopilot import Autopilot
+from sim.vehicle.multirotor import GRAVITY_MPS2, Multirotors, attitude
+from sim.vehicle.px4.filter.deadreckoning import FilterErrors
+from sim.world.localization import Localization
+from sim.world.movingframes import MovingFrames
+from sim.world.terrain import Terrain
+
+
+class Telemetry:
+    """The autopilots' estimates, and what the agents hear of them.
+
+    estimated_m, velocity_mps: of each vehicle in its local frame, by the last ``tell``; the autopilots fly by them.
+    """
+
+    def __init__(
+        self,
+        motion: Multirotors,
+        errors: Localization | FilterErrors,
+        frames: MovingFrames,
+        terrain: Terrain,
+        onboard: OnboardFaults,
+        exact: Sequence[bool],
+    ) -> None:
+        """``exact``: whose local frames the mission knows."""
+        self._motion, self._errors, self._frames = motion, errors, frames
+        self._terrain, self._onboard, self._exact = terrain, onboard, exact
+        self.estimated_m: list[Vector3] = frames.local(motion.position_m)
+        self.velocity_mps: list[Vector3] = [(0.0, 0.0, 0.0)] * len(exact)
+
+    def tell(self, now_ns: int, pilots: Sequence[Pilot], autopilots: Sequence[Autopilot]) -> None:
+        """Estimate the vehicles' states, and pass each to its pilot unless the link is down."""
+        motion, error, frames, onboard = self._motion, self._errors, self._frames, self._onboard
+        self.estimated_m = frames.local(motion.position_m + error.position_error_m)
+        self.velocity_mps = frames.turn(motion.velocity_mps + error.velocity_error_mps)
+        # An attitude error acts like another thrust.
+        thrusts = frames.turn(motion.thrust_mps2 + GRAVITY_MPS2 * error.tilt_error)
+        yaws = (motion.yaw_rad + error.yaw_error_rad - frames.yaw_rad).tolist()
+        heights = (self._terrain.above_ground(motion.position_m)[:, 2] + error.height_error_m).tolist()
+        epochs, told_m = frames.epoch, frames.told_m
+        for drone, (pilot, autopilot) in enumerate(zip(pilots, autopilots, strict=True)):
+            if not onboard.vehicles.hears(drone):
+                continue
+            pilot.observe_vehicle(
+                VehicleState(
+                    stamp_ns=onboard.clocks.own_ns(drone, now_ns),
+                    epoch=0 if self._exact[drone] else epochs[drone],
+                    position_m=self.estimated_m[drone],
+                    velocity_mps=self.velocity_mps[drone],
+                    quaternion=attitude(yaws[drone], *thrusts[drone]),
+                    height_m=heights[drone],
+                    position_sigma_m=onboard.poses.sigma_m(drone, hypot(error.position_sigma_m[0], told_m[drone])),
+                    yaw_sigma_rad=error.yaw_sigma_rad,
+                    mode=autopilot.mode,
+                    armed=autopilot.armed,
+                    in_air=autopilot.in_air,
+                    healthy=not autopilot.failsafe,
+                    battery=onboard.vehicles.battery(drone),
+                    position_trusted=onboard.poses.trusted(drone),
+                )
+            )

@@ -1,0 +1,50 @@
+"""The members of a swarm with certificates, for tests of one pilot."""
+
+from msgspec.structs import replace
+from one_pilot import MISSION, START_NS, boot_of, command, cone_of
+
+from agent.config.drone import DroneConfig
+from agent.pilot import Pilot
+from protocol.codec import decode_from, encode
+from protocol.entries import Credential
+from protocol.keys import key_of
+from protocol.signing import sign_command, sign_entries
+from sim.members import SimulatedAuthority, operator_of
+
+AUTHORITY, FOREIGN = SimulatedAuthority(1), SimulatedAuthority(2)
+OPERATOR = operator_of(AUTHORITY)
+
+
+def trusting(drone="d1", boot=None, memory=None):
+    """A pilot of a swarm with certificates."""
+    trust = AUTHORITY.trust(drone)
+    return Pilot(MISSION, DroneConfig(id=drone), boot=boot or boot_of(drone), memory=memory, trust=trust)
+
+
+def credential(drone="d2", boot="2" * 16, trust=None, **changes):
+    """The first entry of a boot, signed."""
+    trust = trust or AUTHORITY.trust(drone)
+    entry = Credential(
+        stamp_ns=START_NS, drone=drone, mission=MISSION.mission_id, boot=boot, sequence=0, certificate=trust.certificate
+    )
+    return next(sign_entries([replace(entry, **changes)], trust.sign))
+
+
+def cones(numbers, drone="d2", boot="2" * 16, sign=None):
+    """Cones published together."""
+    entries = [cone_of(drone, number, START_NS + number * 200_000_000, boot) for number in numbers]
+    return list(sign_entries(entries, sign or AUTHORITY.trust(drone).sign))
+
+
+def give(one, *entries, now_ns=START_NS):
+    """Deliver entries to a pilot."""
+    for entry in entries:
+        one.receive(key_of(MISSION.swarm, entry), encode(entry), now_ns)
+
+
+def order(action, now_ns, trust=OPERATOR, **changes):
+    """A signed command."""
+    key, payload = command(action, stamp_ns=now_ns)
+    message = replace(decode_from(key, payload), station="lockstep", **changes)
+    message = sign_command(message, trust)
+    return key_of(MISSION.swarm, message), encode(message)
