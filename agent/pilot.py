@@ -221,7 +221,7 @@ class Pilot:
         self._problems.noticed = (*self._chain.noise.problems, *self._observer.problems, *self._watch.problems)
         self.counters["pixel_hits_lost"] = self._chain.lost_hits
         self.counters["pixel_hits_of_noise"] = self._chain.noise.masked_hits
-        self.counters["detections_dropped"] = self._observer.dropped
+        self.counters["detections_dropped"], self.counters["cones_withheld"] = self._observer.dropped, self._observer.withheld
         return self._outbox.take()
 
     def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:

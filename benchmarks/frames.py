@@ -19,6 +19,7 @@ sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
 from sighted_swarm import SECOND, Drone, Flown, Sensor, fly, settle
 
 from agent.frames.swarm import SwarmFrames
+from protocol.codec import encode
 
 SECONDS, TRIALS = 40.0, 40
 DRIFT = {"drift_m": 0.1, "yaw_drift_deg": 0.2}
@@ -35,7 +36,7 @@ def estimated(flown: Flown) -> tuple[SwarmFrames, float, float]:
     frames = SwarmFrames(flown.mission)
     begun = time.process_time()
     for entry in flown.entries:
-        frames.receive(entry)
+        frames.receive(entry, encode(entry))
     received = time.process_time()
     settle(frames, int(flown.stamps_ns[-1]) + SECOND)
     keyframes = 1e-3 * len(flown.stamps_ns) * 0.1

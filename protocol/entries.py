@@ -41,7 +41,7 @@ from protocol.units import (
     SwathMetres,
 )
 
-_LONGEST_EXPOSURE_NS = 60_000_000_000
+LONGEST_EXPOSURE_NS = 60_000_000_000
 SIGNATURE_BYTES = 64  # Ed25519
 Proof = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES + 1 + 16 * 5)]
 
@@ -146,7 +146,7 @@ class Exposure(Entry, frozen=True, kw_only=True):
         duration_ns = self.end_ns - self.stamp_ns
         if duration_ns <= 0:
             return "it ends before it begins"
-        if duration_ns > _LONGEST_EXPOSURE_NS:
+        if duration_ns > LONGEST_EXPOSURE_NS:
             return "it is longer than a minute"
         if self.live_time_s > duration_ns * 1e-9 * 1.000001:
             return "its live time is longer than itself"

@@ -78,7 +78,10 @@ class Action(StrEnum):
 
 
 class Pose(DroneMessage, frozen=True, kw_only=True):
-    """Pose of a drone by its own localisation."""
+    """Pose of a drone by its own localisation.
+
+    ``steered``: its vehicle follows the plans that it publishes; false where a pilot, a failsafe or the autopilot alone flies it.
+    """
 
     epoch: Epoch
     position_m: Position
@@ -86,6 +89,7 @@ class Pose(DroneMessage, frozen=True, kw_only=True):
     quaternion: Quaternion
     position_sigma_m: PositiveMetres
     yaw_sigma_rad: SigmaRadians
+    steered: bool = True
 
     def flaw(self) -> str | None:
         """The quaternion must have unit norm."""

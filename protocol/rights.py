@@ -41,8 +41,10 @@ def access_control(
     ]
     basic = ["send", "read", "command", *(["news"] if drones is None else [])]
     members = [name for name in drones or () if name not in revoked]
-    rules += [_rule(f"drone {name}", "ingress", _PUBLISH, f"{own}/{name}/**") for name in members]
-    grants = {name: [*basic, "answer", f"drone {name}"] for name in members}
+    for name in members:
+        rules.append(_rule(f"{name} publishes", "ingress", ("put", "delete", "reply"), f"{own}/{name}/**"))
+        rules.append(_rule(f"{name} is there", "ingress", ("liveliness_token", "declare_queryable"), *_presence(f"{own}/{name}")))
+    grants = {name: [*basic, "answer", f"{name} publishes", f"{name} is there"] for name in members}
     if others is not None:
         grants |= {name: basic for name in others if name not in revoked and name not in grants}
     subjects: list[dict[str, object]] = [{"id": name, "cert_common_names": [name]} for name in grants]
@@ -51,6 +53,11 @@ def access_control(
         subjects.append({"id": "anybody with a certificate"})
         policies.append({"subjects": ["anybody with a certificate"], "rules": basic})
     return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
+
+
+def _presence(own: str) -> tuple[str, ...]:
+    """What a drone declares: without these limits it could have its peers keep any number of other tokens."""
+    return (f"{own}/alive", f"{own}/log", *(f"{own}/{kind}" for kind in ENTRY_KINDS))
 
 
 def _rule(name: str, flow: str, messages: Collection[str], *keys: str) -> dict[str, object]:

@@ -19,7 +19,7 @@ import numpy as np
 from agent.config.drone import DroneConfig, VehicleConfig
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
-from agent.vehicle.interface import VehicleState
+from agent.vehicle.interface import FlightMode, VehicleState
 from protocol.messages import Action
 from sim.faults.agents import Late
 from sim.faults.disk import check_playable
@@ -31,6 +31,7 @@ from sim.faults.poses import with_dead_reckoning
 from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
 from sim.faults.schedule import Schedule
+from sim.geometry import Vector3
 from sim.members import SimulatedAuthority, SimulatedOperator
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
@@ -119,8 +120,7 @@ class _World:
         mission = scenario.mission
         count = len(mission.drones)
         random = streams(seed, count)
-        self.ticks = 0
-        self._mission = mission
+        self.ticks, self._mission = 0, mission
         names, layout = [drone.id for drone in mission.drones], [(drone.origin_m, drone.yaw_deg) for drone in mission.drones]
         self._faults = Schedule(scenario.fault, names, seed)
         self._frames = MovingFrames(scenario.localization, names, layout, mission.datum, TICK_NS * 1e-9, random)
@@ -137,21 +137,22 @@ class _World:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
         self._configs, self._listen, self._seed, self._make = configs, listen, seed, make or Pilot
         self._folds = Folds(count, seed)
-        authority = SimulatedAuthority(seed)
-        self._authority, self._operator = authority, SimulatedOperator(authority, mission.swarm, mission.mission_id)
+        self._operator = SimulatedOperator(SimulatedAuthority(seed), mission.swarm, mission.mission_id)
         self._terrain = Terrain(scenario.terrain)
         position = self._terrain.on_ground(launch_places(scenario.start, mission, random.start))
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
         errors = Localization(scenario.localization, count, TICK_NS * 1e-9, random.localization)
         self._localization = with_dead_reckoning(scenario.fault, errors)
         self._estimated = self._frames.local(position)
+        self._velocities: list[Vector3] = [(0.0, 0.0, 0.0)] * count
         places = zip(self._estimated, self._frames.yaw_rad.tolist(), mission.return_heights_m, strict=True)
         self._autopilots = [Autopilot(home, -yaw, TICK_NS * 1e-9, height_m) for home, yaw, height_m in places]
         world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
-        self._liars = Liars(scenario.fault, self._faults, authority.signs(names))
-        self._forgers, self._old_commands = Forgers(self._faults, names, authority.signs(names)), OldCommands(self._faults)
+        self._liars = Liars(scenario.fault, self._faults, self._operator.authority.signs(names))
+        self._forgers = Forgers(self._faults, names, self._operator.authority.signs(names))
+        self._old_commands = OldCommands(self._faults)
         self._recovery = Recovery(mission.swarm, names, self._radio, self._liars.told) if scenario.fault else None
         late = [any(isinstance(fault, Late) and name in fault.strikes(names) for fault in scenario.fault) for name in names]
         agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]
@@ -209,7 +210,7 @@ class _World:
         source = self._source_now = self._source(self.time_s) if self._source is not None else None
         measured = self._sense(now_ns, source)
         if self.ticks == round(START_S * 1e9 / TICK_NS):
-            self._command(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive], Action.START)
+            self._command(now_ns, range(len(self._crew.agents)), Action.START)
         self._command(now_ns, self._crew.called(now_ns), Action.START)
         self._old_commands.advance(now_ns, partial(self._command, now_ns), self._again)
         for drone, agent in enumerate(self._crew.agents):
@@ -281,7 +282,7 @@ class _World:
     def _telemetry(self, now_ns: int) -> None:
         motion, error, frames = self._multirotors, self._localization, self._frames
         self._estimated = frames.local(motion.position_m + error.position_error_m)
-        velocities = frames.turn(motion.velocity_mps + error.velocity_error_mps)
+        velocities = self._velocities = frames.turn(motion.velocity_mps + error.velocity_error_mps)
         # An attitude error acts like another thrust.
         thrusts = frames.turn(motion.thrust_mps2 + GRAVITY_MPS2 * error.tilt_error)
         yaws = (motion.yaw_rad + error.yaw_error_rad - frames.yaw_rad).tolist()
@@ -310,7 +311,8 @@ class _World:
             )
 
     def _command(self, now_ns: int, drones: Sequence[int], action: Action) -> bytes | None:
-        """The operator commands some drones; what was sent."""
+        """The operator commands some drones; what was sent, or None where none of their agents lives."""
+        drones = [drone for drone in drones if self._crew.agents[drone].alive]
         if not drones:
             return None
         own_ns = {drone: self._onboard.clocks.own_ns(drone, now_ns) for drone in drones}
@@ -322,13 +324,14 @@ class _World:
 
     def _again(self, now_ns: int, drone: int, payload: bytes) -> None:
         """A command that was sent before arrives once more."""
-        self.pilots[drone].receive(self._operator.key, payload, self._onboard.clocks.own_ns(drone, now_ns))
+        if self._crew.agents[drone].alive:
+            self.pilots[drone].receive(self._operator.key, payload, self._onboard.clocks.own_ns(drone, now_ns))
 
     def _start(self, drone: int, starts: int = 0, memory: Memory | None = None) -> Pilot:
         """The pilot of a drone's agent that has been started so many times before."""
         boot = f"{self._seed & 0xFFFFFFFF:08x}{starts << 16 | drone:08x}"
         listeners = self._listen if drone == 0 else ()
-        trust = self._authority.trust(self._configs[drone].id)
+        trust = self._operator.authority.trust(self._configs[drone].id)
         return self._make(self._mission, self._configs[drone], boot, listeners, memory, self._folds.of(drone), trust)
 
     def _gone(self, drone: int) -> None:
@@ -340,9 +343,10 @@ class _World:
     def _move(self) -> None:
         motion, error = self._multirotors, self._localization
         flat = self._terrain.flat and not self._frames.moving  # where a frame moves vertically, home is not at ground level
-        heights = None if flat else self._terrain.above_ground(motion.position_m)[:, 2].tolist()
-        for drone, (autopilot, estimated) in enumerate(zip(self._autopilots, self._estimated, strict=True)):
-            autopilot.step(estimated, None if heights is None else estimated[2] - heights[drone])
+        heights = self._terrain.above_ground(motion.position_m)[:, 2].tolist()
+        told = zip(self._autopilots, self._estimated, heights, self._velocities, strict=True)
+        for autopilot, estimated, height_m, velocity in told:
+            autopilot.step(estimated, estimated[2] - height_m, velocity)  # it lands where the ground is, not where it believes it
         targets = [autopilot.target for autopilot in self._autopilots]
         turned = self._frames.to_world([(target.position, target.velocity, target.acceleration) for target in targets])
         yaws = np.array([(target.yaw, target.yaw_rate) for target in targets])
@@ -356,7 +360,8 @@ class _World:
         grounded = np.array([autopilot.grounded for autopilot in self._autopilots])
         # The autopilot controls its estimates, not its true position and velocity.
         motion.step(setpoints, grounded, error.position_error_m, error.velocity_error_mps)
-        if not flat or motion.any_falls:
+        landing = any(autopilot.mode is FlightMode.LAND for autopilot in self._autopilots)
+        if not flat or motion.any_falls or landing:
             motion.rest_on(motion.position_m[:, 2] - self._terrain.above_ground(motion.position_m)[:, 2])
         error.step()
         self._onboard.poses.step()

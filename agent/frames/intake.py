@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,18 +15,23 @@ from agent.frames.geodesy import mission_from_geodetic
 from agent.frames.residuals import Fixes, Sightings
 from agent.frames.tracks import Sample, Track
 from agent.geometry import yaw_of
-from protocol.entries import Entry, EntryId, Exposure, Fix, Sighting
+from protocol.codec import decode
+from protocol.entries import LONGEST_EXPOSURE_NS, Entry, EntryId, Exposure, Fix, Sighting
 
+E = TypeVar("E", bound=Entry)
 _OUTAGE_NS = 5_000_000_000  # after so long without a fix, an autopilot is assumed to navigate by other means
 _ATTITUDE_VAR = math.radians(0.5) ** 2  # of the observer's roll and pitch, which the sightings' sigmas do not include
 
 
 @dataclass(slots=True)
 class _Bucket:
-    """Measurements within one keyframe's interval, and the arrays built from them once the tracks are known."""
+    """Measurements within one keyframe's interval, and the arrays built from them once the tracks are known.
 
-    sightings: dict[EntryId, Sighting] = field(default_factory=dict)
-    fixes: dict[EntryId, Fix] = field(default_factory=dict)
+    Held are the bytes that the log holds too: decoded, the entries would take more memory than all the rest.
+    """
+
+    sightings: dict[EntryId, bytes] = field(default_factory=dict)
+    fixes: dict[EntryId, bytes] = field(default_factory=dict)
     seen: Sightings | None = None
     fixed: Fixes | None = None
 
@@ -49,27 +54,29 @@ class Intake:
         self.dirty: int | None = None
         self._buckets: dict[int, _Bucket] = {}
         self._fix_stamps: list[list[int]] = [[] for _ in mission.drones]
-        self._exposures: dict[EntryId, Exposure] = {}
+        self._exposures: dict[EntryId, bytes] = {}
         self._earliest_ns = 0
 
-    def receive(self, entry: Entry) -> None:
-        """Add an exposure, a sighting or a fix; other entries are ignored, as they carry no information about frames.
+    def receive(self, entry: Entry, payload: bytes) -> None:
+        """Add an exposure, a sighting or a fix, with the bytes that it was decoded from; other entries are ignored, as they
+        carry no information about frames.
 
         An entry replaces one with the same identity, whatever its kind; conflicts have been resolved by ``ObservationLog``.
         """
         number = self._number.get(entry.drone)
         if number is None:
             return
-        self._displace(entry.entry_id, number)
+        identity = entry.entry_id
+        self._displace(identity, number)
         if isinstance(entry, Exposure):
-            self._exposures[entry.entry_id] = entry
+            self._exposures[identity] = payload
             self._add_samples(number, entry)
         elif entry.stamp_ns < self._earliest_ns:
             return
         elif isinstance(entry, Sighting) and entry.target in self._number:
-            self._bucket(entry.stamp_ns).sightings[entry.entry_id] = entry
+            self._bucket(entry.stamp_ns).sightings[identity] = payload
         elif isinstance(entry, Fix):
-            self._bucket(entry.stamp_ns).fixes[entry.entry_id] = entry
+            self._bucket(entry.stamp_ns).fixes[identity] = payload
             insort(self._fix_stamps[number], entry.stamp_ns)
 
     def taken(self) -> int | None:
@@ -137,17 +144,26 @@ class Intake:
             stamps = self._fix_stamps[number]
             del stamps[bisect_left(stamps, identity.stamp_ns)]
             self._leave(identity.stamp_ns)
-        exposure = self._exposures.pop(identity, None)
-        if exposure is None:
+        payload = self._exposures.pop(identity, None)
+        if payload is None:
             return
+        exposure = _decoded(Exposure, payload)
         for sample in _samples(exposure):
             before_ns = self.tracks[number].remove(sample)
             if before_ns is not None:
                 self._touch(self._index(before_ns + 1))
                 self._leave(sample.stamp_ns)
-        for other in self._exposures.values():  # another exposure at the same time may have samples that this one had hidden
-            if other.drone == exposure.drone and other.stamp_ns <= exposure.end_ns and exposure.stamp_ns <= other.end_ns:
-                self._add_samples(number, other)
+        for other in self._beside(exposure):  # may have samples that this one had hidden
+            self._add_samples(number, other)
+
+    def _beside(self, exposure: Exposure) -> Iterator[Exposure]:
+        """The other exposures of a drone at the time of one."""
+        for identity, payload in self._exposures.items():
+            before_ns = exposure.stamp_ns - identity.stamp_ns
+            if identity.drone == exposure.drone and before_ns <= LONGEST_EXPOSURE_NS and identity.stamp_ns <= exposure.end_ns:
+                other = _decoded(Exposure, payload)
+                if exposure.stamp_ns <= other.end_ns:
+                    yield other
 
     def _leave(self, stamp_ns: int) -> None:
         """Remove a measurement's stamp; a keyframe without any data is dropped."""
@@ -172,7 +188,8 @@ class Intake:
     def _seen(self, index: int) -> Sightings:
         bucket = self._buckets[index]
         if bucket.seen is None:
-            rows = [self._sighting(bucket.sightings[identity]) for identity in sorted(bucket.sightings)]
+            entries = (_decoded(Sighting, payload) for _, payload in sorted(bucket.sightings.items()))
+            rows = list(map(self._sighting, entries))
             columns = list(zip(*(row for row in rows if row is not None), strict=True))
             if not columns:
                 bucket.seen = Sightings.empty()
@@ -201,7 +218,7 @@ class Intake:
     def _fixed(self, index: int) -> Fixes:
         bucket = self._buckets[index]
         if bucket.fixed is None:
-            rows = [self._fix(bucket.fixes[identity]) for identity in sorted(bucket.fixes)]
+            rows = [self._fix(_decoded(Fix, payload)) for _, payload in sorted(bucket.fixes.items())]
             columns = list(zip(*(row for row in rows if row is not None), strict=True))
             if not columns:
                 bucket.fixed = Fixes.empty()
@@ -235,6 +252,13 @@ class Intake:
             return 1.0
         apart = max(stamp_ns - stamps[place - 1], 1) / self._correlation_ns
         return max(1.0, (2.0 if self._slam[number] else 0.5) / apart)
+
+
+def _decoded(kind: type[E], payload: bytes) -> E:
+    entry = decode(payload)
+    if not isinstance(entry, kind):
+        raise TypeError(f"the bytes of a {type(entry).__name__} as those of a {kind.__name__}")
+    return entry
 
 
 def _samples(exposure: Exposure) -> Iterator[Sample]:

@@ -22,6 +22,8 @@ _SLICE = 24  # keyframe updates of one drone per call of ``advance``: about 20 m
 _RECENT = 64  # number of recent checkpoints that are all kept; of older ones every 8th
 _EVERY = 8
 
+Received = tuple[Entry, bytes]  # and the bytes that it was decoded from
+
 
 class SwarmFrames:
     """``mission_from_local`` of every drone whose localisation is not exact, in ``graph``.
@@ -49,8 +51,8 @@ class SwarmFrames:
         self._epochs: list[set[int]] = [set() for _ in mission.drones]  # epochs in the graph, by drone
         self._newest = self._beginning  # the checkpoint that the graph shows
         self._estimating = False  # keyframes are due that the next call of ``advance`` estimates
-        self._waiting: list[Entry] = []  # entries received while estimating
-        self._late: list[Entry] = []
+        self._waiting: list[Received] = []  # while estimating
+        self._late: list[Received] = []
         self._took = 0  # calls since the last batch of late entries
         self._rest: int | None = 0  # calls until the next one; None: the last one is still being estimated
         self._started = False
@@ -68,16 +70,16 @@ class SwarmFrames:
         self._started, self._estimating = True, False
         self._intake.drop_before(stamp_ns - BEFORE_START_NS)
 
-    def receive(self, entry: Entry) -> None:
-        """Add an entry of the log; each once, in any order."""
+    def receive(self, entry: Entry, payload: bytes) -> None:
+        """Add an entry of the log with the bytes that it was decoded from; each once, in any order."""
         if self._idle:
             return
         if self._is_late(entry):
-            self._late.append(entry)
+            self._late.append((entry, payload))
         elif self._estimating:
-            self._waiting.append(entry)
+            self._waiting.append((entry, payload))
         else:
-            self._intake.receive(entry)
+            self._intake.receive(entry, payload)
 
     def advance(self, now_ns: int) -> None:
         """Estimate keyframes that are due, and recompute those that late entries have changed; a limited number per call."""
@@ -85,8 +87,8 @@ class SwarmFrames:
             return
         if not self._estimating:
             waiting, self._waiting = [*self._taken_late(), *self._waiting], []
-            for entry in waiting:
-                self._intake.receive(entry)
+            for entry, payload in waiting:
+                self._intake.receive(entry, payload)
             self._due = max(self._due, (now_ns - self._settle_ns) // self._intake.grid_ns)
             self._rewind()
         last = next(reversed(self._checkpoints.values()), self._beginning)
@@ -122,7 +124,7 @@ class SwarmFrames:
         last = next(reversed(self._checkpoints), -1)
         return entry.stamp_ns <= min(last, self._due - LATE_NS // self._intake.grid_ns) * self._intake.grid_ns
 
-    def _taken_late(self) -> list[Entry]:
+    def _taken_late(self) -> list[Received]:
         """The late entries, unless the last batch of them was a moment ago."""
         if self._rest is None:
             self._rest = self._took - 1

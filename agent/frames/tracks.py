@@ -8,6 +8,7 @@ Everything is a function of the samples alone, whatever order they arrived in.
 from __future__ import annotations
 
 import math
+from array import array
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
@@ -43,13 +44,16 @@ class Segment:
 
 
 class Track:
-    """Samples in order of time, and what is derived from them on demand."""
+    """Samples in order of time, and what is derived from them on demand.
+
+    Columns of numbers, 8 bytes each: a drone's track grows by ten samples a second, and a sample as an object takes 300 bytes.
+    """
 
     def __init__(self) -> None:
-        self._stamps: list[int] = []
-        self._samples: list[Sample] = []
-        self._places: list[Vector3] = []  # in the continuous frame; as far as computed
-        self._flown: list[float] = []  # metres along the track
+        self._stamps = array("Q")
+        self._epochs = array("Q")
+        self._local = _Rows()  # position and heading, in the sample's own frame
+        self._places = _Rows()  # in the continuous frame, and metres along the track; as far as computed
         self._segments: list[Segment] = []
         self._changed_ns = ALWAYS
 
@@ -58,23 +62,24 @@ class Track:
 
         Of two samples of the same stamp and epoch the lesser one is kept, whichever came first.
         """
-        index = bisect_left(self._samples, (sample.stamp_ns, sample.epoch), key=lambda held: (held.stamp_ns, held.epoch))
-        if index < len(self._samples) and (self._stamps[index], self._samples[index].epoch) == (sample.stamp_ns, sample.epoch):
-            if self._samples[index] <= sample:
+        index = self._index(sample)
+        held = self._sample(index) if index < len(self._stamps) else None
+        if held is not None and (held.stamp_ns, held.epoch) == (sample.stamp_ns, sample.epoch):
+            if held <= sample:
                 return None
-            self._samples[index] = sample
-        else:
-            self._samples.insert(index, sample)
-            self._stamps.insert(index, sample.stamp_ns)
+            self._delete(index)
+        self._stamps.insert(index, sample.stamp_ns)
+        self._epochs.insert(index, sample.epoch)
+        self._local.insert(index, (*sample.position_m, sample.yaw_rad))
         self._forget(index)
         return self._stamps[index - 1] if index else -1
 
     def remove(self, sample: Sample) -> int | None:
         """Remove a sample. Returns the stamp after which the track has changed (None: it was not held)."""
-        index = bisect_left(self._samples, sample)
-        if index == len(self._samples) or self._samples[index] != sample:
+        index = self._index(sample)
+        if index == len(self._stamps) or self._sample(index) != sample:
             return None
-        del self._stamps[index], self._samples[index]
+        self._delete(index)
         self._forget(index)
         return self._stamps[index - 1] if index else -1
 
@@ -86,7 +91,7 @@ class Track:
         """Discard the samples before that stamp."""
         count = bisect_left(self._stamps, stamp_ns)
         if count:
-            del self._stamps[:count], self._samples[:count]
+            self._delete(0, count)
             self._forget(0)
 
     def taken_changed_ns(self) -> int:
@@ -116,10 +121,10 @@ class Track:
         self._join()
         before = after - 1
         if after == len(self._stamps) or self._stamps[after] - self._stamps[before] > _LONGEST_GAP_NS:
-            return self._places[before], self._flown[before]
+            return self._places.vector(before), self._places.last(before)
         share = (stamp_ns - self._stamps[before]) / (self._stamps[after] - self._stamps[before])
-        flown = self._flown[before] + share * (self._flown[after] - self._flown[before])
-        return _between(self._places[before], self._places[after], share), flown
+        flown = self._places.last(before) + share * (self._places.last(after) - self._places.last(before))
+        return _between(self._places.vector(before), self._places.vector(after), share), flown
 
     def at(self, stamp_ns: int) -> Vector3 | None:
         """Position in the continuous frame; None where no samples lie close enough around the stamp."""
@@ -128,11 +133,12 @@ class Track:
             return None
         self._join()
         if self._stamps[after] == stamp_ns:
-            return self._places[after]
+            return self._places.vector(after)
         gap = self._stamps[after] - self._stamps[after - 1]
         if gap > _LONGEST_GAP_NS:
             return None
-        return _between(self._places[after - 1], self._places[after], (stamp_ns - self._stamps[after - 1]) / gap)
+        share = (stamp_ns - self._stamps[after - 1]) / gap
+        return _between(self._places.vector(after - 1), self._places.vector(after), share)
 
     def joined(self, epoch: int, stamp_ns: int) -> Transform | None:
         """Continuous frame from the local frame of that epoch at a stamp; None if the drone was not in that epoch then."""
@@ -150,9 +156,24 @@ class Track:
         last = bisect_right(self._segments, until_ns, key=lambda segment: segment.stamp_ns)
         return [segment.gap_s for segment in self._segments[max(first, 1) : last]]
 
+    def _index(self, sample: Sample) -> int:
+        """Place of the sample of that stamp and epoch, or where it belongs."""
+        index = bisect_left(self._stamps, sample.stamp_ns)
+        while index < len(self._stamps) and self._stamps[index] == sample.stamp_ns and self._epochs[index] < sample.epoch:
+            index += 1
+        return index
+
+    def _sample(self, index: int) -> Sample:
+        return Sample(self._stamps[index], self._epochs[index], self._local.vector(index), self._local.last(index))
+
+    def _delete(self, index: int, count: int = 1) -> None:
+        """Delete samples from ``index`` on, but nothing that is derived from them."""
+        del self._stamps[index : index + count], self._epochs[index : index + count]
+        self._local.delete(index, index + count)
+
     def _forget(self, index: int) -> None:
         """Discard what is derived from the sample at ``index`` and later ones."""
-        del self._places[index:], self._flown[index:]
+        self._places.delete(index, len(self._places))
         while self._segments and self._segments[-1].first >= index:
             self._note(self._segments.pop().stamp_ns)
 
@@ -160,18 +181,18 @@ class Track:
         self._changed_ns = min(stamp_ns, self._changed_ns)
 
     def _join(self) -> None:
-        for index in range(len(self._places), len(self._samples)):
-            sample = self._samples[index]
+        for index in range(len(self._places), len(self._stamps)):
+            sample = self._sample(index)
             if index == 0 or self._jumps(index):
                 joined, gap_s = (Transform(), 0.0) if index == 0 else self._onward(index)
                 self._segments.append(Segment(index, sample.stamp_ns, sample.epoch, joined, gap_s))
                 self._note(sample.stamp_ns)
             place = self._segments[-1].joined.apply_point(sample.position_m)
-            self._flown.append(self._flown[-1] + math.dist(place, self._places[-1]) if index else 0.0)
-            self._places.append(place)
+            flown = self._places.last(index - 1) + math.dist(place, self._places.vector(index - 1)) if index else 0.0
+            self._places.insert(index, (*place, flown))
 
     def _jumps(self, index: int) -> bool:
-        before, after = self._samples[index - 1], self._samples[index]
+        before, after = self._sample(index - 1), self._sample(index)
         if before.epoch != after.epoch:
             return True
         gap_s = 1e-9 * (after.stamp_ns - before.stamp_ns)
@@ -181,17 +202,40 @@ class Track:
         """Join of the segment that begins at ``index``, by assuming that the vehicle kept its velocity and turn rate, and its gap
         (s).
         """
-        before, after = self._samples[index - 1], self._samples[index]
+        before, after = self._sample(index - 1), self._sample(index)
         gap_ns = after.stamp_ns - before.stamp_ns
-        place = self._places[index - 1]
+        place = self._places.vector(index - 1)
         heading = before.yaw_rad + self._segments[-1].joined.yaw_rad
         if index - 2 >= self._segments[-1].first and before.stamp_ns - self._stamps[index - 2] <= _SLOPE_NS >= gap_ns:
             share = gap_ns / (before.stamp_ns - self._stamps[index - 2])
-            place = _between(self._places[index - 2], place, 1.0 + share)
-            heading += share * math.remainder(before.yaw_rad - self._samples[index - 2].yaw_rad, math.tau)
+            place = _between(self._places.vector(index - 2), place, 1.0 + share)
+            heading += share * math.remainder(before.yaw_rad - self._local.last(index - 2), math.tau)
         yaw_rad = math.remainder(heading - after.yaw_rad, math.tau)
         x, y, z = Transform(yaw_rad).rotate_direction(after.position_m)
         return Transform(yaw_rad, (place[0] - x, place[1] - y, place[2] - z)), 1e-9 * gap_ns
+
+
+class _Rows:
+    """A vector and one more number in each row."""
+
+    def __init__(self) -> None:
+        self._numbers = array("d")
+
+    def __len__(self) -> int:
+        return len(self._numbers) // 4
+
+    def vector(self, index: int) -> Vector3:
+        x, y, z = self._numbers[4 * index : 4 * index + 3]
+        return x, y, z
+
+    def last(self, index: int) -> float:
+        return self._numbers[4 * index + 3]
+
+    def insert(self, index: int, row: tuple[float, float, float, float]) -> None:
+        self._numbers[4 * index : 4 * index] = array("d", row)
+
+    def delete(self, first: int, end: int) -> None:
+        del self._numbers[4 * first : 4 * end]
 
 
 def _between(a: Vector3, b: Vector3, share: float) -> Vector3:

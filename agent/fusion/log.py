@@ -60,9 +60,9 @@ class ObservationLog:
     One identity with two payloads (a publisher's fault) resolves to the payload with the smaller hash, whichever came first.
 
     The log is never compacted: a restarted agent begins with an empty log and must be able to get all of it, and an entry may
-    arrive late, after which all later grid steps are computed again. Memory: three drones at 3 GBq publish 5 exposures and 2.5
-    cones a second (scenario ``demo``, tracking), 4.2 kB/s or 15 MB per hour of payloads, and about 50 MB per hour with
-    observations and indices. A single entry is bounded by ``protocol.codec.MAX_ENTRY_BYTES``;
+    arrive late, after which all later grid steps are computed again. Memory: three drones at 3 GBq publish 5 exposures and 11
+    cones a second (scenario ``demo``, tracking), 8 kB/s or 30 MB per hour of payloads, and about 100 MB per hour with
+    observations and indices: 1.6 kB for each entry. A single entry is bounded by ``protocol.codec.MAX_ENTRY_BYTES``;
     ``agent.shell.memory`` warns the operator before memory runs out.
     """
 

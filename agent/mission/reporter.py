@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis
-from agent.vehicle.interface import VehicleState
+from agent.vehicle.interface import FlightMode, VehicleState
 from protocol.codec import written
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
@@ -160,6 +160,7 @@ class Reporter:
             quaternion=vehicle.quaternion,
             position_sigma_m=vehicle.position_sigma_m,
             yaw_sigma_rad=vehicle.yaw_sigma_rad,
+            steered=vehicle.mode is FlightMode.OFFBOARD,
         )
 
     def _estimate(self, now_ns: int, hypothesis: Hypothesis, digest: str) -> Estimate:

@@ -36,7 +36,7 @@ class WorldModel:
         """Take an entry and its encoded bytes; False where it is a duplicate or not accepted."""
         if not self.fusion.receive(entry, payload):
             return False
-        self.frames.receive(entry)
+        self.frames.receive(entry, payload)
         for listener in self.listeners.values():
             listener.receive(entry, payload)
         if isinstance(entry, Cone):

@@ -24,6 +24,9 @@ _ROWS = 3  # half-planes per step in the constrained problem
 _NEAR_M = 2.0  # half-planes closer than this to the plan enter the problem
 _FENCE_YIELDS = 1.0  # where the two conflict, the fence yields, by at most the margin between the vehicles
 _LINE_YIELDS = 0.3  # the line between two sides, behind which drones fly that cannot give way, yields less than all else
+# The places where a drone may be that is not heard, with their growing doubt, yield more than one that is heard: pushed away from
+# them, a drone turned back into the next one on the circle, which could not brake in time.
+_UNHEARD_YIELDS = 3.0
 _DEVIATION_S = 1.0  # time constant of a vehicle's return to its plan
 
 Peaks = list[list[float]]  # (4, 3): largest jerk, displacement, speed and acceleration of a plan along each axis
@@ -60,7 +63,8 @@ class Situation(Struct, frozen=True):
 class _Neighbour(Struct, frozen=True):
     """A nearby peer: positions (H + 1, 2) now and at the steps, distance to keep, and bare separation.
 
-    ``away``: (H, 2), normals of the lines that it is beyond; None where it is at these positions.
+    ``away``: (H, 2), normals of the lines that it is beyond; None where it is at these positions. ``yields``: metres per metre of
+    slack, as in ``HalfPlanes``.
     """
 
     positions: Array
@@ -68,6 +72,7 @@ class _Neighbour(Struct, frozen=True):
     bare: float
     has_right_of_way: bool
     away: Array | None = None
+    yields: float = 1.0
 
 
 class Steering:
@@ -138,7 +143,8 @@ class Steering:
             clearance = sqrt(min(apart)) - distance
             if clearance < _NEAR_M:
                 bare = self._limits.separation_m + peer.doubt_m
-                neighbours.append(_Neighbour(np.array(theirs), distance, bare, peer.goes_before(self._id)))
+                yields = _UNHEARD_YIELDS if peer.blind and peer.measured is None else 1.0
+                neighbours.append(_Neighbour(np.array(theirs), distance, bare, peer.goes_before(self._id), yields=yields))
                 clear = clear and clearance >= 0.0
         return neighbours, clear
 
@@ -171,6 +177,7 @@ class Steering:
                 offsets[row] = np.einsum("kx,kx->k", other.away, other.positions[1:]) + other.distance
                 continue
             normals[row], offsets[row] = half_planes(previous, here, other.positions, other.distance, other.has_right_of_way)
+            yielding[row] = other.yields
         for row, (normal, offset) in enumerate(zip(*fence, strict=True), start=len(neighbours)):
             normals[row], offsets[row], yielding[row] = normal, offset, _FENCE_YIELDS
         if count > _ROWS:

@@ -9,8 +9,9 @@ A drone that is heard is never left out because its frame is not known. Its posi
 4. its frame, or the own one, is not known: this drone's sightings alone;
 5. it is not seen either, but still near its launch place: the mission's launch layout.
 
-A drone goes where its plan says only as long as its poses follow that plan: one that departs from it by more than separation
-allows for is flown by somebody else. It is placed by its pose, as one that publishes plans no more, and never gives way.
+A drone goes where its plan says only as long as its agent steers it, which its poses tell, and its poses follow that plan: one
+that departs from it by more than separation allows for is flown by somebody else. It is placed by its pose, as one that
+publishes plans no more, and never gives way.
 
 One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both.
 
@@ -260,8 +261,8 @@ class Neighbourhood:
             local_from_theirs.rotate_direction(pose.velocity_mps),
             age_s=(now_ns - pose.stamp_ns) * 1e-9,
         )
-        plan, departed = peer.plan, name in self._departed
-        if departed or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
+        plan, followed = peer.plan, pose.steered and name not in self._departed
+        if not followed or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
             return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m, blind=plan is not None)
         ahead = local_from_theirs.apply_points(plan.positions_m)
         return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, measured, doubt_m)

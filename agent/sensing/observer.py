@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import ceil
 
 from scipy.spatial.transform import Rotation
 
@@ -21,6 +22,9 @@ MOST_POSES = 16  # of an exposure, or fewer a second: 70 bytes each of the 2 kB 
 # once in 1200 even at half that background (gaps of length T at rate r begin r exp(-r T) times a second).
 MUTE_S = 10.0  # counts carry no information on the source any more: zeros more likely mean a dead camera
 SILENT_S = 20.0  # the operator is told
+# Cones published of a stretch, for each second of it: a landed drone half a metre from 10 GBq measures 10,000, and so many more
+# directions from one place tell nothing new. In flight there are about 30 a second. The exposure counts them all.
+MOST_CONES_PS = 100
 UNPLACED_NS = 1_500_000_000  # after the last telemetry: a readout is of 0.2 s, and telemetry may come this late
 LATE_NS = 3_000_000_000  # a camera's readouts may come this late; time not covered by then was not observed
 GONE_NS = 10_000_000_000  # a camera that has delivered nothing for so long is not waited for
@@ -37,7 +41,7 @@ class Observer:
         self._history, self._numbers = history, numbers
         x, y, z, w = Rotation.from_euler("xyz", drone.camera_rpy_deg, degrees=True).as_quat().tolist()
         self._body_from_camera: Quaternion = (w, x, y, z)
-        self.dropped = 0
+        self.dropped = self.withheld = 0
         self._silent_s = 0.0  # live time since the last hit
         self._start_ns: int | None = None
         self._epoch = 0
@@ -74,7 +78,8 @@ class Observer:
         The zeros of a mute camera are not used (see ``unseen``): they are no evidence against a source. Stretches are dropped and
         counted in ``dropped``, where the pose is not known (before the first telemetry, longer than poses are kept, or after the
         telemetry has ended) or not trusted, or where they overlap earlier ones (a clock stepped back): measured at a wrong place,
-        they would mislead the whole swarm.
+        they would mislead the whole swarm. Of more cones than ``MOST_CONES_PS`` the first ones are taken, whatever their
+        direction, and the others counted in ``withheld``.
         """
         start_ns, end_ns = detections.start_ns, detections.end_ns
         self._heard_ns, self._unused_ns = end_ns, 0
@@ -91,7 +96,9 @@ class Observer:
         if start_ns < self._end_ns or not start_ns <= end_ns <= start_ns + HISTORY_NS:
             self.dropped += 1
             return []
-        entries: list[Entry] = [self._cone(event) for event in detections.cones]
+        most = ceil((end_ns - start_ns) * 1e-9 * MOST_CONES_PS)
+        self.withheld += max(0, len(detections.cones) - most)
+        entries: list[Entry] = [self._cone(event) for event in detections.cones[:most]]
         if self._start_ns is not None and (start_ns > self._end_ns or state.epoch != self._epoch):
             entries += self._exposure()
         if self._start_ns is None:

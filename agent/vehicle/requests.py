@@ -25,6 +25,9 @@ from agent.vehicle.interface import FlightMode, Request
 
 SETTLE_S = 0.3  # a heartbeat this long after a command shows its effect
 URGENT_S = 0.4  # between two commands in a failsafe, which may end at any moment
+DISARMED_S = (
+    1.5  # heartbeats this far apart, and none in between that says otherwise: one faulty or forged packet is not believed
+)
 REPEAT_S = 1.5  # between two commands: longer than the heartbeat's period of 1 s plus SETTLE_S
 
 
@@ -108,6 +111,7 @@ class Requests:
         self._last = None
         self._mode_before: FlightMode | None = None
         self._was_armed = self._reached = False
+        self._disarmed_s = float("inf")  # arrival of the first heartbeat that told so, of those in a row
         self._yielded = taken_over and request in _TARGETS  # not once it is released
 
     def _is_taken_over(self, seen: Seen) -> bool:
@@ -118,8 +122,11 @@ class Requests:
     def _judge(self, seen: Seen) -> None:
         """Whether the request has been reached, or somebody else has chosen otherwise."""
         if not seen.armed:
-            self._yielded = self._yielded or self._was_armed  # never arm twice for one request
+            self._disarmed_s = min(self._disarmed_s, seen.heartbeat_s)
+            if self._was_armed and seen.heartbeat_s >= self._disarmed_s + DISARMED_S:
+                self._yielded = True
             return
+        self._disarmed_s = float("inf")
         if seen.failsafe and seen.mode is not FlightMode.MANUAL:
             return  # offboard loss: the autopilot resumes by itself once setpoints are streamed again
         before = self._mode_before
@@ -132,6 +139,8 @@ class Requests:
 
     def _wanted(self, seen: Seen, streaming: bool, altitude_set: bool) -> Act | None:
         request = self._request
+        if self._was_armed and not seen.armed:
+            return None  # never arm twice for one request
         if request is Request.TAKEOFF:
             return self._takeoff(seen, altitude_set)
         if not seen.armed or self._is_there(seen):

@@ -139,9 +139,10 @@ class Flood(Fault, frozen=True, kw_only=True, tag="flood"):
 class Forged(Fault, frozen=True, kw_only=True, tag="forged"):
     """The targets also send messages that every agent must refuse: nothing may follow from them.
 
-    ``impossible``: numbers that contradict each other, such as an axis of length 0. ``impersonated``: under their own keys, as if
-    they were another drone, 15 m beside it. ``other-mission``: log entries of another mission, in which the source lay elsewhere.
-    ``two-versions``: each log entry a second time under the same number with another content; of the two all must keep the same.
+    ``impossible``: numbers that contradict each other, such as a live time longer than its exposure. ``impersonated``:
+    under their own keys, as if they were another drone, 15 m beside it. ``other-mission``: log entries of another mission,
+    in which the source lay elsewhere. ``two-versions``: each log entry a second time under the same number with another
+    content; of the two all must keep the same.
     """
 
     family: ClassVar[Family] = "network"

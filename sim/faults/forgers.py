@@ -20,6 +20,7 @@ BESIDE_M = 15.0
 HELD_NS, LATE_NS = 3_000_000_000, 8_000_000_000  # from the hold to the resumption, and to its copy
 _BESIDE = 2**30  # added to the number of an entry that must not be taken, so that it hides none that must
 _SAID = ("pose", "plan", "cone", "exposure")
+_TOO_LONG = 50.0  # live time, of a duration
 _OTHER = "0123456789abcdef"  # id of another mission
 
 Give = Callable[[Sequence[int], Action], bytes | None]  # to which drones, and what; what was sent
@@ -90,11 +91,10 @@ def _impossible(message: AnyMessage) -> AnyMessage:
             first, *others = message.positions_m
             return replace(message, positions_m=(first, *(_moved(place, 1000.0) for place in others)))
         case Cone():
-            first_order, second_order = (replace(order, axis=(0.0, 0.0, 0.0)) for order in message.orders)
+            first_order, second_order = (replace(order, axis=(1.0, 1.0, 0.0)) for order in message.orders)
             return replace(message, orders=(first_order, second_order), sequence=message.sequence + _BESIDE)
         case Exposure():
-            poses = tuple(replace(pose, quaternion=(0.0, 0.0, 0.0, 0.0)) for pose in message.poses)
-            return replace(message, poses=poses, sequence=message.sequence + _BESIDE)
+            return replace(message, live_time_s=_TOO_LONG * message.live_time_s, sequence=message.sequence + _BESIDE)
         case _:
             return message
 

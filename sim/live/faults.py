@@ -19,7 +19,19 @@ from agent.errors import ConfigError
 from sim.faults.agents import Cut, Disk, Flood, Freeze, Kill, Lag, Late, Partition, RadioRange, SlowCpu
 from sim.faults.base import Fault
 from sim.faults.kinds import kind_of
-from sim.faults.machines import CameraDead, Disarm, MavlinkLoss, PositionJump, SatellitesLost, StreamLost, Takeover
+from sim.faults.machines import (
+    Battery,
+    CameraDead,
+    Disarm,
+    Gust,
+    MavlinkLoss,
+    MotorFailure,
+    PositionJump,
+    Refusal,
+    SatellitesLost,
+    StreamLost,
+    Takeover,
+)
 from sim.faults.schedule import Active, Schedule
 from sim.live.agents import Agents
 from sim.live.flooding import FloodPlan
@@ -32,11 +44,12 @@ from sim.live.view import View
 from sim.live.worldlink import Order, Truth
 from sim.live.worldprocess import WorldProcess
 from sim.scenario import Scenario
+from sim.vehicle.px4.faults import VehicleFault
 
 _RELAYED = (Partition, Cut, Lag, RadioRange, MavlinkLoss)
 _ON_LINKS = (Partition, Cut, Lag, RadioRange)
-_BY_THE_WORLD = (CameraDead, SatellitesLost, StreamLost, PositionJump, Takeover, Disarm)
-PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, *_BY_THE_WORLD)
+_OF_VEHICLES = (Gust, MotorFailure, Battery, Refusal, StreamLost, PositionJump, Disarm)
+PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, CameraDead, SatellitesLost, Takeover, *_OF_VEHICLES)
 _DISKS = ("state-torn", "state-flipped", "record-torn", "record-removed")
 AWAKE_S = 0.05  # between two stops of a slow computer: a step
 LONGEST_STOP_S = 0.8  # of a slow computer; after 1 s of silence the watchdog kills the agent
@@ -99,7 +112,6 @@ class FaultPlayer:
         self._random = Random(seed)
         self._agents, self._relays, self._world, self._view, self._places = agents, relays, world, view, places
         self._tasks: dict[tuple[Fault, str], asyncio.Task[None]] = {}
-        self._jumps: dict[tuple[Fault, int], tuple[float, float, float]] = {}  # of positions: east, north (m), heading (rad)
         self._time_s = 0.0
 
     def step(self, time_s: float, truth: Truth) -> None:
@@ -165,21 +177,12 @@ class FaultPlayer:
             case SatellitesLost():
                 self._world.order(Order.SATELLITES_OFF, index)
                 return "no satellites"
-            case StreamLost():
-                self._world.order(Order.STREAM_OFF, index, fault.message)
-                return f"no {fault.message} from the autopilot any more"
-            case PositionJump():
-                angle = self._random.uniform(0.0, math.tau)
-                turn_rad = math.radians(fault.turn_deg) * self._random.choice((-1.0, 1.0))
-                self._jumps[fault, index] = (fault.jump_m * math.cos(angle), fault.jump_m * math.sin(angle), turn_rad)
-                self._world.order(Order.RESET, index, *self._jumps[fault, index])
-                return f"the filter is reset: the position jumps by {fault.jump_m:g} m"
-            case Disarm():
-                self._world.order(Order.PILOT_DISARM, index)
-                return "somebody disarms it before it takes off"
             case Takeover():
                 self._world.order(Order(f"pilot {fault.mode}"), index)
                 return f"a pilot takes over: {fault.mode}"
+            case Gust() | MotorFailure() | Battery() | Refusal() | StreamLost() | PositionJump() | Disarm():
+                self._world.order(Order.BREAK, index, fault)
+                return _vehicle_told(fault)
         return None
 
     def _end(self, fault: Fault, drone: str) -> str | None:
@@ -204,15 +207,12 @@ class FaultPlayer:
             case SatellitesLost():
                 self._world.order(Order.SATELLITES_ON, index)
                 return "satellites again"
-            case PositionJump():
-                self._world.order(Order.RESET, index, *(-number for number in self._jumps.pop((fault, index))))
-                return "the filter is reset again: the position jumps back"
-            case StreamLost():
-                self._world.order(Order.STREAM_ON, index, fault.message)
-                return f"{fault.message} again"
             case Takeover():
                 self._world.order(Order.PILOT_HOLD, index)
                 return "the pilot gives it back, in hold"
+            case Gust() | Battery() | Refusal() | StreamLost() | PositionJump():
+                self._world.order(Order.MEND, index, fault)
+                return f"{kind_of(fault)} is over"
             case MavlinkLoss():
                 return "no MAVLink messages are lost any more"
         return None
@@ -305,6 +305,23 @@ def _concerns(fault: Cut | Lag, drones: Sequence[str], sender: str, receiver: st
     peers = drones if fault.peers is None else fault.names_of_peers()
     sends, receives = sender in targets and receiver in peers, receiver in targets and sender in peers
     return (sends and fault.direction != "receive") or (receives and fault.direction != "send")
+
+
+def _vehicle_told(fault: VehicleFault) -> str:
+    match fault:
+        case Gust():
+            return f"a gust, {fault.acceleration_mps2:g} m/s^2"
+        case MotorFailure():
+            return f"a motor fails: it comes down at {fault.descent_mps:g} m/s"
+        case Battery():
+            return f"the battery {'reports' if fault.lies else 'is at'} {100.0 * fault.level:g} %"
+        case StreamLost():
+            return f"no {fault.message} from the autopilot any more"
+        case PositionJump():
+            return f"the filter is reset: the position jumps by {fault.jump_m:g} m"
+        case Disarm():
+            return "somebody disarms it before it takes off"
+    return "the autopilot refuses changes of mode, and arming"
 
 
 def _links_told(fault: Fault) -> str:

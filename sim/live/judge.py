@@ -62,11 +62,13 @@ class LiveJudge:
         self._disarmed = [Disarmed(fault) for fault in setting.scenario.fault if isinstance(fault, Disarm)]
         self._truths: deque[Truth] = deque(maxlen=_TRUTHS)
         self.time_s = self.drone_s = 0.0  # since the start command; in the air, of all drones together
+        self.late_s = 0.0  # largest lag of the world behind the clock
         self._last: Scene | None = None
 
     def see(self, time_s: float, truth: Truth) -> bool:
         """Judge the world, ``time_s`` after the start command; True where nothing more is to be expected."""
         self._truths.append(truth)
+        self.late_s = max(self.late_s, truth.late_s)
         scene = self._last = self._scene(time_s, truth)
         self.drone_s += (time_s - self.time_s) * sum(map(scene.airborne, range(len(self._agents))))
         self.time_s = time_s
@@ -155,7 +157,7 @@ class OwnPose:
         far = off_m > max(WRONG_M, WRONG_SIGMAS * pose.position_sigma_m)
         askew = turned > max(WRONG_RAD, WRONG_SIGMAS * pose.yaw_sigma_rad)
         if not (far or askew) or truths[-1].position_m[drone][2] < OFF_GROUND_M or pose.stamp_ns - self._last_ns > _PAUSE_NS:
-            self._since_ns, self._wrong = pose.stamp_ns, False
+            self._since_ns, self._wrong = pose.stamp_ns, False  # or it begins here
         self._last_ns = pose.stamp_ns
         if self._wrong or pose.stamp_ns - self._since_ns < WRONG_S * 1e9:
             return None

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from agent.errors import RadronError
 from sim.campaign.faults.course import LIVE
 from sim.campaign.faults.mission import LOCATED_M, Mission, Verdict
 from sim.live.course import Course
@@ -24,10 +25,16 @@ from sim.scoring.invariants.base import Setting, Violation
 
 START = "start"  # the swarm did not get ready, or nobody took off
 READY_S = 90.0
+BUSY_S = 0.3  # a world that is further behind slips, and the agents' watchdogs kill what has stood still for longer
+TOO_BUSY = "this machine is too busy for live missions"
 
 
 def fly_live_mission(mission: Mission) -> Verdict:
-    """Fly and judge a mission in real time; its processes have ended when it returns."""
+    """Fly and judge a mission in real time; its processes have ended when it returns.
+
+    Raises:
+        RadronError: the machine was too busy for it to mean anything.
+    """
     document = mission.drawn
     scenario = parse_scenario(document, mission.label)
     began = _core_s()
@@ -77,6 +84,8 @@ async def _flown(scenario: Scenario, seed: int, folder: Path) -> _Judged:
             exits = {name: swarm.agents.exit_code(name) for name in names}
             judge.finish([folder / "agents" / name / "agent.log" for name in names], report, exits)
             judged.errors_m = judge.errors_m(report.agents)
+            if judge.late_s > BUSY_S:
+                raise RadronError(f"the world was up to {judge.late_s:.1f} s behind the clock: {TOO_BUSY}")
     except LiveError as error:
         if judged is None:
             raise

@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -21,15 +21,16 @@ from shapely import Polygon
 
 from agent.config.drone import DroneConfig
 from agent.errors import RadronError
-from sim.geometry import Array, Vector3
+from sim.geometry import Array
 from sim.live.crew import Guidance, crew_parameters
 from sim.live.feed import ByteServer, FeedServer, LineServer
-from sim.live.worldlink import Order, Ready, Truth, WorldConfig, pack
+from sim.live.vehicles import Vehicles
+from sim.live.worldlink import Order, Ready, Truth, WorldConfig, pack, read_order
 from sim.scoring.recorder import LONGEST_START_S
 from sim.streams import Streams, streams
 from sim.vehicle.multirotor import Multirotors
 from sim.vehicle.px4.config import Datum, Px4Config
-from sim.vehicle.px4.fleet import Px4Fleet, VehicleReport
+from sim.vehicle.px4.fleet import Px4Fleet
 from sim.vehicle.px4.ground_station import GroundStation
 from sim.world.cameras import Cameras, Motion
 from sim.world.launch import launch_places
@@ -51,40 +52,6 @@ ALIVE_STEPS = 50  # between keep-alive lines of sensors without data
 CATCH_UP_STEPS = 10  # largest number of steps at once when the world is behind; then the links are served
 SLIP_S = 0.3  # a world further behind than this has stood still: it goes on from there under the present time
 _BACKLOG_BYTES = 1 << 20  # of truths that the launcher has not read
-
-
-class Vehicles(Protocol):
-    """The vehicles' simulation, here or elsewhere."""
-
-    async def start(self) -> None:
-        """Open the links on the running loop."""
-
-    def begin(self) -> None:
-        """Start the mission."""
-
-    def step(self) -> None:
-        """Advance by one step."""
-
-    def switch_satellites(self, drone: int, received: bool) -> None:
-        """Switch a vehicle's satellite reception."""
-
-    def take_over(self, drone: int, mode: str) -> None:
-        """A pilot takes a vehicle over by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
-
-    def disarm(self, drone: int) -> None:
-        """Somebody on site disarms a vehicle as soon as it shows that it is armed, before it takes off."""
-
-    def switch_stream(self, drone: int, message: str, sent: bool) -> None:
-        """Switch one of a vehicle's MAVLink messages off or on."""
-
-    def reset_filter(self, drone: int, shift_m: Vector3, turn_rad: float) -> None:
-        """A vehicle's filter is reset: its own position jumps by ``shift_m`` (world), its heading by ``turn_rad``."""
-
-    def reports(self) -> list[VehicleReport]:
-        """An observer's view of each vehicle, besides its motion."""
-
-    def close(self) -> None:
-        """Close the links."""
 
 
 class World:
@@ -166,31 +133,27 @@ class World:
 
     async def _obey(self, orders: asyncio.StreamReader) -> None:
         while line := await orders.readline():
-            order, _, told = line.decode().strip().partition(": ")
-            drone, *details = told.split() or [""]
-            match Order(order):
+            order, drone, fault = read_order(line)
+            match order:
                 case Order.GO:
                     self._went_s = self._steps * STEP_S
                     self._vehicles.begin()
                 case Order.CAMERAS_OFF:
                     self._cameras = None
                 case Order.SATELLITES_OFF:
-                    self._vehicles.switch_satellites(int(drone), False)
+                    self._vehicles.switch_satellites(drone, False)
                 case Order.SATELLITES_ON:
-                    self._vehicles.switch_satellites(int(drone), True)
+                    self._vehicles.switch_satellites(drone, True)
                 case Order.CAMERA_OFF:
-                    self._dead_cameras.add(int(drone))
+                    self._dead_cameras.add(drone)
                 case Order.CAMERA_ON:
-                    self._dead_cameras.discard(int(drone))
+                    self._dead_cameras.discard(drone)
                 case Order.PILOT_MANUAL | Order.PILOT_HOLD | Order.PILOT_RETURN | Order.PILOT_LAND:
-                    self._vehicles.take_over(int(drone), order.removeprefix("pilot "))
-                case Order.PILOT_DISARM:
-                    self._vehicles.disarm(int(drone))
-                case Order.STREAM_OFF | Order.STREAM_ON:
-                    self._vehicles.switch_stream(int(drone), details[0], Order(order) is Order.STREAM_ON)
-                case Order.RESET:
-                    east_m, north_m, turn_rad = map(float, details)
-                    self._vehicles.reset_filter(int(drone), (east_m, north_m, 0.0), turn_rad)
+                    self._vehicles.take_over(drone, order.removeprefix("pilot "))
+                case Order.BREAK if fault is not None:
+                    self._vehicles.begin_fault(drone, fault)
+                case Order.MEND if fault is not None:
+                    self._vehicles.end_fault(drone, fault)
 
     def _source(self) -> tuple[float, float] | None:
         """The source's position. It appears at the start of the mission: however long the agents take to get ready, they learn as

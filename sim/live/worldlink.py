@@ -12,6 +12,7 @@ from msgspec import Struct
 from sim.geometry import Quaternion, Vector3
 from sim.scenario import Scenario
 from sim.vehicle.px4.config import Address
+from sim.vehicle.px4.faults import VehicleFault
 from sim.vehicle.px4.fleet import VehicleReport
 
 _LENGTH_BYTES = 4
@@ -56,10 +57,8 @@ class Order(StrEnum):
     PILOT_HOLD = "pilot hold"
     PILOT_RETURN = "pilot return"
     PILOT_LAND = "pilot land"
-    PILOT_DISARM = "pilot disarm"  # as soon as it shows that it is armed, before it takes off
-    STREAM_OFF = "stream off"  # MESSAGE: its autopilot does not send this one any more
-    STREAM_ON = "stream on"  # MESSAGE
-    RESET = "reset"  # EAST NORTH TURN (m, m, rad): its filter is reset, its own position jumps by so much
+    BREAK = "break"  # a fault strikes one vehicle; followed by the fault as JSON, as is the next one
+    MEND = "mend"
 
 
 class Ready(Struct, frozen=True, tag="ready"):
@@ -91,6 +90,24 @@ class Truth(Struct, frozen=True, tag="truth"):
     dropped: int
     stamp_ns: int = 0
     attitude: tuple[Quaternion, ...] = ()
+
+
+_fault_decoder = msgspec.json.Decoder(VehicleFault)
+
+
+def order_line(order: Order, drone: int | None, fault: VehicleFault | None) -> bytes:
+    """An order as a line; ``drone``: index of the one concerned."""
+    parts = [str(order)] if drone is None else [f"{order}: {drone}"]
+    if fault is not None:
+        parts.append(msgspec.json.encode(fault).decode())
+    return " ".join(parts).encode() + b"\n"
+
+
+def read_order(line: bytes) -> tuple[Order, int, VehicleFault | None]:
+    """The parts of such a line; without a drone its index is 0."""
+    order, _, more = line.decode().strip().partition(": ")
+    drone, _, fault = more.partition(" ")
+    return Order(order), int(drone or 0), _fault_decoder.decode(fault) if fault else None
 
 
 _decoder = msgspec.msgpack.Decoder(Ready | Truth)

@@ -11,8 +11,9 @@ import msgspec
 
 from agent.errors import RadronError
 from sim.live.processes import Child
-from sim.live.worldlink import Order, Ready, Truth, WorldConfig, read
+from sim.live.worldlink import Order, Ready, Truth, WorldConfig, order_line, read
 from sim.runfile import write_text
+from sim.vehicle.px4.faults import VehicleFault
 
 UP_S = 300.0  # the first start computes the camera's response, with a progress bar
 SILENT_S = 10.0  # a world that is silent for so long hangs
@@ -71,11 +72,9 @@ class WorldProcess:
             self.truth = truth
             see(truth)
 
-    def order(self, order: Order, drone: int | None = None, *details: str | float) -> None:
-        """Send an order; ``drone``: index of the drone concerned; ``details``: see ``Order``."""
-        self._child.stdin.write(
-            f"{order}{'' if drone is None else f': {drone}'}{''.join(f' {one}' for one in details)}\n".encode()
-        )
+    def order(self, order: Order, drone: int | None = None, fault: VehicleFault | None = None) -> None:
+        """Send an order; ``drone``: index of the drone concerned."""
+        self._child.stdin.write(order_line(order, drone, fault))
 
     @property
     def exit_code(self) -> int | None:

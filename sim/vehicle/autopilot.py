@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from agent.vehicle.interface import FlightMode, Request, VehicleCommand
 from sim.geometry import Vector3
-from sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Reframing, Target
+from sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Reframing, Target, rest_place
 
 ARMING_S = 1.0
 TAKEOFF_SPEED_MPS = 1.0
@@ -36,7 +36,7 @@ class Autopilot:
         self.in_air = False
         self.failsafe = False
         self._guidance = Guidance(home, yaw, step_s)
-        self._position = home
+        self._position, self._velocity = home, (0.0, 0.0, 0.0)
         self._ground_m = home[2]
         self._step_s = step_s
         self._armed_for = 0.0
@@ -111,13 +111,13 @@ class Autopilot:
         """The vehicle's local frame has jumped, and its filter reports it."""
         self._guidance.reframe(frame)
 
-    def step(self, position: Vector3, ground_m: float | None = None) -> None:
+    def step(self, position: Vector3, ground_m: float | None = None, velocity: Vector3 = (0.0, 0.0, 0.0)) -> None:
         """Advance the mode logic by one step.
 
-        ``position``: the vehicle's own estimate; ``ground_m``: z of the ground below it (None: as at home), at which the rotors
-        are unloaded.
+        ``position``, ``velocity``: the vehicle's own estimates; ``ground_m``: z of the ground below it (None: as at home), at
+        which the rotors are unloaded.
         """
-        self._position = position
+        self._position, self._velocity = position, velocity
         self._ground_m = self._guidance.home[2] if ground_m is None else ground_m
         self._setpoint_age += self._step_s
         self._armed_for = self._armed_for + self._step_s if self.armed else 0.0
@@ -192,7 +192,8 @@ class Autopilot:
     def _switch(self, mode: FlightMode) -> None:
         """Change to an autonomous mode: it begins from the vehicle's position, not from the last setpoint."""
         self.mode = mode
-        self._guidance.stay(self._position)
+        rests = mode in (FlightMode.HOLD, FlightMode.MANUAL)
+        self._guidance.stay(rest_place(self._position, self._velocity) if rests else self._position)
 
     def _take_off(self, height: float) -> None:
         if not self.armed:

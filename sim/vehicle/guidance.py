@@ -13,6 +13,7 @@ from sim.geometry import Vector3
 
 ARRIVED_M = 0.3
 BELOW_GROUND_M = 0.5  # end of a descent's target, so that the vehicle is sure to touch the ground
+BRAKING_S, BRAKING_S2PM, BRAKING_MOST_S = 0.4, 0.32, 2.0  # time for which it continues at its speed: 10 m at 5 m/s
 
 
 class Reframing(NamedTuple):
@@ -43,6 +44,13 @@ class Target:
     yaw: float
     acceleration: Vector3 = (0.0, 0.0, 0.0)
     yaw_rate: float = 0.0
+
+
+def rest_place(position: Vector3, velocity: Vector3) -> Vector3:
+    """Position at which a vehicle that begins to hold comes to rest: a PX4 brakes, and does not fly back."""
+    (x, y, z), (vx, vy, _) = position, velocity
+    time_s = min(BRAKING_S + BRAKING_S2PM * hypot(vx, vy), BRAKING_MOST_S)
+    return x + vx * time_s, y + vy * time_s, z
 
 
 class Guidance:

@@ -62,6 +62,8 @@ def _value(rng: Random, kind: inspect.Type, tame: bool) -> Any:  # noqa: PLR0912
             return rng.randbytes(rng.choice((0, 3, most or 0)))
         case inspect.EnumType(cls=cls):
             return rng.choice(list(cls))
+        case inspect.BoolType():
+            return rng.random() < 0.5
         case inspect.NoneType():
             return None
     raise NotImplementedError(kind)

@@ -13,13 +13,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from identities import DAY_NS, Wrong, identity, new_issuer, write_wrong
+from identities import DAY_NS, Wrong, identity, new_issuer, now_ns, write_wrong
 from meshes import SWARM, Member, free_port, linked, until
 
 from protocol.errors import MeshError
 from protocol.identity import Identity, Role, load_identity
-from protocol.issuing import Issuer
-from protocol.keys import command_key, drone_key
+from protocol.issuing import Issuer, write_identity
+from protocol.keys import ROOT, command_key, drone_key
 from protocol.session import Mesh, MeshConfig
 
 DRONES = ("d1", "d2", "d3")
@@ -332,6 +332,48 @@ def test_broken_handshakes_keep_nobody_out(folder: Path, data: bytes) -> None:
 @pytest.mark.slow
 def test_200_broken_handshakes_keep_nobody_out_for_long(folder: Path) -> None:
     asyncio.run(_attacked(folder, GARBAGE, 200, joins_s=40.0))
+
+
+def test_a_certificate_that_expires_cuts_no_link_but_makes_no_new_one(issuer: Issuer, folder: Path, tmp_path: Path) -> None:
+    write_identity(tmp_path, issuer.authority, issuer.issue("d2", Role.DRONE, now_ns(), days=2.0 / 86_400.0))
+    short = load_identity(tmp_path)
+
+    async def course() -> None:
+        listen = endpoint()
+        async with joined(load_identity(folder / "d1"), listen) as d1:
+            async with joined(short, connect=(listen,)) as d2:
+                await linked(d1, d2)
+                await until(lambda: now_ns() > short.own.not_after_ns + 1_000_000_000)
+                d2.publish("pose", b"still here")
+                await until(lambda: d1.got(drone_key(SWARM, "d2", "pose")))
+                assert d1.mesh.alive == {"d2"}
+            await until(lambda: not d1.mesh.alive)
+            d1.messages.clear()
+            assert not await is_let_in(d1, short, listen)
+            assert await is_let_in(d1, load_identity(folder / "d2"), listen)
+
+    asyncio.run(course())
+
+
+def test_tokens_and_queryables_of_a_drone_are_its_own_few(folder: Path) -> None:
+    async def course() -> None:
+        async with AsyncExitStack() as stack:
+            d1, d2, d3 = await _swarm(folder, stack, "d1", "d2", "d3")
+            session, seen = d2.mesh._session, list[str]()
+            watched = d1.mesh._session.liveliness().declare_subscriber(
+                f"{ROOT}/{SWARM}/**", lambda sample: seen.append(str(sample.key_expr)), history=True
+            )
+            own, foreign = drone_key(SWARM, "d2", "alive"), drone_key(SWARM, "d9", "alive")
+            names = [own.replace("alive", f"alive{number}") for number in range(50)] + [foreign, f"{own}/more"]
+            tokens = [session.liveliness().declare_token(name) for name in names]
+            answers = session.declare_queryable(drone_key(SWARM, "d1", "log"), lambda query: query.reply(own, b"forged"))
+            await until(lambda: own in seen)  # the twin
+            assert await d3.mesh.ask("d1", b"") == 1  # answered by d1 alone, whose log it is
+            assert not set(seen) & set(names)
+            for declared in (watched, answers, *tokens):
+                declared.undeclare()  # type: ignore[attr-defined]
+
+    asyncio.run(course())
 
 
 def test_a_client_without_a_certificate_gets_no_link(folder: Path) -> None:

@@ -8,7 +8,7 @@ from agent.detector.calibration import load_calibration
 from agent.errors import ConfigError
 from agent.pilot import Pilot
 from protocol.messages import Stage
-from sim.lockstep import fly
+from sim.lockstep import fly, watched
 from sim.scenario import load_scenario, override
 from sim.scoring.samples import spacing_error_deg
 
@@ -122,6 +122,27 @@ def test_without_a_source_nothing_is_found_and_the_search_ends():
 
 def test_nobody_reads_cameras_where_the_hypothesis_is_given():
     assert fly(override(load_scenario("stabilization"), {"end.track_s": 2.0}), seed=1).result.hits == 0
+
+
+def test_vehicles_land_on_the_ground_however_wrong_their_heights_are():
+    """A barometer that is 2 m wrong made them disarm in the air, or never."""
+    flight = override(
+        load_scenario("stabilization"),
+        {"drones": 2, "mission.track.duration_s": 2.0, "localization.drift_m": 2.0, "end.track_s": 60.0},
+    )
+    armed = [False, False]
+    heights = {}
+
+    def watch(moment):
+        for drone, autopilot in enumerate(moment.autopilots):
+            if armed[drone] and not autopilot.armed:
+                heights[drone] = moment.position_m[drone, 2]
+            armed[drone] = autopilot.armed
+        return len(heights) == 2
+
+    watched(flight, 1, watch)
+    assert len(heights) == 2
+    assert all(0.0 <= height_m < 0.3 for height_m in heights.values())
 
 
 def test_biases_and_clock_offsets_reach_the_pilots(monkeypatch):

@@ -37,7 +37,7 @@ def hypothesis(x=30.0, y=30.0, sigma_m=0.5, stamp_ns=0):
     )
 
 
-def pilot(stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=(), suspects=()):
+def pilot(stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=(), suspects=(), own_place=None, problems=()):
     return SimpleNamespace(
         stage=stage,
         hypothesis=believed,
@@ -45,6 +45,8 @@ def pilot(stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=
         counters=dict.fromkeys(counters, 1),
         fusion=SimpleNamespace(pending=pending, log=[]),
         frames=SimpleNamespace(suspects=lambda: dict.fromkeys(suspects, "")),
+        own_place=own_place,
+        problems=problems,
     )
 
 

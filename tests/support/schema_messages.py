@@ -48,6 +48,8 @@ def _values(kind: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: PLR0912 - a 
             return st.binary(max_size=most)
         case inspect.EnumType(cls=cls):
             return st.sampled_from(cls)
+        case inspect.BoolType():
+            return st.booleans()
         case inspect.NoneType():
             return st.none()
     raise NotImplementedError(kind)

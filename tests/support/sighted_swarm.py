@@ -13,6 +13,7 @@ import pymap3d
 
 from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, FramesConfig, MissionConfig
 from agent.frames.swarm import SwarmFrames
+from protocol.codec import encode
 from protocol.entries import Counts, Entry, Exposure, Fix, PoseSample, Sighting
 
 SECOND = 1_000_000_000
@@ -301,7 +302,7 @@ def run(flown: Flown, until_s: float | None = None):
     while now_ns < end_ns + SECOND:
         now_ns += SECOND // 2
         while place < len(entries) and arrival_ns(entries[place]) <= now_ns:
-            frames.receive(entries[place])
+            frames.receive(entries[place], encode(entries[place]))
             place += 1
         frames.advance(now_ns)
     settle(frames, end_ns + SECOND)

@@ -41,12 +41,13 @@ LIVE_DECK: tuple[Card, ...] = (
     ("takeover", {}),
     ("camera-dead", {"for_s": 9.0}),
 )
-DECK: tuple[Card, ...] = (
+DECK: tuple[Card, ...] = (  # these put nothing wrong into the logs of those who refuse what they must
     ("kill", {}),
     ("kill", {}),
     ("freeze", {}),
     ("late", {}),
     ("slow-cpu", {}),
+    ("disk", {}),
     ("partition", {}),
     ("partition", {}),
     ("cut", {}),
@@ -62,6 +63,12 @@ DECK: tuple[Card, ...] = (
     ("forged", {"what": "other-mission"}),
     ("forged", {"what": "two-versions"}),
     ("old-command", {}),
+    ("clock", {"jump_s": 20.0}),
+    ("clock", {"jump_s": -20.0}),
+    ("battery", {"at_s": 0.0, "level": 0.15}),
+    ("mavlink-loss", {}),
+)
+MISLEADING: tuple[Card, ...] = (  # these do, or make vehicles stray: from then on less can be demanded of the others
     ("lie", {"what": "pose"}),
     ("lie", {"what": "plan"}),
     ("lie", {"what": "cone"}),
@@ -69,27 +76,22 @@ DECK: tuple[Card, ...] = (
     ("camera-noisy", {}),
     ("camera-stuck", {}),
     ("camera-gain", {}),
-    ("clock", {"jump_s": 20.0}),
-    ("clock", {"jump_s": -20.0}),
     ("satellites-lost", {}),
     ("position-jump", {"announced": True}),
     ("position-jump", {"announced": False}),
     ("spoofed", {}),
     ("gust", {}),
     ("motor", {}),
-    ("battery", {"at_s": 0.0, "level": 0.15}),
-    ("mavlink-loss", {}),
     ("takeover", {}),
     ("refusal", {}),
-    ("disk", {}),
 )
 
 
 def deal(seed: int, course: Course) -> dict[str, Any]:
     """The scenario document of a seed's mission, with its faults in order of time."""
     live = course is LIVE
-    deck, calm = (LIVE_DECK, 0) if live else (DECK, 2)
-    missions = calm + len(deck) // HAND
+    decks, calm = ((LIVE_DECK,), 0) if live else ((DECK, MISLEADING), 2)
+    missions = calm + sum(map(len, decks)) // HAND
     turn = seed % missions
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     document = draw_mission(rng, f"dealt-faults-{seed}", course, estimated=False if live else True if turn == 0 else None)
@@ -98,10 +100,11 @@ def deal(seed: int, course: Course) -> dict[str, Any]:
             document["source"] |= {"motion": "wander", "speed_mps": PACE_MPS}
         return document
     names = [drone["id"] for drone in document["mission"]["drones"]]
-    order = np.random.default_rng(np.random.SeedSequence(seed // missions, spawn_key=(_DECK_STREAM,))).permutation(len(deck))
-    hand = order[(turn - calm) * HAND :][:HAND].tolist()
+    shuffle = np.random.default_rng(np.random.SeedSequence(seed // missions, spawn_key=(_DECK_STREAM,)))
+    cards = [deck[place] for deck in decks for place in shuffle.permutation(len(deck)).tolist()]
+    hand = cards[(turn - calm) * HAND :][:HAND]
     *whom, last = [names[place] for place in rng.permutation(len(names))]
-    faults = [_fault(rng, deck[card], names, whom[k % len(whom)], course) for k, card in enumerate(hand)]
+    faults = [_fault(rng, card, names, whom[k % len(whom)], course) for k, card in enumerate(hand)]
     faults += [{"kind": "disarm", "at_s": 0.0, "target": last}] if live else []
     document["fault"] = sorted(faults, key=lambda fault: fault["at_s"])
     return document

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -54,10 +55,10 @@ class Verdict(Struct, frozen=True, kw_only=True):
     """A line of ``missions.jsonl``.
 
     faults: entries of the scenario. able: how many drones were able to finish the mission after the heal. located: their source
-    estimate was off by less than 2 m at the end of tracking; error_m: of the one that was off most, None where one had no
-    estimate or none was able. converged: all able drones held one log and one hypothesis after the heal. min_separation_m: least
-    distance between two vehicles in the air, without those whose own position or thrust was faulted; None without such a pair.
-    core_s: processor time, invariants included; drone_s: time in the air of all drones together.
+    estimate was off by less than 2 m when the last of them ended its tracking; error_m: of the one that was off most, None where
+    one had no estimate or none was able. converged: all able drones held one log and one hypothesis after the heal.
+    min_separation_m: least distance between two vehicles in the air, without those whose own position or thrust was faulted; None
+    without such a pair. core_s: processor time, invariants included; drone_s: time in the air of all drones together.
     """
 
     seed: int
@@ -88,7 +89,9 @@ def fly_mission(mission: Mission) -> Verdict:
     try:
         with TemporaryDirectory() as folder:
             recording = Recording(recorded if mission.seed % _RECORDED_EVERY == _RECORDED_EVERY - 1 else "", Path(folder))
-            watched(scenario, mission.seed, lambda moment: log.see(moment) | judge(moment), recording.make)
+            watched(
+                scenario, mission.seed, lambda moment: log.see(moment, judge.landed.able.drones) | judge(moment), recording.make
+            )
             judge.finish()
             for text in recording.differences():
                 violations.append(Violation(invariant="replay", time_s=log.time_s, drones=(recorded,), text=text))
@@ -122,15 +125,23 @@ class _Log:
 
     def __init__(self, drones: int) -> None:
         self.time_s = self.drone_s = 0.0
-        self.error_m: list[float | None] = [None] * drones  # of the source estimate, when last searching
+        self.error_m: list[float | None] = [None] * drones  # of the source estimate, when last one of the able drones searched
 
-    def see(self, moment: Moment) -> bool:
-        """Take a moment; False: the flight goes on."""
+    def see(self, moment: Moment, able: Collection[int] | None) -> bool:
+        """Take a moment; False: the flight goes on. ``able``: the able drones; None before they are known.
+
+        One that has returned while it heard nobody holds the log again after the heal, and the estimate that follows from it.
+        """
         step_s, self.time_s = moment.time_s - self.time_s, moment.time_s
         self.drone_s += step_s * sum(map(moment.airborne, range(len(self.error_m))))
-        for drone, pilot in enumerate(moment.pilots):
-            if pilot is not None and pilot.stage in _SEARCHING and moment.source is not None:
-                self.error_m[drone] = _error_m(pilot.hypothesis, moment.source)
+        pilots = list(enumerate(moment.pilots))
+        searches = any(
+            pilot is not None and pilot.stage in _SEARCHING for drone, pilot in pilots if able is None or drone in able
+        )
+        if searches and moment.source is not None:
+            for drone, pilot in pilots:
+                if pilot is not None:
+                    self.error_m[drone] = _error_m(pilot.hypothesis, moment.source)
         return False
 
 

@@ -31,6 +31,7 @@ TEMPORARILY_REJECTED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 DENIED: int = mavlink.MAV_RESULT_DENIED
 IDLE_S = 1.1  # in addition to COM_DISARM_PRFLT
 FORCE = 21196.0
+MOTOR_FAILED = "Motor failure"
 
 Reply = Callable[[int], None]
 
@@ -73,7 +74,7 @@ class Commander:
         self._ground = LandDetector(step_s, rng)
         self._position = place
         self._velocity: Vector3 = (0.0, 0.0, 0.0)
-        self._drifting = False
+        self._drifting = self._failed = False
         self._time_s = 0.0
         self.armed_s = 0.0
         self._offboard_s = float("-inf")
@@ -120,6 +121,10 @@ class Commander:
         self._at_the_sticks = True
         self._choose(Mode.POSITION)
 
+    def fail(self) -> None:
+        """The vehicle has lost its thrust: it comes down whatever it is asked for, is disarmed on the ground, and never armed."""
+        self._failed = True
+
     def take_off(self, height_m: float | None) -> int:
         """Take off to ``height_m`` above the present place, or to MIS_TAKEOFF_ALT; once it is armed."""
         if self.armed and not self._is_possible(Mode.TAKEOFF):
@@ -134,7 +139,7 @@ class Commander:
         """Start the rotors."""
         if self.armed:
             return ACCEPTED
-        if self.preflight_failure is not None and not force:
+        if self._failed or (self.preflight_failure is not None and not force):
             self._announce(events.ARMING_DENIED)
             return TEMPORARILY_REJECTED
         self.armed, self.armed_s = True, self._time_s
@@ -165,6 +170,8 @@ class Commander:
     @property
     def preflight_failure(self) -> str | None:
         """Why arming is denied, in PX4's words; None if it is not."""
+        if self._failed:
+            return MOTOR_FAILED
         return self.checks.failure(
             Readiness(
                 armed=self.armed,
@@ -260,6 +267,10 @@ class Commander:
             self.fallback = Fallback()
             self._failsafes.warn(self.battery)
             self._switch(self.intention)
+            return
+        if self._failed:
+            self.fallback = Fallback(True, Mode.LAND)
+            self._switch(Mode.LAND)
             return
         situation = Situation(
             offboard_silent_s=self._time_s - self._offboard_s if self.intention is Mode.OFFBOARD else 0.0,

@@ -114,6 +114,24 @@ class Px4Face:
         self._to_be_disarmed = True
 
     @property
+    def battery(self) -> Battery:
+        """The battery that it reports, and that its failsafes act on."""
+        return self._state.battery
+
+    @battery.setter
+    def battery(self, battery: Battery) -> None:
+        self._state.battery = battery
+
+    @property
+    def refuses(self) -> bool:
+        """Whether it refuses all changes of its mode, and arming."""
+        return self._requests.refuses
+
+    @refuses.setter
+    def refuses(self, refuses: bool) -> None:
+        self._requests.refuses = refuses
+
+    @property
     def in_sight(self) -> bool:
         """Whether its receiver can see satellites."""
         lost, now_s = self._faults.satellites_lost_s, self._state.boot_s

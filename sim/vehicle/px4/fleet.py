@@ -17,13 +17,13 @@ from math import degrees, hypot
 from typing import Literal
 
 import numpy as np
-from pymavlink.dialects.v20 import common as mavlink
 
 from sim.geometry import Array, Vector3
 from sim.vehicle.guidance import Reframing
 from sim.vehicle.multirotor import Multirotors, Setpoints
 from sim.vehicle.px4.config import Datum, Px4Config
 from sim.vehicle.px4.face import Px4Face
+from sim.vehicle.px4.faults import EmulatedFaults, VehicleFault
 from sim.vehicle.px4.filter.deadreckoning import FilterErrors
 from sim.vehicle.px4.filter.estimate import Estimate, Estimator
 from sim.vehicle.px4.filter.frames import AutopilotFrames
@@ -109,6 +109,7 @@ class Px4Fleet:
         ]
         for drone, face in enumerate(self.faces):
             face.set_truth_source(partial(self._estimator.truth, drone))
+        self._faults = EmulatedFaults(self.faces, motion, self._reset_filter, step_s, rng.spawn(1)[0])
         self._equipped = [-1] * count  # count of parameter changes that each is equipped with
 
     async def start(self) -> None:
@@ -130,6 +131,7 @@ class Px4Fleet:
         contact = (self._motion.position_m[:, 2] <= self._ground_m() + CONTACT_M).tolist()
         estimates = self._estimator.step()
         self._localize(estimates)
+        self._faults.step()
         for face, estimate, touches in zip(self.faces, estimates, contact, strict=True):
             face.step(self.time_s, estimate, touches)
         self._move()
@@ -154,21 +156,13 @@ class Px4Fleet:
         else:
             commander.set_mode(Mode[mode.upper()])
 
-    def disarm(self, drone: int) -> None:
-        """Somebody on site disarms a vehicle as soon as it shows that it is armed, before it takes off."""
-        self.faces[drone].disarm_before_takeoff()
+    def begin_fault(self, drone: int, fault: VehicleFault) -> None:
+        """A fault strikes a vehicle."""
+        self._faults.begin(drone, fault)
 
-    def switch_stream(self, drone: int, message: str, sent: bool) -> None:
-        """Switch one of a vehicle's MAVLink messages off or on, on all links."""
-        number: int = getattr(mavlink, f"MAVLINK_MSG_ID_{message}")
-        for link in self.faces[drone].links:
-            (link.schedule.muted.discard if sent else link.schedule.muted.add)(number)
-
-    def reset_filter(self, drone: int, shift_m: Vector3, turn_rad: float) -> None:
-        """A vehicle's filter is reset: its own position jumps by ``shift_m`` (world), its heading by ``turn_rad``."""
-        place = self._motion.position_m[drone] + self._error.position_error_m[drone]
-        x, y, z = (self._frames.matrix[drone].T @ np.array(shift_m)).tolist()
-        self.faces[drone].reset(self._frames.correct(drone, place, (x, y, z), turn_rad))
+    def end_fault(self, drone: int, fault: VehicleFault) -> None:
+        """A fault of a vehicle is over."""
+        self._faults.end(drone, fault)
 
     def reports(self) -> list[VehicleReport]:
         """One for each vehicle."""
@@ -178,6 +172,12 @@ class Px4Fleet:
         """Close the links."""
         for face in self.faces:
             face.close()
+
+    def _reset_filter(self, drone: int, shift_m: Vector3, turn_rad: float) -> None:
+        """A vehicle's filter is reset: its own position jumps by ``shift_m`` (world), its heading by ``turn_rad``."""
+        place = self._motion.position_m[drone] + self._error.position_error_m[drone]
+        x, y, z = (self._frames.matrix[drone].T @ np.array(shift_m)).tolist()
+        self.faces[drone].reset(self._frames.correct(drone, place, (x, y, z), turn_rad))
 
     def _ground_m(self) -> Array:
         """World z (N,) of the ground below each vehicle."""

@@ -16,8 +16,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
 from agent.errors import VehicleError
-from sim.geometry import Array, Quaternion, Vector3
+from sim.geometry import Array, Quaternion
 from sim.vehicle.px4.config import Address
+from sim.vehicle.px4.faults import VehicleFault
 from sim.vehicle.px4.filter.satellites import SATELLITES
 from sim.vehicle.px4.fleet import VehicleReport
 from sim.vehicle.px4.mavlink.link import DATAGRAM_BYTES
@@ -179,14 +180,11 @@ class GroundStation:
     def take_over(self, drone: int, mode: str) -> None:
         """Vehicles elsewhere have their own pilots."""
 
-    def disarm(self, drone: int) -> None:
-        """Vehicles elsewhere have their own pilots."""
+    def begin_fault(self, drone: int, fault: VehicleFault) -> None:
+        """Vehicles elsewhere have their own faults."""
 
-    def switch_stream(self, drone: int, message: str, sent: bool) -> None:
-        """Vehicles elsewhere have their own links."""
-
-    def reset_filter(self, drone: int, shift_m: Vector3, turn_rad: float) -> None:
-        """Vehicles elsewhere have their own filters."""
+    def end_fault(self, drone: int, fault: VehicleFault) -> None:
+        """Vehicles elsewhere have their own faults."""
 
     def close(self) -> None:
         """Stop listening."""

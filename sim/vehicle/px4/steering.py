@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from math import dist, hypot, isfinite, nan, radians, tan
+from math import dist, isfinite, nan, radians, tan
 
 from sim.geometry import Vector3
-from sim.vehicle.guidance import Guidance, Target
+from sim.vehicle.guidance import Guidance, Target, rest_place
 from sim.vehicle.px4.landing import RAMP_S
 from sim.vehicle.px4.mavlink.setpoint import OffboardTarget
 from sim.vehicle.px4.modes import Mode
@@ -21,7 +21,6 @@ UP_DELAY_S, UP_MPS2 = 1.2, 2.0
 ACROSS_PS, ACROSS_MPS, ACROSS_NEAR_M = 0.55, 0.55, 2.0
 SLOWING_M = (7.0, 3.5)  # heights between which a descent slows down to MPC_LAND_SPEED
 CRAWL_BELOW_M, CRAWL_MPS = 0.8, 0.28
-BRAKING_S, BRAKING_S2PM, BRAKING_MOST_S = 0.4, 0.32, 2.0  # time for which it continues at its speed: 10 m at 5 m/s
 DEEP_M = -1000.0  # a descent ends at the ground, wherever that is
 FALL_MPS2 = 100.0  # beyond free fall at zero thrust
 
@@ -53,7 +52,7 @@ class Steering:
         """Fly another mode from now on; autonomous ones begin from the vehicle's position."""
         self.landing = mode is Mode.LAND
         self._flown_s = 0.0
-        self.guidance.stay(_rest_place(position, velocity) if mode is Mode.HOLD else position)
+        self.guidance.stay(rest_place(position, velocity) if mode is Mode.HOLD else position)
         if mode is Mode.TAKEOFF:
             self._climb_from_m = 0.0 if standing else position[2] - self.guidance.home[2]
         if mode is Mode.RETURN:
@@ -173,10 +172,3 @@ class Steering:
 def _given(vector: Vector3) -> Vector3:
     x, y, z = (part if isfinite(part) else 0.0 for part in vector)
     return x, y, z
-
-
-def _rest_place(position: Vector3, velocity: Vector3) -> Vector3:
-    """Position at which a vehicle comes to rest."""
-    (x, y, z), (vx, vy, _) = position, velocity
-    time_s = min(BRAKING_S + BRAKING_S2PM * hypot(vx, vy), BRAKING_MOST_S)
-    return x + vx * time_s, y + vy * time_s, z

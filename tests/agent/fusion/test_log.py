@@ -203,3 +203,14 @@ def test_entries_of_a_kind_are_a_function_of_the_content(mission, mixed, seed):
     expected = [mixed[0], least, mixed[5]]
     assert log.entries(Cone) == [entry for entry in expected if isinstance(entry, Cone)]
     assert log.entries(Coverage) == [entry for entry in expected if isinstance(entry, Coverage)]
+
+
+def test_two_identities_of_one_sequence_number_are_both_held_and_told(mission, entries):
+    """A publisher's fault, such as a counter that began anew within one boot."""
+    again = msgspec.structs.replace(entries[3], stamp_ns=entries[3].stamp_ns + 1)
+    log = log_of(mission, [*entries, again])
+    told = [identity for identity, _ in log.missing_from({}, MOST)]
+    assert sorted(told) == sorted(entry.entry_id for entry in (*entries, again))
+    for entry in (*entries, again):
+        assert log.identity_of(entry) == entry.entry_id
+        assert any(log.identity_of(entry) is identity for identity in told)  # one in memory, and not two

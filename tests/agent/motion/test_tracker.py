@@ -219,3 +219,14 @@ def test_a_reference_with_other_steps_is_resampled() -> None:
     tracker.reset((0.0, 0.0, 3.0), (2.0, 0.0, 0.0))
     plan = tracker.plan(0, PeerState((0.0, 0.0, 3.0), (2.0, 0.0, 0.0)), coarse)
     assert plan.positions[:, 0] == pytest.approx(2.0 * 0.2 * np.arange(21.0), abs=1e-6)
+
+
+def test_between_a_drone_that_is_heard_and_one_that_is_not_it_keeps_clear_of_the_former_first() -> None:
+    """Both have the right of way and are too near: 5 m are wanted of each, and there are 8.5 m between them."""
+    heard = PeerPlan("a", 0, 0.2, [(-4.0, 0.0, 3.0)] * 2, measured=PeerState((-4.0, 0.0, 3.0)))
+    unheard = PeerPlan("b", 0, 0.2, [(4.5, 0.0, 3.0)] * 2, blind=True)
+    tracker = Tracker(LIMITS, WIDE, drone_id="m")
+    tracker.reset((0.0, 0.0, 3.0))
+    made = tracker.plan(0, PeerState((0.0, 0.0, 3.0)), stay(0.0, 0.0), [heard, unheard])
+    x, y, _ = made.positions[-1].tolist()
+    assert hypot(x + 4.0, y) > hypot(x - 4.5, y) + 0.3

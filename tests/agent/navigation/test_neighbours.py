@@ -337,3 +337,14 @@ def test_a_drone_in_doubt_after_a_jump_is_given_way_in_both_places(sigma_m, plac
         assert found[1].plan.state(now_ns).position == pytest.approx((10.0, 21.0, 3.0))
         assert found[1].plan.blind
         assert not found[1].takes_part
+
+
+def test_a_drone_whose_poses_say_that_it_is_not_steered_is_placed_by_them_at_once():
+    """However new its last plan is: a pilot who takes over needs no second to leave it."""
+    taken = replace(pose(SECOND // 10), velocity_mps=(0.0, 0.0, 0.0), steered=False)
+    (other,) = seen(taken, plan(), status(Stage.TRACK), now_ns=SECOND // 10)
+    assert other.plan.positions[-1] == pytest.approx((10.0, 1.0, 3.0))
+    assert other.plan.blind
+    (steered,) = seen(replace(taken, steered=True), plan(), status(Stage.TRACK), now_ns=SECOND // 10)
+    assert len(steered.plan.positions) == len(plan().positions_m)
+    assert not steered.plan.blind

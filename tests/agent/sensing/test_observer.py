@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from agent.config.drone import DroneConfig
 from agent.detector.detection import ConeEvent, Detections
 from agent.localization.history import PoseHistory
-from agent.sensing.observer import EXPOSURE_NS, GONE_NS, LATE_NS, MOST_POSES, MUTE_S, SILENT_S, Observer
+from agent.sensing.observer import EXPOSURE_NS, GONE_NS, LATE_NS, MOST_CONES_PS, MOST_POSES, MUTE_S, SILENT_S, Observer
 from agent.vehicle.interface import FlightMode, VehicleState
 from protocol.codec import encode
 from protocol.entries import Cone, Counts, Exposure
@@ -50,6 +50,22 @@ def test_a_cone_is_turned_by_camera_and_attitude_at_its_own_time(sign):
     np.testing.assert_allclose(cone.orders[0].axis, expected, atol=1e-12)
     np.testing.assert_allclose(cone.orders[1].axis, -expected, atol=1e-12)
     assert [order.probability for order in cone.orders] == [0.7, 0.3]
+
+
+def test_a_source_beside_the_camera_does_not_flood_the_swarm_with_cones():
+    history = PoseHistory()
+    observer = observer_with(history)
+    history.add(telemetry(0, (0.0, 0.0, 0.0), Rotation.identity()))
+    cones = tuple(cone_event(k * 100_000, np.array((0.0, 0.0, 1.0))) for k in range(2000))
+    entries = [
+        entry
+        for k in range(5)
+        for entry in observer.observe(Detections(k * SECOND // 5, (k + 1) * SECOND // 5, 0.1, coincidences=2000, cones=cones))
+    ]
+    assert len([entry for entry in entries if isinstance(entry, Cone)]) == MOST_CONES_PS
+    assert observer.withheld == 10_000 - MOST_CONES_PS
+    (exposure,) = (entry for entry in entries if isinstance(entry, Exposure))
+    assert exposure.counts.coincidences == 3 * 2000
 
 
 def test_counts_add_up_to_exposures():

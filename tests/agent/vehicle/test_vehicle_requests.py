@@ -54,6 +54,15 @@ def test_a_vehicle_that_was_disarmed_is_not_armed_again_by_the_same_request() ->
     assert desk.run(Request.TAKEOFF, 5.0) == []
 
 
+def test_nor_is_one_that_showed_itself_armed_right_after_the_command() -> None:
+    desk = Desk(ON_GROUND, beat_s=1.0)
+    assert desk.run(Request.TAKEOFF, 1.0, altitude_set=False) == [Act.SET_TAKEOFF_ALTITUDE]
+    desk.seen = replace(ON_GROUND, armed=True)
+    assert desk.run(Request.TAKEOFF, 0.1)[0] is Act.ARM  # a heartbeat right after it, too soon to be taken for its effect
+    desk.seen = ON_GROUND
+    assert Act.ARM not in desk.run(Request.TAKEOFF, 5.0)
+
+
 def test_offboard_is_asked_for_once_setpoints_stream_and_again_until_the_heartbeat_shows_it() -> None:
     desk = Desk(FLYING)
     assert desk.run(Request.OFFBOARD, 1.0, streaming=False) == []
@@ -168,3 +177,20 @@ def test_in_a_failsafe_what_it_goes_back_to_is_changed() -> None:
     assert desk.run(Request.LAND, 3.0) == []
     desk.seen = replace(FLYING, mode=FlightMode.HOLD)  # before the request came through it went elsewhere
     assert Act.LAND in desk.run(Request.LAND, 3.0)
+
+
+def test_one_heartbeat_that_says_disarmed_does_not_end_a_request() -> None:
+    """Faulty or forged: the next one says otherwise, and the autopilot is asked again. One that stays disarmed is left alone."""
+    steered = replace(FLYING, mode=FlightMode.OFFBOARD)
+    desk = Desk(steered, beat_s=1.0)
+    desk.run(Request.OFFBOARD, 3.0)
+    assert Act.RETURN in desk.run(Request.RETURN, 2.0)
+    for _ in range(3):
+        desk.seen = ON_GROUND
+        desk.run(Request.RETURN, 1.0)
+        desk.seen = steered
+        assert Act.RETURN in desk.run(Request.RETURN, 2.0)
+    desk.seen = ON_GROUND
+    desk.run(Request.RETURN, 4.0)
+    desk.seen = steered
+    assert desk.run(Request.RETURN, 4.0) == []

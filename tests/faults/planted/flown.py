@@ -15,8 +15,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from bugs import BugError
+
 _RADRON_SIM = (sys.executable, "-c", "from sim.cli import main; main()")
 CRASH, HANG = "no result", "no end"  # beside the invariants' names: it died without a line, or did not end
+BUSY = "this machine is too busy for live missions"  # as live-faults says it
 _MOST_TEXT = 300
 
 
@@ -68,12 +71,14 @@ class Flights:
         self._stopped = False
 
     def fly(self, command: Sequence[str], tree: Path, bug: str, seed: int, sources: str, attempt: int = 0) -> Flown | None:
-        """Fly the packages in ``tree``; None where it was stopped."""
+        """Fly the packages in ``tree``; None where it was stopped. Raises BugError where the machine is too busy to fly live."""
         with tempfile.TemporaryDirectory(prefix="planted-") as folder:
             out = Path(folder) / "out"
             code, errors = self._run([*command, "--runs", "1", "--seed", str(seed), "--out", str(out)], tree)
             if self._stopped:
                 return None
+            if BUSY in errors:
+                raise BugError(f"{BUSY}; the same command goes on from here")
             violated, text = ((HANG,), f"over {self._longest_s:g} s") if code is None else _judged(out, code, errors)
             return Flown(bug, seed, sources, violated, text[:_MOST_TEXT], attempt)
 

@@ -120,6 +120,8 @@ class Hunt:
 
 def main() -> None:
     """Read the options, hunt, print the table."""
+    for number in (signal.SIGINT, signal.SIGTERM):  # a shell starts background jobs deaf to SIGINT
+        signal.signal(number, signal.default_int_handler)
     options = _options()
     try:
         bugs = [bug for bug in load_bugs() if not options.only or bug.id in options.only]

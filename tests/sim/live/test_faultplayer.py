@@ -16,7 +16,20 @@ from protocol.codec import decode, encode
 from protocol.messages import Pose
 from sim.faults.agents import Cut, Disk, Freeze, Kill, Lag, Late, Partition, RadioRange
 from sim.faults.kinds import AnyFault
-from sim.faults.machines import CameraDead, CameraNoisy, MavlinkLoss, SatellitesLost, Takeover
+from sim.faults.machines import (
+    Battery,
+    CameraDead,
+    CameraNoisy,
+    Disarm,
+    Gust,
+    MavlinkLoss,
+    MotorFailure,
+    PositionJump,
+    Refusal,
+    SatellitesLost,
+    StreamLost,
+    Takeover,
+)
 from sim.faults.network import padded
 from sim.live.agents import Agents
 from sim.live.faults import FaultPlayer, check_playable, needs_relays
@@ -24,9 +37,10 @@ from sim.live.places import Places
 from sim.live.relays.launcher import RelayProcess
 from sim.live.relays.linkstate import PASSING, LinkState
 from sim.live.view import View
-from sim.live.worldlink import Order, Truth
+from sim.live.worldlink import Order, Truth, order_line, read_order
 from sim.live.worldprocess import WorldProcess
 from sim.scenario import Scenario, load_scenario
+from sim.vehicle.px4.faults import VehicleFault
 
 CUT = LinkState(cut=True)
 
@@ -55,8 +69,8 @@ class Fakes:
     def folder(self, drone: str) -> Path:
         return self._folder / drone
 
-    def order(self, order: Order, drone: int | None = None) -> None:
-        self.done.append((order, drone))
+    def order(self, order: Order, drone: int | None = None, fault: VehicleFault | None = None) -> None:
+        self.done.append((order, drone) if fault is None else (order, drone, fault))
 
     def impair(self, sender: str, receiver: str, state: LinkState) -> None:
         self.links[sender, receiver] = state
@@ -121,6 +135,30 @@ def test_orders_to_the_world_and_what_was_done(tmp_path: Path) -> None:
     assert [(each.time_s, each.what) for each in one.played] == [(1.04, "d1: no more readouts")]
 
 
+@pytest.mark.parametrize(
+    ("fault", "lasts"),
+    [
+        (Gust(at_s=0.0, for_s=1.0), False),
+        (Battery(at_s=0.0, for_s=1.0, level=0.1, lies=True), False),
+        (Refusal(at_s=0.0, for_s=1.0), False),
+        (PositionJump(at_s=0.0, for_s=1.0, announced=True), False),
+        (StreamLost(message="ODOMETRY", at_s=0.0, for_s=1.0), False),
+        (Disarm(at_s=0.0), True),
+        (MotorFailure(at_s=0.0), True),
+    ],
+)
+def test_faults_of_vehicles_are_played_by_the_world(tmp_path: Path, fault: VehicleFault, lasts: bool) -> None:
+    struck = replace(fault, target="d2")
+    done = played(tmp_path, struck).done
+    assert done == [(Order.BREAK, 1, struck), *[(Order.MEND, 1, struck)] * (not lasts)]
+    assert read_order(order_line(Order.BREAK, 1, struck)) == (Order.BREAK, 1, struck)
+
+
+def test_orders_without_a_fault_or_a_drone_are_read() -> None:
+    assert read_order(order_line(Order.GO, None, None)) == (Order.GO, 0, None)
+    assert read_order(order_line(Order.PILOT_MANUAL, 2, None)) == (Order.PILOT_MANUAL, 2, None)
+
+
 def test_links_are_cut_as_the_groups_the_direction_or_the_distance_say(tmp_path: Path) -> None:
     apart = {("d1", "d3"), ("d3", "d1"), ("d2", "d3"), ("d3", "d2")}
     split = Partition(groups=(("d1", "d2"),), at_s=1.0)
@@ -159,6 +197,8 @@ def test_what_cannot_be_played_is_refused_with_what_can() -> None:
         check_playable(scenario(Kill(at_s=0.0), CameraNoisy(at_s=0.0)), here=True)
     with pytest.raises(ConfigError, match="how = 'full' is not played in a live flight, which plays state-torn, "):
         check_playable(scenario(Disk(how="full", at_s=0.0)), here=True)
+    with pytest.raises(ConfigError, match="announced = false is not played"):
+        check_playable(scenario(PositionJump(at_s=0.0)), here=True)
     with pytest.raises(ConfigError, match="leave out --external"):
         check_playable(scenario(Kill(at_s=0.0)), here=False)
     check_playable(scenario(), here=False)

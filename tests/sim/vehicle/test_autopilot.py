@@ -94,3 +94,20 @@ def test_a_frame_that_jumps_leaves_target_and_home_where_they_are_in_the_world()
     run(autopilot, 60.0, VehicleCommand(Request.RETURN))
     assert not autopilot.armed
     assert autopilot.target.position[:2] == pytest.approx((0.0, -10.0), abs=0.3)
+
+
+@pytest.mark.parametrize("mode", [FlightMode.HOLD, FlightMode.MANUAL])
+def test_a_vehicle_that_is_stopped_comes_to_rest_ahead_and_does_not_fly_back(mode):
+    """10 m ahead from 5 m/s, as recorded of a real PX4 (``tests/contract``)."""
+    autopilot = airborne()
+    autopilot.step((3.0, 1.0, 3.0), velocity=(0.0, 5.0, 0.0))
+    autopilot.take_over(mode)
+    assert autopilot.target.position == pytest.approx((3.0, 11.0, 3.0))
+    assert autopilot.target.velocity == (0.0, 0.0, 0.0)
+
+
+def test_a_landing_begins_where_the_vehicle_is():
+    autopilot = airborne()
+    autopilot.step((3.0, 1.0, 3.0), velocity=(0.0, 5.0, 0.0))
+    autopilot.take_over(FlightMode.LAND)
+    assert autopilot.target.position == pytest.approx((3.0, 1.0, 3.0))

@@ -9,7 +9,7 @@ from math import isfinite, isnan
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.vehicle.px4.commander import ACCEPTED, DENIED, FORCE, Commander
+from sim.vehicle.px4.commander import ACCEPTED, DENIED, FORCE, TEMPORARILY_REJECTED, Commander
 from sim.vehicle.px4.events import SETPOINT_INVALID, Announcement
 from sim.vehicle.px4.filter.estimate import Geodetic
 from sim.vehicle.px4.filter.vision import Vision
@@ -59,6 +59,7 @@ class Requests:
         self._contacts = contacts
         self._announce = announce
         self.links: list[Link] = []
+        self.refuses = False  # all that the commander is asked for
         self.told: Geodetic | None = None
         self.external_origin: Geodetic | None = None
         self._synchronised: deque[tuple[int, int]] = deque()  # when, and the companion's clock at the vehicle's 0
@@ -116,7 +117,10 @@ class Requests:
             return
         if message.command == mavlink.MAV_CMD_DO_SET_MODE:
             acknowledge(ACCEPTED)  # by the link, which knows nothing of modes; the commander's own answer follows
-        self._commander.ask(carried_out, acknowledge)
+        self._commander.ask(self._unless_refused(carried_out), acknowledge)
+
+    def _unless_refused(self, change: Callable[[], int]) -> Callable[[], int]:
+        return (lambda: int(TEMPORARILY_REJECTED)) if self.refuses else change
 
     def _acknowledge(self, link: Link, command: int, sender: tuple[int, int], result: int) -> None:
         link.send(mavlink.MAVLink_command_ack_message(command, result, 255, 0, *sender))
@@ -207,7 +211,7 @@ class Requests:
     def _set_mode(self, link: Link, message: Message) -> None:
         custom = message.custom_mode
         change = self._mode_change(message.base_mode, custom >> 16 & 0xFF, custom >> 24)
-        self._commander.ask(change, lambda result: None)
+        self._commander.ask(self._unless_refused(change), lambda result: None)
 
     # Setpoints
 

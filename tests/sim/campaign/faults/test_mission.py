@@ -4,12 +4,14 @@ import shutil
 from pathlib import Path
 
 import pytest
+from moments import hypothesis, moment, pilot
 
 import sim.lockstep
 from agent.pilot import Pilot
+from protocol.messages import Stage
 from sim.campaign.faults.course import SHORT
 from sim.campaign.faults.draw import draw
-from sim.campaign.faults.mission import Mission, fly_mission
+from sim.campaign.faults.mission import Mission, _Log, fly_mission
 from sim.campaign.faults.recording import Recording
 from sim.scenario import parse_scenario
 from sim.scoring.moment import Moment
@@ -44,6 +46,19 @@ def test_an_observer_sees_the_truth_after_every_tick_and_ends_the_flight() -> No
     assert last.sent[0] > 0 == last.sent[1]
     assert len(last.batteries) == 3
     assert all(0.5 < level <= 1.0 for level in last.batteries)
+
+
+def test_the_error_is_that_at_the_end_of_the_able_drones_tracking() -> None:
+    """d2 has returned while it heard nobody, with an estimate of its own; after the heal it holds that of the others again."""
+    log, source = _Log(3), (30.0, 30.0)
+    deaf, healed = (pilot(Stage.RETURN, hypothesis(x)) for x in (35.0, 30.5))
+    tracking, lost = pilot(believed=hypothesis(30.5)), pilot(believed=hypothesis(50.0))
+    log.see(moment(49.0, source=source, pilots=[tracking, deaf, lost]), None)
+    assert log.error_m == pytest.approx([0.5, 5.0, 20.0])
+    log.see(moment(55.0, source=source, pilots=[tracking, healed, lost]), (0, 1))
+    assert log.error_m == pytest.approx([0.5, 0.5, 20.0])
+    log.see(moment(70.0, source=(10.0, 10.0), pilots=[healed, healed, lost]), (0, 1))  # only one that is not able still tracks
+    assert log.error_m == pytest.approx([0.5, 0.5, 20.0])
 
 
 def test_a_recorded_flight_is_replayed_bit_for_bit(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
-from sim.scoring.invariants.beliefs import SameLogSameHypothesis, TruthPossible
-from sim.scoring.invariants.care import Memory, Named, Reserve
+from sim.scoring.invariants.beliefs import OwnPlace, SameLogSameHypothesis, TruthPossible
+from sim.scoring.invariants.care import Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from sim.scoring.invariants.judge import Judge
 from sim.scoring.invariants.liveness import Converged, Landed
@@ -163,6 +163,31 @@ def test_a_drone_that_is_not_where_it_says_and_nobody_suspects_it() -> None:
     assert unsuspected(suspects=("d3",)) == [("d2",)]
     assert unsuspected(suspects=("d2",)) == []
     assert unsuspected(sightings=False) == unsuspected(announced=True) == unsuspected(jump_m=3.0) == []
+
+
+def test_a_drone_that_takes_itself_to_be_elsewhere() -> None:
+    def seen(off_m, sigma_m, times_s=range(10, 17), **of):
+        pilots = moments.changed(0, moments.pilot(own_place=((10.0 + off_m, 10.0, 3.0), sigma_m)), moments.pilot)
+        return told(
+            OwnPlace(moments.setting(*of.get("faults", ()))), *(moments.moment(time_s, pilots=pilots) for time_s in times_s)
+        )
+
+    assert seen(1.5, 0.1) == [("d1",)]
+    assert seen(1.5, 0.3) == []
+    assert seen(0.9, 0.1) == []
+    assert seen(1.5, 0.1, range(10, 15)) == []
+    assert seen(1.5, 0.1, faults=[{"kind": "position-jump", "at_s": 9.0, "target": "d1"}]) == []
+
+
+def test_a_blind_camera_of_which_nobody_is_told() -> None:
+    blind = {"kind": "camera-dead", "at_s": 5.0, "target": "d2", "blind": True}
+    silent, telling = moments.pilot(), moments.pilot(problems=("camera: no hit",))
+    pilots = [moments.changed(1, one, moments.pilot) for one in (silent, telling)]
+    times_s = (4.0, 20.0, 29.0, 31.0)
+    assert told(Told(moments.setting(blind)), *(moments.moment(time_s, pilots=pilots[0]) for time_s in times_s)) == [("d2",)]
+    assert told(Told(moments.setting(blind)), *(moments.moment(time_s, pilots=pilots[1]) for time_s in times_s)) == []
+    restarted = [moments.moment(4.0), moments.moment(31.0, pilots=moments.changed(1, moments.pilot(), moments.pilot))]
+    assert told(Told(moments.setting(blind)), *restarted) == []
 
 
 def test_an_agent_that_holds_more_than_its_log() -> None:

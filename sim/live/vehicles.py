@@ -1,0 +1,39 @@
+"""The interface of the vehicles in a live world: emulated in its process, or flown elsewhere."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from sim.vehicle.px4.faults import VehicleFault
+from sim.vehicle.px4.fleet import VehicleReport
+
+
+class Vehicles(Protocol):
+    """The vehicles' simulation, here or elsewhere."""
+
+    async def start(self) -> None:
+        """Open the links on the running loop."""
+
+    def begin(self) -> None:
+        """Start the mission."""
+
+    def step(self) -> None:
+        """Advance by one step."""
+
+    def switch_satellites(self, drone: int, received: bool) -> None:
+        """Switch a vehicle's satellite reception."""
+
+    def take_over(self, drone: int, mode: str) -> None:
+        """A pilot takes a vehicle over by remote control: ``manual``, ``hold``, ``return`` or ``land``."""
+
+    def begin_fault(self, drone: int, fault: VehicleFault) -> None:
+        """A fault strikes a vehicle."""
+
+    def end_fault(self, drone: int, fault: VehicleFault) -> None:
+        """A fault of a vehicle is over."""
+
+    def reports(self) -> list[VehicleReport]:
+        """An observer's view of each vehicle, besides its motion."""
+
+    def close(self) -> None:
+        """Close the links."""

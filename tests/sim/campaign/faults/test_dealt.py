@@ -1,0 +1,46 @@
+"""Dealt missions: a few successive seeds have every fault of the deck, and all can be flown."""
+
+from collections import Counter
+
+from sim.campaign.faults.course import DEALT, LIVE
+from sim.campaign.faults.dealt import DECK, HAND, LIVE_DECK, MISLEADING, deal
+from sim.faults.disk import check_playable as check_lockstep
+from sim.live.faults import check_playable as check_live
+from sim.scenario import parse_scenario
+
+
+def kinds(first: int, course) -> Counter[str]:
+    missions = 3 if course is LIVE else 10
+    return Counter(fault["kind"] for seed in range(first, first + missions) for fault in deal(seed, course).get("fault", []))
+
+
+def test_successive_seeds_have_the_whole_deck_and_live_ones_a_disarmed_drone_each() -> None:
+    for first in (0, 500_000):
+        assert kinds(first, DEALT) == Counter(kind for kind, _ in DECK + MISLEADING)
+    assert kinds(600_000, LIVE) == Counter(kind for kind, _ in LIVE_DECK) + Counter(disarm=3)
+
+
+def test_a_seed_is_dealt_the_same_each_time_and_others_otherwise() -> None:
+    dealt = [deal(seed, DEALT) for seed in range(40)]
+    assert dealt == [deal(seed, DEALT) for seed in range(40)]
+    assert len({str(document) for document in dealt}) == 40
+
+
+def test_every_mission_can_be_flown_and_its_faults_are_over_at_the_heal() -> None:
+    for course, check in (
+        (DEALT, lambda scenario: check_lockstep(scenario.fault, "test")),
+        (LIVE, lambda one: check_live(one, here=True)),
+    ):
+        for seed in range(60):
+            scenario = parse_scenario(deal(seed, course), f"seed {seed}")
+            check(scenario)
+            assert len(scenario.fault) in (0, HAND, HAND + 1)
+            assert all(fault.end_s <= course.heal_s or fault.for_s is None for fault in scenario.fault)
+
+
+def test_of_ten_missions_two_have_no_fault_one_of_them_with_frames_to_be_estimated_one_with_a_fast_source() -> None:
+    still, moving = deal(500_000, DEALT), deal(500_001, DEALT)
+    assert "fault" not in still
+    assert "fault" not in moving
+    assert "sightings" in still
+    assert moving["source"]["motion"] == "wander"
