@@ -70,7 +70,8 @@ class SimulatedOperator:
     """Lockstep's operator: hears every status, and its commands reach everybody at once."""
 
     def __init__(self, authority: SimulatedAuthority, swarm: str, mission: str) -> None:
-        self._trust, self._mission = operator_of(authority), mission
+        self.authority, self._mission = authority, mission
+        self._trust = operator_of(authority)
         self.key = command_key(swarm, OPERATOR_NAME)
 
     def ordered(self, now_ns: int, action: Action, tickets: Mapping[str, Ticket]) -> bytes:
