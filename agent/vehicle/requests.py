@@ -25,9 +25,7 @@ from agent.vehicle.interface import FlightMode, Request
 
 SETTLE_S = 0.3  # a heartbeat this long after a command shows its effect
 URGENT_S = 0.4  # between two commands in a failsafe, which may end at any moment
-DISARMED_S = (
-    1.5  # heartbeats this far apart, and none in between that says otherwise: one faulty or forged packet is not believed
-)
+DISARMED_S = 1.5  # heartbeats this far apart, and none in between that says otherwise: one forged packet is not believed
 REPEAT_S = 1.5  # between two commands: longer than the heartbeat's period of 1 s plus SETTLE_S
 
 

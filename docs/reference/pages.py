@@ -134,7 +134,7 @@ def _protocol() -> str:
         parts.append(_message(outer, 2))
     parts.append("## Types within messages { #types-within-messages }\n")
     parts += [_message(next(fields.sections(kind)), 3) for kind in inner]
-    parts += [_enum(kind) for kind in (messages.Stage, messages.Action)]
+    parts += [_enum(kind) for kind in (messages.Stage, messages.Action, messages.Reaction)]
     return "\n".join(parts)
 
 

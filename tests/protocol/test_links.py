@@ -7,7 +7,7 @@ import contextlib
 import socket
 import ssl
 import struct
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -159,6 +159,14 @@ async def _swarm(folder: Path, stack: AsyncExitStack, *names: str) -> list[Liste
     return members
 
 
+async def _heard(publish: Callable[[], None], *members: Member) -> None:
+    """Publish until the members have heard it: news goes nowhere before a subscription is known."""
+    before = [len(one.messages) for one in members]
+    while any(len(one.messages) == count for one, count in zip(members, before, strict=True)):
+        publish()
+        await asyncio.sleep(0.05)
+
+
 def test_a_drone_publishes_under_its_own_name_only(folder: Path) -> None:
     async def course() -> None:
         async with AsyncExitStack() as stack:
@@ -194,12 +202,15 @@ def test_who_is_no_drone_publishes_nothing_as_one_but_hears_and_asks(folder: Pat
     async def course() -> None:
         async with AsyncExitStack() as stack:
             d1, d2, ground = await _swarm(folder, stack, "d1", "d2", str(role))
+            await _heard(lambda: ground.mesh.publish(command_key(SWARM, str(role)), b"first"), d1)
+            await _heard(lambda: d2.publish("pose", b"first"), d1, ground)
             ground.mesh.publish(drone_key(SWARM, "d2", "pose"), b"forged")
             ground.mesh.publish(drone_key(SWARM, str(role), "pose"), b"forged")
             ground.mesh.publish(command_key(SWARM, str(role)), b"command")
             d2.publish("pose", b"own")
-            await until(lambda: len(d1.messages) == 2 and len(ground.messages) == 1)
-            assert {payload for _, payload in d1.messages} == {b"own", b"command"}
+            await until(lambda: {b"own", b"command"} <= {payload for _, payload in d1.messages})
+            await until(lambda: ground.got(drone_key(SWARM, "d2", "pose"))[-1] == b"own")
+            assert {payload for _, payload in d1.messages} == {b"first", b"own", b"command"}
             assert await ground.mesh.ask("d1", b"") == 1
             await until(lambda: ground.got(drone_key(SWARM, "d2", "cone")))
 

@@ -45,7 +45,8 @@ def test_bounded(where: str, kind: inspect.Type) -> None:
         case inspect.BytesType() | inspect.VarTupleType() | inspect.DictType():
             assert kind.max_length is not None
         case _:
-            closed = inspect.StructType | inspect.TupleType | inspect.UnionType | inspect.EnumType | inspect.NoneType
+            parts = inspect.StructType | inspect.TupleType | inspect.UnionType
+            closed = parts | inspect.EnumType | inspect.BoolType | inspect.NoneType
             assert isinstance(kind, closed), f"{where}: {kind} has no limits that this test knows"
 
 

@@ -8,9 +8,10 @@ from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
 from protocol.messages import Action
-from sim.faults.forgers import LATE_NS, Forgers, OldCommands
+from sim.faults.forgers import HELD_NS, LATE_NS, Forgers, OldCommands
 from sim.faults.kinds import KINDS
 from sim.faults.schedule import Schedule
+from sim.members import SimulatedAuthority
 
 DRONES = ("d1", "d2", "d3")
 
@@ -22,7 +23,7 @@ def forged(what, kind, drone=0, second=1.0):
     schedule.advance(second)
     message = at(kind, 3)
     key = key_of("s", message)
-    return key, Forgers(schedule, DRONES).forged(drone, key, encode(message))
+    return key, Forgers(schedule, DRONES, SimulatedAuthority(1).signs(DRONES)).forged(drone, key, encode(message))
 
 
 @pytest.mark.parametrize("what", ["impossible", "impersonated"])
@@ -49,25 +50,26 @@ def test_nobody_else_forges_nor_when_it_is_over_nor_what_is_no_measurement() -> 
     assert forged("impossible", "sighting")[1] == []
 
 
-def test_an_old_command_comes_after_the_one_that_ended_it() -> None:
-    schedule = Schedule([msgspec.convert({"kind": "old-command", "at_s": 1.0, "target": "d2"}, KINDS["old-command"])], DRONES, 1)
+def commanded(schedule):
+    """What a drone receives in the first 15 s: tick, drone, action, or "copy" for bytes that came before."""
     commands, arrived = OldCommands(schedule), []
+
+    def command(drones, action):
+        arrived.append((tick, drones[0], action))
+        return f"{action} at {tick}".encode()
+
     for tick in range(300):
         schedule.advance(0.05 * tick)
-        arrived += [(tick, *command) for command in commands.due(tick * 50_000_000)]
-    assert [(tick, drone, action) for tick, drone, action, _ in arrived] == [
+        commands.advance(
+            tick * 50_000_000, command, lambda now_ns, drone, payload: arrived.append((now_ns // 50_000_000, drone, payload))
+        )
+    return arrived
+
+
+def test_an_old_command_comes_after_the_one_that_ended_it() -> None:
+    schedule = Schedule([msgspec.convert({"kind": "old-command", "at_s": 1.0, "target": "d2"}, KINDS["old-command"])], DRONES, 1)
+    assert commanded(schedule) == [
         (20, 1, Action.HOLD),
-        (80, 1, Action.RESUME),
-        (20 + LATE_NS // 50_000_000, 1, Action.HOLD),
+        (20 + HELD_NS // 50_000_000, 1, Action.RESUME),
+        (20 + LATE_NS // 50_000_000, 1, b"hold at 20"),
     ]
-    assert arrived[2][3] == arrived[0][3] < arrived[1][3]
-
-
-def test_an_agent_that_was_dead_gets_no_old_command() -> None:
-    schedule = Schedule([msgspec.convert({"kind": "old-command", "at_s": 0.0, "target": "d2"}, KINDS["old-command"])], DRONES, 1)
-    commands = OldCommands(schedule)
-    schedule.advance(0.0)
-    assert [command[:2] for command in commands.due(0)] == [(1, Action.HOLD)]
-    schedule.advance(0.05)
-    commands.forget(1)
-    assert commands.due(2 * LATE_NS) == []
