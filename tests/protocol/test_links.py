@@ -7,6 +7,7 @@ import contextlib
 import socket
 import ssl
 import struct
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import pytest
 from identities import DAY_NS, Wrong, identity, new_issuer, now_ns, write_wrong
-from meshes import SWARM, Member, free_port, linked, until
+from meshes import DEADLINE_S, SWARM, Member, free_port, linked, until
 
 from protocol.errors import MeshError
 from protocol.identity import Identity, Role, load_identity
@@ -162,7 +163,9 @@ async def _swarm(folder: Path, stack: AsyncExitStack, *names: str) -> list[Liste
 async def _heard(publish: Callable[[], None], *members: Member) -> None:
     """Publish until the members have heard it: news goes nowhere before a subscription is known."""
     before = [len(one.messages) for one in members]
+    end_s = time.monotonic() + DEADLINE_S
     while any(len(one.messages) == count for one, count in zip(members, before, strict=True)):
+        assert time.monotonic() < end_s, "not heard"
         publish()
         await asyncio.sleep(0.05)
 
@@ -171,13 +174,14 @@ def test_a_drone_publishes_under_its_own_name_only(folder: Path) -> None:
     async def course() -> None:
         async with AsyncExitStack() as stack:
             d1, d2, d3 = await _swarm(folder, stack, "d1", "d2", "d3")
+            await _heard(lambda: d2.publish("pose", b"first"), d1, d3)
             for kind in ("pose", "plan", "status", "estimate", "cone", "exposure"):
                 d2.mesh.publish(drone_key(SWARM, "d3", kind), b"forged")
                 d2.publish(kind, b"own")
             for one in (d1, d3):
-                await until(lambda one=one: len(one.messages) == 6)  # type: ignore[misc]
+                await until(lambda one=one: [payload for _, payload in one.messages].count(b"own") == 6)  # type: ignore[misc]
                 await asyncio.sleep(0.2)
-                assert {payload for _, payload in one.messages} == {b"own"}
+                assert {payload for _, payload in one.messages} == {b"first", b"own"}
                 assert all("/d2/" in key for key, _ in one.messages)
 
     asyncio.run(course())
