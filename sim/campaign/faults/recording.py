@@ -14,6 +14,7 @@ from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.flight.replay import replay
 from agent.fusion.registry import Estimators, estimator_named
+from agent.geometry import Vector3
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
 from protocol.signing import Trust
@@ -34,6 +35,16 @@ class _Recorded(RecordedPilot):
     def __init__(self, pilot: Pilot, recorder: FlightRecorder) -> None:
         super().__init__(pilot, _Through(recorder))
         self.fusion, self.listeners = pilot.fusion, pilot.listeners
+
+    @property
+    def own_place(self) -> tuple[Vector3, float] | None:
+        """See ``Pilot``."""
+        return self._pilot.own_place
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """See ``Pilot``."""
+        return self._pilot.problems
 
 
 class Recording:
