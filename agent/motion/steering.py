@@ -26,7 +26,7 @@ _FENCE_YIELDS = 1.0  # where the two conflict, the fence yields, by at most the 
 _LINE_YIELDS = 0.3  # the line between two sides, behind which drones fly that cannot give way, yields less than all else
 # The places where a drone may be that is not heard, with their growing doubt, yield more than one that is heard: pushed away from
 # them, a drone turned back into the next one on the circle, which could not brake in time.
-_UNHEARD_YIELDS = 3.0
+_UNHEARD_YIELDS = 2.0
 _DEVIATION_S = 1.0  # time constant of a vehicle's return to its plan
 
 Peaks = list[list[float]]  # (4, 3): largest jerk, displacement, speed and acceleration of a plan along each axis
