@@ -40,7 +40,7 @@ CIRCLED_S = 3.0
 EVEN_DEG = 25.0  # deviation of a gap from 120 degrees
 # The vehicle whose agent is gone hovers on the circle for 8 s, while it climbs to its return height, and then crosses it: on a
 # circle of 6 m it bars the others' way for so long.
-SPACED_S, SETTLED_S = 16.0, 13.0
+SPACED_S, SETTLED_S = 20.0, 13.0
 
 
 def stretched(time_s: float) -> float:
