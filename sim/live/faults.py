@@ -75,6 +75,8 @@ def check_playable(scenario: Scenario, *, here: bool) -> None:
             raise ConfigError(f"{where}: not played in a live flight, which plays {kinds}; `radron-sim run` plays all")
         if isinstance(fault, PositionJump) and not fault.announced:
             raise ConfigError(f"{where}: announced = false is not played in a live flight; announced = true is")
+        if isinstance(fault, CameraDead) and fault.blind:
+            raise ConfigError(f"{where}: blind = true is not played in a live flight; blind = false is")
         if isinstance(fault, Disk) and fault.how not in _DISKS:
             raise ConfigError(f"{where}: how = {fault.how!r} is not played in a live flight, which plays {', '.join(_DISKS)}")
 
