@@ -12,7 +12,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
 from protocol.codec import encode
-from protocol.identity import Authority, Role
+from protocol.identity import Authority, Peer, Role
 from protocol.keys import command_key
 from protocol.messages import Action, Command, Ticket
 from protocol.signing import Sign, Trust, sign_command
@@ -42,6 +42,10 @@ class SimulatedAuthority:
     def signs(self, names: Sequence[str]) -> list[Sign]:
         """What signs as each of these members."""
         return [_key(self._seed, name).sign for name in names]
+
+    def verify(self, der: bytes) -> Peer:
+        """As the authority does that the members know."""
+        return self.authority.verify(der)
 
     def _certificate(self, subject: x509.Name, key: Ed25519PrivateKey, name: str | None) -> x509.Certificate:
         """That of a member, or of the authority itself (``name`` None)."""

@@ -16,7 +16,7 @@ from protocol.signing import MOST_IN_BATCH, Verifier, sign_entries
 
 
 def verifier(*credentials):
-    one = Verifier(AUTHORITY.authority)
+    one = Verifier(AUTHORITY)
     for entry in credentials or (credential(),):
         assert one.accepts_entry(entry, encode(entry))
     return one
@@ -96,7 +96,7 @@ def test_bytes_that_only_read_the_same_are_not_accepted():
     ],
 )
 def test_a_credential_that_is_not_the_drones_is_refused_and_vouches_for_nothing(wrong):
-    one = Verifier(AUTHORITY.authority)
+    one = Verifier(AUTHORITY)
     assert not accepted(one, wrong)
     assert not any(accepted(one, entry) for entry in cones([1, 2], boot=wrong.boot))
 
@@ -115,7 +115,7 @@ class Expiring:
 
     def verify(self, der):
         times = {"not_before_ns": START_NS, "not_after_ns": START_NS + 3600 * 10**9}
-        return dataclasses.replace(AUTHORITY.authority.verify(der), **times)
+        return dataclasses.replace(AUTHORITY.verify(der), **times)
 
 
 @pytest.mark.parametrize(("after_s", "holds"), [(-1, False), (0, True), (3599, True), (3601, False)])
