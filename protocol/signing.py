@@ -24,7 +24,7 @@ MOST_IN_BATCH = 32  # of the place in a proof, and of its length
 MOST_ROOTS = 1024  # that are remembered as verified
 MOST_CERTIFICATES = 256  # that are remembered as read
 MOST_OF_BOOT = 4  # certificates; an honest agent has one
-DRONE, OPERATOR = "drone", "operator"  # roles in a certificate, as in ``identity.Role``: which needs a calendar, and this none
+DRONE, OPERATOR = "drone", "operator"  # as ``identity.Role``, which the pilot program must not import: it handles dates
 _HASH_BYTES = 16
 _ENTRIES, _COMMAND = b"radron 2 entries\0", b"radron 2 command\0"  # no signature counts as one of something else
 
@@ -137,10 +137,12 @@ class Verifier:
         if signed is None or as_bytes(entry) != payload:  # else a relay could add a field that no reader knows
             return False
         boot = entry.drone, entry.boot
+        member = self._of_credential(entry) if isinstance(entry, Credential) else None
+        if member is None and isinstance(entry, Credential):  # whatever else its drone has signed together with it
+            return False
         if (*boot, *signed) in self._roots:
             self._roots.move_to_end((*boot, *signed))
             return True
-        member = self._of_credential(entry) if isinstance(entry, Credential) else None
         members = self._boots.get(boot, ()) if member is None else (member,)
         if not any(one.verified(*signed) for one in members):
             return False

@@ -76,7 +76,7 @@ class ObservationLog:
         self._held: dict[Publisher, SequenceSet] = {}
         self._boots: defaultdict[str, list[str]] = defaultdict(list)  # by drone, in the order of their first entries
         self._numbered: defaultdict[Publisher, dict[int, EntryId]] = defaultdict(dict)
-        self._twins: defaultdict[tuple[Publisher, int], list[EntryId]] = defaultdict(list)  # others of the same number: faults
+        self._twins: defaultdict[tuple[Publisher, int], dict[EntryId, EntryId]] = defaultdict(dict)  # others of a number: faults
         self._sum = 0
 
     def __len__(self) -> int:
@@ -99,8 +99,8 @@ class ObservationLog:
         """The identity of an entry held, as the log holds it: whoever keeps that one needs no memory for another."""
         own = entry.entry_id
         publisher = entry.drone, entry.boot
-        rivals: list[EntryId] = [self._numbered[publisher][entry.sequence], *self._twins.get((publisher, entry.sequence), ())]
-        return next(identity for identity in rivals if identity == own)
+        first = self._numbered[publisher][entry.sequence]
+        return first if first == own else self._twins[publisher, entry.sequence][own]
 
     def revision(self, kind: type[Entry]) -> int:
         """A counter that grows whenever ``entries(kind)`` changes: a cheap test for changes."""
@@ -146,7 +146,7 @@ class ObservationLog:
             self._boots[identity.drone].append(identity.boot)
         self._held[publisher].add(sequence)
         if self._numbered[publisher].setdefault(sequence, identity) is not identity:
-            self._twins[publisher, sequence].append(identity)
+            self._twins[publisher, sequence][identity] = identity
 
     def _kind_of(self, identity: EntryId) -> type[Entry] | None:
         return next((kind for kind, held in self._payloads.items() if identity in held), None)

@@ -15,6 +15,7 @@ from protocol.signing import Verifier
 
 NONCE_NS = 10_000_000_000  # a nonce is told for this long, and valid for as long again
 START_AGE_NS = 10_000_000_000  # an older start is refused
+MOST_AHEAD = 2**40  # of a number: a command with the largest one would leave none for the commands after it
 
 
 class Orders:
@@ -46,6 +47,8 @@ class Orders:
             return "too_old"
         if ticket.number <= self._last:
             return "already_obeyed"
+        if ticket.number > self._last + MOST_AHEAD:
+            return "numbered_too_high"
         if command.action is Action.START and abs(now_ns - command.stamp_ns) > START_AGE_NS:
             return "too_old"
         return None

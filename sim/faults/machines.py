@@ -8,6 +8,8 @@ from msgspec import Meta
 
 from sim.faults.base import Family, Fault, Metres, Probability
 
+EMPTY_MPS = 3.0  # sink rate of a vehicle whose battery is empty
+
 
 class CameraDead(Fault, frozen=True, kw_only=True, tag="camera-dead"):
     """No readout at all; ``blind``: readouts without any hit."""

@@ -8,7 +8,7 @@ from math import cos, pi, sin
 import numpy as np
 
 from agent.vehicle.interface import FlightMode
-from sim.faults.machines import Battery, Gust, MavlinkLoss, MotorFailure, Refusal, Takeover
+from sim.faults.machines import EMPTY_MPS, Battery, Gust, MavlinkLoss, MotorFailure, Refusal, Takeover
 from sim.faults.schedule import Active, Schedule
 from sim.geometry import Array
 from sim.vehicle.autopilot import Autopilot
@@ -17,7 +17,6 @@ from sim.vehicle.px4.battery import Battery as Cells
 from sim.vehicle.px4.battery import Warning
 from sim.vehicle.px4.parameters import Parameters
 
-EMPTY_MPS = 3.0  # sink rate of a vehicle whose battery is empty
 _ACTIONS = {Warning.CRITICAL: FlightMode.RETURN, Warning.EMERGENCY: FlightMode.LAND}  # COM_LOW_BAT_ACT = 3
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Coroutine, Iterator, Sequence
 from itertools import permutations
 from math import dist
 from random import Random
+from typing import get_args
 
 import msgspec
 from msgspec import Struct
@@ -27,7 +28,6 @@ from sim.faults.machines import (
     MavlinkLoss,
     MotorFailure,
     PositionJump,
-    Refusal,
     SatellitesLost,
     StreamLost,
     Takeover,
@@ -48,8 +48,7 @@ from sim.vehicle.px4.faults import VehicleFault
 
 _RELAYED = (Partition, Cut, Lag, RadioRange, MavlinkLoss)
 _ON_LINKS = (Partition, Cut, Lag, RadioRange)
-_OF_VEHICLES = (Gust, MotorFailure, Battery, Refusal, StreamLost, PositionJump, Disarm)
-PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, CameraDead, SatellitesLost, Takeover, *_OF_VEHICLES)
+PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, CameraDead, SatellitesLost, Takeover, *get_args(VehicleFault))
 _DISKS = ("state-torn", "state-flipped", "record-torn", "record-removed")
 AWAKE_S = 0.05  # between two stops of a slow computer: a step
 LONGEST_STOP_S = 0.8  # of a slow computer; after 1 s of silence the watchdog kills the agent
@@ -75,6 +74,8 @@ def check_playable(scenario: Scenario, *, here: bool) -> None:
             raise ConfigError(f"{where}: not played in a live flight, which plays {kinds}; `radron-sim run` plays all")
         if isinstance(fault, PositionJump) and not fault.announced:
             raise ConfigError(f"{where}: announced = false is not played in a live flight; announced = true is")
+        if isinstance(fault, CameraDead) and fault.blind:
+            raise ConfigError(f"{where}: blind = true is not played in a live flight; blind = false is")
         if isinstance(fault, Disk) and fault.how not in _DISKS:
             raise ConfigError(f"{where}: how = {fault.how!r} is not played in a live flight, which plays {', '.join(_DISKS)}")
 
@@ -180,9 +181,9 @@ class FaultPlayer:
             case Takeover():
                 self._world.order(Order(f"pilot {fault.mode}"), index)
                 return f"a pilot takes over: {fault.mode}"
-            case Gust() | MotorFailure() | Battery() | Refusal() | StreamLost() | PositionJump() | Disarm():
-                self._world.order(Order.BREAK, index, fault)
-                return _vehicle_told(fault)
+        if isinstance(fault, VehicleFault):
+            self._world.order(Order.BREAK, index, fault)
+            return _vehicle_told(fault)
         return None
 
     def _end(self, fault: Fault, drone: str) -> str | None:
@@ -210,11 +211,11 @@ class FaultPlayer:
             case Takeover():
                 self._world.order(Order.PILOT_HOLD, index)
                 return "the pilot gives it back, in hold"
-            case Gust() | Battery() | Refusal() | StreamLost() | PositionJump():
-                self._world.order(Order.MEND, index, fault)
-                return f"{kind_of(fault)} is over"
             case MavlinkLoss():
                 return "no MAVLink messages are lost any more"
+        if isinstance(fault, VehicleFault):
+            self._world.order(Order.MEND, index, fault)
+            return f"{kind_of(fault)} is over"
         return None
 
     def _go(self, fault: Fault, drone: str, work: Coroutine[None, None, None]) -> None:

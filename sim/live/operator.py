@@ -23,7 +23,7 @@ from sim.live.worldprocess import LiveError, WorldProcess
 
 LOOK_S = 0.1  # polling interval of conditions
 REPEAT_S = 0.5  # interval between copies of a command
-RENEW_S = 8.0  # after which a command is stamped anew; agents refuse commands older than 10 s
+RENEW_S = 8.0  # after which a command is stamped anew; agents refuse a start older than 10 s
 STATION = "sim"  # its name in a swarm without certificates
 
 

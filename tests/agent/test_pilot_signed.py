@@ -17,7 +17,7 @@ from sim.members import OPERATOR_NAME
 
 
 def ready():
-    """On the ground... in the air already, which a start accepts too."""
+    """Not started yet, but in the air already, which a start accepts too."""
     one = trusting()
     one.observe_vehicle(state(START_NS))
     return one
@@ -159,6 +159,18 @@ def test_recorded_delayed_and_reordered_commands_are_not_obeyed():
     assert one.stage is Stage.SURVEY  # held back by somebody, though never seen before
     one.receive(*order(Action.HOLD, now_ns + 3 * NONCE_NS), now_ns + 3 * NONCE_NS)
     assert one.stage is Stage.HOLD
+
+
+def test_a_command_with_the_largest_number_does_not_keep_later_ones_out():
+    one, now_ns = flying(), START_NS + SECOND
+    hold = decode_from(*order(Action.HOLD, now_ns))
+    last = sign_command(replace(hold, to={"d1": replace(hold.to["d1"], number=2**63 - 1)}), OPERATOR)
+    one.receive(key_of(MISSION.swarm, last), encode(last), now_ns)
+    assert one.counters["dropped_command_numbered_too_high"] == 1
+    (status,) = messages(one.step(now_ns), Status)
+    landing = sign_command(replace(hold, action=Action.LAND, to={"d1": status.ticket}), OPERATOR)
+    one.receive(key_of(MISSION.swarm, landing), encode(landing), now_ns)
+    assert one.stage is Stage.LANDING
 
 
 def test_after_a_restart_old_commands_are_refused_and_new_ones_obeyed():

@@ -101,6 +101,15 @@ def test_a_credential_that_is_not_the_drones_is_refused_and_vouches_for_nothing(
     assert not any(accepted(one, entry) for entry in cones([1, 2], boot=wrong.boot))
 
 
+def test_a_credential_is_judged_by_itself_whatever_was_signed_together_with_it():
+    """Else logs would differ by what came first: after the cone its root is known, before it is not."""
+    trust = AUTHORITY.trust("d2")
+    cone, wrong = sign_entries([replace(cones([1])[0], proof=b""), replace(credential(sequence=5), proof=b"")], trust.sign)
+    one = verifier()
+    assert accepted(one, cone)
+    assert not accepted(one, wrong)
+
+
 class Expiring:
     """An authority whose certificates hold for one hour from the start."""
 

@@ -66,7 +66,7 @@ def boot_of(drone):
 def command(action=Action.START, mission=MISSION, stamp_ns=START_NS, drones=("d1", "d2"), boot=None):
     """A command at its stamp; the later it is, the higher its number."""
     orders = {name: Orders(name, mission.mission_id, boot or boot_of(name), None) for name in drones}
-    to = {name: replace(one.ticket(stamp_ns), number=stamp_ns) for name, one in orders.items()}
+    to = {name: replace(one.ticket(stamp_ns), number=stamp_ns // 10**7) for name, one in orders.items()}
     message = Command(stamp_ns=stamp_ns, station="tester", mission=mission.mission_id, action=action, to=to)
     return command_key(mission.swarm, "tester"), encode(message)
 

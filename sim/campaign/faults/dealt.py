@@ -2,8 +2,8 @@
 
 Some successive seeds have each fault of a deck once, five in each mission; times, targets and numbers are random, and so are the
 swarm, its area and the source, as in the missions of ``draw``. Two of ten have no fault at all, which would hide what goes wrong
-without any: in one the frames have to be estimated, in the other one the source moves as fast as any. Live missions, which take a
-minute of real time each, have a deck of their own, and in each of them somebody disarms a drone.
+without any: in one the frames have to be estimated, in the other one the source moves as fast as any. Live missions, which take
+two minutes of real time each, have a deck of their own, and in each of them somebody disarms a drone.
 """
 
 from __future__ import annotations

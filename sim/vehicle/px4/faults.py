@@ -13,7 +13,7 @@ from math import cos, pi, radians, sin
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.faults.machines import Battery, Disarm, Gust, MotorFailure, PositionJump, Refusal, StreamLost
+from sim.faults.machines import EMPTY_MPS, Battery, Disarm, Gust, MotorFailure, PositionJump, Refusal, StreamLost
 from sim.geometry import Array, Vector3
 from sim.vehicle.multirotor import Multirotors
 from sim.vehicle.px4.battery import Battery as Cells
@@ -21,7 +21,6 @@ from sim.vehicle.px4.face import Px4Face
 
 VehicleFault = Gust | MotorFailure | Battery | Refusal | StreamLost | PositionJump | Disarm
 ResetFilter = Callable[[int, Vector3, float], None]
-EMPTY_MPS = 3.0  # sink rate of a vehicle whose battery is empty
 _ACTION = "COM_LOW_BAT_ACT"
 _ONLY_WARN = 0.0  # as on the link, where an integer is sent as its bits
 

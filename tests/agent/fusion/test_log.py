@@ -1,5 +1,6 @@
 import hashlib
 import random
+import time
 
 import msgspec
 import pytest
@@ -214,3 +215,19 @@ def test_two_identities_of_one_sequence_number_are_both_held_and_told(mission, e
     for entry in (*entries, again):
         assert log.identity_of(entry) == entry.entry_id
         assert any(log.identity_of(entry) is identity for identity in told)  # one in memory, and not two
+
+
+def test_an_identity_costs_the_same_however_many_others_have_its_number(mission, entries):
+    """A member that numbers all its entries alike must not slow the others down."""
+
+    def core_s(twins):
+        log = log_of(mission, [msgspec.structs.replace(entries[3], stamp_ns=entries[3].stamp_ns + k) for k in range(twins)])
+        last, spent = msgspec.structs.replace(entries[3], stamp_ns=entries[3].stamp_ns + twins - 1), []
+        for _ in range(5):
+            began_s = time.process_time()
+            for _ in range(200):
+                log.identity_of(last)
+            spent.append(time.process_time() - began_s)
+        return min(spent)
+
+    assert core_s(5000) < 10.0 * core_s(5)

@@ -199,6 +199,8 @@ def test_what_cannot_be_played_is_refused_with_what_can() -> None:
         check_playable(scenario(Disk(how="full", at_s=0.0)), here=True)
     with pytest.raises(ConfigError, match="announced = false is not played"):
         check_playable(scenario(PositionJump(at_s=0.0)), here=True)
+    with pytest.raises(ConfigError, match="blind = true is not played"):
+        check_playable(scenario(CameraDead(at_s=0.0, blind=True)), here=True)
     with pytest.raises(ConfigError, match="leave out --external"):
         check_playable(scenario(Kill(at_s=0.0)), here=False)
     check_playable(scenario(), here=False)
