@@ -14,10 +14,10 @@ from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.flight.replay import replay
 from agent.fusion.registry import Estimators, estimator_named
-from agent.geometry import Vector3
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
 from protocol.signing import Trust
+from sim.geometry import Vector3
 
 _LIMIT_MB = 1000  # far beyond a random mission
 
