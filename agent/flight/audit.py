@@ -34,7 +34,8 @@ _WORDS = {
 @dataclass(slots=True)
 class Audited:
     """A command and its copies. ``first_ns``, ``last_ns``: when they arrived, the drone's clock, UTC; ``station``: the name that
-    it came under; ``signer``: its certificate as text. ``action`` and ``drones`` are empty where it could not be read.
+    it came under; ``signer``: its certificate as text. That, ``action`` and ``drones`` are empty where it could not be read,
+    or was one of a flood.
     """
 
     first_ns: int
@@ -97,12 +98,13 @@ class _Reader:
         is_ours = self._drone in command.to or command.mission != self._mission
         if verdict is None and key.swarm == self._swarm and not is_ours:
             return None
-        signer = self._signer(command)
-        result = self._result(command, signer, verdict, call, key)
-        audited = Audited(at_ns, at_ns, command.station, _told(signer), command.action, tuple(sorted(command.to)), result)
-        if result == UNTOLD:  # of a flood: one line for all of a station
-            return (key, result), audited
-        return (key, command.certificate, command.stamp_ns, command.action, audited.drones, result), audited
+        if verdict is None and key.swarm == self._swarm:
+            result = _without_verdict(call)
+            return (key, result), Audited(at_ns, at_ns, key.sender, "", "", (), result)  # of a flood, one line for all of a name
+        signer, drones = self._signer(command), tuple(sorted(command.to))
+        result = "refused: it is for another swarm" if verdict is None else _result(verdict, command, signer)
+        audited = Audited(at_ns, at_ns, command.station, _told(signer), command.action, drones, result)
+        return (key, command.certificate, command.stamp_ns, command.action, drones, result), audited
 
     def _message(self, data: bytes) -> tuple[Key | None, bytes]:
         """Key and payload of a message; no key where it is none of ours."""
@@ -138,16 +140,18 @@ class _Reader:
         except ProtocolError as error:
             return f"certificate {error}"
 
-    def _result(self, command: Command, signer: Peer | str, verdict: Verdict | None, call: RecordedCall, key: Key) -> str:
-        if key.swarm != self._swarm:
-            return "refused: it is for another swarm"
-        if verdict is None and any(topic == topics.ERROR for topic, _ in call.results):
-            return "not carried out: the agent failed over it"
-        if verdict is None:
-            return "the record ends here" if call.is_last else UNTOLD
-        if not verdict.refused:
-            return "obeyed"
-        return f"refused: {verdict.because or _reason(verdict.refused, command, signer)}"
+
+def _without_verdict(call: RecordedCall) -> str:
+    """Why the record has no verdict on a command to this drone."""
+    if any(topic == topics.ERROR for topic, _ in call.results):
+        return "the agent failed over it"
+    return "the record ends here" if call.is_last else UNTOLD
+
+
+def _result(verdict: Verdict, command: Command, signer: Peer | str) -> str:
+    if not verdict.refused:
+        return "obeyed"
+    return f"refused: {verdict.because or _reason(verdict.refused, command, signer)}"
 
 
 def _reason(refused: str, command: Command, signer: Peer | str) -> str:

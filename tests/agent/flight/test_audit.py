@@ -153,6 +153,7 @@ def test_of_a_flood_the_record_tells_a_bounded_number_and_still_every_command_th
     assert len(out) == MOST_REFUSED + 3
     untold = [line for line in out if "does not say" in line]
     assert len(untold) == 1
+    assert re.match(r"2027-01-15T08:00:01\.020Z  lockstep  - +- +- ", untold[0])
     assert f"({500 - MOST_REFUSED} times, the last 2027-01-15T08:00:01.499Z)" in untold[0]
     assert out[-1].endswith("d1: obeyed")
     assert replay(folder).identical
@@ -200,6 +201,26 @@ def without(places):
         return None if next(count) in places else data
 
     return change
+
+
+def test_a_command_whose_verdict_was_cut_off(tmp_path, told):
+    segment = only_segment(flown(tmp_path / "d1", FLIGHT[:1]))
+    place = [record.topic for record in RecordedFlight(segment).records()].index(topics.VERDICT)
+    cut = rewritten(segment, tmp_path / segment.name, without(set(range(place, 1000))))
+    assert told(cut)[1] == ["2027-01-15T08:00:00.000Z  lockstep  -  -  -  d1: the record ends here"]
+
+
+def test_a_command_to_another_swarm_or_under_another_name(tmp_path, told):
+    key, payload = START
+    elsewhere, named = key.replace("/radron/station/", "/other/station/"), key.replace("/lockstep/", "/eve/")
+    code, out, _ = told(flown(tmp_path / "d1", [(0, (elsewhere, payload)), (1, (named, payload)), (2, START)]))
+    assert code == 0
+    assert [line.rsplit("d1: ")[-1] for line in out] == [
+        "refused: it is for another swarm",
+        "refused: it cannot be read, or is not of the station under whose name it came",
+        "obeyed",
+    ]
+    assert "  eve " in out[1]
 
 
 def test_a_gap_and_a_missing_beginning_are_told_and_what_is_there_is_printed(tmp_path, told):
