@@ -63,6 +63,23 @@ def replay(
 
 
 @app.command()
+def audit(
+    flight: Annotated[
+        Path, typer.Argument(metavar="FLIGHT.mcap", help="Any file of a recorded flight, or a folder with one flight.")
+    ],
+) -> None:
+    """Print the commands that reached a drone in a recorded flight, and what became of each.
+
+    A line each: when it arrived (UTC, the drone's clock), the station's name, certificate with serial and end, action, addressed
+    drones, and whether this drone obeyed or why it refused. Copies with the same outcome are one line. Exit code 2: not (all of)
+    the flight can be read.
+    """
+    from agent.flight.audit_command import run_audit  # noqa: PLC0415  belongs to this command alone
+
+    run_audit(flight)
+
+
+@app.command()
 def identify(
     flight: Annotated[
         Path, typer.Argument(metavar="FLIGHT.mcap", help="Any file of a recorded flight, or a folder with one flight.")

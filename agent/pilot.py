@@ -31,6 +31,7 @@ from agent.geometry import Vector3
 from agent.localization.clocks import Clocks
 from agent.localization.ownpose import OwnPose
 from agent.localization.poseproblems import pose_problems
+from agent.mission.commanding import Commanding, Verdict
 from agent.mission.executive import Executive
 from agent.mission.memory import Memory
 from agent.mission.orders import Orders
@@ -46,12 +47,11 @@ from protocol.codec import decode_from
 from protocol.entries import Coverage, Entry
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
-from protocol.messages import AnyMessage, Command, Estimate, Failsafe, Frame, Plan, Pose, Reaction, Stage, Status, Ticket
+from protocol.messages import AnyDroneMessage, Command, Estimate, Failsafe, Frame, Plan, Pose, Reaction, Stage, Status, Ticket
 from protocol.signing import Trust, Verifier
 
 _NEWS = (Pose, Plan, Status)
 _FOR_ONLOOKERS = (Frame, Estimate)  # every agent derives these from its own log
-LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
 
 
 class Step(Struct, frozen=True):
@@ -112,6 +112,7 @@ class Pilot:
         self._problems = Problems(drone.id, self._mission_id)
         verifier = Verifier(trust.authority, trust.revoked) if trust is not None else None
         self._orders = Orders(drone.id, self._mission_id, boot, verifier)
+        self._commanding = Commanding(self._mission_id, self._orders, self._executive, self._problems, self._own, self._peers)
         self._proofs = Proofs(ids, (drone.id, self._mission_id, boot), trust, verifier)
         self._failsafe = Failsafe(Reaction(mission.safety.agent_lost), mission.return_height_m(drone.id))
         self._notices: tuple[str, ...] = ()
@@ -239,20 +240,29 @@ class Pilot:
             self._peers.see(entry)
         return self._outbox.take()
 
-    def receive(self, key: str, payload: bytes, now_ns: int) -> None:
-        """Take a message from the mesh. An invalid one is counted and dropped, never raised."""
+    def receive(self, key: str, payload: bytes, now_ns: int) -> Verdict | None:
+        """Take a message from the mesh. An invalid one is counted and dropped, never raised.
+
+        Returns what became of a command to this drone; None for everything else.
+        """
         try:
             address = parse_key(key)  # as it is where the mesh has read it already
             message = decode_from(address, payload)
         except ProtocolError:
             self.counters["rejected_malformed"] += 1
-            return
+            return None
         if address.swarm != self._swarm:
             self.counters["dropped_other_swarm"] += 1
-            return
+            return None
+        if isinstance(message, Command):
+            verdict = self._commanding.judge(message, now_ns)
+            if verdict is not None and verdict.refused:
+                self.counters[f"dropped_command_{verdict.refused}"] += 1
+            return verdict
         reason = self._dispatch(message, payload, now_ns)
         if reason is not None:
             self.counters[f"dropped_{reason}"] += 1
+        return None
 
     def advance(self, now_ns: int) -> None:
         """Process new log entries, so that the hypothesis includes them before the next step.
@@ -279,9 +289,7 @@ class Pilot:
         self._report(now_ns)
         return Step(self._outbox.take(), act.command)
 
-    def _dispatch(self, message: AnyMessage, payload: bytes, now_ns: int) -> str | None:
-        if isinstance(message, Command):
-            return self._obey(message, now_ns)
+    def _dispatch(self, message: AnyDroneMessage, payload: bytes, now_ns: int) -> str | None:
         if isinstance(message, Entry):
             for entry, content in self._proofs.proven(message, payload, now_ns):
                 self._fold(entry, content, now_ns)
@@ -297,28 +305,6 @@ class Pilot:
         if isinstance(message, _NEWS):
             return self._peers.receive(message, now_ns, self._clocks.behind_ns(message.drone))
         return "unused"
-
-    def _obey(self, command: Command, now_ns: int) -> str | None:
-        refused = self._orders.refusal(command, now_ns)
-        if refused is not None:
-            return None if refused == "to_others" else f"command_{refused}"
-        self._problems.unplaced = self._own.is_unplaced
-        others = self._peers.statuses(now_ns)
-        flying = {name: others[name] for name in others if name in command.to}
-        problems = self._problems.against_start(now_ns, self._own.vehicle, flying)
-        begun_ns = self._begun_ns(command.stamp_ns, now_ns)
-        if not self._executive.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems):
-            return "command_refused"
-        self._orders.note(command)
-        return None
-
-    def _begun_ns(self, stamp_ns: int, now_ns: int) -> int:
-        """Start of the swarm's mission for a drone that is started by a command of that stamp: that of the drones that fly it
-        already, so that all ignore the same earlier measurements.
-        """
-        statuses = self._peers.statuses(now_ns).values()
-        begun = (status.started_ns for status in statuses if status.mission == self._mission_id)
-        return min((stamp_ns, *(began for began in begun if began is not None and now_ns - began < LONGEST_MISSION_NS)))
 
     def _record(self, entries: Sequence[Entry], now_ns: int) -> None:
         """Sign entries of this drone, publish them, and log them, from the same bytes that the others get."""

@@ -31,7 +31,7 @@ MOST_PUBLISHERS = 128  # a swarm has up to 64 drones
 NEWS_PER_S = 200  # of a publisher, of which the newest alone counts; honest ones send 15
 TOLD_S = 10.0  # a flood is reported for this long
 
-Receive = Callable[[Key, bytes], None]
+Receive = Callable[[Key, bytes], object]  # what it returns does not matter
 
 
 @dataclass(slots=True)

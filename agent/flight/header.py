@@ -12,7 +12,7 @@ from msgspec import Struct
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.detector.calibration import NAMES
-from agent.errors import ConfigError
+from agent.errors import ConfigError, FlightRecordError
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
 from protocol.keys import VERSION
@@ -72,6 +72,12 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             certificate=trust.certificate if trust is not None else b"",
             authority=trust.authority_pem if trust is not None else "",
         )
+
+    def check_protocol(self, file: Path, do: str) -> None:
+        """Raise FlightRecordError where the messages are of another version of the protocol; ``do``: what was to be done."""
+        if self.protocol != VERSION:
+            text = f"{file}: recorded with version {self.protocol} of the protocol, here {VERSION}"
+            raise FlightRecordError(f"{text}: {do} it with the radron that recorded it")
 
     def pilot(self, folder: Path, trust: Trust | None = None) -> Pilot:
         """The pilot as it was constructed; ``folder``: where the calibration may be written; ``trust``: its signatures."""

@@ -17,9 +17,13 @@ from zstandard import ZstdError
 from agent.errors import FlightRecordError
 from agent.flight.header import FlightHeader
 from agent.flight.segment import HEADER
+from agent.flight.topics import OUT
 
 # MemoryError: a length with a flipped bit, up to 4 GB
 _DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, zlib.error, ValueError, KeyError, MemoryError)
+
+
+REMOVED = "its first file was removed to keep the folder within its limit"
 
 
 class FlightRecord(NamedTuple):
@@ -31,15 +35,24 @@ class FlightRecord(NamedTuple):
     publish_ns: int
 
 
+class RecordedCall(NamedTuple):
+    """A call of the pilot, and topics and contents of its results; those of the last call may have been cut off."""
+
+    record: FlightRecord
+    results: list[tuple[str, bytes]]
+    is_last: bool
+
+
 class RecordedFlight:
     """The files of one flight.
 
     ``header``: of the flight. After reading: ``flaw``: why it could not be read to its end, or None; ``truncated``: the last file
-    has no proper end, as after a killed process; ``read_bytes``: how much of ``size_bytes`` has been read.
+    has no proper end, as after a killed process; ``read_bytes``: how much of ``size_bytes`` has been
+    read. ``lacks_beginning``: its first records are not there.
     """
 
-    def __init__(self, path: Path) -> None:
-        """``path``: any file of a flight, or a folder with one flight.
+    def __init__(self, path: Path, whole: bool = True) -> None:
+        """``path``: any file of a flight, or a folder with one flight; ``whole``: from its beginning, or not at all.
 
         Raises:
             FlightRecordError: no such file, not a recorded flight, a folder with several, or the beginning of the
@@ -52,8 +65,9 @@ class RecordedFlight:
         self.flaw: str | None = None
         self.header = _header(self.files[0])
         first = next(iter(self.records()), None)
-        if self._first_sequence not in (None, 0) or (first is None and self.flaw is not None):
-            reason = self.flaw or "its first file was removed to keep the folder within its limit"
+        self.lacks_beginning = self._first_sequence not in (None, 0) or (first is None and self.flaw is not None)
+        if whole and self.lacks_beginning:
+            reason = self.flaw or REMOVED
             raise FlightRecordError(
                 f"{self.files[0]}: it cannot be replayed, as the beginning of the flight is missing: {reason}"
             )
@@ -76,6 +90,20 @@ class RecordedFlight:
             if self.flaw is not None:
                 return
             self.read_bytes = before + file.stat().st_size
+
+    def calls(self) -> Iterator[RecordedCall]:
+        """Each call with its results, in order."""
+        call: FlightRecord | None = None
+        results: list[tuple[str, bytes]] = []
+        for record in self.records():
+            if record.topic.startswith(OUT):
+                results.append((record.topic, record.data))
+                continue
+            if call is not None:
+                yield RecordedCall(call, results, False)
+            call, results = record, []
+        if call is not None:
+            yield RecordedCall(call, results, True)
 
     def _messages(self, file: Path, before: int) -> Iterator[tuple[int, FlightRecord]]:
         topics: dict[int, str] = {}

@@ -13,10 +13,13 @@ from agent.flight import topics
 from agent.flight.topics import Sink
 from agent.frames.swarm import SwarmFrames
 from agent.fusion.estimator import Hypothesis, Outlook
+from agent.mission.commanding import Verdict
 from agent.mission.memory import Memory
 from agent.pilot import Pilot, Step
 from agent.vehicle.interface import GnssFix, SeenDrone, VehicleState
 from protocol.messages import Stage, Ticket
+
+MOST_REFUSED = 20  # commands, of which a record tells why, in each second: a flood must not fill it
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -29,6 +32,7 @@ class RecordedPilot:
         self._pilot = pilot
         self._sink = sink
         self._told: Hypothesis | None = None
+        self._second = self._refusals = 0  # of commands, in that second
 
     @property
     def stage(self) -> Stage:
@@ -98,10 +102,13 @@ class RecordedPilot:
         self._tell_publications(publications, seen[-1].stamp_ns)
         return publications
 
-    def receive(self, key: str, payload: bytes, now_ns: int) -> None:
+    def receive(self, key: str, payload: bytes, now_ns: int) -> Verdict | None:
         """See ``Pilot``."""
         self._sink.write(topics.MESSAGE, topics.encode_message(key, payload), now_ns)
-        self._run(self._pilot.receive, key, payload, now_ns)
+        verdict = self._run(self._pilot.receive, key, payload, now_ns)
+        if verdict is not None and (not verdict.refused or self._is_told(now_ns)):
+            self._sink.write(topics.VERDICT, msgspec.json.encode(verdict), now_ns)
+        return verdict
 
     def advance(self, now_ns: int) -> None:
         """See ``Pilot``."""
@@ -155,6 +162,12 @@ class RecordedPilot:
         except Exception as error:
             self._sink.write(topics.ERROR, msgspec.json.encode(f"{type(error).__name__}: {error}"))
             raise
+
+    def _is_told(self, now_ns: int) -> bool:
+        """Whether the record tells of one more refused command."""
+        second = now_ns // 1_000_000_000
+        self._second, self._refusals = second, self._refusals + 1 if second == self._second else 1
+        return self._refusals <= MOST_REFUSED
 
     def _tell_publications(self, publications: list[tuple[str, bytes]], now_ns: int) -> None:
         for key, payload in publications:

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
 
 import msgspec
 from msgspec import Struct
 
 from agent.errors import FlightRecordError, RadronError
 from agent.flight import topics
-from agent.flight.header import FlightHeader
 from agent.flight.reader import FlightRecord, RecordedFlight
 from agent.flight.recorded import RecordedPilot
 from agent.flight.signatures import RecordedSignatures
 from protocol.errors import ProtocolError
 from protocol.identity import Authority
-from protocol.keys import VERSION
 
-_OUT = "out/"
 _SHOWN = 200  # characters of a result in a report
 
 
@@ -71,13 +67,13 @@ def replay(path: Path, progress: Callable[[float], None] | None = None) -> Repla
         FlightRecordError: the flight cannot be replayed.
     """
     flight = RecordedFlight(path)
-    signatures = _signatures(flight.header)
+    signatures = _signatures(flight)
     with TemporaryDirectory() as folder:
         heard = _Received()
         trust = signatures.trust if signatures is not None else None
         pilot = RecordedPilot(flight.header.pilot(Path(folder), trust), heard)
         comparison = _Comparison()
-        for count, (call, results, is_last) in enumerate(_groups(flight)):
+        for count, (call, results, is_last) in enumerate(flight.calls()):
             heard.results.clear()
             comparison.calls[call.topic] += 1
             if signatures is not None:
@@ -101,24 +97,16 @@ def replay(path: Path, progress: Callable[[float], None] | None = None) -> Repla
     )
 
 
-def _signatures(header: FlightHeader) -> RecordedSignatures | None:
+def _signatures(flight: RecordedFlight) -> RecordedSignatures | None:
     """What signs and verifies in the replay; None for a flight without certificates."""
-    if header.protocol != VERSION:
-        raise FlightRecordError(
-            f"recorded with version {header.protocol} of the protocol, here {VERSION}: replay it with the radron that recorded it"
-        )
+    header = flight.header
+    header.check_protocol(flight.files[0], "replay")
     if not header.certificate:
         return None
     try:
         return RecordedSignatures(header.certificate, Authority.read(header.authority.encode()))
     except ProtocolError as error:
-        raise FlightRecordError(f"the certificate of {header.drone.id} in the record: {error}") from None
-
-
-class _Group(NamedTuple):
-    call: FlightRecord
-    results: list[tuple[str, bytes]]
-    is_last: bool
+        raise FlightRecordError(f"{flight.files[0]}: the certificate of {header.drone.id} in the record {error}") from None
 
 
 class _Received:
@@ -129,7 +117,7 @@ class _Received:
 
     def write(self, topic: str, data: bytes, log_ns: int | None = None) -> None:
         """Keep a result."""
-        if topic.startswith(_OUT):
+        if topic.startswith(topics.OUT):
             self.results.append((topic, data))
 
 
@@ -182,21 +170,6 @@ class _Comparison:
                 recorded=_shown(recorded),
                 replayed=_shown(replayed),
             )
-
-
-def _groups(flight: RecordedFlight) -> Iterator[_Group]:
-    """Each call with its results."""
-    call: FlightRecord | None = None
-    results: list[tuple[str, bytes]] = []
-    for record in flight.records():
-        if record.topic.startswith(_OUT):
-            results.append((record.topic, record.data))
-            continue
-        if call is not None:
-            yield _Group(call, results, False)
-        call, results = record, []
-    if call is not None:
-        yield _Group(call, results, True)
 
 
 def _repeat(pilot: RecordedPilot, call: FlightRecord) -> str | None:

@@ -87,19 +87,21 @@ class Executive:
         """Stamp of the start command with which the swarm's mission began; None while this drone does not fly it."""
         return self._mission.started_ns if self.stage not in (Stage.PREFLIGHT, Stage.LANDED) else None
 
-    def obey(self, action: Action, stamp_ns: int, started_ns: int, now_ns: int, problems: tuple[str, ...]) -> bool:
-        """Carry out an operator's command of that stamp, or refuse it. A start after a landing begins a new mission.
+    def obey(self, action: Action, stamp_ns: int, started_ns: int, now_ns: int, problems: tuple[str, ...]) -> str | None:
+        """Carry out an operator's command of that stamp. Returns why it was refused, or None.
 
-        ``started_ns``: stamp with which the swarm's mission began, if this is a start; ``problems``: those that prevent one.
+        ``started_ns``: stamp with which the swarm's mission began, if this is a start, which after a landing begins a new one;
+        ``problems``: those that prevent one.
         """
-        if self._mission.command(action, stamp_ns, self._situation(now_ns, problems), started_ns) is not None:
-            return False
+        refused = self._mission.command(action, stamp_ns, self._situation(now_ns, problems), started_ns)
+        if refused is not None:
+            return refused
         if action is Action.START and self._own.vehicle is not None:
             self._navigator.home.took_off(self._own.vehicle)
             self._world.start(started_ns)
             self._coverage, self.finding = CoverageLog(self._coverage.swath_m), ""
             self._search.begin(started_ns)
-        return True
+        return None
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with how the mission is flown."""

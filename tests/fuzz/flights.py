@@ -15,6 +15,8 @@ from recorded_flights import rewritten
 from agent.config.drone import DroneConfig
 from agent.detector.readout import PixelHits, Readout
 from agent.errors import RadronError
+from agent.flight.audit import audit
+from agent.flight.audit_command import lines
 from agent.flight.header import FlightHeader
 from agent.flight.reader import RecordedFlight
 from agent.flight.recorded import RecordedPilot
@@ -27,7 +29,7 @@ from protocol.keys import key_of
 from tests.fuzz.mutation import broken, broken_text, hostile, mutated
 from tests.fuzz.target import Probe, Target, expect
 
-_REPLAYED = 20  # of so many files one is replayed
+_REPLAYED = 20  # of so many files one is replayed and audited
 _HEADER = FlightHeader.of(MISSION, DroneConfig(id="d1"), "1" * 16, START_NS)
 
 
@@ -57,6 +59,7 @@ class Flights(Target):
             probe.feed(path.read_bytes(), _read, path)
             if rng.randrange(_REPLAYED) == 0:
                 probe.timed(_replay, path)
+                probe.timed(_audit, path)
 
     def _bytes(self, rng: Random) -> bytes:
         pick, data = rng.random(), self._example
@@ -88,6 +91,17 @@ def _replay(path: Path) -> None:
         replay(path)
     except RadronError:
         return
+
+
+def _audit(path: Path) -> None:
+    try:
+        found = lines("d1", audit(RecordedFlight(path, whole=False)))
+    except RadronError as error:
+        expect(
+            "\n" not in str(error) and path.name in str(error), f"an error of several lines or without file: {str(error)[:200]!r}"
+        )
+        return
+    expect(not any("\n" in line for line in found), "a command of several lines")
 
 
 def _odd(rng: Random, data: bytes) -> bytes | None:

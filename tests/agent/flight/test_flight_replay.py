@@ -13,6 +13,7 @@ from recorded_flights import HEADER, fly_recorded, rewritten, telemetry
 
 from agent.errors import FlightRecordError
 from agent.flight import topics
+from agent.flight.audit import audit
 from agent.flight.command import run_replay
 from agent.flight.reader import RecordedFlight
 from agent.flight.recorded import RecordedPilot
@@ -53,6 +54,12 @@ def test_a_flight_with_fixes_and_sights_comes_out_identical(tmp_path):
         assert report.identical
         assert report.calls["in/sightings"] > 40
         assert report.calls.get("in/fix", 0) >= 5 or folder.name == "d3"  # which has no receiver
+
+
+def test_the_audit_of_a_whole_mission_lists_its_start(flights):
+    for folder in flights:
+        (start,) = audit(RecordedFlight(folder))
+        assert (start.action, start.drones, start.result) == ("start", ("d1", "d2", "d3"), "obeyed")
 
 
 def test_the_records_tell_what_was_believed_commanded_and_when(segment):

@@ -1,0 +1,184 @@
+"""Who commanded what: the commands in a flight's record, and what became of each.
+
+A command is in the record as it arrived, with its certificate, and what the pilot decided follows it. Nothing is judged anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import msgspec
+
+from agent.errors import FlightRecordError
+from agent.flight import topics
+from agent.flight.reader import RecordedCall, RecordedFlight
+from agent.mission.commanding import Verdict
+from protocol.codec import decode_from
+from protocol.errors import ProtocolError
+from protocol.identity import Authority, Peer, utc
+from protocol.keys import Key, parse_key
+from protocol.messages import Action, Command
+
+UNTOLD = "the record does not say what became of it (it lists a bounded number of refused commands a second)"
+_SERIAL_DIGITS = 16  # as `radron-deploy pki show` prints them
+_WORDS = {
+    "of_another_mission": "it is for another mission",
+    "with_revoked_certificate": "its certificate has been revoked",
+    "forged": "its signature is not valid: it was altered, or forged",
+    "with_expired_certificate": "its certificate was not valid at that time",
+    "already_obeyed": "replayed: it has been carried out before, or a later one has",
+}
+
+
+@dataclass(slots=True)
+class Audited:
+    """A command and its copies. ``first_ns``, ``last_ns``: when they arrived, the drone's clock, UTC; ``station``: the name that
+    it came under; ``signer``: its certificate as text. That, ``action`` and ``drones`` are empty where it could not be read,
+    or was one of a flood.
+    """
+
+    first_ns: int
+    last_ns: int
+    station: str
+    signer: str
+    action: str
+    drones: tuple[str, ...]
+    result: str
+    copies: int = 1
+
+
+def audit(flight: RecordedFlight, progress: Callable[[float], None] | None = None) -> list[Audited]:
+    """The commands of a flight in the order of their arrival. Copies with the same outcome are one.
+
+    Args:
+        flight: its record; see there for what may be missing afterwards.
+        progress: called regularly with the share done, 0 to 1.
+
+    Raises:
+        FlightRecordError: the record is of another version of the protocol, or what is in it cannot be read.
+    """
+    reader = _Reader(flight)
+    found: dict[tuple[object, ...], Audited] = {}
+    for count, call in enumerate(flight.calls()):
+        one = reader.read(call) if call.record.topic == topics.MESSAGE else None
+        if one is not None:
+            key, audited = one
+            known = found.setdefault(key, audited)
+            if known is not audited:
+                known.last_ns, known.copies = audited.last_ns, known.copies + 1
+        if progress is not None and count % 500 == 0:
+            progress(flight.read_bytes / max(1, flight.size_bytes))
+    return list(found.values())
+
+
+class _Reader:
+    """From the record of a message to the command in it."""
+
+    def __init__(self, flight: RecordedFlight) -> None:
+        self._file, header = flight.files[0], flight.header
+        header.check_protocol(self._file, "audit")
+        self._drone, self._mission, self._swarm = header.drone.id, header.mission.mission_id, header.mission.swarm
+        try:
+            self._authority = Authority.read(header.authority.encode()) if header.authority else None
+        except ProtocolError as error:
+            raise FlightRecordError(f"{self._file}: the certificate of the authority in the record {error}") from None
+
+    def read(self, call: RecordedCall) -> tuple[tuple[object, ...], Audited] | None:
+        """The command, and what it has in common with its copies; None for what is no command to this drone."""
+        key, payload = self._message(call.record.data)
+        if key is None or key.kind != "command":
+            return None
+        at_ns = call.record.log_ns
+        command = _command(key, payload)
+        if command is None:
+            result = "refused: it cannot be read, or is not of the station under whose name it came"
+            return (key, result), Audited(at_ns, at_ns, key.sender, "", "", (), result)
+        verdict = self._verdict(call.results)
+        is_ours = self._drone in command.to or command.mission != self._mission
+        if verdict is None and key.swarm == self._swarm and not is_ours:
+            return None
+        if verdict is None and key.swarm == self._swarm:
+            result = _without_verdict(call)
+            return (key, result), Audited(at_ns, at_ns, key.sender, "", "", (), result)  # of a flood, one line for all of a name
+        signer, drones = self._signer(command), tuple(sorted(command.to))
+        result = "refused: it is for another swarm" if verdict is None else _result(verdict, command, signer)
+        audited = Audited(at_ns, at_ns, command.station, _told(signer), command.action, drones, result)
+        return (key, command.certificate, command.stamp_ns, command.action, drones, result), audited
+
+    def _message(self, data: bytes) -> tuple[Key | None, bytes]:
+        """Key and payload of a message; no key where it is none of ours."""
+        try:
+            text, payload = topics.decode_message(data)
+            if not isinstance(text, str) or not isinstance(payload, bytes):
+                raise TypeError("not a key with a payload")
+        except (ValueError, TypeError) as error:
+            raise FlightRecordError(f"{self._file}: a record of {topics.MESSAGE} cannot be read: {error}") from None
+        try:
+            return parse_key(text), payload
+        except ProtocolError:
+            return None, payload
+
+    def _verdict(self, results: Iterable[tuple[str, bytes]]) -> Verdict | None:
+        """The recorded verdict among the results of a call."""
+        for topic, data in results:
+            if topic == topics.VERDICT:
+                try:
+                    return msgspec.json.decode(data, type=Verdict)
+                except msgspec.MsgspecError as error:
+                    raise FlightRecordError(f"{self._file}: a record of {topics.VERDICT} cannot be read: {error}") from None
+        return None
+
+    def _signer(self, command: Command) -> Peer | str:
+        """Whose certificate the command carries, or why it is nobody's."""
+        if not command.certificate:
+            return "unsigned"
+        if self._authority is None:
+            return "not verified"  # the swarm has no certificates
+        try:
+            return self._authority.verify(command.certificate)
+        except ProtocolError as error:
+            return f"certificate {error}"
+
+
+def _without_verdict(call: RecordedCall) -> str:
+    """Why the record has no verdict on a command to this drone."""
+    if any(topic == topics.ERROR for topic, _ in call.results):
+        return "the agent failed over it"
+    return "the record ends here" if call.is_last else UNTOLD
+
+
+def _result(verdict: Verdict, command: Command, signer: Peer | str) -> str:
+    if not verdict.refused:
+        return "obeyed"
+    return f"refused: {verdict.because or _reason(verdict.refused, command, signer)}"
+
+
+def _reason(refused: str, command: Command, signer: Peer | str) -> str:
+    """Why a command was refused, in plain words."""
+    if refused == "without_valid_certificate":
+        if isinstance(signer, Peer):
+            return f"its certificate is that of {signer.name}"
+        return "it is not signed" if signer == "unsigned" else f"its {signer}"
+    if refused == "too_old":
+        what = "nonce or its stamp" if command.action is Action.START else "nonce"
+        return f"replayed or delayed: its {what} is not valid any more"
+    if refused.startswith("by_a_"):
+        return f"its certificate is not an operator's, but of the role {refused.removeprefix('by_a_')}"
+    return _WORDS.get(refused, refused.replace("_", " "))
+
+
+def _told(signer: Peer | str) -> str:
+    """A certificate in a few words."""
+    if isinstance(signer, str):
+        return signer
+    serial = f"{signer.serial:x}"[:_SERIAL_DIGITS]
+    return f"{signer.role} {signer.name}, serial {serial}, until {utc(signer.not_after_ns):%Y-%m-%d %H:%M}"
+
+
+def _command(key: Key, payload: bytes) -> Command | None:
+    try:
+        message = decode_from(key, payload)
+    except ProtocolError:
+        return None
+    return message if isinstance(message, Command) else None

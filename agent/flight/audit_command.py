@@ -1,0 +1,59 @@
+"""``radron-agent audit``: the commands of a flight on the terminal, one line each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from agent.errors import FlightRecordError
+from agent.flight.audit import Audited, audit
+from agent.flight.progress import progress_bar
+from agent.flight.reader import REMOVED, RecordedFlight
+from protocol.identity import utc
+
+
+def run_audit(path: Path) -> None:
+    """Print the commands of a flight, with a progress bar on stderr.
+
+    Raises:
+        FlightRecordError: there is no record, or it cannot be read; where only a part of it can, after what is in that.
+    """
+    flight = RecordedFlight(path, whole=False)
+    terminal = Console(stderr=True)
+    with progress_bar(terminal, f"reading {path.name}") as show:
+        found = audit(flight, show)
+    for line in lines(flight.header.drone.id, found):
+        print(line)
+    if flight.truncated:
+        note = "the records end without a proper end: the process was killed, or is still writing"
+        terminal.print(f"{path}: {note}", markup=False, soft_wrap=True)
+    lacks = [f"its end: {flight.flaw}"] if flight.flaw is not None else []
+    if flight.lacks_beginning:
+        lacks.insert(0, f"its beginning: {REMOVED}")
+    if lacks:
+        raise FlightRecordError(f"{path}: not the whole flight could be read. It lacks {'; '.join(lacks)}")
+
+
+def lines(drone: str, found: Sequence[Audited]) -> list[str]:
+    """A line for each command: when, under whose name, by which certificate, what, to whom, and what the drone made of it."""
+    if not found:
+        return [f"{drone}: no commands"]
+    rows = [
+        (_time(one.first_ns), one.station, one.signer or "-", one.action or "-", ",".join(one.drones) or "-") for one in found
+    ]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return [
+        "  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=True)), f"{drone}: {_result(one)}"])
+        for row, one in zip(rows, found, strict=True)
+    ]
+
+
+def _result(one: Audited) -> str:
+    text = "".join(letter if letter.isprintable() else "?" for letter in one.result)
+    return text if one.copies == 1 else f"{text} ({one.copies} times, the last {_time(one.last_ns)})"
+
+
+def _time(at_ns: int) -> str:
+    return f"{utc(at_ns):%Y-%m-%dT%H:%M:%S}.{at_ns // 1_000_000 % 1000:03d}Z"

@@ -1,0 +1,57 @@
+"""An operator's command to this drone: judged, and carried out or refused."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from agent.localization.ownpose import OwnPose
+from agent.mission.executive import Executive
+from agent.mission.orders import Orders
+from agent.mission.problems import Problems
+from agent.navigation.peers import Peers
+from protocol.messages import Command
+
+LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
+
+
+class Verdict(Struct, frozen=True):
+    """What became of a command. ``refused``: why it was not carried out, as the counters name it; empty: it was. ``because``: the
+    mission's own words, where the command was in order and the mission could not obey it.
+    """
+
+    refused: str = ""
+    because: str = ""
+
+
+class Commanding:
+    """Judges the commands to one drone, and has its mission carry them out."""
+
+    def __init__(
+        self, mission_id: str, orders: Orders, executive: Executive, problems: Problems, own: OwnPose, peers: Peers
+    ) -> None:
+        self._mission_id, self._orders = mission_id, orders
+        self._executive, self._problems, self._own, self._peers = executive, problems, own, peers
+
+    def judge(self, command: Command, now_ns: int) -> Verdict | None:
+        """Carry out a command or refuse it; None for one to other drones."""
+        refused = self._orders.refusal(command, now_ns)
+        if refused is not None:
+            return None if refused == "to_others" else Verdict(refused)
+        self._problems.unplaced = self._own.is_unplaced
+        others = self._peers.statuses(now_ns)
+        flying = {name: others[name] for name in others if name in command.to}
+        problems = self._problems.against_start(now_ns, self._own.vehicle, flying)
+        begun_ns = self._begun_ns(command.stamp_ns, now_ns)
+        because = self._executive.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems)
+        if because is not None:
+            return Verdict("refused", because)
+        self._orders.note(command)
+        return Verdict()
+
+    def _begun_ns(self, stamp_ns: int, now_ns: int) -> int:
+        """Start of the swarm's mission for a drone that is started by a command of that stamp: that of the drones that fly it
+        already, so that all ignore the same earlier measurements.
+        """
+        statuses = self._peers.statuses(now_ns).values()
+        begun = (status.started_ns for status in statuses if status.mission == self._mission_id)
+        return min((stamp_ns, *(began for began in begun if began is not None and now_ns - began < LONGEST_MISSION_NS)))
