@@ -85,6 +85,7 @@ async def command(order: Order, say: Callable[[str], None]) -> None:
         await mesh.close()
 
 
+_COMING_DOWN = (Action.RETURN, Action.LAND, Action.ABORT)
 _RENEW = "run `radron-deploy pki issue NAME --role operator`, and copy the folder that it makes"
 
 
@@ -221,7 +222,10 @@ def _message(action: Action, trust: Trust | None, stamp_ns: int, drones: Collect
 
 
 async def _send_until_done(mesh: Mesh, order: Order, trust: Trust | None, drones: list[str], statuses: _Statuses) -> None:
-    """Send a command again and again: copies have the same stamp and numbers, and the newest nonces."""
+    """Send a command again and again: copies have the same stamp and numbers, and the newest nonces.
+
+    One that brings the vehicles down is numbered anew each time: it must not fail because another operator's command came first.
+    """
     deadline_s = time.monotonic() + OBEY_S
     due_s, stamp_ns = 0.0, time.time_ns()
     while True:
@@ -233,6 +237,8 @@ async def _send_until_done(mesh: Mesh, order: Order, trust: Trust | None, drones
             raise CommandError("; ".join(statuses.why(order.action, name) for name in waiting))
         if now_s >= due_s:
             due_s = now_s + REPEAT_S
+            if order.action in _COMING_DOWN:
+                statuses.keep_numbers(waiting)
             message = _message(order.action, trust, stamp_ns, drones, statuses)
             if message.to:
                 mesh.publish(key_of(order.swarm, message), encode(message))

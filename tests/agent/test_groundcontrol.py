@@ -19,6 +19,7 @@ from protocol.messages import Action, Command, Stage, Status, Ticket
 from protocol.session import Mesh, MeshConfig
 
 MISSION = "0123456789abcdef"
+STAGES = {Action.START: Stage.TAKEOFF, Action.HOLD: Stage.HOLD, Action.LAND: Stage.LANDING}
 
 
 class Drone:
@@ -34,19 +35,22 @@ class Drone:
         self.lame = lame
         self.notices: tuple[str, ...] = ()
         self.stage = Stage.PREFLIGHT
+        self.is_contested, self.overtaken = False, 0
         self.commands: list[Command] = []
         self.endpoint = f"tcp/127.0.0.1:{free_ports(1)[0]}"
 
     @property
     def ticket(self) -> Ticket:
-        return Ticket("0" * 16, 1 if self.lame else len(self.commands) + 1)
+        return Ticket("0" * 16, 1 if self.lame else len(self.commands) + self.overtaken + 1)
 
     def receive(self, key: str, payload: bytes) -> None:
         message = decode(payload)
+        if isinstance(message, Command) and self.is_contested:
+            self.is_contested, self.overtaken = False, 1  # another operator's command has come first
         if isinstance(message, Command) and message.to.get(self.name) == self.ticket:
             self.commands.append(message)
             if not self.lame:
-                self.stage = Stage.TAKEOFF if message.action is Action.START else Stage.HOLD
+                self.stage = STAGES[message.action]
 
     async def tell(self, mesh: Mesh) -> None:
         while True:
@@ -147,6 +151,13 @@ def test_one_that_is_there_but_left_behind_gets_no_command() -> None:
 def test_a_problem_of_a_drone_that_is_to_start_is_one_without_the_absent_too() -> None:
     d1 = Drone("d1", problems=("no contact with d3 (none)", "no contact with d30 (none)"))
     assert refused(Action.START, d1, without=("d3",)).startswith("not started: d1: no contact with d30 (none) (")
+
+
+def test_a_landing_does_not_fail_because_another_command_came_first_as_a_hold_does() -> None:
+    d1, d2 = Drone("d1"), Drone("d1")
+    d1.is_contested = d2.is_contested = True
+    assert order(Action.LAND, d1)[-1] == "land: d1 landing"
+    assert refused(Action.HOLD, d2) == "d1: another command came first: give this one again"
 
 
 @pytest.mark.parametrize("ahead_s", [-8.0, 8.0])
