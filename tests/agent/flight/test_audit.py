@@ -20,7 +20,7 @@ from agent.flight.replay import replay
 from protocol.codec import decode_from, encode
 from protocol.messages import Action
 
-BOOT = "0" * 15 + "1"  # the one that the commands of the helpers are for
+BOOT = "0" * 15 + "1"  # the boot to which the commands below are addressed
 
 
 D1 = AUTHORITY.trust("d1")
