@@ -225,11 +225,14 @@ async def _send_until_done(mesh: Mesh, order: Order, trust: Trust | None, drones
     """Send a command again and again: copies have the same stamp and numbers, and the newest nonces.
 
     One that brings the vehicles down is numbered anew each time: it must not fail because another operator's command came first.
+    It is not sent to a drone again that has obeyed: meanwhile a human pilot may have the vehicle.
     """
+    obeyed: set[str] = set()
     deadline_s = time.monotonic() + OBEY_S
     due_s, stamp_ns = 0.0, time.time_ns()
     while True:
         waiting = [name for name in drones if statuses[name].stage not in _DONE[order.action]]
+        obeyed.update(name for name in drones if name not in waiting)
         if not waiting:
             return
         now_s = time.monotonic()
@@ -238,7 +241,7 @@ async def _send_until_done(mesh: Mesh, order: Order, trust: Trust | None, drones
         if now_s >= due_s:
             due_s = now_s + REPEAT_S
             if order.action in _COMING_DOWN:
-                statuses.keep_numbers(waiting)
+                statuses.keep_numbers([name for name in waiting if name not in obeyed])
             message = _message(order.action, trust, stamp_ns, drones, statuses)
             if message.to:
                 mesh.publish(key_of(order.swarm, message), encode(message))

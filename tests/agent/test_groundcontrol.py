@@ -36,6 +36,7 @@ class Drone:
         self.notices: tuple[str, ...] = ()
         self.stage = Stage.PREFLIGHT
         self.is_contested, self.overtaken = False, 0
+        self.is_taken_over = False  # by a human pilot, as soon as its status has shown that it lands
         self.commands: list[Command] = []
         self.endpoint = f"tcp/127.0.0.1:{free_ports(1)[0]}"
 
@@ -60,6 +61,8 @@ class Drone:
             )  # fmt: skip
             mesh.publish(key_of("test", status), encode(status))
             await asyncio.sleep(0.1)
+            if self.is_taken_over and status.stage is Stage.LANDING:
+                self.stage = Stage.HOLD
 
     @asynccontextmanager
     async def running(self, dial: tuple[str, ...]) -> AsyncIterator[None]:
@@ -158,6 +161,14 @@ def test_a_landing_does_not_fail_because_another_command_came_first_as_a_hold_do
     d1.is_contested = d2.is_contested = True
     assert order(Action.LAND, d1)[-1] == "land: d1 landing"
     assert refused(Action.HOLD, d2) == "d1: another command came first: give this one again"
+
+
+def test_a_drone_that_a_pilot_has_taken_over_while_it_landed_is_not_told_to_land_again() -> None:
+    d1, d2 = Drone("d1"), Drone("d2", lame=True)
+    d1.is_taken_over = True
+    refused(Action.LAND, d1, d2)  # d2 does not obey, so that the command is repeated to the end
+    assert (len(d1.commands), d1.stage) == (1, Stage.HOLD)
+    assert len(d2.commands) > 1
 
 
 @pytest.mark.parametrize("ahead_s", [-8.0, 8.0])
