@@ -8,7 +8,7 @@ DOCS := .venv/.docs
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 export OMP_NUM_THREADS = 1
 
-.PHONY: demo docs test test-slow test-all faults planted fuzz soak px4-test docker-test bench table figures lint clean
+.PHONY: demo docs test test-slow test-all faults planted fuzz soak px4-test docker-test image-test bench table figures lint clean
 
 demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two minutes; results/demo/
 	$(BIN)/radron-sim live demo --seed 5 --out results/demo
@@ -41,6 +41,10 @@ planted: $(SIM)  ## which planted bugs the campaigns with faults find, at most 2
 docker-test: $(DEV)  ## the swarm in containers; needs a docker engine, or root to start one
 	deploy/docker/test.sh
 
+# IMAGE=nuc.img: an image that is there already. Needs root or user namespaces, and the programs that its reason for skipping names.
+image-test: $(DEV)  ## builds the onboard computer's image and boots it in qemu, ten minutes on an idle computer
+	IMAGE_TEST=1 $(BIN)/pytest tests/image -rs -s
+
 bench: $(SIM)  ## all benchmarks, one after another
 	@set -e; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file; done
 
@@ -70,15 +74,15 @@ $(SIM): pyproject.toml constraints.txt
 	@echo "Setting up .venv (once, about a minute) ..."
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	@$(PIP) setuptools
-	@$(PIP) --no-build-isolation --editable '.[sim]'
+	@$(PIP) --no-build-isolation --editable '.[sim,station]'
 	@touch $@
 
 $(DEV): $(SIM)
 	@echo "Adding the tools for tests and checks ..."
-	@$(PIP) --no-build-isolation --editable '.[sim,dev]'
+	@$(PIP) --no-build-isolation --editable '.[sim,station,foxglove,tak,dev]'
 	@touch $@
 
 $(DOCS): $(SIM)
 	@echo "Adding the tools for the documentation ..."
-	@$(PIP) --no-build-isolation --editable '.[sim,docs]'
+	@$(PIP) --no-build-isolation --editable '.[sim,station,docs]'
 	@touch $@

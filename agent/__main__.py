@@ -1,4 +1,4 @@
-"""``python -m agent DRONE.toml [--verbose] PARENT``: the agent's own process, started by its supervisor."""
+"""``python -m agent DRONE.toml [--verbose] [--wait] PARENT``: the agent's own process, started by its supervisor."""
 
 import os
 import signal
@@ -9,6 +9,9 @@ from agent.shell.heartbeat import HEARTBEAT_FD, Heartbeat, die_with
 if __name__ == "__main__":
     die_with(int(sys.argv[-1]))  # first of all: the imports below take a second
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C also reaches the supervisor, which stops this process
+    from agent.shell.patience import Patience
     from agent.shell.running import run_agent
 
-    os._exit(run_agent(sys.argv[1], "--verbose" in sys.argv, Heartbeat(HEARTBEAT_FD)))
+    heartbeat = Heartbeat(HEARTBEAT_FD)
+    patience = Patience(heartbeat, waits="--wait" in sys.argv)
+    os._exit(run_agent(sys.argv[1], "--verbose" in sys.argv, heartbeat, patience=patience))

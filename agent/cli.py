@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from agent import version
-from agent.commands import command, preflight, run
+from agent.commands import command, doctor, preflight, revoke, run, status, upload, watch
 from agent.errors import RadronError
 from protocol.errors import ProtocolError
 
@@ -20,7 +20,12 @@ app = typer.Typer(no_args_is_help=True, add_completion=False)
 app.callback(help=_HELP)(version.options)
 app.command()(run)
 app.command()(preflight)
+app.command()(doctor)
 app.command()(command)
+app.command()(revoke)
+app.command()(upload)
+app.command()(status)
+app.command()(watch)
 
 
 @app.command()
@@ -55,6 +60,7 @@ def replay(
 ) -> None:
     """Replay a recorded flight, and verify that every hypothesis, setpoint and message is identical, bit for bit.
 
+    Of a record of version 1 of the protocol only the source estimates are made again, from its log.
     Exit code 0: identical; 1: different; 2: the flight cannot be replayed (to its end).
     """
     from agent.flight.command import run_replay  # noqa: PLC0415  belongs to this command alone

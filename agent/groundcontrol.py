@@ -1,4 +1,4 @@
-"""An operator's command to a flying swarm: finds its mission, refuses if drones differ, sends, and waits until it is obeyed."""
+"""An operator's command to a swarm: finds its mission, refuses a start if drones differ, sends, and waits until it is obeyed."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
 from protocol.identity import CERTIFICATE_FILE, Identity, Role, load_identity, utc
 from protocol.keys import key_of, parse_key
+from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Action, Command, Stage, Status, Ticket
-from protocol.session import Mesh, MeshConfig
-from protocol.signing import Trust, sign_command
+from protocol.signing import Trust, Verifier, sign_command
 from protocol.trust import trust_of
 
 LISTEN_S = 2.5  # a drone publishes its status every second
@@ -26,6 +26,7 @@ OBEY_S = 5.0
 REPEAT_S = 1.0  # until the command is repeated: a drone that has obeyed it ignores the copy
 FRESH_S = 3.0
 CLOCKS_S = 3.0  # clock difference that is reported: a start is refused once it is too old
+_MOST_NAMES = 5  # that are told
 
 _AIRBORNE = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 _DONE: dict[Action, tuple[Stage, ...]] = {
@@ -43,6 +44,16 @@ class CommandError(RadronError):
 
 
 @dataclass(frozen=True, slots=True)
+class Addressees:
+    """Drones of a swarm (empty: all), or all ``without`` some, and the endpoints at which the swarm is reached."""
+
+    swarm: str
+    connect: tuple[str, ...]
+    drones: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Order:
     """An action, the drones that are to do it (empty: all), and the endpoints at which the swarm is reached.
 
@@ -56,6 +67,12 @@ class Order:
     without: tuple[str, ...] = ()
     anyway: bool = False  # start although drones report problems; a drone that cannot start still refuses
     identity: Path | None = None  # folder with the operator's certificate; None: links are not encrypted, nothing is signed
+    mission: str = ""  # id of the mission that is meant; empty: the one that the drones have
+
+    @property
+    def addressees(self) -> Addressees:
+        """Whom it is for."""
+        return Addressees(self.swarm, self.connect, self.drones, self.without)
 
 
 async def command(order: Order, say: Callable[[str], None]) -> None:
@@ -65,43 +82,55 @@ async def command(order: Order, say: Callable[[str], None]) -> None:
         CommandError: no such swarm, drones with different missions, or a drone that does not obey, with its reasons.
         ProtocolError: an endpoint that cannot be used.
     """
-    statuses = _Statuses()
-    links = MeshConfig(connect=order.connect, identity=_identity(order))
+    links = MeshConfig(connect=order.connect, identity=operator_identity(order.identity))
+    statuses = Statuses(links.identity)
     mesh = await Mesh.open(links, order.swarm, None, receive=statuses.receive)
     try:
-        drones = await _find(order, statuses, links.identity, lambda: mesh.differing)
-        if order.action is Action.START:
-            if mesh.differing:
-                raise CommandError(f"not started: {'; '.join(mesh.differing)}")
-            if not order.anyway:
-                _look_for_problems(drones, statuses, order.without)
-            for line in (f"{name}: {text}" for name in drones for text in statuses[name].notices):
-                say(line)
-        statuses.keep_numbers(drones)
-        say(f"{order.action}: to {', '.join(drones)}")
-        await _send_until_done(mesh, order, trust_of(links.identity), drones, statuses)
-        say(f"{order.action}: " + ", ".join(f"{name} {statuses[name].stage}" for name in drones))
+        await carry_out(order, mesh, links.identity, statuses, say)
     finally:
         await mesh.close()
+
+
+async def carry_out(order: Order, mesh: Mesh, identity: Identity | None, statuses: Statuses, say: Callable[[str], None]) -> None:
+    """The same over a link that is open; ``statuses`` gets every message from it. Raises CommandError as ``command``."""
+    drones = await find(order.addressees, order.action, statuses, identity, lambda: mesh.differing)
+    _check_mission(order, drones, statuses)
+    if order.action is Action.START:
+        if mesh.differing:
+            raise CommandError(f"not started: {'; '.join(mesh.differing)}")
+        if not order.anyway:
+            _look_for_problems(drones, statuses, order.without)
+        for line in (f"{name}: {text}" for name in drones for text in statuses[name].notices):
+            say(line)
+    statuses.keep_numbers(drones)
+    for mission, names in _by_mission(drones, statuses).items():
+        say(f"{order.action}: to {', '.join(names)}, mission {mission}")
+    await _send_until_done(mesh, order, trust_of(identity), drones, statuses)
+    say(f"{order.action}: " + ", ".join(f"{name} {statuses[name].stage}" for name in drones))
 
 
 _COMING_DOWN = (Action.RETURN, Action.LAND, Action.ABORT)
 _RENEW = "run `radron-deploy pki issue NAME --role operator`, and copy the folder that it makes"
 
 
-def _identity(order: Order) -> Identity | None:
-    """The operator's certificate. Its times are left to the drones' clocks: a laptop's wrong clock must not prevent a landing."""
-    if order.identity is None:
+def operator_identity(folder: Path | None) -> Identity | None:
+    """The operator's certificate. Its times are left to the drones' clocks: a laptop's wrong clock must not prevent a landing.
+
+    Raises:
+        CommandError: it is not an operator's.
+        IdentityError: it cannot be used.
+    """
+    if folder is None:
         return None
-    identity = load_identity(order.identity)
+    identity = load_identity(folder)
     own = identity.own
     if own.role is not Role.OPERATOR:
-        file = order.identity / CERTIFICATE_FILE
+        file = folder / CERTIFICATE_FILE
         raise CommandError(f"{file}: is the certificate of {own.name}, whose role is {own.role}, not operator; {_RENEW}")
     return identity
 
 
-def _lapsed(identity: Identity | None, now_ns: int) -> str:
+def lapsed(identity: Identity | None, now_ns: int) -> str:
     """Why nothing is heard, if it may be for the operator's certificate."""
     if identity is None or identity.own.not_before_ns <= now_ns <= identity.own.not_after_ns:
         return ""
@@ -110,10 +139,13 @@ def _lapsed(identity: Identity | None, now_ns: int) -> str:
     return f"; {file} is valid until {until}, and this computer's clock shows {now}: set it, or {_RENEW}"
 
 
-class _Statuses:
-    """The newest status of each drone."""
+class Statuses:
+    """The newest status of each drone. ``unsigned``: in whose names there were some that it has not signed."""
 
-    def __init__(self) -> None:
+    def __init__(self, identity: Identity | None = None) -> None:
+        """``identity``: this computer's; None: the swarm has no certificates, and nothing is verified."""
+        self._verifier = Verifier(identity.authority) if identity is not None else None
+        self.unsigned: set[str] = set()
         self._newest: dict[str, Status] = {}
         self._heard_s: dict[str, float] = {}  # this computer's monotonic clock: a wrong UTC clock must not prevent a landing
         self._ahead_s: dict[str, float] = {}
@@ -129,17 +161,26 @@ class _Statuses:
         newest, number = self._newest[drone].ticket, self._numbers.get(drone)
         return None if newest is None or number is None else Ticket(newest.nonce, number)
 
-    def receive(self, key: str, payload: bytes) -> None:
+    def receive(self, key: str, payload: bytes) -> bool:
+        """Take a message of the mesh; whether it is a status that counts: signed by its drone, and no old one again."""
         try:
             if parse_key(key).kind != "status":
-                return
+                return False
             message = decode_from(key, payload)
         except ProtocolError:
-            return
-        if isinstance(message, Status):
-            self._newest[message.drone] = message
-            self._heard_s[message.drone] = time.monotonic()
-            self._ahead_s[message.drone] = (message.stamp_ns - time.time_ns()) * 1e-9
+            return False
+        if not isinstance(message, Status):
+            return False
+        if self._verifier is not None and not self._verifier.accepts_status(message):
+            self.unsigned = {*sorted(self.unsigned)[:_MOST_NAMES], message.drone}
+            return False
+        known = self._newest.get(message.drone)
+        if known is not None and message.stamp_ns <= known.stamp_ns and message.drone in self.heard():
+            return False  # after a pause it counts: the drone's clock may have been set back
+        self._newest[message.drone] = message
+        self._heard_s[message.drone] = time.monotonic()
+        self._ahead_s[message.drone] = (message.stamp_ns - time.time_ns()) * 1e-9
+        return True
 
     def __getitem__(self, drone: str) -> Status:
         return self._newest[drone]
@@ -149,6 +190,11 @@ class _Statuses:
         oldest_s = time.monotonic() - FRESH_S
         return sorted(name for name, heard_s in self._heard_s.items() if heard_s > oldest_s)
 
+    def is_overtaken(self, drone: str) -> bool:
+        """Whether another command has been carried out since this one was numbered."""
+        newest, number = self._newest[drone].ticket, self._numbers.get(drone)
+        return newest is not None and number is not None and newest.number > number
+
     def why(self, action: Action, drone: str) -> str:
         """Why a drone does not obey, in one line."""
         status = self._newest[drone]
@@ -156,8 +202,7 @@ class _Statuses:
             return f"{drone}: no longer heard"
         if status.ticket is None:
             return f"{drone}: its status tells no nonce, without which no command is obeyed"
-        newest, number = status.ticket, self._numbers.get(drone)
-        if number is not None and newest.number > number:
+        if self.is_overtaken(drone):
             return f"{drone}: another command came first: give this one again"
         if action is Action.START and abs(self._ahead_s[drone]) > CLOCKS_S:
             return f"{drone}: its clock differs by {self._ahead_s[drone]:+.1f} s from this computer's: synchronise both"
@@ -166,35 +211,56 @@ class _Statuses:
         return f"{drone}: {action} is not possible in {status.stage}"
 
 
-async def _find(
-    order: Order, statuses: _Statuses, identity: Identity | None, differing: Callable[[], tuple[str, ...]]
+async def find(
+    wanted: Addressees, what: str, statuses: Statuses, identity: Identity | None, differing: Callable[[], tuple[str, ...]]
 ) -> list[str]:
-    """The drones that the order addresses, all of them heard."""
+    """The drones that are wanted, all of them heard.
+
+    Raises:
+        CommandError: not all of them are; ``what`` is named in the text.
+    """
     began_s = time.monotonic()
     while (waited_s := time.monotonic() - began_s) < FIND_S:
-        heard = [name for name in statuses.heard() if name not in order.without]
-        if order.drones and set(order.drones) <= set(heard):
-            return sorted(order.drones)
-        if not order.drones and heard and waited_s > LISTEN_S:
+        heard = [name for name in statuses.heard() if name not in wanted.without]
+        if wanted.drones and set(wanted.drones) <= set(heard):
+            return sorted(wanted.drones)
+        if not wanted.drones and heard and waited_s > LISTEN_S:
             return heard
         await asyncio.sleep(0.1)
-    places = ", ".join(order.connect)
+    places = ", ".join(wanted.connect)
     if differing():
-        raise CommandError(f"{order.action}: {'; '.join(differing())}")
-    missing = ", ".join(sorted(set(order.drones) - set(statuses.heard()))) or f"any drone of the swarm {order.swarm!r}"
-    lapsed = _lapsed(identity, time.time_ns())
-    raise CommandError(f"{order.action}: nothing heard from {missing} at {places} within {FIND_S:g} s{lapsed}")
+        raise CommandError(f"{what}: {'; '.join(differing())}")
+    missing = ", ".join(sorted(set(wanted.drones) - set(statuses.heard()))) or f"any drone of the swarm {wanted.swarm!r}"
+    names = ", ".join(sorted(statuses.unsigned)[:_MOST_NAMES])
+    forged = f"; statuses were left out that {names} did not sign" if names else ""
+    hint = lapsed(identity, time.time_ns())
+    raise CommandError(f"{what}: nothing heard from {missing} at {places} within {FIND_S:g} s{forged}{hint}")
 
 
-def _mission_of(drones: Collection[str], statuses: _Statuses) -> str:
-    missions = {name: statuses[name].mission for name in drones}
-    if len(set(missions.values())) > 1:
-        told = ", ".join(f"{name} {mission}" for name, mission in missions.items())
-        raise CommandError(f"the drones have different mission files ({told}): give all the same one")
-    return next(iter(missions.values()))
+def station_name(trust: Trust | None) -> str:
+    """Name of this station: that of its certificate, or one that no other station has."""
+    return trust.name if trust is not None else f"command-{os.getpid()}"
 
 
-def _look_for_problems(drones: Collection[str], statuses: _Statuses, without: Collection[str]) -> None:
+def _by_mission(drones: Collection[str], statuses: Statuses) -> dict[str, list[str]]:
+    """These drones by the mission that they have."""
+    found: dict[str, list[str]] = {}
+    for name in drones:
+        found.setdefault(statuses[name].mission, []).append(name)
+    return found
+
+
+def _check_mission(order: Order, drones: Collection[str], statuses: Statuses) -> None:
+    """Refuse to start drones with different missions, or to command ones with another mission than the operator means."""
+    missions = _by_mission(drones, statuses)
+    told = "; ".join(f"{', '.join(names)}: {mission}" for mission, names in missions.items())
+    if order.action is Action.START and len(missions) > 1:
+        raise CommandError(f"not started: the drones have different missions ({told}): upload the same one to all")
+    if order.mission and set(missions) != {order.mission}:
+        raise CommandError(f"{order.action}: the mission meant is {order.mission}, and the drones have another one ({told})")
+
+
+def _look_for_problems(drones: Collection[str], statuses: Statuses, without: Collection[str]) -> None:
     """Refuse to start a swarm in which one drone has a problem: else the others would start without it.
 
     ``without``: drones that are left behind on purpose: what only concerns them is no problem.
@@ -210,18 +276,24 @@ def _concerns(problem: str, drones: Collection[str]) -> bool:
     return any(re.match(rf"(no contact with )?{re.escape(name)}\b", problem) for name in drones)
 
 
-def _message(action: Action, trust: Trust | None, stamp_ns: int, drones: Collection[str], statuses: _Statuses) -> Command:
+def _message(
+    action: Action, trust: Trust | None, stamp_ns: int, mission: str, drones: Collection[str], statuses: Statuses
+) -> Command | None:
+    """A copy of the command; None where no drone's status has what it needs."""
+    tickets = {name: ticket for name in drones if (ticket := statuses.ticket(name)) is not None}
+    if not tickets:
+        return None
     message = Command(
         stamp_ns=stamp_ns,
-        station=trust.name if trust is not None else f"command-{os.getpid()}",
-        mission=_mission_of(drones, statuses),
+        station=station_name(trust),
+        mission=mission,
         action=action,
-        to={name: ticket for name in drones if (ticket := statuses.ticket(name)) is not None},
+        to=tickets,
     )
     return message if trust is None else sign_command(message, trust)
 
 
-async def _send_until_done(mesh: Mesh, order: Order, trust: Trust | None, drones: list[str], statuses: _Statuses) -> None:
+async def _send_until_done(mesh: Mesh, order: Order, trust: Trust | None, drones: list[str], statuses: Statuses) -> None:
     """Send a command again and again: copies have the same stamp and numbers, and the newest nonces.
 
     One that brings the vehicles down is numbered anew each time: it must not fail because another operator's command came first.
@@ -242,7 +314,8 @@ async def _send_until_done(mesh: Mesh, order: Order, trust: Trust | None, drones
             due_s = now_s + REPEAT_S
             if order.action in _COMING_DOWN:
                 statuses.keep_numbers([name for name in waiting if name not in obeyed])
-            message = _message(order.action, trust, stamp_ns, drones, statuses)
-            if message.to:
-                mesh.publish(key_of(order.swarm, message), encode(message))
+            for mission, names in _by_mission(drones, statuses).items():
+                message = _message(order.action, trust, stamp_ns, mission, names, statuses)
+                if message is not None:
+                    mesh.publish(key_of(order.swarm, message), encode(message))
         await asyncio.sleep(0.05)

@@ -61,6 +61,17 @@ def try_folder(folder: Path) -> None:
         file.flush()
 
 
+def write_durably(path: Path, content: bytes) -> None:
+    """Replace a file atomically: a power cut leaves the older or the newer one. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fresh = path.with_suffix(".new")
+    with fresh.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    fresh.replace(path)
+
+
 @contextmanager
 def replacing(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """A temporary path beside ``path`` to write to; it takes the place of ``path`` once the block ends without an error.

@@ -9,22 +9,17 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import count
-from pathlib import Path
 
 from msgspec import Struct
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
-from agent.detector.calibration import Calibration, load_calibration
-from agent.detector.chain import DetectorChain
 from agent.detector.readout import Readout
-from agent.detector.recognition import NuclideWatch
-from agent.errors import ConfigError
 from agent.frames.swarm import SwarmFrames
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.exchange import LogExchange
-from agent.fusion.posterior import Posterior, posterior_of
+from agent.fusion.posterior import Posterior
 from agent.fusion.proofs import Proofs
 from agent.fusion.registry import Estimators, estimator_named
 from agent.geometry import Vector3
@@ -34,12 +29,15 @@ from agent.localization.poseproblems import pose_problems
 from agent.mission.commanding import Commanding, Verdict
 from agent.mission.executive import Executive
 from agent.mission.memory import Memory
+from agent.mission.news import News
 from agent.mission.orders import Orders
-from agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, TWIN_NS, Problems
+from agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, Problems
 from agent.mission.reporter import Condition, Outbox, Reporter
+from agent.mission.revoking import Revoking
 from agent.mission.stages import FLYING
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.peers import Peers
+from agent.sensing.camera import Camera
 from agent.sensing.observer import Observer
 from agent.sensing.positionsensors import PositionSensors
 from agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
@@ -47,11 +45,9 @@ from protocol.codec import decode_from
 from protocol.entries import Coverage, Entry
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
-from protocol.messages import AnyDroneMessage, Command, Estimate, Failsafe, Frame, Plan, Pose, Reaction, Stage, Status, Ticket
+from protocol.messages import AnyDroneMessage, Failsafe, Order, Reaction, Stage, Status, Ticket, Upload
+from protocol.revocations import Revocation, Revoked
 from protocol.signing import Trust, Verifier
-
-_NEWS = (Pose, Plan, Status)
-_FOR_ONLOOKERS = (Frame, Estimate)  # every agent derives these from its own log
 
 
 class Step(Struct, frozen=True):
@@ -73,6 +69,8 @@ class Pilot:
         memory: Memory | None = None,
         estimators: Estimators = estimator_named,
         trust: Trust | None = None,
+        *,
+        nonce_key: bytes,
     ) -> None:
         """Set up a drone.
 
@@ -84,15 +82,13 @@ class Pilot:
             memory: from the agent that flew this drone before; the flight continues if telemetry shows it in the air.
             estimators: makes estimators by name; a simulation of many drones has them share what they compute.
             trust: signs what it publishes, and verifies what others do; None: in a swarm without certificates.
+            nonce_key: 16 random bytes, new at every start of the agent: from them follow the nonces that commands need.
 
         Raises:
             ConfigError: the drone is not one of the mission's.
             DetectorError: its camera's calibration cannot be read.
         """
-        ids = [member.id for member in mission.drones]
-        member = next((member for member in mission.drones if member.id == drone.id), None)
-        if member is None:
-            raise ConfigError(f"drone {drone.id!r} is not in the mission; its drones are {', '.join(ids)}")
+        ids, member = [member.id for member in mission.drones], mission.member(drone.id)
         self._swarm, self._mission_id = mission.swarm, mission.mission_id
         self._id, self._boot = drone.id, boot
         self.counters: Counter[str] = Counter()
@@ -102,22 +98,23 @@ class Pilot:
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps
         self._own = OwnPose(member, graph, self._clocks, self.counters, speed_mps, epoch_offset)
         history, numbers = self._own.history, count(1)
-        self._observer = Observer(drone, self._mission_id, boot, history, numbers)
+        self._observer = Observer(drone, mission, boot, history, numbers, self._own.carried)
         self._sensors = PositionSensors(drone.id, others, self._mission_id, boot, history, numbers, self.counters)
-        calibration = load_calibration(Path(drone.calibration)) if drone.calibration else Calibration.nominal()
-        self._watch = NuclideWatch(mission.nuclide)
-        self._chain = DetectorChain(mission.detection, mission.nuclide, calibration, self._watch.add)
+        self._camera = Camera(mission, drone.calibration, self._observer, self.counters)
         self._peers = Peers(others)
         self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory)
         self._problems = Problems(drone.id, self._mission_id)
         verifier = Verifier(trust.authority, trust.revoked) if trust is not None else None
-        self._orders = Orders(drone.id, self._mission_id, boot, verifier)
-        self._commanding = Commanding(self._mission_id, self._orders, self._executive, self._problems, self._own, self._peers)
-        self._proofs = Proofs(ids, (drone.id, self._mission_id, boot), trust, verifier)
+        self._orders = Orders(drone.id, self._mission_id, nonce_key, verifier)
+        parts = self._executive, self._problems, self._own, self._peers, self.counters
+        self._commanding = Commanding(self._mission_id, self._orders, *parts)
+        self._revoking = Revoking(drone.id, verifier, self._world, self._executive, self._problems, self.counters)
+        self._proofs = Proofs(ids, (drone.id, self._mission_id, boot), trust, verifier, self._revoking.leaves_out)
+        self._news = News(drone.id, boot, self._peers, self._clocks, self._proofs, self._revoking, self._problems)
         self._failsafe = Failsafe(Reaction(mission.safety.agent_lost), mission.return_height_m(drone.id))
         self._notices: tuple[str, ...] = ()
         self._told: tuple[str, ...] = ()
-        self._exchange = LogExchange(mission.swarm, self.fusion.log, self.counters)
+        self._exchange = LogExchange(mission.swarm, drone.id, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
         self._reporter = Reporter(drone.id, self._mission_id, boot, mission.fusion.estimator)
 
@@ -158,9 +155,12 @@ class Pilot:
 
     def posteriors(self, now_ns: int) -> dict[str, Posterior]:
         """What the estimator that is flown by and the listeners hold possible, by name; without those that tell nothing yet."""
-        named = {self.fusion.estimator.name: self.fusion, **self.listeners}
-        found = {name: posterior_of(fusion, now_ns) for name, fusion in named.items()}
-        return {name: posterior for name, posterior in found.items() if posterior is not None}
+        return self._world.posteriors(now_ns)
+
+    @property
+    def pending(self) -> bool:
+        """Whether frames and hypothesis lack something of the log, because its entries are worked off in slices."""
+        return self._world.pending
 
     @property
     def finding(self) -> str:
@@ -173,6 +173,11 @@ class Pilot:
         return self.fusion.digest
 
     @property
+    def revocations(self) -> tuple[Revocation, ...]:
+        """What has been revoked in flight: the same object as long as it stays the same."""
+        return self._revoking.held
+
+    @property
     def problems(self) -> tuple[str, ...]:
         """Those of the last status."""
         return self._told
@@ -180,10 +185,8 @@ class Pilot:
     @property
     def own_place(self) -> tuple[Vector3, float] | None:
         """Where this drone takes itself to be, mission frame, and 1 sigma of it, horizontal; None where it does not know."""
-        vehicle, frame = self._own.vehicle, self._own.frame
-        if vehicle is None or frame is None:
-            return None
-        return frame.mission_from_local.apply_point(vehicle.position_m), self._own.sigma_m
+        place_m = self._own.place_m
+        return None if place_m is None else (place_m, self._own.sigma_m)
 
     def warn(self, problems: tuple[str, ...]) -> None:
         """Set the warnings that the shell has for the operator; replaces the previous ones."""
@@ -201,6 +204,15 @@ class Pilot:
         """Set what the shell has for the operator to know, and which is no problem of this flight; replaces the previous."""
         self._notices = tuple(text[:LONGEST_PROBLEM] for text in notices[:MOST_NOTICES])
 
+    @property
+    def taking(self) -> Upload | None:
+        """The mission that the shell is to fetch, keep and begin anew with; None: none."""
+        return self._commanding.uploads.taking
+
+    def decline(self, reason: str) -> None:
+        """Tell the operator why the mission that was to be taken is not."""
+        self._commanding.uploads.decline(reason)
+
     def log_summary(self) -> bytes:
         """A summary of the log: a request for missing entries, answered by the others' ``log_answer``."""
         return self._exchange.summary()
@@ -217,12 +229,8 @@ class Pilot:
 
     def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
         """Take a readout of the camera. Returns the resulting log entries, to be published at once."""
-        self._record(self._observer.observe(self._chain.process(readout)), readout.end_ns)
-        self._watch.look(readout.end_ns)
-        self._problems.noticed = (*self._chain.noise.problems, *self._observer.problems, *self._watch.problems)
-        self.counters["pixel_hits_lost"] = self._chain.lost_hits
-        self.counters["pixel_hits_of_noise"] = self._chain.noise.masked_hits
-        self.counters["detections_dropped"], self.counters["cones_withheld"] = self._observer.dropped, self._observer.withheld
+        self._record(self._camera.observe(readout), readout.end_ns)
+        self._problems.noticed = self._camera.problems
         return self._outbox.take()
 
     def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
@@ -243,7 +251,7 @@ class Pilot:
     def receive(self, key: str, payload: bytes, now_ns: int) -> Verdict | None:
         """Take a message from the mesh. An invalid one is counted and dropped, never raised.
 
-        Returns what became of a command to this drone; None for everything else.
+        Returns what became of a command to this drone, or of a revocation unless it is known; None for everything else.
         """
         try:
             address = parse_key(key)  # as it is where the mesh has read it already
@@ -254,11 +262,14 @@ class Pilot:
         if address.swarm != self._swarm:
             self.counters["dropped_other_swarm"] += 1
             return None
-        if isinstance(message, Command):
+        if isinstance(message, Order):
+            answered = self._commanding.uploads.answer
             verdict = self._commanding.judge(message, now_ns)
-            if verdict is not None and verdict.refused:
-                self.counters[f"dropped_command_{verdict.refused}"] += 1
+            if self._commanding.uploads.answer is not answered:
+                self._reporter.hurry(now_ns)  # before the shell begins anew
             return verdict
+        if isinstance(message, Revocation | Revoked):
+            return self._revoking.hear(message, now_ns)
         reason = self._dispatch(message, payload, now_ns)
         if reason is not None:
             self.counters[f"dropped_{reason}"] += 1
@@ -269,11 +280,12 @@ class Pilot:
 
         Costs almost nothing without new entries; a large backlog is processed in slices over several calls.
         """
-        self._world.advance(now_ns)
+        self._world.advance(self._clocks.common_ns(now_ns))
 
     def step(self, now_ns: int) -> Step:
         """Process the log, advance the mission, plan, and report. To be called at 20 Hz or more."""
         self.advance(now_ns)
+        self._peers.keep_time(now_ns)
         stage, finding = self.stage, self.finding
         act = self._executive.step(now_ns, self._peers)
         if self.stage is not stage or (self.finding and not finding):
@@ -294,17 +306,10 @@ class Pilot:
             for entry, content in self._proofs.proven(message, payload, now_ns):
                 self._fold(entry, content, now_ns)
             return None
-        if message.drone == self._id:
-            if isinstance(message, Status) and message.boot != self._boot and abs(now_ns - message.stamp_ns) < TWIN_NS:
-                self._problems.hear_twin(now_ns)
-            return "own_id"
-        if isinstance(message, Status):
-            self._clocks.hear(message, now_ns)  # however old its stamp seems
-        if isinstance(message, _FOR_ONLOOKERS):
-            return None
-        if isinstance(message, _NEWS):
-            return self._peers.receive(message, now_ns, self._clocks.behind_ns(message.drone))
-        return "unused"
+        dropped = self._news.hear(message, now_ns)
+        if self._news.pressing:
+            self._reporter.hurry(now_ns)
+        return dropped
 
     def _record(self, entries: Sequence[Entry], now_ns: int) -> None:
         """Sign entries of this drone, publish them, and log them, from the same bytes that the others get."""
@@ -316,6 +321,7 @@ class Pilot:
 
     def _fold(self, entry: Entry, payload: bytes, now_ns: int) -> None:
         if not self._world.take(entry, payload, now_ns):
+            self._revoking.recount(entry)
             return
         self._own.take_entry(entry)
         if isinstance(entry, Coverage):
@@ -326,16 +332,19 @@ class Pilot:
         believed = (self.hypothesis, self.fusion.digest) if self.hypothesis is not None else None
         vehicle, frame, condition = self._own.vehicle, self._own.frame, partial(self._condition, now_ns)
         placed = frame.mission_from_local if frame is not None else None
-        for message in self._reporter.due(now_ns, vehicle, placed, believed, condition):
-            self._outbox.put(message)
+        for message in (*self._revoking.due(now_ns), *self._reporter.due(now_ns, vehicle, placed, believed, condition)):
+            if not isinstance(message, Status):
+                self._outbox.put(message)
+            elif (status := self._outbox.sendable(message)) is not None:
+                self._outbox.put(self._proofs.signed_status(status))
 
     def _condition(self, now_ns: int) -> Condition:
         posed = pose_problems(self._id, self._own, self._clocks, self.frames, now_ns, self.stage in FLYING)
-        self._problems.seen = (*self._proofs.problems(now_ns), *posed)
-        self._problems.unplaced = self._own.is_unplaced
+        self._problems.seen = (*self._peers.problems(now_ns), *self._proofs.problems(now_ns), *posed)
         self._problems.flown = self._executive.problems(now_ns)
+        self._commanding.look(now_ns)
         problems = self._told = self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
-        delays_ns = self._clocks.delays_ns(now_ns)
-        began_ns, seen = self._executive.started_ns, self._watch.message
+        delays_ns, began_ns, seen = self._clocks.delays_ns(now_ns), self._executive.started_ns, self._camera.recognised
         told = self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns
-        return Condition(*told, self._orders.ticket(now_ns), self._failsafe, self._notices)
+        notices = (*self._revoking.notices, *self._notices)[:MOST_NOTICES]
+        return Condition(*told, self._orders.ticket(now_ns), self._failsafe, notices, self._commanding.uploads.answer)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from agent.config.mission import AreaConfig, DroneInMission, FusionConfig, MissionConfig
+from agent.config.estimators import FusionConfig
+from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.fusion.bayes.response import response_of

@@ -3,8 +3,10 @@
 Flies ``radron-sim live`` and watches its processes. Agent: the node and its watchdog together, over the last 30 s of tracking.
 Setpoints: newly computed ones, at their arrival at the vehicle, over the whole flight.
 
-Run: python benchmarks/live_cost.py [--drones 3 10] [--seconds 45] [--busy 2] [--json OUT]
-``--busy``: number of endless loops that run during the flight, at normal priority.
+Run: python benchmarks/live_cost.py [--drones 3 10] [--seconds 45] [--busy 2] [--compare] [--runs 3] [--json OUT]
+With ten drones and ``--compare``: about 4 minutes for each run.
+``--busy``: number of endless loops that run during the flight, at normal priority. ``--compare``: each flight also without
+encryption and signatures, alternately; of several runs the medians are shown, and all are in the JSON.
 """
 
 from __future__ import annotations
@@ -16,8 +18,9 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
-from statistics import mean
+from statistics import mean, median
 
 import msgspec
 from rich.console import Console
@@ -25,13 +28,15 @@ from rich.table import Table
 
 sys.path.append(str(Path(__file__).parent / "support"))
 
-from live_flight import Seen, flights, fly, messages, tracking
+from goals import Goal, show
+from live_flight import Seen, cone_delays_ms, flights, fly, messages, tracking
 
 from agent.flight import topics
 from agent.flight.reader import RecordedFlight
 from agent.vehicle.interface import Request, VehicleCommand
 
 WINDOW_S = 30.0
+MOST_POINTS, MOST_RATIO = 3.0, 1.5  # goals, of a swarm of ten
 
 
 def main() -> None:
@@ -41,17 +46,42 @@ def main() -> None:
     parser.add_argument("--drones", type=int, nargs="+", default=[3, 10])
     parser.add_argument("--seconds", type=float, default=45.0, help="of tracking")
     parser.add_argument("--busy", type=int, default=0)
+    parser.add_argument("--compare", action="store_true", help="also without encryption and signatures")
+    parser.add_argument("--runs", type=int, default=1)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     rows = []
-    for drones in options.drones:
+    links = (True, False) if options.compare else (True,)
+    for drones, _, secured in product(options.drones, range(options.runs), links):
         with tempfile.TemporaryDirectory(prefix="radron-cost-") as folder, _busy(options.busy):
             arguments = [options.scenario, "--seed", str(options.seed), "--drones", str(drones)]
+            arguments += [] if secured else ["--insecure"]
             seen = fly(Path(folder), [*arguments, "--set", f"mission.track.duration_s={options.seconds:g}"])
-            rows.append({"drones": drones, **_cost(Path(folder), seen)})
-    _print(rows)
+            rows.append({"drones": drones, "secured": secured, **_cost(Path(folder), seen)})
+    medians = [
+        _median([row for row in rows if (row["drones"], row["secured"]) == kind]) for kind in product(options.drones, links)
+    ]
+    _print(medians)
+    if options.compare:
+        show("Encryption and signatures, against without", list(_goals(medians)))
     if options.json is not None:
         options.json.write_text(json.dumps({"live_cost": rows}, indent=1) + "\n")
+
+
+def _median(rows: list[dict[str, float]]) -> dict[str, float]:
+    """Of several flights with the same swarm and links."""
+    return {key: median(row[key] for row in rows) for key in rows[0]}
+
+
+def _goals(rows: list[dict[str, float]]) -> Iterator[Goal]:
+    for secured, plain in zip(rows[::2], rows[1::2], strict=True):
+        swarm, keys = f"{secured['drones']:g} drones", ("agent_cpu_percent", "cone_p50_ms")
+        (cpu, cpu_plain), (delay, delay_plain) = ((secured[key], plain[key]) for key in keys)
+        yield Goal(
+            f"{swarm}: CPU of an agent, more", cpu - cpu_plain, MOST_POINTS, "points", f"{cpu:.1f} against {cpu_plain:.1f} %"
+        )
+        told = f"{delay:.2f} against {delay_plain:.2f} ms"
+        yield Goal(f"{swarm}: a cone to another agent, p50", delay / delay_plain, MOST_RATIO, "times", told)
 
 
 @contextmanager
@@ -86,6 +116,7 @@ def _cost(folder: Path, seen: dict[int, Seen]) -> dict[str, float]:
         "agent_rss_mb": max(one.rss_mb + seen[one.parent].rss_mb for one in agents.values()),
         **{f"{kind}_cpu_percent": 100.0 * sum(one.share(start_s, end_s) for one in ones) for kind, ones in parts.items()},
         "mesh_s": _mesh_s(found, min(seen[one.parent].began_s for one in agents.values())),
+        "cone_p50_ms": median(cone_delays_ms(found)),
         **_setpoints(folder, found),
     }
 
@@ -133,11 +164,12 @@ def _print(rows: list[dict[str, float]]) -> None:
         "world_cpu_percent": "world, %",
         "launcher_cpu_percent": "launcher, %",
         "mesh_s": "start to full mesh, s",
+        "cone_p50_ms": "a cone to another agent, p50, ms",
         "setpoint_hz": "new setpoints, lowest rate, Hz",
         "setpoint_gap_ms": "largest gap between two, ms",
     }
     for row in rows:
-        table.add_column(f"{row['drones']:g} drones", justify="right")
+        table.add_column(f"{row['drones']:g} drones{'' if row['secured'] else ', insecure'}", justify="right")
     for key, head in heads.items():
         table.add_row(head, *(f"{row[key]:.1f}" for row in rows))
     Console(width=100).print(table)

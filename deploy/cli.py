@@ -8,11 +8,24 @@ from typing import Annotated
 
 import typer
 
+from agent.errors import RadronError
+from deploy.computer import command as computer
+from deploy.fleet import command as fleet
+from deploy.image import command as image
 from deploy.pki import command as pki
+from deploy.update import command as update
 from protocol.errors import ProtocolError
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_show_locals=False)
 app.add_typer(pki.app, name="pki")
+app.add_typer(fleet.app, name="fleet")
+app.add_typer(image.app, name="image")
+app.add_typer(update.bundle_app, name="bundle")
+app.command()(update.push)
+app.command()(update.logs)
+app.command()(update.status)
+for command in computer.COMMANDS:
+    app.command()(command)
 
 
 def _show_version(wanted: bool) -> None:
@@ -21,7 +34,7 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(help="From a checkout to a swarm: certificates.")
+@app.callback(help="From a checkout to a swarm: certificates, a file for the fleet, the onboard computers' disks and updates.")
 def options(
     _version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")] = False,
 ) -> None:
@@ -32,7 +45,7 @@ def main() -> None:
     """Run the command; errors that the user can fix end in one line and exit code 2."""
     try:
         app()
-    except ProtocolError as error:
+    except (RadronError, ProtocolError) as error:
         print(f"radron-deploy: {error}", file=sys.stderr)
         sys.exit(2)
     except OSError as error:  # mostly the disk: full, missing or no permission, which the user can fix

@@ -10,13 +10,14 @@ import msgspec
 from protocol.entries import Entry
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
-from protocol.message import Message
-from protocol.messages import KINDS, AnyMessage, Command, Status
+from protocol.message import Message, StationMessage
+from protocol.messages import KINDS, AnyMessage, Status
+from protocol.revocations import Revoked
 
 MAX_PAYLOAD_BYTES = 64 * 1024
 MAX_ENTRY_BYTES = 2 * 1024  # of a log entry, which every agent keeps in memory until the mission ends
-MAX_NEWS_BYTES = 4 * 1024  # of poses, plans, frames and estimates; a status with all its texts may have more
-MAX_COMMAND_BYTES = 8 * 1024  # tickets of 64 drones, and a certificate
+MAX_NEWS_BYTES = 4 * 1024  # of poses, plans, frames and estimates; a status with all its texts may have more, and ``Revoked``
+MAX_COMMAND_BYTES = 8 * 1024  # of an operator's messages: tickets of 64 drones, and a certificate
 _LIMITS = {
     "max_str_len": 1024,
     "max_bin_len": 1024,
@@ -89,7 +90,7 @@ def decode_from(key: str, payload: bytes) -> AnyMessage:
     kind = type(message).__name__.lower()
     if kind != address.kind:
         raise ProtocolError(f"a {kind} under the key of a {address.kind}")
-    sender = message.station if isinstance(message, Command) else message.drone
+    sender = message.station if isinstance(message, StationMessage) else message.drone
     if sender != address.sender:
         raise ProtocolError(f"a {kind} of {sender!r} under the key of {address.sender!r}")
     return message
@@ -131,9 +132,9 @@ def size_limit(kind: str) -> int:
 def _limit_of(kind: type[Message]) -> int:
     if issubclass(kind, Entry):
         return MAX_ENTRY_BYTES
-    if issubclass(kind, Command):
+    if issubclass(kind, StationMessage):
         return MAX_COMMAND_BYTES
-    return MAX_PAYLOAD_BYTES if issubclass(kind, Status) else MAX_NEWS_BYTES
+    return MAX_PAYLOAD_BYTES if issubclass(kind, Status | Revoked) else MAX_NEWS_BYTES
 
 
 def _check_size(payload: bytes, limit: int = MAX_PAYLOAD_BYTES) -> None:

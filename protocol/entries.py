@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 
 from msgspec import Meta, Struct
 
-from protocol.checks import is_unit
+from protocol.checks import flaw_of_covariance, is_unit
 from protocol.message import DroneMessage
 from protocol.spectrum import Spectrum, is_in_order
 from protocol.units import (
@@ -32,6 +32,7 @@ from protocol.units import (
     PositiveMetres,
     Probability,
     Quaternion,
+    Radians,
     Seconds,
     SensorSigmaMetres,
     SensorSigmaRadians,
@@ -39,6 +40,7 @@ from protocol.units import (
     SigmaRadians,
     StampNs,
     SwathMetres,
+    Variance,
 )
 
 LONGEST_EXPOSURE_NS = 60_000_000_000
@@ -118,6 +120,18 @@ class PoseSample(Struct, frozen=True, array_like=True):
     quaternion: Quaternion
 
 
+class CarriedFrame(Struct, frozen=True, array_like=True):
+    """The frame of an epoch in that of the same drone's first one, as its motion has carried it on over jumps of its
+    localisation: translation, then yaw about up.
+
+    ``covariance``: rows of the 4 x 4 matrix over (x m, y m, z m, yaw rad); None: the two frames are the same.
+    """
+
+    translation_m: Position
+    yaw_rad: Radians
+    covariance: Annotated[tuple[Variance, ...], Meta(min_length=16, max_length=16)] | None = None
+
+
 class Counts(Struct, frozen=True, array_like=True):
     """Events of one detector in an interval: all clusters, full-energy events, two-cluster coincidences."""
 
@@ -127,7 +141,10 @@ class Counts(Struct, frozen=True, array_like=True):
 
 
 class Exposure(Entry, frozen=True, kw_only=True):
-    """Counts over [stamp_ns, end_ns); a drone's exposures neither overlap nor leave gaps, zeros included."""
+    """Counts over [stamp_ns, end_ns); a drone's exposures neither overlap nor leave gaps, zeros included.
+
+    ``carried``: of a drone whose first frame the mission knows exactly, in later epochs.
+    """
 
     epoch: Epoch
     end_ns: StampNs
@@ -138,9 +155,10 @@ class Exposure(Entry, frozen=True, kw_only=True):
     yaw_sigma_rad: SigmaRadians
     clock_sigma_m: PositiveMetres = 0.0  # part of position_sigma_m that the drone's clock error causes by its motion
     spectrum: Spectrum = ()
+    carried: CarriedFrame | None = None
 
     def flaw(self) -> str | None:
-        """Interval, live time, poses and spectrum must be consistent."""
+        """Interval, live time, poses, spectrum and covariance must be consistent."""
         if not is_in_order(self.spectrum):
             return "the bins of its spectrum are not in order of energy"
         duration_ns = self.end_ns - self.stamp_ns
@@ -154,6 +172,11 @@ class Exposure(Entry, frozen=True, kw_only=True):
             return "its poses are not in order of time"
         if self.poses[-1].offset_ns > duration_ns:
             return "a pose lies outside of it"
+        if self.carried is not None and self.carried.covariance is not None:
+            rows = [self.carried.covariance[row : row + 4] for row in (0, 4, 8, 12)]
+            flaw = flaw_of_covariance(rows)
+            if flaw is not None:
+                return flaw
         return None if all(is_unit(pose.quaternion) for pose in self.poses) else "a quaternion has no unit norm"
 
 

@@ -6,7 +6,10 @@ TLS and signatures. Nothing here reads a clock: whether an old log entry is genu
 
 from __future__ import annotations
 
+import resource
 import stat
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -16,6 +19,7 @@ from cryptography import x509
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
+from cryptography.utils import CryptographyDeprecationWarning
 from cryptography.x509.oid import NameOID, ObjectIdentifier
 from msgspec import ValidationError, convert
 
@@ -24,8 +28,12 @@ from protocol.units import DroneId
 
 AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, REVOKED_FILE = "ca.pem", "certificate.pem", "key.pem", "revoked.crl"
 REVOKED_NAME = ObjectIdentifier("2.25.177823990817045893047311286452150417643")  # in an entry of the revocation list: whose
+MAY_REVOKE = ObjectIdentifier(
+    "2.25.310625242103966218502359838253349438665"
+)  # in a certificate: the right to revoke others in flight
 MOST_BYTES = 2048  # of a certificate; ours have about 400
 _MOST_FILE_BYTES = 64 * 1024
+_SERIAL = "has a serial number that is not positive (RFC 5280, 4.1.2.2)"
 _UNREADABLE = (ValueError, TypeError, x509.InvalidVersion, x509.DuplicateExtension, UnsupportedAlgorithm)
 
 
@@ -54,6 +62,7 @@ class Peer:
     not_before_ns: int
     not_after_ns: int
     der: bytes = field(repr=False)
+    may_revoke: bool = False  # an operator's right to revoke other members in flight
 
     def verified(self, signature: bytes, data: bytes) -> bool:
         """Whether this member has signed these bytes."""
@@ -79,7 +88,7 @@ class Authority:
             IdentityError: anything else.
         """
         try:
-            certificate = x509.load_pem_x509_certificate(pem)
+            certificate = _loaded(x509.load_pem_x509_certificate, pem)
             certificate.verify_directly_issued_by(certificate)
             is_authority = certificate.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
         except (*_UNREADABLE, InvalidSignature, x509.ExtensionNotFound):
@@ -97,7 +106,7 @@ class Authority:
         if len(der) > MOST_BYTES:
             raise IdentityError(f"is too large for a certificate: {len(der)} bytes")
         try:
-            certificate = x509.load_der_x509_certificate(der)
+            certificate = _loaded(x509.load_der_x509_certificate, der)
             certificate.verify_directly_issued_by(self.certificate)
             return _peer(certificate, der)
         except InvalidSignature:
@@ -106,7 +115,7 @@ class Authority:
             raise
         except _UNREADABLE as error:
             foreign = "does not match" in str(error)
-            reason = "was issued by another authority" if foreign else "is not a certificate"
+            reason = "was issued by another authority" if foreign else _unread(error)
             raise IdentityError(reason) from None
 
 
@@ -133,12 +142,19 @@ class Identity:
         return self.key.sign(data)
 
 
+def leave_no_core_file() -> None:
+    """Have the kernel write no memory of this process, nor of its children, to the disk when it crashes."""
+    _, most = resource.getrlimit(resource.RLIMIT_CORE)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, most))
+
+
 def load_identity(folder: Path) -> Identity:
-    """Read ``ca.pem``, ``certificate.pem``, ``key.pem`` and, if there is one, ``revoked.crl``.
+    """Read ``ca.pem``, ``certificate.pem``, ``key.pem`` and, if there is one, ``revoked.crl``; see ``leave_no_core_file``.
 
     Raises:
         IdentityError: one that is missing, unreadable or not for the others, or a key that other users can read.
     """
+    leave_no_core_file()
     authority_file, certificate_file, key_file = folder / AUTHORITY_FILE, folder / CERTIFICATE_FILE, folder / KEY_FILE
     if not folder.is_dir():
         raise IdentityError(f"{folder}: there is no such folder; {_ISSUE}")
@@ -240,7 +256,8 @@ def _peer(certificate: x509.Certificate, der: bytes) -> Peer:
     if is_authority or name not in alternatives.get_values_for_type(x509.DNSName):
         raise IdentityError("is an authority's, or its alternative name (SAN) is another than its name (CN)")
     times = (_ns(certificate.not_valid_before_utc), _ns(certificate.not_valid_after_utc))
-    return Peer(name, Role(role), key, certificate.serial_number, *times, der)
+    may_revoke = any(extension.oid == MAY_REVOKE for extension in certificate.extensions)
+    return Peer(name, Role(role), key, certificate.serial_number, *times, der, may_revoke)
 
 
 def utc(at_ns: int) -> datetime:
@@ -254,9 +271,24 @@ def _ns(at: datetime) -> int:
 
 def _der(pem: bytes) -> bytes:
     try:
-        return x509.load_pem_x509_certificate(pem).public_bytes(Encoding.DER)
-    except _UNREADABLE:
-        raise IdentityError("is not a certificate") from None
+        return _loaded(x509.load_pem_x509_certificate, pem).public_bytes(Encoding.DER)
+    except _UNREADABLE as error:
+        raise IdentityError(_unread(error)) from None
+
+
+def _loaded(load: Callable[[bytes], x509.Certificate], data: bytes) -> x509.Certificate:
+    """A certificate. A serial number that is not positive, of which the library warns, is refused."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", CryptographyDeprecationWarning)
+        certificate = load(data)
+        if certificate.serial_number <= 0:
+            raise IdentityError(_SERIAL)
+    return certificate
+
+
+def _unread(error: Exception) -> str:
+    """Why a certificate could not be read: newer versions of the library read none with such a number."""
+    return _SERIAL if "serial number" in str(error) else "is not a certificate"
 
 
 def _read(file: Path) -> bytes:

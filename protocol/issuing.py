@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import timedelta
+from hashlib import blake2b
 from pathlib import Path
 
 from cryptography import x509
@@ -18,6 +19,7 @@ from protocol.identity import (
     AUTHORITY_FILE,
     CERTIFICATE_FILE,
     KEY_FILE,
+    MAY_REVOKE,
     REVOKED_FILE,
     REVOKED_NAME,
     Authority,
@@ -32,6 +34,7 @@ DAYS = {Role.DRONE: 30, Role.OPERATOR: 90, Role.OBSERVER: 90, Role.STATION: 365,
 EARLIER = timedelta(hours=1)  # certificates begin this much in the past: a drone's clock may be behind
 _LIST_DAYS = 3650  # until a list of revoked certificates should be replaced; nobody refuses an older one
 _THROWAWAY_DAYS = 31  # so that no agent reminds of their end
+_NULL = b"\x05\x00"  # DER: that the extension is there says it all
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +53,13 @@ class Issuer:
     key: Ed25519PrivateKey = field(repr=False)
 
     @classmethod
-    def new(cls, swarm: str, now_ns: int, days: int = AUTHORITY_DAYS) -> Issuer:
-        """A new authority with a new key."""
-        key = Ed25519PrivateKey.generate()
+    def new(cls, swarm: str, now_ns: int, days: int = AUTHORITY_DAYS, key: Ed25519PrivateKey | None = None) -> Issuer:
+        """A new authority; ``key`` None: with a new key."""
+        key = key or Ed25519PrivateKey.generate()
         name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"{checked_name(swarm)} authority")])
         usage = x509.KeyUsage(False, False, False, False, False, True, True, False, False)  # signs certificates and lists
         certificate = (
-            x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number())
+            x509.CertificateBuilder(name, name, key.public_key(), _serial(key))
             .not_valid_before(utc(now_ns) - EARLIER)
             .not_valid_after(utc(now_ns) + timedelta(days=days))
             .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
@@ -65,19 +68,30 @@ class Issuer:
         )
         return cls(Authority(certificate), key)
 
-    def issue(self, name: str, role: Role, now_ns: int, days: float | None = None) -> Credentials:
-        """A new key, and a certificate for it that is valid for ``days`` (none: ``DAYS``) at most as long as the authority's.
+    def issue(
+        self,
+        name: str,
+        role: Role,
+        now_ns: int,
+        days: float | None = None,
+        may_revoke: bool = False,
+        key: Ed25519PrivateKey | None = None,
+    ) -> Credentials:
+        """A certificate that is valid for ``days`` (none: ``DAYS``), at most as long as the authority's; ``key`` None: with a
+        new key.
+
+        ``may_revoke``: the right to revoke others in flight, which counts with an operator only.
 
         Raises:
             IdentityError: a name that cannot be one.
         """
-        key = Ed25519PrivateKey.generate()
+        key = key or Ed25519PrivateKey.generate()
         attributes = ((NameOID.COMMON_NAME, checked_name(name)), (NameOID.ORGANIZATIONAL_UNIT_NAME, str(role)))
         subject = x509.Name([x509.NameAttribute(oid, value) for oid, value in attributes])
         issuer = self.authority.certificate
         ends = utc(now_ns) + timedelta(days=DAYS[role] if days is None else days)
-        certificate = (
-            x509.CertificateBuilder(issuer.subject, subject, key.public_key(), x509.random_serial_number())
+        builder = (
+            x509.CertificateBuilder(issuer.subject, subject, key.public_key(), _serial(key))
             .not_valid_before(utc(now_ns) - EARLIER)
             .not_valid_after(min(ends, issuer.not_valid_after_utc))
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
@@ -85,8 +99,10 @@ class Issuer:
             .add_extension(
                 x509.ExtendedKeyUsage([ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]), critical=False
             )
-            .sign(self.key, None)
         )
+        if may_revoke:
+            builder = builder.add_extension(x509.UnrecognizedExtension(MAY_REVOKE, _NULL), critical=False)
+        certificate = builder.sign(self.key, None)
         return Credentials(self.authority.verify(certificate.public_bytes(Encoding.DER)), key)
 
     def revocation_list(self, revoked: Mapping[int, str], now_ns: int) -> bytes:
@@ -99,6 +115,11 @@ class Issuer:
             entry = x509.RevokedCertificateBuilder(serial, utc(now_ns)).add_extension(whose, critical=False).build()
             builder = builder.add_revoked_certificate(entry)
         return builder.sign(self.key, None).public_bytes(Encoding.PEM)
+
+
+def _serial(key: Ed25519PrivateKey) -> int:
+    """A serial number that follows from the certificate's key: positive, and as hard to guess as the key is random (RFC 5280)."""
+    return int.from_bytes(blake2b(key.public_key().public_bytes_raw(), digest_size=15).digest()) + 1
 
 
 def write_identity(folder: Path, authority: Authority, credentials: Credentials, revoked: bytes | None = None) -> None:
@@ -134,11 +155,12 @@ def write_file(file: Path, data: bytes, secret: bool = False) -> None:
 
 
 def throwaway(members: Mapping[Path, tuple[str, Role]], now_ns: int) -> None:
-    """Identities for one flight, by folder. Their authority's key is forgotten: nobody else can join.
+    """Identities for one flight, by folder; operators may revoke. Their authority's key is forgotten: nobody else can join.
 
     Raises:
         OSError: they cannot be written.
     """
     issuer = Issuer.new("throwaway", now_ns, _THROWAWAY_DAYS)
     for folder, (name, role) in members.items():
-        write_identity(folder, issuer.authority, issuer.issue(name, role, now_ns, _THROWAWAY_DAYS))
+        credentials = issuer.issue(name, role, now_ns, _THROWAWAY_DAYS, may_revoke=role is Role.OPERATOR)
+        write_identity(folder, issuer.authority, credentials)

@@ -1,4 +1,4 @@
-"""Zenoh key expressions: ``radron/2/{swarm}/{drone}/{kind}`` and ``radron/2/{swarm}/station/{name}/command``.
+"""Zenoh key expressions: ``radron/2/{swarm}/{drone}/{kind}``, and of operators ``radron/2/{swarm}/station/{name}/{kind}``.
 
 The number is the version of the protocol: drones of different versions do not read each other's messages. The liveliness tokens
 keep their place in every version, so that each can be named to the others.
@@ -10,8 +10,8 @@ import re
 from functools import lru_cache
 
 from protocol.errors import ProtocolError
-from protocol.message import DroneMessage, Message
-from protocol.messages import DRONE_KINDS, Command
+from protocol.message import DroneMessage, Message, StationMessage
+from protocol.messages import DRONE_KINDS, STATION_KINDS
 from protocol.units import IDENTIFIER, STATION
 
 VERSION = 2
@@ -38,15 +38,23 @@ def drone_key(swarm: str, drone: str, kind: str) -> str:
 
 def command_key(swarm: str, station: str) -> str:
     """Key of an operator's commands."""
-    return f"{ROOT}/{_identifier(swarm, 'swarm')}/{STATION}/{_identifier(station, 'station')}/command"
+    return station_key(swarm, station, "command")
+
+
+def station_key(swarm: str, station: str, kind: str) -> str:
+    """Key of an operator's messages of one kind, or of the mission whose parts drones query (``mission``)."""
+    if kind not in STATION_KINDS and kind != "mission":
+        raise ProtocolError(f"unknown message kind {kind!r}; known: {', '.join(STATION_KINDS)}, mission")
+    return f"{ROOT}/{_identifier(swarm, 'swarm')}/{STATION}/{_identifier(station, 'station')}/{kind}"
 
 
 def key_of(swarm: str, message: Message) -> str:
     """The key under which this message is published."""
-    if isinstance(message, Command):
-        return command_key(swarm, message.station)
+    kind = type(message).__name__.lower()
+    if isinstance(message, StationMessage):
+        return station_key(swarm, message.station, kind)
     if isinstance(message, DroneMessage):
-        return drone_key(swarm, message.drone, type(message).__name__.lower())
+        return drone_key(swarm, message.drone, kind)
     raise ProtocolError(f"{type(message).__name__} has no key")
 
 
@@ -75,8 +83,8 @@ def _parsed(key: str) -> Key:
     parts = key.split("/")
     if parts[:2] != ROOT.split("/"):
         raise ProtocolError(f"key {key[:80]!r} does not start with {ROOT}/")
-    if len(parts) == 6 and parts[3] == STATION and parts[5] == "command":
-        swarm, sender, kind = parts[2], parts[4], "command"
+    if len(parts) == 6 and parts[3] == STATION and parts[5] in STATION_KINDS:
+        swarm, sender, kind = parts[2], parts[4], parts[5]
     elif len(parts) == 5 and parts[3] != STATION and parts[4] in DRONE_KINDS:
         swarm, sender, kind = parts[2], parts[3], parts[4]
     else:

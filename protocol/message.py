@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from protocol.units import DroneId, StampNs
+from protocol.units import DroneId, Identifier, StampNs
 
 
 class Message(Struct, frozen=True, kw_only=True, tag_field="kind", tag=str.lower):
@@ -21,3 +21,9 @@ class DroneMessage(Message, frozen=True, kw_only=True):
     """A message that a drone publishes under its own key."""
 
     drone: DroneId
+
+
+class StationMessage(Message, frozen=True, kw_only=True):
+    """A message that an operator publishes under the key of its station."""
+
+    station: Identifier

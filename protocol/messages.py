@@ -7,7 +7,8 @@ x, y, z), local from body. Times are integer nanoseconds UTC.
 Two families:
 
 - **log entries** (``entries``): raw observations that every agent keeps for the whole mission.
-- **news** (``Pose``, ``Plan``, ``Frame``, ``Estimate``, ``Status``, ``Command``): the newest replaces the older.
+- **news** (``Pose``, ``Plan``, ``Frame``, ``Estimate``, ``Status``, ``Command``, ``Upload``; ``Revoked`` and ``Revocation``, in
+  ``revocations``): the newest replaces the older.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from msgspec import Meta, Struct, field
 
 from protocol.checks import flaw_of_covariance, is_unit
 from protocol.entries import SIGNATURE_BYTES, AnyEntry, Cone, Coverage, Credential, Exposure, Fix, Sighting
-from protocol.message import DroneMessage, Message
+from protocol.message import DroneMessage, StationMessage
+from protocol.revocations import Revocation, Revoked
 from protocol.units import (
     BootId,
     Certificate,
@@ -35,6 +37,7 @@ from protocol.units import (
     MissionId,
     Nonce,
     Nuclide,
+    PartHash,
     PlanStepNs,
     Position,
     PositiveMetres,
@@ -43,12 +46,16 @@ from protocol.units import (
     Radians,
     SigmaRadians,
     StampNs,
+    Text,
     Variance,
     Velocity,
 )
 
 _FASTEST_MPS = 200.0
+PART_BYTES = 256 * 1024  # of a mission that is uploaded, at most
+MOST_PARTS = 12
 DelayNs = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+Signature = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)]
 
 
 class Stage(StrEnum):
@@ -195,6 +202,17 @@ class Ticket(Struct, frozen=True, array_like=True):
     number: CommandNumber
 
 
+class Answer(Struct, frozen=True, array_like=True):
+    """What became of the last mission that an operator uploaded to a drone.
+
+    ``stamp_ns``: of the upload; ``refused``: why, empty while the drone takes it over.
+    """
+
+    stamp_ns: StampNs
+    mission: MissionId
+    refused: Text = ""
+
+
 class Status(DroneMessage, frozen=True, kw_only=True):
     """A drone's stage, counters, problems, and the result of its search, if it has ended.
 
@@ -202,7 +220,8 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     status and the status's stamp. The offset of two drones' clocks is half the difference of the two delays that they report of
     each other. ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``ticket``: for the next
     command. ``failsafe``: None: not known, as the vehicle's own setting stays. ``notices``: what the operator should know before
-    a start, and which is no obstacle to it: links that are not encrypted, a certificate that soon ends.
+    a start, and which is no obstacle to it: links that are not encrypted, a certificate that soon ends. ``upload``: the answer to
+    an upload since the agent's start; None: there was none. ``signature``: as that of a command, by the drone.
     """
 
     mission: MissionId
@@ -218,25 +237,39 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     delays_ns: Annotated[dict[DroneId, DelayNs], Meta(max_length=64)] = field(default_factory=dict)
     ticket: Ticket | None = None
     failsafe: Failsafe | None = None
+    upload: Answer | None = None
+    certificate: Certificate = b""
+    signature: Signature = b""
 
 
-class Command(Message, frozen=True, kw_only=True):
-    """An operator's command to the drones in ``to``.
+class Order(StationMessage, frozen=True, kw_only=True):
+    """What an operator orders the drones in ``to``.
 
     ``signature``: of the whole message without it, by the key of ``certificate``, which is issued to the station. Both are empty
     in a swarm without certificates.
     """
 
-    station: Identifier
     mission: MissionId
-    action: Action
     to: Annotated[dict[DroneId, Ticket], Meta(min_length=1, max_length=64)]
     certificate: Certificate = b""
-    signature: Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)] = b""
+    signature: Signature = b""
 
 
-AnyDroneMessage = Credential | AnyEntry | Pose | Plan | Frame | Estimate | Status
-AnyMessage = AnyDroneMessage | Command
+class Command(Order, frozen=True, kw_only=True):
+    """An operator's command to drones that fly ``mission``."""
+
+    action: Action
+
+
+class Upload(Order, frozen=True, kw_only=True):
+    """A new ``mission`` for drones on the ground, which fetch its content from the station: in parts, with these hashes."""
+
+    parts: Annotated[tuple[PartHash, ...], Meta(min_length=1, max_length=MOST_PARTS)]
+
+
+AnyDroneMessage = Credential | AnyEntry | Pose | Plan | Frame | Estimate | Status | Revoked
+AnyOrder = Command | Upload
+AnyMessage = AnyDroneMessage | AnyOrder | Revocation
 
 DRONE_KINDS: dict[str, type[AnyDroneMessage]] = {
     "credential": Credential,
@@ -250,5 +283,7 @@ DRONE_KINDS: dict[str, type[AnyDroneMessage]] = {
     "frame": Frame,
     "estimate": Estimate,
     "status": Status,
+    "revoked": Revoked,
 }
-KINDS: dict[str, type[AnyMessage]] = {**DRONE_KINDS, "command": Command}
+STATION_KINDS: dict[str, type[AnyOrder | Revocation]] = {"command": Command, "upload": Upload, "revocation": Revocation}
+KINDS: dict[str, type[AnyMessage]] = {**DRONE_KINDS, **STATION_KINDS}

@@ -1,4 +1,4 @@
-"""Signatures of log entries and commands (Ed25519, RFC 8032), made and verified with the certificates of the swarm's members.
+"""Signatures of log entries, statuses, commands and revocations (Ed25519, RFC 8032), verified with the members' certificates.
 
 Log entries that are published together have one signature: that of the root of their hash tree (BLAKE2b-128, as in RFC 6962 with
 different hashes for leaves and nodes). The proof of an entry is this signature, its place in the tree, and the hashes beside its
@@ -18,7 +18,9 @@ from msgspec.structs import replace
 from protocol.codec import as_bytes, written
 from protocol.entries import SIGNATURE_BYTES, Credential, Entry
 from protocol.errors import ProtocolError
-from protocol.messages import Action, Command
+from protocol.message import StationMessage
+from protocol.messages import Action, Command, Order, Status, Upload
+from protocol.revocations import Revocation
 
 MOST_IN_BATCH = 32  # of the place in a proof, and of its length
 MOST_ROOTS = 1024  # that are remembered as verified
@@ -26,10 +28,13 @@ MOST_CERTIFICATES = 256  # that are remembered as read
 MOST_OF_BOOT = 4  # certificates; an honest agent has one
 DRONE, OPERATOR = "drone", "operator"  # as ``identity.Role``, which the pilot program must not import: it handles dates
 _HASH_BYTES = 16
-_ENTRIES, _COMMAND = b"radron 2 entries\0", b"radron 2 command\0"  # no signature counts as one of something else
+# No signature counts as one of something else.
+_ENTRIES, _STATUS, _REVOCATION = b"radron 2 entries\0", b"radron 2 status\0", b"radron 2 revocation\0"
+_ORDERS: dict[type[Order], bytes] = {Command: b"radron 2 command\0", Upload: b"radron 2 upload\0"}
 
 Sign = Callable[[bytes], bytes]
 E = TypeVar("E", bound=Entry)
+S = TypeVar("S", bound=Order)
 
 
 class Member(Protocol):
@@ -43,6 +48,11 @@ class Member(Protocol):
     @property
     def role(self) -> str:
         """One of ``identity.Role``."""
+        ...
+
+    @property
+    def may_revoke(self) -> bool:
+        """Whether it has the right to revoke others in flight."""
         ...
 
     @property
@@ -87,10 +97,22 @@ class Trust:
     revoked: frozenset[int] = frozenset()  # serial numbers of certificates that command no more
 
 
-def sign_command(command: Command, trust: Trust) -> Command:
-    """The command with certificate and signature of its station."""
+def sign_command(command: S, trust: Trust) -> S:
+    """A command, or another message of a station, with that station's certificate and signature."""
     bare, _ = written(replace(command, certificate=trust.certificate, signature=b""))
-    return replace(command, certificate=trust.certificate, signature=trust.sign(_COMMAND + bare))
+    return replace(command, certificate=trust.certificate, signature=trust.sign(_ORDERS[type(command)] + bare))
+
+
+def sign_status(status: Status, trust: Trust) -> Status:
+    """A status, as its receivers read it (``codec.written``), with certificate and signature of its drone."""
+    bare = as_bytes(replace(status, certificate=trust.certificate, signature=b""))
+    return replace(status, certificate=trust.certificate, signature=trust.sign(_STATUS + bare))
+
+
+def sign_revocation(revocation: Revocation, trust: Trust) -> Revocation:
+    """The revocation with certificate and signature of its station."""
+    bare, _ = written(replace(revocation, certificate=trust.certificate, signature=b""))
+    return replace(revocation, certificate=trust.certificate, signature=trust.sign(_REVOCATION + bare))
 
 
 def sign_entries(entries: Sequence[E], sign: Sign) -> Iterator[E]:
@@ -118,11 +140,14 @@ def signed_root(entry: Entry) -> tuple[bytes, bytes] | None:
 
 
 class Verifier:
-    """Tells which entries and commands are what their publishers have signed. By their bytes alone: all drones judge alike."""
+    """Tells which entries, statuses, commands and revocations are what their publishers have signed. By their bytes alone: all
+    drones judge alike.
+    """
 
     def __init__(self, authority: Authority, revoked: frozenset[int] = frozenset()) -> None:
         """``revoked``: serial numbers of certificates that command no more."""
         self._authority, self._revoked = authority, revoked
+        self._revoked_names: set[str] = set()
         self._read: OrderedDict[bytes, Member] = OrderedDict()
         self._boots: defaultdict[tuple[str, str], list[Member]] = defaultdict(list)
         self._roots: OrderedDict[tuple[str, str, bytes, bytes], None] = OrderedDict()
@@ -153,23 +178,59 @@ class Verifier:
             self._roots.popitem(last=False)
         return True
 
-    def refusal(self, command: Command, now_ns: int) -> str | None:
+    def accepts_status(self, status: Status) -> bool:
+        """Whether its drone has signed a status. The times of its certificate do not matter: a status lasts for seconds."""
+        member = self._member(status.certificate)
+        if member is None or member.role != DRONE or member.name != status.drone:
+            return False
+        return member.verified(status.signature, _STATUS + as_bytes(replace(status, signature=b"")))
+
+    def revoke(self, name: str) -> None:
+        """An operator of this name commands no more."""
+        self._revoked_names.add(name)
+
+    def refusal(self, command: Order, now_ns: int) -> str | None:
         """Why a command is not what an operator of this swarm has signed; None where it is.
 
-        A certificate's time is judged at a start only: the clock must not keep anybody from landing the swarm.
+        A certificate's time is judged on the ground only: the clock must not keep anybody from landing the swarm.
         """
-        station = self._member(command.certificate)
-        if station is None or station.name != command.station:
+        station = self._operator(command, command.certificate)
+        if isinstance(station, str):
+            return station
+        if station.name in self._revoked_names:
+            return "with_revoked_certificate"
+        if not station.verified(command.signature, _ORDERS[type(command)] + as_bytes(replace(command, signature=b""))):
+            return "forged"
+        in_flight = isinstance(command, Command) and command.action is not Action.START
+        if not in_flight and not station.not_before_ns <= now_ns <= station.not_after_ns:
+            return "with_expired_certificate"
+        return None
+
+    def revocation_refusal(self, revocation: Revocation) -> str | None:
+        """Why a revocation is not what an operator with the right to revoke has signed; None where it is.
+
+        Its own stamp decides whether the certificate was valid, and one operator's revocation of another does not undo those of
+        the other: the order of arrival must not matter. Whom the authority itself has revoked, revokes nobody.
+        """
+        station = self._operator(revocation, revocation.certificate)
+        if isinstance(station, str):
+            return station
+        if not station.may_revoke:
+            return "without_the_right"
+        if not station.verified(revocation.signature, _REVOCATION + as_bytes(replace(revocation, signature=b""))):
+            return "forged"
+        if not station.not_before_ns <= revocation.stamp_ns <= station.not_after_ns:
+            return "with_expired_certificate"
+        return None
+
+    def _operator(self, message: StationMessage, certificate: bytes) -> Member | str:
+        """The operator whose message this may be, its signature apart; or why it is none."""
+        station = self._member(certificate)
+        if station is None or station.name != message.station:
             return "without_valid_certificate"
         if station.serial in self._revoked:
             return "with_revoked_certificate"
-        if station.role != OPERATOR:
-            return f"by_a_{station.role}"
-        if not station.verified(command.signature, _COMMAND + as_bytes(replace(command, signature=b""))):
-            return "forged"
-        if command.action is Action.START and not station.not_before_ns <= now_ns <= station.not_after_ns:
-            return "with_expired_certificate"
-        return None
+        return station if station.role == OPERATOR else f"by_a_{station.role}"
 
     def _of_credential(self, entry: Credential) -> Member | None:
         """The member of a drone's certificate that was valid when the boot began."""

@@ -1,13 +1,15 @@
 """Summary of a log that a drone sends to a peer when it asks for missing entries (the payload of the ``log`` query).
 
-msgpack: ``[mission, [[drone, boot, [first, last, first, last, ...]], ...]]``, ranges of sequence numbers in ascending order.
+msgpack: ``[mission, [[drone, boot, [first, last, first, last, ...], cut, [block, ...], hashes], ...]]``: ranges of sequence
+numbers in ascending order; the number from which on nothing counts, or nil; and hashes of some blocks of entries, 16 bytes each,
+so that a peer that holds other entries under the same numbers notices.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import chain, pairwise
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import msgpack
 import msgspec
@@ -17,16 +19,35 @@ from protocol.codec import MAX_PAYLOAD_BYTES
 from protocol.errors import ProtocolError
 from protocol.units import BootId, Count, DroneId, MissionId
 
-MOST_PUBLISHERS = 512  # one for each start of each agent
-MOST_RANGES = 3072  # of all publishers together: fits into a payload at 9 bytes a number
+BLOCK = 64  # sequence numbers: those of block k begin with k times so many
+HASH_BYTES = 16
+MOST_BLOCKS = 64  # of all publishers together; the next summary has others
+MOST_PUBLISHERS = 256  # one for each start of each agent
+MOST_RANGES = 2500  # of all publishers together: fits into a payload at 9 bytes a number
 
-Summary = Mapping[tuple[str, str], tuple[tuple[int, int], ...]]  # (drone, boot) -> (first, last) of the sequences held
+
+class Held(NamedTuple):
+    """What a log holds of one publisher.
+
+    ``ranges``: first and last of the sequence numbers held. ``cut``: the first number that does not count, because two signed
+    entries contradict each other there (``agent.fusion.log``). ``blocks``: some of its blocks with their hashes.
+    """
+
+    ranges: tuple[tuple[int, int], ...] = ()
+    cut: int | None = None
+    blocks: tuple[tuple[int, bytes], ...] = ()
+
+
+Summary = Mapping[tuple[str, str], Held]  # by drone and boot
 
 
 class _Publisher(Struct, frozen=True, array_like=True):
     drone: DroneId
     boot: BootId
     bounds: Annotated[tuple[Count, ...], Meta(max_length=2 * MOST_RANGES)]
+    cut: Count | None
+    blocks: Annotated[tuple[Count, ...], Meta(max_length=MOST_BLOCKS)]
+    hashes: bytes
 
 
 class _Document(Struct, frozen=True, array_like=True):
@@ -42,14 +63,12 @@ def encode_summary(mission: str, summary: Summary) -> bytes:
     """
     publishers = list(summary.items())[:MOST_PUBLISHERS]
     share = MOST_RANGES // max(1, len(publishers))
-    payload: bytes = msgpack.packb(
-        (mission, [(drone, boot, list(chain.from_iterable(ranges[:share]))) for (drone, boot), ranges in publishers])
-    )
+    payload: bytes = msgpack.packb((mission, [(*publisher, *_told(held, share)) for publisher, held in publishers]))
     return payload
 
 
-def decode_summary(payload: bytes) -> tuple[str, dict[tuple[str, str], tuple[tuple[int, int], ...]]]:
-    """Mission id and ranges by (drone, boot).
+def decode_summary(payload: bytes) -> tuple[str, dict[tuple[str, str], Held]]:
+    """Mission id, and what is held by (drone, boot).
 
     Raises:
         ProtocolError: for any error in the bytes.
@@ -58,12 +77,37 @@ def decode_summary(payload: bytes) -> tuple[str, dict[tuple[str, str], tuple[tup
         raise ProtocolError(f"summary of {len(payload)} bytes is over the limit of {MAX_PAYLOAD_BYTES}")
     try:
         content = msgpack.unpackb(
-            payload, use_list=False, max_str_len=64, max_bin_len=0, max_array_len=2 * MOST_RANGES, max_map_len=0, max_ext_len=0
+            payload,
+            use_list=False,
+            max_str_len=64,
+            max_bin_len=HASH_BYTES * MOST_BLOCKS,
+            max_array_len=2 * MOST_RANGES,
+            max_map_len=0,
+            max_ext_len=0,
         )
         document = msgspec.convert(content, _Document)
     except (ValueError, TypeError, RecursionError, MemoryError, msgpack.UnpackException) as error:
         raise ProtocolError(f"not a summary: {str(error)[:120]}") from None
-    return document.mission, {(entry.drone, entry.boot): _ranges(entry.bounds) for entry in document.publishers}
+    if sum(len(entry.blocks) for entry in document.publishers) > MOST_BLOCKS:
+        raise ProtocolError(f"not a summary: it has hashes of more than {MOST_BLOCKS} blocks")
+    return document.mission, {
+        (entry.drone, entry.boot): Held(_ranges(entry.bounds), entry.cut, _blocks(entry)) for entry in document.publishers
+    }
+
+
+def _told(held: Held, share: int) -> tuple[list[int], int | None, list[int], bytes]:
+    """Of a publisher as many ranges as are its share, and the blocks that lie within them."""
+    ranges, end = held.ranges[:share], held.ranges[share - 1][1] + 1 if len(held.ranges) > share else None
+    blocks = [(block, told) for block, told in held.blocks if end is None or (block + 1) * BLOCK <= end]
+    return list(chain.from_iterable(ranges)), held.cut, [block for block, _ in blocks], b"".join(told for _, told in blocks)
+
+
+def _blocks(entry: _Publisher) -> tuple[tuple[int, bytes], ...]:
+    """Blocks with their hashes, of which each must have one."""
+    if len(entry.hashes) != HASH_BYTES * len(entry.blocks):
+        raise ProtocolError("not a summary: its blocks and hashes are not equally many")
+    starts = range(0, len(entry.hashes), HASH_BYTES)
+    return tuple((block, entry.hashes[start : start + HASH_BYTES]) for block, start in zip(entry.blocks, starts, strict=True))
 
 
 def _ranges(bounds: tuple[int, ...]) -> tuple[tuple[int, int], ...]:

@@ -26,6 +26,8 @@ Epoch = Annotated[int, Meta(ge=0, le=1_000_000)]
 Count = Annotated[int, Meta(ge=0, le=2**40)]
 CommandNumber = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Nonce = Annotated[str, Meta(pattern=HEX_16)]
+Text = Annotated[str, Meta(max_length=256)]
+PartHash = Annotated[bytes, Meta(min_length=32, max_length=32)]  # BLAKE2b-256
 Certificate = Annotated[bytes, Meta(max_length=1024)]  # X.509, DER; Ed25519
 
 Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]

@@ -14,7 +14,7 @@ from sim.commands.consistency import consistency
 from sim.commands.faults import faults
 from sim.commands.flights import campaign, run, scenarios, table
 from sim.live.command import live
-from sim.live.faultscommand import live_faults
+from sim.live.faults.command import live_faults
 from sim.px4test.command import px4_test
 from sim.radiation.hits import hits
 

@@ -23,14 +23,15 @@ from protocol.messages import Action
 from sim.faults.agents import Late
 from sim.faults.disk import check_playable
 from sim.faults.forgers import Forgers, OldCommands
-from sim.faults.liars import Liars
 from sim.faults.network import FaultyRadio
 from sim.faults.onboard import OnboardFaults
 from sim.faults.poses import with_dead_reckoning
 from sim.faults.process import Agent, Crew, Life
 from sim.faults.recovery import Recovery
+from sim.faults.revoker import Revoker
 from sim.faults.schedule import Schedule
-from sim.members import SimulatedAuthority, SimulatedOperator
+from sim.faults.tellers import Tellers
+from sim.members import SimulatedAuthority, SimulatedOperator, nonce_key_of
 from sim.result import Flight
 from sim.scenario import Scenario, chosen
 from sim.scoring.aboard import Aboard
@@ -146,12 +147,13 @@ class _World:
         self._autopilots = [Autopilot(home, -yaw, TICK_NS * 1e-9, height_m) for home, yaw, height_m in places]
         world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
-        exact = [drone.is_exact for drone in mission.drones]
-        self._telemetry = Telemetry(self._multirotors, self._localization, self._frames, self._terrain, self._onboard, exact)
+        self._telemetry = Telemetry(self._multirotors, self._localization, self._frames, self._terrain, self._onboard)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
-        self._liars = Liars(scenario.fault, self._faults, authority.signs(names))
-        self._forgers, self._old_commands = Forgers(self._faults, names, authority.signs(names)), OldCommands(self._faults)
-        self._recovery = Recovery(mission.swarm, names, self._radio, self._liars.told) if scenario.fault else None
+        self._tellers = Tellers(scenario.fault, self._faults, names, authority.signs(names))
+        self._forgers = Forgers(self._faults, names, [authority.trust(name) for name in names])
+        self._old_commands = OldCommands(self._faults)
+        self._revoker = Revoker(self._faults, names, self._operator)
+        self._recovery = Recovery(mission.swarm, names, self._radio, self._tellers) if scenario.fault else None
         late = [any(isinstance(fault, Late) and name in fault.strikes(names) for fault in scenario.fault) for name in names]
         agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]
         self._crew = Crew(scenario.fault, self._faults, agents, self._start, self._gone)
@@ -211,6 +213,8 @@ class _World:
             self._command(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive], Action.START)
         self._command(now_ns, self._crew.called(now_ns), Action.START)
         self._old_commands.advance(now_ns, partial(self._command, now_ns), self._again)
+        running = {drone: agent.pilot for drone, agent in enumerate(self._crew.agents) if agent.life is Life.RUNNING}
+        self._revoker.advance(now_ns, running, lambda drone: self._onboard.clocks.own_ns(drone, now_ns))
         for drone, agent in enumerate(self._crew.agents):
             agent.command, agent.sent = None, 0
             if not agent.alive:
@@ -227,20 +231,26 @@ class _World:
     def _step(self, drone: int, agent: Agent, now_ns: int) -> None:
         """One step of an agent: what has arrived goes in, what it publishes and commands comes out."""
         pilot, recovery, own_ns = agent.pilot, self._recovery, self._onboard.clocks.own_ns(drone, now_ns)
+        self._publish(drone, agent.readings, now_ns)  # before a peer can ask for them: it gets what all others have been told
         for key, payload in self._radio.receive(drone, now_ns):
             if recovery is None or not recovery.hear(drone, key, payload, pilot, now_ns):
                 pilot.receive(key, payload, own_ns)
         step = pilot.step(own_ns)
-        for key, payload in (*agent.readings, *step.publications):
-            self._radio.send(drone, key, self._liars.tell(drone, key, payload), now_ns)
-            for forged in self._forgers.forged(drone, key, payload):
-                self._radio.send(drone, key, forged, now_ns)
-            self.recorder.hear(drone, key, payload)
+        self._publish(drone, step.publications, now_ns)
         agent.command, agent.sent = step.command, len(agent.readings) + len(step.publications)
         agent.readings.clear()
         if recovery is not None:
             recovery.ask(drone, pilot, now_ns)
         self._autopilots[drone].command(step.command)
+
+    def _publish(self, drone: int, publications: Sequence[tuple[str, bytes]], now_ns: int) -> None:
+        """Send messages of a drone to all others, with what liars and forgers make of them."""
+        for key, payload in publications:
+            for to, told in self._tellers.tell(drone, key, payload):
+                self._radio.send(drone, key, told, now_ns, to)
+            for forged in self._forgers.forged(drone, key, payload):
+                self._radio.send(drone, key, forged, now_ns)
+            self.recorder.hear(drone, key, payload)
 
     def _sense(self, now_ns: int, source: tuple[float, float] | None) -> list[list[tuple[str, bytes]]]:
         """Pass telemetry, fixes, sightings and readouts to the pilots; returns what each publishes in response."""
@@ -296,8 +306,9 @@ class _World:
         """The pilot of a drone's agent that has been started so many times before."""
         boot = f"{self._seed & 0xFFFFFFFF:08x}{starts << 16 | drone:08x}"
         listeners = self._listen if drone == 0 else ()
-        trust = self._authority.trust(self._configs[drone].id)
-        return self._make(self._mission, self._configs[drone], boot, listeners, memory, self._folds.of(drone), trust)
+        config = self._configs[drone]
+        trust, nonce_key = self._authority.trust(config.id), nonce_key_of(self._seed, config.id, starts)
+        return self._make(self._mission, config, boot, listeners, memory, self._folds.of(drone), trust, nonce_key=nonce_key)
 
     def _gone(self, drone: int) -> None:
         """An agent has died, or begins."""

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from hashlib import blake2b
 
-from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding
-from cryptography.x509.oid import NameOID
 
 from protocol.codec import encode
-from protocol.identity import Authority, Peer, Role
-from protocol.keys import command_key
+from protocol.identity import Peer, Role
+from protocol.issuing import Issuer
+from protocol.keys import command_key, key_of
 from protocol.messages import Action, Command, Ticket
-from protocol.signing import Sign, Trust, sign_command
+from protocol.revocations import Revocation
+from protocol.signing import Sign, Trust, sign_command, sign_revocation
 
 OPERATOR_NAME = "lockstep"
-_BEGINS, _ENDS = datetime(2020, 1, 1, tzinfo=UTC), datetime(2070, 1, 1, tzinfo=UTC)
-_ISSUER = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "simulated authority")])
+_BEGINS_NS, _DAYS = 1_577_836_800_000_000_000, 18_263  # 2020 to 2070
 
 
 class SimulatedAuthority:
@@ -27,17 +25,14 @@ class SimulatedAuthority:
 
     def __init__(self, seed: int) -> None:
         self._seed = seed
-        self._key = _key(seed, "authority")
-        self.authority = Authority(self._certificate(_ISSUER, self._key, None))
+        self._issuer = Issuer.new("simulated", _BEGINS_NS, _DAYS, _key(seed, "authority"))
+        self.authority = self._issuer.authority
         self._pem = self.authority.certificate.public_bytes(Encoding.PEM).decode()
 
-    def trust(self, name: str, role: str = Role.DRONE) -> Trust:
-        """What a member of that name and role signs and verifies with."""
-        key = _key(self._seed, name)
-        attributes = ((NameOID.COMMON_NAME, name), (NameOID.ORGANIZATIONAL_UNIT_NAME, role))
-        subject = x509.Name([x509.NameAttribute(oid, value) for oid, value in attributes])
-        certificate = self._certificate(subject, key, name).public_bytes(Encoding.DER)
-        return Trust(name, key.sign, certificate, self.authority, self._pem)
+    def trust(self, name: str, role: str = Role.DRONE, may_revoke: bool = False) -> Trust:
+        """What a member of that name and role signs and verifies with; ``may_revoke``: with the right to revoke others."""
+        issued = self._issuer.issue(name, Role(role), _BEGINS_NS, _DAYS, may_revoke, _key(self._seed, name))
+        return Trust(name, issued.key.sign, issued.peer.der, self.authority, self._pem)
 
     def signs(self, names: Sequence[str]) -> list[Sign]:
         """What signs as each of these members."""
@@ -47,30 +42,17 @@ class SimulatedAuthority:
         """As the authority does that the members know."""
         return self.authority.verify(der)
 
-    def _certificate(self, subject: x509.Name, key: Ed25519PrivateKey, name: str | None) -> x509.Certificate:
-        """That of a member, or of the authority itself (``name`` None)."""
-        public = key.public_key()
-        builder = (
-            x509.CertificateBuilder(_ISSUER, subject, public, _number(public.public_bytes_raw()))
-            .not_valid_before(_BEGINS)
-            .not_valid_after(_ENDS)
-            .add_extension(x509.BasicConstraints(ca=name is None, path_length=0 if name is None else None), critical=True)
-        )
-        if name is not None:
-            builder = builder.add_extension(x509.SubjectAlternativeName([x509.DNSName(name)]), critical=False)
-        return builder.sign(self._key, None)
-
 
 def operator_of(authority: SimulatedAuthority) -> Trust:
-    """Lockstep's operator."""
-    return authority.trust(OPERATOR_NAME, Role.OPERATOR)
+    """Lockstep's operator, who may revoke others."""
+    return authority.trust(OPERATOR_NAME, Role.OPERATOR, may_revoke=True)
 
 
 class SimulatedOperator:
     """Lockstep's operator: hears every status, and its commands reach everybody at once."""
 
     def __init__(self, authority: SimulatedAuthority, swarm: str, mission: str) -> None:
-        self.authority, self._mission = authority, mission
+        self.authority, self._swarm, self._mission = authority, swarm, mission
         self._trust = operator_of(authority)
         self.key = command_key(swarm, OPERATOR_NAME)
 
@@ -79,10 +61,19 @@ class SimulatedOperator:
         command = Command(stamp_ns=now_ns, station=OPERATOR_NAME, mission=self._mission, action=action, to=dict(tickets))
         return encode(sign_command(command, self._trust))
 
+    def revoked(self, now_ns: int, member: str, last: Mapping[str, int]) -> tuple[str, bytes]:
+        """The revocation of a member for a day, with its key; ``last``: by boot, the last number that counts."""
+        until_ns = now_ns + 86_400_000_000_000
+        bare = Revocation(
+            stamp_ns=now_ns, station=OPERATOR_NAME, member=member, until_ns=until_ns, last=dict(last), certificate=b""
+        )
+        return key_of(self._swarm, bare), encode(sign_revocation(bare, self._trust))
+
+
+def nonce_key_of(seed: int, drone: str, starts: int) -> bytes:
+    """What the nonces of a drone's agent follow from that has been started so many times before."""
+    return blake2b(f"{seed} {drone} nonces {starts}".encode(), digest_size=16).digest()
+
 
 def _key(seed: int, name: str) -> Ed25519PrivateKey:
     return Ed25519PrivateKey.from_private_bytes(blake2b(f"{seed} {name}".encode(), digest_size=32).digest())
-
-
-def _number(data: bytes) -> int:
-    return int.from_bytes(blake2b(data, digest_size=15).digest()) + 1

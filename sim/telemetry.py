@@ -30,13 +30,11 @@ class Telemetry:
         frames: MovingFrames,
         terrain: Terrain,
         onboard: OnboardFaults,
-        exact: Sequence[bool],
     ) -> None:
-        """``exact``: whose local frames the mission knows."""
         self._motion, self._errors, self._frames = motion, errors, frames
-        self._terrain, self._onboard, self._exact = terrain, onboard, exact
+        self._terrain, self._onboard = terrain, onboard
         self.estimated_m: list[Vector3] = frames.local(motion.position_m)
-        self.velocity_mps: list[Vector3] = [(0.0, 0.0, 0.0)] * len(exact)
+        self.velocity_mps: list[Vector3] = [(0.0, 0.0, 0.0)] * len(motion.position_m)
 
     def tell(self, now_ns: int, pilots: Sequence[Pilot], autopilots: Sequence[Autopilot]) -> None:
         """Estimate the vehicles' states, and pass each to its pilot unless the link is down."""
@@ -54,7 +52,7 @@ class Telemetry:
             pilot.observe_vehicle(
                 VehicleState(
                     stamp_ns=onboard.clocks.own_ns(drone, now_ns),
-                    epoch=0 if self._exact[drone] else epochs[drone],
+                    epoch=epochs[drone],
                     position_m=self.estimated_m[drone],
                     velocity_mps=self.velocity_mps[drone],
                     quaternion=attitude(yaws[drone], *thrusts[drone]),

@@ -1,1 +1,1 @@
-"""The operator's side; knows only the protocol. Nothing is here yet."""
+"""The operator's side: what the swarm knows, live and from its records, as a page in a browser."""

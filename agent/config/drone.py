@@ -102,11 +102,13 @@ class DroneConfig(Section, frozen=True, kw_only=True):
     outward normal of its sensor, x runs along a pixel row, y up the rows. The default looks forward with y up.
     ``mission``: path of the mission file; relative paths in a drone file start from that file's folder.
     ``state``: folder for the state that must survive a restart in flight (none: a restarted agent does not resume).
+    ``updates``: folder of this computer's updater, ``radron-update`` (none: it has none).
     """
 
     id: DroneId
     mission: str | None = None
     state: str | None = None
+    updates: str | None = None
     camera_rpy_deg: tuple[Degrees, Degrees, Degrees] = (90.0, 0.0, 90.0)
     calibration: str | None = None  # folder with a.txt, b.txt, c.txt, t.txt; none: the simulation's nominal camera
     mesh: PeerMeshConfig = PeerMeshConfig()

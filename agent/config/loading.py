@@ -46,6 +46,24 @@ def load_mission(path: Path) -> MissionConfig:
     return with_ground_grid(mission, path.parent)
 
 
+def mission_content(mission: MissionConfig) -> bytes:
+    """A mission as it is uploaded: complete, with the content of its elevation grid."""
+    return msgspec.msgpack.encode(mission)
+
+
+def read_content(content: bytes, mission_id: str) -> MissionConfig:
+    """The mission that was uploaded under this id, checked as a mission file is. Raises ConfigError in one line."""
+    where = f"mission {mission_id}"
+    try:
+        mission = msgspec.msgpack.decode(content, type=MissionConfig)
+    except (msgspec.MsgspecError, RecursionError, ValueError) as error:
+        raise ConfigError(f"{where}: {_explain(str(error), MissionConfig)}; give all the same version of radron") from None
+    if mission.mission_id != mission_id:
+        raise ConfigError(f"{where}: is read as {mission.mission_id} here; give all the same version of radron")
+    mission.check(where)
+    return mission
+
+
 def with_ground_grid(mission: MissionConfig, folder: Path) -> MissionConfig:
     """The mission with the content of its elevation grid, read from ``folder`` unless it is there already.
 

@@ -14,6 +14,7 @@ from msgspec import Meta
 from shapely import Point, Polygon
 from shapely.validation import explain_validity
 
+from agent.config.estimators import FusionConfig
 from agent.config.section import Activity, Coordinate, Degrees, NonNegative, Positive, Section
 from agent.errors import ConfigError
 from protocol.units import DroneId, Identifier, Latitude, Longitude
@@ -79,64 +80,6 @@ class LimitsConfig(Section, frozen=True, kw_only=True):
     jerk_mps3: Positive = 20.0
     climb_mps: Positive = 2.0
     separation_m: Positive = 3.0
-
-
-class PaperEstimatorConfig(Section, frozen=True, kw_only=True):
-    """Parameters of the paper's linear Kalman filter (Sec. IV-B).
-
-    ``order``: which of a cone's two orders is used: the one with the smaller scattering angle, or the more probable one.
-    """
-
-    process_noise_m2ps: Positive = 2.0  # q
-    measurement_variance_m2: Positive = 100.0  # rho
-    cross_axis_factor: Positive = 1e4
-    initial_cones: Annotated[int, Meta(ge=3, le=1000)] = 10  # M
-    initial_baseline_m: NonNegative = 2.0  # between the apexes of the M cones
-    initial_variance_m2: Positive = 100.0
-    order: Literal["forward", "probable"] = "forward"
-
-
-class BayesEstimatorConfig(Section, frozen=True, kw_only=True):
-    """Parameters of the Bayesian estimator: priors of the source and of the vehicles' pose errors, and thresholds."""
-
-    grid_s: Annotated[float, Meta(ge=0.05, le=1.0)] = 0.1
-    activity_bq: tuple[Activity, Activity] = (3e7, 3e12)  # up to the sources of industrial radiography and teletherapy
-    activity_levels: Annotated[int, Meta(ge=2, le=64)] = 12
-    velocity_mps: Positive = 0.7  # of a moving source: 1 sigma of each axis
-    velocity_s: Positive = 300.0  # correlation time of that velocity
-    fast_velocity_mps: Positive = 2.0  # of a fast source: 1 sigma of each axis
-    fast_velocity_s: Positive = 5.0
-    hurry_ps: Positive = 0.003  # rate of changes between moving and fast
-    switch_ps: Positive = 0.00005  # rate of starts and stops
-    bias_drift_m: NonNegative = 0.03  # random walk of a vehicle's position error, 1 sigma after a second
-    bias_yaw_drift_deg: NonNegative = 0.3
-    gain_sigma: NonNegative = 0.05  # relative sensitivity of a camera against the others, 1 sigma
-    gain_drift: NonNegative = 0.003
-    cell_m: Annotated[float, Meta(ge=0.5, le=100.0)] = 2.5  # least cell size of the search grid
-    most_cells: Annotated[int, Meta(ge=16, le=100_000)] = 4096
-    background_levels: Annotated[tuple[Positive, ...], Meta(min_length=1, max_length=16)] = (0.8, 1.0, 1.25, 1.55, 1.95)
-    background_sigma: Positive = 0.3  # of the logarithm of the ratio between actual and configured background
-    motion_prior: tuple[Positive, Positive, Positive] = (0.5, 0.3, 0.2)  # at rest, moving, moving fast
-    search_diffusion_m2ps: tuple[Positive, Positive] = (2.0, 20.0)  # of a moving source and of a fast one during the search
-    declared_rms_m: Positive = 3.5  # largest posterior RMS at which the source is declared found
-    given_up_rms_m: Positive = 7.0  # posterior RMS above which the track is given up: the search starts again from the posterior
-    doubt: Annotated[float, Meta(gt=0.0, lt=1.0)] = 1e-3  # largest probability of no source at which the source is declared found
-
-
-class GivenHypothesisConfig(Section, frozen=True, kw_only=True):
-    """A hypothesis that moves by a schedule: ``[[t_s, x, y], ...]`` from the mission's start, mission frame."""
-
-    schedule: Annotated[tuple[tuple[NonNegative, Coordinate, Coordinate], ...], Meta(min_length=1, max_length=1000)]
-
-
-class FusionConfig(Section, frozen=True, kw_only=True):
-    """The estimator, and its time grid."""
-
-    estimator: Identifier = "bayes"  # paper, paper-geometric, bayes, given, or one of an installed package
-    grid_s: Annotated[float, Meta(ge=0.05, le=10.0)] = 0.5
-    paper: PaperEstimatorConfig = PaperEstimatorConfig()
-    bayes: BayesEstimatorConfig = BayesEstimatorConfig()
-    given: GivenHypothesisConfig | None = None
 
 
 class DetectionConfig(Section, frozen=True, kw_only=True):
@@ -282,6 +225,13 @@ class MissionConfig(Section, frozen=True, kw_only=True):
     fusion: FusionConfig = FusionConfig()
     track: TrackConfig = TrackConfig()
     safety: SafetyConfig = SafetyConfig()
+
+    def member(self, drone: str) -> DroneInMission:
+        """The drone of that id; raises ConfigError where there is none."""
+        found = {each.id: each for each in self.drones}
+        if drone not in found:
+            raise ConfigError(f"drone {drone!r} is not in the mission; its drones are {', '.join(found)}")
+        return found[drone]
 
     def check(self, where: str) -> None:
         """Raise ConfigError if values contradict each other; ``where`` is named in the text."""

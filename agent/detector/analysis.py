@@ -17,6 +17,7 @@ from agent.detector.detection import ConeEvent, Detections
 from agent.detector.imaging import Direction, DirectionScan
 from agent.detector.lines import lines_of
 from agent.detector.recognition import CANDIDATES, Recogniser, Recognition
+from agent.detector.residuals import told
 from agent.detector.t3pa import T3paReader, readouts
 from agent.errors import DetectorError
 from agent.outputs import replacing
@@ -70,6 +71,7 @@ class Summary:
     cones: int
     peak: Peak | None
     recognised: Recognition | None
+    unknown_lines_kev: tuple[int, ...]  # of no one known nuclide
     direction: Direction | None
 
 
@@ -114,6 +116,7 @@ def analyse(
         return part.cones
 
     cones = _write_csv(csv_path, reader.path, stretches())
+    found = recogniser.look()
     return Summary(
         rows=reader.rows,
         lost_rows=chain.lost_hits,
@@ -126,7 +129,8 @@ def analyse(
         coincidences=sum(part.coincidences for part in parts),
         cones=cones,
         peak=find_peak(spectrum, lines_of(nuclide)),
-        recognised=recogniser.best(),
+        recognised=found if found is not None and found.certain else None,
+        unknown_lines_kev=recogniser.unknown_lines_kev(found),
         direction=scan.best(),
     )
 
@@ -152,13 +156,14 @@ def recognise(
         if found is not None and found.evidence >= _SURE:
             return found
     chain.flush()
-    found = recogniser.best()
-    if found is None:
-        raise DetectorError(
-            f"no nuclide stands out among {recogniser.events} events of the file; known are {', '.join(CANDIDATES)}; "
-            "name one with --nuclide"
-        )
-    return found
+    found = recogniser.look()
+    if found is not None and found.certain:
+        return found
+    lines_kev = recogniser.unknown_lines_kev(found)
+    what = f"an unknown nuclide or several, lines at {told(lines_kev)}," if lines_kev else "no nuclide stands out"
+    raise DetectorError(
+        f"{what} among {recogniser.events} events of the file; known are {', '.join(CANDIDATES)}; name one with --nuclide"
+    )
 
 
 def find_peak(spectrum: NDArray[np.int64], lines_kev: Iterable[float]) -> Peak | None:

@@ -13,7 +13,7 @@ from agent.config.mission import DetectionConfig
 from agent.detector.analysis import Summary, analyse, recognise
 from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.lines import lines_of
-from agent.detector.recognition import Recognition
+from agent.detector.residuals import told
 from agent.detector.t3pa import T3paReader
 from agent.outputs import check_output
 
@@ -80,7 +80,7 @@ def summary_table(name: str, nuclide: str, summary: Summary) -> Table:
         peak = summary.peak
         width = 100.0 * peak.fwhm_kev / peak.line_kev
         table.add_row("peak", f"{peak.centre_kev:.1f} keV for the line of {peak.line_kev:g} keV, FWHM {width:.1f} %")
-    table.add_row("recognised", _recognised(summary.recognised, nuclide))
+    table.add_row("recognised", _recognised(summary, nuclide))
     if summary.direction is not None:
         found = summary.direction
         table.add_row(
@@ -91,7 +91,10 @@ def summary_table(name: str, nuclide: str, summary: Summary) -> Table:
     return table
 
 
-def _recognised(found: Recognition | None, nuclide: str) -> str:
+def _recognised(summary: Summary, nuclide: str) -> str:
+    found = summary.recognised
+    if found is None and summary.unknown_lines_kev:
+        return f"unknown, lines at {told(summary.unknown_lines_kev)}"
     if found is None:
         return "no nuclide stands out"
     other = "" if found.nuclide == nuclide else f", not {nuclide}"

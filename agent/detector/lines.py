@@ -5,7 +5,7 @@ from __future__ import annotations
 from agent.errors import ConfigError
 
 # keV and photons per decay, from the evaluated decay data of the Decay Data Evaluation Project
-# (http://www.lnhb.fr/nuclear-data/), rounded to 10 eV; lines above 50 keV. Na-22's annihilation photons: 2 x 0.90.
+# (http://www.lnhb.fr/nuclear-data/), rounded to 10 eV; lines above 50 keV. annihilation photons: two for each positron.
 GAMMAS: dict[str, tuple[tuple[float, float], ...]] = {
     "Am-241": ((59.54, 0.359),),
     "Ba-133": (
@@ -19,6 +19,7 @@ GAMMAS: dict[str, tuple[tuple[float, float], ...]] = {
         (356.01, 0.6205),
         (383.85, 0.0894),
     ),
+    "Co-57": ((122.06, 0.8549), (136.47, 0.1071)),
     "Co-60": ((1173.23, 0.9985), (1332.49, 0.9998)),
     "Cs-137": ((661.66, 0.850),),
     "Eu-152": (
@@ -37,6 +38,7 @@ GAMMAS: dict[str, tuple[tuple[float, float], ...]] = {
         (1299.14, 0.0163),
         (1408.01, 0.2085),
     ),
+    "F-18": ((511.00, 1.9346),),
     "I-131": ((80.19, 0.0261), (284.31, 0.0606), (364.49, 0.812), (636.99, 0.0726), (722.91, 0.0180)),
     "Ir-192": (
         (205.79, 0.0334),
@@ -51,19 +53,33 @@ GAMMAS: dict[str, tuple[tuple[float, float], ...]] = {
     ),
     "K-40": ((1460.82, 0.1055),),
     "Na-22": ((511.00, 1.80), (1274.54, 0.9994)),
+    "Se-75": (
+        (66.05, 0.0111),
+        (96.73, 0.0341),
+        (121.12, 0.1720),
+        (136.00, 0.5850),
+        (198.61, 0.0150),
+        (264.66, 0.5890),
+        (279.54, 0.2503),
+        (303.92, 0.0132),
+        (400.66, 0.1150),
+    ),
 }
 
 # Lines that a CdTe camera of 2 mm can use for full-energy events and cones, keV.
 LINES_KEV: dict[str, tuple[float, ...]] = {
     "Am-241": (59.54,),
     "Ba-133": (81.00, 276.40, 302.85, 356.01, 383.85),
+    "Co-57": (122.06, 136.47),
     "Co-60": (1173.23, 1332.49),
     "Cs-137": (661.66,),
     "Eu-152": (121.78, 244.70, 344.28, 778.90, 964.06, 1085.84, 1112.08, 1408.01),
+    "F-18": (511.00,),
     "I-131": (284.31, 364.49, 636.99),
     "Ir-192": (295.96, 308.46, 316.51, 468.07, 604.41, 612.46),
     "K-40": (1460.82,),
     "Na-22": (511.00, 1274.54),
+    "Se-75": (121.12, 136.00, 264.66, 279.54, 400.66),
 }
 
 

@@ -1,26 +1,30 @@
-"""Who commanded what: the commands in a flight's record, and what became of each.
+"""Who commanded and revoked what: the commands and revocations in a flight's record, and what became of each.
 
 A command is in the record as it arrived, with its certificate, and what the pilot decided follows it. Nothing is judged anew.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import msgspec
 
 from agent.errors import FlightRecordError
 from agent.flight import topics
-from agent.flight.reader import RecordedCall, RecordedFlight
+from agent.flight.former import FORMER, FormerCommand, read_message
+from agent.flight.reader import FlightRecord, RecordedCall, RecordedFlight
 from agent.mission.commanding import Verdict
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
 from protocol.identity import Authority, Peer, utc
-from protocol.keys import Key, parse_key
-from protocol.messages import Action, Command
+from protocol.keys import VERSION, Key, parse_key
+from protocol.messages import STATION_KINDS, Action, AnyMessage, AnyOrder, Command, Order, Upload
+from protocol.revocations import Revocation, Revoked
 
 UNTOLD = "the record does not say what became of it (it lists a bounded number of refused commands a second)"
+UNJUDGED = f"version {FORMER} of the protocol did not record what became of it"
+_TAKEN = "taken over"  # an upload, unless the agent could not keep it
 _SERIAL_DIGITS = 16  # as `radron-deploy pki show` prints them
 _WORDS = {
     "of_another_mission": "it is for another mission",
@@ -28,6 +32,8 @@ _WORDS = {
     "forged": "its signature is not valid: it was altered, or forged",
     "with_expired_certificate": "its certificate was not valid at that time",
     "already_obeyed": "replayed: it has been carried out before, or a later one has",
+    "without_the_right": "its certificate does not carry the right to revoke others",
+    "void": "it was valid until an earlier time only",
 }
 
 
@@ -48,6 +54,16 @@ class Audited:
     copies: int = 1
 
 
+def mission_of(flight: RecordedFlight) -> str:
+    """The mission that was in force, and who uploaded it."""
+    header = flight.header
+    text, origin = f"mission {header.mission.mission_id} ({header.mission.name})", header.origin
+    if origin is None:
+        return f"{text}, from its mission file"
+    at = f"{utc(origin.taken_ns):%Y-%m-%d %H:%M:%S} UTC"
+    return f"{text}, uploaded {at} by {origin.station}, {told(_Reader(flight).signer(origin.certificate))}"
+
+
 def audit(flight: RecordedFlight, progress: Callable[[float], None] | None = None) -> list[Audited]:
     """The commands of a flight in the order of their arrival. Copies with the same outcome are one.
 
@@ -60,11 +76,13 @@ def audit(flight: RecordedFlight, progress: Callable[[float], None] | None = Non
     """
     reader = _Reader(flight)
     found: dict[tuple[object, ...], Audited] = {}
+    taken: Audited | None = None  # the upload that the agent is taking over
     for count, call in enumerate(flight.calls()):
-        one = reader.read(call) if call.record.topic == topics.MESSAGE else None
-        if one is not None:
-            key, audited = one
+        if call.record.topic == topics.DECLINE and taken is not None:
+            taken.result, taken = f"not taken over: {reader.reason(call.record.data)}", None
+        for key, audited in reader.read(call) if call.record.topic == topics.MESSAGE else ():
             known = found.setdefault(key, audited)
+            taken = known if audited.result == _TAKEN else taken
             if known is not audited:
                 known.last_ns, known.copies = audited.last_ns, known.copies + 1
         if progress is not None and count % 500 == 0:
@@ -73,51 +91,97 @@ def audit(flight: RecordedFlight, progress: Callable[[float], None] | None = Non
 
 
 class _Reader:
-    """From the record of a message to the command in it."""
+    """From the record of a message to the command or the revocations in it."""
 
     def __init__(self, flight: RecordedFlight) -> None:
         self._file, header = flight.files[0], flight.header
-        header.check_protocol(self._file, "audit")
+        header.check_protocol(self._file, "audit", (FORMER, VERSION))
+        self._is_former = header.protocol == FORMER
         self._drone, self._mission, self._swarm = header.drone.id, header.mission.mission_id, header.mission.swarm
         try:
             self._authority = Authority.read(header.authority.encode()) if header.authority else None
         except ProtocolError as error:
             raise FlightRecordError(f"{self._file}: the certificate of the authority in the record {error}") from None
 
-    def read(self, call: RecordedCall) -> tuple[tuple[object, ...], Audited] | None:
-        """The command, and what it has in common with its copies; None for what is no command to this drone."""
+    def read(self, call: RecordedCall) -> Iterator[tuple[tuple[object, ...], Audited]]:
+        """The command to this drone, or revocations that it did not know; and what each has in common with its copies."""
+        if self._is_former:
+            former = self._former(call.record)
+            yield from () if former is None else (former,)
+            return
         key, payload = self._message(call.record.data)
-        if key is None or key.kind != "command":
-            return None
+        if key is not None and key.kind in ("revocation", "revoked"):
+            yield from self._revocations(key, payload, call)
+        elif key is not None and key.kind in STATION_KINDS:
+            found = self._order(key, payload, call)
+            if found is not None:
+                yield found
+
+    def _revocations(self, key: Key, payload: bytes, call: RecordedCall) -> Iterator[tuple[tuple[object, ...], Audited]]:
+        verdict, at_ns = self._verdict(call.results), call.record.log_ns
+        message = _decoded(key, payload)
+        if verdict is None or not isinstance(message, Revocation | Revoked):
+            return
+        for one in message.held if isinstance(message, Revoked) else (message,):
+            signer = self.signer(one.certificate)
+            result = _result(verdict, one, signer)
+            audited = Audited(at_ns, at_ns, one.station, told(signer), "revoke", (one.member,), result)
+            yield (one.signature, one.station, one.member, result), audited
+
+    def _order(self, key: Key, payload: bytes, call: RecordedCall) -> tuple[tuple[object, ...], Audited] | None:
         at_ns = call.record.log_ns
-        command = _command(key, payload)
-        if command is None:
+        command = _decoded(key, payload)
+        if not isinstance(command, Order):
             result = "refused: it cannot be read, or is not of the station under whose name it came"
             return (key, result), Audited(at_ns, at_ns, key.sender, "", "", (), result)
         verdict = self._verdict(call.results)
-        is_ours = self._drone in command.to or command.mission != self._mission
+        is_ours = self._drone in command.to or (isinstance(command, Command) and command.mission != self._mission)
         if verdict is None and key.swarm == self._swarm and not is_ours:
             return None
         if verdict is None and key.swarm == self._swarm:
             result = _without_verdict(call)
             return (key, result), Audited(at_ns, at_ns, key.sender, "", "", (), result)  # of a flood, one line for all of a name
-        signer, drones = self._signer(command), tuple(sorted(command.to))
+        signer, drones = self.signer(command.certificate), tuple(sorted(command.to))
         result = "refused: it is for another swarm" if verdict is None else _result(verdict, command, signer)
-        audited = Audited(at_ns, at_ns, command.station, _told(signer), command.action, drones, result)
-        return (key, command.certificate, command.stamp_ns, command.action, drones, result), audited
+        action = _action(command)
+        audited = Audited(at_ns, at_ns, command.station, told(signer), action, drones, result)
+        return (key, command.certificate, command.stamp_ns, action, drones, result), audited
 
-    def _message(self, data: bytes) -> tuple[Key | None, bytes]:
-        """Key and payload of a message; no key where it is none of ours."""
+    def _former(self, record: FlightRecord) -> tuple[tuple[object, ...], Audited] | None:
+        """A command of version 1 of the protocol, which had neither certificates nor recorded verdicts."""
+        try:
+            command = read_message(*self._content(record.data))
+        except ProtocolError:
+            return None
+        if not isinstance(command, FormerCommand) or self._drone not in (command.drones or (self._drone,)):
+            return None
+        drones, at_ns = command.drones or ("all",), record.log_ns
+        audited = Audited(at_ns, at_ns, command.station, "unsigned", command.action, drones, UNJUDGED)
+        return (command.station, command.stamp_ns, command.action, drones), audited
+
+    def _content(self, data: bytes) -> tuple[str, bytes]:
         try:
             text, payload = topics.decode_message(data)
             if not isinstance(text, str) or not isinstance(payload, bytes):
                 raise TypeError("not a key with a payload")
         except (ValueError, TypeError) as error:
             raise FlightRecordError(f"{self._file}: a record of {topics.MESSAGE} cannot be read: {error}") from None
+        return text, payload
+
+    def _message(self, data: bytes) -> tuple[Key | None, bytes]:
+        """Key and payload of a message; no key where it is none of ours."""
+        text, payload = self._content(data)
         try:
             return parse_key(text), payload
         except ProtocolError:
             return None, payload
+
+    def reason(self, data: bytes) -> str:
+        """Why an upload was declined."""
+        try:
+            return msgspec.json.decode(data, type=str)
+        except msgspec.MsgspecError as error:
+            raise FlightRecordError(f"{self._file}: a record of {topics.DECLINE} cannot be read: {error}") from None
 
     def _verdict(self, results: Iterable[tuple[str, bytes]]) -> Verdict | None:
         """The recorded verdict among the results of a call."""
@@ -129,14 +193,14 @@ class _Reader:
                     raise FlightRecordError(f"{self._file}: a record of {topics.VERDICT} cannot be read: {error}") from None
         return None
 
-    def _signer(self, command: Command) -> Peer | str:
-        """Whose certificate the command carries, or why it is nobody's."""
-        if not command.certificate:
+    def signer(self, certificate: bytes) -> Peer | str:
+        """Whose certificate this is, or why it is nobody's."""
+        if not certificate:
             return "unsigned"
         if self._authority is None:
             return "not verified"  # the swarm has no certificates
         try:
-            return self._authority.verify(command.certificate)
+            return self._authority.verify(certificate)
         except ProtocolError as error:
             return f"certificate {error}"
 
@@ -148,27 +212,27 @@ def _without_verdict(call: RecordedCall) -> str:
     return "the record ends here" if call.is_last else UNTOLD
 
 
-def _result(verdict: Verdict, command: Command, signer: Peer | str) -> str:
+def _result(verdict: Verdict, command: AnyOrder | Revocation, signer: Peer | str) -> str:
     if not verdict.refused:
-        return "obeyed"
+        return _TAKEN if isinstance(command, Upload) else "obeyed"
     return f"refused: {verdict.because or _reason(verdict.refused, command, signer)}"
 
 
-def _reason(refused: str, command: Command, signer: Peer | str) -> str:
+def _reason(refused: str, command: AnyOrder | Revocation, signer: Peer | str) -> str:
     """Why a command was refused, in plain words."""
     if refused == "without_valid_certificate":
         if isinstance(signer, Peer):
             return f"its certificate is that of {signer.name}"
         return "it is not signed" if signer == "unsigned" else f"its {signer}"
     if refused == "too_old":
-        what = "nonce or its stamp" if command.action is Action.START else "nonce"
+        what = "nonce or its stamp" if isinstance(command, Command) and command.action is Action.START else "nonce"
         return f"replayed or delayed: its {what} is not valid any more"
     if refused.startswith("by_a_"):
         return f"its certificate is not an operator's, but of the role {refused.removeprefix('by_a_')}"
     return _WORDS.get(refused, refused.replace("_", " "))
 
 
-def _told(signer: Peer | str) -> str:
+def told(signer: Peer | str) -> str:
     """A certificate in a few words."""
     if isinstance(signer, str):
         return signer
@@ -176,9 +240,12 @@ def _told(signer: Peer | str) -> str:
     return f"{signer.role} {signer.name}, serial {serial}, until {utc(signer.not_after_ns):%Y-%m-%d %H:%M}"
 
 
-def _command(key: Key, payload: bytes) -> Command | None:
+def _action(order: AnyOrder) -> str:
+    return order.action if isinstance(order, Command) else f"upload {order.mission}"
+
+
+def _decoded(key: Key, payload: bytes) -> AnyMessage | None:
     try:
-        message = decode_from(key, payload)
+        return decode_from(key, payload)
     except ProtocolError:
         return None
-    return message if isinstance(message, Command) else None

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from agent.errors import FlightRecordError
-from agent.flight.audit import Audited, audit
+from agent.flight.audit import Audited, audit, mission_of
 from agent.flight.progress import progress_bar
 from agent.flight.reader import REMOVED, RecordedFlight
 from protocol.identity import utc
@@ -24,6 +24,7 @@ def run_audit(path: Path) -> None:
     terminal = Console(stderr=True)
     with progress_bar(terminal, f"reading {path.name}") as show:
         found = audit(flight, show)
+    print(f"{flight.header.drone.id}: {mission_of(flight)}")
     for line in lines(flight.header.drone.id, found):
         print(line)
     if flight.truncated:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Container
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from agent.config.mission import MissionConfig
 from agent.detector.calibration import NAMES
 from agent.errors import ConfigError, FlightRecordError
 from agent.mission.memory import Memory
+from agent.mission.uploads import Origin
 from agent.pilot import Pilot
 from protocol.keys import VERSION
 from protocol.signing import Trust
@@ -24,7 +26,8 @@ _PACKAGES = ("radron", "numpy", "scipy", "osqp", "shapely", "msgpack", "msgspec"
 class FlightHeader(Struct, frozen=True, kw_only=True):
     """``calibration``: contents of the camera's calibration files by name, empty for the nominal camera. ``versions``: of the
     packages used. ``protocol``: version of the messages. ``certificate``: of the drone (DER), empty in a swarm without;
-    ``authority``: that of the swarm (PEM).
+    ``authority``: that of the swarm (PEM). ``nonce_key``: of this boot's nonces; worthless once it has ended.
+    ``origin``: of a mission that an operator has uploaded; None: it is that of the mission file.
     """
 
     mission: MissionConfig
@@ -37,6 +40,8 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     protocol: int = 1
     certificate: bytes = b""
     authority: str = ""
+    nonce_key: bytes = b""
+    origin: Origin | None = None
 
     @classmethod
     def of(
@@ -47,6 +52,9 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
         started_ns: int,
         memory: Memory | None = None,
         trust: Trust | None = None,
+        origin: Origin | None = None,
+        *,
+        nonce_key: bytes,
     ) -> FlightHeader:
         """Header of a flight that begins at ``started_ns`` (UTC).
 
@@ -71,20 +79,24 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             protocol=VERSION,
             certificate=trust.certificate if trust is not None else b"",
             authority=trust.authority_pem if trust is not None else "",
+            nonce_key=nonce_key,
+            origin=origin,
         )
 
-    def check_protocol(self, file: Path, do: str) -> None:
+    def check_protocol(self, file: Path, do: str, known: Container[int] = (VERSION,)) -> None:
         """Raise FlightRecordError where the messages are of another version of the protocol; ``do``: what was to be done."""
-        if self.protocol != VERSION:
+        if self.protocol not in known:
             text = f"{file}: recorded with version {self.protocol} of the protocol, here {VERSION}"
-            raise FlightRecordError(f"{text}: {do} it with the radron that recorded it")
+            raise FlightRecordError(
+                f"{text}: {do} it with the radron that recorded it ({self.versions.get('radron', 'unknown')})"
+            )
 
     def pilot(self, folder: Path, trust: Trust | None = None) -> Pilot:
         """The pilot as it was constructed; ``folder``: where the calibration may be written; ``trust``: its signatures."""
         drone = msgspec.structs.replace(self.drone, calibration=str(folder) if self.calibration else None)
         for name, text in self.calibration.items():
             (folder / Path(name).name).write_text(text, encoding="utf-8")
-        return Pilot(self.mission, drone, self.boot, memory=self.memory, trust=trust)
+        return Pilot(self.mission, drone, self.boot, memory=self.memory, trust=trust, nonce_key=self.nonce_key)
 
 
 def _versions() -> dict[str, str]:

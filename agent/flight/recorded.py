@@ -17,7 +17,8 @@ from agent.mission.commanding import Verdict
 from agent.mission.memory import Memory
 from agent.pilot import Pilot, Step
 from agent.vehicle.interface import GnssFix, SeenDrone, VehicleState
-from protocol.messages import Stage, Ticket
+from protocol.messages import Stage, Ticket, Upload
+from protocol.revocations import Revocation
 
 MOST_REFUSED = 20  # commands, of which a record tells why, in each second: a flood must not fill it
 
@@ -68,6 +69,21 @@ class RecordedPilot:
     def memory(self) -> Memory | None:
         """The state that a restarted agent needs."""
         return self._pilot.memory
+
+    @property
+    def revocations(self) -> tuple[Revocation, ...]:
+        """What has been revoked in flight."""
+        return self._pilot.revocations
+
+    @property
+    def taking(self) -> Upload | None:
+        """The mission that is to be fetched."""
+        return self._pilot.taking
+
+    @property
+    def pending(self) -> bool:
+        """Whether frames and hypothesis lack something of the log."""
+        return self._pilot.pending
 
     @property
     def counters(self) -> Counter[str]:
@@ -131,6 +147,11 @@ class RecordedPilot:
         self._sink.write(topics.NOTICE, msgspec.json.encode(notices))
         self._run(self._pilot.notice, notices)
 
+    def decline(self, reason: str) -> None:
+        """See ``Pilot``."""
+        self._sink.write(topics.DECLINE, msgspec.json.encode(reason))
+        self._run(self._pilot.decline, reason)
+
     def step(self, now_ns: int) -> Step:
         """See ``Pilot``."""
         self._sink.write(topics.STEP, b"{}", now_ns)
@@ -145,7 +166,7 @@ class RecordedPilot:
         return self._pilot.ticket(now_ns)
 
     def log_summary(self) -> bytes:
-        """See ``Pilot``. Has no side effects, and is not recorded."""
+        """See ``Pilot``. Nothing that is recorded follows from it, and it is not recorded."""
         return self._pilot.log_summary()
 
     def log_answer(self, request: bytes) -> list[tuple[str, bytes]]:

@@ -210,6 +210,9 @@ def _action(pilot: RecordedPilot, call: FlightRecord) -> Callable[[], object]:
             texts = msgspec.json.decode(data, type=tuple[str, ...])
             tell = {topics.WARN: pilot.warn, topics.BLOCK: pilot.block, topics.NOTICE: pilot.notice}[topic]
             return lambda: tell(texts)
+        case topics.DECLINE:
+            reason = msgspec.json.decode(data, type=str)
+            return lambda: pilot.decline(reason)
         case topics.ADVANCE:
             return lambda: pilot.advance(now_ns)
         case topics.STEP:

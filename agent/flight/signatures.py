@@ -8,6 +8,7 @@ from agent.flight import topics
 from protocol.codec import decode_from
 from protocol.entries import SIGNATURE_BYTES, Entry
 from protocol.errors import ProtocolError
+from protocol.messages import Status
 from protocol.signing import Authority, Member, Trust
 
 _NONE = bytes(SIGNATURE_BYTES)
@@ -35,6 +36,9 @@ class RecordedSignatures:
                 message = decode_from(*topics.decode_message(content))
             except (ProtocolError, ValueError):
                 continue
-            if isinstance(message, Entry) and self._member.verified(message.proof[:SIGNATURE_BYTES], data):
-                return message.proof[:SIGNATURE_BYTES]
+            signature = message.proof[:SIGNATURE_BYTES] if isinstance(message, Entry) else b""
+            if isinstance(message, Status):
+                signature = message.signature
+            if signature and self._member.verified(signature, data):
+                return signature
         return _NONE

@@ -29,6 +29,7 @@ QUERY = "in/query"  # a peer's request for missing log entries: protocol/summary
 WARN = "in/warn"  # JSON: list of texts
 BLOCK = "in/block"
 NOTICE = "in/notice"
+DECLINE = "in/decline"  # JSON: why an uploaded mission is not taken over
 OUT = "out/"  # what the topics of results begin with
 ADVANCE = "call/advance"  # JSON: {}
 STEP = "call/step"

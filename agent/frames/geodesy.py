@@ -29,6 +29,14 @@ def mission_from_geodetics(datum: DatumConfig, places: Array) -> Array:
     return np.stack((east, north, up), axis=-1)
 
 
+def geodetic_from_mission(datum: DatumConfig, place_m: Vector3) -> Vector3:
+    """One place in the frame of a datum (east, north, up, metres) as latitude and longitude (degrees) and height above the
+    ellipsoid (metres).
+    """
+    latitude_deg, longitude_deg, altitude_m = pymap3d.enu2geodetic(*place_m, *_place(datum))
+    return float(latitude_deg), float(longitude_deg), float(altitude_m)
+
+
 def mission_from_launch(mission: DatumConfig, origin: DatumConfig, launch_m: Vector3) -> tuple[Transform, float]:
     """Transform from a vehicle's local frame into the mission frame, for an autopilot with a geodetic origin of its own.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right, insort
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -55,21 +55,20 @@ class Intake:
         self._buckets: dict[int, _Bucket] = {}
         self._fix_stamps: list[list[int]] = [[] for _ in mission.drones]
         self._exposures: dict[EntryId, bytes] = {}
+        self._exposed: list[list[EntryId]] = [[] for _ in mission.drones]  # the same by drone, in order of time
         self._earliest_ns = 0
 
     def receive(self, entry: Entry, payload: bytes) -> None:
         """Add an exposure, a sighting or a fix, with the bytes that it was decoded from; other entries are ignored, as they
-        carry no information about frames.
-
-        An entry replaces one with the same identity, whatever its kind; conflicts have been resolved by ``ObservationLog``.
+        carry no information about frames. Each comes once: ``ObservationLog`` has seen to that.
         """
         number = self._number.get(entry.drone)
         if number is None:
             return
         identity = entry.entry_id
-        self._displace(identity, number)
         if isinstance(entry, Exposure):
             self._exposures[identity] = payload
+            insort(self._exposed[number], identity)
             self._add_samples(number, entry)
         elif entry.stamp_ns < self._earliest_ns:
             return
@@ -133,6 +132,11 @@ class Intake:
             insort(self.indices, index)
         return self._buckets[index]
 
+    def forget(self, identities: Iterable[EntryId]) -> None:
+        """Remove entries, as far as they are held."""
+        for identity in identities:
+            self._displace(identity, self._number[identity.drone])
+
     def _displace(self, identity: EntryId, number: int) -> None:
         """Remove the entry with that identity, if there is one."""
         bucket = self._buckets.get(self._index(identity.stamp_ns))
@@ -147,23 +151,24 @@ class Intake:
         payload = self._exposures.pop(identity, None)
         if payload is None:
             return
+        del self._exposed[number][bisect_left(self._exposed[number], identity)]
         exposure = _decoded(Exposure, payload)
         for sample in _samples(exposure):
             before_ns = self.tracks[number].remove(sample)
             if before_ns is not None:
                 self._touch(self._index(before_ns + 1))
                 self._leave(sample.stamp_ns)
-        for other in self._beside(exposure):  # may have samples that this one had hidden
+        for other in self._beside(exposure, number):  # may have samples that this one had hidden
             self._add_samples(number, other)
 
-    def _beside(self, exposure: Exposure) -> Iterator[Exposure]:
+    def _beside(self, exposure: Exposure, number: int) -> Iterator[Exposure]:
         """The other exposures of a drone at the time of one."""
-        for identity, payload in self._exposures.items():
-            before_ns = exposure.stamp_ns - identity.stamp_ns
-            if identity.drone == exposure.drone and before_ns <= LONGEST_EXPOSURE_NS and identity.stamp_ns <= exposure.end_ns:
-                other = _decoded(Exposure, payload)
-                if exposure.stamp_ns <= other.end_ns:
-                    yield other
+        exposed = self._exposed[number]
+        first = bisect_left(exposed, exposure.stamp_ns - LONGEST_EXPOSURE_NS, key=_stamp_ns)
+        for identity in exposed[first : bisect_right(exposed, exposure.end_ns, key=_stamp_ns)]:
+            other = _decoded(Exposure, self._exposures[identity])
+            if exposure.stamp_ns <= other.end_ns:
+                yield other
 
     def _leave(self, stamp_ns: int) -> None:
         """Remove a measurement's stamp; a keyframe without any data is dropped."""
@@ -252,6 +257,10 @@ class Intake:
             return 1.0
         apart = max(stamp_ns - stamps[place - 1], 1) / self._correlation_ns
         return max(1.0, (2.0 if self._slam[number] else 0.5) / apart)
+
+
+def _stamp_ns(identity: EntryId) -> int:
+    return identity.stamp_ns
 
 
 def _decoded(kind: type[E], payload: bytes) -> E:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 
 from agent.config.mission import MissionConfig
+from agent.frames.carried import CarriedFrames
 from agent.frames.checkpoint import Checkpoint, beginning
 from agent.frames.estimate import Estimate
 from agent.frames.graph import FrameGraph, Known
@@ -14,10 +15,11 @@ from agent.frames.intake import Intake
 from agent.frames.placement import Placement
 from agent.frames.tracks import ALWAYS, Segment
 from agent.frames.transform import Transform
-from protocol.entries import Entry
+from protocol.entries import Entry, EntryId
 
 BEFORE_START_NS = 60_000_000_000  # earlier measurements are ignored: clocks may be years off
 LATE_NS = 5_000_000_000
+_PORTION = 50  # entries that are taken back per call of ``advance``: 10 ms
 _SLICE = 24  # keyframe updates of one drone per call of ``advance``: about 20 ms
 _RECENT = 64  # number of recent checkpoints that are all kept; of older ones every 8th
 _EVERY = 8
@@ -33,11 +35,12 @@ class SwarmFrames:
     graph and the suspects keep their values until that is complete, so that no drone flies by frames that lack the last minute.
     Entries received meanwhile are processed afterwards. Entries that are late by more than ``LATE_NS`` are taken in batches, with
     a pause in between as long as the last batch took, so that they never keep the graph from the new ones. Where all drones are
-    exact, nothing is computed.
+    exact, nothing is computed. Their frames after a jump are in the graph, too, as they tell them (``carried``).
     """
 
     def __init__(self, mission: MissionConfig) -> None:
         self.graph = FrameGraph.from_launch_layout(mission)
+        self._carried = CarriedFrames(mission, self.graph)
         self._names = [drone.id for drone in mission.drones]
         self._estimated = [not drone.is_exact for drone in mission.drones]
         self._idle = not any(self._estimated)
@@ -53,15 +56,17 @@ class SwarmFrames:
         self._estimating = False  # keyframes are due that the next call of ``advance`` estimates
         self._waiting: list[Received] = []  # while estimating
         self._late: list[Received] = []
+        self._forgotten: list[EntryId] = []
         self._took = 0  # calls since the last batch of late entries
         self._rest: int | None = 0  # calls until the next one; None: the last one is still being estimated
         self._started = False
-        self._due = -1
+        self._due = self._wanted = -1  # the newest keyframe that is estimated, and that is due at the newest time
 
     @property
     def pending(self) -> bool:
-        """Whether the graph lacks something that was received; further calls of ``advance`` add it."""
-        return self._estimating or bool(self._waiting) or bool(self._late)
+        """Whether the graph lacks something that was received, or a keyframe that is due; further calls of ``advance`` add it."""
+        behind = self._estimating or self._due < self._wanted or bool(self._forgotten)
+        return behind or self._intake.dirty is not None or bool(self._waiting) or bool(self._late)
 
     def start(self, stamp_ns: int) -> None:
         """Set the start of the mission: much older measurements are ignored. Only the first call counts."""
@@ -72,6 +77,7 @@ class SwarmFrames:
 
     def receive(self, entry: Entry, payload: bytes) -> None:
         """Add an entry of the log with the bytes that it was decoded from; each once, in any order."""
+        self._carried.receive(entry)
         if self._idle:
             return
         if self._is_late(entry):
@@ -81,15 +87,30 @@ class SwarmFrames:
         else:
             self._intake.receive(entry, payload)
 
+    def forget(self, identities: Sequence[EntryId]) -> None:
+        """Take entries back that do not count any more."""
+        self._carried.forget(identities)
+        if self._idle:
+            return
+        gone = set(identities)
+        self._late = [one for one in self._late if one[0].entry_id not in gone]
+        self._waiting = [one for one in self._waiting if one[0].entry_id not in gone]
+        self._forgotten += identities
+
     def advance(self, now_ns: int) -> None:
         """Estimate keyframes that are due, and recompute those that late entries have changed; a limited number per call."""
         if self._idle:
             return
+        self._wanted = max(self._wanted, (now_ns - self._settle_ns) // self._intake.grid_ns)
         if not self._estimating:
+            forgotten, self._forgotten = self._forgotten[:_PORTION], self._forgotten[_PORTION:]
+            self._intake.forget(forgotten)
+            if self._forgotten:  # the graph keeps its values until all is gone
+                return
             waiting, self._waiting = [*self._taken_late(), *self._waiting], []
             for entry, payload in waiting:
                 self._intake.receive(entry, payload)
-            self._due = max(self._due, (now_ns - self._settle_ns) // self._intake.grid_ns)
+            self._due = self._wanted
             self._rewind()
         last = next(reversed(self._checkpoints.values()), self._beginning)
         indices = self._intake.indices

@@ -72,7 +72,7 @@ class Track:
         self._epochs.insert(index, sample.epoch)
         self._local.insert(index, (*sample.position_m, sample.yaw_rad))
         self._forget(index)
-        return self._stamps[index - 1] if index else -1
+        return self._stamps[index - 1] if index else sample.stamp_ns - 1
 
     def remove(self, sample: Sample) -> int | None:
         """Remove a sample. Returns the stamp after which the track has changed (None: it was not held)."""
@@ -81,7 +81,7 @@ class Track:
             return None
         self._delete(index)
         self._forget(index)
-        return self._stamps[index - 1] if index else -1
+        return self._stamps[index - 1] if index else sample.stamp_ns - 1
 
     def any_within(self, after_ns: int, until_ns: int) -> bool:
         """Whether there are samples in (after_ns, until_ns]."""
@@ -141,12 +141,17 @@ class Track:
         return _between(self._places.vector(after - 1), self._places.vector(after), share)
 
     def joined(self, epoch: int, stamp_ns: int) -> Transform | None:
-        """Continuous frame from the local frame of that epoch at a stamp; None if the drone was not in that epoch then."""
+        """Continuous frame from the local frame of that epoch at a stamp; None if the drone was not in that epoch then.
+
+        The next segment counts only after the last sample before it, and so never for a stamp that ``insert`` does not name.
+        """
         self._join()
         index = bisect_right(self._segments, stamp_ns, key=lambda segment: segment.stamp_ns)
+        following = bisect_left(self._stamps, stamp_ns)
         for near in (index - 1, index, index - 2):
-            if 0 <= near < len(self._segments) and self._segments[near].epoch == epoch:
-                return self._segments[near].joined
+            segment = self._segments[near] if 0 <= near < len(self._segments) else None
+            if segment is not None and segment.epoch == epoch and (near < index or segment.first == following):
+                return segment.joined
         return None
 
     def gaps_s(self, after_ns: int, until_ns: int) -> list[float]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, cast
 
 from agent.config.mission import MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.swarm import BEFORE_START_NS
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
+from agent.fusion.lateness import Latecomers
 from agent.fusion.log import ObservationLog, Outcome
-from agent.fusion.observation import observe
+from agent.fusion.observation import known_ns, observe
 from agent.fusion.registry import estimator_named
 from agent.fusion.timeline import Timeline
 from protocol.entries import AnyEntry, Entry, EntryId
@@ -42,7 +44,9 @@ class Fusion:
     step on, and the steps from there on are computed again (replay). That holds for the newest step too, so without a hold a
     cone shows in the hypothesis at the next ``advance``. Only while a replay is unfinished is the hypothesis an older one.
 
-    Entries that are late by more than ``LATE_NS`` are folded in batches: the replay is made beside the present chain of states,
+    Entries that come after their step has been computed are folded in batches (``lateness``), so that an entry that is late by a
+    second is in the hypothesis a second later at most.
+    Of entries that are late by more than ``LATE_NS`` the replay is made beside the present chain of states,
     which goes on without them until it is complete. The next batch waits for as many calls of ``advance`` as that took, and until
     no more come. So a drone that publishes old entries again and again delays nothing, and all are in the hypothesis in the end
     (``pending`` until then).
@@ -54,13 +58,13 @@ class Fusion:
     def __init__(self, mission: MissionConfig, frames: FrameGraph, estimator: Estimator[Any] | None = None) -> None:
         self.log = ObservationLog(mission.mission_id, [drone.id for drone in mission.drones])
         self.hypothesis: Hypothesis | None = None
-        self.pending = False  # the hypothesis is older than the log
         self.estimator = estimator or estimator_named(mission.fusion.estimator, mission)
         self._grid_ns = round((self.estimator.grid_s or mission.fusion.grid_s) * 1e9)
         self._frames = frames
         self._revision = frames.revision
         self._waiting: dict[FrameKey, dict[EntryId, None]] = {}  # entries whose frame is unknown
         self._waits_in: dict[EntryId, FrameKey] = {}
+        self._latecomers = Latecomers()
         self._late: dict[EntryId, AnyEntry | None] = {}  # what is to take the place of what is held; None: nothing
         self._replay: dict[int, Any] | None = None  # the chain that takes the place of the present one
         self._replayed = self._rest = 0  # calls of the present replay, and until the next one
@@ -78,6 +82,15 @@ class Fusion:
     def digest(self) -> str:
         """Digest of the log, 32 hex digits."""
         return self.log.digest
+
+    @property
+    def pending(self) -> bool:
+        """Whether the hypothesis lacks something of the log, or of the known frames; further calls of ``advance`` add it."""
+        return self._stale or bool(self._latecomers) or bool(self._late) or self._revision != self._frames.revision
+
+    def begin_ns(self, now_ns: int) -> int:
+        """The first of all times now that have the same due step, and with it the same hypothesis."""
+        return (now_ns - self._hold_ns) // self._grid_ns * self._grid_ns + self._hold_ns
 
     @property
     def outlook(self) -> Outlook | None:
@@ -103,25 +116,34 @@ class Fusion:
 
     def receive(self, entry: Entry, payload: bytes) -> bool:
         """Take an entry with the bytes that it was decoded from; False if the log does not take it (see ``log.counters``)."""
-        outcome = self.log.add(entry, payload)
-        if outcome is not Outcome.ADDED and outcome is not Outcome.REPLACED:
+        if self.log.add(entry, payload) is not Outcome.ADDED:
             return False
         read = entry if isinstance(entry, self.estimator.reads) else None
         identity = self.log.identity_of(entry)
-        if self._is_late(entry.stamp_ns):
-            if read is not None or outcome is Outcome.REPLACED:
-                self._late[identity] = read
-                self._quiet = 0
-                self.pending = True
+        if read is None:
             return True
-        self._late.pop(identity, None)
-        self._rewind(self._put(identity, read))
+        step = known_ns(entry) // self._grid_ns
+        if not self._first_step <= step <= next(reversed(self._states), _NEVER):  # no step that was computed changes
+            self._rewind(self._put(identity, read))
+        elif step < self._oldest_step:
+            self._late[identity] = read
+            self._quiet = 0
+        elif step < self._due_step:
+            self._latecomers.add(identity, read, self._due_step - step)
+        else:
+            self._rewind(self._put(identity, read))
         return True
 
-    def _is_late(self, stamp_ns: int) -> bool:
-        """Whether an entry changes steps that were computed long ago."""
-        step, end = stamp_ns // self._grid_ns, next(reversed(self._states), _NEVER)
-        return self._first_step <= step <= end and step < self._oldest_step
+    def forget(self, identities: Iterable[EntryId]) -> list[EntryId]:
+        """Take back entries that do not count any more; returns those that were held. What follows from them is computed again,
+        beside the present states if that is much.
+        """
+        gone = [identity for identity in identities if self.log.forget(identity)]
+        for identity in gone:
+            self._late.pop(identity, None)
+            self._latecomers.discard(identity)
+        self._change_from(min((self._put(identity, None) for identity in gone), default=_AFTER))
+        return gone
 
     @property
     def _oldest_step(self) -> int:
@@ -135,11 +157,15 @@ class Fusion:
         tells whether work is left for the next call. Time does not run back: an earlier now counts as the latest one so far.
         """
         due = (now_ns - self._hold_ns) // self._grid_ns
-        if due > self._due_step:
+        before = self._due_step
+        if due > before:
             self._due_step = due
             self._stale = True
         if self._revision != self._frames.revision:
             self._apply_frame_changes()
+        if self._latecomers:
+            for identity, entry in self._latecomers.taken(before, self._due_step).items():
+                self._rewind(self._put(identity, entry))
         if self._late and self._replay is None:
             self._take_late()
         if self._stale:
@@ -207,7 +233,6 @@ class Fusion:
             if complete_too:
                 self._states, self._replay, self._rest = self._replay, None, self._replayed - 1
         self._stale = not complete or self._replay is not None
-        self.pending = self._stale or bool(self._late)
         state = self.state
         if complete and (state is not self._current[0] or self._due_step != self._current[1]):
             self._current = state, self._due_step
@@ -236,11 +261,16 @@ class Fusion:
             changed_ns = changes.get((measured.drone, observation.epoch))
             if changed_ns is not None and measured.stamp_ns >= changed_ns:
                 again.append(measured)
-        changed = min((self._put(identity, cast(AnyEntry, self.log.entry(identity))) for identity in again), default=_AFTER)
-        if changed < self._oldest_step and self._states:
-            self._begin_replay(changed)
+        self._change_from(
+            min((self._put(identity, cast(AnyEntry, self.log.entry(identity))) for identity in again), default=_AFTER)
+        )
+
+    def _change_from(self, step: int) -> None:
+        """Compute the states from the step on again."""
+        if step < self._oldest_step and self._states:
+            self._begin_replay(step)
         else:
-            self._rewind(changed)
+            self._rewind(step)
 
     @property
     def _now_step(self) -> GridStep:

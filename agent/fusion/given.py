@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from agent.config.mission import GivenHypothesisConfig
+from agent.config.estimators import GivenHypothesisConfig
 from agent.errors import ConfigError
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import Observation

@@ -1,40 +1,40 @@
-"""The observation log: the grow-only set of all measurements made in this mission.
+"""The observation log: the set of all measurements made in this mission.
 
-Two logs with the same entries have the same digest, whatever the order in which the entries arrived.
+Two logs that have got the same entries have the same digest, whatever the order in which the entries arrived.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
+from functools import partial
 from itertools import chain, islice, zip_longest
 from typing import TypeVar, cast
 
 from msgspec import Struct
 
-from agent.fusion.sequences import Range, SequenceSet
+from agent.fusion.blocks import Blocks, Publisher, hash_of, numbers_of
+from agent.fusion.sequences import SequenceSet
 from protocol.codec import decode
 from protocol.entries import Entry, EntryId
-from protocol.summary import MOST_PUBLISHERS
+from protocol.summary import BLOCK, MOST_PUBLISHERS, Held, Summary
 
 E = TypeVar("E", bound=Entry)
 _DIGEST_BYTES = 16
 _TURN = 50  # entries of one publisher in an answer before it is the next one's turn
 _MODULUS = 1 << (8 * _DIGEST_BYTES)
-
-Publisher = tuple[str, str]  # drone, boot
-Summary = Mapping[Publisher, tuple[Range, ...]]  # ranges of the sequence numbers held of each publisher
+_EVERYTHING = 1 << 64  # above all sequence numbers
 
 
 class Outcome(Enum):
-    """Result of offering an entry to the log. The first two changed the log."""
+    """Result of offering an entry to the log. Only the first is in it then."""
 
     ADDED = "added"
-    REPLACED = "replaced"  # took the place of an entry of the same identity and other bytes
     DUPLICATE = "duplicate"
-    CONFLICT = "conflict"  # same identity and other bytes; the entry held stays
+    CONTRADICTION = "contradiction"  # other bytes than those held under its number: neither counts, nor what follows
+    LEFT_OUT = "left_out"  # of a publisher that has contradicted itself, at this number or before
     FOREIGN = "foreign"  # of another mission, or of a drone that is not in it
 
 
@@ -50,6 +50,15 @@ class Record(Struct, frozen=True):
         return cast(Entry, decode(self.payload))
 
 
+class Contradiction(Struct, frozen=True):
+    """Two entries of one publisher with one sequence number and different bytes: where they are signed, proof that it, or who has
+    its key, told different drones different things.
+    """
+
+    number: int
+    proof: tuple[Record, Record]
+
+
 class ObservationLog:
     """Entries of one mission by identity.
 
@@ -57,13 +66,15 @@ class ObservationLog:
     addition per entry, and unlike XOR does not cancel equal terms. It detects accidental differences, not forgeries: the
     publisher's signature is for those.
 
-    One identity with two payloads (a publisher's fault) resolves to the payload with the smaller hash, whichever came first.
+    A publisher that contradicts itself counts up to the first contradiction: neither of the two entries does, nor anything with a
+    greater number in that boot. The first one that anybody proves decides, so that all who know the same entries leave out the
+    same, in whatever order they got them. Whoever owns the log takes out what it holds of that (``beyond``, ``last_counted``).
 
-    The log is never compacted: a restarted agent begins with an empty log and must be able to get all of it, and an entry may
-    arrive late, after which all later grid steps are computed again. Memory: three drones at 3 GBq publish 5 exposures and 11
-    cones a second (scenario ``demo``, tracking), 8 kB/s or 30 MB per hour of payloads, and about 100 MB per hour with
-    observations and indices: 1.6 kB for each entry. A single entry is bounded by ``protocol.codec.MAX_ENTRY_BYTES``;
-    ``agent.shell.memory`` warns the operator before memory runs out.
+    It only grows, but for what a contradiction or a revocation leaves out. It is never compacted: a restarted agent begins with
+    an empty log and must be able to get all of it, and an entry may arrive late, after which all later grid steps are computed
+    again. Memory: three drones at 3 GBq publish 5 exposures and 11 cones a second (scenario ``demo``, tracking), 8 kB/s or 30
+    MB per hour of payloads, and about 100 MB per hour with observations and indices: 1.6 kB for each entry. A single entry is
+    bounded by ``protocol.codec.MAX_ENTRY_BYTES``; ``agent.shell.memory`` warns the operator before memory runs out.
     """
 
     def __init__(self, mission_id: str, drones: Iterable[str]) -> None:
@@ -74,9 +85,10 @@ class ObservationLog:
         self._payloads: defaultdict[type[Entry], dict[EntryId, bytes]] = defaultdict(dict)
         self._revisions: Counter[type[Entry]] = Counter()
         self._held: dict[Publisher, SequenceSet] = {}
-        self._boots: defaultdict[str, list[str]] = defaultdict(list)  # by drone, in the order of their first entries
+        self._boots: defaultdict[str, dict[str, None]] = defaultdict(dict)  # by drone, in the order of their first entries
         self._numbered: defaultdict[Publisher, dict[int, EntryId]] = defaultdict(dict)
-        self._twins: defaultdict[tuple[Publisher, int], dict[EntryId, EntryId]] = defaultdict(dict)  # others of a number: faults
+        self._contradictions: dict[Publisher, Contradiction] = {}  # the first of each publisher
+        self._blocks = Blocks()
         self._sum = 0
 
     def __len__(self) -> int:
@@ -87,9 +99,10 @@ class ObservationLog:
         """The records held, in the order of their identities."""
         return (self._record(identity) for identity in sorted(chain.from_iterable(self._payloads.values())))
 
-    def entries(self, kind: type[E]) -> list[E]:
-        """The entries of one kind in the order of their identities: a function of the log's content."""
-        return [cast(E, decode(payload)) for _, payload in sorted(self._payloads[kind].items())]
+    def entries(self, kind: type[E], drone: str | None = None) -> list[E]:
+        """The entries of one kind, of one drone or of all, in the order of their identities: a function of the log's content."""
+        held = (item for item in self._payloads[kind].items() if drone is None or item[0].drone == drone)
+        return [cast(E, decode(payload)) for _, payload in sorted(held)]
 
     def entry(self, identity: EntryId) -> Entry:
         """The entry held of this identity. Raises KeyError without one."""
@@ -97,10 +110,17 @@ class ObservationLog:
 
     def identity_of(self, entry: Entry) -> EntryId:
         """The identity of an entry held, as the log holds it: whoever keeps that one needs no memory for another."""
-        own = entry.entry_id
-        publisher = entry.drone, entry.boot
-        first = self._numbered[publisher][entry.sequence]
-        return first if first == own else self._twins[publisher, entry.sequence][own]
+        return self._numbered[entry.drone, entry.boot][entry.sequence]
+
+    @property
+    def contradictions(self) -> Mapping[Publisher, Contradiction]:
+        """The first contradiction of each publisher that has contradicted itself."""
+        return self._contradictions
+
+    def last_counted(self, drone: str, boot: str) -> int:
+        """The last sequence number that a contradiction leaves; without one, more than any number."""
+        found = self._contradictions.get((drone, boot))
+        return _EVERYTHING if found is None else found.number - 1
 
     def revision(self, kind: type[Entry]) -> int:
         """A counter that grows whenever ``entries(kind)`` changes: a cheap test for changes."""
@@ -120,33 +140,27 @@ class ObservationLog:
     def _add(self, entry: Entry, payload: bytes) -> Outcome:
         if entry.mission != self.mission_id or entry.drone not in self._drones:
             return Outcome.FOREIGN
-        kind, identity, hashed = type(entry), entry.entry_id, _hash(payload)
-        present = self._kind_of(identity)
-        present_hash = 0
-        if present is not None:
-            present_hash = _hash(self._payloads[present][identity])
-            if hashed == present_hash:
+        publisher = entry.drone, entry.boot
+        if entry.sequence > self.last_counted(*publisher):
+            return Outcome.LEFT_OUT
+        held = self._numbered[publisher].get(entry.sequence)
+        if held is not None:
+            present = self._record(held)
+            if present.payload == payload:
                 return Outcome.DUPLICATE
-            if hashed > present_hash:
-                return Outcome.CONFLICT
-            del self._payloads[present][identity]
-            self._revisions[present] += 1
-        else:
-            self._number(identity)
+            self._contradictions[publisher] = Contradiction(entry.sequence, (present, Record(type(entry), payload)))
+            return Outcome.CONTRADICTION
+        self._put(publisher, entry.entry_id, type(entry), payload)
+        return Outcome.ADDED
+
+    def _put(self, publisher: Publisher, identity: EntryId, kind: type[Entry], payload: bytes) -> None:
+        self._boots[identity.drone].setdefault(identity.boot)
+        self._held.setdefault(publisher, SequenceSet()).add(identity.sequence)
+        self._numbered[publisher][identity.sequence] = identity
+        self._blocks.change(publisher, identity.sequence)
         self._payloads[kind][identity] = payload
         self._revisions[kind] += 1
-        self._sum = (self._sum + hashed - present_hash) % _MODULUS
-        return Outcome.ADDED if present is None else Outcome.REPLACED
-
-    def _number(self, identity: EntryId) -> None:
-        """Enter a new identity under its publisher and sequence number."""
-        publisher, sequence = (identity.drone, identity.boot), identity.sequence
-        if publisher not in self._held:
-            self._held[publisher] = SequenceSet()
-            self._boots[identity.drone].append(identity.boot)
-        self._held[publisher].add(sequence)
-        if self._numbered[publisher].setdefault(sequence, identity) is not identity:
-            self._twins[publisher, sequence][identity] = identity
+        self._sum = (self._sum + _hash(payload)) % _MODULUS
 
     def _kind_of(self, identity: EntryId) -> type[Entry] | None:
         return next((kind for kind, held in self._payloads.items() if identity in held), None)
@@ -158,26 +172,67 @@ class ObservationLog:
             raise KeyError(identity)
         return Record(kind, self._payloads[kind][identity])
 
-    def summary(self) -> dict[Publisher, tuple[Range, ...]]:
-        """The sequence numbers held of each publisher: a peer that gets this can tell which entries are missing here.
+    def beyond(self, drone: str, last: Callable[[str], int]) -> list[EntryId]:
+        """The entries held of a drone whose numbers are greater than ``last`` of their boot, in the order of their identities."""
+        return sorted(
+            identity
+            for boot in self._boots[drone]
+            for sequence, identity in self._numbered[drone, boot].items()
+            if sequence > last(boot)
+        )
+
+    def newest_ns(self, kind: type[Entry]) -> int:
+        """The latest stamp of the entries of a kind; 0 without any."""
+        return max((identity.stamp_ns for identity in self._payloads[kind]), default=0)
+
+    def forget(self, identity: EntryId) -> bool:
+        """Remove an entry that does not count any more; whether it was held."""
+        kind = self._kind_of(identity)
+        if kind is None:
+            return False
+        self._sum = (self._sum - _hash(self._payloads[kind].pop(identity))) % _MODULUS
+        self._revisions[kind] += 1
+        publisher = identity.drone, identity.boot
+        numbered = self._numbered[publisher]
+        del numbered[identity.sequence]
+        self._held[publisher].discard(identity.sequence)
+        block = numbers_of(identity.sequence // BLOCK)
+        self._blocks.change(publisher, identity.sequence, empty=not any(number in numbered for number in block))
+        if not numbered:
+            del self._numbered[publisher], self._held[publisher]
+            if publisher not in self._contradictions:
+                del self._boots[identity.drone][identity.boot]
+        return True
+
+    def summary(self, turn: int = 0) -> dict[Publisher, Held]:
+        """What is held of each publisher: a peer that gets this can tell which entries are missing here.
 
         As many publishers as a summary carries, those of each drone in turn: one that goes through many boots does not keep the
-        others out.
+        others out. ``turn``: the next summary has hashes of other blocks.
         """
         turns = zip_longest(
-            *([(drone, boot) for boot in boots[:MOST_PUBLISHERS]] for drone, boots in sorted(self._boots.items()))
+            *([(drone, boot) for boot in islice(boots, MOST_PUBLISHERS)] for drone, boots in sorted(self._boots.items()))
         )
-        chosen = islice((publisher for turn in turns for publisher in turn if publisher is not None), MOST_PUBLISHERS)
-        return {publisher: tuple(self._held[publisher]) for publisher in chosen}
+        chosen = list(islice((publisher for turn in turns for publisher in turn if publisher is not None), MOST_PUBLISHERS))
+        told: dict[Publisher, list[tuple[int, bytes]]] = {publisher: [] for publisher in chosen}
+        for publisher, block in self._blocks.chosen(chosen, turn):
+            told[publisher].append((block, self._hash_of_block(publisher, block)))
+        return {publisher: self._told(publisher, tuple(blocks)) for publisher, blocks in told.items()}
+
+    def _told(self, publisher: Publisher, blocks: tuple[tuple[int, bytes], ...]) -> Held:
+        ranges = tuple(self._held.get(publisher, ()))
+        found = self._contradictions.get(publisher)
+        return Held(ranges, None if found is None else found.number, blocks)
 
     def missing_from(self, summary: Summary, most: int) -> list[tuple[EntryId, Record]]:
-        """Up to ``most`` records held here that are missing from a log with this summary, some of every drone in turn.
+        """Up to ``most`` records held here that are missing from a log with this summary: first those that prove a contradiction
+        or show one, then some of every drone in turn.
 
         In the order of the sequence numbers, so that the cost follows from what is returned and from the summary, however much
         is missing; and nobody's entries wait for those of a drone that has many.
         """
+        missing = list(islice(self._contradicting(summary), most))
         waiting = deque(self._lacked(drone, summary) for drone in sorted(self._boots))
-        missing: list[tuple[EntryId, Record]] = []
         while waiting and len(missing) < most:
             records = waiting.popleft()
             found = list(islice(records, _TURN))
@@ -190,11 +245,34 @@ class ObservationLog:
         """The records of a drone that are missing."""
         for boot in self._boots[drone]:
             publisher = drone, boot
-            numbered = self._numbered[publisher]
-            for first, last in self._held[publisher].without(SequenceSet(summary.get(publisher, ()))):
+            numbered, told = self._numbered[publisher], summary.get(publisher, Held())
+            unwanted = () if told.cut is None else ((told.cut, _EVERYTHING),)
+            for first, last in self._held.get(publisher, SequenceSet()).without(SequenceSet((*told.ranges, *unwanted))):
                 for sequence in range(first, last + 1):
-                    for identity in (numbered[sequence], *self._twins.get((publisher, sequence), ())):
-                        yield identity, self._record(identity)
+                    yield numbered[sequence], self._record(numbered[sequence])
+
+    def _contradicting(self, summary: Summary) -> Iterator[tuple[EntryId, Record]]:
+        """The proofs that a peer lacks; and whatever it holds in another version, with the rest of that block."""
+        for publisher, told in summary.items():
+            found = self._contradictions.get(publisher)
+            if found is not None and told.ranges and told.ranges[-1][1] >= found.number:
+                yield from ((record.entry.entry_id, record) for record in found.proof)
+            held = SequenceSet(told.ranges)
+            for block, hashed in told.blocks:
+                if not self._blocks.held(publisher, block) or hashed == self._hash_of_block(publisher, block):
+                    continue
+                numbered, numbers = self._numbered[publisher], [number for number in numbers_of(block) if number in held]
+                if all(number in numbered for number in numbers) and hashed != hash_of(self._payloads_of(publisher, numbers)):
+                    yield from ((numbered[number], self._record(numbered[number])) for number in numbers)
+
+    def _hash_of_block(self, publisher: Publisher, block: int) -> bytes:
+        """The hash of what is held of a block."""
+        return self._blocks.hash(publisher, block, partial(self._payloads_of, publisher))
+
+    def _payloads_of(self, publisher: Publisher, numbers: Iterable[int]) -> Iterator[bytes]:
+        """The bytes of the entries held among these numbers."""
+        numbered = self._numbered[publisher]
+        return (self._record(numbered[number]).payload for number in numbers if number in numbered)
 
 
 def _hash(payload: bytes) -> int:

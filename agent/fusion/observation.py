@@ -101,6 +101,11 @@ def observe(entry: Entry, mission_from_local: Transform, identity: EntryId | Non
     return None
 
 
+def known_ns(entry: Entry) -> int:
+    """The stamp of an entry's observation: of an exposure its end, before which it is not known."""
+    return entry.end_ns if isinstance(entry, Exposure) else entry.stamp_ns
+
+
 def _observe_counts(exposure: Exposure, mission_from_local: Transform, identity: EntryId) -> CountObservation | None:
     if exposure.live_time_s < _SHORTEST_LIVE_S:
         return None
@@ -111,7 +116,7 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform, identity:
     position = mission_from_local.apply_point(place)
     live_s = exposure.live_time_s
     return CountObservation(
-        exposure.end_ns, middle_ns, position, live_s, counts, *sigmas, mission_from_local, identity, exposure.epoch
+        known_ns(exposure), middle_ns, position, live_s, counts, *sigmas, mission_from_local, identity, exposure.epoch
     )
 
 

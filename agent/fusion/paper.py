@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.config.mission import PaperEstimatorConfig
+from agent.config.estimators import PaperEstimatorConfig
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.initial import InitialSearch
 from agent.fusion.observation import ConeObservation, ConeSurface, Observation

@@ -9,7 +9,7 @@ Range = tuple[int, int]  # first and last, both held
 
 
 class SequenceSet:
-    """Grow-only set of whole numbers in ascending, disjoint ranges that do not touch."""
+    """Set of whole numbers in ascending, disjoint ranges that do not touch."""
 
     __slots__ = ("_firsts", "_lasts")
 
@@ -40,6 +40,16 @@ class SequenceSet:
         else:
             self._firsts.insert(place, number)
             self._lasts.insert(place, number)
+
+    def discard(self, number: int) -> None:
+        """Remove a number; one that is not held changes nothing."""
+        place = bisect_right(self._firsts, number) - 1
+        if place < 0 or number > self._lasts[place]:
+            return
+        first, last = self._firsts[place], self._lasts[place]
+        left = [(start, end) for start, end in ((first, number - 1), (number + 1, last)) if start <= end]
+        self._firsts[place : place + 1] = [start for start, _ in left]
+        self._lasts[place : place + 1] = [end for _, end in left]
 
     def __contains__(self, number: int) -> bool:
         place = bisect_right(self._firsts, number)

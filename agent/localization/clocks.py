@@ -1,8 +1,12 @@
-"""How far the drones' clocks differ, from the delays of their status messages. No time stamp is ever corrected by it.
+"""How far the drones' clocks differ, from the delays of their status messages. No stamp of a log entry is ever corrected by it.
 
 Two drones that hear each other know both apparent delays: own clock at the arrival minus the stamp, on either side. Half their
 difference is the clock offset, as in NTP (RFC 5905, section 8); its error is half the asymmetry of the two ways. The smallest
 delay of the last seconds is used, because queueing only ever makes a message later.
+
+No round trip takes less than no time. Where the two delays add up to less, one of the clocks has been set in these seconds, and
+the larger delay is from before that. Whose larger one it is finds that its newest delay fits, and forgets the others: so a clock
+that is set is known anew after an exchange of statuses, however long delays are kept, and a forged delay alone moves nothing.
 """
 
 from __future__ import annotations
@@ -16,8 +20,9 @@ from protocol.messages import Status
 WINDOW_NS = 10_000_000_000
 HEARD_NS = 3_000_000_000  # three periods of the statuses: who is silent for longer is not heard any more
 LIMIT_S = 0.05  # a drone with a larger offset reports it, and adds it to the uncertainty of its position
-MOST_LATENCY_NS = 2_000_000_000  # of a status; two delays whose mean is further from 0 are not believed
+MOST_LATENCY_NS = 2_000_000_000  # of a status; two delays whose mean is larger are not believed
 MOST_SIGMA_M = 1_000.0  # whatever the clocks say, a drone can tell where it is
+_LEAST_TRIP_NS = -50_000_000  # of the two delays together: clocks drift, and a status tells of a second ago
 _MOST_DELAY_NS = 2**62  # the limit of the message's field
 
 
@@ -28,27 +33,40 @@ class Clocks:
         self._drone = drone
         self._heard: dict[str, deque[tuple[int, int]]] = {name: deque() for name in others}  # arrival, delay
         self._returned: dict[str, tuple[int, int]] = {}  # arrival, and this drone's delay as each of them reports it
-        self._behind_ns: dict[str, int] = {}  # how far the own clock is behind theirs, as last known
+        self._ahead_ns: dict[str, int] = {}  # how far theirs are ahead of the own clock, as last known and beyond the limit
+        self._is_outvoted = False  # others agree that the own clock is wrong
         # Offset of the own clock from the median of all known clocks, its own included. Where they split into halves (two drones)
         # nobody can tell which half is right: then the offset from the other half, on both sides.
         self.offset_s = 0.0
 
-    def hear(self, status: Status, now_ns: int) -> None:
-        """Take a status that arrived at ``now_ns``, own clock. Duplicates and late ones do no harm: the smallest delay counts."""
-        heard, delay_ns = self._heard.get(status.drone), now_ns - status.stamp_ns
+    def hear(self, status: Status, now_ns: int) -> bool:
+        """Take a status that arrived at ``now_ns``, own clock. Duplicates and late ones do no harm: the smallest delay counts.
+
+        Returns whether it shows that one of the clocks has been set: then the other drone waits for the new delay.
+        """
+        name, delay_ns = status.drone, now_ns - status.stamp_ns
+        heard = self._heard.get(name)
         if heard is None or abs(delay_ns) > _MOST_DELAY_NS:
-            return
+            return False
         if heard and now_ns < heard[-1][0]:  # the own clock was set back: earlier measurements are void
             heard.clear()
         while heard and heard[-1][1] >= delay_ns:  # they can never be the smallest again
             heard.pop()
         heard.append((now_ns, delay_ns))
+        set_anew = False
         if self._drone in status.delays_ns:
-            self._returned[status.drone] = now_ns, status.delays_ns[self._drone]
+            returned_ns = status.delays_ns[self._drone]
+            self._returned[name] = now_ns, returned_ns
+            set_anew = heard[0][1] + returned_ns < _LEAST_TRIP_NS <= delay_ns + returned_ns
+            if set_anew:
+                heard.clear()
+                heard.append((now_ns, delay_ns))
         known = self.offsets_s(now_ns)
-        self._behind_ns = {name: max(0, round(-1e9 * offset_s)) for name, offset_s in known.items()}
+        self._ahead_ns = {name: round(-1e9 * offset_s) for name, offset_s in known.items() if abs(offset_s) > LIMIT_S}
         offsets_s = (0.0, *known.values())
         self.offset_s = max(median_low(offsets_s), median_high(offsets_s), key=abs)
+        self._is_outvoted = len(known) > 1 and abs(self.offset_s) > LIMIT_S
+        return set_anew
 
     def delays_ns(self, now_ns: int) -> dict[str, int]:
         """The smallest delay of each drone that is heard, as this drone publishes it."""
@@ -58,9 +76,12 @@ class Clocks:
     def offsets_s(self, now_ns: int) -> dict[str, float]:
         """How far the own clock is ahead of each drone's for which both delays are known, and can belong together."""
         returned = {name: delay_ns for name, (at_ns, delay_ns) in self._returned.items() if abs(now_ns - at_ns) <= WINDOW_NS}
-        delays = self._delays_ns(now_ns)
-        fitting = [name for name in delays if name in returned and abs(delays[name] + returned[name]) <= 2 * MOST_LATENCY_NS]
-        return {name: 0.5e-9 * (delays[name] - returned[name]) for name in fitting}
+        both = {name: (delay_ns, returned[name]) for name, delay_ns in self._delays_ns(now_ns).items() if name in returned}
+        return {
+            name: 0.5e-9 * (own_ns - other_ns)
+            for name, (own_ns, other_ns) in both.items()
+            if _LEAST_TRIP_NS <= own_ns + other_ns <= 2 * MOST_LATENCY_NS
+        }
 
     def _delays_ns(self, now_ns: int) -> dict[str, int]:
         """The smallest delay of each drone heard in the last seconds."""
@@ -72,9 +93,13 @@ class Clocks:
                 found[name] = heard[0][1]
         return found
 
-    def behind_ns(self, drone: str) -> int:
-        """How far the own clock is behind another drone's, as far as that is known; 0 where it is not."""
-        return self._behind_ns.get(drone, 0)
+    def own_stamp_ns(self, drone: str, stamp_ns: int) -> int:
+        """A stamp of another drone by the own clock, as far as it is known that the two differ."""
+        return max(0, stamp_ns - self._ahead_ns.get(drone, 0))
+
+    def common_ns(self, now_ns: int) -> int:
+        """The time now by the clocks of the others, where they agree that the own one is wrong; else the own one's."""
+        return now_ns - round(1e9 * self.offset_s) if self._is_outvoted else now_ns
 
     def problem(self, now_ns: int) -> str | None:
         """The problem of the own clock reported to the operator; None while it is right."""

@@ -3,34 +3,76 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import hypot, sqrt
+from typing import Protocol
 
 import numpy as np
 
 from agent.frames.transform import Transform
 from agent.geometry import Quaternion, Vector3, yaw_of
 
-# 1 sigma that the two poses and the motion between them add: position of each axis, m, and heading, rad.
-ADDED_M, ADDED_RAD = 0.3, 0.03
+# 1 sigma of what is assumed of the two poses and of the motion between them: position of each axis, and heading.
+POSES_M, POSES_RAD = 0.3, 0.03  # the two poses; a filter that was reset slides for a moment
+STAMPS_S = 0.02  # their stamps, which matter by the speed
+VELOCITY_MPS, ACCELERATION_MPS2 = 0.2, 2.0  # half of what the vehicles do
+TURNING_RPS, TURNING_RPS2 = 0.1, 1.5  # a turn rate that is known, and its change
+ANY_TURNING_RPS = 0.5  # one that is not
 
 
-def carried_on(
-    mission_from_old: Transform,
-    before: tuple[Vector3, Quaternion],
-    velocity_mps: Vector3,
-    after: tuple[Vector3, Quaternion],
-    elapsed_s: float,
-) -> Transform:
+class Posed(Protocol):
+    """Telemetry, or the pose that a drone publishes: in the local frame of an epoch, with the localisation's own 1 sigma."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """UTC."""
+
+    @property
+    def position_m(self) -> Vector3:
+        """Local frame."""
+
+    @property
+    def velocity_mps(self) -> Vector3:
+        """Local frame."""
+
+    @property
+    def quaternion(self) -> Quaternion:
+        """Local from body."""
+
+    @property
+    def position_sigma_m(self) -> float:
+        """Of the horizontal distance."""
+
+    @property
+    def yaw_sigma_rad(self) -> float:
+        """Of the heading."""
+
+
+def carried_on(mission_from_old: Transform, before: Posed, after: Posed, turning_rps: float | None = None) -> Transform:
     """The frame of the epoch that begins with a jump, until the log yields a better one.
+
+    Its covariance is that of the old frame at the place of the jump (where that is known exactly: of the localisation in it), and
+    what the motion since then adds: the longer ago and the faster the vehicle, the more.
 
     Args:
         mission_from_old: frame of the epoch before.
-        before: last position (m) and attitude in the old epoch.
-        velocity_mps: velocity at that time, old epoch.
-        after: first position (m) and attitude in the new epoch.
-        elapsed_s: time between the two.
+        before: the last pose in the old epoch.
+        after: the first one in the new epoch.
+        turning_rps: rate of the heading at ``before``; None where it is not known.
     """
-    added = np.diag([ADDED_M**2, ADDED_M**2, ADDED_M**2, ADDED_RAD**2])
-    then = mission_from_old @ Transform(yaw_of(before[1]), before[0], added)  # mission from body, levelled
-    (x, y, z), (u, v, w) = then.translation, mission_from_old.rotate_direction(velocity_mps)
+    elapsed_s = max(0, after.stamp_ns - before.stamp_ns) * 1e-9
+    axis_m, yaw_rad = _added(hypot(*before.velocity_mps), elapsed_s, turning_rps)
+    if mission_from_old.covariance is None:
+        axis_m, yaw_rad = hypot(axis_m, before.position_sigma_m / sqrt(2.0)), hypot(yaw_rad, before.yaw_sigma_rad)
+    added = np.diag([axis_m**2, axis_m**2, axis_m**2, yaw_rad**2])
+    heading = yaw_of(before.quaternion) + elapsed_s * (turning_rps or 0.0)
+    then = mission_from_old @ Transform(heading, before.position_m, added)  # mission from body, levelled
+    (x, y, z), (u, v, w) = then.translation, mission_from_old.rotate_direction(before.velocity_mps)
     now = replace(then, translation=(x + elapsed_s * u, y + elapsed_s * v, z + elapsed_s * w))
-    return now @ Transform(yaw_of(after[1]), after[0]).inverse()
+    return now @ Transform(yaw_of(after.quaternion), after.position_m).inverse()
+
+
+def _added(speed_mps: float, elapsed_s: float, turning_rps: float | None) -> tuple[float, float]:
+    """1 sigma of each axis of the position (m), and of the heading (rad), that two poses and the motion between them add."""
+    half_s2, turning_rps = 0.5 * elapsed_s**2, ANY_TURNING_RPS if turning_rps is None else TURNING_RPS
+    place_m = hypot(POSES_M, STAMPS_S * speed_mps, VELOCITY_MPS * elapsed_s, ACCELERATION_MPS2 * half_s2)
+    return place_m, hypot(POSES_RAD, turning_rps * elapsed_s, TURNING_RPS2 * half_s2)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
+from math import remainder, tau
 from typing import NamedTuple
 
-from agent.geometry import Quaternion, Vector3, blended
+from agent.geometry import Quaternion, Vector3, blended, yaw_of
 from agent.vehicle.interface import VehicleState
 
 HISTORY_NS = 5_000_000_000
+SLOPE_NS = 500_000_000  # telemetry further apart than this gives no rate
 AHEAD_NS = 300_000_000  # an event may be stamped this much later than the newest telemetry, which is still on its way
 
 
@@ -50,6 +52,17 @@ class PoseHistory:
     def newest(self) -> VehicleState | None:
         """The newest telemetry; None before the first."""
         return self._states[-1] if self._states else None
+
+    @property
+    def turning_rps(self) -> float | None:
+        """Rate of the heading by the last two states; None where they are of two epochs, or too far apart."""
+        if len(self._states) < 2:
+            return None
+        before, last = self._states[-2], self._states[-1]
+        elapsed_ns = last.stamp_ns - before.stamp_ns
+        if before.epoch != last.epoch or elapsed_ns > SLOPE_NS:
+            return None
+        return remainder(yaw_of(last.quaternion) - yaw_of(before.quaternion), tau) / (elapsed_ns * 1e-9)
 
     @property
     def span_ns(self) -> tuple[int, int] | None:

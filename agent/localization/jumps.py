@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from math import dist
+from math import degrees, dist, remainder, tau
 
 from msgspec.structs import replace
 
+from agent.geometry import yaw_of
 from agent.vehicle.interface import VehicleState
 
-JUMP_M = 1.0  # corrections of a filter within one step stay below this
+JUMP_M, JUMP_RAD = 1.0, 0.15  # corrections of a filter within one step stay below these
+HARDEST_RPS2 = 6.0  # no vehicle turns faster or slower more suddenly
+_LONGEST_S = 0.5  # telemetry further apart than this tells nothing of how a vehicle turns
 _SIGMAS = 3.0
 _TOLD_NS = 60_000_000_000  # a jump is reported for this long
 OFTEN = 3  # jumps within SPAN_NS: such a position is not flown by until it has not jumped for CONFIRM_NS
@@ -32,7 +35,8 @@ class JumpDetector:
         self._counts = not from_launch
         self._recent: deque[tuple[int, float]] = deque(maxlen=OFTEN)  # stamps and sizes of the last jumps
         self._last: VehicleState | None = None  # with the vehicle's own epoch
-        self._jump_m, self._jump_ns = 0.0, 0
+        self._turning: tuple[float, float] | None = None  # rate of its heading (rad/s), and the time (s) that it is of
+        self._jump, self._jump_ns = "", 0
         self.jumps = 0
 
     def take(self, state: VehicleState) -> VehicleState:
@@ -44,6 +48,8 @@ class JumpDetector:
                 self.offset += last.epoch - state.epoch + 1
             elif state.epoch == last.epoch:
                 self._compare(last, state)
+            else:
+                self._turning = None
         if self._jumps_often(state.stamp_ns):
             sigma_m = max(state.position_sigma_m, *(jump_m for _, jump_m in self._recent))
             state = replace(state, position_trusted=False, position_sigma_m=sigma_m)
@@ -53,10 +59,12 @@ class JumpDetector:
         """The last jump in words; None where there was none in the last minute."""
         if not self.jumps or not 0 <= now_ns - self._jump_ns < _TOLD_NS:
             return None
-        return f"its localisation jumped by {self._jump_m:.0f} m without announcing it"
+        return f"its localisation {self._jump} without announcing it"
 
     def _compare(self, last: VehicleState, state: VehicleState) -> None:
-        """A jump is a step that differs from the integrated velocity by more than maximum speed and 3 sigma explain."""
+        """A jump is a step that differs from the integrated velocity by more than maximum speed and 3 sigma explain, or a turn
+        that differs from the one before by more than a vehicle can do and 3 sigma explain.
+        """
         step_s = (state.stamp_ns - last.stamp_ns) * 1e-9
         if step_s <= 0.0:  # the clock was set back: how long it took is not known
             return
@@ -64,13 +72,27 @@ class JumpDetector:
             place + 0.5 * step_s * (before + after)
             for place, before, after in zip(last.position_m, last.velocity_mps, state.velocity_mps, strict=True)
         ]
-        jump_m = dist(expected, state.position_m)
+        jump_m, turn_rad = dist(expected, state.position_m), self._turned_rad(last, state, step_s)
         sigma_m = max(last.position_sigma_m, state.position_sigma_m)
-        if jump_m > self._speed_mps * step_s + _SIGMAS * sigma_m + JUMP_M:
+        moved = jump_m > self._speed_mps * step_s + _SIGMAS * sigma_m + JUMP_M
+        if moved or turn_rad:
             self.offset += 1
             self.jumps += 1
-            self._jump_m, self._jump_ns = jump_m, state.stamp_ns
+            self._jump = f"jumped by {jump_m:.0f} m" if moved else f"turned by {degrees(turn_rad):.0f} degrees"
+            self._jump_ns, self._turning = state.stamp_ns, None
             self._recent.append((state.stamp_ns, jump_m))
+
+    def _turned_rad(self, last: VehicleState, state: VehicleState, step_s: float) -> float:
+        """By how much a heading has jumped; 0 where the vehicle may have turned so."""
+        turned_rad = remainder(yaw_of(state.quaternion) - yaw_of(last.quaternion), tau)
+        before, self._turning = self._turning, (turned_rad / step_s, step_s) if step_s < _LONGEST_S else None
+        if before is None or self._turning is None:
+            return 0.0
+        rate_rps, over_s = before
+        jump_rad = abs(turned_rad - rate_rps * step_s)
+        sigma_rad = max(last.yaw_sigma_rad, state.yaw_sigma_rad)
+        most_rad = JUMP_RAD + _SIGMAS * sigma_rad + 0.5 * HARDEST_RPS2 * step_s * (step_s + over_s)
+        return jump_rad if jump_rad > most_rad else 0.0
 
     def _jumps_often(self, stamp_ns: int) -> bool:
         if len(self._recent) < OFTEN or abs(stamp_ns - self._jump_ns) >= CONFIRM_NS:

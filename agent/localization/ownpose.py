@@ -7,27 +7,29 @@ telemetry, the poses of the last seconds, the epoch, and the transform from the 
 from __future__ import annotations
 
 from collections import Counter
-from math import dist, hypot, isfinite, sqrt
+from math import hypot, isfinite
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from agent.config.mission import DroneInMission
-from agent.frames.graph import FrameGraph
+from agent.frames.carried import told
+from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
 from agent.frames.transform import Transform
 from agent.geometry import Vector3
 from agent.localization.clocks import Clocks
 from agent.localization.continuity import carried_on
 from agent.localization.history import PoseHistory
 from agent.localization.jumps import JumpDetector
+from agent.localization.knownframe import KnownFrame
 from agent.vehicle.grounded import Grounded
 from agent.vehicle.interface import VehicleState
-from protocol.entries import Entry, Sighting
+from protocol.entries import CarriedFrame, Entry, Sighting
 
 SET_BACK = 5  # so many messages in a row older than known, but newer than each other: the clock was set back
 FARTHEST_M = 1e5  # the largest coordinate that a message can carry
-SAME_M = 1.0  # two places nearer to each other are one: so much the continuity of the motion is off after a few jumps
 LARGEST_DOUBT_M = 7.0  # between the two places where a drone may be, above which it leaves the mission
+_EPOCHS_KEPT = 8  # entries of an epoch may be made some seconds after it
 _UNKNOWN_HEADING_DEG = 90.0  # a heading with a larger 1-sigma error is not known at all
 
 
@@ -47,11 +49,8 @@ class OwnPose:
 
     After a jump of the localisation the drone is still where it was: until the log yields an estimate of the new epoch's frame,
     the one that continues its motion is used (``agent.localization.continuity``). A frame that the mission knows exactly is known
-    so for its first epoch only; from a jump on it is the one by continuity, and what is measured in it does not count.
-
-    A jump that was not announced has two explanations: the position is wrong from then on, or it was wrong until then, as that of
-    a vehicle whose satellites are not spoofed any more. Where only the mission knows the frame, nothing can tell which. The drone
-    flies on by continuity, but may as well be where its localisation says (``otherwise``), and allows for both.
+    so for its first epoch only (``agent.localization.knownframe``); how the later ones lie is told with what is measured in them
+    (``carried``), so that everybody places that alike.
     """
 
     def __init__(
@@ -81,7 +80,8 @@ class OwnPose:
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
         self._grounded = Grounded()
         self._continued: tuple[int, Transform] | None = None  # an epoch, and its frame by continuity
-        self._otherwise: Transform | None = None  # the frame of that epoch if its unannounced jumps put the position right
+        self._exact = KnownFrame()
+        self._carried: dict[int, CarriedFrame] = {}  # of the last epochs
         self._older, self._older_ns = 0, 0  # messages older than known in a row, and the stamp of the last one
         self._known: LocalFrame | None = None  # the last one known; keeps the inverse
 
@@ -103,7 +103,7 @@ class OwnPose:
         vehicle = self._with_clock_error(self._grounded.take(self._jumps.take(state)))
         if last is not None and last.epoch != vehicle.epoch:
             self._continue(last, vehicle, announced=self._jumps.jumps == jumps)
-        vehicle = self._with_doubt(vehicle)
+        vehicle = self._exact.stated(self._mission_from_local(vehicle.epoch), vehicle)
         self.history.add(vehicle)
         return vehicle
 
@@ -143,6 +143,12 @@ class OwnPose:
         return self._known
 
     @property
+    def place_m(self) -> Vector3 | None:
+        """Where this drone takes itself to be, mission frame; None where it does not know."""
+        vehicle, frame = self.vehicle, self.frame
+        return None if vehicle is None or frame is None else frame.mission_from_local.apply_point(vehicle.position_m)
+
+    @property
     def sigma_m(self) -> float:
         """1 sigma of the horizontal position in the mission frame: by the frame's covariance where it is estimated.
 
@@ -154,18 +160,25 @@ class OwnPose:
         if frame is None or frame.mission_from_local.covariance is None:
             return vehicle.position_sigma_m
         by_frame_m = frame.mission_from_local.sigmas_at(vehicle.position_m)[0]
-        doubted = self._otherwise is not None or not vehicle.position_trusted
+        doubted = self.otherwise is not None or not vehicle.position_trusted
         return max(by_frame_m, vehicle.position_sigma_m) if doubted else by_frame_m
 
     @property
     def otherwise(self) -> Transform | None:
         """The local frame in the mission frame if the localisation that has jumped is right; None without such a doubt."""
-        return self._otherwise
+        return self._exact.otherwise
 
     @property
     def doubt_m(self) -> float:
         """Distance between the two places where this drone may be after a jump that was not announced; 0 without that doubt."""
-        return self._doubt_m(self.vehicle) if self.vehicle is not None else 0.0
+        vehicle = self.vehicle
+        return 0.0 if vehicle is None else self._exact.doubt_m(self._mission_from_local(vehicle.epoch), vehicle)
+
+    def carried(self, epoch: int) -> CarriedFrame | None:
+        """How the frame of a recent epoch lies in that of the launch, for a drone whose frame the mission knows exactly; None
+        where the frame is that of the launch, or estimated.
+        """
+        return self._carried.get(epoch)
 
     def in_mission(self, epoch: int, stamp_ns: int, position_m: Vector3) -> Vector3 | None:
         """A place of the local frame, as that frame lay at a stamp, in the mission frame; None while it is not known."""
@@ -197,39 +210,23 @@ class OwnPose:
         old = self._mission_from_local(last.epoch)
         if old is None:
             return
-        elapsed_s = max(0, vehicle.stamp_ns - last.stamp_ns) * 1e-9
-        before, after = (last.position_m, last.quaternion), (vehicle.position_m, vehicle.quaternion)
-        frame = carried_on(old, before, last.velocity_mps, after, elapsed_s)
-        if not self.is_estimated:
-            otherwise = self._otherwise or old
-            if announced:
-                otherwise = carried_on(otherwise, before, last.velocity_mps, after, elapsed_s)
-            if _apart_m(frame, otherwise, vehicle) < SAME_M:  # the jump has undone the one before it
-                frame, self._otherwise = otherwise, None
-            else:
-                self._otherwise = otherwise
+        turning_rps = self.history.turning_rps
+        if self.is_estimated:
+            self._continued = vehicle.epoch, carried_on(old, last, vehicle, turning_rps)
+            return
+        frame = self._exact.after_jump(old, last, vehicle, turning_rps, announced=announced)
         self._continued = vehicle.epoch, frame
-
-    def _doubt_m(self, vehicle: VehicleState) -> float:
-        frame = self._mission_from_local(vehicle.epoch)
-        return 0.0 if self._otherwise is None or frame is None else _apart_m(frame, self._otherwise, vehicle)
-
-    def _with_doubt(self, state: VehicleState) -> VehicleState:
-        """Both places are equally likely: the RMS distance from the one that is flown by."""
-        if self._otherwise is None:
-            return state
-        return replace(state, position_sigma_m=hypot(state.position_sigma_m, self._doubt_m(state) / sqrt(2.0)))
+        launch = self._frames.mission_from_local(self._drone, LAUNCH_EPOCH)
+        assert launch is not None  # the mission knows it
+        self._carried[vehicle.epoch] = told(launch.inverse() @ self._exact.doubted(frame, vehicle))
+        while len(self._carried) > _EPOCHS_KEPT:
+            del self._carried[next(iter(self._carried))]
 
     def _with_clock_error(self, state: VehicleState) -> VehicleState:
         clock_m = self._clocks.sigma_m(hypot(*state.velocity_mps))
         if clock_m == 0.0:
             return state
         return replace(state, position_sigma_m=hypot(state.position_sigma_m, clock_m), clock_sigma_m=clock_m)
-
-
-def _apart_m(one: Transform, other: Transform, vehicle: VehicleState) -> float:
-    """Horizontal distance between the places of a vehicle by two frames of its epoch."""
-    return dist(one.apply_point(vehicle.position_m)[:2], other.apply_point(vehicle.position_m)[:2])
 
 
 def _plausible(state: VehicleState) -> bool:

@@ -1,6 +1,8 @@
-"""An operator's command to this drone: judged, and carried out or refused."""
+"""What an operator orders this drone: judged, and carried out or refused."""
 
 from __future__ import annotations
+
+from collections import Counter
 
 from msgspec import Struct
 
@@ -8,8 +10,9 @@ from agent.localization.ownpose import OwnPose
 from agent.mission.executive import Executive
 from agent.mission.orders import Orders
 from agent.mission.problems import Problems
+from agent.mission.uploads import Ground, Uploads
 from agent.navigation.peers import Peers
-from protocol.messages import Command
+from protocol.messages import AnyOrder, Command, Upload
 
 LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
 
@@ -24,29 +27,56 @@ class Verdict(Struct, frozen=True):
 
 
 class Commanding:
-    """Judges the commands to one drone, and has its mission carry them out."""
+    """Judges the commands and uploads to one drone. ``uploads``: what becomes of the latter."""
 
     def __init__(
-        self, mission_id: str, orders: Orders, executive: Executive, problems: Problems, own: OwnPose, peers: Peers
+        self,
+        mission_id: str,
+        orders: Orders,
+        executive: Executive,
+        problems: Problems,
+        own: OwnPose,
+        peers: Peers,
+        counters: Counter[str],
     ) -> None:
+        """``counters``: of refused commands, by reason."""
         self._mission_id, self._orders = mission_id, orders
         self._executive, self._problems, self._own, self._peers = executive, problems, own, peers
+        self._counters = counters
+        self.uploads = Uploads(mission_id)
 
-    def judge(self, command: Command, now_ns: int) -> Verdict | None:
-        """Carry out a command or refuse it; None for one to other drones."""
-        refused = self._orders.refusal(command, now_ns)
+    def judge(self, order: AnyOrder, now_ns: int) -> Verdict | None:
+        """Carry out a command, take an upload, or refuse it; None for one to other drones."""
+        verdict = self._judged(order, now_ns)
+        if verdict is not None and verdict.refused:
+            self._counters[f"dropped_command_{verdict.refused}"] += 1
+        return verdict
+
+    def _judged(self, order: AnyOrder, now_ns: int) -> Verdict | None:
+        refused = self._orders.refusal(order, now_ns)
         if refused is not None:
             return None if refused == "to_others" else Verdict(refused)
-        self._problems.unplaced = self._own.is_unplaced
+        because = self._take(order, now_ns) if isinstance(order, Upload) else self._obey(order, now_ns)
+        if because is not None:
+            return Verdict("refused", because)
+        self._orders.note(order)
+        return Verdict()
+
+    def _take(self, upload: Upload, now_ns: int) -> str | None:
+        return self.uploads.judge(upload, Ground(now_ns, self._executive.stage, self._own.vehicle, self._peers.statuses(now_ns)))
+
+    def look(self, now_ns: int) -> None:
+        """Note what stands in the way of a start at present."""
+        self._problems.unplaced, self._problems.taken_over = self._own.is_unplaced, self.uploads.obstacle
+        self._problems.passing = self._executive.passing(now_ns, self._peers)
+
+    def _obey(self, command: Command, now_ns: int) -> str | None:
+        self.look(now_ns)
         others = self._peers.statuses(now_ns)
         flying = {name: others[name] for name in others if name in command.to}
         problems = self._problems.against_start(now_ns, self._own.vehicle, flying)
         begun_ns = self._begun_ns(command.stamp_ns, now_ns)
-        because = self._executive.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems)
-        if because is not None:
-            return Verdict("refused", because)
-        self._orders.note(command)
-        return Verdict()
+        return self._executive.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems)
 
     def _begun_ns(self, stamp_ns: int, now_ns: int) -> int:
         """Start of the swarm's mission for a drone that is started by a command of that stamp: that of the drones that fly it

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -13,7 +14,8 @@ from agent.localization.ownpose import LARGEST_DOUBT_M, OwnPose
 from agent.mission.memory import Memory
 from agent.mission.problems import TELEMETRY_AGE_NS
 from agent.mission.reserve import Reserve
-from agent.mission.stages import Mission, Situation
+from agent.mission.situation import Situation
+from agent.mission.stages import Mission
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.guidance import Moment
 from agent.navigation.home import NO_NEARER_S
@@ -55,7 +57,8 @@ class Executive:
         self._config = mission
         self._id, self._mission_id = drone.id, mission.mission_id
         self._world, self._own, self._counters = world, own, counters
-        self._mission = Mission(mission.track, mission.survey, can_lose=mission.fusion.estimator != "given")
+        can_lose = mission.fusion.estimator != "given"
+        self._mission = Mission(mission.track, mission.survey, can_lose, mission.area.floor_m)
         frames, fusion = world.frames.graph, world.fusion
         self._search = Search(mission, drone.id, frames)
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
@@ -103,6 +106,13 @@ class Executive:
             self._search.begin(started_ns)
         return None
 
+    def passing(self, now_ns: int, peers: Peers) -> tuple[str, ...]:
+        """Ids of drones that fly past this one, on the ground, so near that it must not take off."""
+        vehicle = self._own.vehicle
+        if vehicle is None or vehicle.in_air or self.stage not in (Stage.PREFLIGHT, Stage.LANDED):
+            return ()
+        return self._navigator.passing(now_ns, vehicle, peers)
+
     def problems(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with how the mission is flown."""
         unsteered, landed = self._mission.unsteered(now_ns), self._mission.landed_because
@@ -119,12 +129,18 @@ class Executive:
         if anew:
             self._search.divide_anew()
 
+    def recount_coverage(self, drone: str, entries: Iterable[Coverage]) -> None:
+        """Of what a drone has searched only these entries count."""
+        self._search.recount(drone, entries)
+
     def step(self, now_ns: int, peers: Peers) -> Decision:
         """Advance the mission, and plan."""
         self._conclude(now_ns)
         if self.stage is Stage.RETURN and self._own.vehicle is not None:
             self._navigator.home.watch(self._own.vehicle)
-        self._battery_low = self._reserve.returns(now_ns, self._own.vehicle, peers.statuses(now_ns))
+        absence = self._navigator.absence
+        unheard = absence.coming_home if absence is not None else ()
+        self._battery_low = self._reserve.returns(now_ns, self._own.vehicle, peers.statuses(now_ns), unheard)
         self._mission.step(self._situation(now_ns))
         self._remember(now_ns)
         return self._decide(now_ns, peers)
@@ -156,7 +172,7 @@ class Executive:
 
     def _situation(self, now_ns: int, problems: tuple[str, ...] = ()) -> Situation:
         vehicle, hypothesis = self._own.vehicle, self._world.fusion.hypothesis
-        at_home = self.stage is Stage.RETURN and self._navigator.home.is_reached
+        at_home = self.stage is Stage.RETURN and self._navigator.home.is_reached and not self._navigator.comes_down
         returning_s = (now_ns - self._mission.since_ns) * 1e-9 if self.stage is Stage.RETURN else 0.0
         return Situation(
             now_ns,

@@ -4,13 +4,16 @@ A command carries, for each drone that it addresses, a ticket from that drone's 
 every few seconds by its own clock and never uses again after a restart, and a number above that of the last command carried out.
 So neither a recorded nor a delayed nor a reordered command is obeyed, and the operator's clock does not matter; only a start also
 has an age, because its stamp is the beginning of the swarm's mission.
+
+Nonces follow from a key that each agent draws at its start. Nobody knows them before the drone tells them, so that nobody who has
+an operator's key for a moment can sign commands for later.
 """
 
 from __future__ import annotations
 
 from hashlib import blake2b
 
-from protocol.messages import Action, Command, Ticket
+from protocol.messages import Action, Command, Order, Ticket
 from protocol.signing import Verifier
 
 NONCE_NS = 10_000_000_000  # a nonce is told for this long, and valid for as long again
@@ -21,9 +24,9 @@ MOST_AHEAD = 2**40  # of a number: a command with the largest one would leave no
 class Orders:
     """The commands to one drone."""
 
-    def __init__(self, drone: str, mission_id: str, boot: str, verifier: Verifier | None) -> None:
-        """``verifier`` None: the swarm has no certificates, and commands no signatures."""
-        self._drone, self._mission_id, self._boot = drone, mission_id, boot
+    def __init__(self, drone: str, mission_id: str, nonce_key: bytes, verifier: Verifier | None) -> None:
+        """``nonce_key``: random, up to 64 bytes. ``verifier`` None: the swarm has no certificates, and commands no signatures."""
+        self._drone, self._mission_id, self._nonce_key = drone, mission_id, nonce_key
         self._verifier = verifier
         self._last = 0  # number of the last command carried out
 
@@ -31,9 +34,9 @@ class Orders:
         """What the next command needs, as published in the status."""
         return Ticket(self._nonce(now_ns // NONCE_NS), self._last + 1)
 
-    def refusal(self, command: Command, now_ns: int) -> str | None:
+    def refusal(self, command: Order, now_ns: int) -> str | None:
         """Why a command must not be carried out, or None: then ``note`` follows once it is."""
-        if command.mission != self._mission_id:
+        if isinstance(command, Command) and command.mission != self._mission_id:
             return "of_another_mission"
         ticket = command.to.get(self._drone)
         if ticket is None:
@@ -49,13 +52,14 @@ class Orders:
             return "already_obeyed"
         if ticket.number > self._last + MOST_AHEAD:
             return "numbered_too_high"
-        if command.action is Action.START and abs(now_ns - command.stamp_ns) > START_AGE_NS:
+        is_start = isinstance(command, Command) and command.action is Action.START
+        if is_start and abs(now_ns - command.stamp_ns) > START_AGE_NS:
             return "too_old"
         return None
 
-    def note(self, command: Command) -> None:
+    def note(self, command: Order) -> None:
         """A command has been carried out: no other one with its number or a lower one is."""
         self._last = command.to[self._drone].number
 
     def _nonce(self, period: int) -> str:
-        return blake2b(f"{self._boot} {period}".encode(), digest_size=8).hexdigest()
+        return blake2b(str(period).encode(), key=self._nonce_key, digest_size=8).hexdigest()

@@ -6,7 +6,8 @@ and in hold it stays. (In the failsafe that follows it accepts no mode that need
 
 The mission continues when the position is confirmed and the drone is certainly well above the ground: a real one has landed
 unnoticed, and then taken off at 5 m/s. Near the ground it lands, and wherever it is if the position stays lost for
-``LONGEST_NS``, or the battery is spent before.
+``LONGEST_NS``, or the battery is spent before. A landing that has begun goes on when the position is confirmed; but from then on,
+well above the ground, an operator may send the drone home.
 """
 
 from __future__ import annotations
@@ -53,6 +54,8 @@ class PositionLoss:
 
     def _resume(self, vehicle: VehicleState) -> None:
         """The position is confirmed; a drone near or on the ground by then does not resume its mission."""
-        if self.stays and (not vehicle.in_air or vehicle.height_m < NEAR_GROUND_M):
+        if vehicle.in_air and vehicle.height_m >= NEAR_GROUND_M:
+            self.lands = None
+        elif self.stays:
             self.lands = WHY
         self._since_ns, self.stays = None, False

@@ -17,9 +17,10 @@ MOST_NOTICES = 8
 class Problems:
     """The problems of one drone. A flying drone reports them but flies on.
 
-    ``flown``: how its mission is flown. ``blocked``, ``warned``: found by the shell; the former prevent a start. ``noticed``,
-    ``seen``: found by the pilot, and no obstacle to a start: of camera and spectrum, and of clock, localisation and frames.
-    ``unplaced``: nothing relates the heading of its local frame to the mission frame yet.
+    ``flown``: how its mission is flown. ``blocked``, ``warned``: found by the shell; the former prevent a start. ``revoked``:
+    that this drone has been, which prevents one too. ``noticed``, ``seen``: found by the pilot, and no obstacle to a start: of
+    camera and spectrum, and of clock, localisation and frames. ``unplaced``: nothing relates the heading of its local frame to
+    the mission frame yet. ``taken_over``: a mission is. ``passing``: ids of drones that fly too near for a takeoff.
     """
 
     def __init__(self, drone: str, mission_id: str) -> None:
@@ -27,6 +28,9 @@ class Problems:
         self._mission_id = mission_id
         self._twin_ns: int | None = None  # when another agent with this id was last heard
         self.unplaced = False
+        self.revoked: tuple[str, ...] = ()
+        self.taken_over: str | None = None
+        self.passing: tuple[str, ...] = ()
         self.blocked: tuple[str, ...] = ()
         self.warned: tuple[str, ...] = ()
         self.noticed: tuple[str, ...] = ()
@@ -51,12 +55,17 @@ class Problems:
             problems.append(f"another agent is running as {self._drone}")
         if self.unplaced:
             problems.append("its heading is not known, and it has neither seen another drone nor been seen by one yet")
+        if self.taken_over is not None:
+            problems.append(self.taken_over)
         problems += [
-            f"{name} has another mission file ({status.mission}, here {self._mission_id})"
+            f"{name} flies past so near that a takeoff would be in its way; start again in a moment" for name in self.passing
+        ]
+        problems += [
+            f"{name} has another mission ({status.mission}, here {self._mission_id})"
             for name, status in statuses.items()
             if status.mission != self._mission_id
         ]
-        return _sendable((*problems, *self.blocked))
+        return _sendable((*self.revoked, *problems, *self.blocked))
 
     def all(self, now_ns: int, vehicle: VehicleState | None, statuses: Mapping[str, Status]) -> tuple[str, ...]:
         """All problems: first those of the flight, then those that prevent a start."""

@@ -15,7 +15,7 @@ from protocol.codec import written
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
 from protocol.message import Message
-from protocol.messages import Estimate, Failsafe, Frame, Pose, Recognised, Source, Stage, Status, Ticket
+from protocol.messages import Answer, Estimate, Failsafe, Frame, Pose, Recognised, Source, Stage, Status, Ticket
 
 M = TypeVar("M", bound=Message)
 _PERIODS_NS: dict[type[Message], int] = {
@@ -29,7 +29,7 @@ _PERIODS_NS: dict[type[Message], int] = {
 class Condition(Struct, frozen=True):
     """Contents of a status besides the battery: stage, counters, problems, result of a search without a source ("": none), the
     nuclide recognised in the spectrum, the delays of the others' statuses, the start of the mission, the ticket for the next
-    command, and what the vehicle's failsafe does.
+    command, what the vehicle's failsafe does, and the answer to an upload.
     """
 
     stage: Stage
@@ -42,6 +42,7 @@ class Condition(Struct, frozen=True):
     ticket: Ticket | None = None
     failsafe: Failsafe | None = None
     notices: tuple[str, ...] = ()
+    upload: Answer | None = None
 
 
 class Outbox:
@@ -140,6 +141,7 @@ class Reporter:
                 ticket=now.ticket,
                 failsafe=now.failsafe,
                 notices=now.notices,
+                upload=now.upload,
             )
 
     def _is_due(self, kind: type[Message], now_ns: int) -> bool:

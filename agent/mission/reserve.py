@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from agent.vehicle.interface import VehicleState
 from protocol.messages import Stage, Status
@@ -21,8 +21,11 @@ class Reserve:
         self._since_ns: int | None = None
         self.is_low = False
 
-    def returns(self, now_ns: int, vehicle: VehicleState | None, statuses: Mapping[str, Status]) -> bool:
-        """Whether this drone is to return now. ``statuses``: of the others that are heard.
+    def returns(
+        self, now_ns: int, vehicle: VehicleState | None, statuses: Mapping[str, Status], unheard: Collection[str] = ()
+    ) -> bool:
+        """Whether this drone is to return now. ``statuses``: of the others that are heard; ``unheard``: drones that may
+        be on their way home without their agents.
 
         It waits for those that are on their way home, and for those with a smaller id whose batteries are low too.
         """
@@ -32,7 +35,7 @@ class Reserve:
             return False
         self._since_ns = now_ns if self._since_ns is None else self._since_ns
         self.is_low = now_ns - self._since_ns >= _SURE_NS
-        return self.is_low and (level < _URGENT * self._reserve or not any(map(self._goes_first, statuses.values())))
+        return self.is_low and (level < _URGENT * self._reserve or not (unheard or any(map(self._goes_first, statuses.values()))))
 
     def _goes_first(self, other: Status) -> bool:
         if other.stage in _ON_GROUND:

@@ -1,26 +1,20 @@
-"""The stages of a mission for one drone, and who flies it: takeover and failsafe are judged here, by the autopilot's mode."""
+"""The stages of a mission for one drone."""
 
 from __future__ import annotations
-
-from msgspec import Struct
 
 from agent.config.mission import SurveyConfig, TrackConfig
 from agent.geometry import Vector3
 from agent.mission.memory import REFRESH_NS, Memory
-from agent.mission.positionloss import PositionLoss
+from agent.mission.positionloss import NEAR_GROUND_M, PositionLoss
+from agent.mission.situation import Situation
+from agent.mission.takeover import MODES, SEARCHING, STEERED, Takeover
 from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Action, Stage
 
-SEARCHING = (Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
-STEERED = (*SEARCHING, Stage.RETURN)  # the stages flown by setpoints, with separation
 FLYING = (*STEERED, Stage.TAKEOFF, Stage.HOLD, Stage.LANDING, Stage.ABORT)
-TAKEOVER_NS = 1_500_000_000  # a heartbeat is up to 1 s old: wait longer before taking a mode for a takeover
 _FOUND_AGAIN = 0.7  # of the RMS at which the source counts as lost: hysteresis
-FAILSAFE_NS = 3_000_000_000  # the same for a failsafe, which may pass
-REJOIN_NS = 5_000_000_000  # a restarted agent has this long to get the vehicle out of its failsafe
-STALE_NS = 1_200_000_000  # greatest age of the mode in a heartbeat
-OWN_HOLD_NS = 3_000_000_000  # a hold that this agent has asked for is shown and left again within this time
 STRANDED_NS = 5_000_000_000  # a drone that is to return because it does not hear others, or is in doubt, waits this long
+BROUGHT_DOWN = "its failsafe had brought it near the ground when its agent came back"
 NO_NEARER = "it did not get home: its place is not known, or something kept it away"
 UNSTEERED_NS = 3_000_000_000  # after this long without offboard in a steered stage it is reported
 
@@ -42,44 +36,17 @@ _STAGE_AFTER = {
     Action.LAND: Stage.LANDING,
     Action.ABORT: Stage.ABORT,
 }
-# The autopilot's modes that belong to a stage.
-_MODES: dict[Stage, tuple[FlightMode, ...]] = {
-    Stage.TAKEOFF: (FlightMode.TAKEOFF, FlightMode.HOLD),
-    Stage.HOLD: (FlightMode.HOLD,),
-    Stage.LANDING: (FlightMode.LAND,),
-    Stage.ABORT: (FlightMode.LAND,),
-    **dict.fromkeys(STEERED, (FlightMode.OFFBOARD,)),
-}
-
-
-class Situation(Struct, frozen=True):
-    """The inputs of a decision. ``last_cone_ns``: stamp of the newest cone in the log, of any drone; 0 where there is none.
-
-    ``at_home``: the drone hovers over the place where it took off. ``problems``: those that prevent a start. ``rms_m``: of the
-    source estimate, by an estimator with a posterior; else None. ``nothing_found``: the search has ended without a source.
-    ``stranded``: other drones are not heard, and the mission, or the fence, leaves this one nothing but to return; or it may be
-    far from where it believes to be.
-    ``battery_low``: it is this drone's turn to return for want of battery. ``no_nearer``: its return has not got on for long.
-    """
-
-    now_ns: int
-    vehicle: VehicleState | None
-    has_hypothesis: bool
-    last_cone_ns: int
-    at_home: bool
-    problems: tuple[str, ...] = ()
-    rms_m: float | None = None
-    nothing_found: bool = False
-    stranded: bool = False
-    battery_low: bool = False
-    no_nearer: bool = False
 
 
 class Mission:
     """The stage of one drone, and what its transitions depend on."""
 
-    def __init__(self, track: TrackConfig, survey: SurveyConfig | None = None, can_lose: bool = True) -> None:
-        """``can_lose``: the hypothesis rests on measurements, and counts as lost when they stay away."""
+    def __init__(
+        self, track: TrackConfig, survey: SurveyConfig | None = None, can_lose: bool = True, floor_m: float = 0.0
+    ) -> None:
+        """``can_lose``: the hypothesis rests on measurements, and counts as lost when they stay away. ``floor_m``: above ground;
+        nobody searches below.
+        """
         self.stage = Stage.PREFLIGHT
         self.since_ns = 0  # when the present stage began
         self.started_ns = 0  # stamp of the start command with which the swarm's mission began
@@ -87,18 +54,18 @@ class Mission:
         self._track = track
         self._gives_up = survey is not None and survey.then == "return"
         self._can_lose = can_lose
+        self._floor_m = floor_m
+        self._rises = False  # the autopilot's takeoff has ended below the floor
         self.resume = Stage.SURVEY  # the stage after a hold
         self.released = False  # somebody else has taken over
-        self._foreign_since_ns: int | None = None
+        self._takeover = Takeover()
         self._unsteered_since_ns: int | None = None
         self._position_loss = PositionLoss()
         self.landed_because = ""  # why it landed, unless on request or by a human pilot
-        self._rejoining_until_ns = 0
         self._search_since_ns: int | None = None
         self._stranded_since_ns: int | None = None
-        self._was_armed = self._was_offboard = False
+        self._was_armed = False
         self._mode = FlightMode.HOLD
-        self._held_ns: int | None = None  # when this agent itself last asked for a hold, for want of telemetry
 
     @property
     def request(self) -> Request:
@@ -107,6 +74,8 @@ class Mission:
             return Request.RELEASE
         if self._position_loss.stays and self.stage in (Stage.TAKEOFF, *STEERED):
             return Request.HOLD
+        if self.stage is Stage.TAKEOFF and self._rises:
+            return Request.OFFBOARD
         return _REQUESTS[self.stage]
 
     def command(self, action: Action, stamp_ns: int, situation: Situation, started_ns: int | None = None) -> str | None:
@@ -124,6 +93,8 @@ class Mission:
         if action is Action.HOLD:
             self._hold(situation.now_ns)
             return None
+        if action is Action.RETURN:
+            self.landed_because = ""  # of a landing that it ends
         stage = self.resume if action is Action.RESUME else _STAGE_AFTER[action]
         self._enter(stage, situation.now_ns)
         return None
@@ -139,6 +110,8 @@ class Mission:
             return f"{action}: aborted"
         if action is Action.RESUME and self.stage is not Stage.HOLD:
             return "resume: not holding"
+        if self._position_loss.lands is not None and action in (Action.HOLD, Action.RESUME, Action.RETURN):
+            return f"{action}: it lands: {self._position_loss.lands}"
         if action is Action.HOLD and self.stage not in (Stage.TAKEOFF, *STEERED):
             return f"hold: not possible in {self.stage}"
         return None
@@ -147,7 +120,7 @@ class Mission:
         """Forget the flight before this one."""
         self.tracking_since_ns = self._search_since_ns = None
         self.resume, self.landed_because = Stage.SURVEY, ""
-        self._was_armed = False
+        self._was_armed = self._rises = False
         self._position_loss = PositionLoss()
 
     def unsteered(self, now_ns: int) -> str | None:
@@ -181,24 +154,28 @@ class Mission:
         )
 
     def rejoin(self, memory: Memory, vehicle: VehicleState, now_ns: int) -> None:
-        """Continue a flight in which this agent was restarted.
-
-        Without setpoints the autopilot returns or lands in its failsafe (``healthy`` is False then), and goes back to offboard
-        when they resume. A vehicle that a human pilot controls, has stopped or sent home is left alone.
-        """
+        """Continue a flight in which this agent was restarted. A vehicle that somebody else flies is left alone."""
         self.started_ns = memory.started_ns
         self.tracking_since_ns, self.resume = memory.tracking_since_ns, memory.resume
         self._enter(memory.stage, now_ns)
-        self._was_armed = self._was_offboard = True
-        chosen = vehicle.healthy and self._is_foreign(vehicle)  # by somebody: no failsafe led to this mode
-        if memory.released or chosen or vehicle.mode is FlightMode.MANUAL:
+        self._was_armed = True
+        if self._takeover.rejoin(vehicle, memory.stage, now_ns) or memory.released:
             self._release(vehicle.mode, now_ns)
         elif memory.stage in STEERED:
-            self._rejoining_until_ns = now_ns + REJOIN_NS
+            self._get_clear(vehicle, now_ns)
+
+    def _get_clear(self, vehicle: VehicleState, now_ns: int) -> None:
+        """Go on after a failsafe: near the ground, or at home, it lands; below the floor it first rises where it is."""
+        if vehicle.height_m < (self._floor_m if self.stage is Stage.RETURN else NEAR_GROUND_M):
+            self.landed_because = BROUGHT_DOWN
+            self._enter(Stage.LANDING, now_ns)
+        elif vehicle.height_m < self._floor_m:
+            self._enter(Stage.TAKEOFF, now_ns)
+            self._rises = True
 
     def hold_asked(self, now_ns: int) -> None:
         """This agent asks the autopilot to hold for now, without a change of stage: that is not somebody's takeover."""
-        self._held_ns = now_ns
+        self._takeover.hold_asked(now_ns)
 
     def step(self, situation: Situation) -> None:
         """Enter the next stage where the situation calls for it."""
@@ -213,18 +190,23 @@ class Mission:
         self._watch_steering(vehicle, now_ns)
         if not self.released:
             self._watch_position(vehicle, now_ns, situation.battery_low)
-            self._watch_takeover(vehicle, now_ns)
+            if self._takeover.step(vehicle, self.stage, self.since_ns, now_ns, stays=self._position_loss.stays):
+                self._release(vehicle.mode, now_ns)
         if self.released or self._position_loss.stays:
             return
         if self.stage is Stage.TAKEOFF:
-            if vehicle.in_air and vehicle.mode in _MODES[Stage.TAKEOFF]:
-                self._enter(Stage.TRACK if situation.has_hypothesis else Stage.SURVEY, now_ns)
+            if vehicle.in_air and vehicle.mode in MODES[Stage.TAKEOFF]:
+                self._rises = vehicle.height_m < self._floor_m  # the autopilot goes by its own height, and that drifts
+                if not self._rises:
+                    self._enter(Stage.TRACK if situation.has_hypothesis else Stage.SURVEY, now_ns)
         elif self.stage is Stage.RETURN:
             if situation.at_home or situation.no_nearer:
                 self.landed_because = self.landed_because if situation.at_home else NO_NEARER
                 self._enter(Stage.LANDING, now_ns)
         elif self.stage in SEARCHING:
             self._search(situation)
+        elif self.stage is Stage.HOLD and situation.battery_low:
+            self._enter(Stage.RETURN, now_ns)
 
     def _search(self, situation: Situation) -> None:
         now_ns = situation.now_ns
@@ -285,29 +267,9 @@ class Mission:
             self.landed_because = self._position_loss.lands
             self._enter(Stage.LANDING, now_ns)
         elif stayed and not self._position_loss.stays:
-            self._was_offboard, self._rejoining_until_ns = False, now_ns + REJOIN_NS
-
-    def _watch_takeover(self, vehicle: VehicleState, now_ns: int) -> None:
-        """Release the vehicle when the autopilot stays in a mode that was not requested: by its failsafe, or a human pilot.
-
-        A failsafe is given time to pass: after a gap in the setpoints the autopilot goes back to offboard by itself.
-        """
-        settled = now_ns - self.since_ns > STALE_NS and not self._position_loss.stays
-        self._was_offboard = self._was_offboard or (settled and vehicle.mode is FlightMode.OFFBOARD)
-        if vehicle.mode in _MODES[self.stage]:
-            self._rejoining_until_ns = 0
-        own = self._position_loss.stays and (not vehicle.healthy or vehicle.mode is FlightMode.HOLD)  # or its failsafe's
-        held = self._held_ns is not None and now_ns - self._held_ns < OWN_HOLD_NS
-        own = own or (held and vehicle.mode is FlightMode.HOLD)
-        rejoining = (own or now_ns < self._rejoining_until_ns) and vehicle.mode is not FlightMode.MANUAL
-        if rejoining or not self._is_foreign(vehicle):
-            self._foreign_since_ns = None
-            return
-        if self._foreign_since_ns is None:
-            self._foreign_since_ns = now_ns
-        patience_ns = TAKEOVER_NS if vehicle.healthy or vehicle.mode is FlightMode.MANUAL else FAILSAFE_NS
-        if now_ns - self._foreign_since_ns > patience_ns:
-            self._release(vehicle.mode, now_ns)
+            self._takeover.left_hold(now_ns)
+            if self.stage in STEERED:
+                self._get_clear(vehicle, now_ns)
 
     def _release(self, mode: FlightMode, now_ns: int) -> None:
         if mode is FlightMode.RETURN:
@@ -318,22 +280,13 @@ class Mission:
             self._hold(now_ns)
         self.released = True
 
-    def _is_foreign(self, vehicle: VehicleState) -> bool:
-        """Whether somebody other than this agent has chosen the mode. Before arming, any mode is fine."""
-        mode = vehicle.mode
-        if not vehicle.armed or mode in _MODES[self.stage]:
-            return False
-        if mode in (FlightMode.MANUAL, FlightMode.RETURN, FlightMode.LAND):
-            return True
-        return mode is FlightMode.HOLD and self.stage in STEERED and self._was_offboard  # else: not yet in offboard
-
     def _hold(self, now_ns: int) -> None:
         self.resume = Stage.SURVEY if self.stage is Stage.TAKEOFF else self.stage
         self._enter(Stage.HOLD, now_ns)
 
     def _enter(self, stage: Stage, now_ns: int) -> None:
         if stage not in STEERED or self.stage not in STEERED:
-            self._was_offboard, self._foreign_since_ns = False, None
+            self._takeover.changed()
         self.stage, self.since_ns = stage, now_ns
         if stage is Stage.TRACK:
             self._search_since_ns = None

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from agent.config.mission import MissionConfig
 from agent.frames.swarm import SwarmFrames
 from agent.fusion.engine import Fusion
+from agent.fusion.posterior import Posterior, posterior_of
 from agent.fusion.registry import Estimators
-from protocol.entries import Cone, Entry
+from protocol.entries import Cone, Entry, EntryId
+
+FORGOTTEN = 250  # entries in a call of ``advance``: some milliseconds
 
 
 class WorldModel:
@@ -24,17 +28,36 @@ class WorldModel:
         self.fusion = Fusion(mission, graph, estimators(mission.fusion.estimator, mission))
         self.listeners = {name: Fusion(mission, graph, estimators(name, mission)) for name in listeners}
         self.last_cone_ns = 0
+        self._started_ns = 0
+        self._forgotten: list[EntryId] = []
+
+    @property
+    def pending(self) -> bool:
+        """Whether frames or hypothesis lack something of the log. Where they do not, they are a function of the log and of the
+        hypothesis's stamp.
+        """
+        return bool(self._forgotten) or self.frames.pending or self.fusion.pending
+
+    def posteriors(self, now_ns: int) -> dict[str, Posterior]:
+        """What each estimator holds possible, by name; without those that tell nothing yet."""
+        named = {self.fusion.estimator.name: self.fusion, **self.listeners}
+        found = {name: posterior_of(fusion, now_ns) for name, fusion in named.items()}
+        return {name: posterior for name, posterior in found.items() if posterior is not None}
 
     def start(self, started_ns: int) -> None:
         """Begin a mission with the start command of that stamp: earlier measurements do not count."""
-        self.last_cone_ns = 0
+        self.last_cone_ns, self._started_ns = 0, started_ns
         self.frames.start(started_ns)
         for fusion in (self.fusion, *self.listeners.values()):
             fusion.start(started_ns)
 
     def take(self, entry: Entry, payload: bytes, now_ns: int) -> bool:
         """Take an entry and its encoded bytes; False where it is a duplicate or not accepted."""
+        log, publisher = self.fusion.log, (entry.drone, entry.boot)
+        last = log.last_counted(*publisher)
         if not self.fusion.receive(entry, payload):
+            if log.last_counted(*publisher) < last:
+                self.forget(log.beyond(entry.drone, partial(log.last_counted, entry.drone)))
             return False
         self.frames.receive(entry, payload)
         for listener in self.listeners.values():
@@ -43,8 +66,23 @@ class WorldModel:
             self.last_cone_ns = max(self.last_cone_ns, min(entry.stamp_ns, now_ns))
         return True
 
+    def forget(self, identities: Sequence[EntryId]) -> None:
+        """Take entries back that do not count any more, a bounded number in each call of ``advance``."""
+        self._forgotten = list(dict.fromkeys((*self._forgotten, *identities)))
+
+    def _forget(self, now_ns: int) -> None:
+        portion, self._forgotten = self._forgotten[:FORGOTTEN], self._forgotten[FORGOTTEN:]
+        self.frames.forget(self.fusion.forget(portion))
+        for listener in self.listeners.values():
+            listener.forget(portion)
+        if not self._forgotten:
+            newest_ns = self.fusion.log.newest_ns(Cone)
+            self.last_cone_ns = min(newest_ns, now_ns) if newest_ns >= self._started_ns else 0
+
     def advance(self, now_ns: int) -> None:
         """Process new entries: almost free without any; a large backlog takes several calls."""
-        self.frames.advance(now_ns)
+        if self._forgotten:
+            self._forget(now_ns)
+        self.frames.advance(self.fusion.begin_ns(now_ns))
         for fusion in (self.fusion, *self.listeners.values()):
             fusion.advance(now_ns)

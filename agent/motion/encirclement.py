@@ -49,7 +49,7 @@ class Encirclement:
         self._spacing_m = limits.separation_m + margin_m
         self._times: Array = config.step_s * np.arange(config.steps + 1, dtype=np.float64)
         self._height_m = config.height_m
-        self._radius = 0.0  # radius that the terms below were computed for
+        self._circling = 0.0, 0.0  # radius and speed that the terms below were computed for
         self._terms: Array = np.ones((len(self._times), 4))  # (K + 1, 4): cosine and sine of the angle flown, time, 1
         self._terms[:, 2] = self._times
 
@@ -64,6 +64,7 @@ class Encirclement:
         radius_m: float | None = None,
         height_m: float | None = None,
         doubt_m: float = 0.0,
+        stands: bool = False,
     ) -> Reference:
         """The arc to fly now, by the configured law.
 
@@ -75,13 +76,15 @@ class Encirclement:
             center_velocity: of the hypothesis, m/s.
             radius_m, height_m: override the configured ones. The radius is never below what the separation of all drones needs.
             doubt_m: added to that separation, for position errors and deviations from the plans.
+            stands: the slots do not rotate; of the law ``smooth`` only.
         """
         radius = max(radius_m or self._config.radius_m, minimum_radius(len(others) + 1, self._spacing_m + doubt_m))
         self._height_m = height_m or self._config.height_m
         if self._config.law == "paper":
             return self._paper(me, others, center, radius)
         offset = self._offset_from_slot(me, others, my_id, center, center_velocity)
-        return self._approach(me, self._arc(_angle(me, center, 0.0) + offset, radius, center, center_velocity))
+        speed_mps = 0.0 if stands else self._config.speed_mps
+        return self._approach(me, self._arc(_angle(me, center, 0.0) + offset, radius, center, center_velocity, speed_mps))
 
     def _paper(self, me: PeerState, others: Mapping[str, PeerState], center: Vector3, radius: float) -> Reference:
         """Sec. V-C: t[k] = (r, phi + beta_i + k (v/r) dT), beta_i = -sgn(theta_i) beta; no bias for a single drone.
@@ -92,7 +95,7 @@ class Encirclement:
         phi = _angle(me, center, 0.0)
         theta = min((wrapped(_angle(other, center, 0.0) - phi) for _, other in sorted(others.items())), key=abs, default=0.0)
         bias = -self._config.bias_rad if theta > 0.0 else self._config.bias_rad if theta < 0.0 else 0.0
-        return self._arc(phi + bias, radius, center, (0.0, 0.0, 0.0))
+        return self._arc(phi + bias, radius, center, (0.0, 0.0, 0.0), self._config.speed_mps)
 
     def _offset_from_slot(
         self, me: PeerState, others: Mapping[str, PeerState], my_id: str, center: Vector3, center_velocity: Vector3
@@ -108,11 +111,10 @@ class Encirclement:
         count = len(ahead) + 1
         return sum(gap - 2.0 * pi * rank / count for rank, (gap, _) in enumerate(ahead, start=1)) / count
 
-    def _arc(self, angle: float, radius: float, center: Vector3, center_velocity: Vector3) -> Reference:
+    def _arc(self, angle: float, radius: float, center: Vector3, center_velocity: Vector3, speed: float) -> Reference:
         """The arc that begins at this angle now, around a centre that moves on at its velocity."""
-        speed = self._config.speed_mps
-        if radius != self._radius:
-            self._radius, angles = radius, (speed / radius) * self._times
+        if (radius, speed) != self._circling:
+            self._circling, angles = (radius, speed), (speed / radius) * self._times
             self._terms[:, 0], self._terms[:, 1] = np.cos(angles), np.sin(angles)
         (x, y, z), (u, v, _), c, s = center, center_velocity, cos(angle), sin(angle)
         states = self._terms @ np.array(  # positions and velocities, linear in the four terms

@@ -100,8 +100,9 @@ class Steering:
         clearances = (optimum[1, :, :2] @ normals.T - offsets).min(axis=0)
         if clear and float(clearances.min()) >= 0.0:
             return Status.FREE, optimum[0, :, :2]
-        near = clearances < _NEAR_M
-        planes = self._half_planes(situation, optimum[1, :, :2], neighbours, (normals[near], offsets[near]))
+        previous = situation.previous()  # where others push it to the fence, the optimum may be far from there
+        near = np.minimum(clearances, (previous @ normals.T - offsets).min(axis=0)) < _NEAR_M
+        planes = self._half_planes(situation, optimum[1, :, :2], previous, neighbours, (normals[near], offsets[near]))
         found = self._problem.solve(situation.start[:, :2], optimum[:, :, :2], planes, situation.guess[:, :2])
         if found is not None and self._apart(
             optimum[1, :, :2] + self._prediction.position @ (found - optimum[0, :, :2]), neighbours
@@ -162,15 +163,16 @@ class Steering:
         return [(px + fading * dx, py + fading * dy) for (px, py), fading in zip(positions, self._fading, strict=True)]
 
     def _half_planes(
-        self, situation: Situation, position: Array, neighbours: Sequence[_Neighbour], fence: Piece
+        self, situation: Situation, position: Array, previous: Array, neighbours: Sequence[_Neighbour], fence: Piece
     ) -> HalfPlanes | None:
-        """The half-planes of neighbours and fence; per step, those that the unconstrained optimum (H, 2) violates most."""
+        """The half-planes of neighbours and fence; per step, those that the unconstrained optimum (H, 2) or the previous plan
+        (H, 2) violates most.
+        """
         if not neighbours and len(fence[0]) == 0:
             return None
         horizon, count = self._horizon, max(_ROWS, len(neighbours) + len(fence[0]))
         here = (float(situation.start[0, 0]), float(situation.start[0, 1]))
         normals, offsets, yielding = np.zeros((count, horizon, 2)), np.full((count, horizon), -np.inf), np.ones((count, horizon))
-        previous = situation.previous() if neighbours else position
         for row, other in enumerate(neighbours):
             if other.away is not None:
                 normals[row], yielding[row] = other.away, _LINE_YIELDS
@@ -181,7 +183,7 @@ class Steering:
         for row, (normal, offset) in enumerate(zip(*fence, strict=True), start=len(neighbours)):
             normals[row], offsets[row], yielding[row] = normal, offset, _FENCE_YIELDS
         if count > _ROWS:
-            slack = np.einsum("rkx,kx->rk", normals, position) - offsets
+            slack = np.minimum(*(np.einsum("rkx,kx->rk", normals, plan) for plan in (position, previous))) - offsets
             worst = np.argsort(slack, axis=0, kind="stable")[:_ROWS]
             steps = np.arange(horizon)
             normals, offsets, yielding = normals[worst, steps], offsets[worst, steps], yielding[worst, steps]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import insort
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -89,6 +89,12 @@ class Covered:
         if drone.newest is None or identity >= drone.newest[0]:
             drone.newest = identity, entry
         drone.stale[0].add(window)
+
+    def recount(self, drone: str, entries: Iterable[Coverage]) -> None:
+        """Only these entries of a drone count, and those taken from now on."""
+        self._drones.pop(drone, None)
+        for entry in entries:
+            self.take(entry)
 
     def moved(self, drone: str, from_ns: int) -> None:
         """The frame of a drone has changed from that stamp on."""

@@ -18,11 +18,13 @@ from agent.motion.leading import Leading
 from agent.motion.orbit import Orbit
 from agent.motion.reference import PeerState, Reference
 from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, margin_m
+from agent.navigation.agentless import CIRCLING
+from agent.navigation.crossing import WayHome
 from agent.navigation.home import Home
 from agent.navigation.neighbours import Neighbour
 from agent.navigation.ownground import OwnGround
 from agent.navigation.sharing import SharedCircle
-from agent.navigation.silent import CIRCLING, Absence
+from agent.navigation.silent import Absence
 from agent.navigation.surveying import InformedSearch, Search
 from agent.vehicle.interface import VehicleState
 from protocol.messages import Stage
@@ -80,11 +82,17 @@ class Guidance:
         most_mps = _SPEED_SHARE * mission.limits.speed_mps - mission.encirclement.speed_mps
         self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + _ROOM_M)
         self._encirclement = Encirclement(mission.encirclement, mission.limits)
-        self._shared = SharedCircle(mission)
+        self._shared = SharedCircle(mission, drone.id)
+        self._way = WayHome(mission, drone.id)
         self._absence: Absence | None = None
         self._yaw_rad = 0.0
         self._stays: Vector3 | None = None  # the place held while the position cannot be trusted, local
         self._waits: tuple[int, float, float] | None = None  # since when and where it waits for its frame, local
+
+    @property
+    def comes_down(self) -> bool:
+        """Whether the drone comes down over home from the height at which it has returned; then it lands."""
+        return self._way.comes_down
 
     @property
     def waits(self) -> bool:
@@ -95,6 +103,7 @@ class Guidance:
         """Guidance begins, or begins again: any waiting is over."""
         self._waits = self._stays = None
         self._shared.begin()
+        self._way.begin()
 
     def centre(self, moment: Moment) -> Centre | None:
         """The centre of the circle; None without a hypothesis, or while the local frame is not known."""
@@ -125,11 +134,14 @@ class Guidance:
         circles = centre is not None and moment.stage is not Stage.SURVEY
         if not moment.vehicle.position_trusted or (self._holds and not circles and moment.stage is not Stage.RETURN):
             return self._stay(state)
+        if moment.stage is Stage.TAKEOFF:
+            return self._rise(moment, state)
         self._stays, frame = None, self._own.frame
         if frame is not None:
             self._waits = None
         if moment.stage is Stage.RETURN:
-            return self._way_home(moment, state)
+            return self._return(moment, state)
+        self._way.begin()
         if frame is None:
             return self._wait(moment, state)
         if moment.stage is Stage.SURVEY or centre is None:
@@ -148,7 +160,7 @@ class Guidance:
 
     def heading(self, moment: Moment, centre: Centre | None) -> tuple[float, float]:
         """Yaw (rad) and its rate (rad/s): always turning in the survey (paper, Sec. V-A), facing the hypothesis when tracking."""
-        if moment.stage is Stage.RETURN:
+        if moment.stage in (Stage.TAKEOFF, Stage.RETURN):
             return self._yaw_rad, 0.0
         rate_rps = 0.0
         if moment.stage is Stage.SURVEY or centre is None:
@@ -192,7 +204,9 @@ class Guidance:
         config, hypothesis = self._config.encirclement, moment.hypothesis
         radius_m, height_m, doubt_m = config.radius_m, config.height_m, 0.0
         fits = self._fits(moment)
-        ring_m = self._shared.ring_m(self._absence, self._in_mission(centre), fits)
+        x, y, _ = centre.position
+        far_m = hypot(state.position[0] - x, state.position[1] - y)
+        ring_m, over_m = self._shared.course(self._absence, self._in_mission(centre), far_m, moment.vehicle.height_m, fits)
         if fits and hypothesis is not None:
             rms_m = hypothesis.sight_of(self._id).rms_m
             self._orbit.update(moment.now_ns, rms_m, hypothesis.activity_bq, moment.stage is Stage.REACQUIRE, ring_m)
@@ -204,28 +218,32 @@ class Guidance:
             radius_m += self._config.track.widening_mps * moment.stage_s
         widest_m = max((margin_m(deviation_m, partner.plan.deviation_m) for partner in partners), default=0.0)
         doubt_m += max(0.0, widest_m - LEAST_MARGIN_M)
-        x, y, _ = centre.position
         if self._holds:
             return self._hover(moment, state, centre, radius_m)
         heard = {partner.id: partner.plan.state(moment.now_ns) for partner in partners}
+        stands = self._shared.stands(self._absence, self._in_mission(centre), radius_m)
         return self._encirclement.reference(
             self._ground.above_level(state, moment.vehicle),
-            self._shared.places(moment.now_ns, heard, self._absence, (centre.position, centre.velocity), radius_m),
+            self._shared.places(moment.now_ns, heard, self._absence, (centre.position, centre.velocity), radius_m, stands),
             self._id,
             center=(x, y, self._ground.level_m(moment.vehicle)),
             center_velocity=centre.velocity,
             radius_m=radius_m,
-            height_m=height_m,
+            height_m=over_m or height_m,
             doubt_m=doubt_m,
+            stands=stands,
         )
 
     def circles_of_others(
         self, moment: Moment, centre: Centre | None, absence: Absence | None, ahead: Callable[[], Array]
     ) -> list[PeerPlan]:
-        """Where missing drones may circle, while this one circles: nearest to its plan ``ahead`` (K, 3)."""
-        if absence is None or centre is None or moment.stage not in CIRCLING:
+        """Where missing drones may circle, while this one circles or climbs before it crosses: nearest to its plan ``ahead``
+        (K, 3).
+        """
+        climbs = moment.stage is Stage.RETURN and self._way.climbs
+        if absence is None or centre is None or (moment.stage not in CIRCLING and not climbs):
             return []
-        return self._shared.others(absence, moment.now_ns, centre.position, ahead(), STEP_S, self._fits(moment))
+        return self._shared.others(absence, moment.now_ns, centre.position, ahead(), STEP_S, self._fits(moment), climbs=climbs)
 
     def _fits(self, moment: Moment) -> bool:
         """Whether the circle's radius follows the hypothesis' accuracy."""
@@ -252,6 +270,11 @@ class Guidance:
         place = self._stays = self._stays or state.position
         return Reference(np.tile(place, (HORIZON + 1, 1)), np.zeros((HORIZON + 1, 3)), STEP_S)
 
+    def _rise(self, moment: Moment, state: PeerState) -> Reference:
+        """Straight up to the height of the survey."""
+        x, y, _ = self._stays = self._stays or state.position
+        return self._level(moment, np.full(HORIZON + 2, x), np.full(HORIZON + 2, y))
+
     def _wait(self, moment: Moment, state: PeerState) -> Reference:
         """Stay; after a while fly a small circle through the place."""
         x, y, _ = state.position
@@ -259,19 +282,24 @@ class Guidance:
         waited_s = (moment.now_ns - since_ns) * 1e-9 - _PATIENCE_S
         turned = np.maximum(0.0, waited_s + STEP_S * np.arange(HORIZON + 2.0)) * (_WAITING_MPS / _WAITING_RADIUS_M)
         over_x = x + _WAITING_RADIUS_M * (np.cos(turned) - 1.0)
-        return self._at_survey_height(moment, over_x, y + _WAITING_RADIUS_M * np.sin(turned))
+        return self._level(moment, over_x, y + _WAITING_RADIUS_M * np.sin(turned))
 
-    def _way_home(self, moment: Moment, state: PeerState) -> Reference:
-        """Straight home at the survey's speed and height; if home is not known, stay."""
+    def _return(self, moment: Moment, state: PeerState) -> Reference:
+        """Straight home at the survey's speed and height; if home is not known, stay.
+
+        Above all circles as long as there are drones that are not heard: it cannot know where they are, nor they that it comes.
+        """
         x, y, _ = state.position
         home = self._home.in_local or (x, y, 0.0)
-        way = np.array([home[0] - x, home[1] - y])
+        (to_x, to_y), over_m = self._way.course((x, y), moment.vehicle.height_m, home[:2], unheard=self._absence is not None)
+        way = np.array([to_x - x, to_y - y])
         distance = hypot(*way.tolist())
         travelled = np.minimum(self._config.survey.speed_mps * STEP_S * np.arange(HORIZON + 2.0), distance)
         along = way / max(distance, 1e-9)
-        return self._at_survey_height(moment, x + travelled * along[0], y + travelled * along[1])
+        return self._level(moment, x + travelled * along[0], y + travelled * along[1], over_m)
 
-    def _at_survey_height(self, moment: Moment, x: Array, y: Array) -> Reference:
-        """Through positions (HORIZON + 2,) one step apart."""
-        positions = np.column_stack((x, y, np.full(HORIZON + 2, self._survey_z_m(moment))))
+    def _level(self, moment: Moment, x: Array, y: Array, height_m: float | None = None) -> Reference:
+        """Through positions (HORIZON + 2,) one step apart, at a height above the ground; None: that of the survey."""
+        z_m = self._survey_z_m(moment) if height_m is None else self._ground.level_m(moment.vehicle) + height_m
+        positions = np.column_stack((x, y, np.full(HORIZON + 2, z_m)))
         return Reference(positions[:-1], np.diff(positions, axis=0) / STEP_S, STEP_S)

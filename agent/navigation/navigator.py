@@ -10,14 +10,16 @@ from agent.frames.graph import FrameGraph
 from agent.localization.ownpose import OwnPose
 from agent.motion.reference import PeerState
 from agent.motion.tracker import Tracker
+from agent.navigation.agentless import CIRCLING
 from agent.navigation.guidance import HORIZON, STEP_S, Centre, Guidance, Moment
 from agent.navigation.home import Home
 from agent.navigation.identification import ResponseEstimator
 from agent.navigation.neighbours import Neighbourhood, Self
 from agent.navigation.ownfence import OwnFence
 from agent.navigation.ownground import OwnGround
+from agent.navigation.passing import passing
 from agent.navigation.peers import Peers
-from agent.navigation.silent import CIRCLING, Absence
+from agent.navigation.silent import Absence
 from agent.navigation.surveying import InformedSearch, Search
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
@@ -65,6 +67,11 @@ class Navigator:
         return self._guidance.waits
 
     @property
+    def comes_down(self) -> bool:
+        """Whether the drone comes down over home from the layer in which it has returned; then it lands."""
+        return self._guidance.comes_down
+
+    @property
     def absence(self) -> Absence | None:
         """The drones that took part and are not heard any more, as of the last step."""
         return self._neighbourhood.absence
@@ -90,6 +97,14 @@ class Navigator:
         if not 0 <= self._due_ns - now_ns <= REPLAN_NS:  # or the clock was set back
             self._due_ns = now_ns + REPLAN_NS
             self._neighbourhood.follow(peers)
+
+    def passing(self, now_ns: int, vehicle: VehicleState, peers: Peers) -> tuple[str, ...]:
+        """Ids of drones that fly past this one so near that it must not take off; it is on the ground."""
+        frame = self._own.frame
+        local_from_mission = frame.local_from_mission if frame is not None else None
+        others = self._neighbourhood.around(peers, Self(now_ns, vehicle.epoch, self._own.sigma_m, local_from_mission))
+        self._neighbourhood.absence = None  # nobody is missed by one that does not fly
+        return passing(vehicle.position_m, others, peers, self._limits.separation_m)
 
     def step(self, moment: Moment, peers: Peers) -> tuple[Setpoint, Plan | None]:
         """The setpoint for now, and a new plan to publish where one was made.

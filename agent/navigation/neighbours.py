@@ -40,15 +40,14 @@ from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan, margin_m
 from agent.navigation.peers import Peer, Peers
 from agent.navigation.relative import offset, placed_alone, places
-from agent.navigation.silent import LEAVING_NS, SILENT_NS, TAKING_PART, Absence, Silent, Viewer
+from agent.navigation.silent import SILENT_NS, TAKING_PART, Absence, Silent, Viewer
 from protocol.entries import Sighting
-from protocol.messages import Pose, Stage
+from protocol.messages import Pose
 
 WORST_SIGMA_M = 5.0  # separation grows no further: a drone with a larger sigma could drive the swarm off its circle
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
 PLAN_AGE_NS = 1_000_000_000  # an older plan is stale
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
-_ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 _SIGMAS = 3.0
 _DOUBT_SIGMAS, _MOST_DOUBT_M = 2.0, 1.0  # growth of the minimum separation where frames are estimated
 _STOPPED_NS = 2_000_000_000  # after this long without its agent a drone has stopped: older sightings show where it still flew
@@ -99,22 +98,22 @@ class Neighbourhood:
     def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
         """``drone``: the own id."""
         self._frames = frames
-        self._id, self._order = drone, [member.id for member in mission.drones]
         self._members = {member.id: member for member in mission.drones}
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
         self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity
         self._deviations: dict[str, Deviation] = {}
         self._departed: set[str] = set()  # whose poses do not follow their plans
-        self._silent = Silent(mission)
+        self._silent = Silent(mission, drone)
         self.absence: Absence | None = None
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
         """All drones that are not on the ground and can be located, by id."""
+        self._silent.keep_time(peers.set_ns)
         found: list[Neighbour] = []
         missing = []
         for name in peers.names:
             peer = peers[name]
-            if peer.pose is None or (peer.status is not None and peer.status.stage in _ON_GROUND):
+            if peer.pose is None or peer.sources.is_on_ground(me.now_ns):
                 self._silent.heard(name)
                 continue
             self._compare(name, peer, peer.pose)
@@ -133,31 +132,18 @@ class Neighbourhood:
                 plan = _placed_by_sightings(name, peer.sightings, peer.pose, me) or self._placed_by_layout(name, peer.pose, me)
             if plan is not None:
                 found.append(Neighbour(name, replace(plan, deviation_m=self._deviations[name].rms_m), takes_part))
-            elsewhere = self._elsewhere(name, peer.pose, me)
-            if elsewhere is not None:
-                found.append(Neighbour(name, elsewhere, False))
-        self.absence = self._absence(missing, [one.id for one in found if one.takes_part], peers, me.now_ns) if missing else None
+            elsewhere = (self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me))
+            found += [Neighbour(name, place, False) for place in elsewhere if place is not None]
+        partners = [one.id for one in found if one.takes_part]
+        self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing else None
         return found
 
     def follow(self, peers: Peers) -> None:
         """Keep the frames of the others while this drone plans nothing: a jump is bridged only as it happens."""
         for name in peers.names:
             peer = peers[name]
-            if peer.pose is not None and (peer.status is None or peer.status.stage not in _ON_GROUND):
+            if peer.pose is not None and not peer.sources.is_on_ground(peer.pose.stamp_ns):
                 self._frame_of(name, peer.pose)
-
-    def _absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
-        ring = min(self._order.index(name) for name in (self._id, *partners))
-        kept = tuple(name for name in missing if self._is_kept(name, partners, peers, now_ns))
-        return Absence(tuple(missing), ring, kept, self._silent.walls(now_ns), not partners)
-
-    def _is_kept(self, name: str, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
-        """Whether a missing drone may still be on the same circle: at first, and as long as one that is heard hears it."""
-        pose = peers[name].pose
-        if pose is not None and now_ns - pose.stamp_ns < LEAVING_NS:
-            return True
-        statuses = (peers[partner].status for partner in partners)
-        return any(status is not None and name in status.delays_ns for status in statuses)
 
     def _compare(self, name: str, peer: Peer, pose: Pose) -> None:
         """Compare a drone's pose with its plan; both are in its own frame, known or not.
@@ -183,6 +169,9 @@ class Neighbourhood:
         recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
         seen = _placed_by_sightings(name, recent, pose, me)
         if seen is not None:
+            if me.local_from_mission is not None:
+                x, y, _ = _bare(me.local_from_mission).inverse().apply_point(seen.positions[0])
+                self._silent.seen(name, pose, (x, y))
             yield Neighbour(name, replace(seen, blind=True), False)
         elif peer.status is not None and mission_from_theirs is not None and me.local_from_mission is not None:
             sigma_m = min(hypot(me.sigma_m, _sigma_m(pose, mission_from_theirs)), WORST_SIGMA_M)
@@ -201,9 +190,7 @@ class Neighbourhood:
             return None
         before, transform = last
         if before.epoch != pose.epoch:
-            elapsed_s = (pose.stamp_ns - before.stamp_ns) * 1e-9
-            old, new = (before.position_m, before.quaternion), (pose.position_m, pose.quaternion)
-            transform = carried_on(transform, old, before.velocity_mps, new, elapsed_s)
+            transform = carried_on(transform, before, pose)
             self._carried[name] = pose.epoch
         elif self._carried.get(name) != pose.epoch:  # it has become unknown
             return Transform(transform.yaw_rad, transform.translation, _DOUBTED)
@@ -218,10 +205,15 @@ class Neighbourhood:
         launch = self._frames.mission_from_local(name, LAUNCH_EPOCH) if self._members[name].is_exact else None
         if launch is None or pose.epoch == LAUNCH_EPOCH or pose.position_sigma_m < WORST_SIGMA_M or me.local_from_mission is None:
             return None
-        local_from_theirs = _bare(me.local_from_mission) @ launch
-        place = local_from_theirs.apply_point(pose.position_m)
-        state = PeerState(place, local_from_theirs.rotate_direction(pose.velocity_mps), age_s=(me.now_ns - pose.stamp_ns) * 1e-9)
-        return PeerPlan.from_pose(name, me.now_ns, state, blind=True)
+        return _blind(name, pose, _bare(me.local_from_mission) @ launch, me.now_ns)
+
+    def _second_place(self, name: str, peer: Peer, me: Self) -> PeerPlan | None:
+        """Where it is by the news of a second source (``sources``)."""
+        pose = peer.sources.second_place(me.now_ns)
+        if pose is None or me.local_from_mission is None:
+            return None
+        frame = self._frames.mission_from_local(name, pose.epoch) or self._frames.mission_from_local(name, LAUNCH_EPOCH)
+        return None if frame is None else _blind(name, pose, _bare(me.local_from_mission) @ _bare(frame), me.now_ns)
 
     def _placed_by_frames(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, local_from_mission: Transform, me: Self
@@ -261,7 +253,7 @@ class Neighbourhood:
             local_from_theirs.rotate_direction(pose.velocity_mps),
             age_s=(now_ns - pose.stamp_ns) * 1e-9,
         )
-        plan, followed = peer.plan, pose.steered and name not in self._departed
+        plan, followed = peer.plan, pose.steered and name not in self._departed and not peer.sources.are_two(now_ns)
         if not followed or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
             return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m, blind=plan is not None)
         ahead = local_from_theirs.apply_points(plan.positions_m)
@@ -321,6 +313,16 @@ def _sigma_m(pose: Pose, mission_from_theirs: Transform) -> float:
     """1 sigma of a drone's position in the mission frame: by its frame where that is estimated, and at least its own stated
     value, which is larger where it has lost its satellites."""
     return max(mission_from_theirs.sigmas_at(pose.position_m)[0], pose.position_sigma_m)
+
+
+def _blind(name: str, pose: Pose, local_from_theirs: Transform, now_ns: int) -> PeerPlan:
+    """A drone that goes on as its pose says, and gives no way."""
+    state = PeerState(
+        local_from_theirs.apply_point(pose.position_m),
+        local_from_theirs.rotate_direction(pose.velocity_mps),
+        age_s=(now_ns - pose.stamp_ns) * 1e-9,
+    )
+    return PeerPlan.from_pose(name, now_ns, state, blind=True)
 
 
 def _held(name: str, now_ns: int, state: PeerState, sigma_m: float) -> PeerPlan:

@@ -5,39 +5,67 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TypeVar
 
+from msgspec.structs import replace
+
+from agent.navigation.sources import Sources
 from protocol.entries import Sighting
 from protocol.messages import Plan, Pose, Stage, Status
 
+NEWS = (Pose, Plan, Status)
 OLDEST_NS = 2_000_000_000  # an older message is dropped
 STATUS_AGE_NS = 10_000_000_000  # an older status does not count: the drone is switched off
 RECENT_NS = 3_000_000_000  # poses and sightings are kept for this long
 _AT_LAUNCH = (Stage.PREFLIGHT, Stage.TAKEOFF)
 _MOST_SIGHTINGS = 256  # kept, whatever their stamps
-FUTURE_NS = 100_000_000  # a stamp further ahead than this, and than the clocks are known to differ, is forged or a wrong clock's
-MOST_AHEAD_NS = 1_000_000_000  # however far the clocks differ
+FUTURE_NS = 100_000_000  # a stamp further ahead than this is forged, or of a clock that is not known yet to be wrong
+_LONGEST_STEP_NS = 2_000_000_000  # of a clock that was not set: the watchdog ends an agent that stands still for as long
+
+
+M = TypeVar("M", Pose, Plan, Status)
 
 
 @dataclass(slots=True)
 class Peer:
     """The newest of each kind; None until heard. ``poses``, ``sightings`` (by this drone): of the last seconds.
 
-    ``launch``: its last pose before it left the place of its launch.
+    ``launch``: its last pose before it left the place of its launch. ``sources``: whether all this is of one.
     """
 
     pose: Pose | None = None
     plan: Plan | None = None
     status: Status | None = None
     launch: Pose | None = None
+    sources: Sources = field(default_factory=Sources)
     poses: deque[Pose] = field(default_factory=deque)
     sightings: deque[Sighting] = field(default_factory=partial(deque, maxlen=_MOST_SIGHTINGS))
 
+    def shift(self, by_ns: int) -> None:
+        """Move all stamps."""
+        self.pose, self.launch = _shifted(self.pose, by_ns), _shifted(self.launch, by_ns)
+        self.plan, self.status = _shifted(self.plan, by_ns), _shifted(self.status, by_ns)
+        self.sources.rival = _shifted(self.sources.rival, by_ns)
+        self.poses = deque(replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.poses)
+        sightings = [replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.sightings]
+        self.sightings.clear()
+        self.sightings.extend(sightings)
+
+
+def _shifted(message: M | None, by_ns: int) -> M | None:
+    return replace(message, stamp_ns=message.stamp_ns + by_ns) if message is not None else None
+
 
 class Peers:
-    """The other drones of the mission, by id."""
+    """The other drones of the mission, by id.
+
+    What was heard stays as old as it is when the own clock is set back: all stamps move along, by ``set_ns`` in sum so far.
+    """
 
     def __init__(self, ids: list[str]) -> None:
         self._peers = {name: Peer() for name in ids}
+        self._now_ns: int | None = None
+        self.set_ns = 0
 
     def __getitem__(self, drone: str) -> Peer:
         return self._peers[drone]
@@ -47,23 +75,37 @@ class Peers:
         """Ids of all, heard or not, sorted."""
         return sorted(self._peers)
 
-    def receive(self, message: Pose | Plan | Status, now_ns: int, behind_ns: int = 0) -> str | None:
-        """Keep a message if its stamp is newer. Returns why it was dropped, or None.
-
-        ``behind_ns``: how far the own clock is known to be behind that of the sender.
+    def keep_time(self, now_ns: int) -> None:
+        """Look at the own clock, before it is used: it was set back where it goes back, and is right again where it then goes on
+        by more than a step can take. Without the former, the latter is time that has passed.
         """
+        step_ns = 0 if self._now_ns is None else now_ns - self._now_ns
+        self._now_ns = now_ns
+        if 0 <= step_ns <= _LONGEST_STEP_NS:
+            return
+        by_ns = min(step_ns, -self.set_ns)
+        self.set_ns += by_ns
+        for peer in self._peers.values():
+            peer.shift(by_ns)
+
+    def receive(self, message: Pose | Plan | Status, now_ns: int) -> str | None:
+        """Keep a message, stamped by the own clock, if its stamp is newer. Returns why it was dropped, or None."""
         peer = self._peers.get(message.drone)
         if peer is None:
             return "unknown_drone"
         if message.stamp_ns < now_ns - OLDEST_NS:
             return "stale"
-        if message.stamp_ns > now_ns + min(FUTURE_NS + behind_ns, MOST_AHEAD_NS):
+        if message.stamp_ns > now_ns + FUTURE_NS:
             return "from_the_future"
         kind = type(message).__name__.lower()
         known = getattr(peer, kind)
+        if isinstance(message, Pose) and peer.sources.is_second(known, message, now_ns):
+            return None
         if known is not None and known.stamp_ns >= message.stamp_ns:
             return "older_than_known"
         setattr(peer, kind, message)
+        if isinstance(message, Status):
+            peer.sources.boot(message, now_ns)
         if isinstance(message, Pose):
             peer.poses.append(message)
             if peer.status is not None and peer.status.stage in _AT_LAUNCH:
@@ -79,6 +121,11 @@ class Peers:
         newest_ns = max(sightings[0].stamp_ns, sighting.stamp_ns)
         while sightings[0].stamp_ns < newest_ns - RECENT_NS:
             sightings.popleft()
+
+    def problems(self, now_ns: int) -> tuple[str, ...]:
+        """The drones under whose id two sources send."""
+        told = (self._peers[name].sources.problem(name, now_ns) for name in self.names)
+        return tuple(text for text in told if text is not None)
 
     def statuses(self, now_ns: int) -> dict[str, Status]:
         """The newest status of each drone that has sent one recently."""

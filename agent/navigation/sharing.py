@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import atan2, cos, sin
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -13,17 +14,28 @@ from agent.config.mission import MissionConfig
 from agent.geometry import Array, Point2, Vector3
 from agent.motion.orbit import ring_radius_m
 from agent.motion.reference import PeerState
-from agent.motion.separation import PeerPlan
+from agent.motion.separation import LEAST_MARGIN_M, PeerPlan
+from agent.navigation.crossing import Crossing
 from agent.navigation.silent import Absence, blind_plan
 
 _ROOM_M = 3.0  # between a circle and the fence
 
 
+class _Circle(NamedTuple):
+    """A circle that a missing drone may fly on, if that one is the first of its side."""
+
+    name: str
+    ring: int
+    radius_m: float
+
+
 class SharedCircle:
     """Circle of one drone. ``has_room``: the one that is its own while others are not heard lies inside the fence."""
 
-    def __init__(self, mission: MissionConfig) -> None:
+    def __init__(self, mission: MissionConfig, drone: str) -> None:
+        """``drone``: the own id."""
         self._mission = mission
+        self._crossing = Crossing(mission, drone)
         self._names = [member.id for member in mission.drones]
         self._fence = Polygon(mission.area.polygon_m).buffer(mission.area.fence_margin_m)
         shapely.prepare(self._fence)
@@ -33,32 +45,68 @@ class SharedCircle:
     def begin(self) -> None:
         """The local frame is another one."""
         self._angles.clear()
+        self._crossing.end()
 
     def others(
-        self, absence: Absence, now_ns: int, centre: Vector3, ahead: Array, step_s: float, fits_hypothesis: bool
+        self,
+        absence: Absence,
+        now_ns: int,
+        centre: Vector3,
+        ahead: Array,
+        step_s: float,
+        fits_hypothesis: bool,
+        *,
+        climbs: bool = False,
     ) -> list[PeerPlan]:
         """The next circles inside and outside of the own one that missing drones may fly on, where nearest to the own plan.
 
-        ``ahead``: (K, 3), the own planned positions, ``step_s`` apart, local frame as the ``centre``.
+        ``ahead``: (K, 3), the own planned positions, ``step_s`` apart, local frame as the ``centre``; ``climbs``: it climbs
+        before it goes home, and none of the circles is its own any more.
         """
-        circling = set(absence.missing) - set(absence.walls)  # the others are kept apart from by lines
-        rings = [(index, name) for index, name in enumerate(self._names) if name in circling]
-        within = [one for one in rings if one[0] < absence.ring][-1:]
-        around = [one for one in rings if one[0] > absence.ring][:1]
+        if self._crossing.is_over and not climbs:
+            return []
         outward = ahead[:, :2] - centre[:2]
         far = np.hypot(outward[:, 0], outward[:, 1])
         outward = outward / np.maximum(far, 1e-6)[:, None]
+        if self._crossing.climbs or climbs:
+            circles = self._circles(absence, fits_hypothesis, kept=False)
+            within = [one for one in circles if one.radius_m < far[0]][-1:]
+            around = [one for one in circles if one.radius_m >= far[0]][:1]
+        else:
+            circles = self._circles(absence, fits_hypothesis)
+            within = [one for one in circles if one.ring < absence.ring][-1:]
+            # One who is further away is on the way in.
+            around = [one for one in circles if one.ring > absence.ring][:1]
+            around = [one for one in around if far[0] <= one.radius_m]
         found = []
-        for side, (index, name) in [(1.0, one) for one in within] + [(-1.0, one) for one in around]:
-            radius_m = ring_radius_m(self._mission, index, fits_hypothesis)
-            if side < 0.0 and far[0] > radius_m:
-                continue  # this drone is on its way in
+        for side, (name, _, radius_m) in [(1.0, one) for one in within] + [(-1.0, one) for one in around]:
             places = ahead.copy()
             places[:, :2] -= (far - radius_m)[:, None] * outward
             found.append(blind_plan(name, now_ns, step_s, places, away=side * outward))
         return found
 
-    def ring_m(self, absence: Absence | None, centre: Point2, fits_hypothesis: bool) -> float | None:
+    def _circles(self, absence: Absence, fits_hypothesis: bool, *, kept: bool = True) -> list[_Circle]:
+        """Those that missing drones may fly on, from the inner to the outer; ``kept``: of those too whose place is kept."""
+        circling = set(absence.missing) - set(absence.walls)  # the others are kept apart from by lines
+        circling -= set() if kept else set(absence.kept)
+        rings = [(index, name) for index, name in enumerate(self._names) if name in circling]
+        return [_Circle(name, index, ring_radius_m(self._mission, index, fits_hypothesis)) for index, name in rings]
+
+    def course(
+        self, absence: Absence | None, centre: Point2, far_m: float, height_m: float, fits_hypothesis: bool
+    ) -> tuple[float | None, float | None]:
+        """Radius and height above ground to fly at, so as to keep clear of those that are not heard; None: as it is best.
+
+        ``centre``: mission frame; ``far_m``: the own distance from it; ``height_m``: the own height above ground.
+        """
+        radius_m = self._ring_m(absence, centre, fits_hypothesis)
+        if absence is None or radius_m is None:
+            self._crossing.end()
+            return None, None
+        taken_m = [circle.radius_m for circle in self._circles(absence, fits_hypothesis, kept=False)]
+        return self._crossing.course(far_m, height_m, radius_m, taken_m)
+
+    def _ring_m(self, absence: Absence | None, centre: Point2, fits_hypothesis: bool) -> float | None:
         """The radius that keeps clear of those that are not heard; None while all are heard. ``centre``: mission frame."""
         self.has_room = True
         if absence is None:
@@ -68,6 +116,17 @@ class SharedCircle:
         self.has_room = inside and self._fence.exterior.distance(Point(centre)) >= radius_m + _ROOM_M
         return radius_m
 
+    def stands(self, absence: Absence | None, centre: Point2, radius_m: float) -> bool:
+        """Whether the drones on the circle stop, evenly spaced: a vehicle without its agent may hover on it, and leaves soon.
+
+        Without this they would evade it through the middle, one after the other. ``centre``: mission frame.
+        """
+        if absence is None or len(absence.stops) == 0:
+            return False
+        away = np.hypot(*(absence.stops - centre).T)
+        reach_m = self._mission.limits.separation_m + LEAST_MARGIN_M
+        return bool((np.abs(away - radius_m) < reach_m).any())
+
     def places(
         self,
         now_ns: int,
@@ -75,16 +134,17 @@ class SharedCircle:
         absence: Absence | None,
         centre: tuple[Vector3, Vector3],
         radius_m: float,
+        stands: bool = False,
     ) -> dict[str, PeerState]:
         """The drones among which the circle is divided: those that are heard, and those that are missing but whose place is kept.
 
-        ``centre``: its position and velocity, local frame as all positions.
+        ``centre``: its position and velocity, local frame as all positions; ``stands``: nobody circles at present.
         """
         (x, y, z), (u, v, _) = centre
         for name, state in partners.items():
             self._angles[name] = now_ns, atan2(state.position[1] - y, state.position[0] - x)
         found = dict(partners)
-        speed_mps = self._mission.encirclement.speed_mps
+        speed_mps = 0.0 if stands else self._mission.encirclement.speed_mps
         for name in absence.kept if absence is not None else ():
             if name not in self._angles:
                 continue

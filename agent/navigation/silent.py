@@ -2,20 +2,18 @@
 
 Nobody can tell which of two things has happened:
 
-- its agent is gone. Its autopilot stops, and does what the mission's ``safety.agent_lost`` says: it returns straight to the place
-  of its launch, first up and then across, and lands; or it lands or stays where it has stopped.
+- its agent is gone, and its autopilot flies (``agentless``).
 - only the radio is. It flies on, and cannot hear this drone either. While it searched, both keep to their own side of the line
   half-way between the places where they last heard of each other; while it tracked, both leave for circles of different radius
   (``agent.motion.rings``).
 
-How early and how late it may be on its way home is known only within wide limits: at each time it may be anywhere between two
-places of that way. Positions are horizontal, mission frame.
+Positions are horizontal, mission frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from math import dist, hypot
+from collections.abc import Callable, Sequence
+from math import hypot
 
 import numpy as np
 from msgspec import Struct
@@ -24,25 +22,22 @@ from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform
 from agent.geometry import Array, Point2, Vector3
 from agent.motion.separation import PeerPlan
-from agent.navigation.peers import Peer
+from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
+from agent.navigation.peers import Peer, Peers
 from protocol.messages import Pose, Stage
 
 TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
-CIRCLING = (Stage.TRACK, Stage.REACQUIRE)
 SILENT_NS = 1_000_000_000  # without a pose: ten of their periods
 APART_NS = 60_000_000_000  # drones that do not hear each other keep to their own sides for this long after their last contact
 # The same for the places of a shared circle. Each side notices after a second, and moves to a circle of its own, 6 m or more from
 # the next, at up to 2 m/s (``agent.motion.orbit``): by then they are 5 m apart.
 LEAVING_NS = 5_000_000_000
 KEPT_M = 4.5  # least distance of a waypoint from that line
+LEFT_S = 15.0  # a vehicle that hovers for longer than this is flown around
+# A vehicle that returns this many times the separation above a drone, or higher, passes over it: that is what the layers are for.
+# Evaded as well, its way across the circle would keep the others from their places for a quarter of a minute.
+_ABOVE = 2.0
 _BEHIND_M = 2.0  # nearest place of the other beyond the line half-way: with margins, each stays 3.6 m from it
-# An autopilot without setpoints (PX4: COM_OF_LOSS_T): it flies on for a second, stops, climbs (MPC_Z_V_AUTO_UP, which preflight
-# checks, and slower near the height), goes home at 3 to 6 m/s (MPC_XY_CRUISE: 5), and comes down at half a metre per second or
-# more. From the last setpoint until it leaves, PX4 takes 4.2 s for a rise of 2 m, 8.4 s for 10 m, and 12 s for 20 m.
-_GOES_ON_S, _STOPPED_S = 1.0, 3.5
-_CLIMB_MPS, _DESCENT_MPS, _DOWN_S = 1.5, 0.5, 10.0
-_SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
-_FARTHEST_S = 1.0  # it stops between one and two of these times its velocity ahead
 _SIGMA_M = 0.3  # of its way to the side
 
 
@@ -56,8 +51,10 @@ class Wall(Struct, frozen=True):
 class Absence(Struct, frozen=True):
     """Drones of the mission that took part and are not heard any more, and what follows for this one.
 
-    ``ring``: which of the circles apart from each other this drone and those that it hears fly on; ``kept``: whose place on the
-    circle is kept; ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it hears no other drone.
+    ``ring``: which of the circles apart from each other this drone flies on, and those that it hears and that hear it;
+    ``kept``: whose place on the circle is kept; ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it hears
+    no other drone; ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both
+    ends of each stretch; ``coming_home``: those that may be on their way home then, and not down yet.
     """
 
     missing: tuple[str, ...]
@@ -65,6 +62,8 @@ class Absence(Struct, frozen=True):
     kept: tuple[str, ...]
     walls: dict[str, Wall]
     alone: bool
+    stops: Array
+    coming_home: tuple[str, ...]
 
 
 class Viewer(Struct, frozen=True):
@@ -83,21 +82,57 @@ class Viewer(Struct, frozen=True):
 class Silent:
     """The silent drones of a mission."""
 
-    def __init__(self, mission: MissionConfig) -> None:
-        self._safety = mission.safety
-        self._index = {member.id: index for index, member in enumerate(mission.drones)}
-        self._launch: dict[str, Point2] = {member.id: member.origin_m[:2] for member in mission.drones}
-        self._homeless = {member.id for member in mission.drones if member.localization == "slam"}
-        self._return_heights_m = mission.return_heights_m
+    def __init__(self, mission: MissionConfig, drone: str) -> None:
+        """``drone``: the own id."""
+        self._id, self._order = drone, [member.id for member in mission.drones]
+        self._agentless = Agentless(mission)
+        self._above_m = _ABOVE * mission.limits.separation_m
         self._walls: dict[str, tuple[int, Wall]] = {}  # with the stamp of the last contact
+        self._courses: dict[str, tuple[int, Course]] = {}  # the same, if its agent is gone
+        self._set_ns = 0
 
-    def walls(self, now_ns: int) -> dict[str, Wall]:
-        """The lines to keep behind now, by the drone beyond."""
-        return {name: wall for name, (stamp_ns, wall) in sorted(self._walls.items()) if 0 <= now_ns - stamp_ns < APART_NS}
+    def keep_time(self, set_ns: int) -> None:
+        """Move the stamps of the last contacts along with the own clock, which was set by ``set_ns`` in sum (``Peers``)."""
+        by_ns, self._set_ns = set_ns - self._set_ns, set_ns
+        if by_ns != 0:
+            self._walls = {name: (stamp_ns + by_ns, wall) for name, (stamp_ns, wall) in self._walls.items()}
+            self._courses = {name: (stamp_ns + by_ns, course) for name, (stamp_ns, course) in self._courses.items()}
 
     def heard(self, name: str) -> None:
         """It is heard again, or on the ground."""
         self._walls.pop(name, None)
+        self._courses.pop(name, None)
+
+    def seen(self, name: str, pose: Pose, place: Point2) -> None:
+        """It is not heard, but seen at this place."""
+        self._courses[name] = pose.stamp_ns, Course(Stretch(place, place), LEFT_S)
+
+    def absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
+        """What follows from the silence of these drones. ``partners``: those that take part and are heard.
+
+        Its side are those of them that hear it, too. On the circle of others that do not, it would meet a third one that they do
+        not hear either, and that takes itself for one of their side as well.
+        """
+        statuses = {name: peers[name].status for name in partners}
+        hear_me = [name for name, status in statuses.items() if status is not None and self._id in status.delays_ns]
+        ring = min(self._order.index(name) for name in (self._id, *hear_me))
+        kept = tuple(name for name in missing if self._is_kept(name, partners, peers, now_ns))
+        walls = {name: wall for name, (stamp_ns, wall) in sorted(self._walls.items()) if 0 <= now_ns - stamp_ns < APART_NS}
+        stops: list[Point2] = []
+        coming_home = []
+        for name, (stamp_ns, course) in sorted(self._courses.items()):
+            silent_s = (now_ns - stamp_ns) * 1e-9
+            stops += [course.stop.start, course.stop.end] if silent_s < min(LEFT_S, course.leaves_s) else []
+            coming_home += [name] if silent_s < course.down_s else []
+        return Absence(tuple(missing), ring, kept, walls, not partners, np.array(stops).reshape(-1, 2), tuple(coming_home))
+
+    def _is_kept(self, name: str, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
+        """Whether a missing drone may still be on the same circle: at first, and as long as one that is heard hears it."""
+        pose = peers[name].pose
+        if pose is not None and now_ns - pose.stamp_ns < LEAVING_NS:
+            return True
+        statuses = (peers[partner].status for partner in partners)
+        return any(status is not None and name in status.delays_ns for status in statuses)
 
     def plans(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, sigma_m: float, me: Viewer
@@ -105,62 +140,15 @@ class Silent:
         """Where it may be along the horizon, as far as that is nearest to this drone's own plan."""
         stage = peer.status.stage if peer.status is not None else Stage.SURVEY
         silent_s = (me.now_ns - pose.stamp_ns) * 1e-9
-        ahead = me.local_from_mission.inverse().apply(me.ahead())[:, :2]
+        own_way = me.local_from_mission.inverse().apply(me.ahead())
+        ahead, below_m = own_way[:, :2], float(own_way[:, 2].max()) + self._above_m
         times: Array = silent_s + me.step_s * np.arange(float(len(ahead)))
-        found: list[Array] = []
-        x, y, z = mission_from_theirs.apply_point(pose.position_m)
-        u, v, _ = mission_from_theirs.rotate_direction(pose.velocity_mps)
-        first, last = (x + _GOES_ON_S * u, y + _GOES_ON_S * v), (x + 2.0 * _FARTHEST_S * u, y + 2.0 * _FARTHEST_S * v)
-        wall = self._wall(name, stage, pose.stamp_ns, (x, y), me) if silent_s < APART_NS * 1e-9 else None
-        gone = self._without_agent(name, stage)
-        rise_m = max(0.0, self._return_heights_m[self._index[name]] - z)
-        if gone == "return":
-            home = self._home(name, peer, mission_from_theirs)
-            found += self._way_home(((x, y), first, last), home, rise_m, max(z, z + rise_m), times, ahead)
-        elif gone == "hold" or silent_s < _STOPPED_S + _DOWN_S + max(z, 0.0) / _DESCENT_MPS:
-            found.append(_on_way((x, y), last, ahead))
+        course = self._agentless.course(name, peer, pose, mission_from_theirs)
+        self._courses[name] = pose.stamp_ns, course
+        wall = self._wall(name, stage, pose.stamp_ns, course.stop.start, me) if silent_s < APART_NS * 1e-9 else None
         walls = [] if wall is None else [_beyond(name, wall, ahead, sigma_m, me)]
-        return walls + [blind_plan(name, me.now_ns, me.step_s, _local(places, me), hypot(sigma_m, _SIGMA_M)) for places in found]
-
-    def _without_agent(self, name: str, stage: Stage) -> str:
-        """What its autopilot does if its agent is gone: without offboard mode, what it did before."""
-        if stage in (Stage.LANDING, Stage.ABORT):
-            return "land"
-        if stage not in (*CIRCLING, Stage.SURVEY, Stage.RETURN):
-            return "hold"
-        return "hold" if name in self._homeless and self._safety.agent_lost == "return" else self._safety.agent_lost
-
-    def _way_home(
-        self,
-        stop: tuple[Point2, Point2, Point2],
-        home: Point2,
-        rise_m: float,
-        height_m: float,
-        times: Array,
-        ahead: Array,
-    ) -> list[Array]:
-        """The nearest places of where it stops, while it may still be there, and of its way home, until it must be down."""
-        last_heard, first, last = stop
-        leaves_s = _STOPPED_S + rise_m / _CLIMB_MPS
-        middle = (0.5 * (first[0] + last[0]), 0.5 * (first[1] + last[1]))
-        way_m = dist(middle, home)
-        down_s = leaves_s + way_m / _SLOWEST_MPS + height_m / _DESCENT_MPS + _DOWN_S
-        found = []
-        if times[0] < leaves_s:
-            found.append(_on_way(last_heard, last, ahead))
-        if times[0] < down_s:
-            front = np.clip(_FASTEST_MPS * (times - _GOES_ON_S), 0.0, way_m)
-            back = np.clip(_SLOWEST_MPS * (times - leaves_s), 0.0, way_m)
-            found.append(_on_way(middle, home, ahead, back, front))
-        return found
-
-    def _home(self, name: str, peer: Peer, mission_from_theirs: Transform) -> Point2:
-        """Where its autopilot returns to."""
-        launch, pose = peer.launch, peer.pose
-        if launch is None or pose is None or launch.epoch != pose.epoch:
-            return self._launch[name]
-        x, y, _ = mission_from_theirs.apply_point(launch.position_m)
-        return x, y
+        places = [stretch.nearest(ahead) for stretch in course.stretches(times, below_m)]
+        return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), hypot(sigma_m, _SIGMA_M)) for one in places]
 
     def _wall(self, name: str, stage: Stage, stamp_ns: int, theirs: Point2, me: Viewer) -> Wall | None:
         """The line between the two of them; None where both circled already when they last heard of each other."""
@@ -195,12 +183,3 @@ def _beyond(name: str, wall: Wall, ahead: Array, sigma_m: float, me: Viewer) -> 
     places = ahead - (ahead @ normal - (wall.offset - _BEHIND_M))[:, None] * normal
     u, v, _ = me.local_from_mission.rotate_direction((*wall.normal, 0.0))
     return blind_plan(name, me.now_ns, me.step_s, _local(places, me), sigma_m, away=np.tile((u, v), (len(places), 1)))
-
-
-def _on_way(start: Point2, end: Point2, ahead: Array, back: Array | None = None, front: Array | None = None) -> Array:
-    """The places (K, 2) of a straight way nearest to those ahead (K, 2), between ``back`` and ``front`` (K,) m from its start."""
-    length_m = dist(start, end)
-    along = np.array([end[0] - start[0], end[1] - start[1]]) / max(length_m, 1e-9)
-    place = np.clip((ahead - start) @ along, 0.0 if back is None else back, length_m if front is None else front)
-    places: Array = np.array(start) + place[:, None] * along
-    return places

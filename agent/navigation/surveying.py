@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,11 @@ class Search:
     def take(self, entry: Coverage) -> None:
         """Take a new entry of the log, in any order."""
         self._covered.take(entry)
+
+    def recount(self, drone: str, entries: Iterable[Coverage]) -> None:
+        """Only these entries of a drone count: what is left is divided anew."""
+        self._covered.recount(drone, entries)
+        self.divide_anew()
 
     def reference(
         self, active: Sequence[str], position: Point2, steps: int, step_s: float

@@ -6,6 +6,7 @@ import asyncio
 import shutil
 import time
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -19,20 +20,29 @@ from agent.detector.readout import Detector
 from agent.errors import RadronError
 from agent.outputs import try_folder
 from agent.pilot import Pilot
+from agent.preflight.background import Background
 from agent.preflight.chrony import NAME as CHRONY
 from agent.preflight.chrony import chrony_finding
+from agent.preflight.corrections import Corrections
+from agent.preflight.layers import layers_finding
 from agent.preflight.layout import layout_finding
+from agent.preflight.software import software_finding
 from agent.sensing.sighting_feed import SightingsFeed
 from agent.shell.identity import INSECURE, own_identity, validity
-from agent.shell.node import mesh_config
+from agent.shell.links import mesh_config, without
+from agent.shell.missionstore import mission_in_force
+from agent.shell.revoked import RevokedFile
+from agent.shell.selfreport import SOFTWARE
 from agent.shell.startable import camera_missing
 from agent.shell.statestore import StateFile, unreadable
 from agent.vehicle.interface import AgentLost, Finding
 from agent.vehicle.px4 import Px4Vehicle
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
+from protocol.identity import utc
+from protocol.mesh.session import Mesh
 from protocol.messages import Status
-from protocol.session import Mesh
+from protocol.signing import Verifier
 
 CLOSE_S = 1.2
 _OLDEST_CLOCK_S = 1_735_689_600.0  # 2025: a computer without a clock battery begins in 1970 or at its image's date
@@ -43,9 +53,18 @@ _LEAST_FREE_MB = 200
 class Preflight:
     """Gathers the findings of one drone. ``findings`` may be read at any time."""
 
-    def __init__(self, drone: DroneConfig, mission: MissionConfig) -> None:
+    def __init__(
+        self,
+        drone: DroneConfig,
+        mission: MissionConfig,
+        background: Background | None = None,
+        corrections: Corrections | None = None,
+    ) -> None:
+        """``background``: also count the camera's background; ``corrections``: also set wrong parameters of the autopilot."""
+        self._background, self._corrections = background, corrections
         self._drone = drone
-        self._mission = mission
+        self._force = mission_in_force(drone, mission)
+        self._mission = mission = self._force.mission
         self._mission_finding, self._state_finding, self._space_finding = self._flyable(), self._state(), self._space()
         self._vehicle_findings = [Finding("autopilot", "not yet", f"connecting to {drone.vehicle.address}")]
         self._camera = Finding("camera", "not yet", "no readout so far")
@@ -56,14 +75,20 @@ class Preflight:
             self._sightings = Finding("sightings", "not yet", f"connecting to {drone.sightings.address}")
         self._mesh_finding = Finding("mesh", "not yet", "opening")
         self._mesh: Mesh | None = None
+        self._verifier: Verifier | None = None  # of statuses; None: the swarm has no certificates
         self._statuses: dict[str, tuple[Status, float]] = {}  # with the delay of its stamp, seconds
 
     @property
     def findings(self) -> list[Finding]:
         """The present findings."""
+        layer = layers_finding(self._mission, self._drone.id)
+        software = software_finding(self._drone.updates)
         return [
             self._mission_finding,
+            *([] if layer is None else [layer]),
+            *([] if software is None else [software]),
             self._certificate(),
+            *self._revoked(),
             self._calibration(),
             self._state_finding,
             self._space_finding,
@@ -94,7 +119,9 @@ class Preflight:
 
     async def _check_mesh(self) -> None:
         try:
-            config = mesh_config(self._drone, self._mission)
+            known = frozenset(one.member for one in RevokedFile(self._drone.state, self._drone.id).load())
+            config = without(known - {self._drone.id}, mesh_config(self._drone, self._mission), self._drone)
+            self._verifier = Verifier(config.identity.authority) if config.identity is not None else None
             self._mesh = await Mesh.open(config, self._mission.swarm, self._drone.id, receive=self._receive)
         except (RadronError, ProtocolError) as error:
             self._mesh_finding = Finding("mesh", "failed", str(error))
@@ -108,7 +135,7 @@ class Preflight:
             message = decode_from(key, payload)
         except ProtocolError:
             return
-        if isinstance(message, Status):
+        if isinstance(message, Status) and (self._verifier is None or self._verifier.accepts_status(message)):
             self._statuses[message.drone] = message, (time.time_ns() - message.stamp_ns) * 1e-9
 
     def _peer(self, name: str) -> Finding:
@@ -119,16 +146,20 @@ class Preflight:
             return Finding(name, "not yet", "in contact, no status so far")
         status, behind_s = self._statuses[name]
         if status.mission != self._mission.mission_id:
-            return Finding(name, "failed", f"has another mission file: {status.mission}")
+            return Finding(name, "failed", f"has another mission: {status.mission}")
         if abs(behind_s) > _CLOCKS_S:
             return Finding(name, "failed", f"its clock differs by {behind_s:+.1f} s from ours: synchronise both by one server")
-        return Finding(name, "ok", f"{status.stage}, the same mission")
+        notices = "".join(f"; {text}" for text in status.notices if text.startswith(SOFTWARE))
+        return Finding(name, "ok", f"{status.stage}, the same mission {status.mission}{notices}")
 
     async def _check_vehicle(self) -> None:
         lost = AgentLost(self._mission.safety.agent_lost, self._mission.return_height_m(self._drone.id), sets=False)
         vehicle = Px4Vehicle(self._drone.vehicle, self._mission.area.ceiling_m, lost=lost)
+        correcting: asyncio.Task[None] | None = None
         try:
             await vehicle.connect()
+            if self._corrections is not None:
+                correcting = asyncio.create_task(self._corrections.run(vehicle))
             while True:
                 layout = layout_finding(self._mission, self._drone.id, vehicle.launch)
                 self._vehicle_findings = [*await vehicle.findings(), *([layout] if layout is not None else [])]
@@ -136,6 +167,8 @@ class Preflight:
         except RadronError as error:
             self._vehicle_findings = [Finding("autopilot", "failed", str(error))]
         finally:
+            if correcting is not None:
+                correcting.cancel()
             await vehicle.close()
 
     async def _check_camera(self) -> None:
@@ -149,7 +182,10 @@ class Preflight:
                 return
             watching = asyncio.create_task(self._watch_camera(detector))
             async for readout in detector.readouts():
-                self._camera = Finding("camera", "ok", f"{len(readout.hits)} pixel hits in {readout.live_time_s:.1f} s")
+                if self._background is not None:
+                    self._camera = self._background.take(readout)
+                else:
+                    self._camera = Finding("camera", "ok", f"{len(readout.hits)} pixel hits in {readout.live_time_s:.1f} s")
             watching.cancel()
         except RadronError as error:
             self._camera = Finding("camera", "failed", str(error))
@@ -193,12 +229,14 @@ class Preflight:
 
     def _flyable(self) -> Finding:
         """Whether a pilot can be built for the mission, which is the only complete check of nuclide, estimator and survey."""
+        if self._force.fault is not None:
+            return Finding("mission", "failed", self._force.fault)
         try:
-            Pilot(self._mission, replace(self._drone, calibration=None), boot="0" * 16)
+            Pilot(self._mission, replace(self._drone, calibration=None), boot="0" * 16, nonce_key=b"")
         except RadronError as error:
             return Finding("mission", "failed", str(error))
         text = f"{self._mission.name}, {self._mission.mission_id}, {len(self._mission.drones)} drones"
-        return Finding("mission", "ok", text)
+        return Finding("mission", "ok", text if self._force.notice is None else f"{text}; {self._force.notice}")
 
     def _state(self) -> Finding:
         if self._drone.state is None:
@@ -248,6 +286,19 @@ class Preflight:
             return Finding("certificate", "ok", f"none: {INSECURE}")
         state = validity(identity, time.time_ns())
         return Finding("certificate", "ok", state.text) if state.fault is None else Finding("certificate", "failed", state.fault)
+
+    def _revoked(self) -> list[Finding]:
+        """Whom the authority or an operator has revoked, if anybody."""
+        file = RevokedFile(self._drone.state, self._drone.id)
+        known = file.load()
+        if file.problem is not None:
+            return [Finding("revoked", "failed", file.problem)]
+        told = [f"{one.member} by {one.station}, {utc(one.stamp_ns):%Y-%m-%d %H:%M} UTC" for one in known]
+        with suppress(RadronError, ProtocolError):  # told by the finding of the certificate
+            identity = own_identity(self._drone)
+            told += [f"{name} by the authority" for name in sorted(identity.revoked.names if identity is not None else ())]
+        is_itself = any(one.member == self._drone.id for one in known)
+        return [Finding("revoked", "failed" if is_itself else "ok", ", ".join(told))] if told else []
 
     def _clock(self) -> Finding:
         now_s = time.time()

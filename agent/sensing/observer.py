@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from math import ceil
 
 from scipy.spatial.transform import Rotation
 
 from agent.config.drone import DroneConfig
+from agent.config.mission import MissionConfig
 from agent.detector.detection import ConeEvent, Detections
 from agent.detector.spectrum import CoarseSpectrum
 from agent.geometry import Quaternion, Vector3, turned
 from agent.localization.history import HISTORY_NS, PoseHistory
+from agent.sensing.overground import OverGround
+from agent.terrain.ground import Ground
 from agent.vehicle.interface import VehicleState
-from protocol.entries import Cone, ConeOrder, Counts, Coverage, Entry, Exposure, PoseSample
+from protocol.entries import CarriedFrame, Cone, ConeOrder, Counts, Coverage, Entry, Exposure, PoseSample
 
 EXPOSURE_NS = 500_000_000
 SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
@@ -33,12 +36,21 @@ GONE_NS = 10_000_000_000  # a camera that has delivered nothing for so long is n
 class Observer:
     """Turns one detector's stretches into log entries with consecutive sequence numbers."""
 
-    def __init__(self, drone: DroneConfig, mission_id: str, boot: str, history: PoseHistory, numbers: Iterator[int]) -> None:
-        """``history``: the own poses; ``numbers``: sequence numbers of this boot's entries."""
+    def __init__(
+        self,
+        drone: DroneConfig,
+        mission: MissionConfig,
+        boot: str,
+        history: PoseHistory,
+        numbers: Iterator[int],
+        carried: Callable[[int], CarriedFrame | None],
+    ) -> None:
+        """``history``: the own poses; ``numbers``: sequence numbers of this boot's entries; ``carried``: see ``OwnPose``."""
         self._drone = drone.id
-        self._mission = mission_id
+        self._mission = mission.mission_id
         self._boot = boot
-        self._history, self._numbers = history, numbers
+        self._history, self._numbers, self._carried = history, numbers, carried
+        self._over_ground = OverGround(mission.member(drone.id), Ground.from_config(mission))
         x, y, z, w = Rotation.from_euler("xyz", drone.camera_rpy_deg, degrees=True).as_quat().tolist()
         self._body_from_camera: Quaternion = (w, x, y, z)
         self.dropped = self.withheld = 0
@@ -155,7 +167,7 @@ class Observer:
             boot=self._boot,
             sequence=next(self._numbers),
             epoch=state.epoch,
-            apex_m=position,
+            apex_m=self._over_ground.placed(position, state),
             apex_sigma_m=state.position_sigma_m,
             yaw_sigma_rad=state.yaw_sigma_rad,
             clock_sigma_m=state.clock_sigma_m,
@@ -179,9 +191,11 @@ class Observer:
         for offset_ns in range(0, duration_ns, max(SAMPLE_NS, -(-duration_ns // MOST_POSES))):
             pose, then = self._history.pose(start_ns + offset_ns), self._history.at(start_ns + offset_ns)
             assert pose is not None
-            if then is not None and then.epoch != state.epoch:  # poses of another frame do not belong to this one
+            assert then is not None
+            if then.epoch != state.epoch:  # poses of another frame do not belong to this one
                 break
-            poses.append(PoseSample(offset_ns, *pose))
+            position, quaternion = pose
+            poses.append(PoseSample(offset_ns, self._over_ground.placed(position, then), quaternion))
         return [
             Exposure(
                 stamp_ns=start_ns,
@@ -198,6 +212,7 @@ class Observer:
                 yaw_sigma_rad=state.yaw_sigma_rad,
                 clock_sigma_m=state.clock_sigma_m,
                 spectrum=spectrum,
+                carried=self._carried(state.epoch),
             )
         ]
 

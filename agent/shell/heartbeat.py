@@ -15,6 +15,8 @@ from contextlib import suppress
 HEARTBEAT_FD = 3  # the supervisor's pipe, in the agent
 SILENCE_S = 1.0  # after a longer gap between steps the agent ends: the autopilot has taken over, or is about to
 HUNG = 70  # exit code (EX_SOFTWARE): the agent hung, stalled or broke
+ANEW = 75  # exit code (EX_TEMPFAIL): to be started again, with another mission
+RELOADING = "RELOADING=1"  # to the supervisor and the service manager: it closes everything, to be started again
 _PR_SET_PDEATHSIG = 1
 
 

@@ -46,6 +46,18 @@ def own_identity(drone: DroneConfig) -> Identity | None:
     return load_identity(Path(mesh.identity))
 
 
+def check_clock(drone: DroneConfig, now_ns: int) -> None:
+    """See that this computer's clock is not before the drone's certificate: no link would come up.
+
+    Raises:
+        ConfigError: it is; a computer without a battery for its clock begins years ago.
+        IdentityError: a certificate that cannot be used.
+    """
+    identity = own_identity(drone)
+    if identity is not None and now_ns < identity.own.not_before_ns:
+        raise ConfigError(f"clock: {validity(identity, now_ns).fault}")
+
+
 def validity(identity: Identity, now_ns: int) -> Validity:
     """Whether a certificate is good for a flight that starts now, by this computer's clock."""
     own, file = identity.own, identity.folder / CERTIFICATE_FILE

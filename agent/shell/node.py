@@ -24,26 +24,34 @@ from agent.config.drone import DetectorConfig, DroneConfig
 from agent.config.mission import MissionConfig
 from agent.detector.drivers import open_detector
 from agent.detector.readout import Detector, first_hits
-from agent.errors import ConfigError, FlightRecordError
-from agent.flight.header import FlightHeader
 from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.pilot import Pilot
 from agent.sensing.sighting_feed import SightingsFeed
+from agent.shell.aboard import aboard
+from agent.shell.changes import Changes
 from agent.shell.faultbarrier import FaultBarrier
-from agent.shell.heartbeat import Heartbeat
-from agent.shell.identity import INSECURE, own_identity, validity
+from agent.shell.heartbeat import RELOADING, Heartbeat
+from agent.shell.identity import INSECURE, validity
+from agent.shell.links import mesh_config, without
 from agent.shell.logs import Logger
 from agent.shell.memory import MemoryWatch
-from agent.shell.recovery import recover
+from agent.shell.missionstore import InForce
+from agent.shell.patience import Patience
+from agent.shell.revoked import RevokedFile, exclude, turn_s
+from agent.shell.selfreport import SelfReport, Updates
 from agent.shell.startable import camera_missing
 from agent.shell.statestore import State, StateStore
+from agent.shell.uploads import UploadedMission
 from agent.vehicle.interface import AgentLost, GnssFix
 from agent.vehicle.px4 import Px4Vehicle
+from protocol.codec import encode
 from protocol.identity import Identity
+from protocol.keys import key_of
+from protocol.mesh.recovery import recover
+from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Stage
-from protocol.session import Mesh, MeshConfig
-from protocol.trust import trust_of
+from protocol.onboard import Report
 
 PERIOD_S = 0.05
 ADVANCE_S = 0.02  # between two slices of work on the log, however many bursts of messages come
@@ -62,22 +70,29 @@ class Node:
     def __init__(
         self,
         drone: DroneConfig,
-        mission: MissionConfig,
+        filed: MissionConfig,
+        force: InForce,
         heartbeat: Heartbeat,
         log: Logger,
         detector_of: DetectorOf = open_detector,
+        patience: Patience | None = None,
     ) -> None:
-        """``heartbeat``: reports every step. ``detector_of``: opens the camera; a test replaces it."""
+        """``filed``: the mission in the mission file; ``force``: the one that is flown. ``heartbeat``: reports every step.
+        ``detector_of``: opens the camera; a test replaces it. ``patience``: while there is no autopilot; None: has none.
+        """
         self._drone = drone
-        self._mission = mission
+        self._force, self._mission = force, force.mission
+        self._uploaded = UploadedMission(drone, filed, log)
         self._heartbeat = heartbeat
         self._log = log
         self._detector_of = detector_of
+        self._patience = patience or Patience(heartbeat)
         self._barrier = FaultBarrier(log)
         self._memory = MemoryWatch()
         self._store = StateStore(drone.state, drone.id, log)
+        self._revoked_file = RevokedFile(drone.state, drone.id)
         self._stage: Stage | None = None
-        self._told: dict[str, tuple[str, ...]] = {"warning": (), "problem": (), "notice": ()}
+        self._warned, self._blocked, self._noticed = (Changes(kind, log) for kind in ("warning", "problem", "notice"))
         self._late_s = self._advanced_s = float("-inf")  # when a step was last late, and the log last worked on
         self._tasks: list[asyncio.Task[None]] = []
         self._closers: list[Callable[[], Coroutine[None, None, None]]] = []
@@ -90,9 +105,10 @@ class Node:
         self._recorder: FlightRecorder | None = None
         self._unrecorded: tuple[str, ...] = ()  # why there is no recorder
         self._identity: Identity | None = None  # None: links are not encrypted
+        self._self_report, self._updates = SelfReport.here(), Updates(drone.updates)
 
     async def run(self) -> None:
-        """Fly until cancelled.
+        """Fly until cancelled, or until there is a new mission to begin anew with.
 
         Raises:
             RadronError, ProtocolError: an error that the user can fix: no vehicle, a port in use, no camera module.
@@ -111,7 +127,11 @@ class Node:
         saved = self._store.load()
         links = mesh_config(self._drone, self._mission)
         self._identity = links.identity
-        self._pilot = self._make_pilot(boot, saved)
+        made = aboard(self._drone, self._force, boot, saved, self._identity)
+        self._pilot, self._recorder = made.pilot, made.recorder
+        self._unrecorded = () if made.unrecorded is None else (made.unrecorded,)
+        for known in self._revoked_file.load():
+            self._pilot.receive(key_of(self._mission.swarm, known), encode(known), time.time_ns())
         contained = self._barrier.call
         self._detector = self._detector_of(self._drone.detector)
         if self._detector is not None:
@@ -119,8 +139,9 @@ class Node:
         if self._drone.sightings.address is not None:
             self._sightings = SightingsFeed(self._drone.sightings.address)
             self._closers.append(self._sightings.close)
+        revoked = self._revoked()
         self._mesh = await Mesh.open(
-            links,
+            without(revoked, links, self._drone),
             self._mission.swarm,
             self._drone.id,
             receive=contained("messages", lambda key, payload: self._pilot.receive(key, payload, time.time_ns()), None),
@@ -128,7 +149,7 @@ class Node:
             answer=contained("log queries", self._pilot.log_answer, []),
             members=frozenset(member.id for member in self._mission.drones),
         )
-        self._closers.append(self._mesh.close)
+        self._closers += [self._mesh.close, self._uploaded.close]
         self._log.info("mesh is up", boot=boot, mission=self._mission.mission_id, encrypted=self._identity is not None)
         ceiling_m, exact = self._mission.area.ceiling_m, self._frame_is_exact
         lost = AgentLost(self._mission.safety.agent_lost, self._mission.return_height_m(self._drone.id))
@@ -138,33 +159,19 @@ class Node:
         self._publish = contained("publications", self._mesh.publish, None)
         if self._wants_fixes:
             self._vehicle.on_fix(contained("fixes", self._take_fix, None))
-        await self._vehicle.connect()
+        self._start("the report", partial(self._self_report.run, partial(self._present, boot)))
+        await self._patience.until(self._vehicle.connect)  # the mesh stays up meanwhile
         self._log.info("vehicle is connected", address=self._drone.vehicle.address)
         if self._detector is not None:
             self._start("the camera", partial(self._read, self._detector))
         if self._sightings is not None:
             self._start("the sightings sensor", partial(self._see, self._sightings))
         self._start("recovery of the log", self._recover)
+        self._start("the links of revoked members", partial(self._exclude, revoked, links))
         self._send_command = contained("commands", self._vehicle.command, None)
         gc.collect()
         gc.freeze()  # a full collection would take 0.1 s in flight, and these objects stay
         self._heartbeat.tell("READY=1")
-
-    def _make_pilot(self, boot: str, saved: State) -> Pilot | RecordedPilot:
-        """A recorded one if records are wanted. If they cannot be written, that prevents a start, but not the rejoining of a
-        flight.
-        """
-        records, trust = self._drone.recorder, trust_of(self._identity)
-        pilot = Pilot(self._mission, self._drone, boot, memory=saved.memory, trust=trust)
-        if records.folder is None:
-            return pilot
-        header = FlightHeader.of(self._mission, self._drone, boot, time.time_ns(), saved.memory, trust)
-        try:
-            self._recorder = FlightRecorder(records.folder, records.limit_mb, header)
-        except FlightRecordError as error:
-            self._unrecorded = (str(error),)
-            return pilot
-        return RecordedPilot(pilot, self._recorder)
 
     async def _close(self) -> None:
         """Close everything that is open, concurrently and within ``CLOSE_S``."""
@@ -184,10 +191,13 @@ class Node:
                 self._log.error("not closed cleanly", error=repr(outcome))
 
     async def _fly(self) -> None:
-        """Make a step every 50 ms by absolute deadlines. Missed steps are skipped and counted, never made up for."""
+        """Make a step every 50 ms by absolute deadlines. Missed steps are skipped and counted, never made up for.
+
+        Ends when a new mission is there, which only happens on the ground.
+        """
         loop = asyncio.get_running_loop()
         due_s = look_s = counters_s = loop.time()
-        while True:
+        while not self._uploaded.is_kept:
             now_s = loop.time()
             if now_s >= look_s:
                 look_s = now_s + LOOK_S
@@ -205,6 +215,7 @@ class Node:
                 if behind_s > LATE_STEP_S:
                     self._late_s = loop.time()
             await asyncio.sleep(due_s - loop.time())
+        self._heartbeat.tell(RELOADING)
 
     def _log_counters(self) -> None:
         tasks = len(asyncio.all_tasks())
@@ -238,8 +249,26 @@ class Node:
     async def _read(self, detector: Detector) -> None:
         observe = self._barrier.call("readouts", self._pilot.observe_detector, [])
         async for readout in detector.readouts():
+            self._self_report.readout()
             for key, payload in observe(first_hits(readout, MOST_HITS)):
                 self._publish(key, payload)
+
+    def _present(self, boot: str) -> Report:
+        """What the computer is told; see ``SelfReport``."""
+        differing = (text.partition(" ")[0] for text in self._mesh.differing)  # these are heard, too
+        telemetry, px4 = self._vehicle.telemetry, self._vehicle.messages.version
+        return Report(
+            uptime_s=0.0,
+            boot=boot,
+            version="",
+            stage=self._pilot.stage,
+            armed=telemetry.seen is not None and telemetry.seen.armed,
+            alive=tuple(sorted({*self._mesh.alive, *differing})),
+            autopilot=not telemetry.is_lost(time.monotonic()),
+            px4=None if px4 is None else px4.number,
+            parameters=self._vehicle.parameters.values,
+            problems=self._vehicle.problems,
+        )
 
     async def _see(self, sensor: SightingsFeed) -> None:
         observe = self._barrier.call("sightings", self._pilot.observe_sightings, [])
@@ -265,35 +294,44 @@ class Node:
         phase = members.index(self._drone.id) / len(members)
         await recover(lambda: self._mesh.alive & set(members), self._pilot.log_summary, self._mesh.ask, phase)
 
+    def _revoked(self) -> frozenset[str]:
+        return frozenset(one.member for one in self._pilot.revocations) - {self._drone.id}
+
+    async def _exclude(self, revoked: frozenset[str], links: MeshConfig) -> None:
+        async def reopen(names: frozenset[str]) -> None:
+            if self._identity is not None and self._identity.own.not_after_ns < time.time_ns():
+                self._log.error(
+                    "revoked members keep their links: this drone's certificate has ended, and it could make none anew"
+                )
+                return
+            self._log.warning("mesh is opened anew", without=sorted(names))
+            await self._mesh.reopen(without(names, links, self._drone))
+            self._log.info("mesh is up again", alive=sorted(self._mesh.alive))
+
+        members = [member.id for member in self._mission.drones]
+        await exclude(self._revoked, revoked, reopen, turn_s(members.index(self._drone.id), len(members)))
+
     def _start(self, kind: str, work: Callable[[], Coroutine[None, None, None]]) -> None:
         self._tasks.append(asyncio.create_task(self._barrier.work(kind, work), name=kind))
 
     def _look(self, now_s: float) -> None:
-        """Pass changed problems on to the pilot, and save the state for a restart."""
-        self._tell("warning", self._warnings(now_s), self._pilot.warn)
-        unkept = () if self._store.problem is None else (self._store.problem,)
+        """Pass changed problems on to the pilot, take an uploaded mission, and save the state for a restart."""
+        self._uploaded.look(self._pilot.taking, self._mesh.fetch_mission, self._pilot.decline)
+        self._warned.tell(self._warnings(now_s), self._pilot.warn)
+        unkept = tuple(one.problem for one in (self._store, self._revoked_file) if one.problem is not None)
         expiry = validity(self._identity, time.time_ns()) if self._identity is not None else None
         unfit = (expiry.fault,) if expiry is not None and expiry.fault is not None else ()
-        problems = self._vehicle.problems + self._unrecorded + unkept + unfit + self._mesh.differing
-        self._tell("problem", problems, self._pilot.block)
-        notices = (INSECURE if expiry is None else expiry.notice, self._vehicle.exposure)
-        self._tell("notice", tuple(text for text in notices if text is not None), self._pilot.notice)
+        self._updates.look(self._pilot.stage)
+        others = tuple(text for text in (self._force.fault, self._updates.problem) if text is not None)
+        problems = self._vehicle.problems + self._unrecorded + unkept + unfit + others + self._mesh.differing
+        self._blocked.tell(problems, self._pilot.block)
+        security = INSECURE if expiry is None else expiry.notice
+        notices = (self._updates.notice, security, self._vehicle.exposure, self._force.notice)
+        self._noticed.tell(tuple(text for text in notices if text is not None), self._pilot.notice)
+        self._revoked_file.save(self._pilot.revocations)
         memory = self._pilot.memory
         # On the ground the launch place changes all the time, and is not needed.
         self._store.save(State(memory=memory, launch=self._vehicle.launch if memory is not None else None))
-
-    def _tell(self, event: str, problems: tuple[str, ...], tell: Callable[[tuple[str, ...]], None]) -> None:
-        before = self._told[event]
-        if problems == before:
-            return
-        self._told[event] = problems
-        tell(problems)
-        for text in problems:
-            if text not in before:
-                self._log.warning(event, text=text)
-        for text in before:
-            if text not in problems:
-                self._log.info(f"{event} is over", text=text)
 
     def _warnings(self, now_s: float) -> tuple[str, ...]:
         endpoints = self._drone.mesh.endpoints
@@ -308,22 +346,3 @@ class Node:
         if now_s - self._late_s < LATE_S:
             problems.append(f"the computer is too slow: setpoints were over {LATE_STEP_S:g} s late in the last {LATE_S:g} s")
         return tuple(problems)
-
-
-def mesh_config(drone: DroneConfig, mission: MissionConfig) -> MeshConfig:
-    """Listen at the drone's own endpoint, and dial those of the drones before it in the mission: never in both directions.
-
-    Raises:
-        ConfigError: the drone has no endpoint, or no certificate.
-        IdentityError: a certificate or key that cannot be used.
-    """
-    endpoints = drone.mesh.endpoints
-    listen = drone.mesh.listen or endpoints.get(drone.id)
-    if listen is None:
-        raise ConfigError(f'mesh.endpoints has no entry for {drone.id}: add one, such as "tls/10.7.1.11:7447"')
-    members = [member.id for member in mission.drones]
-    before = members[: members.index(drone.id)]
-    connect = tuple(endpoints[name] for name in before if name in endpoints)
-    identity, others = own_identity(drone), drone.mesh.others
-    drones = tuple(members)
-    return MeshConfig(listen=listen, connect=connect, gossip=drone.mesh.gossip, identity=identity, drones=drones, others=others)

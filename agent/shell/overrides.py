@@ -18,12 +18,11 @@ from agent.config.drone import DroneConfig
 from agent.config.loading import convert, load_mission, read_toml
 from agent.config.mission import MissionConfig
 from agent.errors import ConfigError
-from agent.fusion.registry import check_estimator
-from agent.shell.startable import check_launch_places
-from agent.terrain.ground import Ground
+from agent.shell.startable import check_for_drone
 
 PREFIX = "RADRON_"
-NOT_OURS = "RADRON_SIM_"  # variables of the simulation, which may start agents in its environment
+# Variables of other commands, whose environment an agent may be started in: the simulation's, and an operator's.
+NOT_OURS = ("RADRON_SIM_", "RADRON_PKI_PASSPHRASE", "RADRON_IDENTITY")
 
 
 def load_drone(path: Path, environment: Mapping[str, str]) -> tuple[DroneConfig, MissionConfig]:
@@ -37,12 +36,7 @@ def load_drone(path: Path, environment: Mapping[str, str]) -> tuple[DroneConfig,
     if drone.mission is None:
         raise ConfigError(f"{path}: the key 'mission' is missing: the path of the mission file")
     mission = load_mission(Path(drone.mission))
-    check_estimator(mission.fusion.estimator, f"{drone.mission}: fusion.estimator")
-    check_launch_places(mission, drone.mission)
-    Ground.from_config(mission)  # an unusable elevation grid is an error now, not when the pilot needs it
-    ids = [member.id for member in mission.drones]
-    if drone.id not in ids:
-        raise ConfigError(f"{path}: drone {drone.id!r} is not in {drone.mission}; its drones are {', '.join(ids)}")
+    check_for_drone(mission, drone.id, drone.mission)
     return drone, mission
 
 
@@ -100,6 +94,7 @@ def _with_paths_from(folder: Path, drone: DroneConfig) -> DroneConfig:
         drone,
         mission=absolute(drone.mission),
         state=absolute(drone.state),
+        updates=absolute(drone.updates),
         calibration=absolute(drone.calibration),
         mesh=replace(drone.mesh, identity=absolute(drone.mesh.identity)),
         detector=detector,

@@ -2,40 +2,26 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-from math import hypot
-
-from shapely import Point, Polygon
-
 from agent.config.drone import DroneConfig
-from agent.config.mission import DroneInMission, MissionConfig
+from agent.config.launchplaces import check_launch_places
+from agent.config.mission import MissionConfig
 from agent.errors import ConfigError
+from agent.fusion.registry import check_estimator
+from agent.terrain.ground import Ground
 
-_SIGMAS = 3.0
 
-
-def check_launch_places(mission: MissionConfig, where: str) -> None:
-    """See that all drones are launched apart from each other and inside the fence, as far as the mission knows their places.
+def check_for_drone(mission: MissionConfig, drone: str, where: str) -> None:
+    """See that a mission can be flown, and names this drone.
 
     Raises:
-        ConfigError: two are launched closer than they may fly, or one outside the fence; ``where`` is named in the text.
+        ConfigError: an unknown estimator, unusable launch places or ground model, or without this drone; names ``where``.
     """
-    for one, other in combinations(mission.drones, 2):
-        apart_m = hypot(one.origin_m[0] - other.origin_m[0], one.origin_m[1] - other.origin_m[1])
-        known = _sigma_m(one) + _sigma_m(other) < mission.limits.separation_m
-        if known and apart_m < mission.limits.separation_m:
-            raise ConfigError(
-                f"{where}: drones: {one.id} and {other.id} are launched {apart_m:.1f} m apart, which is less than "
-                f"limits.separation_m = {mission.limits.separation_m:g}; correct their origin_m"
-            )
-    area, margin_m = Polygon(mission.area.polygon_m), mission.area.fence_margin_m
-    for drone in mission.drones:
-        outside_m = area.distance(Point(drone.origin_m[:2]))
-        if outside_m - _SIGMAS * _sigma_m(drone) > margin_m:
-            raise ConfigError(
-                f"{where}: drones: {drone.id} is launched {outside_m:.0f} m outside area.polygon_m, beyond the fence "
-                f"(area.fence_margin_m = {margin_m:g}); correct its origin_m, or enlarge the area"
-            )
+    check_estimator(mission.fusion.estimator, f"{where}: fusion.estimator")
+    check_launch_places(mission, where)
+    Ground.from_config(mission)  # an unusable elevation grid is an error now, not when the pilot needs it
+    ids = [member.id for member in mission.drones]
+    if drone not in ids:
+        raise ConfigError(f"drone {drone!r} is not in {where}; its drones are {', '.join(ids)}")
 
 
 def camera_missing(drone: DroneConfig, mission: MissionConfig) -> str | None:
@@ -43,7 +29,3 @@ def camera_missing(drone: DroneConfig, mission: MissionConfig) -> str | None:
     if drone.detector.driver != "none" or mission.fusion.estimator == "given":
         return None
     return 'no camera (detector.driver = "none"): this drone measures nothing and cannot search'
-
-
-def _sigma_m(drone: DroneInMission) -> float:
-    return 0.0 if drone.is_exact else drone.origin_sigma_m

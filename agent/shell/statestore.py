@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import os
 import time
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import msgspec
 from msgspec import Struct
 
 from agent.mission.memory import Memory
+from agent.outputs import write_durably
 from agent.shell.logs import Logger
 from agent.vehicle.interface import LaunchPlace
 
@@ -68,13 +68,7 @@ class StateFile:
 
     def save(self, state: State) -> None:
         """Replace the file atomically and durably: a power cut leaves the older or the newer one. Raises OSError."""
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        fresh = self.path.with_suffix(".new")
-        with fresh.open("wb") as file:
-            file.write(encode_state(state))
-            file.flush()
-            os.fsync(file.fileno())
-        fresh.replace(self.path)
+        write_durably(self.path, encode_state(state))
 
 
 def _check(state: State) -> str:

@@ -14,7 +14,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 
-from agent.shell.heartbeat import HEARTBEAT_FD, HUNG, SILENCE_S
+from agent.shell.heartbeat import ANEW, HEARTBEAT_FD, HUNG, RELOADING, SILENCE_S
 from agent.shell.systemd import VARIABLES, Notifier
 
 STOP_S = 1.5  # a stopping agent has this long to close everything
@@ -35,7 +35,9 @@ class Supervisor:
         self._verdict: str | None = None  # why it was killed
 
     def run(self) -> int:
-        """Start the agent and watch it. Returns its exit code: 0 where it was stopped by a signal, 70 where it hung.
+        """Start the agent and watch it, anew when it asks for that: it has a new mission.
+
+        Returns its exit code: 0 where it was stopped by a signal, 70 where it hung.
 
         The agent gets its own folder for temporary files, which is removed afterwards, also when it was killed: MAVSDK makes a
         folder there at each start and removes none.
@@ -54,6 +56,15 @@ class Supervisor:
         signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
         for number in (*_STOPS, signal.SIGCHLD):
             signal.signal(number, lambda *_: None)  # the wake-up pipe says which
+        code = ANEW
+        while code == ANEW and not self._stopping:
+            code = self._watched(wakes)
+            self._notifier.alive()
+        self._notifier.tell("STOPPING=1")
+        return 0 if code == ANEW else code
+
+    def _watched(self, wakes: int) -> int:
+        """One run of the agent, to its end; its exit code."""
         heartbeats, child = self._start()
         poll = select.poll()
         poll.register(wakes, select.POLLIN)
@@ -64,7 +75,8 @@ class Supervisor:
             self._obey(_read(wakes), child)
             ended, status = os.waitpid(child, os.WNOHANG)
             if ended:
-                self._notifier.tell("STOPPING=1")
+                os.close(heartbeats)
+                self._deadline_s = None
                 return self._exit_code(status)
             self._judge(child)
 
@@ -99,6 +111,8 @@ class Supervisor:
             self._deadline_s = time.monotonic() + SILENCE_S
             self._notifier.alive()
         told = [line for line in lines if line]
+        if RELOADING in told:  # no heartbeats any more until it has been started again
+            self._deadline_s = time.monotonic() + STOP_S
         if told:
             self._notifier.tell(*told)
 

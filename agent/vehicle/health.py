@@ -6,7 +6,7 @@ from collections import deque
 
 from agent.vehicle.events import FAILSAFE, REPORT_BEGINS, REPORT_ENDS, FailedCheck, failed_check, severity, text_of
 from agent.vehicle.interface import FlightMode
-from agent.vehicle.messages import Event, StatusText, SystemStatus
+from agent.vehicle.messages import AutopilotVersion, Event, StatusText, SystemStatus
 
 # MAV_SYS_STATUS_SENSOR; they tell what is missing.
 _SENSORS = {
@@ -39,7 +39,7 @@ class StatusMessages:
     """The autopilot's messages: its warnings and errors of the last seconds, from events and texts, and the checks that by its
     last report keep it from being armed. Long texts come in chunks of 50 characters.
 
-    ``failsafe``: its message at the beginning of its last failsafe; else empty.
+    ``failsafe``: its message at the beginning of its last failsafe; else empty. ``version``: of its firmware.
     """
 
     def __init__(self) -> None:
@@ -48,11 +48,15 @@ class StatusMessages:
         self._unfinished = ("", float("-inf"))  # a full chunk without a number, and when it came
         self._sequence: int | None = None  # of the newest event: PX4 repeats events on request
         self.failsafe = ""
+        self.version: AutopilotVersion | None = None
         self._reporting: list[FailedCheck] | None = None
         self._failed: tuple[FailedCheck, ...] = ()
 
-    def receive(self, message: StatusText | Event, now_s: float) -> None:
-        """Take a STATUSTEXT or an EVENT."""
+    def receive(self, message: StatusText | Event | AutopilotVersion, now_s: float) -> None:
+        """Take a STATUSTEXT, an EVENT, or an AUTOPILOT_VERSION."""
+        if isinstance(message, AutopilotVersion):
+            self.version = message
+            return
         if isinstance(message, Event):
             self._take_event(message, now_s)
             return

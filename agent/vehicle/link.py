@@ -24,6 +24,7 @@ from agent.vehicle.claim import claim_port
 from agent.vehicle.device import check_device
 from agent.vehicle.exposure import take_only_from
 from agent.vehicle.messages import DECODERS, Attitude, DistanceSensor, Message, Odometry
+from agent.vehicle.signed import FIRST_S, first_is_signed
 
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 COMMANDS_PER_MESSAGE = 7
@@ -57,6 +58,7 @@ class Link:
         """
         self.address = address
         self.counters: Counter[str] = Counter()
+        self.is_signed: bool | None = None  # as its first message was; None: not known
         self._clock_ns, self._clock_s = clock_ns, clock_s
         self._wanted_id = system_id
         self._source = source
@@ -76,6 +78,7 @@ class Link:
         self._receive = receive
         check_device(self.address)
         await claim_port(self.address)
+        self.is_signed = await first_is_signed(self.address, self._wanted_id, self._source, min(FIRST_S, timeout_s))
         mavsdk_logging.log_subscribe(lambda *_: True)  # otherwise it prints to standard output
         self._mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER))
         try:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import msgspec
 from msgspec import Struct
 
+_KINDS = {0: " (development)", 64: " (alpha)", 128: " (beta)", 192: " (release candidate)"}  # FIRMWARE_VERSION_TYPE
+
 
 class Heartbeat(Struct, frozen=True):
     """Mode, armed flag, and system status."""
@@ -169,6 +171,33 @@ class ParameterError(Struct, frozen=True):
     error: int
 
 
+class AutopilotVersion(Struct, frozen=True):
+    """AUTOPILOT_VERSION: ``flight_sw_version`` has major, minor, patch and kind in a byte each; ``flight_custom_version`` begins
+    with the last byte of the first eight of its source's commit.
+    """
+
+    flight_sw_version: int
+    flight_custom_version: tuple[int, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """Such as ``PX4 1.15.4 (beta), 1a2b3c4d``."""
+        commit = bytes(reversed(self.flight_custom_version))[:4]
+        return f"PX4 {self.number}" + (f", {commit.hex()}" if any(commit) else "")
+
+    @property
+    def number(self) -> str:
+        """Such as ``1.15.4 (beta)``."""
+        major, minor, patch, kind = self.flight_sw_version.to_bytes(4, "big")
+        return f"{major}.{minor}.{patch}{_KINDS.get(kind, '')}"
+
+    @property
+    def is_too_old(self) -> bool:
+        """Whether it is older than what the agent was made for. A build without a version (0.0.0) counts as new."""
+        major, minor, _, _ = self.flight_sw_version.to_bytes(4, "big")
+        return (0, 0) < (major, minor) < (1, 13)
+
+
 Message = (
     Heartbeat
     | CurrentMode
@@ -189,6 +218,7 @@ Message = (
     | StatusText
     | CommandAck
     | ParameterValue
+    | AutopilotVersion
 )
 
 DECODERS: dict[str, msgspec.json.Decoder[Message]] = {
@@ -213,5 +243,6 @@ DECODERS: dict[str, msgspec.json.Decoder[Message]] = {
         "STATUSTEXT": StatusText,
         "COMMAND_ACK": CommandAck,
         "PARAM_VALUE": ParameterValue,
+        "AUTOPILOT_VERSION": AutopilotVersion,
     }.items()
 }

@@ -25,6 +25,7 @@ NEGATIVE = -1.0
 
 _OFFBOARD_LOSS = {3: "return", 4: "land", 5: "hold"}
 _REMOTE_LOSS = {1: "hold", 2: "return", 3: "land"}
+_BATTERY_EMPTY = {2: "land", 3: "return, and land if it gets too low for that"}
 _FENCE = {2: "hold", 3: "return", 5: "land"}
 _EV_POSITION, _EV_YAW = 1, 8  # bits of EKF2_EV_CTRL
 _GPS_HEIGHT = 1  # of EKF2_HGT_REF
@@ -105,11 +106,14 @@ def _drift_time(value: float, _: float) -> str | None:
 
 
 _OFFBOARD = Rule("COM_OF_LOSS_T", _loss_time)
+# Of an agent that ends in takeoff or hold, PX4 notices nothing: the battery is what ends such a flight.
+_BATTERY = Rule("COM_LOW_BAT_ACT", _one_of(_BATTERY_EMPTY, "what ends a hold if neither agent nor pilot does"))
 _AGENT_GONE, _REMOTE_GONE = "the reaction to the loss of the agent", "the reaction to the loss of the remote control"
 RULES = (
     _OFFBOARD,
     Rule("COM_OBL_RC_ACT", _one_of(_OFFBOARD_LOSS, _AGENT_GONE)),
     Rule("NAV_RCL_ACT", _one_of(_REMOTE_LOSS, _REMOTE_GONE)),
+    _BATTERY,
     Rule(RETURN_ALTITUDE, _below_ceiling),
     Rule("RTL_DESCEND_ALT", _below_ceiling),
     Rule("MPC_Z_V_AUTO_UP", _climb_rate),
@@ -121,6 +125,7 @@ HOMELESS_RULES = (
     _OFFBOARD,
     Rule("COM_OBL_RC_ACT", _one_of(_without_return(_OFFBOARD_LOSS), f"{_AGENT_GONE}; there is no home to return to")),
     Rule("NAV_RCL_ACT", _one_of(_without_return(_REMOTE_LOSS), f"{_REMOTE_GONE}; there is no home to return to")),
+    _BATTERY,
     Rule("EKF2_EV_CTRL", _guided_by_vision_alone),
     Rule("EKF2_GPS_CTRL", _no_satellites),
     Rule("EKF2_HGT_REF", _height_without_satellites),
@@ -163,23 +168,38 @@ def value_of(message: ParameterValue) -> float:
     return float(number)
 
 
+def wire_value(value: float, kind: int) -> float:
+    """The number for a PARAM_SET: the inverse of ``value_of``. Integers are not negative."""
+    if kind == FLOAT:
+        return value
+    (bits,) = struct.unpack("<f", struct.pack("<i", round(value)))
+    return float(bits)
+
+
 class Parameters:
     """The values of the parameters in ``rules`` and of the takeoff altitude, as far as they are known."""
 
-    def __init__(self, ceiling_m: float, rules: tuple[Rule, ...] = RULES, return_height_m: float | None = None) -> None:
-        """``return_height_m``: of this drone's return, to be set on its autopilot; None: that is left as it is."""
+    def __init__(
+        self, ceiling_m: float, rules: tuple[Rule, ...] = RULES, return_height_m: float | None = None, *, sets: bool = True
+    ) -> None:
+        """``return_height_m``: of this drone's return, to be set on its autopilot, or, without ``sets``, to be set before the
+        start; None: that is left as it is.
+        """
+        self._may_set = sets
         self._ceiling_m = ceiling_m
         self._return_m = float32(return_height_m) if return_height_m is not None else None
         self._sets, self._set_s = 0, float("-inf")
         self._rules = rules
         self._names = (*(rule.name for rule in rules), TAKEOFF_ALTITUDE)
         self._values: dict[str, float] = {}
+        self._kinds: dict[str, int] = {}  # MAV_PARAM_TYPE
         self._asked: dict[str, tuple[int, float]] = {}  # how often, and when last asked for
 
     def receive(self, message: ParameterValue) -> None:
         """Take a PARAM_VALUE, asked for or not."""
         if message.param_id in self._names:
             self._values[message.param_id] = value_of(message)
+            self._kinds[message.param_id] = message.param_type
             self._asked[message.param_id] = (0, self._asked.get(message.param_id, (0, 0.0))[1])
 
     def refused(self, message: ParameterError) -> None:
@@ -198,6 +218,19 @@ class Parameters:
         """The newest value, None while it is not known."""
         return self._values.get(name)
 
+    @property
+    def values(self) -> dict[str, float]:
+        """All that are known."""
+        return dict(self._values)
+
+    def kind(self, name: str) -> int | None:
+        """Its MAV_PARAM_TYPE, None while it is not known."""
+        return self._kinds.get(name)
+
+    def wrong(self) -> dict[str, float]:
+        """The values that have to be changed, by name."""
+        return {name: value for name, value in self._values.items() if self._advice(name) is not None}
+
     def due(self, now_s: float) -> list[str]:
         """The names to ask the autopilot for now."""
         names = []
@@ -211,7 +244,13 @@ class Parameters:
     def height_to_set(self, now_s: float) -> float | None:
         """The return altitude to set now; None where it is right, not known yet, or has been refused."""
         value, wanted = self._values.get(RETURN_ALTITUDE), self._return_m
-        if wanted is None or value in (None, wanted) or self._sets >= MOST_ASKS or now_s - self._set_s < ASK_AGAIN_S:
+        if (
+            not self._may_set
+            or wanted is None
+            or value in (None, wanted)
+            or self._sets >= MOST_ASKS
+            or now_s - self._set_s < ASK_AGAIN_S
+        ):
             return None
         self._sets, self._set_s = self._sets + 1, now_s
         return wanted
@@ -236,6 +275,8 @@ class Parameters:
             return Finding(name, "failed", "unknown to the autopilot: is it a PX4 of version 1.13 or later?")
         value, advice = self._values[name], self._advice(name)
         if name == RETURN_ALTITUDE and self._return_m not in (None, value):
+            if not self._may_set:
+                return Finding(name, "ok", f"{value:g}; the agent will set it to {self._return_m:g}, the layer of this drone")
             if self._sets < MOST_ASKS:
                 return Finding(name, "not yet", f"is {value:g}; the agent sets it to {self._return_m:g}, the layer of this drone")
             advice = f"set it to {self._return_m:g}, the layer of this drone: the autopilot has not taken it from the agent"

@@ -15,6 +15,7 @@ from agent.vehicle.health import StatusMessages
 from agent.vehicle.interface import AgentLost, Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
 from agent.vehicle.link import Link, Received
 from agent.vehicle.messages import (
+    AutopilotVersion,
     CommandAck,
     Event,
     GpsRaw,
@@ -26,8 +27,9 @@ from agent.vehicle.messages import (
     TimeSync,
 )
 from agent.vehicle.modes import CUSTOM_MODES, SET_MODE_FLAGS
-from agent.vehicle.parameters import FLOAT, RETURN_ALTITUDE, TAKEOFF_ALTITUDE, Parameters, float32, rules_of
+from agent.vehicle.parameters import FLOAT, RETURN_ALTITUDE, TAKEOFF_ALTITUDE, Parameters, float32, rules_of, wire_value
 from agent.vehicle.requests import Act, Requests
+from agent.vehicle.signed import SIGNED
 from agent.vehicle.telemetry import Telemetry
 from agent.vehicle.vision import Vision
 
@@ -43,7 +45,7 @@ FIX_S = 0.9  # between two fixes: the errors of those in between are strongly co
 _TAKE_OFF, _LAND, _SET_MODE, _ARM, _SET_INTERVAL, _REQUEST = 22, 21, 176, 400, 511, 512  # MAV_CMD
 _WATCHED = {_TAKE_OFF: "to take off", _LAND: "to land", _SET_MODE: "to change its mode", _ARM: "to arm"}
 _RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}  # MAV_RESULT
-_HOME_POSITION, _GLOBAL_ORIGIN = 242, 49
+_HOME_POSITION, _GLOBAL_ORIGIN, _VERSION = 242, 49, 148
 # Message ids and rates (Hz) that are requested; other streams are not read. (Heartbeats stay at PX4's 1 Hz.)
 _WANTED_HZ = {32: 30.0, 31: 30.0, 331: 10.0, 132: 10.0, 245: 5.0, 24: 5.0, 230: 5.0, 436: 5.0, 1: 2.0}
 _UNWANTED = (30, 33, 36, 74, 83, 85, 105, 141)
@@ -84,11 +86,11 @@ class Px4Vehicle:
         self._config = config
         self._clock_ns, self._clock_s = clock_ns, clock_s
         self._link = link or Link(config.address, clock_ns, clock_s, config.system_id, config.source)
-        self._telemetry = Telemetry(config, launch, exact)
-        self._messages = StatusMessages()
+        self.telemetry = self._telemetry = Telemetry(config, launch, exact)  # what it tells; to be read only
+        self.messages = self._messages = StatusMessages()  # as well
         rules = rules_of(config.gnss, config.vision is not None, lost.reaction if lost is not None else None)
-        height_m = lost.return_height_m if lost is not None and lost.sets and config.gnss else None
-        self._parameters = Parameters(mission_ceiling_m, rules, height_m)
+        height_m = lost.return_height_m if lost is not None and config.gnss else None
+        self.parameters = Parameters(mission_ceiling_m, rules, height_m, sets=lost is not None and lost.sets)
         self._requests = Requests()
         self._vision = Vision(config.vision.address, self._link.send, clock_ns) if config.vision is not None else None
         self._seeing: asyncio.Task[None] | None = None
@@ -135,12 +137,12 @@ class Px4Vehicle:
         problems = self._telemetry.problems(now_s)
         if self._telemetry.is_lost(now_s):
             return tuple(problems)
-        problems += self._vision_problems()
+        problems += [*([SIGNED] if self._link.is_signed else []), *self._vision_problems()]
         if self._refusal is not None and now_s - self._refusal[1] < REFUSAL_S:
             problems.append(self._refusal[0])
         if problems:
             problems += [f"the autopilot says: {text}" for text in self._told(now_s)]
-        parameters = self._parameters.findings()
+        parameters = self.parameters.findings()
         problems += [f"parameter {finding.name} {finding.text}" for finding in parameters if finding.verdict == "failed"]
         if any(finding.verdict == "not yet" for finding in parameters):
             problems.append("the autopilot's parameters are being read")
@@ -154,7 +156,15 @@ class Px4Vehicle:
     async def findings(self) -> list[Finding]:
         """The present findings of a preflight check; "not yet" may change within seconds."""
         vision = [] if self._vision is None else [self._vision_finding()]
-        return [self._link_finding(), *vision, self._readiness(), self._launch_finding(), *self._parameters.findings()]
+        return [self._link_finding(), *vision, self._readiness(), self._launch_finding(), *self.parameters.findings()]
+
+    def set_parameter(self, name: str, value: float) -> bool:
+        """Ask the autopilot to take a value; False if it must not be: armed, lost, or the parameter is not known."""
+        seen, kind = self._telemetry.seen, self.parameters.kind(name)
+        if seen is None or seen.armed or kind is None or self._telemetry.is_lost(self._clock_s()):
+            return False
+        self._link.send("PARAM_SET", {"param_id": name, "param_value": wire_value(value, kind), "param_type": kind})
+        return True
 
     def command(self, command: VehicleCommand) -> None:
         """Carry out one step's command: send the setpoint at once, and the next command that the request needs."""
@@ -163,7 +173,7 @@ class Px4Vehicle:
         seen = self._telemetry.seen
         if seen is None:
             return
-        altitude_set = self._parameters.value(TAKEOFF_ALTITUDE) == float32(command.takeoff_height_m)
+        altitude_set = self.parameters.value(TAKEOFF_ALTITUDE) == float32(command.takeoff_height_m)
         act = self._requests.step(now_s, command.request, seen, streaming, altitude_set)
         if act is not None:
             self._ask(act, command)
@@ -187,14 +197,14 @@ class Px4Vehicle:
                     self._begin_anew()
                 case LocalPosition():
                     self._positions += 1
-                case StatusText() | Event():
+                case StatusText() | Event() | AutopilotVersion():
                     self._messages.receive(message, now_s)
                 case CommandAck():
                     self._take_ack(message, now_s)
                 case ParameterValue():
-                    self._parameters.receive(message)
+                    self.parameters.receive(message)
                 case ParameterError():
-                    self._parameters.refused(message)
+                    self.parameters.refused(message)
                 case GpsRaw() if now_s - self._fix_s >= FIX_S:
                     self._take_fix(message, now_s)
                 case TimeSync(tc1=0) if self._vision is not None:
@@ -214,7 +224,7 @@ class Px4Vehicle:
     def _begin_anew(self) -> None:
         """The link is up for the first time or again: the autopilot may have been restarted, or be another one."""
         self._telemetry.begin_anew()
-        self._parameters.forget()
+        self.parameters.forget()
         self._interval_asks, self._set_up_s = 0, float("-inf")
 
     def _set_up(self, now_s: float) -> None:
@@ -222,10 +232,10 @@ class Px4Vehicle:
 
         An autopilot without satellites has neither home nor origin; should it get them after all, it reports them by itself.
         """
-        for name in self._parameters.due(now_s):
+        for name in self.parameters.due(now_s):
             self._link.send("PARAM_REQUEST_READ", {"param_id": name, "param_index": -1})
         seen = self._telemetry.seen
-        height_m = self._parameters.height_to_set(now_s) if seen is not None and not seen.armed else None
+        height_m = self.parameters.height_to_set(now_s) if seen is not None and not seen.armed else None
         if height_m is not None:
             self._link.send("PARAM_SET", {"param_id": RETURN_ALTITUDE, "param_value": height_m, "param_type": FLOAT})
         elapsed_s = now_s - self._set_up_s
@@ -246,6 +256,7 @@ class Px4Vehicle:
             self._link.send_command(_SET_INTERVAL, message, 1e6 / rate_hz)
         for message in _UNWANTED:
             self._link.send_command(_SET_INTERVAL, message, -1)
+        self._link.send_command(_REQUEST, _VERSION)
 
     def _take_ack(self, ack: CommandAck, now_s: float) -> None:
         """Refusals are kept as a reason to report; acceptance only counts once the heartbeat shows it."""
@@ -293,8 +304,14 @@ class Px4Vehicle:
 
     def _link_finding(self) -> Finding:
         now_s = self._clock_s()
+        if self._link.is_signed:
+            return Finding("autopilot", "failed", f"{self._config.address}: {SIGNED}")
         if not self._telemetry.is_lost(now_s):
-            return Finding("autopilot", "ok", self.exposure or self._config.address)
+            version, where = self._messages.version, self.exposure or self._config.address
+            text = where if version is None else f"{where}, {version.text}"
+            if version is not None and version.is_too_old:
+                return Finding("autopilot", "failed", f"{text}: flash PX4 1.13 or later")
+            return Finding("autopilot", "ok", text + (", its messages are not signed" if self._link.is_signed is False else ""))
         verdict: Literal["not yet", "failed"] = "not yet" if self._telemetry.seen is None else "failed"
         return Finding("autopilot", verdict, self._telemetry.problems(now_s)[0])
 

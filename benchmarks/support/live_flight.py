@@ -125,6 +125,24 @@ def messages(flight: RecordedFlight, topic: str) -> Iterator[tuple[FlightRecord,
             yield record, address.sender, address.kind, payload
 
 
+def cone_delays_ms(found: dict[str, RecordedFlight]) -> list[float]:
+    """Of each cone, from its publication to the pilot of each other agent: wall times of the records."""
+    sent_ns = {
+        payload: record.publish_ns
+        for flight in found.values()
+        for record, _, kind, payload in messages(flight, topics.PUBLICATION)
+        if kind == "cone"
+    }
+    delays: list[float] = []
+    for flight in found.values():
+        first = dict[bytes, int]()
+        for record, _, kind, payload in messages(flight, topics.MESSAGE):
+            if kind == "cone" and payload in sent_ns:
+                first.setdefault(payload, record.publish_ns)
+        delays += [(at_ns - sent_ns[payload]) * 1e-6 for payload, at_ns in first.items()]
+    return delays
+
+
 def tracking(flight: RecordedFlight) -> tuple[float, float] | None:
     """Wall times, s, between which this agent said that it was tracking."""
     times = []

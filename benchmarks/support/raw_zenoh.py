@@ -12,7 +12,7 @@ from multiprocessing.process import BaseProcess
 
 from zenoh.handlers import Callback
 
-from protocol.link import MeshConfig, open_session
+from protocol.mesh.link import MeshConfig, open_session
 
 KEY = "benchmark/raw"
 

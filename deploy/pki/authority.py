@@ -14,24 +14,25 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import BestAvailableEncryption, Encoding, PrivateFormat, load_pem_private_key
 from msgspec.structs import replace
 
-from protocol.identity import AUTHORITY_FILE, REVOKED_FILE, Authority, IdentityError, Role, checked_name, utc
+from deploy.pki.issued import Issued
+from deploy.pki.release import issue_release
+from protocol.identity import (
+    AUTHORITY_FILE,
+    REVOKED_FILE,
+    Authority,
+    IdentityError,
+    Peer,
+    Role,
+    checked_name,
+    leave_no_core_file,
+    utc,
+)
 from protocol.issuing import Issuer, write_file, write_identity
 
 AUTHORITY_KEY_FILE, ISSUED_FILE = "ca-key.pem", "issued.json"
 SHORTEST_PASSPHRASE = 12
 
 Passphrase = Callable[[], str]
-
-
-class Issued(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A certificate that was issued. Times: UTC, nanoseconds; ``serial``: hexadecimal, as other tools show it."""
-
-    name: str
-    role: Role
-    serial: str
-    not_before_ns: int
-    not_after_ns: int
-    revoked_ns: int | None = None
 
 
 class PkiFolder:
@@ -52,6 +53,7 @@ class PkiFolder:
         for file in (self.folder / AUTHORITY_FILE, self.key_file):
             if file.exists():
                 raise IdentityError(f"{file}: exists, and without it no member could join; choose another folder with --pki")
+        leave_no_core_file()
         issuer = Issuer.new(swarm, now_ns)
         secret = passphrase()
         if len(secret) < SHORTEST_PASSPHRASE:
@@ -64,22 +66,37 @@ class PkiFolder:
         write_file(self.folder / AUTHORITY_FILE, issuer.authority.certificate.public_bytes(Encoding.PEM))
         self._save([])
 
-    def issue(self, name: str, role: Role, days: int | None, out: Path, passphrase: Passphrase, now_ns: int) -> Issued:
+    def issue(
+        self, name: str, role: Role, days: int | None, out: Path, passphrase: Passphrase, now_ns: int, may_revoke: bool = False
+    ) -> Issued:
         """Issue a certificate with a new key, and write the member's folder ``out``.
 
+        ``may_revoke``: an operator's right to revoke others in flight.
+
         Raises:
-            IdentityError: the name is another member's or was revoked; the authority's key cannot be used.
+            IdentityError: the name is another member's or was revoked; a right to revoke for somebody who is no operator; the
+                authority's key cannot be used; ``out`` cannot be written.
             OSError: something cannot be written.
         """
+        if may_revoke and role is not Role.OPERATOR:
+            raise IdentityError(
+                f"{name!r}: only an operator can have the right to revoke others, and this is a {role}: leave out --may-revoke"
+            )
         with self._locked():
             issued = self.issued()
             _check_free(name, role, issued, now_ns)
             issuer = self._issuer(passphrase)
-            credentials = issuer.issue(name, role, now_ns, days)
-            write_identity(out, issuer.authority, credentials, self._list(issuer, issued, now_ns))
-            peer = credentials.peer
-            times = {"not_before_ns": peer.not_before_ns, "not_after_ns": peer.not_after_ns}
-            new = Issued(name=name, role=role, serial=f"{peer.serial:x}", **times)
+            listed = self._list(issuer, issued, now_ns)
+            try:
+                if role is Role.RELEASE:
+                    new = issue_release(issuer, name, now_ns, days, out)
+                else:
+                    credentials = issuer.issue(name, role, now_ns, days, may_revoke)
+                    write_identity(out, issuer.authority, credentials, listed)
+                    new = _issued(credentials.peer, may_revoke)
+            except OSError as error:
+                reason = (error.strerror or str(error)).lower()
+                raise IdentityError(f"{out}: cannot be written ({reason}); give another folder with --out") from None
             self._save([*issued, new])
         return new
 
@@ -142,6 +159,7 @@ class PkiFolder:
             raise IdentityError(
                 f"{self.key_file}: other users can read this key (mode {mode:03o}); run `chmod 600 {self.key_file}`"
             )
+        leave_no_core_file()
         secret = passphrase().encode()
         try:
             key = load_pem_private_key(pem, secret)
@@ -182,6 +200,11 @@ class PkiFolder:
             yield
         finally:
             os.close(descriptor)
+
+
+def _issued(peer: Peer, may_revoke: bool) -> Issued:
+    times = {"not_before_ns": peer.not_before_ns, "not_after_ns": peer.not_after_ns}
+    return Issued(name=peer.name, role=peer.role, serial=f"{peer.serial:x}", may_revoke=may_revoke, **times)
 
 
 def _check_free(name: str, role: Role, issued: list[Issued], now_ns: int) -> None:

@@ -14,6 +14,7 @@ from protocol.identity import CERTIFICATE_FILE, IdentityError, Peer, Role, load_
 
 if TYPE_CHECKING:
     from deploy.pki.authority import PkiFolder
+    from deploy.pki.issued import Issued
 
 PASSPHRASE_VARIABLE = "RADRON_PKI_PASSPHRASE"
 _DAY_NS = 86_400_000_000_000
@@ -31,7 +32,7 @@ def init(
 ) -> None:
     """Make the swarm's authority. Its key is encrypted; --key puts it on a medium that is kept offline."""
     folder = _folder(pki, key)
-    folder.init(swarm, lambda: _passphrase(folder.key_file, new=True), time.time_ns())
+    folder.init(swarm, lambda: passphrase(folder.key_file, new=True), time.time_ns())
     print(f"{pki}: the authority of {swarm}; its key is {folder.key_file}: keep it, and a copy of the folder, in a safe place")
 
 
@@ -48,13 +49,16 @@ def issue(
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="The member's folder.", show_default="NAME in the authority's folder")
     ] = None,
+    may_revoke: Annotated[bool, typer.Option("--may-revoke", help="An operator's right to revoke others in flight.")] = False,
     pki: PkiOption = Path("pki"),
     key: KeyOption = None,
 ) -> None:
     """Issue a certificate with a new key: also to renew one, before it ends."""
     folder, place = _folder(pki, key), pki / name if out is None else out
-    made = folder.issue(name, role, days, place, lambda: _passphrase(folder.key_file), time.time_ns())
-    print(f"{place}: {name}, {role}, until {utc(made.not_after_ns):%Y-%m-%d %H:%M} UTC; copy this folder to where it is used")
+    made = folder.issue(name, role, days, place, lambda: passphrase(folder.key_file), time.time_ns(), may_revoke)
+    print(
+        f"{place}: {name}, {_role(made)}, until {utc(made.not_after_ns):%Y-%m-%d %H:%M} UTC; copy this folder to where it is used"
+    )
 
 
 @app.command()
@@ -65,9 +69,10 @@ def revoke(
 ) -> None:
     """Revoke all valid certificates of a member, and write the list revoked.crl, which every other member needs."""
     folder = _folder(pki, key)
-    count = len(folder.revoke(name, lambda: _passphrase(folder.key_file), time.time_ns()))
+    count = len(folder.revoke(name, lambda: passphrase(folder.key_file), time.time_ns()))
     what = "1 certificate" if count == 1 else f"{count} certificates"
     print(f"{name}: {what} revoked; copy {pki / 'revoked.crl'} into the identity folder of every other member")
+    print(f"a swarm that flies now learns it from an operator: radron-agent revoke {name}")
 
 
 @app.command()
@@ -81,7 +86,7 @@ def show(
     now_ns = time.time_ns()
     if member is not None:
         own = load_identity(member).own
-        print(f"{member / CERTIFICATE_FILE}: {own.name}, {own.role}, serial {own.serial:x}, {_until(own, now_ns)}")
+        print(f"{member / CERTIFICATE_FILE}: {own.name}, {_role(own)}, serial {own.serial:x}, {_until(own, now_ns)}")
         return
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
@@ -93,8 +98,12 @@ def show(
         left_days = (one.not_after_ns - now_ns) / _DAY_NS
         state = "revoked" if one.revoked_ns is not None else "valid" if left_days > 0 else "expired"
         until = f"{utc(one.not_after_ns):%Y-%m-%d %H:%M}"
-        table.add_row(one.name, one.role, until, f"{max(left_days, 0.0):.1f}", state, one.serial[:16])
+        table.add_row(one.name, _role(one), until, f"{max(left_days, 0.0):.1f}", state, one.serial[:16])
     Console().print(table)
+
+
+def _role(one: Peer | Issued) -> str:
+    return f"{one.role}, may revoke" if one.may_revoke else str(one.role)
 
 
 def _until(own: Peer, now_ns: int) -> str:
@@ -110,7 +119,7 @@ def _folder(pki: Path, key: Path | None) -> PkiFolder:
     return PkiFolder(pki, key)
 
 
-def _passphrase(key_file: Path, new: bool = False) -> str:
+def passphrase(key_file: Path, new: bool = False) -> str:
     """From the environment or the terminal, never from the command line: everybody can read that of a process."""
     if PASSPHRASE_VARIABLE in os.environ:
         return os.environ[PASSPHRASE_VARIABLE]

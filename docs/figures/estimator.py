@@ -72,7 +72,7 @@ class Rig:
         self._chains = [DetectorChain(DetectionConfig(), NUCLIDE, Calibration.nominal()) for _ in names]
         self._histories = [PoseHistory() for _ in drones]
         self._observers = [
-            Observer(drone, self.mission.mission_id, "0" * 16, history, count(1))
+            Observer(drone, self.mission, "0" * 16, history, count(1), lambda epoch: None)
             for drone, history in zip(drones, self._histories, strict=True)
         ]
 

@@ -15,6 +15,7 @@ import msgspec
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
+from deploy.fleet.config import FleetConfig
 from protocol import codec, keys, messages, summary
 from sim import api
 from sim.result import ConeTrace, RunResult, Trace
@@ -34,6 +35,15 @@ _DRONE = """# Drone file
 A TOML file for each drone: what is particular to one vehicle. Relative paths in it start from the file's own folder. An
 environment variable overrides a key: `RADRON_` and the key's path in upper case, with `__` for the dot, such as
 `RADRON_VEHICLE__ADDRESS`. A complete example is in [An agent on a drone](../drone.md).
+
+This page is generated from `{type}` and the types within it.
+"""
+_FLEET = """# Fleet file
+
+A TOML file for all drones of a fleet, from which `radron-deploy` makes each drone's files. Relative paths in it start from the
+file's own folder. The tables `[vehicle]`, `[detector]` and `[sightings]` are those of the [drone file](drone.md), for all
+drones; each entry of `[[drones]]` may have its own, which replace single keys. A key that is not listed here is an error. A
+complete example is in [The onboard computer](../nuc.md).
 
 This page is generated from `{type}` and the types within it.
 """
@@ -89,6 +99,7 @@ def pages() -> dict[str, str]:
     return {
         "mission.md": _config(_MISSION, MissionConfig),
         "drone.md": _config(_DRONE, DroneConfig),
+        "fleet.md": _config(_FLEET, FleetConfig),
         "scenario.md": _config(_SCENARIO, Scenario, elsewhere={MissionConfig: "mission.md"}),
         "protocol.md": _protocol(),
         "api.md": _api(),
@@ -130,7 +141,7 @@ def _protocol() -> str:
     inner: dict[type[msgspec.Struct], None] = {}
     for kind in messages.KINDS.values():
         outer, *within = fields.sections(kind)
-        inner |= dict.fromkeys(section.kind for section in within)
+        inner |= dict.fromkeys(section.kind for section in within if section.kind not in messages.KINDS.values())
         parts.append(_message(outer, 2))
     parts.append("## Types within messages { #types-within-messages }\n")
     parts += [_message(next(fields.sections(kind)), 3) for kind in inner]

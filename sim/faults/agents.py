@@ -142,11 +142,21 @@ class Forged(Fault, frozen=True, kw_only=True, tag="forged"):
     ``impossible``: numbers that contradict each other, such as a live time longer than its exposure. ``impersonated``:
     under their own keys, as if they were another drone, 15 m beside it. ``other-mission``: log entries of another mission,
     in which the source lay elsewhere. ``two-versions``: each log entry a second time under the same number with another
-    content; of the two all must keep the same.
+    content; neither of the two counts then, nor what follows.
     """
 
     family: ClassVar[Family] = "network"
     what: Literal["impossible", "impersonated", "other-mission", "two-versions"]
+
+
+class CopiedKey(Fault, frozen=True, kw_only=True, tag="copied-key"):
+    """Somebody with copies of the targets' keys publishes under their ids too.
+
+    Poses and plans ``beside_m`` to the east of theirs and just ahead of them, and statuses of another boot that has landed.
+    """
+
+    family: ClassVar[Family] = "liar"
+    beside_m: Annotated[float, Meta(gt=0.0, le=1e4)] = 15.0
 
 
 class OldCommand(Fault, frozen=True, kw_only=True, tag="old-command"):
@@ -175,6 +185,33 @@ class Lie(Fault, frozen=True, kw_only=True, tag="lie"):
     shift_m: Metres = 20.0
     factor: Annotated[float, Meta(ge=0.0, le=1000.0)] = 5.0
     ago_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 5.0
+
+
+class Equivocating(Fault, frozen=True, kw_only=True, tag="equivocating"):
+    """The targets give ``peers`` other log entries than the rest under the same numbers: cones turned, counts multiplied,
+    sightings of other places. ``peers``: if not given, every second of the other drones.
+
+    All must find out, leave the same of it out, and agree on one log.
+    """
+
+    family: ClassVar[Family] = "liar"
+    peers: Drones | None = None
+
+    def names(self) -> tuple[str, ...]:
+        """All drones named in it."""
+        return (*Fault.names(self), *((self.peers,) if isinstance(self.peers, str) else self.peers or ()))
+
+
+class Revoked(Fault, frozen=True, kw_only=True, tag="revoked"):
+    """The operator revokes the targets: what they have measured counts up to then, and they are not heard any more, nor hear
+    the others.
+    """
+
+    family: ClassVar[Family] = "process"
+
+    def check(self) -> str | None:
+        """There is no way back."""
+        return "for_s: who is revoked stays so; remove it" if self.for_s is not None else None
 
 
 class Disk(Fault, frozen=True, kw_only=True, tag="disk"):

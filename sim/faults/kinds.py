@@ -8,10 +8,12 @@ from typing import get_args
 from agent.config.loading import convert
 from agent.errors import ConfigError
 from sim.faults.agents import (
+    CopiedKey,
     Corrupt,
     Cut,
     Disk,
     Duplicate,
+    Equivocating,
     Flood,
     Forged,
     Freeze,
@@ -24,6 +26,7 @@ from sim.faults.agents import (
     Partition,
     RadioRange,
     Reorder,
+    Revoked,
     SlowCpu,
 )
 from sim.faults.base import Fault
@@ -47,15 +50,16 @@ from sim.faults.machines import (
 )
 
 AnyFault = (
-    Kill | Freeze | Late | SlowCpu | Disk
-    | Partition | Cut | Loss | Lag | Reorder | Duplicate | Corrupt | RadioRange | Flood | Lie | Forged | OldCommand
+    Kill | Freeze | Late | SlowCpu | Revoked | Disk
+    | Partition | Cut | Loss | Lag | Reorder | Duplicate | Corrupt | RadioRange | Flood
+    | Lie | Equivocating | Forged | CopiedKey | OldCommand
     | CameraDead | CameraNoisy | CameraStuck | CameraGain | Clock
     | SatellitesLost | PositionJump | Drag | Gust | MotorFailure | Battery
     | MavlinkLoss | StreamLost | Takeover | Disarm | Refusal
 )  # fmt: skip
 
 LIVE_ONLY = (StreamLost, Disarm)  # kinds that need the real MAVLink
-DEALT_ONLY = (*LIVE_ONLY, Forged, OldCommand)  # those that random missions leave out: their seeds would draw others
+DEALT_ONLY = (*LIVE_ONLY, Forged, CopiedKey, OldCommand)  # those that random missions leave out: their seeds would draw others
 
 KINDS: dict[str, type[Fault]] = {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}
 

@@ -76,7 +76,7 @@ class Liars:
             return _renewed(said[place - 1], message) if place else message
         if active not in self._angles:
             self._angles[active] = float(active.rng.uniform(0.5 * pi, 1.5 * pi))
-        return _false(message, lie, self._angles[active])
+        return falsified(message, lie, self._angles[active])
 
 
 def _moved(message: AnyMessage, by_ns: int) -> AnyMessage:
@@ -93,8 +93,8 @@ def _renewed(old: AnyMessage, present: AnyMessage) -> AnyMessage:
     return renewed
 
 
-def _false(message: AnyMessage, lie: Lie, angle: float) -> AnyMessage:
-    """Positions shifted into one direction, cones and sightings turned about the vertical, counts multiplied."""
+def falsified(message: AnyMessage, lie: Lie, angle: float) -> AnyMessage:
+    """The message with positions shifted into one direction, cones and sightings turned about the vertical, counts multiplied."""
     shift = lie.shift_m * cos(angle), lie.shift_m * sin(angle), 0.0
     match message:
         case Pose():

@@ -14,13 +14,13 @@ from itertools import product
 import msgpack
 import numpy as np
 
-from sim.faults.agents import Corrupt, Cut, Duplicate, Flood, Lag, LinkFault, Loss, Partition, RadioRange, Reorder
+from sim.faults.agents import Corrupt, Cut, Duplicate, Flood, Lag, LinkFault, Loss, Partition, RadioRange, Reorder, Revoked
 from sim.faults.base import Fault
 from sim.faults.schedule import Active, Schedule
 from sim.geometry import Array
 from sim.world.radio import Radio, RadioTruth, is_entry
 
-CACHE_ENTRIES = 2_000  # of each kind, that a publisher keeps for a link that is down (protocol.session)
+CACHE_ENTRIES = 2_000  # of each kind, that a publisher keeps for a link that is down (protocol.mesh.session)
 MOST_FLOODING = 300  # messages on a link in one tick: what is beyond that is dropped for want of room, as by Zenoh
 _PAD = 1000  # bytes of a piece of padding; the decoder refuses strings of more than 1024
 
@@ -80,6 +80,8 @@ class FaultyRadio(Radio):
             side = {name: number for number, group in enumerate(partition.groups) for name in group}
             sides = [side.get(name, -1 - place) for place, name in enumerate(self._names)]
             self._cut.update((one, other) for one, other in product(everyone, everyone) if sides[one] != sides[other])
+        for _, one in active(Revoked):  # the others open their sessions anew without it
+            self._cut.update(link for link in product(everyone, everyone) if not one.drones.isdisjoint(link))
         for fault, one in active(LinkFault):
             links = self._links(fault, one)
             if isinstance(fault, Cut):

@@ -1,4 +1,4 @@
-"""The exchange of missing log entries between the agents, as ``agent.shell.recovery`` plays it over Zenoh.
+"""The exchange of missing log entries between the agents, as ``protocol.mesh.recovery`` plays it over Zenoh.
 
 Each agent asks one reachable peer after another every two seconds, and at once again while entries arrive. Requests and answers
 go over the same radio as everything else.
@@ -6,27 +6,26 @@ go over the same radio as everything else.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from agent.pilot import Pilot
 from protocol.keys import drone_key
 from sim.faults.network import FaultyRadio
+from sim.faults.tellers import Tellers
 
 PERIOD_NS = 2_000_000_000
 HURRY_NS = 300_000_000  # 0.2 s after an answer, which takes about 0.1 s
 TOKEN_NS = 1_000_000_000  # a peer's liveliness token goes this long after its last message (lease of a Zenoh link)
 
-Told = Callable[[int, str, bytes], bytes]  # what a drone tells instead of an entry of its own
-
 
 class Recovery:
     """Requests for missing entries, and their answers, of all agents of a swarm."""
 
-    def __init__(self, swarm: str, names: Sequence[str], radio: FaultyRadio, told: Told) -> None:
+    def __init__(self, swarm: str, names: Sequence[str], radio: FaultyRadio, tellers: Tellers) -> None:
         self._keys = [drone_key(swarm, name, "log") for name in names]
         self._places = {name: place for place, name in enumerate(names)}
         self._radio = radio
-        self._told = told
+        self._tellers = tellers
         self._due_ns: dict[int, int] = {}
         self._turns = [0] * len(names)
         self._heard_ns: dict[tuple[int, int], int] = {}  # by receiver and sender
@@ -39,9 +38,9 @@ class Recovery:
         self._heard_ns[drone, sender] = now_ns
         if not key.endswith("/log"):
             return False
-        missing = pilot.log_answer(payload)
+        missing = pilot.log_answer(self._tellers.discreet(drone, payload))
         for place, entry in missing:
-            self._radio.send(drone, place, self._told(drone, place, entry), now_ns, to=sender)
+            self._radio.send(drone, place, self._tellers.answer(drone, sender, place, entry), now_ns, to=sender)
         if missing:
             self._due_ns[sender] = now_ns + HURRY_NS
         return True
@@ -57,7 +56,8 @@ class Recovery:
             self._turns[drone] += 1
             self._due_ns[drone] = now_ns + PERIOD_NS
             peer = peers[self._turns[drone] % len(peers)]
-            self._radio.send(drone, self._keys[drone], pilot.log_summary(), now_ns, to=peer)
+            summary = self._tellers.discreet(drone, pilot.log_summary())
+            self._radio.send(drone, self._keys[drone], summary, now_ns, to=peer)
 
     def begin_anew(self, drone: int) -> None:
         """The drone's agent has been started again: it has heard nobody, and asks as soon as it does."""

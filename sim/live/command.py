@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 import signal
+import sys
 import tempfile
 from contextlib import nullcontext
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
@@ -57,6 +60,13 @@ def live(
             help="With --external: the operator's certificate; without, certificates are made for this flight, in OUT/agents.",
         ),
     ] = None,
+    page: Annotated[bool, typer.Option("--page", help="Serve the operator's page meanwhile; its address is printed.")] = False,
+    ground_station: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT", help="A ground station of the emulated vehicles, such as QGroundControl at 127.0.0.1:14550."
+        ),
+    ] = None,
     bind: Annotated[
         str,
         typer.Option(
@@ -64,6 +74,9 @@ def live(
             help="With --external: address at which the cameras' feeds 1, 2, ... listen, ports 5600, ...",
         ),
     ] = "0.0.0.0",
+    insecure: Annotated[
+        bool, typer.Option("--insecure", help="Links are not encrypted and nothing is signed: to compare.")
+    ] = False,
     vehicles: Annotated[
         Literal["emulated", "mavlink"],
         typer.Option(
@@ -77,7 +90,10 @@ def live(
 
     case = checked([scenario], {}, with_drones(settings, drones), [estimator] if estimator else [], law)[0]
     check_json(json)
-    elsewhere = _elsewhere(external, agent_hosts, mesh, bind, vehicles, len(case.scenario.mission.drones), identity)
+    if page and any(find_spec(name) is None for name in ("station", "uvicorn", "starlette")):
+        raise ConfigError("--page: the station is not installed; install radron with its extra: radron[sim,station]")
+    places = _places(external, agent_hosts, mesh, bind, vehicles, len(case.scenario.mission.drones), identity, insecure)
+    station = _address(ground_station, vehicles)
     if out is not None:
         make_folder(out)
 
@@ -90,7 +106,7 @@ def live(
     flown = chosen(case.scenario, estimator, law)
     with tempfile.TemporaryDirectory(prefix="radron-") if out is None else nullcontext(str(out)) as folder:
         with console_view(case.name) as view:
-            flight, report = run_live(fly_live(flown, seed, Path(folder), elsewhere, view))
+            flight, report = run_live(fly_live(flown, seed, Path(folder), places, view, page, station))
         to = err if json == "-" else stdout
         say(sentence(flight.result, flight.trace), to)
         say(agreement(report), to)
@@ -101,9 +117,17 @@ def live(
             written = [*write_flight(out, flight), out / "agents.json"]
             write_text(written[-1], msgspec.json.format(msgspec.json.encode(report).decode(), indent=2) + "\n")
             say(f"written to {out}: {', '.join(path.name for path in written)}; recordings in {out}/agents")
+            if not external:
+                say(f"to look at the flight in a browser: {_beside('radron-station')} open {out}/agents/*/flight/*.mcap")
 
 
-def _elsewhere(
+def _beside(program: str) -> str:
+    """Another program of radron as the user must call it: with this one's folder, unless it is found without."""
+    own = Path(sys.argv[0]).with_name(program)
+    return str(own) if shutil.which(program) is None and own.is_file() else program
+
+
+def _places(
     external: bool,
     agent_hosts: str | None,
     mesh: str | None,
@@ -111,20 +135,37 @@ def _elsewhere(
     vehicles: str,
     drones: int,
     identity: Path | None = None,
+    insecure: bool = False,
 ) -> Places | None:
-    """Hosts and endpoints of agents that run elsewhere; None if they are started here."""
+    """Hosts and endpoints of the agents; None: here, with encrypted links."""
+    from sim.live.places import Places  # noqa: PLC0415
+
     if not external:
         if vehicles != "emulated":
             raise ConfigError("--vehicles mavlink: needs --external")
-        return None
-    from sim.live.places import Places  # noqa: PLC0415
-
+        return Places.here(drones, encrypted=False) if insecure else None
+    if insecure:
+        raise ConfigError(
+            "--insecure: not with --external; give --mesh the endpoints of agents with mesh.insecure = true, tcp/..."
+        )
     hosts, endpoints = _listed(agent_hosts), _listed(mesh)
     if len(hosts) != drones:
         raise ConfigError(f"--agent-hosts: {len(hosts)} given for {drones} drones; give one for each, separated by commas")
     if not endpoints:
         raise ConfigError("--external needs --mesh with the endpoints of the agents, such as tls/10.7.1.11:7447")
     return Places.elsewhere(hosts, endpoints, bind, emulated=vehicles == "emulated", operator=identity)
+
+
+def _address(given: str | None, vehicles: str) -> tuple[str, int] | None:
+    """Host and port of a ground station."""
+    if given is None:
+        return None
+    if vehicles != "emulated":
+        raise ConfigError("--ground-station: vehicles flown elsewhere have a link of their own to it; give it to emulated ones")
+    host, _, port = given.rpartition(":")
+    if not host or not port.isascii() or not port.isdecimal() or not 0 < int(port) < 65_536:
+        raise ConfigError(f"--ground-station {given}: give host and UDP port, such as 127.0.0.1:14550")
+    return host, int(port)
 
 
 def _listed(text: str | None) -> tuple[str, ...]:

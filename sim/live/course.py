@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from protocol.messages import Action, Stage
-from sim.live.faults import FaultPlayer
+from sim.live.faults.player import FaultPlayer
 from sim.live.operator import Operator
 from sim.live.report import LiveReport, ends_of
 from sim.live.worldlink import Order, Truth

@@ -13,6 +13,7 @@ from protocol.entries import Cone
 from protocol.errors import ProtocolError
 from protocol.message import DroneMessage
 from protocol.messages import AnyDroneMessage, Estimate, Stage, Status, Ticket
+from protocol.signing import Verifier
 from sim.geometry import Array
 from sim.vehicle.px4.fleet import VehicleReport
 
@@ -117,8 +118,8 @@ class ObservedAgent:
         if self._belief is not None and now_s - self._believed_s > SILENT_S:
             self._belief = None
 
-    def obstacle(self, mission_id: str, now_s: float) -> str | None:
-        """Why it cannot be started, or None."""
+    def obstacle(self, mission_id: str, now_s: float, without: Collection[str] = ()) -> str | None:
+        """Why it cannot be started, or None; ``without``: drones that it does not wait for."""
         if not self.alive:
             return "not in the mesh yet"
         if self.status is None or now_s - self.heard_s > SILENT_S:
@@ -127,7 +128,8 @@ class ObservedAgent:
             return f"another mission file ({self.status.mission}, here {mission_id})"
         if self.status.stage not in (Stage.PREFLIGHT, Stage.LANDED):
             return f"in {self.status.stage} already"
-        return self.status.problems[0] if self.status.problems else None
+        awaited = tuple(f"no contact with {name} " for name in without)
+        return next((text for text in self.status.problems if not text.startswith(awaited)), None)
 
 
 class Observer:
@@ -136,15 +138,18 @@ class Observer:
     Args:
         mission: of the agents.
         clock_s: monotonic clock.
+
+    ``verifier``: of the statuses' signatures; None: in a swarm without certificates.
     """
 
     def __init__(self, mission: MissionConfig, clock_s: Callable[[], float]) -> None:
+        self.verifier: Verifier | None = None
         self._mission_id = mission.mission_id
         self._clock_s = clock_s
         self.agents = [ObservedAgent(drone.id) for drone in mission.drones]
         self._places = {drone.id: place for place, drone in enumerate(mission.drones)}
         self.listeners: list[Callable[[int, AnyDroneMessage], None]] = []  # called with each message and the drone's index
-        self.refused = 0  # invalid messages
+        self.refused = 0  # invalid messages, and statuses that their drones have not signed
 
     def receive(self, key: str, payload: bytes) -> None:
         """Process a message from the mesh."""
@@ -157,6 +162,9 @@ class Observer:
             return
         place = self._places.get(message.drone)
         if place is None:
+            return
+        if isinstance(message, Status) and self.verifier is not None and not self.verifier.accepts_status(message):
+            self.refused += 1
             return
         self.agents[place].hear(message, self._clock_s())
         for listen in self.listeners:
@@ -171,7 +179,8 @@ class Observer:
     def obstacles(self, without: Collection[str] = ()) -> list[str]:
         """Reasons against a start, a line for each drone that has one; ``without``: drones that are not waited for."""
         now_s = self._clock_s()
-        found = [(agent.drone, agent.obstacle(self._mission_id, now_s)) for agent in self.agents if agent.drone not in without]
+        waiting = [agent for agent in self.agents if agent.drone not in without]
+        found = [(agent.drone, agent.obstacle(self._mission_id, now_s, without)) for agent in waiting]
         return [f"{drone}: {text}" for drone, text in found if text is not None]
 
     def has_problems(self) -> bool:

@@ -10,9 +10,9 @@ from contextlib import AsyncExitStack
 from agent.config.mission import MissionConfig
 from protocol.codec import encode
 from protocol.keys import key_of
+from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Action, Command, Stage, Ticket
-from protocol.session import Mesh, MeshConfig
-from protocol.signing import Trust, sign_command
+from protocol.signing import Trust, Verifier, sign_command
 from protocol.trust import trust_of
 from sim.live.agents import Agents
 from sim.live.monitor import Observer
@@ -45,6 +45,7 @@ class Operator:
     async def join(self, config: MeshConfig, stack: AsyncExitStack) -> None:
         """Join the mesh and watch the world, until the stack unwinds."""
         self._trust = trust_of(config.identity)
+        self.observer.verifier = Verifier(self._trust.authority, self._trust.revoked) if self._trust is not None else None
         self._mesh = await Mesh.open(config, self.mission.swarm, None, receive=self.observer.receive)
         stack.push_async_callback(self._mesh.close)
         self._watching = asyncio.create_task(self.world.watch(self._see))

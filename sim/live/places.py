@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
@@ -41,9 +41,10 @@ class Places:
     operator: Path | None = None
 
     @classmethod
-    def here(cls, count: int) -> Places:
+    def here(cls, count: int, encrypted: bool = True) -> Places:
         """Agents and emulated vehicles on this machine, at free ports."""
-        return cls.with_vehicles(free_ports(count, socket.SOCK_DGRAM), None)
+        places = cls.with_vehicles(free_ports(count, socket.SOCK_DGRAM), None)
+        return places if encrypted else replace(places, mesh=tuple(end.replace("tls/", "tcp/") for end in places.mesh))
 
     @classmethod
     def with_vehicles(cls, ports: Sequence[int], ground_station: Address | None) -> Places:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from msgspec import Struct
 
 from protocol.messages import Stage
-from sim.live.faults import Played
+from sim.live.faults.player import Played
 from sim.live.monitor import ObservedAgent
 from sim.vehicle.px4.fleet import VehicleReport
 

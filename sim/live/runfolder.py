@@ -8,10 +8,8 @@ import socket
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import msgspec
-import tomli_w
 from msgspec.structs import replace
 
 from agent.config.drone import (
@@ -24,6 +22,7 @@ from agent.config.drone import (
     VisionConfig,
 )
 from agent.config.mission import MissionConfig
+from agent.config.writing import as_toml
 from protocol.identity import Role
 from protocol.issuing import throwaway
 from sim.live.crew import Guidance
@@ -35,14 +34,15 @@ from sim.world.launch import launch_places
 _PORTS = range(20_000, 32_000)  # below the range from which the kernel assigns ports
 LOCAL = "127.0.0.1"
 OPERATOR = "operator"  # the name in its certificate
+PAGE = "page"  # that of the operator's page
 
 
 class RunFolder:
     """The folder of a live flight.
 
     ``agents/``: everything that the agents get: ``mission.toml``; for each ``{drone}/`` with ``drone.toml``, ``agent.log``,
-    ``calibration/``, ``flight/`` (the recordings), ``identity/`` and ``state/``. What they never see: ``operator/``, the
-    operator's certificate, and ``world.json``, the truth.
+    ``calibration/``, ``flight/`` (the recordings), ``identity/`` and ``state/``. What they never see: ``operator/`` and
+    ``page/``, the certificates of the operator and the operator's page, and ``world.json``, the truth.
     """
 
     def __init__(self, folder: Path, agents_here: bool) -> None:
@@ -51,6 +51,7 @@ class RunFolder:
         self.mission_file = folder / "agents" / "mission.toml"
         self.world_file = folder / "world.json"
         self.operator = folder / "operator"
+        self.page = folder / "page"
         if agents_here:
             shutil.rmtree(folder / "agents", ignore_errors=True)
         make_folder(folder / "agents")
@@ -78,7 +79,8 @@ class RunFolder:
     def make_identities(self, drones: Sequence[str]) -> None:
         """Certificates for this flight only, of an authority whose key nobody keeps."""
         members = {self.identity(drone): (drone, Role.DRONE) for drone in drones}
-        throwaway({**members, self.operator: (OPERATOR, Role.OPERATOR)}, time.time_ns())
+        stations = {self.operator: (OPERATOR, Role.OPERATOR), self.page: (PAGE, Role.OPERATOR)}
+        throwaway({**members, **stations}, time.time_ns())
 
     def write_mission(self, mission: MissionConfig) -> None:
         """Write the mission file and its elevation grid; the mission id is unchanged."""
@@ -161,14 +163,3 @@ def free_ports(count: int, kind: socket.SocketKind) -> list[int]:
     finally:
         for bound in found:
             bound.close()
-
-
-def as_toml(config: msgspec.Struct) -> str:
-    """A configuration as TOML; fields that are None, which TOML lacks, are left out."""
-    return tomli_w.dumps(_without_none(msgspec.to_builtins(config)))
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    return [_without_none(item) for item in value] if isinstance(value, list | tuple) else value

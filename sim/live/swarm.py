@@ -5,6 +5,8 @@ The launcher is an operator's station in the mesh; only it and the world process
 
 from __future__ import annotations
 
+import socket
+import sys
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
@@ -14,22 +16,26 @@ from msgspec.structs import replace
 
 from agent.config.drone import PeerMeshConfig
 from protocol.identity import Identity, load_identity
-from protocol.session import MeshConfig
+from protocol.mesh.session import MeshConfig
 from sim.live.agents import Agents
 from sim.live.course import Course
-from sim.live.faults import FaultPlayer, check_playable, late_drones, needs_relays
+from sim.live.faults.playable import check_playable, late_drones, needs_relays
+from sim.live.faults.player import FaultPlayer
 from sim.live.operator import Operator
 from sim.live.places import Places
+from sim.live.processes import Child
 from sim.live.relays.launcher import RelayProcess
 from sim.live.report import LiveReport
-from sim.live.runfolder import Ports, RunFolder, drone_config, live_mission
+from sim.live.runfolder import Ports, RunFolder, drone_config, free_ports, live_mission
 from sim.live.view import View
 from sim.live.worldlink import Ready, WorldConfig
 from sim.live.worldprocess import WorldProcess
 from sim.result import Flight
 from sim.scenario import Scenario
+from sim.vehicle.px4.config import Address
 
 READY_S = 180.0  # time in which agents on this machine get ready: 10 s, or minutes where it is starved
+_PAGE_ENDS_S = 2.0
 ELSEWHERE_READY_S = 300.0  # agents elsewhere may have to be started first
 
 
@@ -44,7 +50,13 @@ class Swarm(NamedTuple):
 
 
 async def fly_live(
-    scenario: Scenario, seed: int, folder: Path, elsewhere: Places | None, view: View
+    scenario: Scenario,
+    seed: int,
+    folder: Path,
+    elsewhere: Places | None,
+    view: View,
+    page: bool = False,
+    ground_station: Address | None = None,
 ) -> tuple[Flight, LiveReport]:
     """Fly one mission with real agents; everything that was started is ended, whatever happens.
 
@@ -54,6 +66,8 @@ async def fly_live(
         folder: for the files of the run, see ``RunFolder``.
         elsewhere: addresses of agents that are started by others; None: they are started here.
         view: receives progress messages.
+        page: serve the operator's page meanwhile.
+        ground_station: to which emulated vehicles send their ground-station links.
 
     Raises:
         LiveError: the swarm does not get ready, or the world fails.
@@ -63,13 +77,21 @@ async def fly_live(
     check_playable(scenario, here=elsewhere is None)
     count = len(scenario.mission.drones)
     places = elsewhere or (Places.relayed(count) if needs_relays(scenario.fault) else Places.here(count))
-    async with live_swarm(scenario, seed, folder, places, view) as swarm:
+    async with live_swarm(scenario, seed, folder, places, view, page, ground_station) as swarm:
         course = Course(swarm.scenario, seed, swarm.operator, swarm.faults)
         return await course.fly(READY_S if places.agents_here else ELSEWHERE_READY_S)
 
 
 @asynccontextmanager
-async def live_swarm(scenario: Scenario, seed: int, folder: Path, places: Places, view: View) -> AsyncIterator[Swarm]:
+async def live_swarm(
+    scenario: Scenario,
+    seed: int,
+    folder: Path,
+    places: Places,
+    view: View,
+    page: bool = False,
+    ground_station: Address | None = None,
+) -> AsyncIterator[Swarm]:
     """A world, its agents and an operator in their mesh, for as long as the block lasts; arguments and errors of ``fly_live``."""
     files = RunFolder(folder, agents_here=places.agents_here)
     scenario = replace(scenario, mission=live_mission(scenario, seed))
@@ -82,7 +104,7 @@ async def live_swarm(scenario: Scenario, seed: int, folder: Path, places: Places
             seed=seed,
             vehicles="emulated" if places.ground_station is None else "mavlink",
             onboard=places.vehicles,
-            ground_station=places.ground_station,
+            ground_station=places.ground_station or ground_station,
             feed_host=places.bind,
             feed_ports=places.feed_ports,
             vision_ports=places.vision_ports,
@@ -108,10 +130,25 @@ async def live_swarm(scenario: Scenario, seed: int, folder: Path, places: Places
             view.say(f"the agents are expected at {', '.join(places.mesh)}")
         operator = Operator(scenario.mission, world, agents, view)
         await operator.join(MeshConfig(connect=places.mesh, identity=identity, drones=tuple(drones)), stack)
+        if page:
+            serving = await _serve_page(files, places, view)
+            stack.push_async_callback(serving.stop, _PAGE_ENDS_S)
         faults = FaultPlayer(scenario, seed, agents, relays, world, view, places) if scenario.fault else None
         if faults is not None:
             stack.push_async_callback(faults.close)
         yield Swarm(scenario, operator, agents, faults, relays)
+
+
+async def _serve_page(files: RunFolder, places: Places, view: View) -> Child:
+    """Serve the operator's page, in a process of its own, and say where."""
+    (port,) = free_ports(1, socket.SOCK_STREAM)
+    links = [word for endpoint in places.mesh for word in ("--connect", endpoint)]
+    identity = ["--identity", str((places.operator or files.page).resolve())] if places.encrypted else ["--insecure"]
+    mission = str(files.mission_file.resolve())
+    command = [sys.executable, "-m", "station", "serve", mission, *links, *identity, "--port", str(port)]
+    page = await Child.start("page", command, log=files.folder / "page.log", folder=files.folder)
+    view.say(f"the operator's page: http://localhost:{port}/")
+    return page
 
 
 def _identity(places: Places, files: RunFolder, drones: Sequence[str], view: View) -> Identity | None:
@@ -139,6 +176,9 @@ def _write_drones(scenario: Scenario, files: RunFolder, places: Places, feeds: R
     for drone, links in zip(drones, ports, strict=True):
         # Gossip would let the agents dial each other directly, past the relays.
         mesh = PeerMeshConfig(
-            endpoints=places.endpoints(drones, drone), gossip=not places.mesh_relays, identity=files.identity(drone).name
+            endpoints=places.endpoints(drones, drone),
+            gossip=not places.mesh_relays,
+            identity=files.identity(drone).name if places.encrypted else None,
+            insecure=not places.encrypted,
         )
         files.write_drone(drone_config(scenario, drone, files.calibration(drone).is_dir(), Ports(*links), mesh))

@@ -2,8 +2,8 @@
 
 Energies and intensities (photons per decay) are the evaluated values of NuDat 3 / ENSDF (National Nuclear Data Center), rounded;
 Cs-137's is the 0.851 of the project's reference. Weaker lines and the characteristic X rays are neglected: the capsule of a
-sealed source absorbs X rays below about 50 keV. Na-22's 511 keV line assumes that both annihilation photons leave the capsule (2
-x 0.899).
+sealed source absorbs X rays below about 50 keV. The 511 keV lines of Na-22 and F-18 assume that both annihilation photons
+leave the capsule.
 
 The table is independent of the agent's (``agent.detector.lines``), so that the truth does not share the agent's errors.
 """
@@ -43,6 +43,7 @@ NUCLIDES: dict[str, Nuclide] = {
             (356.013, 0.6205),
             (383.849, 0.0894),
         ),
+        _nuclide("Co-57", (122.061, 0.8560), (136.474, 0.1068)),
         _nuclide("Co-60", (1173.228, 0.9985), (1332.492, 0.9998)),
         _nuclide("Cs-137", (661.657, 0.851)),
         _nuclide(
@@ -62,6 +63,7 @@ NUCLIDES: dict[str, Nuclide] = {
             (1299.142, 0.01633),
             (1408.013, 0.2087),
         ),
+        _nuclide("F-18", (511.0, 1.9346)),
         _nuclide("I-131", (80.185, 0.0262), (284.305, 0.0612), (364.489, 0.815), (636.989, 0.0716), (722.911, 0.0177)),
         _nuclide(
             "Ir-192",
@@ -77,6 +79,18 @@ NUCLIDES: dict[str, Nuclide] = {
         ),
         _nuclide("K-40", (1460.820, 0.1066)),
         _nuclide("Na-22", (511.0, 1.798), (1274.537, 0.9994)),
+        _nuclide(
+            "Se-75",
+            (66.052, 0.01112),
+            (96.734, 0.0342),
+            (121.116, 0.1720),
+            (136.000, 0.5830),
+            (198.606, 0.0148),
+            (264.658, 0.5890),
+            (279.542, 0.2499),
+            (303.924, 0.01316),
+            (400.657, 0.1147),
+        ),
     )
 }
 

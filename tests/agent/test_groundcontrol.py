@@ -9,14 +9,17 @@ from pathlib import Path
 import pytest
 from identities import DAY_NS, identity, new_issuer
 from live_agents import free_ports
+from msgspec.structs import replace
 
 from agent import groundcontrol
 from agent.groundcontrol import CommandError, Order
 from protocol.codec import decode, encode
-from protocol.identity import Role
+from protocol.identity import Identity, Role
 from protocol.keys import key_of
+from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Action, Command, Stage, Status, Ticket
-from protocol.session import Mesh, MeshConfig
+from protocol.signing import sign_status
+from protocol.trust import trust_of
 
 MISSION = "0123456789abcdef"
 STAGES = {Action.START: Stage.TAKEOFF, Action.HOLD: Stage.HOLD, Action.LAND: Stage.LANDING}
@@ -26,9 +29,16 @@ class Drone:
     """Says what it is, and starts when told to unless it is ``lame``."""
 
     def __init__(
-        self, name: str, mission: str = MISSION, problems: tuple[str, ...] = (), lame: bool = False, ahead_s: float = 0.0
+        self,
+        name: str,
+        mission: str = MISSION,
+        problems: tuple[str, ...] = (),
+        lame: bool = False,
+        ahead_s: float = 0.0,
+        own: Identity | None = None,
     ) -> None:
         self.name = name
+        self.own = own
         self.ahead_s = ahead_s
         self.mission = mission
         self.problems = problems
@@ -38,7 +48,9 @@ class Drone:
         self.is_contested, self.overtaken = False, 0
         self.is_taken_over = False  # by a human pilot, as soon as its status has shown that it lands
         self.commands: list[Command] = []
-        self.endpoint = f"tcp/127.0.0.1:{free_ports(1)[0]}"
+        self.tells_ticket = True
+        self.forges: tuple[Status, ...] = ()  # besides its own
+        self.endpoint = f"{'tcp' if own is None else 'tls'}/127.0.0.1:{free_ports(1)[0]}"
 
     @property
     def ticket(self) -> Ticket:
@@ -57,16 +69,21 @@ class Drone:
         while True:
             status = Status(
                 stamp_ns=time.time_ns() + round(self.ahead_s * 1e9), drone=self.name, mission=self.mission, boot="0" * 16,
-                stage=self.stage, problems=self.problems, notices=self.notices, ticket=self.ticket,
+                stage=self.stage, problems=self.problems, notices=self.notices,
+                ticket=self.ticket if self.tells_ticket else None,
             )  # fmt: skip
-            mesh.publish(key_of("test", status), encode(status))
+            trust = trust_of(self.own)
+            told = [*self.forges, status if trust is None else sign_status(status, trust)]
+            for one in told:
+                mesh.publish(key_of("test", one), encode(one))
             await asyncio.sleep(0.1)
             if self.is_taken_over and status.stage is Stage.LANDING:
                 self.stage = Stage.HOLD
 
     @asynccontextmanager
     async def running(self, dial: tuple[str, ...]) -> AsyncIterator[None]:
-        mesh = await Mesh.open(MeshConfig(listen=self.endpoint, connect=dial), "test", self.name, receive=self.receive)
+        links = MeshConfig(listen=self.endpoint, connect=dial, identity=self.own)
+        mesh = await Mesh.open(links, "test", self.name, receive=self.receive)
         telling = asyncio.create_task(self.tell(mesh))
         try:
             yield
@@ -83,7 +100,13 @@ def _quickly(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def order(
-    action: Action, *drones: Drone, only: tuple[str, ...] = (), without: tuple[str, ...] = (), anyway: bool = False
+    action: Action,
+    *drones: Drone,
+    only: tuple[str, ...] = (),
+    without: tuple[str, ...] = (),
+    anyway: bool = False,
+    folder: Path | None = None,
+    mission: str = "",
 ) -> list[str]:
     """Carry out an order to running drones; what was said."""
     said: list[str] = []
@@ -94,23 +117,29 @@ def order(
             for drone in drones:
                 await stack.enter_async_context(drone.running(endpoints))
                 endpoints += (drone.endpoint,)
-            await groundcontrol.command(Order(action, "test", endpoints, only, without, anyway), said.append)
+            asked = Order(action, "test", endpoints, only, without, anyway, folder, mission)
+            await groundcontrol.command(asked, said.append)
 
     asyncio.run(run())
     return said
 
 
 def refused(
-    action: Action, *drones: Drone, only: tuple[str, ...] = (), without: tuple[str, ...] = (), anyway: bool = False
+    action: Action,
+    *drones: Drone,
+    only: tuple[str, ...] = (),
+    without: tuple[str, ...] = (),
+    anyway: bool = False,
+    mission: str = "",
 ) -> str:
     with pytest.raises(CommandError) as caught:
-        order(action, *drones, only=only, without=without, anyway=anyway)
+        order(action, *drones, only=only, without=without, anyway=anyway, mission=mission)
     return str(caught.value)
 
 
 def test_a_swarm_is_started() -> None:
     d1, d2 = Drone("d1"), Drone("d2")
-    assert order(Action.START, d1, d2) == ["start: to d1, d2", "start: d1 takeoff, d2 takeoff"]
+    assert order(Action.START, d1, d2) == [f"start: to d1, d2, mission {MISSION}", "start: d1 takeoff, d2 takeoff"]
     assert d1.commands[0].mission == MISSION
 
 
@@ -146,8 +175,8 @@ def test_an_absent_drone_does_not_hold_up_the_others_if_the_operator_says_so() -
 
 
 def test_one_that_is_there_but_left_behind_gets_no_command() -> None:
-    d1, d2 = Drone("d1", problems=("d2 has another mission file (f, here 0)",)), Drone("d2", mission="f" * 16)
-    assert order(Action.START, d1, d2, without=("d2",))[0] == "start: to d1"
+    d1, d2 = Drone("d1", problems=("d2 has another mission (f, here 0)",)), Drone("d2", mission="f" * 16)
+    assert order(Action.START, d1, d2, without=("d2",))[0] == f"start: to d1, mission {MISSION}"
     assert not d2.commands
 
 
@@ -182,8 +211,23 @@ def test_a_wrong_clock_is_the_reason_given_for_a_drone_that_does_not_obey() -> N
 
 def test_drones_of_different_missions_get_no_command() -> None:
     d1, d2 = Drone("d1"), Drone("d2", mission="f" * 16)
-    assert "different mission files" in refused(Action.START, d1, d2)
+    text = refused(Action.START, d1, d2)
+    assert text.startswith(f"not started: the drones have different missions (d1: {MISSION}; d2: {'f' * 16})")
     assert not d1.commands
+
+
+def test_drones_of_different_missions_can_be_landed_all_the_same() -> None:
+    d1, d2 = Drone("d1"), Drone("d2", mission="f" * 16)
+    assert order(Action.LAND, d1, d2)[-1] == "land: d1 landing, d2 landing"
+    assert (d1.commands[0].mission, d2.commands[0].mission) == (MISSION, "f" * 16)
+
+
+def test_a_start_that_names_its_mission_is_refused_where_the_drones_have_another_one() -> None:
+    d1 = Drone("d1")
+    text = refused(Action.START, d1, mission="f" * 16)
+    assert text == f"start: the mission meant is {'f' * 16}, and the drones have another one (d1: {MISSION})"
+    assert not d1.commands
+    assert order(Action.START, d1, mission=MISSION)[-1] == "start: d1 takeoff"
 
 
 def test_a_swarm_that_is_not_there() -> None:
@@ -196,6 +240,37 @@ def test_what_is_no_obstacle_is_told_at_a_start() -> None:
     d1.notices = ("links are not encrypted",)
     assert order(Action.START, d1)[0] == "d1: links are not encrypted"
     assert d1.commands
+
+
+@pytest.mark.parametrize("forged", ["of another mission", "repeated"])
+def test_statuses_forged_or_repeated_by_a_member_keep_no_command_from_a_drone(tmp_path: Path, forged: str) -> None:
+    issuer = new_issuer("test")
+    d1, d2 = (Drone(name, own=identity(issuer, tmp_path, name)) for name in ("d1", "d2"))
+    identity(issuer, tmp_path, "anna", Role.OPERATOR)
+    status = Status(stamp_ns=time.time_ns(), drone="d1", mission=MISSION, boot="0" * 16, stage=Stage.PREFLIGHT)
+    altered = replace(status, stamp_ns=status.stamp_ns + 60_000_000_000, mission="f" * 16, ticket=Ticket("f" * 16, 9))
+    trust = trust_of(d1.own)
+    assert trust is not None
+    d2.forges = (altered,) if forged == "of another mission" else (sign_status(status, trust),)
+    assert order(Action.HOLD, d1, d2, folder=tmp_path / "anna")[-1] == "hold: d1 hold, d2 hold"
+
+
+def test_a_drone_whose_status_has_no_ticket_is_named(tmp_path: Path) -> None:
+    issuer = new_issuer("test")
+    d1 = Drone("d1", own=identity(issuer, tmp_path, "d1"))
+    identity(issuer, tmp_path, "anna", Role.OPERATOR)
+    d1.tells_ticket = False
+    with pytest.raises(CommandError, match=r"^d1: its status tells no nonce, without which no command is obeyed$"):
+        order(Action.LAND, d1, folder=tmp_path / "anna")
+
+
+def test_who_only_hears_statuses_that_their_drone_has_not_signed_is_told(tmp_path: Path) -> None:
+    issuer = new_issuer("test")
+    d2 = Drone("d2", own=identity(issuer, tmp_path, "d2"))
+    identity(issuer, tmp_path, "anna", Role.OPERATOR)
+    d2.forges = (Status(stamp_ns=1, drone="d1", mission=MISSION, boot="0" * 16, stage=Stage.PREFLIGHT),)
+    with pytest.raises(CommandError, match=r"nothing heard from d1 .*; statuses were left out that d1 did not sign"):
+        order(Action.LAND, d2, only=("d1",), folder=tmp_path / "anna")
 
 
 @pytest.mark.parametrize("role", [Role.DRONE, Role.OBSERVER, Role.STATION])

@@ -25,7 +25,8 @@ from one_pilot import (
 )
 
 from agent.config.drone import DroneConfig
-from agent.config.mission import FusionConfig, MissionConfig, SurveyConfig
+from agent.config.estimators import FusionConfig
+from agent.config.mission import MissionConfig, SurveyConfig
 from agent.detector.readout import PixelHits, Readout
 from agent.errors import ConfigError
 from agent.pilot import Pilot
@@ -130,7 +131,7 @@ def test_differing_missions_refuse_to_start():
     one.receive(*command(), START_NS)
     assert one.stage is Stage.PREFLIGHT
     (status,) = messages(one.step(START_NS), Status)
-    assert "d2 has another mission file" in status.problems[0]
+    assert "d2 has another mission" in status.problems[0]
 
 
 @pytest.mark.parametrize(("began_s", "expected_s"), [(-300, -300), (-100_000, 0), (5, 0), (None, 0)])
@@ -151,7 +152,7 @@ def test_who_is_started_later_begins_with_the_others(began_s, expected_s):
 
 
 def test_two_agents_with_one_id_notice():
-    one, twin = pilot(), Pilot(MISSION, DroneConfig(id="d1"), boot="f" * 16)
+    one, twin = pilot(), Pilot(MISSION, DroneConfig(id="d1"), boot="f" * 16, nonce_key=b"twin")
     one.observe_vehicle(state(START_NS))
     for key, payload in twin.step(START_NS).publications:
         one.receive(key, payload, START_NS)
@@ -307,7 +308,7 @@ def test_what_cannot_be_sent_is_counted_and_the_flight_goes_on():
 
 
 def test_a_twin_and_a_foreign_mission_are_forgotten_when_they_are_gone():
-    one, twin = pilot(), Pilot(MISSION, DroneConfig(id="d1"), boot="f" * 16)
+    one, twin = pilot(), Pilot(MISSION, DroneConfig(id="d1"), boot="f" * 16, nonce_key=b"twin")
     other = pilot("d2", MissionConfig(name="newer", area=AREA, drones=MISSION.drones))
     for key, payload in twin.step(START_NS).publications + other.step(START_NS).publications:
         one.receive(key, payload, START_NS)
@@ -325,7 +326,7 @@ def test_a_cone_from_the_future_does_not_hide_a_loss():
     for second in range(6, 30):
         now_ns = START_NS + second * SECOND
         if second == 6:
-            cone = cone_of("d2", 1, now_ns + 86_400 * SECOND)
+            cone = cone_of("d2", 1000, now_ns + 86_400 * SECOND)
             one.receive(key_of("radron", cone), encode(cone), now_ns)
         one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD))
         one.step(now_ns)

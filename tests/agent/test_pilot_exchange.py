@@ -22,7 +22,7 @@ def settle(*pilots):
     for one in pilots:
         for _ in range(20):
             one.advance(END_NS)
-        assert not one.fusion.pending
+        assert not one.pending
 
 
 def exchange(asking, asked):

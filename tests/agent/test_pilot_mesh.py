@@ -9,7 +9,7 @@ from one_pilot import MISSION, SECOND, cone_of, pilot
 
 from protocol.codec import encode
 from protocol.keys import key_of
-from protocol.session import Mesh, MeshConfig
+from protocol.mesh.session import Mesh, MeshConfig
 
 
 @asynccontextmanager

@@ -84,6 +84,28 @@ def test_goes_on_from_the_failsafe_by_streaming_setpoints(mode):
     assert one.stage is Stage.SURVEY
 
 
+def test_what_the_failsafe_has_brought_below_the_floor_rises_where_it_is_before_it_searches():
+    low = (5.0, 5.0, 1.2)
+    one, _ = back(mode=FlightMode.LAND, position=low)
+    assert set(fly(one, BACK_NS, 1.0, FlightMode.LAND, healthy=False, position=low)) == {Request.OFFBOARD}
+    one.observe_vehicle(state(BACK_NS + 2 * SECOND, FlightMode.OFFBOARD, low))
+    setpoint = one.step(BACK_NS + 2 * SECOND).command.setpoint
+    assert one.stage is Stage.TAKEOFF
+    assert setpoint.velocity_mps[:2] == pytest.approx((0.0, 0.0), abs=0.01)
+    fly(one, BACK_NS + 2 * SECOND, 1.0, FlightMode.OFFBOARD, position=(5.0, 5.0, 1.6))
+    assert one.stage is Stage.SURVEY
+
+
+@pytest.mark.parametrize(("stage", "height_m"), [(Stage.SURVEY, 0.7), (Stage.TRACK, 0.7), (Stage.RETURN, 1.2)])
+def test_what_the_failsafe_has_brought_near_the_ground_lands(stage, height_m):
+    low = (5.0, 5.0, height_m)
+    one, step = back(replace(KEPT, stage=stage), mode=FlightMode.LAND, position=low)
+    assert (one.stage, step.command.request) == (Stage.LANDING, Request.LAND)
+    fly(one, BACK_NS, 1.0, FlightMode.LAND, position=low)
+    assert any("near the ground" in problem for problem in one.problems)
+    assert fly(one, BACK_NS + SECOND, 3.0, FlightMode.HOLD, position=low, armed=False, in_air=False)[-1] is Request.STAY
+
+
 def test_surveys_until_the_log_is_back_and_then_tracks_by_the_remembered_times():
     mission = MissionConfig(
         name="test",

@@ -12,7 +12,7 @@ from protocol.entries import Credential, Entry
 from protocol.identity import Role
 from protocol.keys import key_of
 from protocol.messages import Action, Command, Stage, Status
-from protocol.signing import sign_command
+from protocol.signing import sign_command, sign_status
 from sim.members import OPERATOR_NAME
 
 
@@ -43,7 +43,7 @@ def test_signed_entries_get_into_the_log_and_forged_ones_are_counted_and_told():
     digest = one.digest
     give(one, *cones([4, 5], sign=AUTHORITY.trust("d1").sign), replace(cones([6])[0], apex_sigma_m=3.0))
     assert one.digest == digest
-    assert "entries of d2 that it has not signed were dropped: 3 x cone" in told(one, START_NS)
+    assert "messages of d2 that it has not signed were dropped: 3 x cone" in told(one, START_NS)
     give(one, *cones([4, 5]))
     assert len(one.fusion.log) == 6
     assert not any("not signed" in text for text in told(one, START_NS + 20 * SECOND))
@@ -55,7 +55,7 @@ def test_entries_that_come_before_their_certificate_wait_for_it():
     assert len(one.fusion.log) == 0
     give(one, first)
     assert len(one.fusion.log) == 4  # all but the foreign one
-    assert "entries of d2 that it has not signed were dropped: 1 x cone" in told(one, START_NS)
+    assert "messages of d2 that it has not signed were dropped: 1 x cone" in told(one, START_NS)
 
 
 def test_what_waits_is_bounded_and_the_log_query_brings_the_rest():
@@ -195,6 +195,36 @@ def test_the_status_carries_the_ticket_that_the_next_command_needs():
     signed = sign_command(command, OPERATOR)
     one.receive(key_of(MISSION.swarm, signed), encode(signed), START_NS + 2 * SECOND)
     assert one.stage is Stage.LANDING
+
+
+STATUS = Status(stamp_ns=START_NS, drone="d2", mission=MISSION.mission_id, boot="2" * 16, stage=Stage.TRACK)
+NOT_OF_D2 = {
+    "unsigned": STATUS,
+    "foreign": sign_status(STATUS, FOREIGN.trust("d2")),
+    "another drone's": sign_status(STATUS, AUTHORITY.trust("d3")),
+    "an operator's": sign_status(STATUS, AUTHORITY.trust("d2", Role.OPERATOR)),
+    "altered": replace(sign_status(STATUS, AUTHORITY.trust("d2")), started_ns=1),
+    "a command's signature": replace(sign_status(STATUS, AUTHORITY.trust("d2")), signature=AUTHORITY.trust("d2").sign(b"x")),
+}
+
+
+@pytest.mark.parametrize("wrong", NOT_OF_D2)
+def test_a_status_that_its_drone_has_not_signed_counts_for_nothing(wrong):
+    one = trusting()
+    key = key_of(MISSION.swarm, STATUS)
+    one.receive(key, encode(NOT_OF_D2[wrong]), START_NS)
+    assert not one._peers.statuses(START_NS)
+    assert one.counters["dropped_unsigned_status"] == 1
+    assert "messages of d2 that it has not signed were dropped: 1 x status" in told(one, START_NS)
+    one.receive(key, encode(sign_status(STATUS, AUTHORITY.trust("d2"))), START_NS)
+    assert one._peers.statuses(START_NS)["d2"].stage is Stage.TRACK
+
+
+def test_the_status_of_a_pilot_is_accepted_by_its_peers():
+    one, other = flying(), trusting("d2", boot="2" * 16)
+    status = next(sent for sent in one.step(START_NS + SECOND).publications if sent[0].endswith("/status"))
+    other.receive(*status, START_NS + SECOND)
+    assert other._peers.statuses(START_NS + SECOND)["d1"].stage is Stage.SURVEY
 
 
 def test_a_start_gets_too_old_while_its_nonce_still_holds():

@@ -142,7 +142,7 @@ def test_a_parameter_that_does_not_exist_is_known_at_once() -> None:
     """PARAM_ERROR came within a millisecond of the request."""
     (asked_s,) = [time_s for time_s, (name, error) in rows("A_params", "param_error") if name == "COM_POSCTL_NAVL" and error == 1]
     assert asked_s < 1.0
-    params = replay("A_params").vehicle._parameters
+    params = replay("A_params").vehicle.parameters
     assert params.value("COM_OF_LOSS_T") == 1.0
     assert params.value("NAV_RCL_ACT") == 2.0
 

@@ -10,7 +10,8 @@ import pytest
 from recorded_px4 import LOOK_S, Asked, Replay
 
 from agent.config.mission import TrackConfig
-from agent.mission.stages import Mission, Situation
+from agent.mission.situation import Situation
+from agent.mission.stages import Mission
 from agent.vehicle.interface import Request, Setpoint, VehicleCommand
 from protocol.messages import Action, Stage
 

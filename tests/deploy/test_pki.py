@@ -169,3 +169,25 @@ def test_errors_of_the_command_end_in_one_line(
     assert (code, told) == (2, "")
     assert wrong.startswith(f"radron-deploy: {text}")
     assert wrong.count("\n") == 1
+
+
+def test_a_folder_that_cannot_be_written_is_named_and_nothing_is_recorded(
+    pki: PkiFolder, command: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    code, _, error = command("issue", "d7", "--role", "drone", "--out", str(tmp_path / "file"), "--pki", str(pki.folder))
+    assert (code, error) == (
+        2,
+        f"radron-deploy: {tmp_path / 'file'}: cannot be written (file exists); give another folder with --out\n",
+    )
+    assert "d7" not in {one.name for one in pki.issued()}
+
+
+def test_the_right_to_revoke_in_flight_is_an_operators_and_only_where_it_was_given(pki: PkiFolder, command: Command) -> None:
+    assert not load_identity(issue(pki, "bert", Role.OPERATOR)).own.may_revoke
+    code, said, _ = command("issue", "anna", "--role", "operator", "--may-revoke", "--pki", str(pki.folder))
+    assert (code, "anna, operator, may revoke, until" in said) == (0, True)
+    assert load_identity(pki.folder / "anna").own.may_revoke
+    assert "operator, may revoke" in command("show", str(pki.folder / "anna"))[1]
+    code, _, error = command("issue", "d1", "--role", "drone", "--may-revoke", "--pki", str(pki.folder))
+    assert (code, "only an operator can have the right to revoke others" in error) == (2, True)

@@ -17,8 +17,8 @@ from agent.config.loading import load_mission
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
 from protocol.identity import load_identity
+from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Estimate, Pose, Status
-from protocol.session import Mesh, MeshConfig
 
 PERIOD_S = 0.5
 FRESH_S = 2.5  # a status comes each second

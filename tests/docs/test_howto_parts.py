@@ -9,7 +9,8 @@ import docs_pages
 import pytest
 
 from agent.config.drone import DroneConfig
-from agent.config.mission import AreaConfig, DroneInMission, FusionConfig, GivenHypothesisConfig, MissionConfig, TrackConfig
+from agent.config.estimators import FusionConfig, GivenHypothesisConfig
+from agent.config.mission import AreaConfig, DroneInMission, MissionConfig, TrackConfig
 from agent.detector.drivers.feed import FeedDetector
 from agent.pilot import Pilot
 from agent.sensing.sighting_feed import SightingsFeed
@@ -67,7 +68,7 @@ def test_the_vehicle_of_the_page_flies_a_mission(tmp_path):
         fusion=FusionConfig(estimator="given", given=GivenHypothesisConfig(schedule=((0.0, 25.0, 25.0),))),
         track=TrackConfig(duration_s=12.0),
     )
-    pilot = Pilot(mission, DroneConfig(id="d1"), boot="0" * 16)
+    pilot = Pilot(mission, DroneConfig(id="d1"), boot="0" * 16, nonce_key=b"")
     vehicle = module_of("vehicle", "ideal_vehicle", tmp_path).IdealVehicle(lambda: now[0])
     vehicle.on_state(pilot.observe_vehicle)
     asyncio.run(vehicle.connect())

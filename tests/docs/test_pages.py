@@ -11,12 +11,21 @@ import typer
 import typer.main
 
 import agent.cli
+import deploy.cli
 import sim.cli
+import station.cli
 from agent.config.drone import DroneConfig
 from agent.config.loading import convert
 from agent.config.mission import MissionConfig
+from deploy.fleet.config import FleetConfig
 
-APPS = {"radron-agent": typer.main.get_command(agent.cli.app), "radron-sim": typer.main.get_command(sim.cli.app)}
+PROGRAMS = {
+    "radron-agent": agent.cli.app,
+    "radron-sim": sim.cli.app,
+    "radron-deploy": deploy.cli.app,
+    "radron-station": station.cli.app,
+}
+APPS = {name: typer.main.get_command(app) for name, app in PROGRAMS.items()}
 NAMES = [str(page.relative_to(docs_pages.ROOT)) for page in docs_pages.written()]
 TARGETS = re.findall(r"^([\w-]+):", (docs_pages.ROOT / "Makefile").read_text(), re.M)
 
@@ -92,7 +101,9 @@ def check_toml(text, kind, where):
     if kind is DroneConfig:
         convert({"id": "d1", **document}, DroneConfig, where)
         return
-    unknown = [root for root in (MissionConfig, DroneConfig, sim_scenario()) if set(document) <= set(root.__struct_fields__)]
+    unknown = [
+        root for root in (MissionConfig, DroneConfig, FleetConfig, sim_scenario()) if set(document) <= set(root.__struct_fields__)
+    ]
     assert unknown, f"{where}: no kind of file has the keys {', '.join(document)}"
     errors = []
     for root in unknown:
@@ -119,6 +130,8 @@ def completed(document, root):
         return {**mission, **document, "area": {**area, **document.get("area", {})}}
     if root is DroneConfig:
         return {"id": "d1", **document}
+    if root is FleetConfig:
+        return {"mission": "mission.toml", "network": {"subnet": "10.7.1.0/24"}, **document}
     return {"name": "part", "description": "a part", "mission": {**mission, **document.get("mission", {})}, **document}
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
+from deploy.fleet.config import FleetConfig
 from protocol.messages import KINDS, Action, Stage
 from sim import api
 from sim.result import RunResult, Trace
@@ -38,7 +39,12 @@ def rows(page, kind):
     return {line.split("`")[1]: [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines}
 
 
-CONFIGS = [("mission.md", MissionConfig, ()), ("drone.md", DroneConfig, ()), ("scenario.md", Scenario, (MissionConfig,))]
+CONFIGS = [
+    ("mission.md", MissionConfig, ()),
+    ("drone.md", DroneConfig, ()),
+    ("fleet.md", FleetConfig, ()),
+    ("scenario.md", Scenario, (MissionConfig,)),
+]
 
 
 @pytest.mark.parametrize(("page", "root", "leave_out"), [*CONFIGS, *(("protocol.md", kind, ()) for kind in KINDS.values())])

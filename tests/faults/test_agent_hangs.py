@@ -9,6 +9,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
+from math import dist
 from pathlib import Path
 
 import pytest
@@ -18,12 +19,14 @@ from agent.config.loading import load_mission
 from protocol.codec import decode
 from protocol.entries import Coverage, EntryId
 from protocol.identity import load_identity
-from protocol.session import Mesh, MeshConfig
+from protocol.mesh.session import Mesh, MeshConfig
 from protocol.summary import encode_summary
 
 FAILSAFE_S = 2.0  # what the issue demands
 START_S = 120.0  # boot of the vehicles (5 s), start of the agents, takeoff (10 s), on a busy computer
 HUNG = 70
+HOME_M = (5.0, 5.0)
+AWAY_M = 15.0  # a failsafe that begins so far from home has not come near the ground when the agent is back
 
 Ruin = Callable[[Agent], None]
 
@@ -87,6 +90,7 @@ class Flight:
     def ruin(self, how: Ruin, code: int) -> None:
         """Ruin the first agent, and see the vehicle's failsafe take over and stay in command."""
         agent, vehicles = self.agents["d1"], self.vehicles
+        until(lambda: dist(vehicles.now(0)["position_m"][:2], HOME_M) > AWAY_M, 60.0, "the vehicle away from home")
         how(agent)
         ruined_s = time.monotonic()
         until(lambda: vehicles.now(0)["failsafe"], FAILSAFE_S + 3.0, f"failsafe after {how.__name__}")

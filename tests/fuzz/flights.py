@@ -30,7 +30,7 @@ from tests.fuzz.mutation import broken, broken_text, hostile, mutated
 from tests.fuzz.target import Probe, Target, expect
 
 _REPLAYED = 20  # of so many files one is replayed and audited
-_HEADER = FlightHeader.of(MISSION, DroneConfig(id="d1"), "1" * 16, START_NS)
+_HEADER = FlightHeader.of(MISSION, DroneConfig(id="d1"), "1" * 16, START_NS, nonce_key=b"")
 
 
 class Flights(Target):
@@ -135,7 +135,7 @@ def _record(folder: Path) -> Path:
     path = segment_path(folder, _HEADER, 0)
     path.unlink(missing_ok=True)
     segment = Segment(path, _HEADER, 0)
-    pilot = RecordedPilot(Pilot(MISSION, DroneConfig(id="d1"), _HEADER.boot), _Into(segment))
+    pilot = RecordedPilot(Pilot(MISSION, DroneConfig(id="d1"), _HEADER.boot, nonce_key=b""), _Into(segment))
     pilot.observe_vehicle(state(START_NS))
     pilot.receive(*command(), START_NS)
     pilot.step(START_NS)

@@ -111,7 +111,7 @@ class _Agent:
         self._loop, self._direct = _Loop(), _Direct()
         self._link = Link("udpin://0.0.0.0:14540", self._now_ns, lambda: self.now_s)
         gnss = rng.random() < 0.8
-        self._pilot = Pilot(_MISSION, DroneConfig(id="d1"), boot="1" * 16)
+        self._pilot = Pilot(_MISSION, DroneConfig(id="d1"), boot="1" * 16, nonce_key=b"")
         self._vehicle = Px4Vehicle(
             VehicleConfig(gnss=gnss),
             CEILING_M,
@@ -158,6 +158,7 @@ class _Agent:
 _KINDS = (
     *("HEARTBEAT", "COMMAND_LONG", "COMMAND_INT", "SET_MODE", "SET_POSITION_TARGET_LOCAL_NED", "PARAM_REQUEST_READ"),
     *("PARAM_REQUEST_LIST", "PARAM_SET", "TIMESYNC", "ODOMETRY", "PING", "SET_GPS_GLOBAL_ORIGIN", "STATUSTEXT", "COMMAND_ACK"),
+    *("MISSION_REQUEST_LIST", "MISSION_CLEAR_ALL", "MISSION_COUNT"),
 )
 _COMMANDS = (16, 17, 20, 21, 22, 84, 176, 400, 401, 410, 420, 510, 511, 512, 519, 520, 521, 246, 43003, 31010, 0, 65535)
 

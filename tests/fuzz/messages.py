@@ -13,15 +13,16 @@ from typing import Any
 import msgpack
 import msgspec
 from msgspec.structs import replace
-from one_pilot import AREA, MISSION, SECOND, START_NS, command, cone_of, state
+from one_pilot import AREA, MISSION, SECOND, START_NS, command, cone_of, nonce_key_of, state
 
 from agent.config.drone import DroneConfig
-from agent.config.mission import DatumConfig, DroneInMission, FusionConfig, MissionConfig
+from agent.config.estimators import FusionConfig
+from agent.config.mission import DatumConfig, DroneInMission, MissionConfig
 from agent.pilot import Pilot, Step
 from agent.vehicle.interface import FlightMode
 from protocol.codec import decode_from, encode
 from protocol.keys import key_of
-from protocol.messages import DRONE_KINDS, KINDS, Status
+from protocol.messages import DRONE_KINDS, KINDS, STATION_KINDS, Status
 from tests.fuzz.mutation import HOSTILE_TEXTS, broken, hostile, mutated, nested
 from tests.fuzz.target import Probe, Target, expect
 from tests.fuzz.valid import documents
@@ -125,7 +126,7 @@ class _Flight:
     def __init__(self, mission: MissionConfig, begun: int) -> None:
         self.begun = begun
         self.now_ns = START_NS
-        self._pilot = Pilot(mission, DroneConfig(id="d1"), boot=_BOOTS[-1])
+        self._pilot = Pilot(mission, DroneConfig(id="d1"), boot=_BOOTS[-1], nonce_key=nonce_key_of(_BOOTS[-1]))
         self._pilot.observe_vehicle(state(START_NS, armed=begun > 0, in_air=begun > 0))
         if begun:
             self._pilot.receive(*command(mission=mission), START_NS)
@@ -206,8 +207,8 @@ def _of_member(rng: Random, fields: dict[str, Any], mission: MissionConfig, now_
 
 
 def _key_of(mission: MissionConfig, fields: dict[str, Any]) -> str:
-    if fields["kind"] == "command":
-        return f"radron/2/{mission.swarm}/station/{fields['station']}/command"
+    if fields["kind"] in STATION_KINDS:
+        return f"radron/2/{mission.swarm}/station/{fields['station']}/{fields['kind']}"
     return f"radron/2/{mission.swarm}/{fields['drone']}/{fields['kind']}"
 
 

@@ -91,7 +91,7 @@ def _fly_on(found: State) -> None:
         GlobalOrigin(*_ORIGIN),
     ):
         telemetry.receive(message, START_NS, 1.0)
-    pilot = Pilot(MISSION, DroneConfig(id="d1"), boot="1" * 16, memory=found.memory)
+    pilot = Pilot(MISSION, DroneConfig(id="d1"), boot="1" * 16, memory=found.memory, nonce_key=b"")
     for tick in range(4):
         now_ns, now_s = START_NS + tick * SECOND // 20, 1.0 + 0.05 * tick
         telemetry.receive(Attitude(tick * 50, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), now_ns, now_s)

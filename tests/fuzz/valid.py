@@ -58,8 +58,8 @@ def _value(rng: Random, kind: inspect.Type, tame: bool) -> Any:  # noqa: PLR0912
             return next(rng.choice(texts) for part, texts in _TEXTS.items() if part in pattern)
         case inspect.StrType(max_length=most):
             return "".join(rng.choice("a \u00e9\u4e16\U0001f4a5\n") for _ in range(rng.choice((0, 3, most or 0))))
-        case inspect.BytesType(max_length=most):
-            return rng.randbytes(rng.choice((0, 3, most or 0)))
+        case inspect.BytesType(min_length=least, max_length=most):
+            return rng.randbytes(rng.choice([size for size in (0, 3, most or 0) if size >= (least or 0)]))
         case inspect.EnumType(cls=cls):
             return rng.choice(list(cls))
         case inspect.BoolType():

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import json
+from glob import glob
 from pathlib import Path
+from shutil import which
 
 import pytest
 from live_run import live_run
@@ -12,6 +14,7 @@ from live_run import live_run
 from agent.flight.replay import replay
 from protocol.identity import load_identity
 from sim.result import RunResult
+from station.replay import Records
 
 FLIGHT_S = 300.0  # of which 60 s are flown; the machine is shared
 
@@ -43,6 +46,9 @@ def test_three_agents_find_the_source_agree_and_leave_nothing_behind(tmp_path: P
     assert (tmp_path / "map.png").stat().st_size > 10_000
     assert "links between the agents are encrypted" in run.said
     assert not _files_with_keys(tmp_path)
+    program, subcommand, records = run.said.split("to look at the flight in a browser: ")[1].split()
+    assert (which(program) is not None, subcommand) == (True, "open")
+    assert Records([Path(record) for record in glob(records)]).mission.name == "demo"
     for drone in run.drones():
         replayed = replay(tmp_path / "agents" / drone.id / "flight")
         assert replayed.identical, replayed.first

@@ -18,13 +18,13 @@ from live_run import live_run
 from msgspec.structs import replace
 
 from agent.flight import topics
-from agent.flight.reader import RecordedFlight
+from agent.flight.reader import FlightRecord, RecordedFlight
 from protocol.keys import parse_key
 from protocol.messages import Stage
-from sim.faults.agents import Cut, Kill, Partition
+from sim.faults.agents import Cut, Flood, Kill, Late, Partition
 from sim.faults.kinds import AnyFault
 from sim.live.course import Course
-from sim.live.faults import FaultPlayer
+from sim.live.faults.player import FaultPlayer
 from sim.live.places import Places
 from sim.live.relays.linkstate import PASSING, LinkState
 from sim.live.relays.plan import vehicle_of
@@ -38,9 +38,9 @@ from sim.scenario import load_scenario, override
 FLIGHT_S = 300.0  # of which 60 s are flown; the machine is shared
 CIRCLED_S = 3.0
 EVEN_DEG = 25.0  # deviation of a gap from 120 degrees
-# The vehicle whose agent is gone hovers on the circle for 8 s, while it climbs to its return height, and then crosses it: on a
-# circle of 6 m it bars the others' way for so long.
-SPACED_S, SETTLED_S = 20.0, 13.0
+# The vehicle whose agent is gone hovers on the circle for 8 s, while it climbs to its return height: the others stop, evenly
+# spaced, and then circle on.
+SPACED_S, SETTLED_S = 10.0, 23.0
 
 
 def stretched(time_s: float) -> float:
@@ -111,6 +111,25 @@ def circles_evenly(now: Moment, source: Sequence[float]) -> bool:
     return tracks and all(abs(each - 360.0 / count) < EVEN_DEG for each in nearest)
 
 
+def recorded(folder: Path, drone: str) -> list[FlightRecord]:
+    """What a drone's agent has recorded."""
+    segments = sorted((folder / "agents" / drone / "flight").glob("*.mcap"))
+    return [record for segment in segments for record in RecordedFlight(segment).records()]
+
+
+def poses_of(drone: str, records: Sequence[FlightRecord]) -> list[FlightRecord]:
+    """The poses that were heard of it."""
+    messages = [record for record in records if record.topic == topics.MESSAGE]
+    told = [(record, parse_key(topics.decode_message(record.data)[0])) for record in messages]
+    return [record for record, key in told if (key.sender, key.kind) == (drone, "pose")]
+
+
+def largest_gap_s(records: Sequence[FlightRecord], from_ns: float, until_ns: float) -> float:
+    """The longest time between two successive records."""
+    times_ns = [record.publish_ns for record in records if from_ns < record.publish_ns < until_ns]
+    return max(after - before for before, after in pairwise(times_ns)) * 1e-9
+
+
 @pytest.mark.slow
 def test_who_is_killed_is_missed_at_once_and_has_the_whole_log_again_when_it_is_back(tmp_path: Path) -> None:
     async def course() -> None:
@@ -177,13 +196,7 @@ def test_a_swarm_in_two_parts_tracks_on_and_has_one_log_again_at_once(tmp_path: 
 
     began_ns, healed_ns = asyncio.run(course())
     for drone, other in [*permutations(("d1", "d2"), 2), *permutations(others, 2)]:
-        segments = sorted((tmp_path / "agents" / drone / "flight").glob("*.mcap"))
-        records = [record for segment in segments for record in RecordedFlight(segment).records()]
-        messages = [record for record in records if record.topic == topics.MESSAGE]
-        told = [(record, parse_key(topics.decode_message(record.data)[0])) for record in messages]
-        heard = [record.publish_ns for record, key in told if (key.sender, key.kind) == (other, "pose")]
-        heard = [at_ns for at_ns in heard if began_ns < at_ns < healed_ns]
-        gap_s = max(after - before for before, after in pairwise(heard)) * 1e-9
+        gap_s = largest_gap_s(poses_of(other, recorded(tmp_path, drone)), began_ns, healed_ns)
         print(f"largest gap of {other} at {drone}: {gap_s:.2f} s")
         assert gap_s < stretched(0.5) + late_s  # the machine itself stood still for so long
 
@@ -204,6 +217,70 @@ def test_who_hears_nothing_of_its_vehicle_for_a_moment_holds_and_then_tracks_on(
             assert all(now.modes[1] == "offboard" for now in witness.since(back_s))
 
     asyncio.run(course())
+
+
+@pytest.mark.slow
+def test_a_drone_that_comes_late_is_started_by_the_operator_and_takes_part(tmp_path: Path) -> None:
+    """The others do not wait for it, although they miss it."""
+
+    async def course() -> None:
+        scenario = override(load_scenario("demo"), {"mission.track.duration_s": 90.0})
+        scenario = replace(scenario, fault=(Late(target="d3", at_s=5.0),))
+        async with live_swarm(scenario, 1, tmp_path, Places.relayed(3), View()) as swarm:
+            operator, player = swarm.operator, swarm.faults
+            assert isinstance(player, FaultPlayer)
+            await operator.get_ready(READY_S, player.late)
+            flying = asyncio.create_task(Course(swarm.scenario, 1, operator, player).mission_flown())
+            agents = operator.observer.agents
+            try:
+                assert await operator.until(lambda: flying.done() or agents[0].stage is Stage.SURVEY, FLIGHT_S)
+                assert not agents[2].alive
+                assert await operator.until(lambda: flying.done() or agents[2].stage in (Stage.SURVEY, Stage.TRACK), FLIGHT_S)
+                assert not flying.done()
+                began = {agent.status.started_ns for agent in agents if agent.status is not None}
+                assert len(began) == 1  # it has joined the mission of the others
+            finally:
+                flying.cancel()
+
+    asyncio.run(course())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rate_mbps", "size"), [(1.0, 200), (50.0, 65_536)])
+def test_a_flood_in_a_members_name_delays_no_setpoint_and_none_of_the_others_messages(
+    tmp_path: Path, rate_mbps: float, size: int
+) -> None:
+    """By a peer with that member's certificate, to agents that track."""
+    flood, lasts_s, late_s = Flood(target="d2", at_s=0.0, for_s=20.0, rate_mbps=rate_mbps, message_bytes=size), 20.0, 0.0
+
+    async def course() -> tuple[float, float]:
+        nonlocal late_s
+        async with circling(tmp_path, flood) as (swarm, witness, flying):
+            case, operator = Circling(swarm, witness, flying), swarm.operator
+            agents = operator.observer.agents
+
+            def watch(truth: Truth) -> None:
+                nonlocal late_s
+                late_s = max(late_s, truth.late_s)
+
+            operator.watchers.append(watch)
+            struck_s, began_ns = case.strike(), time.time_ns()
+            others = (agents[0], agents[2])
+            assert await operator.until(lambda: all(any("d2 floods" in text for text in one.problems) for one in others), 15.0)
+            await case.until_s(struck_s + lasts_s)
+            assert all((now.stages[0], now.stages[2]) == (Stage.TRACK, Stage.TRACK) for now in witness.since(struck_s))
+            assert not any(f"d{k} floods" in text for k in (1, 3) for agent in agents for text in agent.problems)
+            return began_ns, time.time_ns()
+
+    began_ns, ended_ns = asyncio.run(course())
+    for drone, other in permutations(("d1", "d3"), 2):
+        records = recorded(tmp_path, drone)
+        setpoints = [record for record in records if record.topic == topics.COMMAND]
+        before_s = largest_gap_s(setpoints, began_ns - lasts_s * 1e9, began_ns)
+        setpoints_s, heard_s = (largest_gap_s(some, began_ns, ended_ns) for some in (setpoints, poses_of(other, records)))
+        print(f"{drone}: setpoints up to {setpoints_s:.2f} s apart, {before_s:.2f} s before; poses of {other} {heard_s:.2f} s")
+        assert setpoints_s < stretched(0.15) + late_s
+        assert heard_s < stretched(0.5) + late_s
 
 
 @pytest.mark.long

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from cryptography import x509
 from identities import DAY_NS, Wrong, certificate, identity, new_issuer, now_ns, write_wrong
 
 from protocol.identity import IdentityError, Role, load_identity
@@ -27,6 +28,29 @@ def test_name_role_and_key_are_read_from_a_certificate(issuer: Issuer, tmp_path:
     assert peer.verified(own.sign(b"entries"), b"entries")
     assert not peer.verified(own.sign(b"entries"), b"forged")
     assert not peer.verified(b"short", b"entries")
+
+
+def test_serial_numbers_are_positive_and_differ(issuer: Issuer) -> None:
+    serials = {issuer.issue("d1", Role.DRONE, now_ns()).peer.serial for _ in range(50)}
+    assert len(serials) == 50
+    assert min(serials) > 0
+    assert max(serials).bit_length() < 160
+    assert issuer.authority.certificate.serial_number > 0
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("serial", [0x00, 0x80], ids=["zero", "negative"])
+def test_a_certificate_whose_serial_number_is_not_positive_is_refused(issuer: Issuer, serial: int) -> None:
+    """None of ours: other tools may make one, and newer versions of the library do not read it."""
+    der, _ = certificate(issuer, Wrong())
+    body = x509.load_der_x509_certificate(der).tbs_certificate_bytes
+    changed = body.replace(b"\x02\x01\x07", bytes((2, 1, serial)), 1)
+    assert changed != body
+    algorithm, signature = bytes.fromhex("300506032b6570"), b"\x03\x41\x00" + issuer.key.sign(changed)
+    content = changed + algorithm + signature
+    with pytest.raises(IdentityError, match=r"^has a serial number that is not positive \(RFC 5280, 4\.1\.2\.2\)$"):
+        issuer.authority.verify(b"\x30\x82" + len(content).to_bytes(2, "big") + content)
+    assert issuer.authority.verify(der).name == "d1"
 
 
 def test_times_are_those_of_the_certificate_and_never_past_those_of_the_authority(issuer: Issuer) -> None:
@@ -73,6 +97,7 @@ def test_a_foreign_authority_is_told_from_one_that_only_has_the_same_name(issuer
         issuer.authority.verify(new_issuer().issue("d1", Role.DRONE, now_ns()).peer.der)
 
 
+@pytest.mark.filterwarnings("error")
 def test_broken_certificates_are_refused_and_nothing_else_happens(issuer: Issuer) -> None:
     der = issuer.issue("d1", Role.DRONE, now_ns()).peer.der
     rng = random.Random(1)

@@ -34,8 +34,8 @@ def flown(scenario, until_s):
     """All that a flight's agents published, commanded and believed, and where their vehicles were."""
     seen, pilots = [], []
 
-    def made(*args):
-        pilots.append(Told(*args))
+    def made(*args, **kwargs):
+        pilots.append(Told(*args, **kwargs))
         return pilots[-1]
 
     def watch(moment):

@@ -81,6 +81,10 @@ class Companion:
             if time_s >= since_s and data[6] == AUTOPILOT and number in (None, int.from_bytes(data[7:10], "little"))
         ]
 
+    def packets(self, number):
+        """The vehicle's packets of one kind, for messages that this dialect lacks."""
+        return [data for _, data in self._datagrams if data[6] == AUTOPILOT and int.from_bytes(data[7:10], "little") == number]
+
     def last(self, name):
         number = bytes([AUTOPILOT]) + getattr(mavlink, f"MAVLINK_MSG_ID_{name}").to_bytes(3, "little")
         return self._mavlink.decode(bytearray(next(data for _, data in reversed(self._datagrams) if data[6:10] == number)))

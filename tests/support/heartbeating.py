@@ -7,7 +7,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from agent.shell.heartbeat import HEARTBEAT_FD, Heartbeat, die_with
+from agent.shell.heartbeat import ANEW, HEARTBEAT_FD, RELOADING, Heartbeat, die_with
 
 PARENT = int(sys.argv[-1])
 HOW = sys.argv[1]
@@ -15,6 +15,20 @@ HOW = sys.argv[1]
 
 def say(what: str) -> None:
     print(what, os.getpid(), time.monotonic(), flush=True)
+
+
+def begin_anew_once(beat: Heartbeat) -> None:
+    """Ask to be started again, after more time than the watchdog allows between two beats."""
+    mark = Path(os.environ["MARK"])
+    if mark.exists():
+        return
+    mark.touch()
+    say("first")
+    beat.beat()
+    beat.tell(RELOADING)
+    beat.rest()
+    time.sleep(1.2)
+    sys.exit(ANEW)
 
 
 def main() -> None:
@@ -33,6 +47,8 @@ def main() -> None:
     if HOW == "tells":
         beat.tell("READY=1")
         beat.tell("STATUS=survey")
+    if HOW == "anew":
+        begin_anew_once(beat)
     for step in range(10_000):
         beat.check()
         say("step")

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from mavsdk_json import fields_of
-from one_pilot import MISSION, command
+from one_pilot import MISSION, boot_of, command, nonce_key_of
 from pymavlink.dialects.v20 import development as mavlink
 
 from agent.config.drone import DroneConfig, VehicleConfig
@@ -49,6 +49,7 @@ class BytesLink:
 
     def __init__(self, deliver: Callable[[bytes], None]) -> None:
         self.counters: Counter[str] = Counter()
+        self.is_signed: bool | None = None
         self._deliver = deliver
         self._mavlink = mavlink.MAVLink(None, *_COMPANION)
 
@@ -101,7 +102,7 @@ class Solo:
             clock_s=lambda: self.time_s,
             link=BytesLink(self._sent),  # type: ignore[arg-type]
         )
-        self.pilot = Pilot(mission, DroneConfig(id="d1"), boot="0" * 15 + "1")
+        self.pilot = Pilot(mission, DroneConfig(id="d1"), boot=boot_of("d1"), nonce_key=nonce_key_of(boot_of("d1")))
         self._mission = mission
         self.heard: list[tuple[float, Heartbeat | ExtendedState]] = []
         self.states: list[VehicleState] = []

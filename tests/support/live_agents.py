@@ -46,13 +46,18 @@ def until(condition: Callable[[], T], within_s: float, what: str = "") -> T:
 
 
 class Vehicles:
-    """Emulated vehicles. ``reports``: (time, reports of all vehicles), newest last. ``unhealthy``: why not, by index."""
+    """Emulated vehicles. ``reports``: (time, reports of all vehicles), newest last. ``unhealthy``: why not, by index;
+    ``parameters``: that differ from those that the preflight check asks for.
+    """
 
-    def __init__(self, ports: list[int], unhealthy: dict[int, str] | None = None) -> None:
+    def __init__(
+        self, ports: list[int], unhealthy: dict[int, str] | None = None, parameters: dict[str, float] | None = None
+    ) -> None:
         order = {
             "ports": ports,
             "places": [(5.0 + 6.0 * index, 5.0) for index in range(len(ports))],
             "unhealthy": unhealthy or {},
+            "parameters": parameters or {},
         }
         self._process = subprocess.Popen(
             [sys.executable, str(SUPPORT / "vehicles.py"), json.dumps(order)],

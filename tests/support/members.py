@@ -1,14 +1,15 @@
 """The members of a swarm with certificates, for tests of one pilot."""
 
 from msgspec.structs import replace
-from one_pilot import MISSION, START_NS, boot_of, command, cone_of
+from one_pilot import MISSION, START_NS, boot_of, command, cone_of, nonce_key_of
 
 from agent.config.drone import DroneConfig
 from agent.pilot import Pilot
 from protocol.codec import decode_from, encode
 from protocol.entries import Credential
 from protocol.keys import key_of
-from protocol.signing import sign_command, sign_entries
+from protocol.revocations import Revocation
+from protocol.signing import sign_command, sign_entries, sign_revocation
 from sim.members import SimulatedAuthority, operator_of
 
 AUTHORITY, FOREIGN = SimulatedAuthority(1), SimulatedAuthority(2)
@@ -18,7 +19,8 @@ OPERATOR = operator_of(AUTHORITY)
 def trusting(drone="d1", boot=None, memory=None):
     """A pilot of a swarm with certificates."""
     trust = AUTHORITY.trust(drone)
-    return Pilot(MISSION, DroneConfig(id=drone), boot=boot or boot_of(drone), memory=memory, trust=trust)
+    boot = boot or boot_of(drone)
+    return Pilot(MISSION, DroneConfig(id=drone), boot=boot, memory=memory, trust=trust, nonce_key=nonce_key_of(boot))
 
 
 def credential(drone="d2", boot="2" * 16, trust=None, **changes):
@@ -45,6 +47,16 @@ def give(one, *entries, now_ns=START_NS):
 def order(action, now_ns, trust=OPERATOR, **changes):
     """A signed command."""
     key, payload = command(action, stamp_ns=now_ns)
-    message = replace(decode_from(key, payload), station="lockstep", **changes)
+    message = replace(decode_from(key, payload), **{"station": "lockstep", **changes})
     message = sign_command(message, trust)
+    return key_of(MISSION.swarm, message), encode(message)
+
+
+def revocation(
+    member="d2", last=None, stamp_ns=START_NS, trust=OPERATOR, until_ns=2 * START_NS, station=None, altered=None, **changes
+):
+    """A signed revocation, with its key; ``altered``, ``changes``: after it was signed."""
+    station, last = station or trust.name, last or {}
+    bare = Revocation(stamp_ns=stamp_ns, station=station, member=member, until_ns=until_ns, last=last, certificate=b"")
+    message = replace(sign_revocation(bare, trust), **(altered or {}), **changes)
     return key_of(MISSION.swarm, message), encode(message)

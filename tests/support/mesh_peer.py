@@ -7,7 +7,7 @@ import asyncio
 import sys
 
 from protocol.keys import drone_key
-from protocol.session import Mesh, MeshConfig
+from protocol.mesh.session import Mesh, MeshConfig
 
 
 async def main() -> None:

@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
 from protocol.keys import drone_key
-from protocol.session import Mesh, MeshConfig
+from protocol.mesh.session import Mesh, MeshConfig
 
 SWARM = "s"
 DEADLINE_S = 10.0  # for what takes milliseconds on an idle machine

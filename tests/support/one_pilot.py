@@ -6,7 +6,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from agent.config.drone import DroneConfig
-from agent.config.mission import AreaConfig, DroneInMission, FusionConfig, MissionConfig
+from agent.config.estimators import FusionConfig
+from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.localization.clocks import Clocks
 from agent.localization.ownpose import OwnPose
 from agent.mission.orders import Orders
@@ -30,7 +31,8 @@ TICK_NS = SECOND // 20
 
 
 def pilot(drone="d1", mission=MISSION, memory=None, boot=None):
-    return Pilot(mission, DroneConfig(id=drone), boot=boot or boot_of(drone), memory=memory)
+    boot = boot or boot_of(drone)
+    return Pilot(mission, DroneConfig(id=drone), boot=boot, memory=memory, nonce_key=nonce_key_of(boot))
 
 
 def own_pose(drone, graph, member=None):
@@ -63,9 +65,14 @@ def boot_of(drone):
     return "0" * 15 + drone[-1]
 
 
+def nonce_key_of(boot):
+    """Of the tests' pilots, so that commands to them can be written without them."""
+    return boot.encode()
+
+
 def command(action=Action.START, mission=MISSION, stamp_ns=START_NS, drones=("d1", "d2"), boot=None):
     """A command at its stamp; the later it is, the higher its number."""
-    orders = {name: Orders(name, mission.mission_id, boot or boot_of(name), None) for name in drones}
+    orders = {name: Orders(name, mission.mission_id, nonce_key_of(boot or boot_of(name)), None) for name in drones}
     to = {name: replace(one.ticket(stamp_ns), number=stamp_ns // 10**7) for name, one in orders.items()}
     message = Command(stamp_ns=stamp_ns, station="tester", mission=mission.mission_id, action=action, to=to)
     return command_key(mission.swarm, "tester"), encode(message)

@@ -24,17 +24,17 @@ MISSION = MissionConfig(
     area=AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0))),
     drones=(DroneInMission(id="d1"),),
 )
-HEADER = FlightHeader.of(MISSION, DroneConfig(id="d1"), "0123456789abcdef", 1_800_000_000_000_000_000)
+HEADER = FlightHeader.of(MISSION, DroneConfig(id="d1"), "0123456789abcdef", 1_800_000_000_000_000_000, nonce_key=b"")
 
 
 class LockstepPilot(RecordedPilot):
     """Takes a pilot's place in the lockstep. Makes the calls too that only a live agent makes."""
 
-    def __init__(self, folder, mission, config, boot, listeners, memory, estimators, trust):
-        pilot = Pilot(mission, config, boot, listeners, memory, estimators, trust)
+    def __init__(self, folder, mission, config, boot, listeners, memory, estimators, trust, *, nonce_key):
+        pilot = Pilot(mission, config, boot, listeners, memory, estimators, trust, nonce_key=nonce_key)
         self.fusion, self.listeners = pilot.fusion, pilot.listeners
         self.recorder = FlightRecorder(
-            folder / config.id, 100, FlightHeader.of(mission, config, boot, time.time_ns(), memory, trust)
+            folder / config.id, 100, FlightHeader.of(mission, config, boot, time.time_ns(), memory, trust, nonce_key=nonce_key)
         )
         super().__init__(pilot, self.recorder)
         self._steps = itertools.count()

@@ -8,7 +8,7 @@ import msgspec
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from protocol.entries import Cone, Exposure, Sighting
+from protocol.entries import CarriedFrame, Cone, Exposure, Sighting
 from protocol.messages import KINDS, AnyMessage, Frame, Plan, Source
 
 UNIT_BOUND = 1.000001  # of the components of unit vectors and quaternions
@@ -44,8 +44,8 @@ def _values(kind: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: PLR0912 - a 
             return st.from_regex(pattern)
         case inspect.StrType(max_length=most):
             return st.text(st.characters(exclude_categories=["Cs"]), max_size=most)
-        case inspect.BytesType(max_length=most):
-            return st.binary(max_size=most)
+        case inspect.BytesType(min_length=least, max_length=most):
+            return st.binary(min_size=least or 0, max_size=most)
         case inspect.EnumType(cls=cls):
             return st.sampled_from(cls)
         case inspect.BoolType():
@@ -104,12 +104,17 @@ def _unsure_frame(values: dict[str, Any]) -> dict[str, Any]:
     return {**values, "covariance": tuple(x for row in _product(values["covariance"], 4) for x in row)}
 
 
+def _carried_frame(values: dict[str, Any]) -> dict[str, Any]:
+    return values if values["covariance"] is None else _unsure_frame(values)
+
+
 def _unsure_source(values: dict[str, Any]) -> dict[str, Any]:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = _product(values["covariance_m2"], 3)
     return {**values, "covariance_m2": (xx, xy, xz, yy, yz, zz)}
 
 
 CONSISTENT: dict[type, Callable[[dict[str, Any]], dict[str, Any]]] = {
+    CarriedFrame: _carried_frame,
     Cone: _shared,
     Exposure: _ordered,
     Frame: _unsure_frame,

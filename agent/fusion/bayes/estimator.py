@@ -20,7 +20,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 from shapely import Polygon
 
-from agent.config.mission import BayesEstimatorConfig, MissionConfig
+from agent.config.estimators import BayesEstimatorConfig
+from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform, same
 from agent.fusion.bayes.apparent import Sights, on_ground
 from agent.fusion.bayes.cones import Orders
@@ -283,7 +284,7 @@ def _frame_change(
     """
     epoch, transform = observation.epoch, observation.mission_from_local
     before = frames.get(vehicle)
-    if transform.covariance is None or (before is not None and same(before[1], transform)):
+    if before is not None and same(before[1], transform):
         return None, frames
     now = {**frames, vehicle: (epoch, transform)}
     if before is None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, gaussian_filter
 from shapely import Polygon, contains_xy
 
-from agent.config.mission import BayesEstimatorConfig
+from agent.config.estimators import BayesEstimatorConfig
 from agent.fusion.bayes.cones import Orders, cone_likelihood
 from agent.fusion.bayes.counts import SEARCH_TEMPER, background_log_likelihood, fit_rate
 from agent.fusion.bayes.mixture import Mixture

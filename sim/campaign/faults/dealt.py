@@ -23,7 +23,7 @@ _STREAM, _DECK_STREAM = 1_000_006, 1_000_007
 HAND = 5  # faults of a mission
 LASTS_S = (8.0, 14.0)
 _LONGEST_OFFLINE_S = 7.0  # an agent that is back later may find its vehicle landed
-_WITHOUT_END = ("late", "motor", "old-command", "camera-dead")  # a dead camera: an agent needs a while to be sure
+_WITHOUT_END = ("late", "motor", "revoked", "old-command", "camera-dead")  # a dead camera: an agent needs a while to be sure
 LIVE_DECK: tuple[Card, ...] = (
     ("kill", {}),
     ("freeze", {}),
@@ -43,7 +43,7 @@ LIVE_DECK: tuple[Card, ...] = (
 )
 DECK: tuple[Card, ...] = (  # these put nothing wrong into the logs of those who refuse what they must
     ("kill", {}),
-    ("kill", {}),
+    ("revoked", {}),
     ("freeze", {}),
     ("late", {}),
     ("slow-cpu", {}),
@@ -71,7 +71,7 @@ DECK: tuple[Card, ...] = (  # these put nothing wrong into the logs of those who
 MISLEADING: tuple[Card, ...] = (  # these do, or make vehicles stray: from then on less can be demanded of the others
     ("lie", {"what": "pose"}),
     ("lie", {"what": "plan"}),
-    ("lie", {"what": "cone"}),
+    ("equivocating", {}),
     ("camera-dead", {"blind": True}),
     ("camera-noisy", {}),
     ("camera-stuck", {}),

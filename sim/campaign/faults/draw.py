@@ -25,7 +25,8 @@ _STAYS = 0.3
 _AT_THE_HEAL = 0.4  # share of the network's faults that end with the heal
 _ONE, _TWO = 0.7, 0.9  # cumulated shares of faults that strike one drone, and two; the others strike all
 _NEVER_STAY = ("freeze", "late")  # a frozen process is killed by its watchdog: to stay, it is "kill"
-_ONE_ONLY = ("kill", "late", "motor", "takeover")  # else there would often be nobody left
+_ONE_ONLY = ("kill", "late", "motor", "takeover", "equivocating", "revoked")  # else there would often be nobody left
+_WITHOUT_END = ("late", "motor", "revoked")
 _WITHOUT_TARGET = ("partition",)
 _FLOOD_S = 5.0  # each second of it costs as much as ten others
 
@@ -74,7 +75,7 @@ def _fault(rng: np.random.Generator, kind: str, names: list[str], course: Course
         entry["target"] = target[0] if len(target) == 1 else target
     lasting = rng.random() < _STAYS and KINDS[kind].family != "network" and kind not in _NEVER_STAY
     duration_s = _duration_s(rng, kind, course.heal_s - at_s)
-    if kind not in ("late", "motor") and not lasting:
+    if kind not in _WITHOUT_END and not lasting:
         entry["for_s"] = duration_s
     return entry
 

@@ -64,13 +64,15 @@ class Recording:
         memory: Memory | None = None,
         estimators: Estimators = estimator_named,
         trust: Trust | None = None,
+        *,
+        nonce_key: bytes,
     ) -> Pilot:
         """As ``Pilot``."""
-        pilot = Pilot(mission, drone, boot, listeners, memory, estimators, trust)
+        pilot = Pilot(mission, drone, boot, listeners, memory, estimators, trust, nonce_key=nonce_key)
         if drone.id != self._drone:
             return pilot
         folder = self._folder / boot
-        recorder = FlightRecorder(folder, _LIMIT_MB, FlightHeader.of(mission, drone, boot, 0, memory, trust))
+        recorder = FlightRecorder(folder, _LIMIT_MB, FlightHeader.of(mission, drone, boot, 0, memory, trust, nonce_key=nonce_key))
         self._recorders[folder] = recorder
         return cast(Pilot, _Recorded(pilot, recorder))
 

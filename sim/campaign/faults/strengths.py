@@ -108,6 +108,8 @@ STRENGTHS: dict[str, Callable[[Strike], Numbers]] = {
     "range": lambda strike: {"range_m": strike.uniform(10.0, 40.0)},
     "flood": _flood,
     "lie": _lie,
+    "equivocating": _none,
+    "revoked": _none,
     "camera-dead": _none,
     "camera-noisy": _noisy,
     "camera-stuck": _none,
@@ -127,5 +129,6 @@ STRENGTHS: dict[str, Callable[[Strike], Numbers]] = {
     },
     "disarm": _none,
     "forged": lambda strike: {"what": strike.one("impossible", "impersonated", "other-mission", "two-versions")},
+    "copied-key": lambda strike: {"beside_m": strike.scale(5.0, 50.0)},
     "old-command": _none,
 }

@@ -92,7 +92,7 @@ class SameLogSameHypothesis(Invariant[Moment]):
         """Pairs with equal logs and different hypotheses."""
         first: dict[tuple[str, int], tuple[int, Pilot]] = {}
         for drone, pilot in enumerate(moment.pilots):
-            if pilot is None or pilot.hypothesis is None or pilot.fusion.pending:
+            if pilot is None or pilot.hypothesis is None or pilot.pending:
                 continue
             other, same = first.setdefault((pilot.digest, pilot.hypothesis.stamp_ns), (drone, pilot))
             if other != drone and not _equal(pilot, same):

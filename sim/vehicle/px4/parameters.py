@@ -6,10 +6,12 @@ A parameter is an int32 or a float32. On the link every value is a float: an int
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Mapping
 
 Value = int | float
 INT32, REAL32 = 6, 9  # MAV_PARAM_TYPE
+_ALL_BITS = 0xFFFF_FFFF
 
 DEFAULTS: dict[str, Value] = {
     "BAT1_CAPACITY": 5000.0,
@@ -132,6 +134,15 @@ class Parameters:
         """The value as PARAM_VALUE carries it."""
         value = self._values[name]
         return _float_of_bits(value) if isinstance(value, int) else value
+
+    @property
+    def hash_wire(self) -> float:
+        """PX4's hash over names and values, as PARAM_VALUE carries it: a CRC-32 without the usual inversions."""
+        inverted = _ALL_BITS
+        for name in self.names:
+            inverted = zlib.crc32(name.encode() + struct.pack("<f", self.wire(name)), inverted)
+        result: float = struct.unpack("<f", struct.pack("<I", inverted ^ _ALL_BITS))[0]
+        return result
 
     def set(self, name: str, wire: float) -> None:
         """Apply the value of a PARAM_SET of the right type."""

@@ -3,9 +3,9 @@
 import re
 
 import pytest
-from members import AUTHORITY, FOREIGN, OPERATOR, order
+from members import AUTHORITY, FOREIGN, OPERATOR, order, revocation
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, state
+from one_pilot import MISSION, SECOND, START_NS, nonce_key_of, state
 from one_pilot import command as plain_command
 from recorded_flights import rewritten
 
@@ -18,7 +18,9 @@ from agent.flight.recorded import MOST_REFUSED, RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.flight.replay import replay
 from protocol.codec import decode_from, encode
+from protocol.keys import key_of
 from protocol.messages import Action
+from protocol.revocations import Revoked
 
 BOOT = "0" * 15 + "1"  # the boot to which the commands below are addressed
 
@@ -28,7 +30,7 @@ D1 = AUTHORITY.trust("d1")
 
 def flown(folder, messages, trust=D1):
     """The record of a drone in the air that receives these messages: time after the start (s), key and payload."""
-    header = FlightHeader.of(MISSION, DroneConfig(id="d1"), BOOT, START_NS, None, trust)
+    header = FlightHeader.of(MISSION, DroneConfig(id="d1"), BOOT, START_NS, None, trust, nonce_key=nonce_key_of(BOOT))
     recorder = FlightRecorder(folder, 100, header)
     folder.mkdir(exist_ok=True)
     pilot = RecordedPilot(header.pilot(folder, trust), recorder)
@@ -43,12 +45,14 @@ def flown(folder, messages, trust=D1):
 
 
 def audited(monkeypatch, capsys, folder):
-    """Exit code of the command, its lines, and what it says on stderr."""
+    """Exit code of the command, its lines after that of the mission, and what it says on stderr."""
     monkeypatch.setattr("sys.argv", ["radron-agent", "audit", str(folder)])
     with pytest.raises(SystemExit) as ended:
         main()
     said = capsys.readouterr()
-    return ended.value.code, said.out.splitlines(), said.err.strip()
+    mission, *lines = said.out.splitlines() or ["d1: mission "]
+    assert mission.startswith("d1: mission ")
+    return ended.value.code, lines, said.err.strip()
 
 
 @pytest.fixture
@@ -174,13 +178,13 @@ def only_segment(folder):
 
 
 def test_a_record_of_another_protocol_ends_in_one_line(tmp_path, told, monkeypatch):
-    monkeypatch.setattr("agent.flight.header.VERSION", 1)
+    monkeypatch.setattr("agent.flight.header.VERSION", 3)
     folder = flown(tmp_path / "d1", FLIGHT[:1])
     monkeypatch.undo()
     code, out, err = told(folder)
     assert (code, out) == (2, [])
-    told = "recorded with version 1 of the protocol, here 2: audit it with the radron that recorded it"
-    assert err == f"radron-agent: {only_segment(folder)}: {told}"
+    told = "recorded with version 3 of the protocol, here 2: audit it with the radron that recorded it ("
+    assert err.startswith(f"radron-agent: {only_segment(folder)}: {told}")
 
 
 def test_a_torn_record_is_told_as_far_as_it_goes(tmp_path, told):
@@ -245,3 +249,31 @@ def test_a_verdict_that_cannot_be_read_ends_in_one_line(tmp_path, told):
     code, out, err = told(broken)
     assert (code, out, len(err.splitlines())) == (2, [], 1)
     assert "a record of out/verdict cannot be read" in err
+
+
+def test_revocations_are_listed_with_who_gave_them_and_the_copies_that_others_pass_on_are_not(told, tmp_path):
+    given = revocation(last={"2" * 16: 7})
+    passed_on = Revoked(stamp_ns=at(2), drone="d2", held=(decode_from(*given),))
+    flight = [
+        (0, revocation(trust=AUTHORITY.trust("bert", "operator"))),
+        (1, given),
+        (2, (key_of(MISSION.swarm, passed_on), encode(passed_on))),
+        (3, revocation(member="anna", stamp_ns=at(3))),
+    ]
+    folder = flown(tmp_path / "flight", flight)
+    code, lines, _ = told(folder)
+    assert code == 0
+    refused, first, second = lines
+    assert re.search(
+        r"bert +operator bert, serial \w+, until .* revoke +d2 +d1: refused: its certificate does not carry", refused
+    )
+    assert re.search(r"lockstep +operator lockstep, serial \w+, until .* revoke +d2 +d1: obeyed$", first)
+    assert re.search(r"lockstep .* revoke +anna +d1: obeyed$", second)
+    assert replay(folder).identical
+
+
+def test_a_revocation_that_was_passed_on_is_listed_too(told, tmp_path):
+    passed_on = Revoked(stamp_ns=at(2), drone="d2", held=(decode_from(*revocation()),))
+    code, lines, _ = told(flown(tmp_path / "flight", [(2, (key_of(MISSION.swarm, passed_on), encode(passed_on)))]))
+    assert code == 0
+    assert [line.split()[-3:] for line in lines] == [["d2", "d1:", "obeyed"]]

@@ -199,7 +199,7 @@ def test_the_header_brings_everything_the_pilot_was_made_of(tmp_path):
     for name, text in texts.items():
         (calibration / name).write_text(text)
     drone = replace(HEADER.drone, calibration=str(calibration))
-    header = type(HEADER).of(HEADER.mission, drone, HEADER.boot, HEADER.started_ns)
+    header = type(HEADER).of(HEADER.mission, drone, HEADER.boot, HEADER.started_ns, nonce_key=b"drawn")
     recorder = FlightRecorder(tmp_path / "flight", 100, header)
     recorder.close()
     for file in calibration.iterdir():

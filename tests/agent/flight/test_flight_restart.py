@@ -31,9 +31,10 @@ class Mortal:
         self.start(boot, None)
 
     def start(self, boot, memory):
-        header = FlightHeader.of(self.mission, self.config, boot, SECOND * (1_800_000_000 + next(self.boots)), memory, self.trust)
+        begun_ns, key = SECOND * (1_800_000_000 + next(self.boots)), {"nonce_key": boot.encode()}
+        header = FlightHeader.of(self.mission, self.config, boot, begun_ns, memory, self.trust, **key)
         self.recorder = FlightRecorder(self.folder, 100, header)
-        self.bare = Pilot(self.mission, self.config, boot, memory=memory, trust=self.trust)
+        self.bare = Pilot(self.mission, self.config, boot, memory=memory, trust=self.trust, **key)
         self.fusion = self.bare.fusion
         self.pilot = RecordedPilot(self.bare, self.recorder)
 
@@ -84,7 +85,7 @@ class Mortal:
 def test_a_restarted_agent_flies_on_and_everything_replays(tmp_path):
     agents = []
 
-    def made(mission, config, boot, listeners, memory, estimators, trust):
+    def made(mission, config, boot, listeners, memory, estimators, trust, *, nonce_key):
         agents.append(Mortal(tmp_path / config.id, mission, config, boot, trust, mortal=config.id == "d2"))
         return agents[-1]
 

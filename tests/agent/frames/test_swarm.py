@@ -13,7 +13,7 @@ from sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run,
 
 from agent.frames.swarm import BEFORE_START_NS, SwarmFrames
 from protocol.codec import encode
-from protocol.entries import Counts, Coverage, Entry, Exposure, Fix, PoseSample, Sighting
+from protocol.entries import Counts, Exposure, Fix, PoseSample, Sighting
 
 CHI2_90 = 7.78  # of four numbers, 90 % are below it
 DRIFT = {"drift_m": 0.1, "yaw_drift_deg": 0.2}  # 1 % of 100 m, 0.1 degrees by the root of seconds and of metres at 3 m/s each
@@ -346,50 +346,46 @@ def test_what_comes_two_minutes_late_is_counted_as_if_in_time():
     assert before != lines(frames, flown) == lines(at_once(flown), flown)
 
 
-def rivals(flown):
-    """An entry, and others of the same identity: by kind."""
-    of_d2 = [entry for entry in flown.entries if entry.drone == "d2" and entry.stamp_ns > START_NS + 5 * SECOND]
-    exposure = next(entry for entry in of_d2 if isinstance(entry, Exposure))
-    fix = next(entry for entry in of_d2 if isinstance(entry, Fix))
-    sighting = next(entry for entry in of_d2 if isinstance(entry, Sighting))
-    elsewhere = tuple(structs.replace(pose, position_m=(0.0, 3.0, 5.0)) for pose in exposure.poses)
-    later = structs.replace(exposure.poses[0], offset_ns=450_000_000)
-    return {
-        "elsewhere": (exposure, structs.replace(exposure, poses=elsewhere)),
-        "another epoch": (structs.replace(exposure, epoch=3), exposure),
-        "another moment": (structs.replace(exposure, poses=(later,)), exposure),
-        "a fix elsewhere": (fix, structs.replace(fix, latitude_deg=fix.latitude_deg + 1e-4)),
-        "another one seen": (sighting, structs.replace(sighting, target="d1" if sighting.target == "d3" else "d3")),
-        "no fix, but a sighting": (fix, structs.replace(sighting, **identity_of(fix))),
-        "no sighting, but a path": (sighting, Coverage(**identity_of(sighting), epoch=0, path_m=((0.0, 0.0),), swath_m=1.0)),
-        "no exposure, but a fix": (exposure, structs.replace(fix, **identity_of(exposure))),
-    }
-
-
-def identity_of(entry):
-    return {name: getattr(entry, name) for name in Entry.__struct_fields__}
-
-
-@pytest.mark.parametrize("kind", list(rivals(fly(satellites(), 6.0, 1, datum=True))))
-def test_of_two_entries_of_one_identity_the_one_that_the_log_keeps_counts_alone(kind):
-    """By its hash the log keeps the second; whoever got that one first never hears of the other."""
-    flown = fly(satellites(), 12.0, 1, datum=True)
-    loser, winner = rivals(flown)[kind]
-    rest = [entry for entry in flown.entries if entry.entry_id != winner.entry_id]
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_forgotten_leaves_no_trace_in_the_frames(seed):
+    """Forged entries of d2, of which some have the stamps of true ones: forgotten while some wait and others are estimated."""
+    flown = fly(satellites(), 14.0, seed, datum=True)
+    rng = random.Random(seed)
+    of_d2 = [entry for entry in flown.entries if entry.drone == "d2"]
+    forged = [structs.replace(entry, sequence=entry.sequence + 100_000, boot="f" * 16) for entry in rng.sample(of_d2, 60)]
+    forged = [_moved(entry) if isinstance(entry, Exposure) else entry for entry in forged]
+    frames = SwarmFrames(flown.mission)
+    for place, entry in enumerate(rng.sample([*flown.entries, *forged], len(flown.entries) + len(forged))):
+        frames.receive(entry, encode(entry))
+        if place % 200 == 0:
+            frames.advance(arrival_ns(entry))
     end_ns = int(flown.stamps_ns[-1]) + SECOND
-    alone, both = SwarmFrames(flown.mission), SwarmFrames(flown.mission)
-    for entry in rest:
-        alone.receive(entry, encode(entry))
-        both.receive(entry, encode(entry))
-    alone.receive(winner, encode(winner))
-    both.receive(loser, encode(loser))
-    settle(both, end_ns)
-    both.receive(winner, encode(winner))
-    for frames in (alone, both):
+    if seed == 0:
         settle(frames, end_ns)
-    assert lines(both, flown) == lines(alone, flown)
-    assert both.graph.mission_from_local("d2", 3) is None
-    assert "d2" not in both.suspects()
+        assert lines(frames, flown) != lines(at_once(flown), flown)
+    frames.forget([entry.entry_id for entry in forged])
+    settle(frames, end_ns)
+    assert lines(frames, flown) == lines(at_once(flown), flown)
+
+
+def test_a_drone_of_which_nothing_counts_has_no_frame_any_more():
+    flown = fly(satellites(), 14.0, 1, datum=True)
+    gone = [entry for entry in flown.entries if entry.drone == "d2"]
+    frames, never = SwarmFrames(flown.mission), SwarmFrames(flown.mission)
+    for entry in flown.entries:
+        frames.receive(entry, encode(entry))
+        if entry not in gone:
+            never.receive(entry, encode(entry))
+    end_ns = int(flown.stamps_ns[-1]) + SECOND
+    settle(frames, end_ns)
+    frames.forget([entry.entry_id for entry in gone])
+    for one in (frames, never):
+        settle(one, end_ns)
+    assert lines(frames, flown) == lines(never, flown)
+
+
+def _moved(exposure):
+    return structs.replace(exposure, poses=tuple(structs.replace(pose, position_m=(9.0, 9.0, -9.0)) for pose in exposure.poses))
 
 
 def test_until_a_late_entry_is_counted_the_frames_before_serve():
@@ -411,6 +407,53 @@ def test_until_a_late_entry_is_counted_the_frames_before_serve():
     assert (lines(frames, flown), frames.graph.revision, frames.suspects()) == (before, revision, suspects)
     settle(frames, end_ns)
     assert lines(frames, flown) == lines(at_once(flown), flown) != before
+
+
+def test_a_drone_that_joins_late_has_nothing_estimated_again():
+    """Before its first pose nothing of it is known, so nothing can change."""
+    flown = fly(slams(), 60.0, 1, Sensor(rate_hz=1.0))
+    late_ns, end_ns = START_NS + 55 * SECOND, int(flown.stamps_ns[-1]) + SECOND
+    entries = sorted((entry for entry in flown.entries if entry.drone != "d3" or entry.stamp_ns >= late_ns), key=arrival_ns)
+    frames = SwarmFrames(flown.mission)
+    for entry in entries:
+        if arrival_ns(entry) < late_ns + SECOND // 4:
+            frames.receive(entry, encode(entry))
+    settle(frames, late_ns + SECOND // 4)
+    first = next(entry for entry in entries if entry.drone == "d3" and isinstance(entry, Exposure))
+    frames.receive(first, encode(first))
+    frames.advance(arrival_ns(first))
+    assert not frames.pending
+    rest = [entry for entry in entries if arrival_ns(entry) >= late_ns + SECOND // 4 and entry is not first]
+    for entry in rest:
+        frames.receive(entry, encode(entry))
+    settle(frames, end_ns)
+    whole = SwarmFrames(flown.mission)
+    for entry in entries:
+        whole.receive(entry, encode(entry))
+    settle(whole, end_ns)
+    assert lines(frames, flown) == lines(whole, flown)
+
+
+def test_who_is_behind_with_the_keyframes_says_so():
+    """A keyframe becomes due while earlier ones are still being estimated again: it is missing until the next call."""
+    flown = fly(slams(), 30.0, 1, Sensor(rate_hz=1.0))
+    end_ns = START_NS + 20 * SECOND
+    frames = SwarmFrames(flown.mission)
+    for entry in flown.entries:
+        frames.receive(entry, encode(entry))
+    frames.advance(end_ns)
+    assert frames.pending
+    told = []
+    while frames.pending:
+        told.append(lines(frames, flown))
+        frames.advance(end_ns + SECOND)
+    settle(frames, end_ns + SECOND)
+    assert told[-1] != lines(frames, flown)
+    one_at_a_time = SwarmFrames(flown.mission)
+    for entry in flown.entries:
+        one_at_a_time.receive(entry, encode(entry))
+    settle(one_at_a_time, end_ns + SECOND)
+    assert lines(one_at_a_time, flown) == lines(frames, flown)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.23, 0.77])

@@ -95,7 +95,17 @@ def test_insertion_tells_from_where_on_the_track_is_another():
     track = track_of([first, third])
     assert track.insert(second) == first.stamp_ns
     assert track.insert(second) is None
-    assert track.insert(Sample(0, 0, (0.0, 0.0, 0.0), 0.0)) == -1
+    assert track.insert(Sample(TENTH // 2, 0, (0.0, 0.0, 0.0), 0.0)) == TENTH // 2 - 1  # before the first one nothing is known
+
+
+def test_a_frame_that_begins_later_counts_only_where_insertion_says():
+    """Between the last sample of an epoch and the first one of the next both may be meant; before that, the present one."""
+    track = track_of(circling(4))  # the last one at 0.4 s
+    changed_ns = track.insert(circling(1, first=9, epoch=1)[0])
+    assert changed_ns == 4 * TENTH
+    assert track.joined(1, changed_ns + 1) is not None
+    assert track.joined(1, changed_ns) is None
+    assert track.joined(1, 2 * TENTH) is None
 
 
 def test_segments_that_change_are_told_once():

@@ -8,14 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agent.config.mission import (
-    AreaConfig,
-    DroneInMission,
-    FusionConfig,
-    GivenHypothesisConfig,
-    MissionConfig,
-    PaperEstimatorConfig,
-)
+from agent.config.estimators import FusionConfig, GivenHypothesisConfig, PaperEstimatorConfig
+from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from protocol.codec import encode
 from protocol.entries import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample
 

@@ -9,13 +9,16 @@ import msgspec
 import numpy as np
 import pytest
 
+from agent.frames.carried import told
 from agent.frames.graph import FrameGraph
+from agent.frames.swarm import SwarmFrames
 from agent.frames.transform import Transform
 from agent.fusion.bayes.search import SearchState
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import GridStep
 from agent.fusion.registry import estimator_named
-from protocol.entries import ConeOrder, Counts
+from protocol.codec import encode
+from protocol.entries import ConeOrder, Counts, Exposure, PoseSample
 
 # Events of one cluster with less than a photon's energy and with all of it, and of two clusters.
 BACKGROUND_PS = np.array([1.45, 0.03, 0.01, 0.0])
@@ -125,6 +128,39 @@ def test_a_frame_that_is_put_right_leaves_no_bias_behind(kit):
         left.append((after.sight_of("a").position - after.position)[0])
         assert math.dist(after.position[:2], (35.0, 62.0)) < 0.3
     assert np.mean(left) == pytest.approx(0.0, abs=0.3)  # each is known to 0.25 m
+
+
+def jumped(entry, error_m, sigma_m):
+    """An entry after its drone's own position has jumped by (20, -5) m, and the frame of that epoch as the drone tells it: off by
+    ``error_m`` to the east, which it knows to ``sigma_m`` in each axis.
+    """
+    if not isinstance(entry, Exposure):
+        x, y, z = entry.apex_m
+        return msgspec.structs.replace(entry, epoch=1, apex_m=(x + 20.0, y - 5.0, z))
+    poses = [(pose.offset_ns, *pose.position_m, pose.quaternion) for pose in entry.poses]
+    poses = tuple(PoseSample(offset_ns, (x + 20.0, y - 5.0, z), q) for offset_ns, x, y, z, q in poses)
+    frame = Transform(0.0, (error_m - 20.0, 5.0, 0.0), np.diag([sigma_m**2, sigma_m**2, 0.01, 1e-4]))
+    return msgspec.structs.replace(entry, epoch=1, poses=poses, carried=told(frame))
+
+
+@pytest.mark.parametrize(("drones", "error_m"), [("abc", 0.5), ("a", 4.0)], ids=["all of them", "one, far off"])
+def test_what_drones_measure_after_a_jump_counts_by_what_they_know_of_their_frame(kit, drones, error_m):
+    """After 30 s the localisation of the drones has jumped. All go on; one that is far off, and says so, moves nothing."""
+    mission, source, jump_ns, end_ns = kit.mission_of(), (35.0, 62.0), kit.T0_NS + 30 * 10**9, kit.T0_NS + 90 * 10**9
+    entries = [
+        jumped(entry, error_m, error_m) if entry.drone in drones and entry.stamp_ns >= jump_ns else entry
+        for entry in entries_of(kit, mission, np.random.default_rng(3), 90.0, lambda _: source, 2e9)
+    ]
+    frames = SwarmFrames(mission)
+    fusion = Fusion(mission, frames.graph, estimator_named("bayes", mission))
+    for entry in entries:
+        frames.receive(entry, encode(entry))
+    kit.feed(fusion, entries)
+    found = kit.settle(fusion, end_ns)
+    assert found.cones == sum(not isinstance(entry, Exposure) for entry in entries)
+    assert math.dist(found.position[:2], source) < (0.3 if drones == "a" else error_m + 0.3)
+    off = found.position[:2] - np.array(source)
+    assert off @ np.linalg.solve(found.covariance[:2, :2], off) < 3.0**2
 
 
 def test_a_moving_source_is_followed_without_lag(kit):

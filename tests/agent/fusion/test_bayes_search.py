@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from shapely import box
 
-from agent.config.mission import BayesEstimatorConfig
+from agent.config.estimators import BayesEstimatorConfig
 from agent.fusion.bayes.response import response_of
 from agent.fusion.bayes.search import Grid, SearchState
 from agent.terrain.ground import Ground

@@ -1,4 +1,3 @@
-import hashlib
 import random
 import tracemalloc
 from itertools import pairwise
@@ -53,6 +52,29 @@ def fusion_of(mission, estimator="paper"):
 
 def agrees(kit, fusion, other):
     return fusion.digest == other.digest and kit.same_bits(fusion.hypothesis, other.hypothesis)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32))
+def test_what_is_forgotten_changes_nothing_in_the_end(kit, mission, entries, in_order, seed):
+    """Forged entries among the others, forgotten in portions at any time, whether folded, late or waiting."""
+    rng = random.Random(seed)
+    forged = [msgspec.structs.replace(one, sequence=5000 + k) for k, one in enumerate(rng.sample(entries, 12))]
+    forged = [msgspec.structs.replace(one, apex_m=(1.0, 1.0, 3.0)) if isinstance(one, Cone) else one for one in forged]
+    arrivals = [*entries, *forged]
+    rng.shuffle(arrivals)
+    fusion, budget = fusion_of(mission), rng.randint(1, 60)
+    for place, entry in enumerate(arrivals):
+        kit.feed(fusion, [entry])
+        if place % 20 == 0:
+            fusion.advance(kit.T0_NS + round(END_NS * place / len(arrivals)), budget)
+    for start in range(0, len(forged), 5):
+        fusion.advance(kit.T0_NS + END_NS, budget)
+        gone = [one.entry_id for one in forged[start : start + 5]]
+        assert fusion.forget(gone) == gone
+    kit.settle(fusion, kit.T0_NS + END_NS, budget)
+    assert agrees(kit, fusion, in_order)
+    assert fusion.forget([one.entry_id for one in forged]) == []
 
 
 @settings(max_examples=60, deadline=None)
@@ -203,6 +225,20 @@ def fusion_at_rest(fusion, now_ns):
             return fusion
 
 
+def test_what_comes_a_second_late_all_the_time_has_little_computed_again(kit):
+    """Half of the entries: one after the other each would have ten steps computed again."""
+    mission = kit.mission_of(initial_cones=6, grid_s=0.1)
+    counting, fusion = counting_fusion(mission)
+    cones = kit.flight(mission, np.random.default_rng(3), 30.0, lambda _: (50.0, 50.0), rate_hz=10.0)
+    arrivals = [(cone.stamp_ns + cone.sequence % 2 * 10**9, cone) for cone in cones]
+    for now_ns in range(kit.T0_NS, kit.T0_NS + 32 * 10**9, 50_000_000):
+        kit.feed(fusion, [cone for arrival_ns, cone in arrivals if now_ns - 50_000_000 < arrival_ns <= now_ns])
+        fusion.advance(now_ns)
+    assert not fusion.pending  # all are in it two seconds after the last one
+    assert len(cones) < counting.folded < 3 * len(cones)
+    assert fusion.hypothesis.cones == len(cones)
+
+
 def test_of_one_drone_and_step_only_so_many_count_whatever_comes(kit, mission):
     flood = [
         kit.cone_entry(mission, 0.1 + 1e-6 * number, (1.0, 2.0, 3.0), (0.6, 0.0, 0.8), 0.5, sequence=number)
@@ -283,42 +319,6 @@ def test_checkpoints_are_thinned_and_old_ones_remain(kit, mission):
     kit.feed(whole, cones)
     end_ns = cones[-1].stamp_ns
     assert kit.same_bits(kit.settle(fusion, end_ns), kit.settle(whole, end_ns))
-
-
-@pytest.fixture(scope="module")
-def rivals(kit, mission, entries):
-    """Payloads of one identity: a cone, and others whose hashes are smaller, so that they win."""
-    cone = [entry for entry in entries if isinstance(entry, Cone)][20]
-    exposure = kit.exposure_entry(mission, 0.0, (0.0, 0.0, 3.0), drone=cone.drone, sequence=cone.sequence)
-    end_ns = cone.stamp_ns + 250_000_000
-    makers = {
-        "a cone that says nothing": lambda i: msgspec.structs.replace(cone, apex_m=(9e4, 0.0, 3.0), separation_mm=i * 0.1),
-        "a cone elsewhere": lambda i: msgspec.structs.replace(cone, apex_m=(10.0, 10.0, 3.0), separation_mm=i * 0.1),
-        "an exposure": lambda i: msgspec.structs.replace(exposure, stamp_ns=cone.stamp_ns, end_ns=end_ns, live_time_s=0.001 * i),
-    }
-    winners = {name: next(e for e in map(make, range(1, 200)) if hash_of(e) < hash_of(cone)) for name, make in makers.items()}
-    return cone, winners
-
-
-def hash_of(entry):
-    return hashlib.blake2b(encode(entry), digest_size=16).digest()
-
-
-@pytest.mark.parametrize("rival", ["a cone that says nothing", "a cone elsewhere", "an exposure"])
-def test_same_identity_other_bytes_ends_alike(kit, mission, entries, rivals, rival):
-    cone, winner = rivals[0], rivals[1][rival]
-    assert winner.entry_id == cone.entry_id
-    rest = [entry for entry in entries if entry is not cone]
-    alone = fusion_of(mission)
-    kit.feed(alone, [*rest, winner])
-    kit.settle(alone, kit.T0_NS + END_NS)
-    for order in ((cone, winner), (winner, cone)):
-        fusion = fusion_of(mission)
-        kit.feed(fusion, rest)
-        for entry in order:
-            kit.feed(fusion, [entry])
-            kit.settle(fusion, kit.T0_NS + END_NS)
-        assert agrees(kit, fusion, alone)
 
 
 def test_drones_with_their_own_frames_agree_with_one_common_frame(kit, entries, mission):

@@ -1,6 +1,6 @@
 import pytest
 
-from agent.config.mission import GivenHypothesisConfig
+from agent.config.estimators import GivenHypothesisConfig
 from agent.errors import ConfigError
 from agent.frames.graph import FrameGraph
 from agent.fusion.engine import Fusion

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from agent.config.mission import PaperEstimatorConfig
+from agent.config.estimators import PaperEstimatorConfig
 from agent.frames.transform import Transform
 from agent.fusion.estimator import GridStep
 from agent.fusion.initial import InitialSearch

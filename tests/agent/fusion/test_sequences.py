@@ -50,3 +50,14 @@ def test_without(left, right):
 @pytest.mark.parametrize("ranges", [[(1, 3), (2, 8)], [(1, 3), (4, 8)], [(1, 8), (2, 3)]])
 def test_overlapping_ranges_merge(ranges):
     assert list(SequenceSet(ranges)) == [(1, 8)]
+
+
+@given(st.sets(st.integers(0, 20)), st.lists(st.integers(0, 20)))
+def test_discarded_numbers_are_not_held(numbers, discarded):
+    held = SequenceSet()
+    for number in numbers:
+        held.add(number)
+    for number in discarded:
+        held.discard(number)
+    left = SequenceSet((number, number) for number in numbers - set(discarded))
+    assert list(held) == list(left)

@@ -51,6 +51,52 @@ def test_a_clock_behind_and_seconds_off():
     assert clocks["b"].offset_s == pytest.approx(0.0, abs=0.01)
 
 
+@pytest.mark.parametrize("jump_ms", [300, -300, 900, -900, 20_000, -20_000])
+@pytest.mark.parametrize("names", [("a", "b", "c"), ("a", "b")])
+def test_a_clock_that_is_set_in_flight_is_known_within_two_seconds(jump_ms, names):
+    """With statuses once a second, and at once where a clock is seen to have been set."""
+    clocks = {name: Clocks(name, [other for other in names if other != name]) for name in names}
+    hurry, known_s = set(), None
+    for tick in range(20 * 20):
+        true_ns, ahead_ns = START_NS + tick * SECOND // 20, dict.fromkeys(names, 0)
+        ahead_ns["b"] = jump_ms * MS if tick >= 200 else 0
+        for number, sender in enumerate(names):
+            if tick % 20 != 3 + 6 * number and sender not in hurry:
+                continue
+            hurry.discard(sender)
+            sent_ns = true_ns + ahead_ns[sender]
+            status = replace(STATUS, drone=sender, stamp_ns=sent_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
+            for receiver in names:
+                if receiver != sender and clocks[receiver].hear(status, true_ns + 5 * MS + ahead_ns[receiver]):
+                    hurry.add(receiver)
+        theirs_ns = true_ns + ahead_ns["b"]
+        off_ns = [clocks[name].own_stamp_ns("b", theirs_ns) - true_ns for name in names if name != "b"]
+        off_ns += [clocks["b"].own_stamp_ns(name, true_ns) - theirs_ns for name in names if name != "b"]
+        if tick >= 200 and all(abs(one_ns) < 20 * MS for one_ns in off_ns):
+            known_s = (tick - 200) / 20 if known_s is None else known_s
+        else:
+            assert known_s is None  # once known, it stays so
+    assert known_s is not None
+    assert known_s <= 2.0
+
+
+def test_a_delay_forged_alone_moves_nothing():
+    clocks, now_ns = exchanged({"a": 0, "b": 0, "c": 0})
+    for seconds, forged_ns in enumerate((-900 * MS, -20 * SECOND, 30 * SECOND), 1):
+        stamp_ns = now_ns("b") + seconds * SECOND
+        clocks["a"].hear(replace(STATUS, drone="b", stamp_ns=stamp_ns, delays_ns={"a": forged_ns}), stamp_ns + 2 * MS)
+        assert clocks["a"].own_stamp_ns("b", stamp_ns) == stamp_ns
+        assert clocks["a"].offset_s == pytest.approx(0.0, abs=0.02)
+
+
+def test_the_common_time_is_that_of_the_majority():
+    clocks, now_ns = exchanged({"a": 0, "b": -1410, "c": 1})
+    assert clocks["b"].common_ns(now_ns("b")) == pytest.approx(now_ns("a"), abs=5 * MS)
+    assert clocks["a"].common_ns(now_ns("a")) == now_ns("a")
+    clocks, now_ns = exchanged({"a": 0, "b": -1410}, names=("a", "b"))  # nobody can tell which one is wrong
+    assert all(clocks[name].common_ns(now_ns(name)) == now_ns(name) for name in "ab")
+
+
 def test_half_the_asymmetry_of_the_ways_remains():
     clocks, now_ns = exchanged({"a": 0, "b": 0}, ways_ms=(2, 22), names=("a", "b"))
     assert clocks["a"].offsets_s(now_ns("a"))["b"] == pytest.approx(-0.010, abs=1e-6)

@@ -54,6 +54,34 @@ def test_an_announced_jump_is_no_doubt_and_does_not_end_one(own):
     assert own.doubt_m == pytest.approx(22.0, abs=0.5)
 
 
+def test_an_announced_jump_that_the_stated_error_of_an_untrusted_position_explains_puts_that_right(own):
+    """As when a vehicle has its satellites back: PX4 goes back to their position in the same frame."""
+    exactly, drifted = own.frame.mission_from_local, {"position_trusted": False, "position_sigma_m": 9.0}
+    own.take(state(START_NS + 6 * TICK_NS, position=HERE, **drifted))
+    own.take(state(START_NS + 7 * TICK_NS, position=JUMPED, epoch=1))
+    assert own.frame.mission_from_local == exactly
+    assert own.sigma_m == 0.1
+
+
+def test_an_announced_jump_that_it_does_not_explain_begins_another_frame(own):
+    before = in_mission(own)
+    own.take(state(START_NS + 6 * TICK_NS, position=HERE, position_trusted=False, position_sigma_m=2.0))
+    own.take(state(START_NS + 7 * TICK_NS, position=JUMPED, epoch=1))
+    assert in_mission(own) == pytest.approx(before)
+    assert own.sigma_m > 2.0  # it was as wrong before
+
+
+def test_a_turn_that_was_not_announced_is_a_doubt_that_grows_with_the_way(own):
+    before, turned = in_mission(own), (math.cos(0.3), 0.0, 0.0, math.sin(0.3))  # by 0.6 rad
+    own.take(state(START_NS + 6 * TICK_NS, position=HERE, quaternion=turned))
+    assert in_mission(own) == pytest.approx(before)
+    assert own.doubt_m == pytest.approx(0.0, abs=1e-6)
+    assert own.vehicle.yaw_sigma_rad > 0.4
+    own.take(state(START_NS + 10 * SECOND, position=(40.0, 10.0, 3.0), quaternion=turned))
+    assert own.doubt_m == pytest.approx(30.0 * 0.6, rel=0.05)
+    assert own.sigma_m > 0.6 * own.doubt_m
+
+
 def test_the_fence_holds_for_both_places(own):
     fence = OwnFence(AREA, own)
     alone = fence.put(own.vehicle, 0.0)

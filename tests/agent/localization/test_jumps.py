@@ -1,5 +1,7 @@
 """Unannounced jumps of a vehicle's localisation."""
 
+import math
+
 import pytest
 from msgspec.structs import replace
 from one_pilot import SECOND, START_NS, TICK_NS, messages, started, state
@@ -33,6 +35,29 @@ def test_an_unannounced_jump_begins_an_epoch_and_is_reported():
     assert detector.jumps == 1
     assert detector.problem(START_NS + SECOND) == "its localisation jumped by 15 m without announcing it"
     assert detector.problem(START_NS + 120 * SECOND) is None
+
+
+def turning(detector, headings, **values):
+    """The epochs under which a hover with these headings, 50 ms apart, appears."""
+    found = []
+    for step, yaw_rad in enumerate(headings):
+        quaternion = (math.cos(0.5 * yaw_rad), 0.0, 0.0, math.sin(0.5 * yaw_rad))
+        found.append(detector.take(state(START_NS + step * TICK_NS, quaternion=quaternion, **values)).epoch)
+    return found
+
+
+@pytest.mark.parametrize("rate_rps", [0.0, 1.0, -30.0], ids=["rest", "turn", "spin"])
+def test_a_heading_that_jumps_unannounced_begins_an_epoch_and_is_reported(rate_rps):
+    detector = JumpDetector(8.0)
+    turned = [rate_rps * 0.05 * step for step in range(10)]
+    assert turning(detector, [*turned[:6], *(yaw_rad + 0.67 for yaw_rad in turned[6:])]) == [0] * 6 + [1] * 4
+    assert detector.problem(START_NS + SECOND) == "its localisation turned by 38 degrees without announcing it"
+
+
+def test_a_vehicle_that_turns_as_hard_as_it_can_begins_no_epoch():
+    harder = [0.5 * 6.0 * (0.05 * step) ** 2 for step in range(40)]
+    assert set(turning(JumpDetector(8.0), [*harder, *(2.0 * harder[-1] - yaw_rad for yaw_rad in harder[-2::-1])])) == {0}
+    assert set(turning(JumpDetector(8.0), [0.0, 0.0, 0.67, 0.67], yaw_sigma_rad=0.3)) == {0}  # it had said so
 
 
 def test_a_jump_within_the_stated_error_begins_no_epoch():
@@ -99,4 +124,4 @@ def test_a_drone_with_an_exact_frame_tells_of_a_jump_and_stays_where_it_is():
     assert any("its localisation jumped by 20 m" in text for text in statuses[-1].problems)
     (x, y, _), frame = one.frames.graph.mission_from_local("d1", 0).translation, one.frames.graph.mission_from_local("d1", 1)
     assert (x, y) == (5.0, 5.0)
-    assert frame is None  # what it measures from now on does not count
+    assert frame is None  # nothing has been measured in it

@@ -2,7 +2,9 @@ import pytest
 from msgspec.structs import replace
 
 from agent.config.mission import SurveyConfig, TrackConfig
-from agent.mission.stages import FAILSAFE_NS, STALE_NS, TAKEOVER_NS, UNSTEERED_NS, Mission, Situation
+from agent.mission.situation import Situation
+from agent.mission.stages import UNSTEERED_NS, Mission
+from agent.mission.takeover import FAILSAFE_NS, STALE_NS, TAKEOVER_NS
 from agent.vehicle.interface import FlightMode, Request, VehicleState
 from protocol.messages import Action, Stage
 
@@ -179,6 +181,25 @@ def test_from_hold_one_can_come_home(action):
     assert mission.stage in (Stage.RETURN, Stage.LANDING, Stage.ABORT)
 
 
+def test_a_hold_ends_in_a_return_when_the_battery_is_low():
+    mission = tracking()
+    mission.command(Action.HOLD, 11 * SECOND, at(11.0))
+    mission.step(at(60.0, VEHICLE))
+    assert mission.stage is Stage.HOLD
+    mission.step(at(61.0, VEHICLE, battery_low=True))
+    assert (mission.stage, mission.request) == (Stage.RETURN, Request.OFFBOARD)
+
+
+def test_what_a_pilot_has_stopped_is_not_sent_home_by_the_agent():
+    """A hold that somebody else has chosen: its end is the pilot's, or the autopilot's own failsafe."""
+    mission = tracking()
+    for tick in range(100):
+        mission.step(at(11.0 + 0.05 * tick, OFFBOARD if tick < 50 else VEHICLE, has_hypothesis=True, last_cone_ns=10 * SECOND))
+    assert mission.released
+    mission.step(at(60.0, VEHICLE, battery_low=True))
+    assert (mission.stage, mission.request) == (Stage.HOLD, Request.RELEASE)
+
+
 def test_what_cannot_be_is_refused_with_a_reason():
     mission = Mission(TrackConfig())
     assert mission.command(Action.HOLD, SECOND, CALM) == "hold: not flying"
@@ -281,6 +302,17 @@ def test_a_stale_hold_of_before_the_takeoff_is_not_its_end() -> None:
         mission.step(at(at_s, replace(VEHICLE, mode=mode, in_air=in_air)))
         assert mission.stage is Stage.TAKEOFF
     mission.step(at(8.2, replace(VEHICLE, mode=FlightMode.TAKEOFF)))  # IN_AIR comes up to 0.8 s before the heartbeat's hold
+    assert mission.stage is Stage.SURVEY
+
+
+def test_a_takeoff_that_ends_below_the_floor_goes_on_by_setpoints() -> None:
+    """The autopilot goes by its barometer; the rangefinder says that it is at 1.4 m."""
+    mission = Mission(TrackConfig(), floor_m=1.5)
+    mission.command(Action.START, SECOND, CALM)
+    for at_s, mode in ((5.0, FlightMode.HOLD), (6.0, FlightMode.OFFBOARD)):
+        mission.step(at(at_s, replace(VEHICLE, mode=mode, height_m=1.4)))
+        assert (mission.stage, mission.request) == (Stage.TAKEOFF, Request.OFFBOARD)
+    mission.step(at(6.5, replace(OFFBOARD, height_m=1.6)))
     assert mission.stage is Stage.SURVEY
 
 
@@ -393,6 +425,41 @@ def test_a_position_that_stays_lost_is_not_held_for_ever(low_s, lands_s, why) ->
     assert landing_s[0] == pytest.approx(lands_s, abs=0.11)
     assert mission.request is Request.LAND
     assert why in mission.landed_because
+
+
+def landing_without_a_position():
+    """Since 40 s."""
+    mission = surveying()
+    for tick in range(620):
+        mission.step(at(10.0 + 0.05 * tick, HOLDING_BLIND))
+    assert mission.stage is Stage.LANDING
+    return mission
+
+
+def test_while_it_lands_for_want_of_a_position_it_cannot_be_sent_elsewhere() -> None:
+    mission = landing_without_a_position()
+    refused = mission.command(Action.RETURN, 41 * SECOND, at(41.0))
+    assert refused is not None
+    assert "position could not be trusted" in refused
+    assert mission.stage is Stage.LANDING
+    assert mission.command(Action.ABORT, 42 * SECOND, at(42.0)) is None
+
+
+def test_once_its_position_is_back_an_operator_may_send_it_home() -> None:
+    """Unasked it lands on. Before, it turned back to landing at once, and told nobody."""
+    mission = landing_without_a_position()
+    for second in (41.0, 42.0, 43.0):
+        mission.step(at(second, replace(VEHICLE, mode=FlightMode.LAND)))
+    assert (mission.stage, mission.request) == (Stage.LANDING, Request.LAND)
+    assert mission.command(Action.RETURN, 44 * SECOND, at(44.0)) is None
+    mission.step(at(45.0))
+    assert (mission.stage, mission.request, mission.landed_because) == (Stage.RETURN, Request.OFFBOARD, "")
+
+
+def test_near_the_ground_not_even_then() -> None:
+    mission = landing_without_a_position()
+    mission.step(at(41.0, replace(VEHICLE, mode=FlightMode.LAND, height_m=0.6)))
+    assert mission.command(Action.RETURN, 44 * SECOND, at(44.0)) is not None
 
 
 def test_a_return_that_gets_no_nearer_lands_where_it_is() -> None:

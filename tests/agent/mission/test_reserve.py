@@ -14,10 +14,12 @@ def other(name: str, stage: Stage, battery: float | None = None) -> dict[str, St
     return {name: Status(stamp_ns=0, drone=name, mission="0" * 16, boot="1" * 16, stage=stage, battery=battery)}
 
 
-def returns(level: float | None, others: dict[str, Status] | None = None, for_ns: int = LATER_NS) -> bool:
+def returns(
+    level: float | None, others: dict[str, Status] | None = None, for_ns: int = LATER_NS, unheard: tuple[str, ...] = ()
+) -> bool:
     reserve, vehicle = Reserve("d2", 0.2), replace(state(0), battery=level)
-    reserve.returns(0, vehicle, others or {})
-    return reserve.returns(for_ns, vehicle, others or {})
+    reserve.returns(0, vehicle, others or {}, unheard)
+    return reserve.returns(for_ns, vehicle, others or {}, unheard)
 
 
 @pytest.mark.parametrize(("level", "goes"), [(None, False), (0.3, False), (0.2, False), (0.19, True)])
@@ -44,5 +46,10 @@ def test_one_after_the_other(others: dict[str, Status], goes: bool) -> None:
     assert returns(0.15, others) is goes
 
 
+def test_a_vehicle_that_may_come_home_without_its_agent_goes_first() -> None:
+    assert not returns(0.15, unheard=("d3",))
+
+
 def test_one_that_can_wait_no_longer_does_not() -> None:
     assert returns(0.09, other("d1", Stage.RETURN))
+    assert returns(0.09, unheard=("d3",))

@@ -62,6 +62,14 @@ def test_at_its_place_a_drone_flies_on_along_the_circle() -> None:
     assert angles_of(reference.positions) == pytest.approx(0.7 + np.arange(31) * 0.05, abs=1e-9)
 
 
+def test_while_the_circle_stands_a_drone_goes_to_its_place_and_stays_there() -> None:
+    """Halfway to where both are opposite each other; the other one does the same."""
+    still = PeerState(at(0.7).position)
+    reference = SMOOTH.reference(still, {"b": at(0.7 + 2.0, speed=0.0)}, "a", center=CENTER, stands=True)
+    assert angles_of(reference.positions)[-1] == pytest.approx(0.7 + 1.0 - 0.5 * pi)
+    assert np.hypot(*reference.velocities[-1, :2]) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_the_smooth_law_moves_with_the_centre() -> None:
     velocity = (1.0, -0.5, 0.0)
     start = at(0.7)

@@ -230,3 +230,21 @@ def test_between_a_drone_that_is_heard_and_one_that_is_not_it_keeps_clear_of_the
     made = tracker.plan(0, PeerState((0.0, 0.0, 3.0)), stay(0.0, 0.0), [heard, unheard])
     x, y, _ = made.positions[-1].tolist()
     assert hypot(x + 4.0, y) > hypot(x - 4.5, y) + 0.3
+
+
+def test_pushed_out_of_the_circle_of_others_a_drone_brakes_in_time_before_the_fence() -> None:
+    """Somebody who is not heard may be anywhere on the circle; the reference lies inside, far from the fence."""
+    fence = Fence(shapely.box(-20.5, -200.0, 200.0, 200.0), 1.5, 60.0)
+    tracker, state, clearances = Tracker(LIMITS, fence, drone_id="d1"), PeerState((-6.0, -1.0, 3.0), (-0.7, -2.4, 0.0)), []
+    tracker.reset(state.position, state.velocity)
+    ahead = np.tile(state.position[:2], (21, 1))
+    for step in range(60):
+        outward = ahead / np.hypot(*ahead.T)[:, None]
+        circle = [(x, y, 3.0) for x, y in (12.8 * outward).tolist()]
+        now_ns = step * STEP_NS
+        tracker.plan(now_ns, state, stay(-8.0, 2.0), [PeerPlan("d2", now_ns, 0.2, circle, blind=True, away=outward)])
+        state = tracker.state(now_ns + STEP_NS)
+        ahead = np.array([tracker.state(now_ns + (k + 1) * STEP_NS).position[:2] for k in range(21)])
+        clearances.append(fence.clearance(*state.position[:2]))
+    assert min(clearances) > 0.75  # half of the margin that plans keep: fence and circle give way to each other
+    assert hypot(*state.position[:2]) == pytest.approx(12.8 + 5.0, abs=0.1)

@@ -19,7 +19,7 @@ from agent.navigation.neighbours import Self
 from agent.navigation.peers import Peers
 from agent.navigation.surveying import InformedSearch, Prospect, Search
 from agent.vehicle.interface import FlightMode
-from protocol.messages import Pose, Stage
+from protocol.messages import Pose, Stage, Status
 
 MISSION = replace(ANY_MISSION, encirclement=EncirclementConfig(nearest_m=5.0))
 AT_ONCE = DroneConfig(id="d1", vehicle=VehicleConfig(response=ResponseConfig(lag_s=0.0)))
@@ -49,19 +49,28 @@ def made(mission: MissionConfig = MISSION):
     return Navigator(mission, AT_ONCE, own, frames, search, InformedSearch(mission, Prospect(lambda: None))), own, frames
 
 
-def flown(believed, seconds: float = 40.0, mission: MissionConfig = MISSION, stage: Stage = Stage.TRACK):
+def flown(
+    believed,
+    seconds: float = 40.0,
+    mission: MissionConfig = MISSION,
+    stage: Stage = Stage.TRACK,
+    height_m: float = 3.0,
+    peers: Peers | None = None,
+    home_m=None,
+):
     """Places (T, 3) in the mission frame of a vehicle that is where it is told to be.
 
-    believed: the hypothesis by the time.
+    believed: the hypothesis by the time. home_m: mission frame.
     """
     navigator, own, frames = made(mission)
+    navigator.home.remember(home_m)
     mission_from_local = frames.mission_from_local("d1", 0)
     local = mission_from_local.inverse()
-    position, velocity, places = local.apply_point((35.0, 25.0, 3.0)), (0.0, 0.0, 0.0), []
+    position, velocity, places = local.apply_point((35.0, 25.0, height_m)), (0.0, 0.0, 0.0), []
     for tick in range(round(seconds * SECOND / TICK_NS)):
         now_ns = START_NS + tick * TICK_NS
         vehicle = own.take(replace(state(now_ns, FlightMode.OFFBOARD, position), velocity_mps=velocity))
-        setpoint, _ = navigator.step(Moment(now_ns, stage, START_NS, vehicle, believed(now_ns)), Peers([]))
+        setpoint, _ = navigator.step(Moment(now_ns, stage, START_NS, vehicle, believed(now_ns)), peers or Peers([]))
         position, velocity = setpoint.position_m, setpoint.velocity_mps
         places.append(mission_from_local.apply_point(position))
     return np.array(places)
@@ -119,6 +128,34 @@ def test_the_centre_of_its_circle_stays_over_a_fast_source():
 def test_what_was_lost_is_encircled_where_the_posterior_is():
     places = flown(lambda now_ns: hypothesis(now_ns, rms_m=18.0), seconds=60.0, stage=Stage.REACQUIRE)
     assert np.median(radii(places[-400:])) == pytest.approx(18.0, abs=0.2)
+
+
+def test_the_rest_of_a_takeoff_goes_straight_up_whatever_is_known_of_the_source():
+    places = flown(hypothesis, seconds=8.0, stage=Stage.TAKEOFF, height_m=1.0)
+    assert np.abs(places[:, :2] - (35.0, 25.0)).max() < 0.05
+    assert places[-1, 2] == pytest.approx(MISSION.survey.height_m, abs=0.05)
+
+
+@pytest.mark.parametrize(("missing", "again_s"), [(True, 99.0), (True, 6.0), (False, 99.0)], ids=["gone", "again", "heard"])
+def test_who_misses_another_drone_comes_home_in_its_own_layer(missing, again_s):
+    """The other one may be on its way home too, and hears as little of this one; or is heard again when this one is over it."""
+    peers = Peers(["d2"])
+    far = state(START_NS, position=(40.0, 40.0, 3.0))
+    placed = {"position_m": far.position_m, "velocity_mps": far.velocity_mps, "quaternion": far.quaternion, "epoch": 0}
+    pose = Pose(stamp_ns=START_NS, drone="d2", position_sigma_m=0.1, yaw_sigma_rad=0.01, **placed)
+    status = Status(stamp_ns=START_NS, drone="d2", mission=MISSION.mission_id, boot="1" * 16, stage=Stage.TRACK)
+    assert {peers.receive(message, START_NS) for message in (pose, status) if missing} <= {None}
+
+    def believed(now_ns: int) -> None:
+        if now_ns > START_NS + again_s * SECOND:
+            peers.receive(replace(pose, stamp_ns=now_ns), now_ns)
+
+    places = flown(believed, stage=Stage.RETURN, peers=peers, home_m=(10.0, 25.0, 0.0))
+    across = places[(places[:, 0] < 27.0) & (places[:, 0] > 12.0)]  # it hears the other one for a second yet
+    layer_m = MISSION.return_height_m("d1") if missing else MISSION.survey.height_m
+    assert len(across) > 50
+    assert across[:, 2] == pytest.approx(np.full(len(across), layer_m), abs=1.1)
+    assert places[-1] == pytest.approx((10.0, 25.0, MISSION.survey.height_m), abs=0.3)
 
 
 def flown_in(frame_at, seconds: float = 40.0):

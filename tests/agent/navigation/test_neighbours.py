@@ -119,6 +119,23 @@ def test_who_searched_keeps_to_its_own_side():
     assert (hood.absence.missing, hood.absence.ring, hood.absence.alone) == (("b",), 0, True)
 
 
+@pytest.mark.parametrize(("seconds", "stops"), [(5.0, [[10.0, 1.0], [10.0, 5.0]]), (14.0, [])])
+def test_where_a_vehicle_hovers_without_its_agent_is_told_until_it_has_left(seconds, stops):
+    """It climbs from 3 to 13 m, slower than at 1.5 m/s never."""
+    hood, peers, now_ns = (
+        Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"),
+        Peers(["b"]),
+        round(seconds * SECOND),
+    )
+    for message in (pose(), status(Stage.TRACK)):
+        assert peers.receive(message, 0) is None
+    hood.around(peers, Self(now_ns, 0, 0.1, Transform(), circles=True))
+    assert hood.absence.stops == pytest.approx(np.array(stops).reshape(-1, 2), abs=1e-6)
+    assert hood.absence.coming_home == ("b",)
+    hood.around(peers, Self(120 * SECOND, 0, 0.1, Transform(), circles=True))
+    assert hood.absence.coming_home == ()
+
+
 def test_silence_and_unknown_frames():
     assert seen(pose(), now_ns=0) != []
     assert seen(status(Stage.TRACK)) == []
@@ -311,7 +328,7 @@ def test_a_drone_that_does_not_follow_its_plan_is_where_its_pose_says_and_gives_
     assert other.plan.positions[-1] == pytest.approx((10.0, 1.0, 3.0))
     assert other.plan.blind
     assert other.plan.goes_before("a")
-    follows = replace(pose(now_ns), position_m=(1.0, 2.4, 3.0), stamp_ns=now_ns + 1)
+    follows = replace(pose(now_ns), position_m=(1.0, 2.8, 3.0), stamp_ns=now_ns + SECOND // 10)
     assert peers.receive(follows, now_ns) is None
     (other,) = hood.around(peers, Self(now_ns, 0, 0.0, Transform()))
     assert not other.plan.blind
@@ -348,3 +365,34 @@ def test_a_drone_whose_poses_say_that_it_is_not_steered_is_placed_by_them_at_onc
     (steered,) = seen(replace(taken, steered=True), plan(), status(Stage.TRACK), now_ns=SECOND // 10)
     assert len(steered.plan.positions) == len(plan().positions_m)
     assert not steered.plan.blind
+
+
+def test_whoever_was_lost_while_the_own_clock_was_set_back_is_not_heard_like_any_other():
+    """It was 20 s fast, and b is silent since: its last news would be of the future for as long, and its plan nowhere."""
+    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    peers.keep_time(30 * SECOND)
+    for message in (pose(30 * SECOND), plan(30 * SECOND), replace(status(Stage.TRACK), stamp_ns=30 * SECOND)):
+        assert peers.receive(message, 30 * SECOND) is None
+    peers.keep_time(10 * SECOND)
+    (other,) = hood.around(peers, Self(10 * SECOND + SECOND // 2, 0, 0.0, Transform()))
+    assert other.plan.state(10 * SECOND + SECOND // 2).position == pytest.approx((8.0, 1.0, 3.0))
+    for now_ns in (11 * SECOND + SECOND // 10, 40 * SECOND):
+        hood.around(peers, Self(now_ns, 0, 0.0, Transform()))
+        assert hood.absence is not None
+        assert hood.absence.missing == ("b",)
+
+
+def test_the_line_to_keep_behind_stays_when_the_own_clock_is_set_back():
+    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    for message in (pose(30 * SECOND), replace(status(Stage.SURVEY), stamp_ns=30 * SECOND)):
+        assert peers.receive(message, 30 * SECOND) is None
+
+    def walls(now_ns):
+        hood.around(peers, Self(now_ns, 0, 0.0, Transform(), place_at=lambda ns: (0.0, 0.0, 3.0) if ns > 20 * SECOND else None))
+        return hood.absence.walls
+
+    before = walls(32 * SECOND)
+    assert "b" in before
+    peers.keep_time(32 * SECOND)
+    peers.keep_time(12 * SECOND)
+    assert walls(13 * SECOND) == before

@@ -1,10 +1,13 @@
 """News with a wrong stamp: dropped, so that no later and true one is older than known."""
 
 import pytest
-from one_pilot import START_NS, partner
+from msgspec.structs import replace
+from one_pilot import MISSION, START_NS, partner, pilot
 
 from agent.localization.clocks import MOST_SIGMA_M, Clocks
-from agent.navigation.peers import FUTURE_NS, MOST_AHEAD_NS, Peers
+from agent.navigation.peers import FUTURE_NS, Peers
+from protocol.codec import encode
+from protocol.keys import key_of
 from protocol.messages import Stage, Status
 
 MS = 1_000_000
@@ -14,22 +17,50 @@ def pose(stamp_ns):
     return next(partner(stamp_ns))
 
 
-@pytest.mark.parametrize(
-    ("ahead_ns", "behind_ns", "taken"),
-    [
-        (FUTURE_NS, 0, True),
-        (FUTURE_NS + MS, 0, False),
-        (950 * MS, 0, False),  # what won over all true ones
-        (FUTURE_NS + 300 * MS, 300 * MS, True),  # the own clock is known to be behind
-        (FUTURE_NS + 301 * MS, 300 * MS, False),
-        (MOST_AHEAD_NS + MS, 3600_000 * MS, False),
-    ],
-)
-def test_news_of_the_future_is_dropped_beyond_what_the_clocks_explain(ahead_ns, behind_ns, taken):
+@pytest.mark.parametrize(("ahead_ns", "taken"), [(FUTURE_NS, True), (FUTURE_NS + MS, False), (950 * MS, False)])
+def test_news_of_the_future_is_dropped(ahead_ns, taken):
     peers = Peers(["d2"])
-    refused = peers.receive(pose(START_NS + ahead_ns), START_NS, behind_ns)
-    assert refused == (None if taken else "from_the_future")
+    assert peers.receive(pose(START_NS + ahead_ns), START_NS) == (None if taken else "from_the_future")
     assert peers.receive(pose(START_NS + MS), START_NS + MS) == ("older_than_known" if taken else None)
+
+
+@pytest.mark.parametrize("ahead_ns", [300 * MS, 1410 * MS, -1410 * MS, 3600_000 * MS])
+def test_news_of_a_drone_whose_clock_is_known_to_differ_is_taken_at_its_time_by_the_own_clock(ahead_ns):
+    """By two delays of 20 ms that both drones tell; as long as only one is known, it is dropped."""
+    one, taken = pilot(), []
+    now_ns = START_NS + 20 * MS
+    for delays_ns in ({}, {"d1": 20 * MS + ahead_ns}):
+        status = replace(heard(START_NS + ahead_ns, 0), mission=MISSION.mission_id, delays_ns=delays_ns)
+        one.receive(key_of("radron", status), encode(status), now_ns)
+        for news in (pose(START_NS + ahead_ns + MS), pose(START_NS + ahead_ns + 201 * MS)):  # of now, and of the future
+            one.receive(key_of("radron", news), encode(news), now_ns)
+        known = one._peers["d2"].pose
+        taken.append(None if known is None else known.stamp_ns)
+    assert taken[1] == START_NS + MS
+    assert one.counters["dropped_from_the_future"] >= 1
+
+
+@pytest.mark.parametrize("back_s", [3, 20, 3600])
+def test_what_was_heard_stays_as_old_as_it_is_when_the_own_clock_is_set_back_and_right_again(back_s):
+    """To a step of the agent, whose length nobody knows then; and news is newer than known."""
+    peers, back_ns, step_ns = Peers(["d2"]), back_s * 1000 * MS, 50 * MS
+    peers.keep_time(START_NS)
+    assert peers.receive(pose(START_NS), START_NS) is None
+    for now_ns in (START_NS + step_ns - back_ns, START_NS + 2 * step_ns):
+        peers.keep_time(now_ns)
+        for kept in (peers["d2"].pose, peers["d2"].poses[0]):
+            assert now_ns - kept.stamp_ns == pytest.approx(0, abs=2 * step_ns)
+    assert peers.receive(pose(START_NS + 5 * step_ns), START_NS + 5 * step_ns) is None
+
+
+@pytest.mark.parametrize("slept_s", [1.9, 20.0])
+def test_time_that_passes_sets_no_clock(slept_s):
+    peers = Peers(["d2"])
+    peers.keep_time(START_NS)
+    peers.receive(pose(START_NS), START_NS)
+    peers.keep_time(START_NS + round(slept_s * 1000) * MS)
+    assert peers["d2"].pose.stamp_ns == START_NS
+    assert peers.set_ns == 0
 
 
 def heard(stamp_ns, delay_ns):
@@ -40,13 +71,14 @@ def heard(stamp_ns, delay_ns):
 def test_forged_delays_neither_move_the_clock_nor_hide_where_the_drone_is(forged_ns):
     clocks = Clocks("d1", ["d2"])
     clocks.hear(heard(START_NS, forged_ns), START_NS + 20 * MS)
-    assert clocks.offset_s == clocks.sigma_m(20.0) == clocks.behind_ns("d2") == 0.0
+    assert clocks.offset_s == clocks.sigma_m(20.0) == 0.0
+    assert clocks.own_stamp_ns("d2", START_NS) == START_NS
 
 
 def test_true_delays_tell_how_far_the_own_clock_is_behind():
     clocks = Clocks("d1", ["d2"])
     clocks.hear(heard(START_NS, 320 * MS), START_NS - 280 * MS)
-    assert clocks.behind_ns("d2") == pytest.approx(300 * MS, abs=1)
+    assert clocks.own_stamp_ns("d2", START_NS) == pytest.approx(START_NS - 300 * MS, abs=1000)
     assert clocks.offset_s == pytest.approx(-0.3)
 
 

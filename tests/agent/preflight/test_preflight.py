@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from identities import DAY_NS, identity, new_issuer
 from live_agents import Agent, free_ports, write_configs
+from members import revocation
 from msgspec.structs import replace
 
 from agent.config.drone import PeerMeshConfig
@@ -20,7 +21,9 @@ from agent.preflight.check import Preflight
 from agent.shell.overrides import load_drone
 from agent.shell.statestore import State, StateFile
 from agent.vehicle.interface import Finding
+from protocol.codec import decode, encode
 from protocol.messages import Stage
+from protocol.revocations import Revoked
 
 
 def command(folder: Path) -> subprocess.CompletedProcess[str]:
@@ -154,3 +157,18 @@ def test_links_that_are_not_encrypted_are_told(folder: Path) -> None:
     check = Preflight(replace(drone, mesh=PeerMeshConfig(listen=listen, insecure=True)), mission)
     (told,) = (finding for finding in check.findings if finding.name == "certificate")
     assert (told.verdict, "links are not encrypted (mesh.insecure = true)" in told.text) == ("ok", True)
+
+
+def test_whom_an_operator_has_revoked_is_named_and_does_not_count_as_ready_if_it_is_this_drone(folder: Path) -> None:
+    state = folder / "state"
+    assert not [one for one in Preflight(*load_drone(folder / "d1.toml", {})).findings if one.name == "revoked"]
+    state.mkdir(exist_ok=True)
+    held = tuple(decode(revocation(member=name)[1]) for name in ("d2", "anna"))
+    (state / "d1.revoked").write_bytes(encode(Revoked(stamp_ns=1, drone="d1", held=held)))
+    other = finding(folder, "revoked")
+    assert other == Finding("revoked", "ok", "d2 by lockstep, 2027-01-15 08:00 UTC, anna by lockstep, 2027-01-15 08:00 UTC")
+    (state / "d1.revoked").write_bytes(encode(Revoked(stamp_ns=1, drone="d1", held=(decode(revocation(member="d1")[1]),))))
+    assert finding(folder, "revoked").verdict == "failed"
+    (state / "d1.revoked").write_bytes(b"damaged")
+    damaged = finding(folder, "revoked")
+    assert (damaged.verdict, "move it away, and revoke them again" in damaged.text) == ("failed", True)

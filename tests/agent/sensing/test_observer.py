@@ -6,6 +6,7 @@ from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from agent.config.drone import DroneConfig
+from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, GroundConfig, MissionConfig
 from agent.detector.detection import ConeEvent, Detections
 from agent.localization.history import PoseHistory
 from agent.sensing.observer import EXPOSURE_NS, GONE_NS, LATE_NS, MOST_CONES_PS, MOST_POSES, MUTE_S, SILENT_S, Observer
@@ -16,18 +17,25 @@ from protocol.entries import Cone, Counts, Exposure
 SECOND = 1_000_000_000
 START_NS = 1_800_000_000 * SECOND
 CAMERA_RPY_DEG = (10.0, -70.0, 35.0)
+MISSION = MissionConfig(
+    name="test",
+    area=AreaConfig(polygon_m=((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))),
+    drones=(DroneInMission(id="a", origin_m=(5.0, 5.0, 0.5)), DroneInMission(id="b", origin_m=(9.0, 5.0, 0.0))),
+    ground=GroundConfig(height_m=0.2),
+)
 
 
 def telemetry(stamp_ns, position, rotation, sign=1.0):
     x, y, z, w = (sign * rotation.as_quat()).tolist()
     return VehicleState(
-        stamp_ns=stamp_ns, epoch=0, position_m=position, velocity_mps=(0.0, 0.0, 0.0), quaternion=(w, x, y, z), height_m=8.0,
-        position_sigma_m=0.3, yaw_sigma_rad=0.02, mode=FlightMode.OFFBOARD, armed=True, in_air=True, healthy=True,
+        stamp_ns=stamp_ns, epoch=0, position_m=position, velocity_mps=(0.0, 0.0, 0.0), quaternion=(w, x, y, z),
+        height_m=position[2] + 0.3, position_sigma_m=0.3, yaw_sigma_rad=0.02, mode=FlightMode.OFFBOARD, armed=True, in_air=True,
+        healthy=True,
     )  # fmt: skip
 
 
-def observer_with(history, **camera):
-    return Observer(DroneConfig(id="a", **camera), "0" * 16, "1" * 16, history, count(1))
+def observer_with(history, mission=MISSION, **camera):
+    return Observer(DroneConfig(id="a", **camera), mission, "1" * 16, history, count(1), lambda _: None)
 
 
 def cone_event(stamp_ns, axis):
@@ -50,6 +58,36 @@ def test_a_cone_is_turned_by_camera_and_attitude_at_its_own_time(sign):
     np.testing.assert_allclose(cone.orders[0].axis, expected, atol=1e-12)
     np.testing.assert_allclose(cone.orders[1].axis, -expected, atol=1e-12)
     assert [order.probability for order in cone.orders] == [0.7, 0.3]
+
+
+@pytest.mark.parametrize(
+    ("mission", "epoch", "z_m"),
+    [
+        (MISSION, 0, 0.15 - 0.3),  # the ground at 0.2 m, the launch place at 0.5 m
+        (MISSION, 1, 1.1),  # after a jump of its frame its height is estimated
+        (replace(MISSION, ground=GroundConfig(slope=(0.1, 0.0))), 0, 1.1),
+        (
+            replace(
+                MISSION,
+                drones=(DroneInMission(id="a", localization="gnss"),),
+                datum=DatumConfig(latitude_deg=48.0, longitude_deg=11.0),
+            ),
+            0,
+            1.1,
+        ),
+    ],
+)
+def test_the_camera_is_as_high_above_level_ground_as_the_rangefinder_says(mission, epoch, z_m):
+    """The height of an autopilot that has landed drifts by a metre; a source beside it would be seen far away."""
+    history = PoseHistory()
+    observer = observer_with(history, mission)
+    for stamp_ns in (SECOND, 2 * SECOND):
+        state = replace(telemetry(stamp_ns, (2.0, 4.0, 1.1), Rotation.identity()), height_m=0.15, epoch=epoch)
+        history.add(state)
+    seen = Detections(SECOND, 2 * SECOND, 0.1, 3, 1, 1, (cone_event(3 * SECOND // 2, np.array((0.0, 0.0, 1.0))),))
+    cone, exposure = observer.observe(seen)
+    assert cone.apex_m == pytest.approx((2.0, 4.0, z_m))
+    assert [pose.position_m for pose in exposure.poses] == [pytest.approx((2.0, 4.0, z_m))] * len(exposure.poses)
 
 
 def test_a_source_beside_the_camera_does_not_flood_the_swarm_with_cones():

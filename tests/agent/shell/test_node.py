@@ -13,8 +13,8 @@ from live_agents import Agent, Vehicles, closing, command, free_ports, operator_
 
 from protocol.codec import decode
 from protocol.identity import load_identity
+from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Status
-from protocol.session import Mesh, MeshConfig
 
 SAID_S = 10.0  # within which what is wrong must be told
 BUSY_S = 15.0  # by which everything may take longer on a busy computer

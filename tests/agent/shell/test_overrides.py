@@ -52,6 +52,8 @@ def test_the_environment_stands_over_the_file(drone_file: Path) -> None:
             "RADRON_MESH__ENDPOINTS__D2": "tcp/10.7.1.12:7447",
             "HOME": "/root",
             "RADRON_SIM_MESH": "tcp/10.7.1.11:7447",
+            "RADRON_PKI_PASSPHRASE": "four quite ordinary words",
+            "RADRON_IDENTITY": "pki/anna",
         },
     )
     assert drone.id == "d2"

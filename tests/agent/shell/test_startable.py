@@ -5,9 +5,11 @@ from __future__ import annotations
 import pytest
 
 from agent.config.drone import DetectorConfig, DroneConfig
-from agent.config.mission import AreaConfig, DroneInMission, FusionConfig, GivenHypothesisConfig, LimitsConfig, MissionConfig
+from agent.config.estimators import FusionConfig, GivenHypothesisConfig
+from agent.config.launchplaces import check_launch_places
+from agent.config.mission import AreaConfig, DroneInMission, LimitsConfig, MissionConfig
 from agent.errors import ConfigError
-from agent.shell.startable import camera_missing, check_launch_places
+from agent.shell.startable import camera_missing
 
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0)))
 

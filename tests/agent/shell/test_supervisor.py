@@ -75,6 +75,18 @@ def test_an_agent_that_hangs_is_killed_a_second_after_its_last_beat(start: Start
     assert 0.9 < time.monotonic() - steps[-1] < 1.8 + BUSY_S
 
 
+def test_an_agent_that_asks_for_it_is_started_again(start: Start, tmp_path: Path) -> None:
+    process = start("anew", MARK=str(tmp_path / "mark"))
+    assert process.stdout is not None
+    word, first, _ = process.stdout.readline().split()
+    assert word == "first"
+    second = first_step(process)
+    assert second != int(first)
+    assert gone(int(first))
+    os.kill(process.pid, signal.SIGTERM)
+    assert process.wait(PATIENCE_S) == 0
+
+
 def test_an_agent_that_is_stopped_is_killed(start: Start) -> None:
     process = start("runs")
     os.kill(first_step(process), signal.SIGSTOP)

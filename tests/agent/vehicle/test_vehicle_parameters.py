@@ -24,6 +24,7 @@ GOOD = {
     "COM_OF_LOSS_T": 1.0,
     "COM_OBL_RC_ACT": 3,
     "NAV_RCL_ACT": 2,
+    "COM_LOW_BAT_ACT": 3,
     "RTL_RETURN_ALT": 30.0,
     "RTL_DESCEND_ALT": 10.0,
     "MPC_Z_V_AUTO_UP": 3.0,
@@ -75,6 +76,7 @@ def test_a_sane_vehicle_has_nothing_to_mend() -> None:
         ("COM_OBL_RC_ACT", 6, "3 (return)"),
         ("COM_OBL_RC_ACT", -1, "3 (return)"),
         ("NAV_RCL_ACT", 5, "2 (return)"),
+        ("COM_LOW_BAT_ACT", 0, "2 (land)"),
         ("RTL_RETURN_ALT", 60.0, "60 m"),
         ("RTL_DESCEND_ALT", 80.0, "60 m"),
         ("MPC_Z_V_AUTO_UP", 1.0, "2 m/s"),
@@ -109,7 +111,7 @@ def test_a_wrong_value_is_read_again_so_that_mending_it_shows() -> None:
 
 
 VISION = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 4, "NAV_RCL_ACT": 3, "EKF2_EV_CTRL": 9, "EKF2_GPS_CTRL": 0}
-VISION |= {"EKF2_HGT_REF": 0, "EKF2_NOAID_TOUT": 1_000_000}
+VISION |= {"COM_LOW_BAT_ACT": 2, "EKF2_HGT_REF": 0, "EKF2_NOAID_TOUT": 1_000_000}
 
 
 def by_vision(gnss: bool, values: dict[str, float], **changed: float) -> Parameters:
@@ -156,6 +158,15 @@ def test_the_return_altitude_is_set_to_the_drones_layer() -> None:
     parameters.receive(message(RETURN_ALTITUDE, 13.125))
     assert parameters.height_to_set(9.0) is None
     assert failed(parameters) == {}
+
+
+def test_preflight_tells_the_layer_and_sets_nothing() -> None:
+    parameters = Parameters(60.0, return_height_m=13.0, sets=False)
+    for name, value in GOOD.items():
+        parameters.receive(message(name, value))
+    assert parameters.height_to_set(1.0) is None
+    found = {finding.name: finding for finding in parameters.findings()}[RETURN_ALTITUDE]
+    assert (found.verdict, found.text) == ("ok", "30; the agent will set it to 13, the layer of this drone")
 
 
 def test_an_autopilot_that_does_not_take_its_layer_fails() -> None:

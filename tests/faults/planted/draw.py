@@ -31,7 +31,7 @@ FOLDERS = (
 )
 _OBVIOUS = ("_RShift", "_LShift", "_BitOr", "_BitAnd", "_BitXor", "_Is", "_IsNot")
 # Modules that only a process with a mesh runs.
-_LIVE = ("protocol/inbox.py", "protocol/link.py", "protocol/session.py")
+_LIVE = ("protocol/mesh/inbox.py", "protocol/mesh/link.py", "protocol/mesh/session.py")
 _HEAD = """# Mutations drawn by draw.py, seed {seed}, from {found} at {places} places of the code of {commit}, made by
 # cosmic-ray {version}.
 # Not edited, but for `old` and `new` where the code has changed: then the same mutation is written into the new code.

@@ -14,6 +14,7 @@ from sim.faults.schedule import Schedule
 from sim.members import SimulatedAuthority
 
 DRONES = ("d1", "d2", "d3")
+TRUSTS = [SimulatedAuthority(1).trust(name) for name in DRONES]
 
 
 def forged(what, kind, drone=0, second=1.0):
@@ -23,7 +24,7 @@ def forged(what, kind, drone=0, second=1.0):
     schedule.advance(second)
     message = at(kind, 3)
     key = key_of("s", message)
-    return key, Forgers(schedule, DRONES, SimulatedAuthority(1).signs(DRONES)).forged(drone, key, encode(message))
+    return key, Forgers(schedule, DRONES, TRUSTS).forged(drone, key, encode(message))
 
 
 @pytest.mark.parametrize("what", ["impossible", "impersonated"])
@@ -48,6 +49,25 @@ def test_nobody_else_forges_nor_when_it_is_over_nor_what_is_no_measurement() -> 
     assert forged("impossible", "pose", second=6.0)[1] == []
     assert forged("other-mission", "pose")[1] == []
     assert forged("impossible", "sighting")[1] == []
+
+
+def copied(kind, second=1.0):
+    schedule = Schedule(
+        [msgspec.convert({"kind": "copied-key", "at_s": 0.0, "for_s": 5.0, "target": "d1"}, KINDS["copied-key"])], DRONES, 1
+    )
+    schedule.advance(second)
+    message = at(kind, 3)
+    key = key_of("s", message)
+    told = Forgers(schedule, DRONES, TRUSTS).forged(0, key, encode(message))
+    return message, [decode_from(key, payload) for payload in told]
+
+
+def test_a_copied_key_publishes_the_drone_in_another_place() -> None:
+    true, (copy,) = copied("pose")
+    assert (copy.drone, copy.stamp_ns > true.stamp_ns) == (true.drone, True)
+    assert copy.position_m == pytest.approx((true.position_m[0] + 15.0, *true.position_m[1:]))
+    assert copied("pose", second=6.0)[1] == []
+    assert copied("cone")[1] == []
 
 
 def commanded(schedule):

@@ -3,6 +3,7 @@
 from itertools import product
 from math import dist
 
+import moments
 import msgspec
 import pytest
 from of_a_second import SECOND, at
@@ -13,6 +14,7 @@ from protocol.keys import key_of
 from sim.faults.kinds import KINDS
 from sim.faults.liars import KIND_OF, Liars
 from sim.faults.schedule import Schedule
+from sim.lockstep import watched
 from sim.members import SimulatedAuthority
 
 
@@ -65,3 +67,20 @@ def test_false_positions_are_shifted_one_way_and_counts_multiplied():
     assert all(heard.counts.hits == 3 * known.counts.hits for known, heard in told("counts", "false", factor=3.0)[10:15])
     assert all(heard.range_m == 15.0 for _, heard in told("sighting", "false", shift_m=5.0)[10:15])
     assert all(heard.orders[0].axis[0] < 0.1 for _, heard in told("cone", "false")[10:15])
+
+
+def test_who_asks_a_liar_for_entries_hears_what_all_others_do(monkeypatch):
+    """Also of what it has measured a moment ago: else one number means one entry here, and another one there, for good."""
+    monkeypatch.setattr("sim.faults.recovery.PERIOD_NS", SECOND // 20)  # somebody asks at any time
+    lie = {"kind": "lie", "at_s": 1.0, "target": "d3", "what": "counts", "how": "mistimed", "ago_s": 3.0}
+    held = []
+
+    def watch(moment):
+        if moment.time_s >= 6.0:
+            held.extend([record.entry for record in pilot.fusion.log] for pilot in moment.pilots[:2])
+        return bool(held)
+
+    watched(moments.setting(lie).scenario, 1, watch)
+    for entries in held:
+        assert len([entry for entry in entries if entry.drone == "d3"]) > 10
+        assert len({(entry.drone, entry.boot, entry.sequence) for entry in entries}) == len(entries)

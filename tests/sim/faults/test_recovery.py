@@ -5,6 +5,7 @@ import numpy as np
 from sim.faults.network import FaultyRadio
 from sim.faults.recovery import Recovery
 from sim.faults.schedule import Schedule
+from sim.faults.tellers import Tellers
 from sim.world.radio import RadioTruth
 
 SECOND = 1_000_000_000
@@ -30,11 +31,12 @@ class Log:
 class Pair:
     """Two drones that tell each other their poses, and exchange what is missing."""
 
-    def __init__(self, *logs, told=lambda drone, key, payload: payload):
+    def __init__(self, *logs, tellers=Tellers):
         self.logs = logs
         truth = RadioTruth(delay_s=0.02, jitter_s=0.0, loss=0.0)
-        self.radio = FaultyRadio(truth, NAMES, np.random.default_rng(1), Schedule((), NAMES, 1), 0.05)
-        self.recovery = Recovery("s", NAMES, self.radio, told)
+        schedule = Schedule((), NAMES, 1)
+        self.radio = FaultyRadio(truth, NAMES, np.random.default_rng(1), schedule, 0.05)
+        self.recovery = Recovery("s", NAMES, self.radio, tellers((), schedule, NAMES, ()))
         self.now_ns = SECOND
 
     def go(self, seconds, poses=True):
@@ -69,8 +71,15 @@ def test_nobody_asks_a_peer_that_is_not_heard():
     assert pair.logs[0].held == set()
 
 
+class Storytellers(Tellers):
+    """They have told something else."""
+
+    def answer(self, drone, to, key, payload):
+        return bytes([payload[0] + 100])
+
+
 def test_a_liar_keeps_to_its_story():
-    pair = Pair(Log(), Log(range(3)), told=lambda drone, key, payload: bytes([payload[0] + 100]))
+    pair = Pair(Log(), Log(range(3)), tellers=Storytellers)
     pair.go(3.0)
     assert pair.logs[0].held >= {100, 101, 102}
     assert not pair.logs[0].held & {0, 1, 2}

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import sim.cli
+from sim.live.command import _beside
 
 
 @pytest.mark.parametrize(
@@ -20,6 +21,8 @@ import sim.cli
         (["demo", "--external", "--agent-hosts", "a,b"], "--agent-hosts: 2 given for 3 drones"),
         (["demo", "--drones", "2", "--external", "--agent-hosts", "a,b"], "--external needs --mesh"),
         (["demo", "--vehicles", "mavlink"], "--vehicles mavlink: needs --external"),
+        (["demo", "--ground-station", "14550"], "--ground-station 14550: give host and UDP port"),
+        (["demo", "--ground-station", "localhost:99999"], "--ground-station localhost:99999: give host and UDP port"),
         (["demo", "--json", "/no/such/folder/out.json"], "the folder /no/such/folder does not exist"),
     ],
 )
@@ -34,3 +37,13 @@ def test_what_cannot_be_flown_is_one_line(
     assert text in said
     assert said.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_the_command_that_opens_the_flight_is_told_as_it_must_be_called(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path / "elsewhere"))
+    monkeypatch.setattr(sys, "argv", [str(tmp_path / "radron-sim")])
+    assert _beside("radron-station") == "radron-station"  # it is nowhere: the plain name says what to install
+    (tmp_path / "radron-station").touch(mode=0o755)
+    assert _beside("radron-station") == str(tmp_path / "radron-station")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert _beside("radron-station") == "radron-station"

@@ -8,7 +8,9 @@ from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.message import DroneMessage
 from protocol.messages import Estimate, Source, Stage, Status
+from protocol.signing import Verifier, sign_status
 from sim.live.monitor import Observer
+from sim.members import SimulatedAuthority
 from sim.scenario import load_scenario
 from sim.vehicle.px4.fleet import VehicleReport
 
@@ -69,6 +71,14 @@ def test_it_names_what_each_drone_still_lacks(observer: Observer, clock: Clock) 
     assert observer.obstacles() == [f"{drone}: no status yet" for drone in ("d1", "d2", "d3")]
 
 
+def test_a_drone_that_comes_later_is_not_waited_for_by_the_others_either(observer: Observer) -> None:
+    observer.look([vehicle(armed=False)] * 3, NAMES - {"d3"})
+    missed = "no contact with d3 (tls/127.0.0.1:7449)"
+    hear(observer, status("d1", problems=(missed,)), status("d2", problems=(missed, "no fix")))
+    assert observer.obstacles() == [f"d1: {missed}", f"d2: {missed}", "d3: not in the mesh yet"]
+    assert observer.obstacles({"d3"}) == ["d2: no fix"]
+
+
 def test_a_drone_whose_agent_has_died_has_landed_when_its_vehicle_is_down(observer: Observer) -> None:
     agent = observer.agents[0]
     hear(observer, status("d1", stage=Stage.TRACK))
@@ -115,3 +125,16 @@ def test_what_is_no_message_is_counted_and_dropped(observer: Observer) -> None:
     observer.receive("nonsense", b"")
     assert observer.refused == 2
     assert observer.agents[0].status is None
+
+
+def test_a_status_counts_only_as_its_drone_has_signed_it(observer: Observer) -> None:
+    """What the operator acts upon; in a swarm without certificates each counts, as above."""
+    authority = SimulatedAuthority(1)
+    observer.verifier = Verifier(authority.authority)
+    observer.look([vehicle(armed=False)] * 3, NAMES)
+    signed = {drone: sign_status(status(drone), authority.trust(drone)) for drone in ("d1", "d2")}
+    hear(observer, signed["d1"], sign_status(status("d2"), authority.trust("d1")), status("d3"))
+    assert observer.obstacles() == ["d2: no status yet", "d3: no status yet"]
+    assert observer.refused == 2
+    hear(observer, signed["d2"])
+    assert observer.obstacles() == ["d3: no status yet"]

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from pymavlink import mavutil
 
 from agent.detector.readout import Readout
 from agent.detector.wire import Unpacker
@@ -202,3 +203,39 @@ def test_a_world_that_cannot_be_says_why(tmp_path: Path, capfd: pytest.CaptureFi
     said = capfd.readouterr().err
     assert "no-such-host.invalid" in said
     assert "Traceback" not in said
+
+
+@pytest.mark.slow
+def test_one_ground_station_hears_all_vehicles_and_is_answered_by_each(tmp_path: Path) -> None:
+    async def course() -> None:
+        station = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=255, source_component=190)
+        scenario = override(load_scenario("demo"), {"drones": 2.0})
+        config = WorldConfig(
+            scenario=scenario, seed=1, onboard=(NOBODY, NOBODY), ground_station=("127.0.0.1", station.port.getsockname()[1])
+        )
+        world = await WorldProcess.start(config, tmp_path / "world.json")
+        watching = asyncio.create_task(world.watch(lambda truth: None))
+        try:
+            async with asyncio.timeout(30.0):
+                for system in (1, 2):
+                    assert await asyncio.to_thread(parameters_of, station, system) > 50
+        finally:
+            await world.stop()
+            watching.cancel()
+            await asyncio.gather(watching, return_exceptions=True)
+            station.close()
+
+    asyncio.run(course())
+
+
+def parameters_of(station: mavutil.mavudp, system: int) -> int:
+    """How many parameters a vehicle has sent on request, each once."""
+    while station.recv_match(type="HEARTBEAT", blocking=True, timeout=10.0).get_srcSystem() != system:
+        station.mav.heartbeat_send(6, 8, 0, 0, 4)
+    station.mav.param_request_list_send(system, 1)
+    found: dict[str, int] = {}
+    while not found or len(found) <= next(iter(found.values())):
+        value = station.recv_match(type="PARAM_VALUE", blocking=True, timeout=10.0)
+        if value.get_srcSystem() == system:
+            found[value.param_id] = value.param_count
+    return len(found)

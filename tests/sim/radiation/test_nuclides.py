@@ -6,7 +6,8 @@ from sim.radiation.surroundings import background_lines, scattered_lines
 
 
 def test_all_nuclides_of_the_project_are_known() -> None:
-    assert set(NUCLIDES) == {"Am-241", "Ba-133", "Co-60", "Cs-137", "Eu-152", "I-131", "Ir-192", "K-40", "Na-22"}
+    names = "Am-241 Ba-133 Co-57 Co-60 Cs-137 Eu-152 F-18 I-131 Ir-192 K-40 Na-22 Se-75"
+    assert set(NUCLIDES) == set(names.split())
     assert nuclide("Cs-137").lines == ((661.657, 0.851),)
 
 

@@ -1,7 +1,7 @@
 """MAVLink messages that PX4 sends and pymavlink's ``common`` dialect lacks (from PX4's ``development`` and ``events``).
 
-Written by hand in the form of pymavlink's own, so that its MAVLink objects pack them. EVENT and CURRENT_EVENT_SEQUENCE are in no
-dialect of pymavlink; CURRENT_MODE is in ``development``, a second dialect of 200 messages.
+Written by hand in the form of pymavlink's own, so that its MAVLink objects pack them. EVENT, CURRENT_EVENT_SEQUENCE and
+PROTOCOL_VERSION are in no dialect of pymavlink; the others are in ``development``, a second dialect of 200 messages.
 """
 
 from __future__ import annotations
@@ -75,7 +75,29 @@ class CurrentEventSequence(_Message):
     unpacker = struct.Struct("<HB")
 
 
-KINDS: dict[int, type[_Message]] = {kind.id: kind for kind in (CurrentMode, Event, CurrentEventSequence)}
+class AvailableModes(_Message):
+    """AVAILABLE_MODES: one of the modes; ``mode_index`` from 1. ``mode_name``: of a mode that is none of MAVLink's."""
+
+    id = 435
+    msgname = "AVAILABLE_MODES"
+    wire = ("custom_mode", "properties", "number_modes", "mode_index", "standard_mode", "mode_name")
+    crc_extra = 134
+    unpacker = struct.Struct("<IIBBB35s")
+
+
+class ProtocolVersion(_Message):
+    """PROTOCOL_VERSION: versions of MAVLink times 100."""
+
+    id = 300
+    msgname = "PROTOCOL_VERSION"
+    wire = ("version", "min_version", "max_version", "spec_version_hash", "library_version_hash")
+    crc_extra = 217
+    unpacker = struct.Struct("<HHH8s8s")
+
+
+KINDS: dict[int, type[_Message]] = {
+    kind.id: kind for kind in (CurrentMode, Event, CurrentEventSequence, AvailableModes, ProtocolVersion)
+}
 
 
 def decode(packet: bytes) -> _Message | None:

@@ -10,6 +10,8 @@ from sim.vehicle.px4.state import Message
 
 UNKNOWN: int = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
 WRONG_TYPE = 7  # PX4's own number; pymavlink does not name it
+HASH = "_HASH_CHECK"  # in place of a name
+_NO_INDEX = 65_535
 _LONGEST_NAME = 16
 
 
@@ -23,19 +25,24 @@ class ParameterLink:
         """PARAM_REQUEST_READ."""
         names, index = self._parameters.names, message.param_index
         name = message.param_id if index < 0 else "".join(names[index : index + 1])
-        if name in self._parameters:
+        if name == HASH:
+            self._send_hash(link)
+        elif name in self._parameters:
             self._send(link, name)
         else:
             self._refuse(link, message, name, UNKNOWN)
 
     def list(self, link: Link, message: Message) -> None:
-        """PARAM_REQUEST_LIST."""
+        """PARAM_REQUEST_LIST: first the hash, for a ground station that knows the parameters already."""
+        self._send_hash(link)
         for name in self._parameters.names:
             self._send(link, name)
 
     def set(self, link: Link, message: Message) -> None:
         """PARAM_SET."""
         name = message.param_id
+        if name == HASH:  # of a ground station that needs no more of the list, which has been sent already
+            return
         if name not in self._parameters:
             self._refuse(link, message, name, UNKNOWN)
         elif message.param_type != self._parameters.kind(name):
@@ -48,6 +55,11 @@ class ParameterLink:
         parameters = self._parameters
         index, count = parameters.names.index(name), len(parameters.names)
         link.send(mavlink.MAVLink_param_value_message(name.encode(), parameters.wire(name), parameters.kind(name), count, index))
+
+    def _send_hash(self, link: Link) -> None:
+        parameters = self._parameters
+        value, count = parameters.hash_wire, len(parameters.names)
+        link.send(mavlink.MAVLink_param_value_message(HASH.encode(), value, mavlink.MAV_PARAM_TYPE_UINT32, count, _NO_INDEX))
 
     def _refuse(self, link: Link, message: Message, name: str, error: int) -> None:
         sender = (message.get_srcSystem(), message.get_srcComponent())

@@ -14,9 +14,12 @@ from sim.vehicle.px4.events import SETPOINT_INVALID, Announcement
 from sim.vehicle.px4.filter.estimate import Geodetic
 from sim.vehicle.px4.filter.vision import Vision
 from sim.vehicle.px4.mavlink.contacts import Contacts
+from sim.vehicle.px4.mavlink.dialect import AvailableModes, ProtocolVersion
 from sim.vehicle.px4.mavlink.link import Link
+from sim.vehicle.px4.mavlink.missionlink import MissionLink
 from sim.vehicle.px4.mavlink.parameterlink import ParameterLink
 from sim.vehicle.px4.mavlink.setpoint import SetpointLog, offboard_target
+from sim.vehicle.px4.mavlink.status import available_modes
 from sim.vehicle.px4.mavlink.streams import BUILDERS
 from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.parameters import Parameters
@@ -50,7 +53,7 @@ class Requests:
         announce: Callable[[Announcement], None],
         boot_ns: Callable[[], int],
     ) -> None:
-        settings = ParameterLink(parameters)
+        settings, plans = ParameterLink(parameters), MissionLink()
         self._system_id = system_id
         self._state = state
         self._commander: Commander = state.commander
@@ -73,6 +76,9 @@ class Requests:
             "PARAM_REQUEST_READ": settings.read,
             "PARAM_REQUEST_LIST": settings.list,
             "PARAM_SET": settings.set,
+            "MISSION_REQUEST_LIST": plans.list,
+            "MISSION_CLEAR_ALL": plans.clear,
+            "MISSION_COUNT": plans.upload,
             "TIMESYNC": self._timesync,
             "ODOMETRY": self._odometry,
             "PING": self._ping,
@@ -137,6 +143,8 @@ class Requests:
             return self._request_message(link, mavlink.MAVLINK_MSG_ID_MESSAGE_INTERVAL, message.param1)
         if number == mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
             return self._request_message(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, 0.0)
+        if number == mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION:
+            return self._request_message(link, ProtocolVersion.id, 0.0)
         if number == mavlink.MAV_CMD_GET_HOME_POSITION:
             return self._request_message(link, mavlink.MAVLINK_MSG_ID_HOME_POSITION, 0.0)
         if number == mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE:
@@ -169,6 +177,11 @@ class Requests:
             asked = _whole(detail)
             link.send(mavlink.MAVLink_message_interval_message(asked, link.schedule.interval_us(asked)))
             return int(ACCEPTED)
+        if number == AvailableModes.id:
+            modes = available_modes(_whole(detail))
+            for mode in modes:
+                link.send(mode)
+            return int(ACCEPTED if modes else DENIED)
         message = BUILDERS[number](self._state) if number in BUILDERS else None
         link.send(message)
         return int(DENIED if message is None else ACCEPTED)

@@ -8,7 +8,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from sim.vehicle.px4.arming import HEADING
 from sim.vehicle.px4.battery import Warning
-from sim.vehicle.px4.mavlink.dialect import CurrentEventSequence, CurrentMode
+from sim.vehicle.px4.mavlink.dialect import AvailableModes, CurrentEventSequence, CurrentMode, ProtocolVersion
+from sim.vehicle.px4.modes import Mode
 from sim.vehicle.px4.state import Message, State
 
 _NO_CELL = 65535
@@ -23,6 +24,19 @@ _HEIGHT_FLAGS = (
 _PREDICTED_FLAGS = mavlink.ESTIMATOR_PRED_POS_HORIZ_REL | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
 _POSITION_FLAGS = mavlink.ESTIMATOR_VELOCITY_HORIZ | mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_POS_HORIZ_ABS
 _GLOBAL_FLAGS = mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
+# As PX4 names and orders them; advanced ones (1) are those that PX4 calls so, 2 those that nobody can choose.
+_MODES = (
+    ("Manual", Mode.MANUAL, 1),
+    ("Altitude", Mode.ALTITUDE, 0),
+    ("Position", Mode.POSITION, 0),
+    ("Hold", Mode.HOLD, 1),
+    ("Return", Mode.RETURN, 1),
+    ("Descend", Mode.DESCEND, 3),
+    ("Offboard", Mode.OFFBOARD, 1),
+    ("Stabilized", Mode.STABILIZED, 1),
+    ("Takeoff", Mode.TAKEOFF, 1),
+    ("Land", Mode.LAND, 1),
+)
 
 
 def heartbeat(state: State) -> Message:
@@ -168,15 +182,44 @@ def timesync(state: State) -> Message:
     return mavlink.MAVLink_timesync_message(0, int(state.boot_s * 1e9))
 
 
+def protocol_version(state: State) -> Message:
+    """PROTOCOL_VERSION."""
+    return ProtocolVersion(
+        version=200, min_version=100, max_version=200, spec_version_hash=bytes(8), library_version_hash=bytes(8)
+    )
+
+
+def available_modes(which: int) -> list[Message]:
+    """AVAILABLE_MODES of one mode, counted from 1, or of all for 0; none if there is no such mode."""
+    messages: list[Message] = []
+    for place, (name, mode, properties) in enumerate(_MODES, start=1):
+        if which in (0, place):
+            named = b"" if mode.standard_mode else name.encode()
+            messages.append(
+                AvailableModes(
+                    custom_mode=mode.custom_mode,
+                    properties=properties,
+                    number_modes=len(_MODES),
+                    mode_index=place,
+                    standard_mode=mode.standard_mode,
+                    mode_name=named,
+                )
+            )
+    return messages
+
+
 def mission_current(state: State) -> Message:
     """MISSION_CURRENT."""
     return mavlink.MAVLink_mission_current_message(0)
 
 
 def autopilot_version(state: State) -> Message:
-    """AUTOPILOT_VERSION."""
+    """AUTOPILOT_VERSION. Of PX4's capabilities (0xe8ff) those that this vehicle has: no files, no control of attitudes."""
     capabilities = (
-        mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+        mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+        | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+        | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+        | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
         | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
         | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
         | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2

@@ -8,7 +8,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from sim.vehicle.px4.mavlink import status, telemetry
-from sim.vehicle.px4.mavlink.dialect import CurrentEventSequence, CurrentMode
+from sim.vehicle.px4.mavlink.dialect import CurrentEventSequence, CurrentMode, ProtocolVersion
 from sim.vehicle.px4.state import Builder
 
 BUILDERS: dict[int, Builder] = {
@@ -40,6 +40,7 @@ BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: telemetry.hil_state,
     CurrentMode.id: status.current_mode,
     CurrentEventSequence.id: status.current_event_sequence,
+    ProtocolVersion.id: status.protocol_version,
 }
 
 ONBOARD_HZ: dict[int, float] = {

@@ -5,7 +5,7 @@ from collections import Counter
 from sim.campaign.faults.course import DEALT, LIVE
 from sim.campaign.faults.dealt import DECK, HAND, LIVE_DECK, MISLEADING, deal
 from sim.faults.disk import check_playable as check_lockstep
-from sim.live.faults import check_playable as check_live
+from sim.live.faults.playable import check_playable as check_live
 from sim.scenario import parse_scenario
 
 

@@ -1,0 +1,102 @@
+"""The components of a spectrum of event energies, as shares of the events in each bin (B,)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import erf, erfcx
+
+from agent.detector.cones import compton_edge_kev, klein_nishina_recoil
+from agent.detector.sensor import attenuation_per_mm, energy_variance
+from agent.geometry import Array
+
+EDGES_KEV: Array = np.geomspace(45.0, 1600.0, 141)  # 2.6 % wide: one standard deviation of the resolution
+MIDDLES_KEV: Array = np.sqrt(EDGES_KEV[1:] * EDGES_KEV[:-1])
+_HUMPS = 9
+
+# Effective area for full-energy events, mm2, mean over all directions, by energy in keV: photons that the simulated sensor turns
+# into a peak of the agent's resolution.
+_PEAK_KEV = (60.0, 80.0, 120.0, 160.0, 210.0, 280.0, 365.0, 470.0, 600.0, 760.0, 960.0, 1173.0, 1400.0)
+_PEAK_MM2 = (75.5, 81.3, 70.6, 50.4, 31.1, 17.0, 9.48, 5.50, 3.27, 1.97, 1.21, 0.786, 0.535)
+
+# Strongest lines of the natural background by series, keV and photons per decay (Decay Data Evaluation Project).
+_NATURAL: tuple[tuple[tuple[float, float], ...], ...] = (
+    ((1460.82, 0.1055),),
+    ((295.22, 0.184), (351.93, 0.356), (609.31, 0.455), (768.36, 0.049), (1120.29, 0.149), (1238.12, 0.058)),
+    ((238.63, 0.436), (338.32, 0.114), (583.19, 0.306), (727.33, 0.067), (911.20, 0.262), (968.96, 0.159)),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How a camera reads energies. gain: after its calibration, 1 is right. loss_kev: mean of the charge that is lost below the
+    pixels' thresholds, exponentially distributed; the simulated sensor's is 4, other models' of the same sensor about 8.
+    """
+
+    gain: float = 1.0
+    loss_kev: float = 4.0
+
+
+NOMINAL = Reading()
+
+
+def peaks(lines: Iterable[tuple[float, float]], reading: Reading = NOMINAL) -> Array:
+    """Full-energy peaks of lines (keV, photons per decay), with the sensor's efficiency."""
+    shape = np.zeros(len(MIDDLES_KEV))
+    for energy, photons in lines:
+        area = np.exp(np.interp(np.log(energy), np.log(_PEAK_KEV), np.log(_PEAK_MM2)))
+        shape += (
+            photons * area * np.diff(_lossy(EDGES_KEV / reading.gain - energy, energy_variance(energy) ** 0.5, reading.loss_kev))
+        )
+    return _normalised(shape)
+
+
+def continuum(lines: Iterable[tuple[float, float]], reading: Reading = NOMINAL) -> Array:
+    """Recoil electrons of photons that scattered once and escaped."""
+    shape = np.zeros(len(MIDDLES_KEV))
+    for energy, photons in lines:
+        photo, total = attenuation_per_mm(energy)
+        edge = compton_edge_kev(energy)
+        electron = (np.arange(200) + 0.5) * edge / 200.0
+        spectrum = np.array([klein_nishina_recoil(energy, float(kev)) for kev in electron])
+        spectrum *= photons * (total - photo) / spectrum.sum()
+        sigma = np.array([energy_variance(float(kev)) ** 0.5 for kev in electron])
+        shape += np.diff(_normal((EDGES_KEV[:, None] / reading.gain - electron) / sigma), axis=0) @ spectrum
+    return _normalised(shape)
+
+
+def surroundings(reading: Reading = NOMINAL) -> Array:
+    """(K, B): the lines of the natural background by series; and broad humps, triangles over the logarithm of the energy that add
+    up to a constant, for scattered photons and the background's continuum.
+    """
+    middle = np.log(MIDDLES_KEV)
+    centre = np.linspace(middle[0], middle[-1], _HUMPS)
+    height = np.maximum(1.0 - np.abs(middle - centre[:, None]) / (centre[1] - centre[0]), 0.0)
+    return np.array([peaks(lines, reading) for lines in _NATURAL] + [_normalised(one) for one in height])
+
+
+def of_nuclide(lines: Sequence[tuple[float, float]], reading: Reading = NOMINAL) -> Array:
+    """(2, B): peaks and continuum."""
+    return np.array([peaks(lines, reading), continuum(lines, reading)])
+
+
+def _normalised(shape: Array) -> Array:
+    """The shape scaled to a sum of 1; zero stays zero."""
+    result: Array = shape / max(float(shape.sum()), 1e-300)
+    return result
+
+
+def _normal(z: Array) -> Array:
+    """Cumulative normal distribution."""
+    result: Array = 0.5 * (1.0 + erf(z / np.sqrt(2.0)))
+    return result
+
+
+def _lossy(above_kev: Array, sigma_kev: float, loss_kev: float) -> Array:
+    """Cumulative distribution of the energy read, less the line's: normal, less an exponentially distributed loss."""
+    z = np.maximum(above_kev / sigma_kev, -30.0)  # beyond it there is nothing, and erfcx overflows
+    tail = 0.5 * np.exp(-0.5 * z**2) * erfcx((z + sigma_kev / loss_kev) / np.sqrt(2.0))
+    result: Array = _normal(z) + tail
+    return result

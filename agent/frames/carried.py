@@ -1,0 +1,75 @@
+"""Frames of drones whose localisation the mission knows exactly, after a jump: as their own motion has carried them on.
+
+The mission tells the frame of the first epoch. How that of a later one lies in it the drone tells itself, with every exposure of
+that epoch (``agent.localization.knownframe``). So these frames are a function of the log, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from agent.config.mission import MissionConfig
+from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
+from agent.frames.transform import Transform
+from protocol.entries import CarriedFrame, Entry, EntryId, Exposure
+
+
+def told(launch_from_local: Transform) -> CarriedFrame:
+    """A frame in that of the launch, as it is published."""
+    covariance = launch_from_local.covariance
+    rows = None if covariance is None else tuple(covariance.ravel().tolist())
+    return CarriedFrame(launch_from_local.translation, launch_from_local.yaw_rad, rows)
+
+
+class CarriedFrames:
+    """Puts these frames into the graph. Of several that a drone tells of one epoch that of the first entry counts, in whatever
+    order they arrive; who flies one epoch in two frames lies anyway.
+    """
+
+    def __init__(self, mission: MissionConfig, graph: FrameGraph) -> None:
+        self._graph = graph
+        self._exact = frozenset(drone.id for drone in mission.drones if drone.is_exact)
+        self._told: dict[tuple[str, int], dict[EntryId, CarriedFrame]] = {}
+        self._first: dict[tuple[str, int], EntryId] = {}
+        self._epochs: dict[EntryId, int] = {}
+
+    def receive(self, entry: Entry) -> None:
+        """Take an entry of the log; each comes once."""
+        if entry.drone not in self._exact:
+            return
+        if isinstance(entry, Exposure) and entry.epoch != LAUNCH_EPOCH and entry.carried is not None:
+            self._epochs[entry.entry_id] = entry.epoch
+            self._add((entry.drone, entry.epoch), entry.entry_id, entry.carried)
+
+    def forget(self, identities: Iterable[EntryId]) -> None:
+        """Take entries back that do not count any more."""
+        for identity in identities:
+            epoch = self._epochs.pop(identity, None)
+            if epoch is not None:
+                self._remove((identity.drone, epoch), identity)
+
+    def _add(self, key: tuple[str, int], identity: EntryId, carried: CarriedFrame) -> None:
+        held, first = self._told.setdefault(key, {}), self._first.get(key)
+        held[identity] = held[first] if first is not None and held[first] == carried else carried  # one in memory
+        if first is None or identity < first:
+            self._place(key, identity)
+
+    def _remove(self, key: tuple[str, int], identity: EntryId) -> None:
+        held = self._told[key]
+        del held[identity]
+        if identity == self._first[key]:
+            self._place(key, min(held, default=None))
+
+    def _place(self, key: tuple[str, int], first: EntryId | None) -> None:
+        drone, epoch = key
+        if first is None:
+            del self._first[key]
+            self._graph.replace_from(drone, epoch, 0, [])
+            return
+        self._first[key] = first
+        carried, launch = self._told[key][first], self._graph.mission_from_local(drone, LAUNCH_EPOCH)
+        assert launch is not None  # the mission knows it
+        covariance = None if carried.covariance is None else np.array(carried.covariance).reshape(4, 4)
+        self._graph.place(drone, epoch, launch @ Transform(carried.yaw_rad, carried.translation_m, covariance))

@@ -1,0 +1,62 @@
+"""Hashes of the blocks of each publisher's entries: by these, logs find out that they hold different entries of one number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from hashlib import blake2b
+from itertools import cycle, islice
+
+from protocol.summary import BLOCK, HASH_BYTES, MOST_BLOCKS
+
+Publisher = tuple[str, str]  # drone, boot
+Payloads = Callable[[range], Iterable[bytes]]  # of the entries held with these numbers, in order
+
+
+class Blocks:
+    """The blocks of which a log holds anything, with their hashes, computed when they are asked for.
+
+    A hash over the bytes in their order, and no sum as the log's digest: of sums a publisher could find two that are equal.
+    """
+
+    def __init__(self) -> None:
+        self._hashes: dict[Publisher, dict[int, bytes | None]] = {}  # None: changed since it was computed
+
+    def change(self, publisher: Publisher, number: int, *, empty: bool = False) -> None:
+        """What is held under a number has changed; ``empty``: nothing of its block is held any more."""
+        blocks = self._hashes.setdefault(publisher, {})
+        blocks[number // BLOCK] = None
+        if empty:
+            del blocks[number // BLOCK]
+
+    def held(self, publisher: Publisher, block: int) -> bool:
+        """Whether anything of a block is held."""
+        return block in self._hashes.get(publisher, ())
+
+    def chosen(self, publishers: Sequence[Publisher], turn: int) -> list[tuple[Publisher, int]]:
+        """As many blocks as a summary carries: each turn others, until all have been told."""
+        every = [(publisher, block) for publisher in publishers for block in self._hashes.get(publisher, ())]
+        if len(every) <= MOST_BLOCKS:
+            return every
+        start = turn * (MOST_BLOCKS - 1) % len(every)  # no multiple of the peers: each of them gets all blocks in time
+        return list(islice(cycle(every), start, start + MOST_BLOCKS))
+
+    def hash(self, publisher: Publisher, block: int, payloads: Payloads) -> bytes:
+        """The hash of a block held."""
+        known = self._hashes[publisher][block]
+        if known is None:
+            known = self._hashes[publisher][block] = hash_of(payloads(numbers_of(block)))
+        return known
+
+
+def numbers_of(block: int) -> range:
+    """The sequence numbers of a block."""
+    return range(block * BLOCK, (block + 1) * BLOCK)
+
+
+def hash_of(payloads: Iterable[bytes]) -> bytes:
+    """The hash of entries, from their bytes."""
+    whole = blake2b(digest_size=HASH_BYTES)
+    for payload in payloads:
+        whole.update(len(payload).to_bytes(4))  # else two entries could be cut elsewhere
+        whole.update(payload)
+    return whole.digest()

@@ -1,0 +1,49 @@
+"""Entries that come a little late: folded together, so that what is computed again stays in proportion to what is new."""
+
+from __future__ import annotations
+
+from protocol.entries import AnyEntry, EntryId
+
+_LONGEST_STRIDE = 16  # steps
+_CALLS_A_STEP = 4  # where no step becomes due, as after the flight: a batch waits for so many calls for each of its steps
+
+
+class Latecomers:
+    """Entries whose steps have been computed already, until their batch is due.
+
+    An entry that is late by n steps has n steps computed again. Of such entries at most one batch is folded in every m steps, m
+    being the largest power of two up to n of the latest one, so that all in all at most about three times as many steps are
+    computed as there are. Batches are folded at the multiples of m: at the same due steps by all agents, whose hypotheses stay
+    comparable meanwhile.
+    """
+
+    def __init__(self) -> None:
+        self._entries: dict[EntryId, AnyEntry | None] = {}
+        self._stride = 1
+        self._calls = 0  # since the first of the batch came
+
+    def __bool__(self) -> bool:
+        """Whether any are waiting."""
+        return bool(self._entries)
+
+    def add(self, identity: EntryId, entry: AnyEntry | None, steps: int) -> None:
+        """Add an entry that is late by so many steps; None: what is held of that identity goes."""
+        self._entries[identity] = entry
+        self._stride = max(self._stride, min(1 << max(steps.bit_length() - 1, 0), _LONGEST_STRIDE))
+
+    def discard(self, identity: EntryId) -> None:
+        """Remove an entry, if it waits here."""
+        self._entries.pop(identity, None)
+
+    def taken(self, before: int, due: int) -> dict[EntryId, AnyEntry | None]:
+        """The batch, if it is due: at a call that has brought the due step from ``before`` to ``due``."""
+        self._calls += 1
+        if before // self._stride == due // self._stride and self._calls <= _CALLS_A_STEP * self._stride:
+            return {}
+        return self.all_taken()
+
+    def all_taken(self) -> dict[EntryId, AnyEntry | None]:
+        """All that wait, where their steps are computed again anyway."""
+        entries, self._entries = self._entries, {}
+        self._stride, self._calls = 1, 0
+        return entries

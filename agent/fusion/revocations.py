@@ -1,0 +1,65 @@
+"""The revocations in effect: a set in which the order of arrival does not matter."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from protocol.entries import Entry
+from protocol.revocations import MOST_HELD, Revocation
+from protocol.signing import Verifier
+
+MOST_REFUSED = 20  # in a second; each costs a third of a millisecond
+
+
+class Revocations:
+    """``held``: those that count. ``names``: of the revoked members."""
+
+    def __init__(self, verifier: Verifier | None, counters: Counter[str]) -> None:
+        """``verifier`` None: the swarm has no certificates, and nothing can be revoked."""
+        self._verifier, self._counters = verifier, counters
+        self._second = self._refusals = 0  # in that second
+        self.held: tuple[Revocation, ...] = ()
+        self.names: frozenset[str] = frozenset()
+
+    def take(self, revocation: Revocation, now_ns: int) -> str | None:
+        """Put a revocation into effect; why not, or None. "known" where it would change nothing; "flood" where so many were
+        refused in this second that no more signatures are verified: genuine ones come again.
+        """
+        if self._is_flooded(now_ns):
+            self._counters["dropped_revocation_flood"] += 1
+            return "flood"
+        refused = self._refusal(revocation, now_ns)
+        if refused is None:
+            self.held = (*self._left_beside(revocation), revocation)
+            self.names |= {revocation.member}
+            if self._verifier is not None:
+                self._verifier.revoke(revocation.member)
+        elif refused != "known":
+            self._counters[f"dropped_revocation_{refused}"] += 1
+            self._refusals += 1
+        return refused
+
+    def leaves_out(self, entry: Entry) -> bool:
+        """Whether an entry does not count."""
+        return any(one.member == entry.drone and entry.sequence > one.counts(entry.boot) for one in self.held)
+
+    def _is_flooded(self, now_ns: int) -> bool:
+        second = now_ns // 1_000_000_000
+        if second != self._second:
+            self._second, self._refusals = second, 0
+        return self._refusals >= MOST_REFUSED
+
+    def _refusal(self, revocation: Revocation, now_ns: int) -> str | None:
+        if self._verifier is None:
+            return "without_certificates"
+        if any(one.covers(revocation) for one in self.held):
+            return "known"
+        refused = self._verifier.revocation_refusal(revocation)
+        if refused is not None:
+            return refused
+        if now_ns > revocation.until_ns:
+            return "void"
+        return "one_too_many" if len(self._left_beside(revocation)) >= MOST_HELD else None
+
+    def _left_beside(self, revocation: Revocation) -> tuple[Revocation, ...]:
+        return tuple(one for one in self.held if not revocation.covers(one))

@@ -1,0 +1,84 @@
+"""The frame of a drone that the mission knows exactly: for its first epoch by the mission, from then on by its motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import dist, hypot, remainder, sqrt, tau
+
+import msgspec
+import numpy as np
+
+from agent.frames.transform import Transform
+from agent.localization.continuity import carried_on
+from agent.vehicle.interface import VehicleState
+
+# Two places, and two headings, nearer to each other than this are one: so much the continuity is off after a few jumps.
+SAME_M, SAME_RAD = 1.0, 0.1
+_SIGMAS = 3.0
+
+
+class KnownFrame:
+    """What becomes of such a frame when the localisation jumps.
+
+    A jump that was announced begins another frame, which continues the motion. One that was not has two explanations: the
+    position is wrong from then on, or it was wrong until then, as that of a vehicle whose satellites are not spoofed any more;
+    nothing can tell which. The drone flies on by continuity, but may as well be where its localisation says, ``otherwise`` (None:
+    no such doubt). An announced jump by no more than a localisation that was not trusted had stated as its error puts that right:
+    it has found its satellites again, and the frame is what it was.
+    """
+
+    def __init__(self) -> None:
+        self.otherwise: Transform | None = None
+
+    def after_jump(
+        self, old: Transform, last: VehicleState, vehicle: VehicleState, turning_rps: float | None, *, announced: bool
+    ) -> Transform:
+        """The frame of the epoch that begins with ``vehicle``; arguments as of ``carried_on``."""
+        onward = carried_on(old, last, vehicle, turning_rps)
+        if announced and not last.position_trusted and self._is_within_error(onward, old, last, vehicle):
+            return old
+        otherwise = self.otherwise or old
+        if announced:
+            otherwise = carried_on(otherwise, last, vehicle, turning_rps)
+        if _apart_m(onward, otherwise, vehicle) < SAME_M and abs(_turned_rad(onward, otherwise)) < SAME_RAD:
+            self.otherwise = None  # the jump has undone the one before it
+            return otherwise
+        self.otherwise = otherwise
+        return onward
+
+    def doubt_m(self, frame: Transform | None, vehicle: VehicleState) -> float:
+        """Distance between the two places where the drone may be; 0 without a doubt."""
+        return 0.0 if self.otherwise is None or frame is None else _apart_m(frame, self.otherwise, vehicle)
+
+    def doubted(self, frame: Transform, vehicle: VehicleState) -> Transform:
+        """The frame with the doubt in its covariance: both explanations are equally likely, so the RMS difference from the one
+        that is flown by.
+        """
+        if self.otherwise is None:
+            return frame
+        axis_m2, turned_rad = 0.25 * self.doubt_m(frame, vehicle) ** 2, _turned_rad(frame, self.otherwise)
+        at_vehicle = Transform(0.0, vehicle.position_m)
+        doubt = Transform(covariance=np.diag([axis_m2, axis_m2, 0.0, 0.5 * turned_rad**2]))
+        return replace(frame @ at_vehicle @ doubt @ at_vehicle.inverse(), yaw_rad=frame.yaw_rad, translation=frame.translation)
+
+    def stated(self, frame: Transform | None, vehicle: VehicleState) -> VehicleState:
+        """Telemetry with the doubt in its errors."""
+        if self.otherwise is None or frame is None:
+            return vehicle
+        position_m = hypot(vehicle.position_sigma_m, self.doubt_m(frame, vehicle) / sqrt(2.0))
+        yaw_rad = hypot(vehicle.yaw_sigma_rad, _turned_rad(frame, self.otherwise) / sqrt(2.0))
+        return msgspec.structs.replace(vehicle, position_sigma_m=position_m, yaw_sigma_rad=yaw_rad)
+
+    @staticmethod
+    def _is_within_error(onward: Transform, old: Transform, last: VehicleState, vehicle: VehicleState) -> bool:
+        near = _apart_m(onward, old, vehicle) <= SAME_M + _SIGMAS * last.position_sigma_m
+        return near and abs(_turned_rad(onward, old)) <= SAME_RAD + _SIGMAS * last.yaw_sigma_rad
+
+
+def _apart_m(one: Transform, other: Transform, vehicle: VehicleState) -> float:
+    """Horizontal distance between the places of a vehicle by two frames of its epoch."""
+    return dist(one.apply_point(vehicle.position_m)[:2], other.apply_point(vehicle.position_m)[:2])
+
+
+def _turned_rad(one: Transform, other: Transform) -> float:
+    return remainder(one.yaw_rad - other.yaw_rad, tau)

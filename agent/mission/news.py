@@ -1,0 +1,48 @@
+"""What the other drones tell of themselves: verified, at its time by the own clock."""
+
+from __future__ import annotations
+
+from msgspec.structs import replace
+
+from agent.fusion.proofs import Proofs
+from agent.localization.clocks import Clocks
+from agent.mission.problems import TWIN_NS, Problems
+from agent.mission.revoking import Revoking
+from agent.navigation.peers import NEWS, Peers
+from protocol.messages import AnyDroneMessage, Estimate, Frame, Status
+
+_FOR_ONLOOKERS = (Frame, Estimate)  # every agent derives these from its own log
+
+
+class News:
+    """``pressing``: a status tells something that this drone's own status should answer at once."""
+
+    def __init__(
+        self, drone: str, boot: str, peers: Peers, clocks: Clocks, proofs: Proofs, revoking: Revoking, problems: Problems
+    ) -> None:
+        self._id, self._boot = drone, boot
+        self._peers, self._clocks, self._proofs = peers, clocks, proofs
+        self._revoking, self._problems = revoking, problems
+        self.pressing = False
+
+    def hear(self, message: AnyDroneMessage, now_ns: int) -> str | None:
+        """Take a message that is no log entry. Returns why it was dropped, or None."""
+        self.pressing = False
+        if message.drone in self._revoking.names:
+            return "revoked"
+        if isinstance(message, Status) and not self._proofs.is_signed(message, now_ns):
+            return "unsigned_status"
+        if message.drone == self._id:
+            if isinstance(message, Status) and message.boot != self._boot and abs(now_ns - message.stamp_ns) < TWIN_NS:
+                self._problems.hear_twin(now_ns)
+            return "own_id"
+        if isinstance(message, Status):
+            self.pressing = self._clocks.hear(message, now_ns)  # however old its stamp seems
+        if isinstance(message, _FOR_ONLOOKERS):
+            return None
+        if isinstance(message, NEWS):
+            self._peers.keep_time(now_ns)
+            stamp_ns = self._clocks.own_stamp_ns(message.drone, message.stamp_ns)
+            here = message if stamp_ns == message.stamp_ns else replace(message, stamp_ns=stamp_ns)
+            return self._peers.receive(here, now_ns)
+        return "unused"

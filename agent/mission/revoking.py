@@ -1,0 +1,110 @@
+"""What does not count any more: news and commands of whom an operator has revoked in flight; and from which number on whose log
+entries do not, because their drone has been revoked or has contradicted itself.
+
+What follows depends on the set of revocations and entries alone, not on their order: of several of the same drone the lowest
+number counts, for each boot. So all drones leave the same entries out of log, digest and hypothesis.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from agent.fusion.blocks import Publisher
+from agent.fusion.log import Contradiction
+from agent.fusion.revocations import Revocations
+from agent.mission.commanding import Verdict
+from agent.mission.executive import Executive
+from agent.mission.problems import Problems
+from agent.mission.worldmodel import WorldModel
+from protocol.entries import Coverage, Entry
+from protocol.revocations import Revocation, Revoked
+from protocol.signing import Verifier
+
+PERIOD_NS = 1_000_000_000  # they are passed on so often: also to drones that join, or are heard again
+
+
+class Revoking:
+    """The revocations that one drone knows, and what follows for its mission."""
+
+    def __init__(
+        self,
+        drone: str,
+        verifier: Verifier | None,
+        world: WorldModel,
+        executive: Executive,
+        problems: Problems,
+        counters: Counter[str],
+    ) -> None:
+        """``verifier`` None: the swarm has no certificates, and nothing can be revoked."""
+        self._drone, self._revocations = drone, Revocations(verifier, counters)
+        self._world, self._executive, self._problems = world, executive, problems
+        self._contradictions: dict[Publisher, Contradiction] = {}
+        self._due_ns = 0
+
+    @property
+    def held(self) -> tuple[Revocation, ...]:
+        """Those that count: the same object as long as they stay the same."""
+        return self._revocations.held
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Of the revoked members."""
+        return self._revocations.names
+
+    def hear(self, message: Revocation | Revoked, now_ns: int) -> Verdict | None:
+        """Put revocations into effect; what became of the last that was not known."""
+        verdict = None
+        for one in message.held if isinstance(message, Revoked) else (message,):
+            refused = self._revocations.take(one, now_ns)
+            if refused is None:
+                self._carry_out(one, now_ns)
+            if refused not in ("known", "flood"):
+                verdict = Verdict(refused or "")
+        return verdict
+
+    def leaves_out(self, entry: Entry) -> bool:
+        """Whether a revocation leaves an entry out."""
+        return self._revocations.leaves_out(entry)
+
+    def recount(self, entry: Entry) -> None:
+        """An entry was not taken: if it contradicts another one, what its drone has searched since counts no more."""
+        found = self._world.fusion.log.contradictions.get((entry.drone, entry.boot))
+        if found is not self._contradictions.get((entry.drone, entry.boot)) and found is not None:
+            self._contradictions[entry.drone, entry.boot] = found
+            self._recount(entry.drone)
+
+    def due(self, now_ns: int) -> tuple[Revoked, ...]:
+        """What is to be passed on now."""
+        self._due_ns = min(self._due_ns, now_ns + PERIOD_NS)  # a later time is from before the clock was set back
+        if not self.held or now_ns < self._due_ns:
+            return ()
+        self._due_ns = now_ns + PERIOD_NS
+        return (Revoked(stamp_ns=now_ns, drone=self._drone, held=self.held),)
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """One line for each revoked member, and for each drone that has contradicted itself."""
+        by = {one.member: one.station for one in reversed(self.held)}
+        contradicting = {name: found.number for (name, _), found in self._contradictions.items()}
+        revoked = [f"{name} has been revoked by {by[name]}" for name in sorted(by)]
+        told = "has published two different log entries with the number"
+        return (*revoked, *(f"{name} {told} {contradicting[name]}: nothing from it on counts" for name in sorted(contradicting)))
+
+    def _carry_out(self, revocation: Revocation, now_ns: int) -> None:
+        """What is known of a revoked drone's body stays: it is kept away from as from one that is silent."""
+        name, log = revocation.member, self._world.fusion.log
+        self._due_ns = now_ns
+        if name == self._drone:
+            self._problems.revoked = (f"{name} has been revoked by {revocation.station}: no other drone hears it any more",)
+            return
+        self._world.forget(log.beyond(name, revocation.counts))
+        self._recount(name)
+
+    def _recount(self, name: str) -> None:
+        log = self._world.fusion.log
+        counted = [
+            entry
+            for entry in log.entries(Coverage, name)
+            if not self.leaves_out(entry) and entry.sequence <= log.last_counted(name, entry.boot)
+        ]
+        self._executive.recount_coverage(name, counted)

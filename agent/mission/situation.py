@@ -1,0 +1,30 @@
+"""What the stages of a mission are decided by."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from agent.vehicle.interface import VehicleState
+
+
+class Situation(Struct, frozen=True):
+    """The inputs of a decision. ``last_cone_ns``: stamp of the newest cone in the log, of any drone; 0 where there is none.
+
+    ``at_home``: the drone hovers over the place where it took off. ``problems``: those that prevent a start. ``rms_m``: of the
+    source estimate, by an estimator with a posterior; else None. ``nothing_found``: the search has ended without a source.
+    ``stranded``: other drones are not heard, and the mission, or the fence, leaves this one nothing but to return; or it may be
+    far from where it believes to be.
+    ``battery_low``: it is this drone's turn to return for want of battery. ``no_nearer``: its return has not got on for long.
+    """
+
+    now_ns: int
+    vehicle: VehicleState | None
+    has_hypothesis: bool
+    last_cone_ns: int
+    at_home: bool
+    problems: tuple[str, ...] = ()
+    rms_m: float | None = None
+    nothing_found: bool = False
+    stranded: bool = False
+    battery_low: bool = False
+    no_nearer: bool = False

@@ -1,0 +1,93 @@
+"""Whether somebody else flies the vehicle: a human pilot or the autopilot's failsafe, judged by the autopilot's mode."""
+
+from __future__ import annotations
+
+from agent.vehicle.interface import FlightMode, VehicleState
+from protocol.messages import Stage
+
+SEARCHING = (Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
+STEERED = (*SEARCHING, Stage.RETURN)  # the stages flown by setpoints, with separation
+TAKEOVER_NS = 1_500_000_000  # a heartbeat is up to 1 s old: wait longer before taking a mode for a takeover
+FAILSAFE_NS = 3_000_000_000  # the same for a failsafe, which may pass
+REJOIN_NS = 5_000_000_000  # this agent has so long to get the vehicle out of a failsafe, or of a hold
+STALE_NS = 1_200_000_000  # greatest age of the mode in a heartbeat
+OWN_HOLD_NS = 3_000_000_000  # a hold that this agent has asked for is shown and left again within this time
+
+MODES: dict[Stage, tuple[FlightMode, ...]] = {  # the autopilot's, that belong to a stage
+    Stage.TAKEOFF: (FlightMode.TAKEOFF, FlightMode.HOLD, FlightMode.OFFBOARD),  # the last metres by setpoints
+    Stage.HOLD: (FlightMode.HOLD,),
+    Stage.LANDING: (FlightMode.LAND,),
+    Stage.ABORT: (FlightMode.LAND,),
+    **dict.fromkeys(STEERED, (FlightMode.OFFBOARD,)),
+}
+
+
+class Takeover:
+    """Notices a mode that this agent has not asked for and that stays."""
+
+    def __init__(self) -> None:
+        self._foreign_since_ns: int | None = None
+        self._was_offboard = False
+        self._rejoining_until_ns = 0
+        self._held_ns: int | None = None  # when this agent itself last asked for a hold, for want of telemetry
+
+    def hold_asked(self, now_ns: int) -> None:
+        """This agent asks the autopilot to hold for now: that is not somebody's takeover."""
+        self._held_ns = now_ns
+
+    def changed(self) -> None:
+        """The request to the autopilot has changed to or from offboard."""
+        self._was_offboard, self._foreign_since_ns = False, None
+
+    def left_hold(self, now_ns: int) -> None:
+        """The position can be trusted again: the vehicle is on its way back from hold to offboard."""
+        self._was_offboard, self._rejoining_until_ns = False, now_ns + REJOIN_NS
+
+    def rejoin(self, vehicle: VehicleState, stage: Stage, now_ns: int) -> bool:
+        """Continue a flight in which this agent was restarted; returns whether somebody else flies.
+
+        Without setpoints the autopilot returns or lands in its failsafe (``healthy`` is False then), and goes back to offboard
+        when they resume.
+        """
+        self._was_offboard = True
+        if vehicle.mode is FlightMode.MANUAL or (vehicle.healthy and self._is_foreign(vehicle, stage)):  # no failsafe led to it
+            return True
+        if stage in STEERED:
+            self._rejoining_until_ns = now_ns + REJOIN_NS
+        return False
+
+    def step(self, vehicle: VehicleState, stage: Stage, since_ns: int, now_ns: int, *, stays: bool) -> bool:
+        """Whether the autopilot has stayed in a mode that was not requested in this stage, which began at ``since_ns``.
+
+        A failsafe is given time to pass: after a gap in the setpoints the autopilot goes back to offboard by itself.
+        ``stays``: the vehicle holds because its position cannot be trusted.
+        """
+        settled = now_ns - since_ns > STALE_NS and not stays
+        self._was_offboard = self._was_offboard or (settled and vehicle.mode is FlightMode.OFFBOARD)
+        if vehicle.mode in MODES[stage]:
+            self._rejoining_until_ns = 0
+        if self._is_own(vehicle, now_ns, stays) or not self._is_foreign(vehicle, stage):
+            self._foreign_since_ns = None
+            return False
+        if self._foreign_since_ns is None:
+            self._foreign_since_ns = now_ns
+        patience_ns = TAKEOVER_NS if vehicle.healthy or vehicle.mode is FlightMode.MANUAL else FAILSAFE_NS
+        return now_ns - self._foreign_since_ns > patience_ns
+
+    def _is_own(self, vehicle: VehicleState, now_ns: int, stays: bool) -> bool:
+        """Whether the mode follows from what this agent does: holds, or leaves a hold or a failsafe."""
+        if vehicle.mode is FlightMode.MANUAL:
+            return False
+        held = self._held_ns is not None and now_ns - self._held_ns < OWN_HOLD_NS
+        holds = (stays or held) and vehicle.mode is FlightMode.HOLD
+        fails = stays and not vehicle.healthy  # for want of a position
+        return holds or fails or now_ns < self._rejoining_until_ns
+
+    def _is_foreign(self, vehicle: VehicleState, stage: Stage) -> bool:
+        """Whether somebody other than this agent has chosen the mode. Before arming, any mode is fine."""
+        mode = vehicle.mode
+        if not vehicle.armed or mode in MODES[stage]:
+            return False
+        if mode in (FlightMode.MANUAL, FlightMode.RETURN, FlightMode.LAND):
+            return True
+        return mode is FlightMode.HOLD and stage in STEERED and self._was_offboard  # else: not yet in offboard

@@ -1,0 +1,86 @@
+"""A mission that an operator uploads to a drone on the ground: whether it is taken over, and the answer in the status.
+
+The pilot judges who uploads and when. Its shell then fetches the content, checks and keeps it, and begins anew with it: a pilot
+never changes its mission. Meanwhile it refuses a start; where the shell does not succeed, the drone goes on with the mission
+that it has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from msgspec import Struct
+
+from agent.mission.problems import LONGEST_PROBLEM, TELEMETRY_AGE_NS
+from agent.vehicle.interface import VehicleState
+from protocol.messages import Answer, Stage, Status, Upload
+
+_ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
+
+
+class Origin(Struct, frozen=True, kw_only=True):
+    """Where an uploaded mission comes from: the station, its certificate (DER; empty in a swarm without), when by the drone's
+    clock (UTC), and the id of the mission in the drone's mission file, which it replaces.
+    """
+
+    station: str
+    certificate: bytes = b""
+    taken_ns: int
+    instead_of: str
+
+
+class Ground(Struct, frozen=True):
+    """What it depends on whether a mission can be taken: time, own stage and vehicle, and the newest statuses of the others."""
+
+    now_ns: int
+    stage: Stage
+    vehicle: VehicleState | None
+    others: Mapping[str, Status]
+
+
+class Uploads:
+    """The uploads to one drone. ``taking``: what the shell is to fetch; None: nothing. ``answer``: to the last upload."""
+
+    def __init__(self, mission_id: str) -> None:
+        """``mission_id``: of the mission in force."""
+        self._mission_id = mission_id
+        self.taking: Upload | None = None
+        self.answer: Answer | None = None
+
+    def judge(self, upload: Upload, ground: Ground) -> str | None:
+        """Take an operator's upload, or refuse it. Returns why, or None."""
+        refused = self._refusal(upload, ground)
+        if self.taking is None:  # else the answer is that to the one which is being taken
+            self._tell(upload, refused or "")
+        if refused is None:
+            self.taking = upload
+        return refused
+
+    def decline(self, reason: str) -> None:
+        """What was being taken cannot be: the drone keeps its mission."""
+        if self.taking is not None:
+            self._tell(self.taking, reason)
+            self.taking = None
+
+    @property
+    def obstacle(self) -> str | None:
+        """Why no flight can begin now."""
+        return None if self.taking is None else f"it takes over the mission {self.taking.mission} from {self.taking.station}"
+
+    def _refusal(self, upload: Upload, ground: Ground) -> str | None:
+        if self.taking is not None:
+            return f"it is taking over the mission {self.taking.mission} from {self.taking.station}"
+        if upload.mission == self._mission_id:
+            return "it has this mission already"
+        if ground.stage not in _ON_GROUND:
+            return f"its mission has begun ({ground.stage})"
+        vehicle = ground.vehicle
+        if vehicle is None or abs(ground.now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:
+            return "no telemetry tells whether its vehicle is disarmed"
+        if vehicle.armed or vehicle.in_air:
+            return "its vehicle is armed"
+        flying = [f"{name} ({status.stage})" for name, status in sorted(ground.others.items()) if status.stage not in _ON_GROUND]
+        return f"others fly the present mission: {', '.join(flying)}" if flying else None
+
+    def _tell(self, upload: Upload, refused: str) -> None:
+        self.answer = Answer(upload.stamp_ns, upload.mission, refused[:LONGEST_PROBLEM])

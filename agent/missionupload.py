@@ -1,0 +1,150 @@
+"""A mission uploaded to the drones of a swarm on the ground: offered, fetched by each, and waited for until they have it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from agent.config.loading import mission_content
+from agent.config.mission import MissionConfig
+from agent.groundcontrol import Addressees, CommandError, Statuses, find, lapsed, operator_identity, station_name
+from protocol.codec import encode
+from protocol.identity import Identity
+from protocol.keys import key_of
+from protocol.mesh.queries import hash_of, split
+from protocol.mesh.session import Mesh, MeshConfig
+from protocol.messages import Upload
+from protocol.signing import Trust, sign_command
+from protocol.trust import trust_of
+
+ANSWER_S = 6.0  # a drone publishes its status every second
+BACK_S = 90.0  # until a drone that takes the mission over has begun anew with it: mostly some seconds
+REPEAT_S = 1.0
+LOOK_S = 0.05
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class UploadOrder:
+    """A mission for its drones, and the endpoints at which the swarm is reached. ``without``: drones of it that do not get it."""
+
+    mission: MissionConfig
+    connect: tuple[str, ...]
+    without: tuple[str, ...] = ()
+    identity: Path | None = None  # folder with the operator's certificate; None: links are not encrypted, nothing is signed
+
+
+async def upload(order: UploadOrder, say: Say) -> dict[str, str]:
+    """Upload a mission to drones on the ground; ``say`` is called with a line for each step of each drone.
+
+    Each drone decides for itself: those that refuse keep their mission, and no start is possible until all have the same.
+
+    Returns:
+        By drone: why it did not take the mission; empty where it has it now.
+
+    Raises:
+        CommandError: not all the mission's drones are heard, or the certificate is not an operator's; nothing was sent.
+        ProtocolError: an endpoint that cannot be used, or a mission that is too large.
+    """
+    links = MeshConfig(connect=order.connect, identity=operator_identity(order.identity))
+    statuses = Statuses(links.identity)
+    mesh = await Mesh.open(links, order.mission.swarm, None, receive=statuses.receive)
+    try:
+        return await carry_out(order, mesh, links.identity, statuses, say)
+    finally:
+        await mesh.close()
+
+
+async def carry_out(order: UploadOrder, mesh: Mesh, identity: Identity | None, statuses: Statuses, say: Say) -> dict[str, str]:
+    """The same over a link that is open; ``statuses`` gets every message from it. Raises as ``upload``."""
+    drones = tuple(member.id for member in order.mission.drones if member.id not in order.without)
+    if not drones:
+        raise CommandError("upload: no drone of the mission is left")
+    swarm, parts, trust = order.mission.swarm, split(mission_content(order.mission)), trust_of(identity)
+    await mesh.serve_mission(station_name(trust), parts)
+    found = await find(Addressees(swarm, order.connect, drones), "upload", statuses, identity, lambda: mesh.differing)
+    statuses.keep_numbers(found)
+    hashes = tuple(hash_of(part) for part in parts)
+    sending = _Sending(mesh, swarm, trust, statuses, order.mission.mission_id, hashes, time.time_ns())
+    say(f"upload: to {', '.join(found)}, mission {sending.mission}")
+    return await _followed(sending, [_Drone(name, statuses[name].boot) for name in found], identity, say)
+
+
+@dataclass(slots=True)
+class _Drone:
+    """How far the upload to a drone is. ``boot``: of its agent before; ``result``: None while it is open."""
+
+    name: str
+    boot: str
+    takes: bool = False
+    result: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Sending:
+    """One upload. Its copies have the same stamp and numbers, and the newest nonces."""
+
+    mesh: Mesh
+    swarm: str
+    trust: Trust | None
+    statuses: Statuses
+    mission: str
+    hashes: tuple[bytes, ...]
+    stamp_ns: int
+
+    def send(self, drones: list[str]) -> None:
+        """Send it to these drones, as far as their tickets are known."""
+        to = {name: ticket for name in drones if (ticket := self.statuses.ticket(name)) is not None}
+        if to:
+            station = station_name(self.trust)
+            message = Upload(stamp_ns=self.stamp_ns, station=station, mission=self.mission, to=to, parts=self.hashes)
+            message = message if self.trust is None else sign_command(message, self.trust)
+            self.mesh.publish(key_of(self.swarm, message), encode(message))
+
+
+async def _followed(sending: _Sending, drones: list[_Drone], identity: Identity | None, say: Say) -> dict[str, str]:
+    """Send to all that have not answered, and wait for each until it has the mission or has refused it."""
+    began_s, due_s = time.monotonic(), 0.0
+    while waiting := [one for one in drones if one.result is None]:
+        now_s = time.monotonic()
+        for one in waiting:
+            _look(sending, one, now_s - began_s, identity, say)
+        unanswered = [one.name for one in waiting if one.result is None and not one.takes]
+        if unanswered and now_s >= due_s:
+            due_s = now_s + REPEAT_S
+            sending.send(unanswered)
+        await asyncio.sleep(LOOK_S)
+    return {one.name: one.result or "" for one in drones}
+
+
+def _look(sending: _Sending, one: _Drone, waited_s: float, identity: Identity | None, say: Say) -> None:
+    """Note what a drone has answered."""
+    status = sending.statuses[one.name]
+    answer = status.upload
+    answered = answer is not None and answer.stamp_ns == sending.stamp_ns
+    if status.mission == sending.mission:
+        one.result = ""
+        say(f"{one.name}: has it" if one.boot != status.boot else f"{one.name}: has it already")
+    elif answer is not None and answered and answer.refused:
+        one.result = f"refused: {answer.refused}"
+    elif status.boot != one.boot:
+        one.result = "; ".join(("it has begun anew without the mission", *status.problems))
+    elif answered and not one.takes:
+        one.takes = True
+        say(f"{one.name}: takes it over")
+    elif not one.takes and waited_s > ANSWER_S and one.name in sending.statuses.heard():
+        one.result = _silence(sending.statuses, one.name) + lapsed(identity, time.time_ns())
+    elif waited_s > BACK_S:
+        one.result = f"not heard with the mission within {BACK_S:g} s: see its log"
+    if one.result:
+        say(f"{one.name}: {one.result}")
+
+
+def _silence(statuses: Statuses, drone: str) -> str:
+    """Why a drone that is heard has not answered."""
+    if statuses.is_overtaken(drone):
+        return "another command came first: upload it again"
+    return "does not answer: its flight record tells why (radron-agent audit)"

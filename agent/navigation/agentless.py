@@ -1,0 +1,120 @@
+"""Where a vehicle may be whose agent is gone. Its autopilot stops, and does what the mission's ``safety.agent_lost`` says: it
+returns straight to the place of its launch, first up and then across, and lands; or it lands or stays where it has stopped.
+
+How early and how late it may be on its way home is known only within wide limits: at each time it may be anywhere between two
+places of that way. Positions are horizontal, mission frame; times in seconds since its last pose.
+"""
+
+from __future__ import annotations
+
+from math import dist, inf
+
+import numpy as np
+from msgspec import Struct
+
+from agent.config.mission import MissionConfig
+from agent.frames.transform import Transform
+from agent.geometry import Array, Point2, Vector3
+from agent.navigation.peers import Peer
+from protocol.messages import Pose, Stage
+
+CIRCLING = (Stage.TRACK, Stage.REACQUIRE)
+# An autopilot without setpoints (PX4: COM_OF_LOSS_T): it flies on for a second, stops, climbs (MPC_Z_V_AUTO_UP, which preflight
+# checks, and slower near the height), goes home at 3 to 6 m/s (MPC_XY_CRUISE: 5), and comes down at half a metre per second or
+# more. From the last setpoint until it leaves, PX4 takes 4.2 s for a rise of 2 m, 8.4 s for 10 m, and 12 s for 20 m.
+_GOES_ON_S, _STOPPED_S = 1.0, 3.5
+_CLIMB_MPS, _DESCENT_MPS, _DOWN_S = 1.5, 0.5, 10.0
+_SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
+_STOPS_S, _FARTHEST_S = 1.5, 2.0  # it stops about this many seconds of its velocity ahead, and at most so many
+_LOWER_M = 12.0  # nearer to its home than this it may return lower (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
+
+
+class Stretch(Struct, frozen=True):
+    """A straight way on which a vehicle may be: at the k-th time anywhere between ``back`` and ``front`` (K,), metres from its
+    start; None: anywhere on it.
+    """
+
+    start: Point2
+    end: Point2
+    back: Array | None = None
+    front: Array | None = None
+
+    def nearest(self, places: Array) -> Array:
+        """Its points (K, 2) nearest to places (K, 2), one for each time."""
+        length_m = dist(self.start, self.end)
+        along = np.array([self.end[0] - self.start[0], self.end[1] - self.start[1]]) / max(length_m, 1e-9)
+        least, most = (0.0 if self.back is None else self.back), (length_m if self.front is None else self.front)
+        place = np.clip((places - self.start) @ along, least, most)
+        found: Array = np.array(self.start) + place[:, None] * along
+        return found
+
+
+class Course(Struct, frozen=True):
+    """What one vehicle does: it stops somewhere on ``stop``, and stays there until ``leaves_s``; infinity: it does not leave.
+    ``way``: from there home, at the height ``cruise_m``; there it is down at ``down_s``. None: it does not return.
+    """
+
+    stop: Stretch
+    leaves_s: float
+    way: tuple[Point2, Point2] | None = None
+    cruise_m: float = 0.0
+    down_s: float = 0.0
+
+    def stretches(self, times: Array, below_m: float) -> list[Stretch]:
+        """Where it may be at some times (K,), ascending, the first of which is now; nowhere once it must be down.
+
+        ``below_m``: what crosses above this height is not in the way.
+        """
+        found = [self.stop] if times[0] < self.leaves_s else []
+        if self.way is None or times[0] >= self.down_s:
+            return found
+        start, home = self.way
+        way_m = dist(start, home)
+        if way_m > _LOWER_M and self.cruise_m > below_m:
+            comes_down = times[-1] >= _GOES_ON_S + way_m / _FASTEST_MPS
+            return [*found, Stretch(home, home)] if comes_down else found
+        front = np.clip(_FASTEST_MPS * (times - _GOES_ON_S), 0.0, way_m)
+        back = np.clip(_SLOWEST_MPS * (times - self.leaves_s), 0.0, way_m)
+        return [*found, Stretch(start, home, back, front)]
+
+
+class Agentless:
+    """The vehicles of a mission, without their agents."""
+
+    def __init__(self, mission: MissionConfig) -> None:
+        self._agent_lost = mission.safety.agent_lost
+        self._launch: dict[str, Vector3] = {member.id: member.origin_m for member in mission.drones}
+        self._homeless = {member.id for member in mission.drones if member.localization == "slam"}
+        self._return_m = {member.id: height for member, height in zip(mission.drones, mission.return_heights_m, strict=True)}
+
+    def course(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform) -> Course:
+        """What it does from its last pose on, which is in its own frame."""
+        x, y, z = mission_from_theirs.apply_point(pose.position_m)
+        u, v, _ = mission_from_theirs.rotate_direction(pose.velocity_mps)
+        stop = Stretch((x, y), (x + _FARTHEST_S * u, y + _FARTHEST_S * v))
+        reaction = self._reaction(name, peer.status.stage if peer.status is not None else Stage.SURVEY)
+        if reaction == "hold":
+            return Course(stop, inf)
+        if reaction == "land":
+            return Course(stop, _STOPPED_S + _DOWN_S + max(z, 0.0) / _DESCENT_MPS)
+        home_x, home_y, home_z = self._home(name, peer, mission_from_theirs)
+        cruise_m = max(z, home_z + self._return_m[name])
+        leaves_s = _STOPPED_S + (cruise_m - z) / _CLIMB_MPS
+        way = (x + _STOPS_S * u, y + _STOPS_S * v), (home_x, home_y)
+        down_s = leaves_s + dist(*way) / _SLOWEST_MPS + (cruise_m - home_z) / _DESCENT_MPS + _DOWN_S
+        return Course(stop, leaves_s, way, cruise_m, down_s)
+
+    def _reaction(self, name: str, stage: Stage) -> str:
+        """What its autopilot does; without offboard mode, what it did before."""
+        if stage in (Stage.LANDING, Stage.ABORT):
+            return "land"
+        if stage not in (*CIRCLING, Stage.SURVEY, Stage.RETURN):
+            return "hold"
+        return "hold" if name in self._homeless and self._agent_lost == "return" else self._agent_lost
+
+    def _home(self, name: str, peer: Peer, mission_from_theirs: Transform) -> Vector3:
+        """Where its autopilot returns to."""
+        launch, pose = peer.launch, peer.pose
+        if launch is None or pose is None or launch.epoch != pose.epoch:
+            return self._launch[name]
+        return mission_from_theirs.apply_point(launch.position_m)

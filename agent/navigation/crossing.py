@@ -1,0 +1,85 @@
+"""From one circle to another, or home, while drones that are not heard may fly on those in between, anywhere: over them.
+
+Such a drone climbs where it is to the height of its own at which its autopilot would return (``MissionConfig.return_heights_m``),
+or higher where that is not well above all circles, goes across, and comes down where it belongs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import dist
+
+from agent.config.mission import MissionConfig
+from agent.geometry import Point2
+
+_NEAR_M = 1.0  # so near to its height or its circle it has arrived
+_OVER_HOME_M = 2.0
+_CLEAR_M = 5.0  # from a circle that it may not touch, while it climbs: the separation, and the margin of plans
+
+
+def crossing_height_m(mission: MissionConfig, drone: str) -> float:
+    """Height (m) above the ground at which a drone crosses."""
+    above_all_m = mission.encirclement.height_m + 2.0 * mission.limits.separation_m
+    return max(mission.return_height_m(drone), above_all_m)
+
+
+class Crossing:
+    """The crossing of one drone. ``climbs``: it has to cross, and is too low yet; ``is_over``: it is above all circles."""
+
+    def __init__(self, mission: MissionConfig, drone: str) -> None:
+        self._height_m = crossing_height_m(mission, drone)
+        self._held_m: float | None = None  # the radius at which it climbs, from the begin of a crossing to its end
+        self.climbs = self.is_over = False
+
+    def end(self) -> None:
+        """Nothing to cross any more."""
+        self._held_m, self.climbs, self.is_over = None, False, False
+
+    def course(self, far_m: float, height_m: float, radius_m: float, taken_m: Sequence[float]) -> tuple[float, float | None]:
+        """Radius to fly on, and height above the ground; None: that of the circle.
+
+        ``far_m``: present distance from the centre; ``height_m``: above ground; ``radius_m``: of the circle where it belongs;
+        ``taken_m``: of those that others may fly on.
+        """
+        between_m = [taken for taken in taken_m if (far_m - taken) * (radius_m - taken) < 0.0]
+        if self._held_m is None and between_m:
+            outward = radius_m > far_m
+            self._held_m = min(far_m, min(between_m) - _CLEAR_M) if outward else max(far_m, max(between_m) + _CLEAR_M)
+        if self._held_m is None or (not between_m and abs(far_m - radius_m) < _NEAR_M):
+            self.end()
+            return radius_m, None
+        self.is_over = height_m > self._height_m - _NEAR_M
+        self.climbs = bool(between_m) and not self.is_over
+        return (self._held_m if self.climbs else radius_m), self._height_m
+
+
+class WayHome:
+    """The return of one drone. ``climbs``: it has to cross, and is too low yet. ``comes_down``: from its height, over home."""
+
+    def __init__(self, mission: MissionConfig, drone: str) -> None:
+        self._height_m = crossing_height_m(mission, drone)
+        self._low_m = mission.survey.height_m + _NEAR_M
+        self.begin()
+
+    def begin(self) -> None:
+        """A return begins, or the local frame is another one."""
+        self._held: Point2 | None = None  # where it climbs
+        self._crosses = self._is_over = self._is_home = self.climbs = self.comes_down = False
+
+    def course(self, here: Point2, height_m: float, home: Point2, *, unheard: bool) -> tuple[Point2, float | None]:
+        """Where to go, and at which height above the ground; None: that of the search.
+
+        ``here``, ``home``: in one frame; ``unheard``: there are drones that are not heard and may fly anywhere on the way. Once
+        above them it stays there to the end, as it may be over one that is heard again. Over home it comes down by setpoints,
+        three times as fast as autopilots land.
+        """
+        self._crosses = unheard or (self._crosses and self._is_over)
+        self._is_home = self._is_home or dist(here, home) < _OVER_HOME_M
+        self.comes_down = self._crosses and self._is_home and height_m > self._low_m
+        if not self._crosses or self._is_home:
+            self.climbs = False
+            return home, None
+        self._held = self._held or here
+        self._is_over = self._is_over or height_m > self._height_m - _NEAR_M
+        self.climbs = not self._is_over
+        return (self._held if self.climbs else home), self._height_m

@@ -1,0 +1,36 @@
+"""Drones that fly past one on the ground: it must not take off below them.
+
+They cannot know of it before it is armed, and need some seconds to make room for one that rises in their way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import hypot
+
+from agent.geometry import Vector3
+from agent.motion.separation import DOUBT_SIGMAS
+from agent.navigation.neighbours import Neighbour
+from agent.navigation.peers import Peers
+from protocol.messages import Stage
+
+_AHEAD_S = 2.0  # from the command to rotors that lift
+_MARGIN_M = 1.0  # beyond the separation
+_MOST_DOUBT_M = 2.0  # more would keep a drone on the ground whose frame is hardly known
+_UPRIGHT = (Stage.TAKEOFF, Stage.LANDING, Stage.ABORT)  # these stay over the places where they stand
+
+
+def passing(position_m: Vector3, others: Iterable[Neighbour], peers: Peers, separation_m: float) -> tuple[str, ...]:
+    """Ids of those among ``others`` that are, or will be within two seconds, too near to a place in the same frame."""
+    found = []
+    for other in others:
+        status, state = peers[other.id].status, other.plan.measured
+        if state is None or (status is not None and status.stage in _UPRIGHT):
+            continue
+        keep_m = separation_m + _MARGIN_M + other.plan.doubt_m + min(DOUBT_SIGMAS * other.plan.sigma_m, _MOST_DOUBT_M)
+        (x, y, _), (u, v, _) = state.position, state.velocity
+        away_x, away_y = x + state.age_s * u - position_m[0], y + state.age_s * v - position_m[1]
+        nearest_s = min(max(-(away_x * u + away_y * v) / max(u * u + v * v, 1e-9), 0.0), _AHEAD_S)
+        if hypot(away_x + nearest_s * u, away_y + nearest_s * v) < keep_m:
+            found.append(other.id)
+    return tuple(found)

@@ -1,0 +1,167 @@
+"""``radron-agent status`` and ``watch``: the swarm as its drones tell it, on a terminal."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msgspec import Struct
+
+from agent.config.loading import load_mission
+from agent.errors import RadronError
+from agent.frames.geodesy import geodetic_from_mission
+from protocol.codec import decode_from
+from protocol.errors import ProtocolError
+from protocol.identity import load_identity
+from protocol.mesh.session import Mesh, MeshConfig
+from protocol.message import DroneMessage
+from protocol.messages import Estimate, Source, Status
+from protocol.signing import Verifier
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from agent.config.mission import MissionConfig
+
+LISTEN_S = 2.5  # a drone publishes its status every second
+STALE_S = 3.0
+REFRESH_S = 0.5
+
+
+class OverviewError(RadronError):
+    """There is nothing to show."""
+
+
+class Place(Struct, frozen=True):
+    """The swarm, the endpoints at which it is reached, and the certificate; ``mission``: file that tells latitude and longitude,
+    and which drones there should be.
+    """
+
+    swarm: str
+    connect: tuple[str, ...]
+    identity: Path | None
+    mission: Path | None
+
+
+def place_of(swarm: str, connect: Sequence[str], identity: Path | None, insecure: bool, mission: Path | None) -> Place:
+    """The place that options name; raises OverviewError where they contradict each other."""
+    if insecure == (identity is not None):
+        make = "run `radron-deploy pki issue NAME --role observer`, and give the folder that it makes"
+        raise OverviewError(f"--identity or --insecure: give one of them; for a certificate, {make}")
+    return Place(swarm, tuple(connect), identity, mission)
+
+
+@dataclass(slots=True)
+class _Drone:
+    status: Status | None = None
+    estimate: Estimate | None = None
+    heard_s: float = -math.inf
+
+
+class Overview:
+    """The newest of what each drone has told. ``clock_s``: monotonic; ``verifier``: of the statuses' signatures, None in a swarm
+    without certificates.
+    """
+
+    def __init__(self, mission: MissionConfig | None, clock_s: Callable[[], float], verifier: Verifier | None = None) -> None:
+        self._clock_s, self._verifier = clock_s, verifier
+        self._datum = mission.datum if mission is not None else None
+        self._drones: dict[str, _Drone] = {drone.id: _Drone() for drone in mission.drones} if mission is not None else {}
+
+    @property
+    def heard(self) -> bool:
+        """Whether any drone has been heard."""
+        return any(drone.heard_s > 0.0 for drone in self._drones.values())
+
+    def receive(self, key: str, payload: bytes) -> None:
+        """Take a message from the mesh; what is invalid is left out."""
+        try:
+            message = decode_from(key, payload)
+        except ProtocolError:
+            return
+        if not isinstance(message, DroneMessage):
+            return
+        if isinstance(message, Status) and self._verifier is not None and not self._verifier.accepts_status(message):
+            return
+        drone = self._drones.setdefault(message.drone, _Drone())
+        drone.heard_s = self._clock_s()
+        if isinstance(message, Status):
+            drone.status = message
+        elif isinstance(message, Estimate):
+            drone.estimate = message
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """A row for each drone: name, stage, battery, seconds since it was heard, log, problems."""
+        return [self._row(name, self._drones[name]) for name in sorted(self._drones)]
+
+    def sources(self) -> list[str]:
+        """A line for each different estimate: the drones that tell it, and what they tell."""
+        told: dict[str, list[str]] = {}
+        for name in sorted(self._drones):
+            estimate, age_s = self._drones[name].estimate, self._clock_s() - self._drones[name].heard_s
+            if estimate is not None and age_s < STALE_S:
+                told.setdefault("; ".join(map(self._source, estimate.sources)), []).append(name)
+        findings = {drone.status.finding for drone in self._drones.values() if drone.status is not None} - {""}
+        return [f"{', '.join(names)}: {text}" for text, names in told.items()] or sorted(findings) or ["no source found yet"]
+
+    def _row(self, name: str, drone: _Drone) -> tuple[str, ...]:
+        status, age_s = drone.status, self._clock_s() - drone.heard_s
+        if status is None:
+            return name, "not heard", "", "", "", ""
+        battery = "" if status.battery is None else f"{status.battery:.0%}"
+        log = drone.estimate.digest[:8] if drone.estimate is not None else ""
+        heard = f"{age_s:.1f} s" if age_s < STALE_S else f"NOT HEARD for {age_s:.0f} s"
+        return name, str(status.stage), battery, heard, log, "; ".join((*status.problems, *status.notices))
+
+    def _source(self, source: Source) -> str:
+        x, y, z = source.position_m
+        sigma_m = math.sqrt(max(0.0, source.covariance_m2[0] + source.covariance_m2[3]))
+        parts = [f"source at ({x:.2f}, {y:.2f}) m, 1 sigma {sigma_m:.2f} m"]
+        if self._datum is not None:
+            latitude_deg, longitude_deg, _ = geodetic_from_mission(self._datum, (x, y, z))
+            parts.append(f"{latitude_deg:.7f}, {longitude_deg:.7f} (WGS84)")
+        if source.activity_bq is not None:
+            parts.append(f"{source.nuclide or 'activity'} {source.activity_bq:.3g} Bq")
+        return ", ".join(parts)
+
+
+async def show(place: Place, watch: Callable[[Overview], None] | None) -> Overview:
+    """Listen for a moment, or until cancelled with ``watch``, which is called twice a second.
+
+    Raises:
+        OverviewError: no drone is heard.
+        ProtocolError: an endpoint or certificate that cannot be used.
+        ConfigError: a mission file that cannot be used.
+    """
+    mission = load_mission(place.mission) if place.mission is not None else None
+    identity = load_identity(place.identity) if place.identity is not None else None
+    overview = Overview(mission, time.monotonic, Verifier(identity.authority) if identity is not None else None)
+    mesh = await Mesh.open(MeshConfig(connect=place.connect, identity=identity), place.swarm, None, receive=overview.receive)
+    try:
+        if watch is None:
+            await asyncio.sleep(LISTEN_S)
+            if not overview.heard:
+                raise OverviewError(f"nothing heard from any drone of the swarm {place.swarm!r} at {', '.join(place.connect)}")
+            return overview
+        while True:
+            watch(overview)
+            await asyncio.sleep(REFRESH_S)
+    finally:
+        await mesh.close()
+
+
+def table(overview: Overview) -> RenderableType:
+    """The overview as a table, with the sources below it."""
+    from rich.console import Group  # noqa: PLC0415
+    from rich.markup import escape  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    drones = Table("drone", "stage", "battery", "heard", "log", "problems", box=None, pad_edge=False)
+    for row in overview.rows():
+        drones.add_row(*map(escape, row))
+    return Group(drones, *map(escape, overview.sources()))

@@ -1,0 +1,38 @@
+"""What the camera sees on the bench: natural background, and noisy pixels."""
+
+from __future__ import annotations
+
+from agent.config.mission import DetectionConfig
+from agent.detector.calibration import Calibration
+from agent.detector.chain import DetectorChain
+from agent.detector.readout import Readout
+from agent.vehicle.interface import Finding
+
+MEASURE_S = 10.0  # the background gives an event or two a second
+MOST_NOISY = 100  # of 65,536 pixels; more are a defect
+
+
+class Background:
+    """Counts the events of a camera's first ``MEASURE_S``, by the chain that counts them in flight."""
+
+    def __init__(self, config: DetectionConfig) -> None:
+        self._chain = DetectorChain(config, None, Calibration.nominal())
+        self._live_s = 0.0
+        self._events = self._hits = 0
+
+    def take(self, readout: Readout) -> Finding:
+        """The finding after one more readout."""
+        found = self._chain.process(readout)
+        self._live_s += found.live_time_s
+        self._events += found.hits
+        self._hits += len(readout.hits)
+        if self._live_s < MEASURE_S:
+            return Finding("camera", "not yet", f"answers; counting the background, {self._live_s:.0f} of {MEASURE_S:.0f} s")
+        rate = f"{self._events / self._live_s:.1f} events a second"
+        noisy = f"{self._chain.noise.pixels} noisy pixels"
+        if self._events == 0:
+            seen = f"answers, but has seen no event in {self._live_s:.0f} s, not even background ({noisy})"
+            return Finding("camera", "failed", f"{seen}: check the bias voltage (detector.bias_v), cable and sensor")
+        if self._chain.noise.pixels > MOST_NOISY:
+            return Finding("camera", "failed", f"{rate}, {noisy}: warm it up, equalise its thresholds, or replace it")
+        return Finding("camera", "ok", f"sees background: {rate} in {self._live_s:.0f} s, {noisy}")

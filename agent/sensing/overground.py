@@ -1,0 +1,33 @@
+"""The camera's place over the ground on which the source lies, by the rangefinder.
+
+An autopilot's own height drifts by a metre and more. Beside a source at 8 m that is a wrong direction by 7 degrees; to a vehicle
+that has landed a metre from it, by 45 degrees, in a hundred cones a second, and the whole swarm followed them away.
+"""
+
+from __future__ import annotations
+
+from agent.config.mission import DroneInMission
+from agent.frames.graph import LAUNCH_EPOCH
+from agent.geometry import Vector3
+from agent.terrain.ground import Ground
+from agent.vehicle.interface import VehicleState
+
+
+class OverGround:
+    """Places of one drone in its local frame, as its measurements state them.
+
+    Only where that frame is known exactly and the ground is level: elsewhere the height is part of what is estimated, or of the
+    ground's shape.
+    """
+
+    def __init__(self, member: DroneInMission, ground: Ground) -> None:
+        """``member``: the own one."""
+        known = member.is_exact and ground.level
+        self._ground_z_m = ground.height_m(0.0, 0.0) - member.origin_m[2] if known else None
+
+    def placed(self, position: Vector3, state: VehicleState) -> Vector3:
+        """A position with its height by the rangefinder; ``state``: the telemetry before it."""
+        if self._ground_z_m is None or state.epoch != LAUNCH_EPOCH:
+            return position
+        x, y, z = position
+        return x, y, self._ground_z_m + state.height_m + z - state.position_m[2]

@@ -1,0 +1,111 @@
+"""The mission in force: that of the mission file, or one that an operator has uploaded since, kept in the state folder.
+
+An uploaded mission replaces the one in the mission file, and no other: as soon as that file is changed by hand, it counts again.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from agent.config.drone import DroneConfig
+from agent.config.loading import read_content
+from agent.config.mission import MissionConfig
+from agent.errors import ConfigError, RadronError
+from agent.mission.uploads import Origin
+from agent.outputs import write_durably
+from agent.pilot import Pilot
+from agent.shell.startable import check_for_drone
+from protocol.identity import utc
+
+
+class _Kept(Struct, frozen=True, kw_only=True):
+    """Content of the file. ``mission_id``: as it was uploaded: a flipped bit would send a drone somewhere else."""
+
+    mission: MissionConfig
+    mission_id: str
+    origin: Origin
+
+
+class InForce(Struct, frozen=True):
+    """The mission that a drone flies. ``origin``: of an uploaded one; None: it is that of the mission file.
+
+    ``fault``: why an uploaded one cannot be used; prevents a start. ``notice``: what the operator should know about it.
+    """
+
+    mission: MissionConfig
+    origin: Origin | None = None
+    fault: str | None = None
+    notice: str | None = None
+
+
+def mission_path(drone: DroneConfig) -> Path | None:
+    """Where an uploaded mission is kept; None where the drone has no folder for it."""
+    return None if drone.state is None else Path(drone.state) / f"{drone.id}.mission.json"
+
+
+def mission_in_force(drone: DroneConfig, filed: MissionConfig) -> InForce:
+    """The uploaded mission if there is one that replaces ``filed``, the mission in the mission file; else that.
+
+    One that cannot be read or flown any more is told, and the mission file's counts: its drone is the odd one out then, so that
+    nothing starts by mistake, and takes the next upload.
+    """
+    path = mission_path(drone)
+    if path is None:
+        return InForce(filed)
+    try:
+        kept = _decoded(path.read_bytes())
+        if kept.origin.instead_of != filed.mission_id:
+            return InForce(
+                filed, notice=f"its mission file was changed: it counts, not the mission {kept.mission_id} uploaded before"
+            )
+        kept.mission.check(str(path))
+        _check(kept.mission, drone, filed.swarm, str(path))
+    except FileNotFoundError:
+        return InForce(filed)
+    except (OSError, msgspec.MsgspecError, RadronError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        return InForce(
+            filed, fault=f"the uploaded mission in {path} cannot be used ({reason}): upload it again, or remove that file"
+        )
+    return InForce(kept.mission, kept.origin, notice=f"its mission was uploaded by {described(kept.origin)}")
+
+
+def described(origin: Origin) -> str:
+    """Who uploaded a mission, and when."""
+    return f"{origin.station}, {utc(origin.taken_ns):%Y-%m-%d %H:%M} UTC"
+
+
+def keep(content: bytes, mission_id: str, drone: DroneConfig, swarm: str, origin: Origin) -> None:
+    """Check an uploaded mission as a mission file is checked, and keep it in the place of an earlier one, or not at all.
+
+    Raises:
+        RadronError: it cannot be flown by this drone; one line.
+        OSError: it cannot be written.
+    """
+    path = mission_path(drone)
+    if path is None:
+        raise ConfigError('no folder to keep it: give one in the drone file (state = "state")')
+    mission = read_content(content, mission_id)
+    _check(mission, drone, swarm, f"mission {mission_id}")
+    write_durably(path, msgspec.json.encode(_Kept(mission=mission, mission_id=mission_id, origin=origin)))
+
+
+def _check(mission: MissionConfig, drone: DroneConfig, swarm: str, where: str) -> None:
+    """See that this drone can fly a mission. Raises RadronError."""
+    if mission.swarm != swarm:
+        raise ConfigError(f"{where}: is for the swarm {mission.swarm!r}, and this is {swarm!r}")
+    check_for_drone(mission, drone.id, where)
+    Pilot(mission, drone, boot="0" * 16, nonce_key=b"")  # the only complete check of nuclide, estimator and survey
+
+
+def _decoded(content: bytes) -> _Kept:
+    try:
+        kept = msgspec.json.decode(content, type=_Kept)
+    except (UnicodeDecodeError, RecursionError) as error:
+        raise msgspec.DecodeError(str(error)) from None
+    if kept.mission.mission_id != kept.mission_id:
+        raise msgspec.ValidationError("its content does not match its id")
+    return kept

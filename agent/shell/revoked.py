@@ -1,0 +1,98 @@
+"""Revocations that survive a restart, and the session opened anew without the revoked members."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+from agent.outputs import write_durably
+from protocol.codec import decode, encode
+from protocol.errors import MeshError, ProtocolError
+from protocol.revocations import Revocation, Revoked
+
+LOOK_S = 0.2
+TURN_S, TURNS_S = 0.7, 7.0  # between two drones, and for all: one after the other, so that most of the swarm stays linked
+
+
+class RevokedFile:
+    """What one drone knows to be revoked, ``{folder}/{drone}.revoked``; without a folder it is not kept.
+
+    The file holds the revocations as they were signed: whoever reads it verifies them again.
+    """
+
+    def __init__(self, folder: str | None, drone: str) -> None:
+        self.path = Path(folder) / f"{drone}.revoked" if folder is not None else None
+        self._drone = drone
+        self._saved: tuple[Revocation, ...] = ()
+        self._saving: asyncio.Task[None] | None = None
+        self.problem: str | None = None
+
+    def load(self) -> tuple[Revocation, ...]:
+        """What was known before; nothing, and a problem, where that cannot be read."""
+        if self.path is None:
+            return ()
+        try:
+            found = decode(self.path.read_bytes())
+        except FileNotFoundError:
+            return ()
+        except (OSError, ProtocolError) as error:
+            return self._unreadable(error)
+        if not isinstance(found, Revoked):
+            return self._unreadable("it holds something else")
+        self._saved = found.held
+        return found.held
+
+    def save(self, held: tuple[Revocation, ...]) -> None:
+        """Write in the background what has changed. While it is being written, something newer is left to the next call."""
+        if self.path is not None and held != self._saved and (self._saving is None or self._saving.done()):
+            self._saved = held
+            content = encode(Revoked(stamp_ns=max(one.stamp_ns for one in held), drone=self._drone, held=held))
+            self._saving = asyncio.create_task(self._write(self.path, content))
+
+    def _unreadable(self, reason: object) -> tuple[Revocation, ...]:
+        text = "whom the swarm has revoked in an earlier flight is not known; move it away, and revoke them again"
+        self.problem = f"{self.path} is not readable ({reason}): {text}"
+        self.path = None  # it is not overwritten, whatever it is
+        return ()
+
+    async def _write(self, path: Path, content: bytes) -> None:
+        try:
+            await asyncio.to_thread(write_durably, path, content)
+            self.problem = None
+        except OSError as error:
+            self._saved = ()
+            self.problem = f"revocations not saved ({error.strerror}): after a restart this drone would not know them"
+
+
+def turn_s(index: int, count: int) -> float:
+    """How long the drone of this index waits for its turn, of so many."""
+    return index * min(TURN_S, TURNS_S / count)
+
+
+async def exclude(
+    revoked: Callable[[], frozenset[str]],
+    excluded: frozenset[str],
+    reopen: Callable[[frozenset[str]], Awaitable[None]],
+    wait_s: float,
+) -> None:
+    """Open the session anew whenever somebody else is revoked, until cancelled. Where that fails, it is tried again and again.
+
+    Args:
+        revoked: names of the revoked members.
+        excluded: those without which the session was opened.
+        reopen: opens it without these.
+        wait_s: for this drone's turn.
+    """
+    while True:
+        await asyncio.sleep(LOOK_S)
+        if revoked() == excluded:
+            continue
+        await asyncio.sleep(wait_s)
+        names = revoked()
+        while excluded != names:
+            try:
+                await reopen(names)
+                excluded = names
+            except MeshError:
+                await asyncio.sleep(LOOK_S)

@@ -1,0 +1,87 @@
+"""What this agent tells its computer once a second: ``report.json`` in systemd's ``RUNTIME_DIRECTORY``, if there is one.
+
+``radron-update`` judges by it whether an update works, and ``radron-deploy`` whether a vehicle is armed. It is in memory, not on
+a disk that could delay it. Also here: what the computer's updater has to tell through the agent.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from importlib.metadata import version
+from pathlib import Path
+
+import msgspec
+
+from agent.update.records import Records
+from protocol.messages import Stage
+from protocol.onboard import GROUND_STAGES, REPORT_FILE, Report
+
+SOFTWARE = "software: "  # how what it tells of updates begins
+PERIOD_S = 1.0
+CAMERA_S = 10.0  # between two readouts of a camera that works
+
+
+class SelfReport:
+    """Writes the reports of one run of the agent."""
+
+    def __init__(self, folder: Path | None, clock_s: Callable[[], float] = time.monotonic) -> None:
+        """``folder``: None: there are no reports."""
+        self._file = folder / REPORT_FILE if folder is not None else None
+        self._clock_s = clock_s
+        self._readout_s = float("-inf")
+
+    @classmethod
+    def here(cls, environment: Mapping[str, str] = os.environ) -> SelfReport:
+        """Where the service manager says."""
+        folder = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0]
+        return cls(Path(folder) if folder else None)
+
+    def readout(self) -> None:
+        """The camera has answered."""
+        self._readout_s = self._clock_s()
+
+    async def run(self, present: Callable[[], Report]) -> None:
+        """Report until cancelled. ``present``: the report, in which this fills in time, version and camera."""
+        release = version("radron")
+        try:
+            while self._file is not None:
+                now_s = self._clock_s()
+                camera = now_s - self._readout_s < CAMERA_S
+                report = msgspec.structs.replace(present(), uptime_s=now_s, version=release, camera=camera)
+                self._write(self._file, msgspec.json.encode(report))
+                await asyncio.sleep(PERIOD_S)
+        finally:
+            if self._file is not None:
+                with suppress(OSError):
+                    self._file.unlink()
+
+    def _write(self, file: Path, content: bytes) -> None:
+        """Readers see one report or the next."""
+        fresh = file.with_suffix(".new")
+        with suppress(OSError):
+            fresh.write_bytes(content)
+            fresh.replace(file)
+
+
+class Updates:
+    """What this computer's updater has to tell, looked up on the ground only: no disk delays a flight."""
+
+    def __init__(self, folder: str | None) -> None:
+        """``folder``: of the updater; None: this computer has none."""
+        self._records = Records(Path(folder)) if folder is not None else None
+        self.notice: str | None = None  # an update that has failed, and what runs instead
+        self.problem: str | None = None  # an update on trial: this computer may start anew at any moment
+
+    def look(self, stage: Stage) -> None:
+        """Read what there is."""
+        if self._records is None or stage not in GROUND_STAGES:
+            return
+        outcome, trial = self._records.outcome, self._records.trial
+        self.notice = f"{SOFTWARE}{outcome.text}" if outcome is not None and outcome.kind != "good" else None
+        self.problem = None
+        if trial is not None:
+            self.problem = f"{SOFTWARE}{trial.release} is on trial in slot {trial.slot}: wait until it is confirmed"

@@ -1,0 +1,70 @@
+"""An uploaded mission that the pilot takes: fetched from the station, checked and kept, all beside the steps."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable, Sequence
+
+from agent.config.drone import DroneConfig
+from agent.config.mission import MissionConfig
+from agent.errors import RadronError
+from agent.mission.uploads import Origin
+from agent.shell.logs import Logger
+from agent.shell.missionstore import keep
+from protocol.messages import Upload
+
+Fetch = Callable[[str, Sequence[bytes]], Awaitable[bytes | None]]  # from a station, the content whose parts have these hashes
+TAKE_S = 60.0  # then the operator is told that it has not come
+
+
+class UploadedMission:
+    """Takes one uploaded mission at a time. ``is_kept``: there is a new one, and the agent is to begin anew with it."""
+
+    def __init__(self, drone: DroneConfig, filed: MissionConfig, log: Logger) -> None:
+        """``filed``: the mission in the drone's mission file."""
+        self._drone, self._filed, self._log = drone, filed, log
+        self._taking: asyncio.Task[str | None] | None = None
+        self.is_kept = False
+
+    def look(self, upload: Upload | None, fetch: Fetch, decline: Callable[[str], None]) -> None:
+        """To be called regularly: begin to take ``upload``, or note how that has ended. ``decline``: told where it has failed."""
+        if self._taking is None:
+            if upload is not None:
+                self._taking = asyncio.create_task(self._take(upload, fetch), name="uploaded mission")
+        elif self._taking.done():
+            reason, self._taking = self._taking.result(), None
+            if reason is None:
+                self.is_kept = True
+            else:
+                self._log.warning("uploaded mission not taken", reason=reason)
+                decline(reason)
+
+    async def close(self) -> None:
+        """Stop."""
+        if self._taking is not None:
+            self._taking.cancel()
+            await asyncio.gather(self._taking, return_exceptions=True)
+
+    async def _take(self, upload: Upload, fetch: Fetch) -> str | None:
+        """Why the mission was not taken, in one line; None: it is kept."""
+        try:
+            async with asyncio.timeout(TAKE_S):
+                content = await fetch(upload.station, upload.parts)
+            if content is None:
+                return f"its content could not be fetched from {upload.station}: check that this drone reaches that computer"
+            origin = Origin(
+                station=upload.station,
+                certificate=upload.certificate,
+                taken_ns=time.time_ns(),
+                instead_of=self._filed.mission_id,
+            )
+            await asyncio.to_thread(keep, content, upload.mission, self._drone, self._filed.swarm, origin)
+        except TimeoutError:
+            return f"its content did not come from {upload.station} within {TAKE_S:g} s"
+        except RadronError as error:
+            return str(error)
+        except OSError as error:
+            return f"it cannot be kept: {error.filename}: {error.strerror}"
+        self._log.info("mission uploaded: beginning anew with it", mission=upload.mission, station=upload.station)
+        return None

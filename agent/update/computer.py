@@ -1,0 +1,79 @@
+"""What ``radron-update status`` tells: releases, the last update, disk, clock, certificate, and what the agent reports."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from cryptography import x509
+
+from agent.update.records import REPORT, Records, own_release, read_report
+from agent.update.slots import Slots
+from protocol.onboard import Computer
+
+CERTIFICATE = Path("/config/identity/certificate.pem")
+_UNIT = "radron-agent"
+
+
+def look(slots: Slots, records: Records) -> Computer:
+    """This computer at present.
+
+    Raises:
+        UpdateError: it was not started from a slot.
+    """
+    disk, slot = shutil.disk_usage(records.folder if records.folder.exists() else "/"), slots.booted
+    return Computer(
+        name=os.uname().nodename,
+        release=own_release(),
+        slot=slot,
+        slots=records.slots,
+        attempts=slots.attempts(slot),
+        trial=records.trial,
+        busy=records.busy,
+        outcome=records.outcome,
+        report=read_report(REPORT, time.monotonic()),
+        agent=agent_state(),
+        disk_free_mb=disk.free // 1_000_000,
+        disk_mb=disk.total // 1_000_000,
+        clock_ns=time.time_ns(),
+        clock_offset_s=clock_offset_s(),
+        certificate_ns=certificate_end_ns(CERTIFICATE),
+    )
+
+
+def agent_state() -> str:
+    """What systemd shows of the agent: its state, and what it waits for."""
+    shown = dict(
+        line.partition("=")[::2] for line in _said("systemctl", "show", _UNIT, "--property=ActiveState,StatusText").splitlines()
+    )
+    return ", ".join(text for text in (shown.get("ActiveState", "unknown"), shown.get("StatusText", "")) if text)
+
+
+def clock_offset_s() -> float | None:
+    """Difference of this clock from its time servers, by chrony; None: it has none, or does not follow them yet."""
+    fields = _said("chronyc", "-c", "tracking").strip().split(",")
+    if len(fields) < 14 or fields[-1] == "Not synchronised":
+        return None
+    with suppress(ValueError):
+        return float(fields[4])
+    return None
+
+
+def certificate_end_ns(file: Path) -> int | None:
+    """Until when a certificate is valid; None: there is none that can be read."""
+    try:
+        end = x509.load_pem_x509_certificate(file.read_bytes()).not_valid_after_utc
+    except (OSError, ValueError):
+        return None
+    return int(end.timestamp()) * 1_000_000_000
+
+
+def _said(*command: str) -> str:
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=10.0).stdout
+    except (OSError, subprocess.TimeoutExpired):
+        return ""

@@ -1,0 +1,7 @@
+"""The one error of this room."""
+
+from agent.errors import RadronError
+
+
+class UpdateError(RadronError):
+    """Why there is no update, in one line."""

@@ -1,0 +1,114 @@
+"""What is remembered of updates, on the data partition: an update on trial, how the last one went, what is in the slots."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from agent.outputs import write_durably
+from agent.update.errors import UpdateError
+from protocol.onboard import Outcome, Release, Report, Trial
+
+FOLDER = Path("/var/lib/radron-update")
+REPORT = Path("/run/radron-agent/report.json")
+OS_RELEASE = Path("/usr/lib/os-release")
+STALE_S = 5.0  # the agent reports once a second
+_T = TypeVar("_T")
+
+
+class Records:
+    """The folder of the updater. What cannot be read counts as not there: a computer must go on without it."""
+
+    def __init__(self, folder: Path = FOLDER) -> None:
+        self.folder = folder
+
+    @property
+    def trial(self) -> Trial | None:
+        """The update that has not shown yet that it works."""
+        return _decoded(self.folder / "trial.json", Trial)
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How the last update went."""
+        return _decoded(self.folder / "outcome.json", Outcome)
+
+    @property
+    def slots(self) -> dict[str, Release]:
+        """What is in the slots, as far as known."""
+        return _decoded(self.folder / "slots.json", dict[str, Release]) or {}
+
+    @property
+    def busy(self) -> bool:
+        """Whether an update is being installed."""
+        try:
+            with self.changing():
+                return False
+        except UpdateError:
+            return True
+
+    @contextmanager
+    def changing(self) -> Iterator[None]:
+        """Only one at a time changes what is started next.
+
+        Raises:
+            UpdateError: somebody does already.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield
+        except BlockingIOError:
+            raise UpdateError("another update is being installed: wait for its end") from None
+        finally:
+            os.close(descriptor)
+
+    def begin(self, trial: Trial) -> None:
+        """Remember that a slot is on trial. ``trying`` is the same for a shell script, should the slot's Python not work."""
+        write_durably(self.folder / "trying", f"{trial.slot}\n".encode())
+        self._write("trial.json", trial)
+
+    def tell(self, outcome: Outcome) -> None:
+        """Remember how an update went."""
+        self._write("outcome.json", outcome)
+
+    def end(self) -> None:
+        """No slot is on trial any more."""
+        for name in ("trial.json", "trying"):
+            (self.folder / name).unlink(missing_ok=True)
+
+    def put_slot(self, slot: str, release: Release | None) -> None:
+        """Remember what is in a slot; None: nothing that is known."""
+        slots = {name: known for name, known in self.slots.items() if name != slot}
+        changed = slots if release is None else slots | {slot: release}
+        if changed != self.slots:
+            self._write("slots.json", changed)
+
+    def _write(self, name: str, content: object) -> None:
+        write_durably(self.folder / name, msgspec.json.encode(content))
+
+
+def read_report(file: Path, uptime_s: float) -> Report | None:
+    """What the agent reports; None: it has not reported of late. ``uptime_s``: now, by the monotonic clock."""
+    report = _decoded(file, Report)
+    return report if report is not None and 0.0 <= uptime_s - report.uptime_s < STALE_S else None
+
+
+def own_release(file: Path = OS_RELEASE) -> Release:
+    """The release that this system is."""
+    lines = file.read_text(encoding="utf-8").splitlines()
+    values = {name: value.strip('"') for name, _, value in (line.partition("=") for line in lines)}
+    return Release(version=values.get("IMAGE_VERSION", "0"), build=values.get("BUILD_ID", ""))
+
+
+def _decoded(file: Path, kind: type[_T]) -> _T | None:
+    try:
+        return msgspec.json.decode(file.read_bytes(), type=kind)
+    except (OSError, msgspec.MsgspecError):
+        return None

@@ -1,0 +1,132 @@
+"""After a boot: a slot on trial must show that it works, or is given up; a slot in service is confirmed at once.
+
+A slot works when the agent says so, not when Linux has booted: it is in the mesh, and autopilot and camera answer, where they did
+so before the update. A slot that does not show it in time is booted again, until the boot loader has counted three attempts and
+takes the other one; there, this tells what has happened.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from msgspec.structs import replace
+
+from agent.update.records import Records
+from agent.update.slots import Slots
+from protocol.onboard import MOST_ATTEMPTS, Needs, Outcome, Release, Report, Trial
+
+DEADLINE_S = 300.0  # from the start of this service until the agent is well
+HOLD_S = 5.0  # it must be well for so long
+_LOOK_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What this needs of the computer. ``report``: the agent's; ``excuse``: what the agent says while it has none."""
+
+    report: Callable[[], Report | None]
+    excuse: Callable[[], str]
+    reboot: Callable[[], None]
+    say: Callable[[str], None]
+    uptime_s: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
+    now_ns: Callable[[], int] = time.time_ns
+
+
+def settle(slots: Slots, records: Records, release: Release, around: Surroundings, deadline_s: float = DEADLINE_S) -> None:
+    """Confirm the slot that this system runs from, or give it up. Returns when that is decided.
+
+    Raises:
+        UpdateError: the boot loader's variables cannot be read or written.
+    """
+    slot, trial = slots.booted, records.trial
+    _keep(around, lambda: records.put_slot(slot, release))
+    if trial is not None and trial.slot == slot:
+        _try(slots, records, trial, around, deadline_s)
+        return
+    _look_back(slots, records, slot, trial, release, around)
+    slots.mark_good(slot)
+
+
+def lacking(report: Report | None, needs: Needs, excuse: Callable[[], str] = str) -> list[str]:
+    """What does not answer, though it did before the update."""
+    if report is None:
+        said = excuse()
+        return [f"the agent does not report{': ' if said else ''}{said}"]
+    missing = [] if report.mesh else ["mesh: not open"]
+    if needs.alive and not report.alive:
+        missing.append(f"mesh: no other drone is heard; before, {', '.join(needs.alive)} {_was(len(needs.alive))}")
+    missing += ["autopilot: does not answer"] if needs.autopilot and not report.autopilot else []
+    return missing + (["camera: no readouts"] if needs.camera and not report.camera else [])
+
+
+def _try(slots: Slots, records: Records, trial: Trial, around: Surroundings, deadline_s: float) -> None:
+    attempt = slots.attempts(trial.slot)
+    around.say(f"slot {trial.slot}, {trial.release}, is on trial, attempt {attempt} of {MOST_ATTEMPTS}")
+    begun_s = around.uptime_s()
+    well: tuple[float, str] | None = None  # since when, and which run of the agent
+    missing: list[str] = []
+    while well is None or around.uptime_s() - well[0] < HOLD_S:
+        report, before = around.report(), missing
+        missing = lacking(report, trial.needs, around.excuse)
+        if report is None or missing:
+            well = None
+        elif well is None or well[1] != report.boot:
+            well = around.uptime_s(), report.boot
+        if missing and missing != before:
+            around.say(f"waiting: {'; '.join(missing)}")
+        if missing and around.uptime_s() - begun_s > deadline_s and not (report is not None and report.flies):
+            return _give_up(records, trial, missing, around, deadline_s)
+        around.sleep(_LOOK_S)
+    slots.mark_good(trial.slot)  # first: this is what counts after a power cut
+    text = f"updated from {trial.before} to {trial.release}, slot {trial.slot}"
+    _tell(records, around, Outcome(kind="good", slot=trial.slot, release=trial.release, text=text, **_times(trial, around)))
+    records.end()
+
+
+def _give_up(records: Records, trial: Trial, missing: list[str], around: Surroundings, deadline_s: float) -> None:
+    """Boot again; the boot loader counts."""
+    _keep(around, lambda: records.begin(replace(trial, lacking=tuple(missing))))
+    around.say(f"not well after {deadline_s:.0f} s ({'; '.join(missing)}): starting again")
+    around.reboot()
+
+
+def _look_back(slots: Slots, records: Records, slot: str, trial: Trial | None, release: Release, around: Surroundings) -> None:
+    """Tell what has become of the other slot, if it should be running instead of this one."""
+    other, told = slots.other(slot), records.outcome
+    if slots.primary == other:
+        tried = trial.release if trial is not None else records.slots.get(other, Release(version="unknown"))
+        reason = "; ".join(trial.lacking) if trial is not None and trial.lacking else "it did not start, or lost its power"
+        what = "the update to" if trial is not None else "the release in service,"
+        text = f"{what} {tried} failed after {MOST_ATTEMPTS} attempts ({reason}): slot {slot} runs again, {release}"
+        _tell(records, around, Outcome(kind="fell back", slot=other, release=tried, text=text, **_times(trial, around)))
+        slots.mark_bad(other)
+    elif trial is not None and (told is None or told.begun_ns != trial.begun_ns):
+        text = (
+            f"the update to {trial.release} was interrupted before slot {other} could be started: slot {slot} runs on; push again"
+        )
+        _tell(records, around, Outcome(kind="interrupted", slot=other, release=trial.release, text=text, **_times(trial, around)))
+    records.end()
+
+
+def _tell(records: Records, around: Surroundings, outcome: Outcome) -> None:
+    _keep(around, lambda: records.tell(outcome))
+    around.say(outcome.text)
+
+
+def _keep(around: Surroundings, write: Callable[[], None]) -> None:
+    """Write to the data partition, if it takes anything: a full one must not decide about a slot."""
+    try:
+        write()
+    except OSError as error:
+        around.say(f"{error.filename or 'data partition'}: cannot be written: {error.strerror}")
+
+
+def _times(trial: Trial | None, around: Surroundings) -> dict[str, int]:
+    return {"stamp_ns": around.now_ns()} | ({} if trial is None else {"begun_ns": trial.begun_ns})
+
+
+def _was(count: int) -> str:
+    return "was" if count == 1 else "were"

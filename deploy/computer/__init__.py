@@ -1,0 +1,1 @@
+"""One onboard computer over SSH: the agent installed on an existing system, removed from it, and examined (docs/bench.md)."""

@@ -1,0 +1,86 @@
+"""``radron-deploy doctor``: what the drone's computer finds out about itself, fetched and shown."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import msgspec
+
+from agent.doctor.report import Report
+from deploy.remote import Host, RemoteError, run
+
+BENCH = "/usr/lib/radron/bench"
+_MISSING = f"test -x {BENCH} || {{ echo 'radron is not installed there: run `radron-deploy install`' >&2; exit 2; }}"
+
+
+def options_of(write: bool, wait_s: float) -> list[str]:
+    """For ``radron-agent doctor``."""
+    return ["--json", "--wait", f"{wait_s:g}", *(["--write"] if write else [])]
+
+
+async def examine(host: Host, options: Sequence[str], tell: Callable[[str], None]) -> Report:
+    """Have a drone examine itself.
+
+    Raises:
+        RemoteError: it is not reached, in flight, or has no agent.
+    """
+    # Codes 1 and 3 tell of the drone, not of the command.
+    command = f"{_MISSING}; {BENCH} doctor {' '.join(options)} 2>&1 || {{ code=$?; test $code = 1 -o $code = 3 || exit $code; }}"
+    said = await run(host, command, b"", lambda line: tell(line) if is_progress(line) else None)
+    return report_in(said, host.error)
+
+
+async def examine_here(config: Path | None, options: Sequence[str], tell: Callable[[str], None]) -> Report:
+    """Examine the computer that this runs on.
+
+    Args:
+        config: the drone file; None: that of the installed agent, which is stopped meanwhile.
+        options: of ``radron-agent doctor``.
+        tell: is told what is being waited for.
+
+    Raises:
+        RemoteError: it cannot be examined.
+    """
+    installed = [BENCH, "doctor"]
+    given = [str(Path(sys.executable).parent / "radron-agent"), "doctor", "--config", str(config)]
+    command = installed if config is None else given
+    if not Path(command[0]).exists():
+        raise RemoteError(f"there is no {command[0]}: radron is not installed here; give --config DRONE.toml")
+    process = await asyncio.create_subprocess_exec(
+        *command, *options, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
+    )
+    assert process.stdout is not None
+    said = []
+    async for line in process.stdout:
+        said.append(line.decode(errors="replace"))
+        if is_progress(said[-1]):
+            tell(said[-1].rstrip("\n"))
+    if await process.wait() not in (0, 1, 3):
+        raise RemoteError(
+            said[-1].strip().removeprefix("radron-agent: ") if said else f"{command[0]} failed with code {process.returncode}"
+        )
+    return report_in("".join(said), RemoteError)
+
+
+def is_progress(line: str) -> bool:
+    """Whether a line is neither the report nor an error, which is told at the end."""
+    return not line.startswith(("{", "radron"))
+
+
+def report_in(said: str, error: Callable[[str], RemoteError]) -> Report:
+    """The report among what was said.
+
+    Raises:
+        RemoteError: there is none, or it is of another version.
+    """
+    line = next((line for line in said.splitlines() if line.startswith("{")), None)
+    if line is None:
+        last = (said.strip().splitlines() or ["nothing"])[-1]
+        raise error(f"its doctor gave no report; it said: {last[:200]}")
+    try:
+        return msgspec.json.decode(line, type=Report)
+    except msgspec.MsgspecError as problem:
+        raise error(f"its report is of another version of radron ({problem}): install the same one on both") from None

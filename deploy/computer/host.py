@@ -1,0 +1,126 @@
+"""What an existing computer is, before anything is installed on it; what cannot become a drone is refused in one line."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.resources import files
+
+from deploy.image.wheels import Platform
+from deploy.remote import Host, run
+
+MACHINES = {"x86_64": "amd64", "aarch64": "arm64"}
+LEAST_FREE_MB = 1500
+_OLDEST_PYTHON, _OLDEST_SYSTEMD, _OLDEST_GLIBC = (3, 11), 250, 28
+_ON_GROUND = ("preflight", "landed")  # stages of an agent that does not fly
+
+
+@dataclass(frozen=True, slots=True)
+class Computer:
+    """A computer that can become a drone.
+
+    ``python``: path of its interpreter; ``release``: what is installed there; ``authority``, ``certificate``: PEM, of the drone
+    that it is already.
+    """
+
+    system: str
+    platform: Platform
+    python: str
+    release: str | None
+    authority: bytes | None
+    certificate: bytes | None
+
+
+async def probe(host: Host) -> Computer:
+    """Look at a computer, and change nothing.
+
+    Raises:
+        RemoteError: no connection, or it cannot become a drone.
+    """
+    return judged(host, await asked(host))
+
+
+async def asked(host: Host) -> dict[str, list[str]]:
+    """What ``probe.sh`` says, by key.
+
+    Raises:
+        RemoteError: no connection, or a drone that must be left alone: it flies, or runs the image.
+    """
+    values: dict[str, list[str]] = {}
+    for line in (await run(host, "sh -s", script("probe.sh"))).splitlines():
+        key, equals, value = line.partition("=")
+        if equals:
+            values.setdefault(key, []).append(value.strip())
+    check_alone(host, values)
+    return values
+
+
+def check_alone(host: Host, values: dict[str, list[str]]) -> None:
+    """See that nothing keeps us from replacing or removing the agent there.
+
+    Raises:
+        RemoteError: it flies, or runs the image.
+    """
+    stage = next(iter(values.get("stage", ())), "")
+    if "image" in values:
+        raise host.error("it runs the onboard image; its disk is written with `radron-deploy image flash`")
+    if "armed" in values or (stage and stage not in _ON_GROUND and not stage.startswith("waiting:")):
+        raise host.error(f"the drone is in flight or armed ({stage or 'armed'}): nothing was done")
+
+
+def judged(host: Host, values: dict[str, list[str]]) -> Computer:
+    """From what ``probe.sh`` says.
+
+    Raises:
+        RemoteError: it cannot become a drone.
+    """
+
+    def first(key: str) -> str:
+        return next(iter(values.get(key, ())), "")
+
+    system, machine = first("system"), first("machine")
+    if first("user") != "0":
+        raise host.error("this user is not root there: log in as root, `root@ADDRESS`")
+    if first("foreign"):
+        raise host.error(f"{first('foreign')} is there, and not from `radron-deploy install`: move it away")
+    if machine not in MACHINES:
+        raise host.error(f"its processor is {machine or 'unknown'}; the agent runs on amd64 and arm64 (64 bit)")
+    if not {"debian", "ubuntu"} & set(first("family").split()):
+        raise host.error(f"it runs {system or 'an unknown system'}; this installs on Debian and Ubuntu only")
+    glibc = re.fullmatch(r"glibc 2\.(\d+)", first("glibc"))
+    if glibc is None or int(glibc[1]) < _OLDEST_GLIBC:
+        raise host.error(f"its C library is {first('glibc') or 'unknown'}; wheels need glibc 2.{_OLDEST_GLIBC} or later")
+    if not first("systemd").isdecimal() or int(first("systemd")) < _OLDEST_SYSTEMD:
+        raise host.error(
+            f"its systemd is {first('systemd') or 'missing'}; version {_OLDEST_SYSTEMD} or later is needed (Debian 12)"
+        )
+    if int(first("free_mb") or 0) < LEAST_FREE_MB:
+        raise host.error(f"{first('free_mb') or 0} MB are free in /opt there, {LEAST_FREE_MB} are needed")
+    version, python = _python(host, system, values.get("python", ()))
+    platform = Platform(version, machine, int(glibc[1]))
+    return Computer(system, platform, python, first("release") or None, _decoded(first("ca")), _decoded(first("certificate")))
+
+
+def script(name: str) -> bytes:
+    """A script of ``contents``, to be run there."""
+    return files("deploy.computer").joinpath("contents", name).read_bytes()
+
+
+def _python(host: Host, system: str, found: Iterable[str]) -> tuple[str, str]:
+    """Version and path of the first interpreter that is new enough: the system's own, if it is."""
+    versions = [text.partition(" ")[::2] for text in found]
+    for version, path in versions:
+        if tuple(map(int, version.split("."))) >= _OLDEST_PYTHON:
+            return version, path
+    have = ", ".join(version for version, _ in versions) or "none"
+    raise host.error(f"its Python is {have} ({system}); 3.11 or later is needed: Debian 12, Ubuntu 24.04, or later ones")
+
+
+def _decoded(text: str) -> bytes | None:
+    try:
+        return base64.b64decode(text, validate=True) or None
+    except binascii.Error:
+        return None

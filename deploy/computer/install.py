@@ -1,0 +1,183 @@
+"""``radron-deploy install``: the agent on an existing Debian or Ubuntu computer, with the image's own units and scripts."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import shlex
+import sys
+import tarfile
+import tempfile
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path, PurePosixPath
+
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
+
+from deploy.computer.host import MACHINES, Computer, asked, probe, script
+from deploy.fleet.config import FleetDrone
+from deploy.fleet.files import files_of
+from deploy.fleet.loading import Fleet
+from deploy.image.build import release_of
+from deploy.image.errors import ImageError
+from deploy.image.tools import run as run_here
+from deploy.image.wheels import Platform, make_own_wheel, make_wheels
+from deploy.pki.authority import PkiFolder
+from deploy.remote import Host, Progress, digest, run, send
+from protocol.identity import REVOKED_FILE, IdentityError, Role
+
+THERE = "/var/tmp/radron-install"
+KEPT_NS = 7 * 86_400_000_000_000  # a certificate that is valid for longer is kept
+# Of the image's files, what an existing computer gets; the rest of it is its owner's.
+SYSTEM_FILES = (
+    "etc/systemd/system/radron-agent.service",
+    "etc/systemd/system/radron-provision.service",
+    "etc/sysusers.d/radron.conf",
+    "etc/udev/rules.d/60-radron.rules",
+    "usr/lib/radron/provision",
+    "usr/lib/radron/bench",
+)
+_DROP_IN = "etc/systemd/system/radron-provision.service.d/installed.conf"
+_FROM_FOLDER = "[Service]\nExecStart=\nExecStart=/usr/lib/radron/provision /etc/radron\n"
+_NOT_ITS_OWN = ("network", "firewall.nft", "authorized_keys")  # of the drone's files
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What is to be installed. ``source``: the checkout; ``cache``: for wheels; ``online``: the computer fetches them itself."""
+
+    fleet: Fleet
+    drone: FleetDrone
+    pki: PkiFolder
+    source: Path
+    cache: Path
+    online: bool = False
+
+
+async def install(
+    host: Host, order: Order, issue: Callable[[Path], None], now_ns: int, say: Callable[[str], None], progress: Progress
+) -> None:
+    """Make a computer a drone's, or bring it up to date; it can be repeated at any time.
+
+    Args:
+        host: where.
+        order: what.
+        issue: writes a new identity of the drone into the folder that it is given.
+        now_ns: UTC.
+        say: is told each step.
+        progress: of the copy.
+
+    Raises:
+        RemoteError: the computer cannot become a drone, or is not reached.
+        ImageError: a package cannot be fetched or built, such as one without a wheel for its processor.
+        IdentityError: from the authority.
+    """
+    computer = await probe(host)
+    kind = MACHINES[computer.platform.machine]
+    say(f"{host.name}: {computer.system}, {kind}, Python {computer.platform.python}")
+    with tempfile.TemporaryDirectory(prefix="radron-install-") as name:  # mode 700: the drone's key is in it for a moment
+        work = Path(name)
+        wheels = make_packages(order, computer.platform, work)
+        release = release_name(wheels, computer)
+        own = drone_files(order, computer, issue, work, now_ns)
+        if computer.release != release:
+            say(f"{len(wheels)} packages, {sum(wheel.stat().st_size for wheel in wheels) / 1e6:.0f} MB")
+            await _send_packages(host, wheels, release, work, progress)
+        await run(host, f"mkdir -p -m 0700 {THERE}; tar -xf - -C {THERE}", scripts())
+        command = f"sh {THERE}/install.sh {release} {shlex.quote(computer.python)} && rm -rf {THERE}"
+        await run(host, command, own, lambda line: say(f"{host.name}: {line}"))
+
+
+def make_packages(order: Order, platform: Platform, work: Path) -> list[Path]:
+    """All wheels for that computer, and pip's own; with ``online`` only this project's, pip's, and the versions to fetch there.
+
+    Raises:
+        ImageError: one cannot be fetched or built.
+    """
+    order.cache.mkdir(parents=True, exist_ok=True)
+    epoch, log, cache = release_of(order.source).epoch, order.cache / "install.log", order.cache / "wheels"
+    log.write_text("")
+    try:
+        if not order.online:
+            return make_wheels(order.source, cache, epoch, log, platform, ("pip",))
+        run_here([sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(work / "pip"), "pip"], log)
+        make_own_wheel(order.source, work, work / "pip", epoch, log)
+    except ImageError as error:
+        kind = f"Python {platform.python} on {MACHINES[platform.machine]}"
+        raise ImageError(f"the packages for {kind}: {error}") from None
+    constraints = work / "pip/constraints.txt"
+    constraints.write_bytes((order.source / "constraints.txt").read_bytes())
+    return sorted((work / "pip").iterdir())
+
+
+def release_name(wheels: Iterable[Path], computer: Computer) -> str:
+    """A name that differs when anything in the agent's environment would."""
+    content = "".join(f"{wheel.name} {digest(wheel)}\n" for wheel in sorted(wheels, key=lambda each: each.name))
+    return hashlib.sha256(f"{content}{computer.platform.python} {computer.python}".encode()).hexdigest()[:16]
+
+
+def drone_files(order: Order, computer: Computer, issue: Callable[[Path], None], work: Path, now_ns: int) -> bytes:
+    """The drone's files as a tar archive; with a new identity, unless the one that is there is good for longer."""
+    made = {name: data for name, data in files_of(order.fleet, order.drone).items() if name.parts[0] not in _NOT_ITS_OWN}
+    if not keeps_certificate(order, computer, now_ns):
+        issue(work / "identity")
+        made |= {PurePosixPath("identity") / file.name: file.read_bytes() for file in (work / "identity").iterdir()}
+    elif (revoked := order.pki.folder / REVOKED_FILE).is_file():
+        made[PurePosixPath(REVOKED_FILE)] = revoked.read_bytes()
+    return _tar({str(name): (data, 0o600) for name, data in made.items()})
+
+
+def keeps_certificate(order: Order, computer: Computer, now_ns: int) -> bool:
+    """Whether the computer has a certificate of this drone, by this authority, not revoked, and valid for a while yet."""
+    if computer.certificate is None or computer.authority is None:
+        return False
+    authority = order.pki.authority()
+    try:
+        if authority.certificate != x509.load_pem_x509_certificate(computer.authority):
+            return False
+        own = authority.verify(x509.load_pem_x509_certificate(computer.certificate).public_bytes(Encoding.DER))
+    except (IdentityError, ValueError):
+        return False
+    revoked = any(one.serial == f"{own.serial:x}" and one.revoked_ns is not None for one in order.pki.issued())
+    return (own.name, own.role) == (order.drone.id, Role.DRONE) and own.not_after_ns - now_ns > KEPT_NS and not revoked
+
+
+def scripts() -> bytes:
+    """What is done there, as a tar archive: ``install.sh``, and below ``system`` units, scripts and rules, which are those of the
+    image, but with the drone's files in a folder instead of on a partition.
+    """
+    rootfs = files("deploy.image").joinpath("contents", "rootfs")
+    made = {name: (rootfs.joinpath(name).read_bytes(), 0o755 if "/lib/" in name else 0o644) for name in SYSTEM_FILES}
+    made |= {_DROP_IN: (_FROM_FOLDER.encode(), 0o644)}
+    return _tar({f"system/{name}": content for name, content in made.items()} | {"install.sh": (script("install.sh"), 0o700)})
+
+
+async def uninstall(host: Host, purge: bool) -> str:
+    """Remove the agent from a computer; returns what it says last.
+
+    Raises:
+        RemoteError: it is not reached, in flight, or runs the image.
+    """
+    await asked(host)
+    said = await run(host, f"sh -s {'purge' if purge else 'keep'}", script("uninstall.sh"))
+    return said.strip().rpartition("\n")[2]
+
+
+async def _send_packages(host: Host, wheels: list[Path], release: str, work: Path, progress: Progress) -> None:
+    """As one archive, whose bytes depend on the wheels alone: an interrupted copy is completed, a whole one is not repeated."""
+    archive, place = work / "packages.tar", f"{THERE}/packages-{release}.tar"
+    archive.write_bytes(_tar({f"wheels/{wheel.name}": (wheel.read_bytes(), 0o600) for wheel in wheels}))
+    await run(host, f"mkdir -p -m 0700 {THERE}")
+    await send(host, archive, place, progress)
+
+
+def _tar(made: dict[str, tuple[bytes, int]]) -> bytes:
+    out = io.BytesIO()
+    with tarfile.open(fileobj=out, mode="w") as archive:
+        for name, (data, mode) in sorted(made.items()):
+            entry = tarfile.TarInfo(name)
+            entry.size, entry.mode = len(data), mode
+            archive.addfile(entry, io.BytesIO(data))
+    return out.getvalue()

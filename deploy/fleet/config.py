@@ -1,0 +1,77 @@
+"""The fleet file: the drones, their network, mission, sensors, and who may log in."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta, field
+
+from agent.config.drone import DetectorConfig, SightingsConfig, VehicleConfig
+from agent.config.section import Degrees, Section
+from protocol.units import DroneId, Identifier
+
+Port = Annotated[int, Meta(ge=1024, le=65535)]
+
+
+class NetworkConfig(Section, frozen=True, kw_only=True):
+    """The network of the mesh: IPv4, fixed addresses.
+
+    ``interface``: name of the drone's network interface, with wildcards; it must fit one interface only. ``subnet``: such as
+    10.7.1.0/24. ``port``: where the drones listen for each other. ``ntp``: time servers besides the drones themselves, such as
+    the operator's station.
+    """
+
+    subnet: str
+    interface: str = "en*"
+    gateway: str | None = None
+    port: Port = 7447
+    ntp: tuple[str, ...] = ()
+
+
+class FleetDrone(Section, frozen=True, kw_only=True):
+    """One drone. Tables of its own, such as ``[drones.vehicle]``, replace single keys of those at the top level.
+
+    ``address``: its IPv4 address in the mesh. ``calibration``: folder with its camera's a.txt, b.txt, c.txt and t.txt.
+    """
+
+    id: DroneId
+    address: str
+    calibration: str | None = None
+    camera_rpy_deg: tuple[Degrees, Degrees, Degrees] = (90.0, 0.0, 90.0)
+    vehicle: VehicleConfig = VehicleConfig()
+    detector: DetectorConfig = DetectorConfig()
+    sightings: SightingsConfig = SightingsConfig()
+
+
+class Px4Config(Section, frozen=True, kw_only=True):
+    """What all autopilots should be, by which ``radron-deploy status`` judges: ``version``, such as "1.15.4" (none: any), and
+    ``parameters`` that a flight relies on, such as ``{COM_OF_LOSS_T = 0.5}``.
+    """
+
+    version: str | None = None
+    parameters: dict[str, float] = field(default_factory=dict)
+
+
+class FleetConfig(Section, frozen=True, kw_only=True):
+    """The fleet file. Relative paths in it start from its own folder.
+
+    ``version``: of radron; an image of another one is refused (none: any). ``mission``: the mission file. ``ssh_keys``: public
+    keys of those who may log in on the drones, as root. ``certificate_days``: how long a drone's certificate is valid.
+    ``others``: who may join the mesh besides the drones (none: everybody with a certificate of the swarm). ``records_mb``: limit
+    of a drone's flight records. ``px4``: what all autopilots should be. ``camera_rpy_deg``, ``vehicle``, ``detector`` and
+    ``sightings``: as in the drone file, for all drones.
+    """
+
+    mission: str
+    network: NetworkConfig
+    ssh_keys: Annotated[tuple[str, ...], Meta(min_length=1)]
+    version: str | None = None
+    certificate_days: Annotated[int, Meta(ge=1, le=3650)] = 30
+    others: tuple[Identifier, ...] | None = None
+    records_mb: Annotated[int, Meta(ge=16, le=1_000_000)] = 4096
+    px4: Px4Config | None = None
+    camera_rpy_deg: tuple[Degrees, Degrees, Degrees] = (90.0, 0.0, 90.0)
+    vehicle: VehicleConfig = VehicleConfig()
+    detector: DetectorConfig = DetectorConfig()
+    sightings: SightingsConfig = SightingsConfig()
+    drones: Annotated[tuple[FleetDrone, ...], Meta(min_length=1, max_length=64)]

@@ -1,0 +1,118 @@
+"""What the fleet file says about one drone, as the files of its config partition; on board ``radron-provision`` uses them.
+
+hostname               the computer's name
+drone.toml             the drone file
+mission/               the mission file, and its elevation grid
+calibration/           the camera's a.txt, b.txt, c.txt, t.txt, if there are any
+identity/              certificate, key, the swarm's authority
+authorized_keys        who may log in
+network/*.network      for systemd-networkd
+chrony/                whom to ask for the time, and who may ask
+firewall.nft           what may come in
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+
+from agent.config.drone import DroneConfig, PeerMeshConfig, RecorderConfig
+from agent.config.writing import as_toml
+from agent.errors import ConfigError
+from deploy.fleet.config import FleetDrone
+from deploy.fleet.loading import CALIBRATION_FILES, Fleet, autopilot_of
+
+# On board: what systemd hands over, and what is kept on the data partition.
+CREDENTIALS, DATA = "/run/credentials/radron-agent.service", "/var/lib/radron"
+UPDATES = "/var/lib/radron-update"
+
+
+def files_of(fleet: Fleet, drone: FleetDrone) -> dict[PurePosixPath, bytes]:
+    """Everything but the identity, by path on the partition.
+
+    Raises:
+        ConfigError: the elevation grid cannot be found on board.
+        OSError: a file cannot be read.
+    """
+    texts = {
+        "hostname": f"{fleet.mission.swarm}-{drone.id}\n",
+        "drone.toml": as_toml(drone_file(fleet, drone)),
+        "authorized_keys": "".join(f"{key.strip()}\n" for key in fleet.config.ssh_keys),
+        "network/10-mesh.network": _network(fleet, drone),
+        "chrony/fleet.sources": _time_sources(fleet, drone),
+        "chrony/fleet.conf": f"allow {fleet.subnet}\n",
+        "firewall.nft": _firewall(fleet, drone),
+    }
+    files = {PurePosixPath(name): text.encode() for name, text in texts.items()}
+    files |= _mission(fleet)
+    folder = fleet.calibration(drone)
+    if folder is not None:
+        files |= {PurePosixPath("calibration") / name: (folder / name).read_bytes() for name in CALIBRATION_FILES}
+    return files
+
+
+def write_files(folder: Path, files: Mapping[PurePosixPath, bytes]) -> None:
+    """Write them below a folder."""
+    for name, data in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+
+
+def drone_file(fleet: Fleet, drone: FleetDrone) -> DroneConfig:
+    """The drone file."""
+    port = fleet.config.network.port
+    endpoints = {one.id: f"tls/{one.address}:{port}" for one in fleet.config.drones}
+    return DroneConfig(
+        id=drone.id,
+        mission=f"mission/{fleet.mission_file.name}",
+        state=f"{DATA}/state",
+        updates=UPDATES,
+        camera_rpy_deg=drone.camera_rpy_deg,
+        calibration=None if drone.calibration is None else "calibration",
+        mesh=PeerMeshConfig(endpoints=endpoints, identity=CREDENTIALS, others=fleet.config.others),
+        vehicle=drone.vehicle,
+        detector=drone.detector,
+        sightings=drone.sightings,
+        recorder=RecorderConfig(folder=f"{DATA}/flights", limit_mb=fleet.config.records_mb),
+    )
+
+
+def _mission(fleet: Fleet) -> dict[PurePosixPath, bytes]:
+    """The mission file as it is: its content is the mission's identity."""
+    file, folder = fleet.mission_file, PurePosixPath("mission")
+    found = {folder / file.name: file.read_bytes()}
+    grid = fleet.mission.ground.grid
+    if grid is not None:
+        if PurePosixPath(grid).name != grid:
+            raise ConfigError(f"{file}: ground.grid: {grid!r} is not in the mission file's folder; put it there")
+        found[folder / grid] = (file.parent / grid).read_bytes()
+    return found
+
+
+def _network(fleet: Fleet, drone: FleetDrone) -> str:
+    network = fleet.config.network
+    gateway = "" if network.gateway is None else f"Gateway={network.gateway}\n"
+    return (
+        f"[Match]\nName={network.interface}\n\n"
+        "[Link]\nRequiredForOnline=no\n\n"
+        f"[Network]\nAddress={drone.address}/{fleet.subnet.prefixlen}\n{gateway}"
+        # The mesh listens at the address before the radio is up.
+        "ConfigureWithoutCarrier=yes\nLinkLocalAddressing=no\nIPv6AcceptRA=no\nDHCP=no\n"
+    )
+
+
+def _time_sources(fleet: Fleet, drone: FleetDrone) -> str:
+    others = [one.address for one in fleet.config.drones if one.id != drone.id]
+    lines = [f"server {server} iburst prefer" for server in fleet.config.network.ntp]
+    lines += [f"server {address} iburst minpoll 2 maxpoll 5" for address in others]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _firewall(fleet: Fleet, drone: FleetDrone) -> str:
+    table = "add element inet radron"
+    lines = [f"{table} fleet {{ {fleet.subnet} }}", f"{table} mesh_ports {{ {fleet.config.network.port} }}"]
+    autopilot = autopilot_of(drone, str(fleet.path))
+    if autopilot is not None:
+        lines.append(f"{table} autopilot {{ {autopilot[0]} . {autopilot[1]} }}")
+    return "".join(f"{line}\n" for line in lines)

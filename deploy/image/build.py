@@ -1,0 +1,134 @@
+"""``radron-deploy image build``: from a checkout to a bootable disk image, and a list of what is in it beside it."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+import time
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+
+from deploy.image.bootloader import make_esp
+from deploy.image.disk import make_disk
+from deploy.image.errors import ImageError
+from deploy.image.fat import make_fat
+from deploy.image.layout import CONFIG, ESP, MIB, ROOT_A
+from deploy.image.rootfs import Release, make_rootfs
+from deploy.image.tools import need, run
+from deploy.image.wheels import make_wheels
+
+_PROGRAMS = ("mmdebstrap", "mksquashfs", "unsquashfs", "grub-mkimage", "sgdisk", "mkfs.vfat", "mcopy", "git")
+
+
+class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What an image is and was made of, in ``IMAGE.json``. ``packages``: Debian's, by version; ``wheels``: by SHA-256."""
+
+    version: str
+    commit: str
+    epoch: int
+    sha256: str
+    packages: dict[str, str]
+    wheels: dict[str, str]
+
+
+def release_of(source: Path) -> Release:
+    """What a checkout would become. Its date is that of its newest commit, or SOURCE_DATE_EPOCH.
+
+    Raises:
+        ImageError: it is no checkout of radron.
+    """
+    project = source / "pyproject.toml"
+    if not project.is_file() or not (source / "agent").is_dir():
+        raise ImageError(f"{source}: is no checkout of radron; give its folder with --source")
+    version = tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"]
+    commit = run(["git", "-C", str(source), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]).strip()
+    stated = os.environ.get("SOURCE_DATE_EPOCH")
+    epoch = stated or run(["git", "-C", str(source), "log", "-1", "--format=%ct"]).strip()
+    return Release(version, commit, int(epoch))
+
+
+def build_image(out: Path, source: Path, cache: Path, snapshot: str | None, say: Callable[[str], None]) -> Manifest:
+    """Make the image ``out`` and its manifest. They are renamed into place when they are complete.
+
+    Args:
+        out: the image.
+        source: the checkout.
+        cache: folder for wheels, the log and intermediate files; about 2 GB.
+        snapshot: time of Debian's archive; None: as it is today.
+        say: is told each step, and how long it took.
+
+    Raises:
+        ImageError: a program is missing, or failed.
+    """
+    need(*_PROGRAMS)
+    release = release_of(source)
+    cache.mkdir(parents=True, exist_ok=True)
+    log = cache / "build.log"
+    log.write_text("")
+    with tempfile.TemporaryDirectory(dir=cache, prefix="build-") as name:
+        work = Path(name)
+        with _step(say, "the agent's packages"):
+            wheels = make_wheels(source, cache / "wheels", release.epoch, log)
+        root = work / "root.squashfs"
+        with _step(say, "root file system, one to three minutes"):
+            make_rootfs(root, work, release, wheels, snapshot, cache, log)
+        with _step(say, "disk"):
+            esp, config, disk = work / "esp.fat", work / "config.fat", work / "disk.img"
+            make_esp(esp, work, release.epoch)
+            (work / "config").mkdir()
+            make_fat(config, CONFIG.size, "config", work / "config", release.epoch)
+            make_disk(disk, {ESP: esp, CONFIG: config, ROOT_A: root})
+            listed = run(["unsquashfs", "-cat", str(root), "usr/share/radron/packages"])
+            manifest = Manifest(
+                version=release.version,
+                commit=release.commit,
+                epoch=release.epoch,
+                sha256=digest(disk),
+                packages=dict(line.split() for line in listed.splitlines()),
+                wheels={wheel.name: digest(wheel) for wheel in wheels},
+            )
+        say(f"    root file system: {root.stat().st_size / MIB:.0f} MiB of the {ROOT_A.size // MIB} MiB of a slot")
+        out.parent.mkdir(parents=True, exist_ok=True)
+        run(["cp", "--sparse=always", str(disk), f"{out}.part"])
+        os.replace(f"{out}.part", out)
+        manifest_file(out).write_bytes(msgspec.json.format(msgspec.json.encode(manifest), indent=1))
+    return manifest
+
+
+def manifest_file(image: Path) -> Path:
+    """Where an image's manifest is."""
+    return image.with_name(image.name + ".json")
+
+
+def read_manifest(image: Path) -> Manifest:
+    """The manifest of an image.
+
+    Raises:
+        ImageError: it is not beside the image, or cannot be read.
+    """
+    file = manifest_file(image)
+    try:
+        return msgspec.json.decode(file.read_bytes(), type=Manifest)
+    except OSError as error:
+        raise ImageError(f"{file}: cannot be read ({error.strerror}): copy it together with the image") from None
+    except msgspec.DecodeError as error:
+        raise ImageError(f"{file}: is not the list of an image's contents: {error}") from None
+
+
+def digest(file: Path) -> str:
+    """SHA-256 of a file, hexadecimal."""
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+@contextmanager
+def _step(say: Callable[[str], None], what: str) -> Iterator[None]:
+    say(f"{what} ...")
+    begun_s = time.monotonic()
+    yield
+    say(f"    done in {time.monotonic() - begun_s:.0f} s")

@@ -1,0 +1,35 @@
+"""A drone's config partition: what the fleet file says about it, and its certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from deploy.fleet.config import FleetDrone
+from deploy.fleet.files import files_of, write_files
+from deploy.fleet.loading import Fleet
+from deploy.image.fat import make_fat
+from deploy.image.layout import CONFIG
+
+
+def make_config(file: Path, work: Path, fleet: Fleet, drone: FleetDrone, issue: Callable[[Path], None], epoch: int) -> None:
+    """Make the file system ``file``.
+
+    Args:
+        file: to be made; it holds the drone's private key.
+        work: an empty folder that only this user can read; the key is in it for a moment.
+        fleet: the fleet file.
+        drone: which of its drones.
+        issue: writes an identity into the folder that it is given.
+        epoch: date of the files, seconds since 1970.
+
+    Raises:
+        ConfigError, IdentityError: from the fleet file; from the certificates.
+        ImageError: more than fits into the partition.
+    """
+    content = work / "config"
+    content.mkdir(mode=0o700)
+    write_files(content, files_of(fleet, drone))
+    issue(content / "identity")
+    file.touch(mode=0o600)
+    make_fat(file, CONFIG.size, CONFIG.name, content, epoch)

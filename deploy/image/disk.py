@@ -1,0 +1,42 @@
+"""The disk image: a partition table, and the partitions' content in their places."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from deploy.image.errors import ImageError
+from deploy.image.layout import DISK_GUID, IMAGE_BYTES, MIB, PARTITIONS, Partition
+from deploy.image.tools import run
+
+
+def make_disk(file: Path, contents: dict[Partition, Path]) -> None:
+    """Write an image with the given partitions' content; what is not given is zeros. The file is sparse.
+
+    Raises:
+        ImageError: a partition's content does not fit.
+    """
+    for partition, content in contents.items():
+        size = content.stat().st_size
+        if size > partition.size:
+            raise ImageError(f"{partition.name}: {size / MIB:.0f} MiB do not fit into its {partition.size / MIB:.0f} MiB")
+    with file.open("wb") as disk:
+        disk.truncate(IMAGE_BYTES)
+    table = ["sgdisk", "--disk-guid", DISK_GUID]
+    for part in PARTITIONS:
+        number, sectors = str(part.number), (part.start // 512, (part.start + part.size) // 512 - 1)
+        table += ["--new", f"{number}:{sectors[0]}:{sectors[1]}", "--typecode", f"{number}:{part.kind}"]
+        table += ["--change-name", f"{number}:{part.name}", "--partition-guid", f"{number}:{part.guid}"]
+    run([*table, str(file)])
+    with file.open("r+b") as disk:
+        for partition, content in contents.items():
+            disk.seek(partition.start)
+            _copy_sparse(content, disk)
+
+
+def _copy_sparse(content: Path, disk) -> None:  # type: ignore[no-untyped-def]
+    with content.open("rb") as source:
+        while block := source.read(MIB):
+            if block.count(0) == len(block):
+                disk.seek(len(block), 1)
+            else:
+                disk.write(block)

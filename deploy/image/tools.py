@@ -1,0 +1,76 @@
+"""Programs of the operating system, with one-line errors."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO
+
+from deploy.image.errors import ImageError
+
+# Which of Debian's packages a program is in.
+_PACKAGES = {
+    "mmdebstrap": "mmdebstrap",
+    "mksquashfs": "squashfs-tools",
+    "unsquashfs": "squashfs-tools",
+    "grub-mkimage": "grub-common",
+    "sgdisk": "gdisk",
+    "mkfs.vfat": "dosfstools",
+    "mcopy": "mtools",
+    "lsblk": "util-linux",
+    "git": "git",
+    "rauc": "rauc",
+}
+
+
+def need(*programs: str) -> None:
+    """See that all of these can be run.
+
+    Raises:
+        ImageError: it names all that are missing, and the packages they are in.
+    """
+    missing = [program for program in programs if shutil.which(program, path=_path()) is None]
+    if missing:
+        packages = " ".join(sorted({_PACKAGES[program] for program in missing}))
+        raise ImageError(f"missing on this computer: {', '.join(missing)}; on Debian and Ubuntu: `apt-get install {packages}`")
+
+
+def run(command: Sequence[str], log: Path | None = None, env: Mapping[str, str] | None = None, stdin: Path | None = None) -> str:
+    """Run a program to its end; returns its output. With ``log`` all that it says is appended to that file.
+
+    Raises:
+        ImageError: it failed; with the last line that it said.
+    """
+    environment = {**os.environ, "PATH": _path(), "LC_ALL": "C.UTF-8", **(env or {})}
+    with _output(log, command) as output, open(stdin if stdin is not None else os.devnull, "rb") as given:
+        begin = output.tell()
+        code = subprocess.run(
+            command, stdin=given, stdout=output, stderr=subprocess.STDOUT, env=environment, check=False
+        ).returncode
+        output.seek(begin)
+        text = output.read().decode(errors="replace")
+    if code != 0:
+        said = [line for line in text.splitlines() if line.strip()]
+        where = f" (all of it: {log})" if log is not None else ""
+        raise ImageError(f"{command[0]} failed: {said[-1].strip() if said else f'exit code {code}'}{where}")
+    return text
+
+
+def _output(log: Path | None, command: Sequence[str]) -> IO[bytes]:
+    """Where a program's output goes: into the log, which can be followed while it runs."""
+    if log is None:
+        return tempfile.TemporaryFile()
+    file = log.open("a+b")
+    file.write(f"$ {' '.join(command)}\n".encode())
+    file.flush()
+    file.seek(0, os.SEEK_END)
+    return file
+
+
+def _path() -> str:
+    """Many of these programs are where only root's path leads."""
+    return os.environ.get("PATH", os.defpath) + ":/usr/sbin:/sbin"

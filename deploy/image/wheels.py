@@ -1,0 +1,90 @@
+"""The agent's Python packages, as wheels for an onboard computer's Python: the pinned versions."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+from deploy.image.errors import ImageError
+from deploy.image.tools import run
+
+_OLDEST_GLIBC = 5  # of the platform tags of wheels
+ONBOARD = ("protocol", "agent")  # of this project, what flies
+
+
+@dataclass(frozen=True, slots=True)
+class Platform:
+    """What the wheels are for. ``machine``: as ``uname -m`` has it; ``glibc``: 36 of 2.36."""
+
+    python: str
+    machine: str
+    glibc: int
+
+    @property
+    def tags(self) -> list[str]:
+        """The platform tags of wheels that it runs, best first."""
+        numbered = [f"manylinux_2_{minor}_{self.machine}" for minor in range(self.glibc, _OLDEST_GLIBC - 1, -1)]
+        return [*numbered, f"manylinux2014_{self.machine}"]
+
+
+IMAGE = Platform("3.11", "x86_64", 36)  # Debian 12
+
+
+def make_wheels(
+    source: Path, folder: Path, epoch: int, log: Path, platform: Platform = IMAGE, besides: tuple[str, ...] = ()
+) -> list[Path]:
+    """Fetch and build all wheels into ``folder``, which is a cache: those that are there are not fetched again.
+
+    Args:
+        source: the checkout.
+        folder: where wheels are kept.
+        epoch: date of the files in our own wheel, seconds since 1970.
+        log: what pip says is appended here.
+        platform: what they are for.
+        besides: packages besides those that the agent needs.
+
+    Returns:
+        The wheels to install, sorted by name.
+
+    Raises:
+        ImageError: a package cannot be fetched or built.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    needed = tomllib.loads((source / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
+    with tempfile.TemporaryDirectory(prefix="radron-wheels-") as name:
+        work = Path(name)
+        report = work / "wheels"
+        run(
+            [sys.executable, "-m", "pip", "download", "--dest", str(report), "--find-links", str(folder), "--only-binary=:all:"]
+            + ["--python-version", platform.python, "--implementation", "cp"]
+            + [part for tag in platform.tags for part in ("--platform", tag)]
+            + ["--constraint", str(source / "constraints.txt"), *needed, *besides],
+            log,
+        )
+        make_own_wheel(source, work, report, epoch, log)
+        for wheel in report.iterdir():
+            shutil.copyfile(wheel, folder / wheel.name)
+        return sorted(folder / wheel.name for wheel in report.iterdir())
+
+
+def make_own_wheel(source: Path, work: Path, out: Path, epoch: int, log: Path) -> None:
+    """This project's wheel, from a copy of what flies: nothing that lies about in the checkout gets on board.
+
+    Raises:
+        ImageError: it cannot be built.
+    """
+    copy = work / "source"
+    copy.mkdir()
+    for file in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copyfile(source / file, copy / file)
+    for package in ONBOARD:
+        shutil.copytree(source / package, copy / package, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(out), str(copy)]
+    try:
+        run(command, log, env={"SOURCE_DATE_EPOCH": str(epoch)})
+    except ImageError as error:
+        raise ImageError(f"radron's own package: {error}") from None

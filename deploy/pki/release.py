@@ -1,0 +1,54 @@
+"""Certificates that sign releases of the onboard system.
+
+Their keys are ECDSA P-256: RAUC's signatures are CMS, for which OpenSSL 3.0, the drones' and Debian's, knows no Ed25519. Their
+purpose is the signing of code alone: they open no links, and the members' certificates, whose purpose is links, sign no releases.
+"""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from deploy.pki.issued import Issued
+from protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role, checked_name, utc
+from protocol.issuing import DAYS, EARLIER, Issuer, write_file
+
+
+def issue_release(issuer: Issuer, name: str, now_ns: int, days: int | None, out: Path) -> Issued:
+    """Issue a certificate for releases with a new key, and write its folder; other users cannot read the key.
+
+    Raises:
+        IdentityError: a name that cannot be one.
+        OSError: it cannot be written.
+    """
+    key = ec.generate_private_key(ec.SECP256R1())
+    authority = issuer.authority.certificate
+    attributes = ((NameOID.COMMON_NAME, checked_name(name)), (NameOID.ORGANIZATIONAL_UNIT_NAME, str(Role.RELEASE)))
+    ends = utc(now_ns) + timedelta(days=DAYS[Role.RELEASE] if days is None else days)
+    usage = x509.KeyUsage(True, False, False, False, False, False, False, False, False)  # digital signatures
+    certificate = (
+        x509.CertificateBuilder(authority.subject, x509.Name([x509.NameAttribute(*one) for one in attributes]), key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(utc(now_ns) - EARLIER)
+        .not_valid_after(min(ends, authority.not_valid_after_utc))
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(usage, critical=True)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.CODE_SIGNING]), critical=True)
+        .sign(issuer.key, None)
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    write_file(out / KEY_FILE, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), secret=True)
+    write_file(out / CERTIFICATE_FILE, certificate.public_bytes(Encoding.PEM))
+    write_file(out / AUTHORITY_FILE, authority.public_bytes(Encoding.PEM))
+    return Issued(
+        name=name,
+        role=Role.RELEASE,
+        serial=f"{certificate.serial_number:x}",
+        not_before_ns=int(certificate.not_valid_before_utc.timestamp()) * 1_000_000_000,
+        not_after_ns=int(certificate.not_valid_after_utc.timestamp()) * 1_000_000_000,
+    )

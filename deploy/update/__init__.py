@@ -1,0 +1,1 @@
+"""Keeping a fleet's onboard computers updated over SSH (docs/nuc.md)."""

@@ -1,0 +1,1 @@
+"""The mesh: Zenoh sessions of drones and stations, bridged to asyncio."""

@@ -1,0 +1,226 @@
+"""Messages from Zenoh's threads to the event loop: entries and commands lossless and in order, of other kinds only the newest.
+
+A burst costs the loop one call from another thread. It is delivered in slices, commands first and log entries last, so that a
+backlog of recovered entries neither delays the control step nor makes poses stale. Every publisher has queues of its own, which
+take turns: one that floods loses its own messages, nobody else's.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+
+from protocol.codec import size_limit
+from protocol.entries import Entry
+from protocol.errors import ProtocolError
+from protocol.keys import Key, parse_key
+from protocol.messages import DRONE_KINDS, STATION_KINDS
+
+ENTRY_KINDS = tuple(kind for kind, message in DRONE_KINDS.items() if issubclass(message, Entry))
+NEWS_KINDS = tuple(kind for kind in DRONE_KINDS if kind not in ENTRY_KINDS)
+SLICE_MESSAGES = 100
+SLICE_S = 0.005
+MOST_ENTRIES = 5_000  # of a publisher, waiting for delivery; more are dropped, and recovered by the log query
+ENTRIES_PER_S = 1_000.0  # of a publisher: 50 times what a drone publishes, and an hour's log in less than a minute
+MOST_COMMANDS = 100  # of a publisher
+MOST_PUBLISHERS = 128  # a swarm has up to 64 drones
+NEWS_PER_S = 200  # of a publisher, of which the newest alone counts; honest ones send 15
+TOLD_S = 10.0  # a flood is reported for this long
+
+Receive = Callable[[Key, bytes], object]  # what it returns does not matter
+
+
+@dataclass(slots=True)
+class _Share:
+    """What waits of one publisher. ``credit``: entries that may be delivered at once; ``flood_s``: when it last lost messages."""
+
+    commands: deque[tuple[Key, bytes]] = field(default_factory=deque)
+    news: dict[Key, bytes] = field(default_factory=dict)
+    entries: deque[tuple[Key, bytes]] = field(default_factory=deque)
+    credit: float = float(MOST_ENTRIES)
+    credit_s: float = 0.0
+    second: int = 0
+    heard: int = 0  # of news, in this second
+    lost: int = 0
+    flood_s: float = float("-inf")
+
+
+class Inbox:
+    """Takes messages in any thread, delivers them in the loop's, with their keys as read here once.
+
+    Counts ``received`` (delivered), ``superseded`` (replaced by a newer one before delivery); and of what it drops ``overflow``
+    (beyond the bounds above), ``oversized``, ``other_swarm``, ``unknown_key``, ``unknown_drone``.
+    """
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        swarm: str,
+        receive: Receive,
+        drained: Callable[[], None],
+        counters: Counter[str],
+        members: Collection[str] | None = None,
+    ) -> None:
+        """``members``: the drones whose messages are taken; None: all."""
+        self._loop = loop
+        self._swarm = swarm
+        self._receive = receive
+        self._drained = drained
+        self._counters = counters
+        self._members = members
+        self._lock = threading.Lock()  # of everything that follows, which all threads change
+        self._shares: dict[str, _Share] = {}  # by publisher; the first waits longest
+        self._dropped: Counter[str] = Counter()
+        self._scheduled = False
+        self._closed = False
+
+    def put(self, key: str, payload: bytes | None) -> None:
+        """Take a message, in any thread; None stands for a payload that was too large."""
+        try:
+            address = parse_key(key)
+        except ProtocolError:
+            address = None
+        with self._lock:
+            self._take(address, payload)
+            wakes, self._scheduled = not self._scheduled, True
+        if wakes:
+            with contextlib.suppress(RuntimeError):  # the loop is closed
+                self._loop.call_soon_threadsafe(self._deliver)
+
+    def close(self) -> None:
+        """Stop delivering."""
+        self._closed = True
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """One line for each publisher that sends more than is taken of it."""
+        now_s = self._loop.time()
+        with self._lock:
+            told = [(name, share.lost) for name, share in self._shares.items() if now_s - share.flood_s < TOLD_S]
+        return tuple(f"{name} floods the mesh: {lost} of its messages were left out" for name, lost in sorted(told))
+
+    def _take(self, key: Key | None, payload: bytes | None) -> None:
+        if key is None:
+            self._dropped["unknown_key"] += 1
+            return
+        if key.swarm != self._swarm:
+            self._dropped["other_swarm"] += 1
+            return
+        if self._members is not None and key.kind not in STATION_KINDS and key.sender not in self._members:
+            self._dropped["unknown_drone"] += 1
+            return
+        share = self._share_of(f"operator {key.sender}" if key.kind in STATION_KINDS else key.sender)
+        if share is None:
+            self._dropped["overflow"] += 1
+            return
+        if payload is None or len(payload) > size_limit(key.kind):
+            self._lose(share, "oversized")
+        elif key.kind in ENTRY_KINDS:
+            self._keep(share, share.entries, MOST_ENTRIES, key, payload)
+        elif key.kind in STATION_KINDS:
+            self._keep(share, share.commands, MOST_COMMANDS, key, payload)
+        else:
+            self._renew(share, key, payload)
+
+    def _share_of(self, name: str) -> _Share | None:
+        """The share of a publisher, in the place of an idle one where there are too many; None where none is idle."""
+        share = self._shares.get(name)
+        if share is not None:
+            return share
+        if len(self._shares) >= MOST_PUBLISHERS:
+            idle = next((name for name, one in self._shares.items() if not (one.commands or one.news or one.entries)), None)
+            if idle is None:
+                return None
+            del self._shares[idle]
+        share = self._shares[name] = _Share()
+        return share
+
+    def drop(self, reason: str) -> None:
+        """Count something that is not taken, in any thread."""
+        with self._lock:
+            self._dropped[reason] += 1
+
+    def _renew(self, share: _Share, key: Key, payload: bytes) -> None:
+        if key in share.news:
+            self._dropped["superseded"] += 1
+        share.news[key] = payload
+        second = int(self._loop.time())
+        share.second, share.heard = second, share.heard + 1 if second == share.second else 1
+        if share.heard > NEWS_PER_S:
+            share.lost, share.flood_s = share.lost + 1, self._loop.time()
+
+    def _keep(self, share: _Share, queue: deque[tuple[Key, bytes]], most: int, key: Key, payload: bytes) -> None:
+        if len(queue) < most:
+            queue.append((key, payload))
+        else:
+            self._lose(share, "overflow")
+
+    def _lose(self, share: _Share, reason: str) -> None:
+        self._dropped[reason] += 1
+        share.lost, share.flood_s = share.lost + 1, self._loop.time()
+
+    def _deliver(self) -> None:
+        """One slice; the next follows after a pause as long, in which the loop processes everything else that is due."""
+        until_s = self._loop.time() + SLICE_S
+        delivered = 0
+        try:
+            while delivered < SLICE_MESSAGES and not self._closed:
+                message = self._next()
+                if message is None:
+                    break
+                delivered += 1
+                self._counters["received"] += 1
+                self._receive(*message)
+                if self._loop.time() > until_s:
+                    break
+        finally:  # an exception of the receiver affects one message only
+            self._schedule()
+        if delivered and not self._closed:
+            self._drained()
+
+    def _schedule(self) -> None:
+        with self._lock:
+            self._counters.update(self._dropped)
+            self._dropped.clear()
+            waits = any(share.commands or share.news or share.entries for share in self._shares.values())
+            self._scheduled = waits and not self._closed
+        if self._scheduled:
+            self._loop.call_later(SLICE_S, self._deliver)
+
+    def _next(self) -> tuple[Key, bytes] | None:
+        """The next message: of the publisher that has waited longest for its turn, commands first and entries last."""
+        now_s = self._loop.time()
+        with self._lock:
+            for choose in (_command, _news, _entry):
+                for name, share in self._shares.items():
+                    message = choose(share, now_s)
+                    if message is not None:
+                        self._shares[name] = self._shares.pop(name)
+                        return message
+        return None
+
+
+def _command(share: _Share, now_s: float) -> tuple[Key, bytes] | None:
+    return share.commands.popleft() if share.commands else None
+
+
+def _news(share: _Share, now_s: float) -> tuple[Key, bytes] | None:
+    if not share.news:
+        return None
+    key = next(iter(share.news))
+    return key, share.news.pop(key)
+
+
+def _entry(share: _Share, now_s: float) -> tuple[Key, bytes] | None:
+    if not share.entries:
+        return None
+    share.credit = min(float(MOST_ENTRIES), share.credit + (now_s - share.credit_s) * ENTRIES_PER_S)
+    share.credit_s = now_s
+    if share.credit < 1.0:
+        return None
+    share.credit -= 1.0
+    return share.entries.popleft()

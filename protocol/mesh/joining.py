@@ -1,0 +1,27 @@
+"""The Zenoh session of a member, with the rights that each of its peers has."""
+
+from __future__ import annotations
+
+import zenoh
+
+from protocol.errors import MeshError
+from protocol.identity import CERTIFICATE_FILE, Identity, Role
+from protocol.mesh.link import MeshConfig, open_session
+from protocol.mesh.rights import access_control
+
+
+async def session_of(config: MeshConfig, swarm: str, drone: str | None) -> zenoh.Session:
+    """Open a session in which every member has its rights, and who is revoked no link. Raises MeshError, IdentityError."""
+    identity, access, revoked = config.identity, None, config.revoked
+    if identity is not None:
+        _check_owner(identity, drone)
+        revoked |= identity.revoked.names
+        access = access_control(swarm, config.drones, revoked, config.others)
+    return await open_session(config, dial_all=config.listen is None, access=access, refused=revoked)
+
+
+def _check_owner(identity: Identity, drone: str | None) -> None:
+    own = identity.own
+    place = f"{identity.folder / CERTIFICATE_FILE}: is the certificate of {own.name} ({own.role})"
+    if drone is not None and (own.name, own.role) != (drone, Role.DRONE):
+        raise MeshError(f"{place}, and this drone is {drone}; run `radron-deploy pki issue {drone} --role drone`")

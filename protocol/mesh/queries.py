@@ -1,0 +1,163 @@
+"""Queries to peers, and what drones query from an operator's station part by part: the content of a mission."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Sequence
+from hashlib import blake2b
+
+import zenoh
+from zenoh import CongestionControl, Priority
+from zenoh.handlers import Callback
+
+from protocol.errors import ProtocolError
+from protocol.mesh.link import in_thread
+from protocol.messages import MOST_PARTS, PART_BYTES
+
+PART_S = 5.0  # for one part, over a slow radio
+ATTEMPTS = 3
+MOST_ANSWERS = 8  # parts that are being sent at the same time
+
+
+async def query(
+    session: zenoh.Session,
+    key: str,
+    payload: bytes,
+    within_s: float,
+    take: Callable[[zenoh.Sample], object],
+    failed: Callable[[], object],
+) -> None:
+    """Ask everybody who answers for a key, and wait for the end of the answers.
+
+    Args:
+        session: of the mesh.
+        key: what the answers are declared for.
+        payload: the question.
+        within_s: bound of Zenoh's own wait; ours is a fifth longer.
+        take: called with each answer, in Zenoh's threads.
+        failed: called for an answer that is an error, there too.
+
+    Raises:
+        TimeoutError, zenoh.ZError: nobody answers, or not in time.
+    """
+    loop = asyncio.get_running_loop()
+    ended: asyncio.Future[None] = loop.create_future()
+
+    def reply(one: zenoh.Reply) -> None:
+        if one.ok is None:
+            failed()
+        else:
+            take(one.ok)
+
+    def end() -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            loop.call_soon_threadsafe(_settle, ended)
+
+    async with asyncio.timeout(1.2 * within_s):  # Zenoh's own timeout comes first
+        await in_thread(
+            lambda: session.get(
+                key,
+                Callback(reply, end, indirect=False),
+                payload=payload,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,  # all entries of one kind have the same key
+                accept_replies=zenoh.ReplyKeyExpr.ANY,
+                timeout=within_s,
+                congestion_control=CongestionControl.BLOCK,  # also for the replies, which are sent in a separate thread
+                priority=Priority.DATA_LOW,
+            )
+        )
+        await ended
+
+
+def split(content: bytes) -> tuple[bytes, ...]:
+    """The parts in which a mission is uploaded.
+
+    Raises:
+        ProtocolError: it is too large.
+    """
+    parts = tuple(content[start : start + PART_BYTES] for start in range(0, len(content), PART_BYTES))
+    if len(parts) > MOST_PARTS:
+        most_mb = MOST_PARTS * PART_BYTES / 1e6
+        raise ProtocolError(f"{len(content) / 1e6:.1f} MB are too much to be uploaded: at most {most_mb:.1f} MB")
+    return parts
+
+
+def hash_of(part: bytes) -> bytes:
+    """BLAKE2b-256."""
+    return blake2b(part, digest_size=32).digest()
+
+
+async def fetch(session: zenoh.Session, key: str, hashes: Sequence[bytes]) -> bytes | None:
+    """The content whose parts have these hashes, from whoever answers for the key; None where a part does not come."""
+    parts = []
+    for place, expected in enumerate(hashes):
+        part = await _fetched(session, key, place, expected)
+        if part is None:
+            return None
+        parts.append(part)
+    return b"".join(parts)
+
+
+async def _fetched(session: zenoh.Session, key: str, place: int, expected: bytes) -> bytes | None:
+    found: list[bytes] = []
+
+    def take(sample: zenoh.Sample) -> None:
+        if not found and len(sample.payload) <= PART_BYTES and hash_of(part := sample.payload.to_bytes()) == expected:
+            found.append(part)
+
+    for _ in range(ATTEMPTS):
+        with contextlib.suppress(TimeoutError, zenoh.ZError):
+            await query(session, key, str(place).encode(), PART_S, take, lambda: None)
+        if found:
+            return found[0]
+    return None
+
+
+class Serving:
+    """Answers the queries for the parts of one content, until it is closed. Made and called in the loop's thread."""
+
+    def __init__(self, session: zenoh.Session, key: str, parts: Sequence[bytes]) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._session, self._key, self._parts = session, key, parts
+        self._answers = 0
+        self._queryable: zenoh.Queryable[None] | None = None
+
+    async def open(self) -> None:
+        """Answer from now on. Raises zenoh.ZError."""
+        self._queryable = await in_thread(
+            lambda: self._session.declare_queryable(self._key, Callback(self._take, indirect=False))
+        )
+
+    async def close(self) -> None:
+        """Answer no more. Raises zenoh.ZError."""
+        if self._queryable is not None:
+            await in_thread(self._queryable.undeclare)
+
+    def _take(self, asked: zenoh.Query) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(self._reply, asked)
+
+    def _reply(self, asked: zenoh.Query) -> None:
+        place = asked.payload.to_bytes() if asked.payload is not None and len(asked.payload) <= 4 else b""
+        wanted = int(place) if place.isdigit() else len(self._parts)
+        part = self._parts[wanted] if wanted < len(self._parts) and self._answers < MOST_ANSWERS else None
+
+        def send() -> None:
+            with asked:  # leaving the block ends it for the peer
+                if part is not None:
+                    asked.reply(self._key, part)
+
+        self._answers += 1
+        in_thread(send).add_done_callback(self._replied)
+
+    def _replied(self, sending: asyncio.Future[None]) -> None:
+        self._answers -= 1
+        if not sending.cancelled():
+            sending.exception()  # the peer has gone, and asks again
+
+
+def _settle(future: asyncio.Future[None]) -> None:
+    if not future.done():
+        future.set_result(None)

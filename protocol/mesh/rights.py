@@ -1,0 +1,73 @@
+"""Who may publish what: the rules by which a session judges what its peers send, by the names in their certificates.
+
+Whatever is not allowed is dropped where it arrives. Zenoh knows names, not roles, and no author of what a peer passes on: that
+commands come from operators only, and that an entry in an answer is its author's, is checked by the agents, by signatures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from protocol.keys import ROOT
+from protocol.mesh.inbox import ENTRY_KINDS
+from protocol.messages import STATION_KINDS
+from protocol.units import STATION
+
+_PREFIX = "radron/*"  # of every version of the protocol: others must be seen to be named
+_VERSIONS = range(1, 10)  # whose liveliness tokens are taken: with a wildcard, a member could have its peers keep any number
+_READ = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query", "query")
+_PUBLISH = ("put", "delete", "declare_queryable", "reply", "liveliness_token")
+
+
+def access_control(
+    swarm: str, drones: Collection[str] | None, revoked: Collection[str], others: Collection[str] | None = None
+) -> dict[str, object]:
+    """Zenoh's ``access_control`` settings of one session.
+
+    Everybody in the swarm may subscribe, query, send what looks like a command or an upload, and answer for the mission of a
+    station, whose parts are known by their hashes. A drone besides publishes under its own name, and answers queries with entries
+    of all. (A rule that denies would not help: of several subjects that fit a peer, Zenoh takes the one that allows. So nobody
+    gets more than is listed here.)
+
+    Args:
+        swarm: its name.
+        drones: names of its drones; None: unknown, and any member's news are taken (an operator's session).
+        revoked: names that get no rights of a drone, and none at all where ``others`` are named (``link`` ends their links).
+        others: names of everybody else; None: everybody with a certificate of the swarm.
+    """
+    own = f"{_PREFIX}/{swarm}"
+    rules = [
+        _rule("send", "egress", (*_READ, *_PUBLISH), f"{own}/**"),
+        _rule("read", "ingress", _READ, f"{own}/**"),
+        _rule("command", "ingress", ("put",), *(f"{own}/{STATION}/*/{kind}" for kind in STATION_KINDS)),
+        _rule("mission", "ingress", ("reply", "declare_queryable"), f"{own}/{STATION}/*/mission"),
+        _rule("answer", "ingress", ("reply",), *(f"{own}/*/{kind}" for kind in ENTRY_KINDS)),
+        _rule("news", "ingress", _PUBLISH, f"{own}/**"),
+    ]
+    basic = ["send", "read", "command", "mission", *(["news"] if drones is None else [])]
+    members = [name for name in drones or () if name not in revoked]
+    for name in members:
+        rules.append(_rule(f"{name} publishes", "ingress", ("put", "delete", "reply"), f"{own}/{name}/**"))
+        tokens = [f"radron/{version}/{swarm}/{name}/alive" for version in _VERSIONS]
+        rules.append(_exactly(f"{name} is there", ("liveliness_token",), *tokens))
+        caches = [f"{ROOT}/{swarm}/{name}/{kind}/@adv/**" for kind in ENTRY_KINDS]
+        rules.append(_exactly(f"{name} answers", ("declare_queryable",), f"{ROOT}/{swarm}/{name}/log", *caches))
+    grants = {name: [*basic, "answer", f"{name} publishes", f"{name} is there", f"{name} answers"] for name in members}
+    if others is not None:
+        grants |= {name: basic for name in others if name not in revoked and name not in grants}
+    subjects: list[dict[str, object]] = [{"id": name, "cert_common_names": [name]} for name in grants]
+    policies = [{"subjects": [name], "rules": granted} for name, granted in grants.items()]
+    if others is None:
+        subjects.append({"id": "anybody with a certificate"})
+        policies.append({"subjects": ["anybody with a certificate"], "rules": basic})
+    return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
+
+
+def _exactly(name: str, messages: Collection[str], *keys: str, flow: str = "ingress") -> dict[str, object]:
+    """What is allowed, under just these keys."""
+    return {"id": name, "permission": "allow", "flows": [flow], "messages": list(messages), "key_exprs": list(keys)}
+
+
+def _rule(name: str, flow: str, messages: Collection[str], *keys: str) -> dict[str, object]:
+    """What is allowed; the keys include those of the advanced publishers' channel, which ``**`` does not."""
+    return _exactly(name, messages, *keys, *(f"{key.removesuffix('/**')}/**/@adv/**" for key in keys), flow=flow)

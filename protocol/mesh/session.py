@@ -1,0 +1,344 @@
+"""The mesh: the Zenoh session of a drone or an operator, and its bridge to asyncio.
+
+Publications never block: everything is sent with congestion control DROP, at a priority that Zenoh's own blocking traffic
+(queries and recovery of the advanced publishers, priority DATA) does not use. Log entries that are dropped are recovered.
+Zenoh calls that can block are made in separate threads. A process with a session must not fork: spawn.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Sequence
+
+import zenoh
+from zenoh import CongestionControl, Locality, Priority, ext
+from zenoh.handlers import Callback
+
+from protocol.codec import MAX_PAYLOAD_BYTES
+from protocol.errors import MeshError, ProtocolError
+from protocol.keys import ROOT, drone_key, parse_key, read_token, station_key, token_keys
+from protocol.mesh.answers import Answer, Answers
+from protocol.mesh.inbox import ENTRY_KINDS, NEWS_KINDS, Inbox, Receive
+from protocol.mesh.joining import session_of
+from protocol.mesh.link import MeshConfig, close_session, in_thread
+from protocol.mesh.outgoing import Outgoing
+from protocol.mesh.presence import Presence
+from protocol.mesh.queries import Serving, fetch, query
+from protocol.messages import STATION_KINDS
+from protocol.units import STATION
+
+__all__ = ["Mesh", "MeshConfig"]
+
+CACHE_ENTRIES = 2_000  # of each kind, for peers that join late or were cut off; older ones come by the log query
+HEARTBEAT_S = 0.5  # the loss of a last entry is noticed after this time
+ASK_S = 1.0
+RELINKED_S = 1.0  # until the peers are linked again with a session that was opened anew
+MOST_HELD_BACK = 1_000  # entries, while the session is opened anew
+
+
+class Mesh:
+    """An open session. All calls, and all calls back, are made in the thread of the event loop that opened it.
+
+    ``counters``: those of ``Inbox``; ``publish_failed``; ``entries_missed`` (beyond Zenoh's recovery: left to the log query);
+    of the log query ``log_asked``, ``log_replies``, ``log_ask_failed``, ``log_answered``, ``log_answer_failed``,
+    ``log_answer_refused``.
+    """
+
+    def __init__(
+        self,
+        swarm: str,
+        drone: str | None,
+        receive: Receive,
+        drained: Callable[[], None] | None,
+        answer: Answer | None,
+        members: Collection[str] | None,
+    ) -> None:
+        """Use :meth:`open`."""
+        self.counters: Counter[str] = Counter()
+        self._session: zenoh.Session | None = None  # also while it is opened anew
+        self._swarm = swarm
+        self._drone = drone
+        self._loop = asyncio.get_running_loop()
+        self._inbox = Inbox(self._loop, swarm, receive, drained or (lambda: None), self.counters, members)
+        self._outgoing = Outgoing(lambda: self._to_loop(self._count, "publish_failed"))
+        self._publishers: dict[str, zenoh.Publisher | ext.AdvancedPublisher] = {}
+        self._declared: list[object] = []  # Zenoh undeclares what is not referenced
+        self._presence = Presence(self.counters)
+        self._members = members
+        self._failure: str | None = None  # why there is no session
+        self._holds_back = False  # entries
+        self._held_back: deque[tuple[str, bytes]] = deque(maxlen=MOST_HELD_BACK)
+        self._answers = Answers(self._loop, answer, self.counters) if answer is not None else None
+
+    @classmethod
+    async def open(
+        cls,
+        config: MeshConfig,
+        swarm: str,
+        drone: str | None,
+        *,
+        receive: Receive,
+        drained: Callable[[], None] | None = None,
+        answer: Answer | None = None,
+        members: Collection[str] | None = None,
+    ) -> Mesh:
+        """Join a swarm.
+
+        Args:
+            config: endpoints.
+            swarm: its name.
+            drone: own id; None for an operator, who gets no history, is not listed in ``alive`` and is not asked for a log.
+            receive: called with key and payload of every message of the swarm except the own ones. Entries and commands come
+                without loss (within the bounds of ``Inbox``) and, for one key, in order; of other kinds only the newest.
+            drained: called after each burst of ``receive``.
+            answer: from a peer's summary to the (key, payload) of the entries missing there.
+            members: the drones of the swarm: what comes under another name is counted and ignored; None: all names are taken.
+
+        Raises:
+            MeshError: the session cannot be opened as configured.
+        """
+        drone_key(swarm, drone or "any", "alive")  # invalid names are refused
+        mesh = cls(swarm, drone, receive, drained, answer, members)
+        try:
+            await mesh._join(config)
+        except BaseException:
+            mesh._inbox.close()
+            raise
+        return mesh
+
+    async def reopen(self, config: MeshConfig) -> None:
+        """Close the session and open another one: the rights of members are fixed when it opens.
+
+        Log entries that are published meanwhile are kept until the peers are linked again, for a second at most; of the rest only
+        what is newer matters.
+
+        Raises:
+            MeshError: it cannot be opened as configured. Nothing is received or published until another call succeeds.
+        """
+        session, self._session = self._session, None
+        before, self._holds_back = self._presence.alive - config.revoked, True
+        self._publishers, self._declared = {}, []
+        if session is not None:
+            await close_session(session)
+        self._presence.clear()
+        try:
+            await self._join(config)
+        except MeshError as error:
+            self._failure = str(error)
+            raise
+        self._failure = None
+        until_s = self._loop.time() + RELINKED_S
+        while not before <= self._presence.alive and self._loop.time() < until_s:
+            await asyncio.sleep(0.02)
+        self._holds_back = False
+        while self._held_back:
+            self.publish(*self._held_back.popleft())
+
+    async def _join(self, config: MeshConfig) -> None:
+        session = await session_of(config, self._swarm, self._drone)
+        declaring = in_thread(lambda: self._declare(session))
+        try:
+            await asyncio.shield(declaring)
+        except asyncio.CancelledError:
+            await asyncio.wait((declaring,))
+            await close_session(session)
+            raise
+        except zenoh.ZError as error:
+            await close_session(session)
+            raise MeshError(f"mesh: {str(error)[:160]}") from None
+        self._session = session
+
+    @property
+    def alive(self) -> frozenset[str]:
+        """The other drones with a liveliness token: a killed process loses it at once, a stopped or disconnected one after a
+        second.
+        """
+        return frozenset(self._presence.alive)
+
+    @property
+    def differing(self) -> tuple[str, ...]:
+        """The drones that speak another version of the protocol, one line each: none of them can fly together with this one."""
+        return self._presence.differing
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Publishers that flood the mesh, one line each; and that there is no session."""
+        shut = () if self._failure is None else (f"no other drone is reached: {self._failure}",)
+        return shut + self._inbox.problems
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """Send a message, or drop it on congestion; never blocks, never fails because of the network.
+
+        Raises:
+            ProtocolError: not a key of this swarm.
+        """
+        if self._holds_back and parse_key(key).kind in ENTRY_KINDS:
+            self._held_back.append((key, payload))
+            return
+        if self._session is None:
+            self.counters["publish_failed"] += 1
+            return
+        publisher = self._publishers.get(key)
+        try:
+            if publisher is None:
+                publisher = self._publishers[key] = self._publisher(key, self._session)
+            if isinstance(publisher, ext.AdvancedPublisher):
+                self._outgoing.put(publisher, payload)
+            else:
+                publisher.put(payload)
+        except zenoh.ZError:
+            self.counters["publish_failed"] += 1
+
+    async def ask(self, drone: str, summary: bytes) -> int:
+        """Ask a drone for the log entries missing in this summary. They come through ``receive``.
+
+        Returns:
+            The number of replies, some of which may not be delivered yet. 0 also for a drone that cannot be reached.
+        """
+        replies = await self._query(drone, summary, self._take)
+        self.counters["log_replies"] += replies
+        return replies
+
+    async def summary_of(self, drone: str) -> bytes | None:
+        """The summary of a drone's log; None where it does not answer."""
+        found: list[zenoh.Sample] = []
+        await self._query(drone, b"", found.append)
+        payloads = [sample.payload for sample in found]
+        return next((payload.to_bytes() for payload in payloads if len(payload) <= MAX_PAYLOAD_BYTES), None)
+
+    async def _query(self, drone: str, payload: bytes, take_sample: Callable[[zenoh.Sample], object]) -> int:
+        """Query the log of a drone; the number of replies, which are taken in Zenoh's threads."""
+        replies = 0
+        session = self._session
+        if session is None:
+            return 0
+
+        def take(reply: zenoh.Sample) -> None:
+            nonlocal replies
+            replies += 1
+            take_sample(reply)
+
+        def failed() -> None:
+            self._to_loop(self._count, "log_ask_failed")
+
+        self._count("log_asked")
+        try:
+            await query(session, drone_key(self._swarm, drone, "log"), payload, ASK_S, take, failed)
+        except (TimeoutError, zenoh.ZError):
+            self._count("log_ask_failed")
+        return replies
+
+    async def serve_mission(self, station: str, parts: Sequence[bytes]) -> None:
+        """Answer the drones that fetch a mission from this station, until the session ends or another one is served.
+
+        Raises:
+            MeshError: there is no session, or it refuses.
+        """
+        if self._session is None:
+            raise MeshError("mesh: there is no session from which a mission could be served")
+        serving = Serving(self._session, station_key(self._swarm, station, "mission"), parts)
+        try:
+            for former in [one for one in self._declared if isinstance(one, Serving)]:
+                self._declared.remove(former)
+                await former.close()
+            await serving.open()
+        except zenoh.ZError as error:
+            raise MeshError(f"mesh: {str(error)[:160]}") from None
+        self._declared.append(serving)
+
+    async def fetch_mission(self, station: str, hashes: Sequence[bytes]) -> bytes | None:
+        """The content of a mission with these hashes of its parts from a station; None where it does not come."""
+        if self._session is None:
+            return None
+        return await fetch(self._session, station_key(self._swarm, station, "mission"), hashes)
+
+    async def close(self) -> None:
+        """Leave the swarm, within a second whatever the peers do. Afterwards nothing is received, and publications fail."""
+        self._inbox.close()
+        await in_thread(self._outgoing.close)
+        if self._session is not None:
+            await close_session(self._session)
+        self._presence.clear()
+
+    def _declare(self, session: zenoh.Session) -> None:
+        """Declare everything; the token last, so that a drone that is seen alive already listens."""
+        on_sample = Callback(self._take, indirect=False)
+        places = [f"*/{kind}" for kind in NEWS_KINDS] + [f"{STATION}/*/{kind}" for kind in STATION_KINDS]
+        for place in places:
+            key = f"{ROOT}/{self._swarm}/{place}"
+            self._declared.append(session.declare_subscriber(key, on_sample, allowed_origin=Locality.REMOTE))
+        history = ext.HistoryConfig(max_samples=CACHE_ENTRIES) if self._drone is not None else None
+        for kind in ENTRY_KINDS:
+            subscriber = ext.declare_advanced_subscriber(
+                session,
+                f"{ROOT}/{self._swarm}/*/{kind}",
+                on_sample,
+                allowed_origin=Locality.REMOTE,
+                history=history,
+                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+            )
+            missed = subscriber.sample_miss_listener(Callback(self._take_miss, indirect=False))
+            self._declared += [subscriber, missed]
+        liveliness = session.liveliness()
+        on_token = Callback(self._take_token, indirect=False)
+        self._declared.append(liveliness.declare_subscriber(token_keys(self._swarm), on_token, history=True))
+        if self._drone is None:
+            return
+        for kind in (*ENTRY_KINDS, *NEWS_KINDS):
+            key = drone_key(self._swarm, self._drone, kind)
+            self._publishers[key] = self._publisher(key, session)
+        if self._answers is not None:
+            key = drone_key(self._swarm, self._drone, "log")
+            self._declared.append(session.declare_queryable(key, Callback(self._take_query, indirect=False)))
+        self._declared.append(liveliness.declare_token(drone_key(self._swarm, self._drone, "alive")))
+
+    def _publisher(self, key: str, session: zenoh.Session) -> zenoh.Publisher | ext.AdvancedPublisher:
+        address = parse_key(key)
+        if address.swarm != self._swarm:
+            raise ProtocolError(f"key {str(key)!r} is not of the swarm {self._swarm!r}")
+        if address.kind in ENTRY_KINDS:
+            return ext.declare_advanced_publisher(
+                session,
+                key,
+                congestion_control=CongestionControl.DROP,
+                priority=Priority.DATA_HIGH,
+                cache=ext.CacheConfig(CACHE_ENTRIES),
+                sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S),
+            )
+        # With a separate priority, commands are not dropped in favour of frequent messages.
+        priority = Priority.INTERACTIVE_HIGH if address.kind in STATION_KINDS else Priority.INTERACTIVE_LOW
+        return session.declare_publisher(key, congestion_control=CongestionControl.DROP, priority=priority)
+
+    # Called in Zenoh's threads; they must not make Zenoh calls that leave the process.
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        payload = sample.payload
+        self._inbox.put(str(sample.key_expr), payload.to_bytes() if len(payload) <= MAX_PAYLOAD_BYTES else None)
+
+    def _take_miss(self, miss: ext.Miss) -> None:
+        self._to_loop(self._count, "entries_missed", miss.nb)
+
+    def _take_token(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        drone, _ = read_token(key)
+        if drone == self._drone:
+            return
+        if self._members is not None and drone not in self._members:
+            self._inbox.drop("unknown_drone")
+        else:
+            self._to_loop(self._presence.take, key, sample.kind == zenoh.SampleKind.PUT)
+
+    def _take_query(self, query: zenoh.Query) -> None:
+        if self._answers is not None:
+            self._to_loop(self._answers.reply, query)
+
+    def _to_loop(self, call: Callable[..., object], *arguments: object) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(call, *arguments)
+
+    # Called in the loop's thread.
+
+    def _count(self, name: str, number: int = 1) -> None:
+        self.counters[name] += number

@@ -1,0 +1,74 @@
+"""Who is told what: what the drones know, but by liars; the same for all, but by equivocators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import pi
+
+from protocol.codec import decode_from, encode
+from protocol.entries import Entry
+from protocol.errors import ProtocolError
+from protocol.signing import Sign, sign_entries
+from protocol.summary import decode_summary, encode_summary
+from sim.faults.agents import Equivocating, Lie
+from sim.faults.base import Fault
+from sim.faults.liars import KIND_OF, Liars, falsified
+from sim.faults.schedule import Active, Schedule
+from sim.world.radio import LOG_KINDS, is_entry
+
+_OTHERWISE = Lie(at_s=0.0, what="cone")  # for its numbers
+
+
+class Tellers:
+    """What the drones of a flight tell each other."""
+
+    def __init__(self, faults: Sequence[Fault], schedule: Schedule, drones: Sequence[str], signs: Sequence[Sign]) -> None:
+        """``faults``: of the scenario. ``drones``: of the mission. ``signs``: signs as each of them."""
+        self._liars = Liars(faults, schedule, signs)
+        self._schedule, self._drones, self._signs = schedule, list(drones), signs
+        self._sly = {drones.index(name) for fault in faults if _lies_to_logs(fault) for name in fault.strikes(drones)}
+        self._otherwise: dict[tuple[int, bytes], tuple[frozenset[int], bytes]] = {}  # to whom it has told what instead
+        self._angles: dict[Active, float] = {}  # by which it turns what it measures
+
+    def tell(self, drone: int, key: str, payload: bytes) -> list[tuple[int | None, bytes]]:
+        """What a drone publishes instead of this payload, and to whom; None: to all."""
+        told = self._liars.tell(drone, key, payload)
+        active = self._schedule.active(Equivocating, drone) if is_entry(key) else []
+        if not active:
+            return [(None, told)]
+        (fault, one), message = active[0], decode_from(key, told)
+        if one not in self._angles:
+            self._angles[one] = float(one.rng.uniform(0.5 * pi, 1.5 * pi))
+        changed = falsified(message, _OTHERWISE, self._angles[one])
+        if changed is message or not isinstance(changed, Entry):
+            return [(None, told)]
+        others = [receiver for receiver in range(len(self._drones)) if receiver != drone]
+        peers = frozenset(others[1::2] if fault.peers is None else self._named(fault) & set(others))
+        version = encode(next(sign_entries([changed], self._signs[drone])))
+        self._otherwise[drone, payload] = peers, version
+        return [(receiver, version if receiver in peers else told) for receiver in others]
+
+    def answer(self, drone: int, to: int, key: str, payload: bytes) -> bytes:
+        """What a drone answers instead of this log entry, when a peer asks for it: what it has told that peer before."""
+        peers, version = self._otherwise.get((drone, payload), (frozenset(), b""))
+        return version if to in peers else self._liars.told(drone, key, payload)
+
+    def discreet(self, drone: int, summary: bytes) -> bytes:
+        """A summary, of the drone's own log or another one's, as who lies uses it: without hashes that give it away."""
+        if drone not in self._sly:
+            return summary
+        try:
+            mission, held = decode_summary(summary)
+        except ProtocolError:
+            return summary
+        own = self._drones[drone]
+        return encode_summary(mission, {one: told._replace(blocks=()) if one[0] == own else told for one, told in held.items()})
+
+    def _named(self, fault: Equivocating) -> set[int]:
+        names = (fault.peers,) if isinstance(fault.peers, str) else fault.peers or ()
+        return {self._drones.index(name) for name in names}
+
+
+def _lies_to_logs(fault: Fault) -> bool:
+    """Whether the log of who does this holds other entries than those of the others."""
+    return isinstance(fault, Equivocating) or (isinstance(fault, Lie) and KIND_OF[fault.what] in LOG_KINDS)

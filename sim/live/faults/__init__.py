@@ -1,0 +1,1 @@
+"""Faults in a live flight, and random missions with them."""

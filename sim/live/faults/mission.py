@@ -1,0 +1,100 @@
+"""One mission with faults flown live: real agents, the mesh and MAVLink, judged by what can be seen of them."""
+
+from __future__ import annotations
+
+import asyncio
+import resource
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from agent.errors import RadronError
+from sim.campaign.faults.course import LIVE
+from sim.campaign.faults.mission import LOCATED_M, Mission, Verdict
+from sim.live.course import Course
+from sim.live.faults.judge import LiveJudge
+from sim.live.faults.playable import needs_relays
+from sim.live.places import Places
+from sim.live.swarm import live_swarm
+from sim.live.view import View
+from sim.live.worldprocess import LiveError
+from sim.scenario import Scenario, parse_scenario
+from sim.scoring.invariants.base import Setting, Violation
+
+START = "start"  # the swarm did not get ready, or nobody took off
+READY_S = 90.0
+BUSY_S = 0.3  # a world that is further behind slips, and the agents' watchdogs kill what has stood still for longer
+TOO_BUSY = "this machine is too busy for live missions"
+
+
+def fly_live_mission(mission: Mission) -> Verdict:
+    """Fly and judge a mission in real time; its processes have ended when it returns.
+
+    Raises:
+        RadronError: the machine was too busy for it to mean anything.
+    """
+    document = mission.drawn
+    scenario = parse_scenario(document, mission.label)
+    began = _core_s()
+    with TemporaryDirectory(prefix="radron-live-") as folder:
+        judged = asyncio.run(_flown(scenario, mission.seed, Path(folder)))
+    judge, errors = judged.judge, judged.errors_m
+    known = [error for error in errors if error is not None]
+    error_m = max(known) if known and len(known) == len(errors) else None
+    names = {violation.invariant for violation in judge.violations}
+    least_m = judge.separation.least_m
+    return Verdict(
+        seed=mission.seed,
+        drones=len(scenario.mission.drones),
+        faults=document.get("fault", []),
+        violations=judge.violations,
+        able=len(errors),
+        located=error_m is not None and error_m < LOCATED_M,
+        converged=not names & {"convergence", START},
+        error_m=error_m,
+        min_separation_m=least_m if np.isfinite(least_m) else None,
+        sim_s=round(judge.time_s, 3),
+        drone_s=round(judge.drone_s, 3),
+        core_s=_core_s() - began,
+    )
+
+
+class _Judged:
+    """A flight's judge, and the errors of the able drones' source estimates at its end."""
+
+    def __init__(self, judge: LiveJudge) -> None:
+        self.judge = judge
+        self.errors_m: list[float | None] = []
+
+
+async def _flown(scenario: Scenario, seed: int, folder: Path) -> _Judged:
+    names = [drone.id for drone in scenario.mission.drones]
+    places = Places.relayed(len(names)) if needs_relays(scenario.fault) else Places.here(len(names))
+    judged: _Judged | None = None
+    began_s = time.monotonic()
+    try:
+        async with live_swarm(scenario, seed, folder, places, View()) as swarm:
+            observer = swarm.operator.observer
+            judged = _Judged(LiveJudge(Setting(swarm.scenario, LIVE.heal_s, LIVE.end_s), observer.agents))
+            judge = judged.judge
+            observer.listeners.append(judge.hear)
+            _, report = await Course(swarm.scenario, seed, swarm.operator, swarm.faults, judge.see).fly(READY_S)
+            exits = {name: swarm.agents.exit_code(name) for name in names}
+            judge.finish([folder / "agents" / name / "agent.log" for name in names], report, exits)
+            judged.errors_m = judge.errors_m(report.agents)
+            if judge.late_s > BUSY_S:
+                raise RadronError(f"the world was up to {judge.late_s:.1f} s behind the clock: {TOO_BUSY}")
+    except LiveError as error:
+        if judged is None:
+            raise
+        took_s = round(time.monotonic() - began_s, 1)
+        judged.judge.violations.append(Violation(invariant=START, time_s=took_s, drones=(), text=str(error)))
+    return judged
+
+
+def _core_s() -> float:
+    """Processor time of this process and of all its children that have ended."""
+    spent = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in spent)

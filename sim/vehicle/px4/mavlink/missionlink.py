@@ -1,0 +1,35 @@
+"""Missions, fences and rally points over a vehicle's links: there are none here, and none can be uploaded.
+
+A ground station asks for all three when it connects, and takes a vehicle for broken that does not answer.
+"""
+
+from __future__ import annotations
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from sim.vehicle.px4.mavlink.link import Link
+from sim.vehicle.px4.state import Message
+
+
+class MissionLink:
+    """Mission server of one vehicle; ``mission_type``: mission, fence, rally points."""
+
+    def list(self, link: Link, message: Message) -> None:
+        """MISSION_REQUEST_LIST: nothing there."""
+        link.send(mavlink.MAVLink_mission_count_message(*_sender(message), 0, message.mission_type))
+
+    def clear(self, link: Link, message: Message) -> None:
+        """MISSION_CLEAR_ALL."""
+        _answer(link, message, mavlink.MAV_MISSION_ACCEPTED)
+
+    def upload(self, link: Link, message: Message) -> None:
+        """MISSION_COUNT: an empty list changes nothing; PX4 would take another, this vehicle says that it flies none."""
+        _answer(link, message, mavlink.MAV_MISSION_ACCEPTED if message.count == 0 else mavlink.MAV_MISSION_UNSUPPORTED)
+
+
+def _answer(link: Link, message: Message, result: int) -> None:
+    link.send(mavlink.MAVLink_mission_ack_message(*_sender(message), result, message.mission_type))
+
+
+def _sender(message: Message) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()

@@ -1,0 +1,151 @@
+"""A mission as a page edits it before the start: what it may change, checked by the agents' own loading code."""
+
+from __future__ import annotations
+
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+from msgspec import Meta, Struct
+from msgspec.structs import replace
+from shapely import Polygon
+
+from agent.config.launchplaces import check_launch_places
+from agent.config.loading import convert
+from agent.config.mission import MissionConfig
+from agent.config.writing import as_toml
+from agent.errors import ConfigError, RadronError
+from agent.fusion.registry import check_estimator
+from protocol.units import DroneId
+from station.picture.frame import Checked, Editor, Field, Flaw, Launch, Point, Value
+from station.picture.picture import corners
+from station.picture.swarmlog import SwarmLog
+
+KEYS = (
+    "name",
+    "nuclide",
+    "area.fence_margin_m",
+    "area.floor_m",
+    "area.ceiling_m",
+    "ground.height_m",
+    "survey.strategy",
+    "survey.height_m",
+    "survey.search_speed_mps",
+    "survey.least_activity_bq",
+    "survey.duration_s",
+    "survey.then",
+    "encirclement.radius_m",
+    "encirclement.nearest_m",
+    "encirclement.height_m",
+    "encirclement.speed_mps",
+    "track.duration_s",
+    "limits.speed_mps",
+    "limits.separation_m",
+    "safety.alone",
+    "safety.agent_lost",
+    "safety.return_height_m",
+    "safety.battery_reserve",
+)
+AREA, LAUNCHES = "area.polygon_m", "drones"  # what is drawn on the map
+_WHERE = "mission"
+
+
+class Draft(Struct, frozen=True, forbid_unknown_fields=True):
+    """What a page has changed: corners of the area, launch places by drone, values by key."""
+
+    area: Annotated[tuple[Point, ...], Meta(max_length=256)]
+    launches: Annotated[dict[DroneId, Launch], Meta(max_length=64)]
+    values: Annotated[dict[Annotated[str, Meta(max_length=64)], Value], Meta(max_length=len(KEYS))]
+    number: int = 0  # of the draft, which the answer repeats
+
+
+def editor(mission: MissionConfig) -> Editor:
+    """The mission as it is."""
+    launches = {drone.id: (drone.origin_m[0], drone.origin_m[1], drone.yaw_deg) for drone in mission.drones}
+    return Editor(area=mission.area.polygon_m, fields=tuple(_field(mission, key) for key in KEYS), launches=launches)
+
+
+def drafted(mission: MissionConfig, draft: Draft) -> MissionConfig | tuple[Flaw, ...]:
+    """The mission with the changes of a draft, checked as the agents check theirs; or what is wrong, at most one flaw a field."""
+    grid_data = mission.ground.grid_data  # megabytes that need not be converted for each key
+    content: dict[str, Any] = msgspec.to_builtins(replace(mission, ground=replace(mission.ground, grid_data=None)))
+    changes: dict[str, object] = {AREA: draft.area, LAUNCHES: _launched(content[LAUNCHES], draft.launches), **draft.values}
+    flaws = [flaw for key, value in changes.items() if (flaw := _flaw_of(content, key, value)) is not None]
+    if flaws:
+        return tuple(flaws)
+    for key, value in changes.items():
+        content = _with(content, key, value)
+    try:
+        changed = convert(content, MissionConfig, _WHERE)
+        changed = replace(changed, ground=replace(changed.ground, grid_data=grid_data))
+        changed.check(_WHERE)
+        check_launch_places(changed, _WHERE)
+        check_estimator(changed.fusion.estimator, f"{_WHERE}: fusion.estimator")
+        SwarmLog(changed, None)  # the estimator's own check, and that of the ground
+    except RadronError as error:
+        text = _bare(str(error))
+        return (Flaw(_named(text), text),)
+    return changed
+
+
+def told(result: MissionConfig | tuple[Flaw, ...], number: int) -> Checked:
+    """What a page is told of its draft. In the mission file an elevation grid stays in its own file beside it."""
+    if isinstance(result, tuple):
+        return Checked(number=number, flaws=result)
+    fence = corners(Polygon(result.area.polygon_m).buffer(result.area.fence_margin_m))
+    file = as_toml(replace(result, ground=replace(result.ground, grid_data=None)))
+    return Checked(number=number, id=result.mission_id, fence=fence, file=file)
+
+
+def _launched(drones: Any, launches: dict[str, Launch]) -> list[dict[str, object]]:
+    moved = []
+    for drone in drones:
+        x, y, yaw_deg = launches.get(drone["id"], (*drone["origin_m"][:2], drone["yaw_deg"]))
+        moved.append({**drone, "origin_m": (x, y, drone["origin_m"][2]), "yaw_deg": yaw_deg})
+    return moved
+
+
+def _flaw_of(content: dict[str, Any], key: str, value: object) -> Flaw | None:
+    """What is wrong with one changed value alone."""
+    if key not in (AREA, LAUNCHES, *KEYS):
+        return Flaw("", f"unknown key {key[:64]!r}")
+    if value is None and not _may_be_empty(key):
+        return Flaw(key, f"{key}: a value is needed")
+    try:
+        convert(_with(content, key, value), MissionConfig, _WHERE)
+    except ConfigError as error:
+        return Flaw(key, _bare(str(error)))
+    return None
+
+
+def _with(content: dict[str, Any], key: str, value: object) -> dict[str, Any]:
+    section, _, name = key.rpartition(".")
+    return {**content, section: {**content[section], name: value}} if section else {**content, name: value}
+
+
+def _bare(text: str) -> str:
+    return text.removeprefix(f"{_WHERE}: ")
+
+
+def _named(text: str) -> str:
+    """The key that a text names first; one without a section only at its beginning."""
+    found = [(text.find(key), key) for key in (*KEYS, AREA, LAUNCHES) if (key in text if "." in key else text.startswith(key))]
+    return min(found, default=(0, ""))[1]
+
+
+def _field(mission: MissionConfig, key: str) -> Field:
+    section, _, name = key.rpartition(".")
+    owner = getattr(mission, section) if section else mission
+    kind = get_type_hints(type(owner))[name]
+    parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    choices = next((get_args(part) for part in parts if get_origin(part) is Literal), ())
+    return Field(key, getattr(owner, name), number=str not in parts and not choices, optional=_may_be_empty(key), choices=choices)
+
+
+def _may_be_empty(key: str) -> bool:
+    """Whether a mission file without this key means none: TOML has no other way to say so."""
+    kind: type[Struct] = MissionConfig
+    *sections, name = key.split(".")
+    for section in sections:
+        kind = get_type_hints(kind)[section]
+    return any(field.name == name and field.default is None for field in msgspec.structs.fields(kind))

@@ -1,0 +1,137 @@
+"""The findings on Earth (WGS84): GeoJSON, KML, and the dose rate as GeoTIFF."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import numpy as np
+import tifffile
+
+from agent.frames.geodesy import mission_from_geodetics
+from station.findings.facts import Findings, Located
+from station.findings.tables import utc
+from station.picture.dose import HEIGHT_M, expected_usvph
+from station.picture.shapes import CORDON_USVPH, circle, cordon_radius_m, region
+
+Feature = tuple[str, dict[str, object], str, list[Sequence[float]]]  # name, properties, kind of geometry, its places
+
+_KML = "http://www.opengis.net/kml/2.2"
+_STYLES = {"source": "ff0000ff", "region": "ff0000ff", "cordon": "ff003ba3", "area": "ff111111", "track": "ffb27200"}
+
+
+def geojson(findings: Findings) -> str:
+    """Area, source, region, cordon and tracks as GeoJSON (RFC 7946: longitude, latitude)."""
+    features = [
+        {"type": "Feature", "properties": {"name": name, **properties}, "geometry": _geometry(findings, kind, places)}
+        for name, properties, kind, places in _features(findings)
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1, allow_nan=False) + "\n"
+
+
+def kml(findings: Findings) -> str:
+    """The same as KML 2.2."""
+    ElementTree.register_namespace("", _KML)
+    root = ElementTree.Element(f"{{{_KML}}}kml")
+    document = _child(root, "Document")
+    _child(document, "name", findings.mission.name)
+    for kind, colour in _STYLES.items():
+        style = _child(document, "Style")
+        style.set("id", kind)
+        line = _child(style, "LineStyle")
+        _child(line, "color", colour)
+        _child(line, "width", "3")
+        _child(_child(style, "PolyStyle"), "fill", "0")
+    for name, properties, kind, places in _features(findings):
+        mark = _child(document, "Placemark")
+        _child(mark, "name", name)
+        _child(mark, "description", "\n".join(f"{key}: {value}" for key, value in properties.items()))
+        _child(mark, "styleUrl", f"#{name.split()[0]}")
+        told = " ".join(f"{longitude:.8f},{latitude:.8f}" for longitude, latitude in _lonlat(findings, places))
+        if kind == "Polygon":
+            ring = _child(_child(_child(mark, kind), "outerBoundaryIs"), "LinearRing")
+            _child(ring, "coordinates", told)
+        else:
+            _child(_child(mark, kind), "coordinates", told)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def dose_geotiff(findings: Findings, located: Located, cells: int = 256) -> bytes | None:
+    """Dose rate at 1 m above the ground (uSv/h, float32) over area and fence, of a source at the estimate; EPSG:4326.
+
+    None where activity or constant are not known.
+    """
+    source, margin_m = located.source, findings.mission.area.fence_margin_m
+    if source.activity_bq is None:
+        return None
+    corners = np.array(findings.mission.area.polygon_m)
+    low, high = corners.min(0) - margin_m, corners.max(0) + margin_m
+    south, west, _ = findings.on_earth(low.tolist())
+    north, east, _ = findings.on_earth(high.tolist())
+    step_lat, step_lon = (north - south) / cells, (east - west) / cells
+    latitudes = north - step_lat * (np.arange(cells) + 0.5)  # the first row is the northernmost
+    longitudes = west + step_lon * (np.arange(cells) + 0.5)
+    grid = np.stack(np.broadcast_arrays(latitudes[:, None], longitudes[None, :], findings.datum.altitude_m), axis=-1)
+    places = mission_from_geodetics(findings.datum, grid)[..., :2].reshape(-1, 2)
+    rates = expected_usvph(source.nuclide, np.array([source.place[:2]]), np.array([source.activity_bq]), places)
+    if rates is None:
+        return None
+    keys = (1, 1, 0, 3, 1024, 0, 1, 2, 1025, 0, 1, 1, 2048, 0, 1, 4326)  # geographic, cells are areas, EPSG:4326
+    tags = [
+        (33550, 12, 3, (step_lon, step_lat, 0.0), True),  # ModelPixelScale
+        (33922, 12, 6, (0.0, 0.0, 0.0, west, north, 0.0), True),  # ModelTiepoint
+        (34735, 3, len(keys), keys, True),  # GeoKeyDirectory
+    ]
+    written = io.BytesIO()
+    about = f"dose rate (uSv/h) {HEIGHT_M:g} m above the ground; {findings.mission.name}; {utc(located.at_ms * 1_000_000)}"
+    image = rates.reshape(cells, cells).astype(np.float32)
+    tifffile.imwrite(written, image, extratags=tags, description=about, metadata=None, software="radron")
+    return written.getvalue()
+
+
+def _features(findings: Findings) -> list[Feature]:
+    area = [*findings.mission.area.polygon_m, findings.mission.area.polygon_m[0]]
+    found: list[Feature] = [("area", {"mission": findings.mission.name}, "Polygon", list(area))]
+    if findings.best is not None:
+        source, at = findings.best.source, utc(findings.best.at_ms * 1_000_000)
+        about: dict[str, object] = {
+            "time_utc": at,
+            "nuclide": source.nuclide,
+            "activity_bq": source.activity_bq,
+            "activity_sigma_bq": source.activity_sigma_bq,
+            "rms_m": source.rms_m,
+            "covariance_m2": list(source.covariance_m2),
+            "dose_rate_at_1_m_usvph": source.dose_usvph,
+        }
+        found.append(("source", about, "Point", [source.place[:2]]))
+        found.append(("region", {"time_utc": at, "probability": 0.9}, "Polygon", list(region(source))))
+        radius_m = cordon_radius_m(source.nuclide, source.activity_bq)
+        if radius_m is not None:
+            level: dict[str, object] = {"dose_rate_usvph": CORDON_USVPH, "radius_m": radius_m}
+            found.append(("cordon", level, "Polygon", list(circle(source.place, radius_m))))
+    for index, name in enumerate(findings.drones):
+        track = [drone.place for frame in findings.frames if (drone := frame.drones[index]).place is not None]
+        if len(track) > 1:
+            found.append((f"track {name}", {"drone": name}, "LineString", [place for place in track if place is not None]))
+    return found
+
+
+def _geometry(findings: Findings, kind: str, places: list[Sequence[float]]) -> dict[str, object]:
+    points = [[round(longitude, 8), round(latitude, 8)] for longitude, latitude in _lonlat(findings, places)]
+    if kind == "Polygon":
+        inside = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in pairwise(points)) > 0.0
+        return {"type": kind, "coordinates": [points if inside else points[::-1]]}  # counter-clockwise
+    return {"type": kind, "coordinates": points if kind == "LineString" else points[0]}
+
+
+def _lonlat(findings: Findings, places: list[Sequence[float]]) -> list[tuple[float, float]]:
+    return [(longitude, latitude) for latitude, longitude, _ in map(findings.on_earth, places)]
+
+
+def _child(parent: ElementTree.Element, name: str, text: str = "") -> ElementTree.Element:
+    made = ElementTree.SubElement(parent, f"{{{_KML}}}{name}")
+    made.text = text or None
+    return made

@@ -1,0 +1,176 @@
+"""What was found, where it was searched, and by whom it was commanded: the facts of all files of a report."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
+from typing import TypeVar
+
+from agent.config.mission import DatumConfig, MissionConfig
+from agent.errors import RadronError
+from agent.flight.audit import Audited, audit
+from agent.flight.reader import RecordedFlight
+from agent.frames.geodesy import geodetic_from_mission
+from agent.fusion.observation import ConeObservation, observe
+from protocol.entries import Cone, Exposure
+from station.hub import Hub
+from station.picture.frame import Frame, SourceFrame
+from station.picture.picture import Picture
+from station.replay import Records, play
+
+T = TypeVar("T")
+_SLICE_S = 0.02  # of work, before pages are served
+
+
+class FindingsError(RadronError):
+    """A report that cannot be made."""
+
+
+@dataclass(frozen=True, slots=True)
+class Located:
+    """An estimate and its time."""
+
+    at_ms: int
+    source: SourceFrame
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where the facts come from. ``versions``: of the software. ``commands``: with the drone whose record has them; None beside a
+    live flight, where only the drones have them. ``flaws``: why records could not be read to their ends.
+    """
+
+    versions: dict[str, str]
+    commands: tuple[tuple[str, Audited], ...] | None = None
+    flaws: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """The facts of one mission.
+
+    ``best``: the estimate with the smallest RMS, ``last``: that at the end of the records; None where nothing was found.
+    ``frames``: a second apart. ``recognised``: the nuclide by the drones' spectra, and its evidence (log likelihood ratio).
+    """
+
+    mission: MissionConfig
+    drones: tuple[str, ...]
+    frames: tuple[Frame, ...]
+    best: Located | None
+    last: Located | None
+    excluded_bq: float | None
+    finding: str
+    recognised: tuple[str, float] | None
+    cones: tuple[ConeObservation, ...]
+    exposures: tuple[Exposure, ...]
+    places: tuple[tuple[float, float, float] | None, ...]  # of the exposures' cameras in their middles, mission frame
+    digest: str
+    entries: int
+    source: Source
+
+    def on_earth(self, place: Sequence[float]) -> tuple[float, float, float]:
+        """Latitude and longitude (degrees) and height above the ellipsoid (m) of a place of the mission frame.
+
+        Raises:
+            FindingsError: the mission has no datum.
+        """
+        return geodetic_from_mission(self.datum, (place[0], place[1], place[2] if len(place) > 2 else 0.0))
+
+    @property
+    def datum(self) -> DatumConfig:
+        """Where the mission frame lies on Earth; raises FindingsError without one."""
+        if self.mission.datum is None:
+            raise FindingsError("the mission has no [datum], so its places are not known on Earth")
+        return self.mission.datum
+
+
+def gather(paths: Sequence[Path], progress: Callable[[float], None]) -> Findings:
+    """Read the records of one mission.
+
+    Raises:
+        FlightRecordError: they cannot be read, or are of several missions.
+    """
+    records = Records(paths)
+    hub = Hub(Picture(records.mission, records.verifier), replay=True, progress=progress)
+
+    async def played() -> Findings:
+        await play(hub, records)
+        return await facts_of(hub, of_records(paths, records))
+
+    return asyncio.run(played())
+
+
+def of_records(paths: Sequence[Path], records: Records) -> Source:
+    """What the records themselves tell."""
+    flights = [RecordedFlight(path, whole=False) for path in paths]
+    commands = ((flight.header.drone.id, each) for flight in flights for each in audit(flight))
+    return Source(
+        versions=dict(flights[0].header.versions),
+        commands=tuple(sorted(commands, key=lambda each: each[1].first_ns)),
+        flaws=records.flaws,
+    )
+
+
+async def facts_of(hub: Hub, source: Source) -> Findings:
+    """What a hub knows now; pages are served meanwhile."""
+    frames, picture = tuple(hub.history.frames()), hub.picture
+    fusion = picture.log.fusion
+    located = [Located(frame.at_ms, frame.source) for frame in frames if frame.source is not None]
+    searches = [frame.search.excluded_bq for frame in frames if frame.search is not None]
+    exposures, cones, digest, entries = (
+        tuple(fusion.log.entries(Exposure)),
+        fusion.log.entries(Cone),
+        fusion.digest,
+        len(fusion.log),
+    )
+    return Findings(
+        mission=picture.mission,
+        drones=tuple(picture.members),
+        frames=frames,
+        best=min(located, key=lambda each: each.source.rms_m, default=None),
+        last=located[-1] if located else None,
+        excluded_bq=next((excluded for excluded in reversed(searches) if excluded is not None), None),
+        finding=next((frame.finding for frame in reversed(frames) if frame.finding), ""),
+        recognised=_recognised(picture),
+        cones=tuple([cone async for cone in _sliced(_cones(picture, tuple(cones)))]),
+        exposures=exposures,
+        places=tuple([place async for place in _sliced(_place(picture, exposure) for exposure in exposures)]),
+        digest=digest,
+        entries=entries,
+        source=source,
+    )
+
+
+async def _sliced(work: Iterable[T]) -> AsyncIterator[T]:
+    """The same, with a break for others after each slice of work."""
+    began_s = monotonic()
+    for each in work:
+        yield each
+        if monotonic() - began_s > _SLICE_S:
+            await asyncio.sleep(0.0)
+            began_s = monotonic()
+
+
+def _recognised(picture: Picture) -> tuple[str, float] | None:
+    statuses = [member.status for member in picture.members.values() if member.status is not None]
+    found = [(status.recognised.nuclide, status.recognised.evidence) for status in statuses if status.recognised is not None]
+    return max(found, key=lambda each: each[1], default=None)
+
+
+def _cones(picture: Picture, cones: Sequence[Cone]) -> Iterator[ConeObservation]:
+    """Cones in the mission frame, where their frames are known."""
+    for cone in cones:
+        transform = picture.log.mission_from_local(cone.drone, cone.epoch, cone.stamp_ns)
+        observation = observe(cone, transform) if transform is not None else None
+        if isinstance(observation, ConeObservation):
+            yield observation
+
+
+def _place(picture: Picture, exposure: Exposure) -> tuple[float, float, float] | None:
+    transform = picture.log.mission_from_local(exposure.drone, exposure.epoch, exposure.stamp_ns)
+    middle_ns = (exposure.end_ns - exposure.stamp_ns) // 2
+    nearest = min(exposure.poses, key=lambda pose: abs(pose.offset_ns - middle_ns))
+    return transform.apply_point(nearest.position_m) if transform is not None else None

@@ -1,0 +1,171 @@
+"""The report to read: one HTML file without scripts, which prints well."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from agent.flight.audit import Audited
+from station.findings.facts import Findings, Located
+from station.findings.tables import utc
+from station.picture.shapes import CORDON_USVPH, circle, cordon_radius_m, region
+
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d00", "#555555")  # as on the page
+_STYLE = """
+body { font: 11pt/1.4 system-ui, sans-serif; color: #111; max-width: 48rem; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 1.6rem; }
+table { border-collapse: collapse; width: 100%; } th, td { text-align: left; vertical-align: top; padding: .2rem .5rem; }
+th { width: 14rem; font-weight: 600; } tr { border-bottom: 1px solid #ccc; }
+svg { width: 100%; height: auto; border: 1px solid #767676; } .warning { color: #a33b00; font-weight: 600; }
+@media print { body { margin: 0; max-width: none; } h2, svg, table { break-inside: avoid; } }
+"""
+Row = tuple[str, str]
+
+
+def report_html(findings: Findings) -> str:
+    """The document."""
+    mission, frames = findings.mission, findings.frames
+    title = f"Findings: {mission.name}"
+    began, ended = (utc(frames[place].at_ms * 1_000_000) for place in (0, -1))
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        *(f'<p class="warning">Incomplete: {escape(flaw)}</p>' for flaw in findings.source.flaws),
+        _section("Result", _result(findings)),
+        _map(findings),
+        _section("Search", _search(findings)),
+        _section(
+            "Mission",
+            [
+                ("Mission id", mission.mission_id),
+                ("Swarm", mission.swarm),
+                ("Recorded", f"{began} to {ended} (UTC, the drones' clocks)"),
+                ("Drones", ", ".join(f"{drone.id} ({drone.localization})" for drone in mission.drones)),
+                ("Estimator", mission.fusion.estimator),
+            ],
+        ),
+        _section("Commands", _commands(findings)),
+        _section(
+            "Evidence",
+            [
+                ("Log", f"{findings.entries} entries, {len(findings.cones)} cones"),
+                ("Digest of the log", findings.digest),
+                ("Software", ", ".join(f"{name} {version}" for name, version in sorted(findings.source.versions.items()))),
+            ],
+        ),
+    ]
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
+    return f'<!doctype html>\n<html lang="en"><head>{head}</head><body>\n' + "\n".join(parts) + "\n</body></html>\n"
+
+
+def _commands(findings: Findings) -> list[Row]:
+    commands = findings.source.commands
+    if commands is None:
+        return [("Not known here", "the drones' flight records tell them: radron-station report, radron-agent audit")]
+    return [_command(drone, each) for drone, each in commands]
+
+
+def _command(drone: str, audited: Audited) -> Row:
+    signer = audited.signer or "no certificate"
+    return utc(audited.first_ns), f"{drone}: {audited.action or '?'} by {audited.station} ({signer}): {audited.result}"
+
+
+def _result(findings: Findings) -> list[Row]:
+    if findings.best is None or findings.last is None:
+        return [("Source", findings.finding or "none found")]
+    rows = _estimate(findings, findings.best)
+    last = findings.last
+    if last.at_ms != findings.best.at_ms:
+        x, y, _ = last.source.place
+        rows.append(
+            ("At the end of the records", f"{_at(last)}: ({x:.2f}, {y:.2f}) m, 1 sigma {last.source.rms_m:.2f} m (RMS radius)")
+        )
+    if findings.recognised is not None:
+        nuclide, evidence = findings.recognised
+        rows.append(("Spectrum shows", f"{nuclide}, log likelihood ratio to any other or none: {evidence:.0f}"))
+    return rows
+
+
+def _estimate(findings: Findings, located: Located) -> list[Row]:
+    source = located.source
+    (x, y, z), (xx, xy, _, yy, _, zz) = source.place, source.covariance_m2
+    rows = [
+        ("Most certain estimate", f"{_at(located)}, from {source.cones} cones"),
+        ("Position, mission frame", f"{x:.2f} m east, {y:.2f} m north, {z:.2f} m up; 1 sigma {source.rms_m:.2f} m (RMS radius)"),
+        ("Covariance", f"east {xx:.4f}, north {yy:.4f}, east-north {xy:.4f}, up {zz:.4f} m²"),
+        ("90 % region", f"ellipse of {source.region[0]:.2f} m by {source.region[1]:.2f} m (semi-axes)"),
+        ("Velocity", f"{math.hypot(*source.velocity_mps):.2f} m/s"),
+    ]
+    if findings.mission.datum is not None:
+        latitude, longitude, height = findings.on_earth(source.place)
+        rows.insert(1, ("Position, WGS84", f"{latitude:.7f}°, {longitude:.7f}°, {height:.1f} m above the ellipsoid"))
+    if source.activity_bq is not None:
+        sigma = f" ± {source.activity_sigma_bq:.3g}" if source.activity_sigma_bq is not None else ""
+        rows.append(("Activity", f"{source.nuclide}: {source.activity_bq:.3g}{sigma} Bq (1 sigma), unshielded"))
+    if source.dose_usvph is not None:
+        rows.append(("Dose rate at 1 m", f"{source.dose_usvph:.3g} µSv/h (ambient dose equivalent, H*(10))"))
+    radius_m = cordon_radius_m(source.nuclide, source.activity_bq)
+    if radius_m is not None:
+        rows.append(("Cordon", f"{CORDON_USVPH:g} µSv/h at 1 m above the ground: {radius_m:.1f} m around the source"))
+    return rows
+
+
+def _search(findings: Findings) -> list[Row]:
+    area = findings.mission.area
+    excluded = findings.excluded_bq
+    rows = [
+        ("Area", " ".join(f"({x:g}, {y:g})" for x, y in area.polygon_m) + " m"),
+        ("Nuclide searched", findings.mission.nuclide),
+        ("Excluded before a source was found", f"sources above {excluded:.3g} Bq" if excluded is not None else "nothing"),
+    ]
+    return [*rows, ("Finding", findings.finding)] if findings.finding else rows
+
+
+def _map(findings: Findings) -> str:
+    area = findings.mission.area.polygon_m
+    tracks = [
+        [drone.place for frame in findings.frames if (drone := frame.drones[index]).place is not None]
+        for index in range(len(findings.drones))
+    ]
+    everywhere = [*area, *((place[0], place[1]) for track in tracks for place in track if place is not None)]
+    low_x, high_x = min(x for x, _ in everywhere) - 3.0, max(x for x, _ in everywhere) + 3.0
+    low_y, high_y = min(y for _, y in everywhere) - 3.0, max(y for _, y in everywhere) + 3.0
+    thin = (high_x - low_x) / 400.0
+    shapes = [_line([*area, area[0]], "#111", 2 * thin)]
+    for index, track in enumerate(tracks):
+        shapes.append(_line([place[:2] for place in track if place is not None], _COLOURS[index % len(_COLOURS)], thin))
+    if findings.best is not None:
+        source = findings.best.source
+        radius_m = cordon_radius_m(source.nuclide, source.activity_bq)
+        if radius_m is not None:
+            shapes.append(_line(circle(source.place, radius_m), "#a33b00", 2 * thin))
+        shapes.append(_line(region(source), "#111", 2 * thin))
+        x, y, _ = source.place
+        shapes.append(
+            f'<circle cx="{x:.2f}" cy="{-y:.2f}" r="{3 * thin:.3f}" fill="#f0e442" stroke="#111" stroke-width="{thin:.3f}"/>'
+        )
+    box = f"{low_x:.2f} {-high_y:.2f} {high_x - low_x:.2f} {high_y - low_y:.2f}"
+    legend = ", ".join(
+        f'<span style="color:{_COLOURS[index % len(_COLOURS)]}">{escape(name)}</span>'
+        for index, name in enumerate(findings.drones)
+    )
+    about = "Area (black), source with its 90 % region, cordon (red), tracks of "
+    return f'<figure><svg viewBox="{box}" role="img">{"".join(shapes)}</svg><figcaption>{about}{legend}.</figcaption></figure>'
+
+
+def _line(places: Sequence[Sequence[float]], colour: str, width: float) -> str:
+    points = " ".join(f"{place[0]:.2f},{-place[1]:.2f}" for place in places)
+    return f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{width:.3f}"/>'
+
+
+def _section(title: str, rows: Iterable[Row]) -> str:
+    return f"<h2>{escape(title)}</h2>\n{_table(rows)}"
+
+
+def _table(rows: Iterable[Row]) -> str:
+    lines = "\n".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows)
+    return f"<table>\n{lines}\n</table>"
+
+
+def _at(located: Located) -> str:
+    return utc(located.at_ms * 1_000_000)

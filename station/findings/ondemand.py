@@ -1,0 +1,36 @@
+"""The report on demand, beside a live flight or from records that are open."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from protocol.identity import Identity
+from station.hub import Hub
+
+if TYPE_CHECKING:
+    from station.replay import Records
+
+
+def reports(
+    hub: Hub, identity: Identity | None, paths: Sequence[Path] = (), records: Records | None = None
+) -> Callable[[], Awaitable[bytes]]:
+    """Makes a report as a ZIP archive whenever it is called; ``records``: from which the hub is filled, None: from a live flight.
+
+    ``identity``: whose signature it gets.
+    """
+
+    async def report() -> bytes:
+        await asyncio.to_thread(import_module, "station.findings.command")  # seconds, while pages are served
+        from station.findings.command import zipped  # noqa: PLC0415
+        from station.findings.facts import Source, facts_of, of_records  # noqa: PLC0415
+
+        live = Source({"radron": version("radron")})
+        source = live if records is None else await asyncio.to_thread(of_records, paths, records)
+        return await asyncio.to_thread(zipped, await facts_of(hub, source), identity)
+
+    return report

@@ -1,0 +1,57 @@
+"""Trajectories and cones as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from station.findings.facts import Findings
+
+
+def tracks_csv(findings: Findings) -> str:
+    """A line for each drone and second: time (UTC), place (mission frame, m; on Earth where known), hits per second."""
+    earth = findings.mission.datum is not None
+    rows = []
+    for frame in findings.frames:
+        for drone in frame.drones:
+            if drone.place is not None:
+                place = findings.on_earth(drone.place) if earth else ("", "", "")
+                hits = drone.rates_ps[0] if drone.rates_ps is not None else ""
+                rows.append((utc(frame.at_ms * 1_000_000), drone.id, *drone.place, *place, hits))
+    return _written(("time_utc", "drone", "x_m", "y_m", "z_m", "latitude_deg", "longitude_deg", "altitude_m", "hits_ps"), rows)
+
+
+def cones_csv(findings: Findings) -> str:
+    """A line for each reading of each cone: apex and axis (mission frame), opening angle and its 1 sigma, probability."""
+    rows = [
+        (
+            utc(cone.stamp_ns),
+            cone.identity.drone,
+            place + 1,
+            *reading.apex,
+            *reading.axis,
+            math.degrees(reading.theta_rad),
+            math.degrees(reading.sigma_rad),
+            reading.probability,
+        )
+        for cone in findings.cones
+        for place, reading in enumerate(cone.readings)
+    ]
+    apex, axis = ("apex_x_m", "apex_y_m", "apex_z_m"), ("axis_x", "axis_y", "axis_z")
+    return _written(("time_utc", "drone", "reading", *apex, *axis, "theta_deg", "sigma_deg", "probability"), rows)
+
+
+def utc(at_ns: int) -> str:
+    """A time as ISO 8601 with milliseconds."""
+    return datetime.fromtimestamp(at_ns // 1_000_000 / 1000.0, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def _written(head: tuple[str, ...], rows: Sequence[tuple[object, ...]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+    return text.getvalue()

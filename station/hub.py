@@ -1,0 +1,192 @@
+"""From the picture to the pages: what is new goes to every open page, and is kept for those that look back."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+import msgspec
+from msgspec import Raw
+from msgspec.structs import replace
+
+from agent.config.mission import MissionConfig
+from protocol.messages import Action
+from station.background import Background
+from station.draft import editor
+from station.outbox import Page
+from station.picture.frame import ConeCurve, Event, Frame, Raster, Spectra
+from station.picture.history import CONES_MS, History
+from station.picture.overview import Row
+from station.picture.picture import Picture
+
+encode = msgspec.json.Encoder().encode
+
+
+class Outlet(Protocol):
+    """Another program that is shown what the pages are."""
+
+    def show(self, frame: Frame, layers: list[Raster], cones: list[ConeCurve]) -> None:
+        """A frame, with the layers and cones that are new."""
+
+    def note(self, event: Event) -> None:
+        """Something has happened."""
+
+
+class Hub:
+    """``progress``: share of a record that has been read; None in a live flight. ``command``, ``upload``: to the drones; None:
+    this station may not. ``findings``: the report on demand, as a ZIP archive; None: there is none. ``outlets``: other programs,
+    shown the same.
+    """
+
+    def __init__(self, picture: Picture, replay: bool, progress: Callable[[float], None] = lambda share: None) -> None:
+        """``replay``: of a record; ``progress`` is called too with the share that has been read."""
+        self.picture = picture
+        self.history = History(len(picture.members))
+        self.progress: float | None = 0.0 if replay else None
+        self.command: Callable[[Action, tuple[str, ...]], None] | None = None
+        self.upload: Callable[[MissionConfig], None] | None = None
+        self.findings: Callable[[], Awaitable[bytes]] | None = None
+        self.outlets: list[Outlet] = []
+        self.background = Background()
+        self._on_progress = progress
+        self._pages: list[Page] = []
+        self._now_ms = 0
+
+    @property
+    def pages(self) -> int:
+        """Number of open pages."""
+        return len(self._pages)
+
+    @contextmanager
+    def joined(self) -> Iterator[Page]:
+        """A page that gets everything from now on, after what it needs to begin with."""
+        page = Page()
+        page.send(self._about())
+        page.send(encode({"kind": "events", "events": self.history.events}))
+        page.send(_rows(self.history.overview.rows()))
+        page.send(self._progress())
+        if self.history.last_ms:
+            self._show_history(page, self.history.last_ms)
+        self._pages.append(page)
+        try:
+            yield page
+        finally:
+            self._pages.remove(page)
+
+    def adopt(self, mission: MissionConfig) -> None:
+        """Show a mission that drones have taken over; but for the timeline everything begins anew."""
+        events = self.history.events
+        self.picture = self.picture.of(mission)
+        self.history = History(len(self.picture.members))
+        self.history.events = events
+        self._send(self._about())
+
+    def follow(self, page: Page) -> None:
+        """Let a page follow the present again."""
+        if not page.live:
+            page.live, page.at_ms = True, None
+            self._show_history(page, self.history.last_ms)
+
+    def look_back(self, page: Page, at_ms: int) -> None:
+        """Show a page what was to be seen at a time, and nothing else until it follows the present again."""
+        before_ms = None if page.live else page.at_ms
+        page.live, page.at_ms = False, at_ms
+        self._show_history(page, at_ms, before_ms)
+
+    def _show_history(self, page: Page, at_ms: int, before_ms: int | None = None) -> None:
+        """Show a page a time; ``before_ms``: what it shows, so that what it has is not sent again; None: nothing."""
+        history = self.history
+        goes_on = before_ms is not None and before_ms <= at_ms <= before_ms + CONES_MS
+        layers = history.layers(at_ms, before_ms)
+        gone = [kind for kind, data in layers.items() if data is None]
+        trails = None if goes_on else history.overview.trails(at_ms)
+        page.send(encode({"kind": "at", "at_ms": at_ms, "without": gone, "trails": trails}))
+        cones = history.cones(before_ms if goes_on and before_ms is not None else at_ms - CONES_MS, at_ms)
+        if cones:
+            page.send(_cones(cones))
+        for kind, data in {"frame": history.frame(at_ms), **layers}.items():
+            if data is not None:
+                page.show(kind, data)
+
+    def show(self, now_ns: int) -> None:
+        """Keep the swarm as it is now, and send it to all pages that follow the present; everything is encoded once."""
+        frame = self.picture.frame(now_ns)
+        self._now_ms = frame.at_ms
+        following = [page for page in self._pages if page.live]
+        data = encode(frame)
+        for page in following:
+            page.show("frame", data)
+        rasters: list[Raster] = []
+        if self.history.wants_rasters(frame.at_ms):
+            rasters = self.picture.rasters(now_ns)
+            layers: list[Raster | Spectra] = [*rasters, self.picture.spectra(now_ns)]
+            for layer in layers:
+                self._show_layer(layer, following)
+        cones = self.picture.cones()
+        for cone in cones:
+            self.history.add_cone(cone, frame.at_ms)
+        if cones and following:
+            data_of_cones = _cones(cones)
+            for page in following:
+                page.pass_by(data_of_cones)
+        if self.history.add_frame(frame, data):
+            self._send(_rows([self.history.overview.row(len(self.history.overview) - 1)]))
+        for outlet in self.outlets:
+            outlet.show(frame, rasters, cones)
+        for event in self.picture.events(frame):
+            self.note(event)
+
+    def report(self, progress: float) -> None:
+        """Tell all pages how much of a record has been read."""
+        self.progress = progress
+        self._on_progress(progress)
+        self._send(self._progress())
+
+    def note(self, event: Event) -> None:
+        """Put an event into the timeline."""
+        self.history.add_event(event)
+        self._send(encode(event))
+        for outlet in self.outlets:
+            outlet.note(event)
+
+    def tell(self, line: str, warning: bool, what: str = "command") -> None:
+        """Put what became of a command, or of an ``upload``, into the timeline."""
+        level = "warning" if warning else "info"
+        self.note(Event(at_ms=self._now_ms, text=what, values={"line": line}, level=level))
+
+    def _about(self) -> bytes:
+        about = self.picture.about(replay=self.progress is not None)
+        commands = tuple(Action) if self.command is not None else ()
+        edited = editor(self.picture.mission) if self.upload is not None else None
+        return encode(
+            replace(
+                about,
+                commands=commands,
+                editor=edited,
+                report=self.findings is not None,
+                layer=bool(self.background.layer),
+                tiles=self.background.tiles.levels if self.background.tiles is not None else None,
+            )
+        )
+
+    def _progress(self) -> bytes:
+        return encode({"kind": "progress", "share": self.progress})
+
+    def _show_layer(self, layer: Raster | Spectra, following: list[Page]) -> None:
+        data = encode(layer)
+        self.history.add_layer(layer.kind, layer.at_ms, data)
+        for page in following:
+            page.show(layer.kind, data)
+
+    def _send(self, data: bytes) -> None:
+        for page in self._pages:
+            page.send(data)
+
+
+def _rows(rows: list[Row]) -> bytes:
+    return encode({"kind": "overview", "rows": rows})
+
+
+def _cones(cones: list[ConeCurve] | list[Raw]) -> bytes:
+    return encode({"kind": "cones", "cones": cones})

@@ -1,0 +1,57 @@
+"""From the mesh to the pages, as long as the station runs."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+
+from protocol.mesh.recovery import recover
+from protocol.mesh.session import Mesh, MeshConfig
+from station.commander import Commander, may_command
+from station.hub import Hub
+
+SHOW_S = 0.1  # interval of the frames
+
+
+async def follow(hub: Hub, config: MeshConfig) -> None:
+    """Join the mesh and show what comes, until cancelled.
+
+    Raises:
+        MeshError: the mesh cannot be joined as configured.
+    """
+    listeners: list[Callable[[str, bytes], None]] = []
+
+    def receive(key: str, payload: bytes) -> None:
+        hub.picture.receive(key, payload, time.time_ns())
+        for listen in listeners:
+            listen(key, payload)
+
+    def summary() -> bytes:
+        return hub.picture.log.summary()
+
+    async with AsyncExitStack() as stack:
+        swarm, members = hub.picture.mission.swarm, tuple(hub.picture.members)
+        mesh = await Mesh.open(config, swarm, None, receive=receive, members=members)
+        stack.push_async_callback(mesh.close)
+        if may_command(config.identity):
+            commander = Commander(mesh, swarm, config.identity, hub.tell)
+            listeners.append(commander.receive)
+            stack.push_async_callback(commander.close)
+            hub.command = commander.give
+            hub.upload = lambda mission: commander.upload(mission, hub.adopt)
+        recovering = asyncio.create_task(recover(lambda: mesh.alive, summary, mesh.ask, phase=0.0))
+        stack.callback(recovering.cancel)
+        loop = asyncio.get_running_loop()
+        due_s = loop.time()
+        while True:
+            picture = hub.picture  # another one after an upload
+            picture.advance(time.time_ns())
+            if loop.time() >= due_s:  # not more often either while there is work left: a frame costs as much as a slice of it
+                due_s = max(due_s + SHOW_S, loop.time())
+                picture.appear(mesh.alive)
+                hub.show(time.time_ns())
+            if recovering.done():
+                recovering.result()
+            await asyncio.sleep(due_s - loop.time() if not picture.log.pending else 0.0)

@@ -1,0 +1,44 @@
+"""The timeline: what has changed from one frame to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from station.picture.frame import DroneFrame, Event, Frame
+
+
+class Events:
+    """Compares each frame with the one before."""
+
+    def __init__(self, drones: list[str]) -> None:
+        self._before: dict[str, DroneFrame] = {drone: DroneFrame(id=drone) for drone in drones}
+        self._had_source = False
+        self._finding = ""
+
+    def since(self, frame: Frame) -> list[Event]:
+        """What is different from the last frame given."""
+        found = [event for drone in frame.drones for event in self._of_drone(drone, frame.at_ms)]
+        if (frame.source is not None) != self._had_source:
+            self._had_source = frame.source is not None
+            text = "source found" if self._had_source else "source given up"
+            found.append(Event(at_ms=frame.at_ms, text=text, values={}, level="info" if self._had_source else "warning"))
+        if frame.finding and not self._finding:
+            found.append(Event(at_ms=frame.at_ms, text="finding", values={"finding": frame.finding}))
+        self._finding = frame.finding
+        return found
+
+    def _of_drone(self, drone: DroneFrame, at_ms: int) -> Iterator[Event]:
+        before = self._before[drone.id]
+        self._before[drone.id] = drone
+        if drone.stage != before.stage and drone.stage:
+            yield Event(at_ms=at_ms, text="stage", values={"drone": drone.id, "stage": drone.stage})
+        if drone.stale != before.stale and (before.age_s is not None or not drone.stale):
+            text = "silent" if drone.stale else "heard"
+            yield Event(at_ms=at_ms, text=text, values={"drone": drone.id}, level="warning" if drone.stale else "info")
+        for problem in drone.problems:
+            if problem not in before.problems:
+                values = {"drone": drone.id, "problem": problem}
+                yield Event(at_ms=at_ms, text="problem", values=values, level="warning")
+        for problem in before.problems:
+            if problem not in drone.problems:
+                yield Event(at_ms=at_ms, text="problem over", values={"drone": drone.id, "problem": problem})

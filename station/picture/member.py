@@ -1,0 +1,174 @@
+"""One drone as a station hears it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Collection
+
+from msgspec.structs import replace
+
+from agent.frames.transform import Transform
+from protocol.entries import Exposure
+from protocol.messages import Estimate, Frame, Plan, Pose, Status
+from protocol.spectrum import BINS
+from station.picture.frame import DroneFrame, DroneSpectrum, Point
+
+STALE_S = 1.5  # a pose comes ten times a second: after so long without any message a drone is drawn as stale
+RATES_S = 3.0  # over which count rates are averaged
+SPECTRUM_S = 30.0  # over which spectra are summed
+ESTIMATE_S = 2.0  # after which a drone's estimate is not compared any more
+_PLAN_POINTS = 12
+
+Course = tuple[Point, ...]  # of a plan
+
+
+class Member:
+    """The newest of what a drone has published. ``seen_ns``: when it was heard last, by the station's clock; 0: never."""
+
+    def __init__(self, drone: str, localization: str) -> None:
+        self.drone = drone
+        self.localization = localization
+        self.pose: Pose | None = None
+        self.plan: Plan | None = None
+        self.frame: Frame | None = None
+        self.status: Status | None = None
+        self.estimate: Estimate | None = None
+        self.alive = False  # by its liveliness token
+        self.seen_ns = 0
+        self._exposures: deque[Exposure] = deque()
+        self._rates: tuple[float, float, float] | None = None
+        self._course: tuple[Plan | None, Transform | None, Course] = (None, None, ())  # the last one, and of what it is
+        self._spectra: deque[Exposure] = deque()
+
+    def hear(self, message: object, now_ns: int) -> None:
+        """Take a message of this drone, unless a newer one of its kind is known."""
+        self.seen_ns = max(self.seen_ns, now_ns)
+        if isinstance(message, Pose) and _newer(message, self.pose):
+            self.pose = message
+        elif isinstance(message, Plan) and _newer(message, self.plan):
+            self.plan = message
+        elif isinstance(message, Frame) and _newer(message, self.frame):
+            self.frame = message
+        elif isinstance(message, Status) and _newer(message, self.status):
+            self.status = message
+        elif isinstance(message, Estimate) and _newer(message, self.estimate):
+            self.estimate = message
+
+    def expose(self, exposure: Exposure) -> None:
+        """Take counts of its camera that are in the log."""
+        self._exposures.append(exposure)
+        newest_ns = max(each.end_ns for each in self._exposures)
+        while self._exposures and self._exposures[0].end_ns < newest_ns - RATES_S * 1e9:
+            self._exposures.popleft()
+        self._rates = _rates_ps(self._exposures)
+        self._spectra.append(exposure)
+        while self._spectra[0].end_ns < newest_ns - SPECTRUM_S * 1e9:
+            self._spectra.popleft()
+
+    def is_stale(self, now_ns: int) -> bool:
+        """Whether it has not been heard for a while, or its process has ended."""
+        return not self.alive or now_ns - self.seen_ns > STALE_S * 1e9
+
+    def transform(self, epoch: int, known: Transform | None) -> Transform | None:
+        """Its local frame in the mission frame: as estimated from the log (``known``), else as it tells itself."""
+        if known is not None or self.frame is None or self.frame.epoch != epoch:
+            return known
+        return Transform(self.frame.yaw_rad, self.frame.translation_m)
+
+    def rates_ps(self, now_ns: int) -> tuple[float, float, float] | None:
+        """Hits, full-energy events and coincidences per second of live time; None without recent exposures."""
+        if self._rates is None or now_ns - self._exposures[-1].end_ns > 2.0 * RATES_S * 1e9:
+            return None
+        return self._rates
+
+    def spectrum(self, now_ns: int) -> DroneSpectrum | None:
+        """Its camera's spectrum; None where that has counted nothing lately."""
+        if not self._spectra or now_ns - max(each.end_ns for each in self._spectra) > SPECTRUM_S * 1e9:
+            return None
+        singles, coincidences = [0] * BINS, [0] * BINS
+        for exposure in self._spectra:
+            for each in exposure.spectrum:
+                singles[each.place] += each.singles
+                coincidences[each.place] += each.coincidences
+        live_s = round(sum(each.live_time_s for each in self._spectra), 3)
+        return DroneSpectrum(self.drone, live_s, tuple(singles), tuple(coincidences))
+
+    def recent_estimate(self, now_ns: int) -> Estimate | None:
+        """Its estimate, unless that is old."""
+        estimate = self.estimate
+        return estimate if estimate is not None and now_ns - estimate.stamp_ns < ESTIMATE_S * 1e9 else None
+
+    def shown(self, now_ns: int, mission_from_local: Transform | None) -> DroneFrame:
+        """This drone in a frame for the page. ``mission_from_local``: of its newest pose's epoch."""
+        status, pose = self.status, self.pose
+        frame = DroneFrame(
+            id=self.drone,
+            age_s=round((now_ns - self.seen_ns) * 1e-9, 2) if self.seen_ns else None,
+            alive=self.alive,
+            stale=self.is_stale(now_ns),
+            localization=self.localization,
+            rates_ps=self.rates_ps(now_ns),
+        )
+        return _with_pose(_with_status(frame, status), pose, self._planned(mission_from_local), mission_from_local)
+
+    def _planned(self, mission_from_local: Transform | None) -> Course:
+        """Its plan, if that is of its newest pose's epoch; computed where the plan or the frame is another one than last time."""
+        plan, pose = self.plan, self.pose
+        if plan is None or pose is None or plan.epoch != pose.epoch or mission_from_local is None:
+            return ()
+        known, by, course = self._course
+        if known is not plan or by is not mission_from_local:
+            course = _course(plan, mission_from_local)
+            self._course = plan, mission_from_local, course
+        return course
+
+
+def _with_status(frame: DroneFrame, status: Status | None) -> DroneFrame:
+    if status is None:
+        return frame
+    return replace(
+        frame,
+        stage=str(status.stage),
+        battery=status.battery,
+        problems=status.problems,
+        notices=status.notices,
+        recognised=status.recognised.nuclide if status.recognised is not None else None,
+    )
+
+
+def _rates_ps(exposures: Collection[Exposure]) -> tuple[float, float, float] | None:
+    """Hits, full-energy events and coincidences per second of live time."""
+    live_s = sum(each.live_time_s for each in exposures)
+    if live_s <= 0.0:
+        return None
+    counts = [(each.counts.hits, each.counts.photopeak, each.counts.coincidences) for each in exposures]
+    hits, photopeak, coincidences = (round(sum(column) / live_s, 2) for column in zip(*counts, strict=True))
+    return hits, photopeak, coincidences
+
+
+def _with_pose(frame: DroneFrame, pose: Pose | None, course: Course, mission_from_local: Transform | None) -> DroneFrame:
+    if pose is None or mission_from_local is None:
+        return frame
+    x, y, z = mission_from_local.apply_point(pose.position_m)
+    w, i, j, k = pose.quaternion
+    yaw = math.atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k)) + mission_from_local.yaw_rad
+    return replace(
+        frame,
+        place=(round(x, 2), round(y, 2), round(z, 2)),
+        yaw=round(yaw, 3),
+        speed_mps=round(math.hypot(*pose.velocity_mps[:2]), 2),
+        sigma_m=round(pose.position_sigma_m, 3),
+        plan=course,
+    )
+
+
+def _course(plan: Plan, mission_from_local: Transform) -> Course:
+    last = len(plan.positions_m) - 1
+    chosen = sorted({round(last * point / (_PLAN_POINTS - 1)) for point in range(_PLAN_POINTS)})
+    places = mission_from_local.apply_points([plan.positions_m[place] for place in chosen])
+    return tuple((round(x, 2), round(y, 2)) for x, y, _ in places)
+
+
+def _newer(message: Pose | Plan | Frame | Status | Estimate, known: Pose | Plan | Frame | Status | Estimate | None) -> bool:
+    return known is None or message.stamp_ns > known.stamp_ns

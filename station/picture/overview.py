@@ -1,0 +1,69 @@
+"""The whole flight in rows, for the charts and the trails of the page: one for each second, fewer of a long flight."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from bisect import bisect_right
+
+from station.picture.frame import Frame, Point
+
+MOST_ROWS = 600  # of a flight: more than a chart has columns
+TRAIL_MS = 60_000
+
+Row = list[int | list[float | None] | None]
+
+
+class Overview:
+    """A row for each frame kept: time, place of the source with its RMS, then place and hit rate of each drone; mission frame, m.
+
+    In memory a row is a time and three numbers for the source and for each drone, NaN where they are not known.
+    """
+
+    def __init__(self, drones: int) -> None:
+        """``drones``: their number."""
+        self._width = 3 * (1 + drones)
+        self._at_ms = array("q")
+        self._values = array("d")
+
+    def __len__(self) -> int:
+        return len(self._at_ms)
+
+    def add(self, frame: Frame) -> None:
+        """Append the row of a frame."""
+        self._at_ms.append(frame.at_ms)
+        source = frame.source
+        self._values.extend((*source.place[:2], round(source.rms_m, 3)) if source is not None else _UNKNOWN)
+        for drone in frame.drones:
+            hits = drone.rates_ps[0] if drone.rates_ps is not None else math.nan
+            self._values.extend((*drone.place[:2], hits) if drone.place is not None else _UNKNOWN)
+
+    def row(self, place: int) -> Row:
+        """A row for the page: null for what is not known."""
+        values = self._values[place * self._width : (place + 1) * self._width].tolist()
+        row: Row = [self._at_ms[place]]
+        row += [None if math.isnan(x) else [x, y, _known(last)] for x, y, last in zip(*3 * [iter(values)], strict=True)]
+        return row
+
+    def rows(self) -> list[Row]:
+        """About ``MOST_ROWS`` rows of the whole flight, the newest included."""
+        last = len(self) - 1
+        step = max(1, -(-last // MOST_ROWS))
+        return [self.row(place) for place in (*range(0, last, step), last) if place >= 0]
+
+    def trails(self, at_ms: int) -> list[list[Point]]:
+        """Where each drone was in the minute before a time."""
+        first, behind = bisect_right(self._at_ms, at_ms - TRAIL_MS), bisect_right(self._at_ms, at_ms)
+        trails: list[list[Point]] = []
+        for column in range(3, self._width, 3):
+            starts = range(first * self._width + column, behind * self._width, self._width)
+            places = ((self._values[start], self._values[start + 1]) for start in starts)
+            trails.append([place for place in places if not math.isnan(place[0])])
+        return trails
+
+
+_UNKNOWN = (math.nan, math.nan, math.nan)
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value

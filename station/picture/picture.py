@@ -1,0 +1,249 @@
+"""The swarm as a station knows it: messages in, frames for the page out."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Callable, Collection
+from math import dist
+from statistics import median
+
+import numpy as np
+from msgspec.structs import replace
+from shapely import Polygon
+
+from agent.config.mission import MissionConfig
+from agent.frames.geodesy import geodetic_from_mission
+from agent.fusion.estimator import Hypothesis
+from agent.fusion.observation import ConeObservation, observe
+from agent.terrain.ground import Ground
+from protocol.codec import decode_from
+from protocol.entries import Cone, Entry, Exposure
+from protocol.errors import ProtocolError
+from protocol.messages import AnyDroneMessage, Status
+from protocol.revocations import Revocation, Revoked
+from protocol.signing import Verifier
+from protocol.spectrum import EDGES_KEV
+from station.picture.curves import ground_curves
+from station.picture.dose import rate_usvph
+from station.picture.events import Events
+from station.picture.frame import (
+    ConeCurve,
+    DroneFrame,
+    Event,
+    Frame,
+    MissionFrame,
+    Point,
+    Raster,
+    SearchFrame,
+    SourceFrame,
+    Spectra,
+)
+from station.picture.member import Member
+from station.picture.rasters import Rasters
+from station.picture.swarmlog import SwarmLog
+
+NINETY = math.sqrt(4.605170185988092)  # radius of the region of 90 %, in sigmas: the 0.9 quantile of chi squared with 2 degrees
+MOST_CURVES = 200  # that wait for the page
+_CLOCKS_NS = 1_000_000_000
+
+
+class Picture:
+    """The swarm as a station knows it.
+
+    ``log``: the log with the estimate. ``counters``: messages that were dropped, by reason. Its hypothesis is computed here, from
+    the same log and by the same code as on board; the drones' own estimates only tell whether they agree.
+    """
+
+    def __init__(self, mission: MissionConfig, verifier: Verifier | None) -> None:
+        """``verifier``: of the log's signatures; None: in a swarm without certificates."""
+        self.mission = mission
+        self.log = SwarmLog(mission, verifier)
+        self.members = {drone.id: Member(drone.id, drone.localization) for drone in mission.drones}
+        self.counters: Counter[str] = Counter()
+        self.on_entry: list[Callable[[Entry], None]] = []  # called with each entry that comes into the log
+        self._verifier = verifier
+        self._ground = Ground.from_config(mission)
+        self._rasters = Rasters(mission)
+        self._events = Events(list(self.members))
+        self._cones: deque[Cone] = deque(maxlen=MOST_CURVES)
+        self._digests: deque[str] = deque(maxlen=64)  # of the log, the newest
+        self._clocks_s: dict[str, float | None] = {}  # how far they are ahead, by drone
+        self._clocks_ns = 0  # when that was computed
+
+    def about(self, replay: bool) -> MissionFrame:
+        """What does not change in a flight."""
+        mission, datum = self.mission, self.mission.datum
+        area = Polygon(mission.area.polygon_m)
+        fence = area.buffer(mission.area.fence_margin_m)
+        return MissionFrame(
+            id=mission.mission_id,
+            name=mission.name,
+            swarm=mission.swarm,
+            nuclide=mission.nuclide,
+            drones=tuple(self.members),
+            area=corners(area),
+            fence=corners(fence),
+            datum_deg=(datum.latitude_deg, datum.longitude_deg) if datum is not None else None,
+            replay=replay,
+            encrypted=self._verifier is not None,
+            energies_kev=tuple(round(edge, 1) for edge in EDGES_KEV),
+        )
+
+    def of(self, mission: MissionConfig) -> Picture:
+        """The same swarm with another mission, before anything is heard."""
+        return Picture(mission, self._verifier)
+
+    def receive(self, key: str, payload: bytes, now_ns: int) -> None:
+        """Take a message from the mesh. An invalid one is counted and dropped."""
+        try:
+            message = decode_from(key, payload)
+        except ProtocolError:
+            self.counters["rejected_malformed"] += 1
+            return
+        if isinstance(message, Revocation | Revoked):
+            for one in message.held if isinstance(message, Revoked) else (message,):
+                self.log.revoke(one, now_ns)
+            return
+        if not isinstance(message, AnyDroneMessage):
+            return
+        member = self.members.get(message.drone)
+        if member is None:
+            self.counters["unknown_drone"] += 1
+            return
+        if isinstance(message, Entry):
+            for entry in self.log.take(message, payload, now_ns):
+                self._keep(entry)
+            return
+        if message.drone in self.log.revoked:
+            self.counters["revoked"] += 1
+            return
+        if isinstance(message, Status) and not self.log.is_signed(message, now_ns):
+            self.counters["forged"] += 1
+            return
+        member.hear(message, now_ns)
+        if isinstance(message, Status) and message.mission == self.mission.mission_id and message.started_ns is not None:
+            self.log.start(message.started_ns)
+
+    def appear(self, alive: Collection[str]) -> None:
+        """Set which drones have a liveliness token."""
+        for name, member in self.members.items():
+            member.alive = name in alive
+
+    def advance(self, now_ns: int) -> None:
+        """Process what has come."""
+        self.log.advance(now_ns)
+        if not self._digests or self._digests[-1] != self.log.fusion.digest:
+            self._digests.append(self.log.fusion.digest)
+
+    def frame(self, now_ns: int) -> Frame:
+        """The swarm now."""
+        if abs(now_ns - self._clocks_ns) >= _CLOCKS_NS:  # from statuses, which come once a second
+            self._clocks_s, self._clocks_ns = {name: self._clock_s(member) for name, member in self.members.items()}, now_ns
+        drones = tuple(self._drone(member, now_ns) for member in self.members.values())
+        hypothesis, outlook = self.log.fusion.hypothesis, self.log.fusion.outlook
+        findings = {member.status.finding for member in self.members.values() if member.status is not None} - {""}
+        return Frame(
+            at_ms=now_ns // 1_000_000,
+            drones=drones,
+            source=self._source(hypothesis) if hypothesis is not None else None,
+            search=SearchFrame(none=outlook.none, excluded_bq=outlook.excluded_bq) if outlook is not None else None,
+            finding=min(findings, default=""),
+            digest=self.log.fusion.digest,
+            entries=len(self.log.fusion.log),
+        )
+
+    def events(self, frame: Frame) -> list[Event]:
+        """What has happened since the last frame."""
+        return self._events.since(frame)
+
+    def cones(self) -> list[ConeCurve]:
+        """The cones that have come into the log since the last call, as curves on the ground, where their frames are known."""
+        found, waiting = [], list(self._cones)
+        self._cones.clear()
+        for cone in waiting:
+            transform = self.log.mission_from_local(cone.drone, cone.epoch, cone.stamp_ns)
+            observation = observe(cone, transform) if transform is not None else None
+            if isinstance(observation, ConeObservation):
+                curves = ground_curves(observation, self._ground)
+                found.append(ConeCurve(at_ms=cone.stamp_ns // 1_000_000, drone=cone.drone, curves=curves))
+        return found
+
+    def rasters(self, now_ns: int) -> list[Raster]:
+        """The layers of the map: where the source may be, and the expected dose rate."""
+        posterior = self.log.posterior(now_ns)
+        if posterior is None:
+            return []
+        fusion, at_ms = self.log.fusion, now_ns // 1_000_000
+        dose = self._rasters.dose(posterior, fusion.hypothesis, fusion.outlook, at_ms)
+        return [self._rasters.belief(posterior, at_ms), *([dose] if dose is not None else [])]
+
+    def spectra(self, now_ns: int) -> Spectra:
+        """What the cameras have counted in the last seconds."""
+        found = (member.spectrum(now_ns) for member in self.members.values())
+        return Spectra(at_ms=now_ns // 1_000_000, drones=tuple(one for one in found if one is not None))
+
+    def _keep(self, entry: Entry) -> None:
+        for listen in self.on_entry:
+            listen(entry)
+        if isinstance(entry, Cone):
+            self._cones.append(entry)
+        elif isinstance(entry, Exposure):
+            self.members[entry.drone].expose(entry)
+
+    def _drone(self, member: Member, now_ns: int) -> DroneFrame:
+        pose = member.pose
+        transform = None
+        if pose is not None:
+            transform = member.transform(pose.epoch, self.log.mission_from_local(member.drone, pose.epoch))
+        other = member.status.mission if member.status is not None else self.mission.mission_id
+        shown = replace(
+            member.shown(now_ns, transform),
+            clock_s=self._clocks_s.get(member.drone),
+            other_mission=other if other != self.mission.mission_id else "",
+        )
+        estimate, hypothesis = member.recent_estimate(now_ns), self.log.fusion.hypothesis
+        if estimate is None or hypothesis is None:
+            return shown
+        same = estimate.digest in self._digests
+        return replace(shown, same_log=same, apart_m=round(dist(estimate.sources[0].position_m, hypothesis.position.tolist()), 3))
+
+    def _clock_s(self, member: Member) -> float | None:
+        """How far its clock is ahead of the others', by the delays that the drones report of each other; None: not known."""
+        status = member.status
+        if status is None:
+            return None
+        ahead = [
+            0.5e-9 * (other.status.delays_ns[member.drone] - delay_ns)
+            for name, delay_ns in status.delays_ns.items()
+            if (other := self.members.get(name)) is not None
+            and other.status is not None
+            and member.drone in other.status.delays_ns
+        ]
+        return round(-median(ahead), 4) if ahead else None
+
+    def _source(self, hypothesis: Hypothesis) -> SourceFrame:
+        variances, axes = np.linalg.eigh(hypothesis.covariance[:2, :2])
+        short_m, long_m = (NINETY * math.sqrt(max(0.0, variance)) for variance in variances.tolist())
+        x, y, z = hypothesis.position.tolist()
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
+        activity, datum = hypothesis.activity_bq, self.mission.datum
+        latitude_deg, longitude_deg, _ = geodetic_from_mission(datum, (x, y, z)) if datum is not None else (0.0, 0.0, 0.0)
+        return SourceFrame(
+            place=(x, y, z),
+            covariance_m2=(xx, xy, xz, yy, yz, zz),
+            rms_m=hypothesis.rms_m,
+            region=(long_m, short_m, math.atan2(axes[1, 1], axes[0, 1])),
+            velocity_mps=(float(hypothesis.velocity[0]), float(hypothesis.velocity[1])),
+            cones=hypothesis.cones,
+            nuclide=self.mission.nuclide,
+            activity_bq=activity,
+            activity_sigma_bq=hypothesis.activity_sigma_bq,
+            dose_usvph=rate_usvph(self.mission.nuclide, activity) if activity is not None else None,
+            position_deg=(latitude_deg, longitude_deg) if datum is not None else None,
+        )
+
+
+def corners(polygon: Polygon) -> tuple[Point, ...]:
+    """Of its outline, to the centimetre; the first one again at the end."""
+    return tuple((round(x, 2), round(y, 2)) for x, y in polygon.exterior.coords)

@@ -1,0 +1,90 @@
+"""The swarm's log as a station keeps it, and what follows: frames and source estimate, by the code that flies on board."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from agent.config.mission import MissionConfig
+from agent.frames.transform import Transform
+from agent.fusion.engine import Fusion
+from agent.fusion.exchange import LogExchange
+from agent.fusion.posterior import Posterior, posterior_of
+from agent.fusion.proofs import Proofs
+from agent.fusion.registry import estimator_named
+from agent.fusion.revocations import Revocations
+from agent.mission.worldmodel import WorldModel
+from protocol.entries import Entry
+from protocol.messages import Status
+from protocol.revocations import Revocation
+from protocol.signing import Verifier
+
+
+class SwarmLog:
+    """``counters``: of log queries that could not be answered, and revocations that were refused."""
+
+    def __init__(self, mission: MissionConfig, verifier: Verifier | None) -> None:
+        """``verifier``: of the entries' signatures; None: in a swarm without certificates."""
+        self.counters: Counter[str] = Counter()
+        self._world = WorldModel(mission, (), estimator_named)
+        drones = [drone.id for drone in mission.drones]
+        self._revocations = Revocations(verifier, self.counters)
+        self._proofs = Proofs(drones, ("", mission.mission_id, ""), None, verifier, self._revocations.leaves_out)
+        self._exchange = LogExchange(mission.swarm, None, self.fusion.log, self.counters)
+        self._started_ns = 0
+
+    @property
+    def fusion(self) -> Fusion:
+        """Log, hypothesis and outlook."""
+        return self._world.fusion
+
+    def start(self, started_ns: int) -> None:
+        """Begin a mission with the start command of that stamp; an earlier one than known changes nothing."""
+        if started_ns > self._started_ns:
+            self._started_ns = started_ns
+            self._world.start(started_ns)
+
+    def take(self, entry: Entry, payload: bytes, now_ns: int) -> Iterator[Entry]:
+        """The entries that are in the log from now on because this one has come; it waits for its drone's certificate."""
+        for proven, content in self._proofs.proven(entry, payload, now_ns):
+            if self._world.take(proven, content, now_ns):
+                yield proven
+
+    def is_signed(self, status: Status, now_ns: int) -> bool:
+        """Whether its drone has signed a status; in a swarm without certificates all count."""
+        return self._proofs.is_signed(status, now_ns)
+
+    def revoke(self, revocation: Revocation, now_ns: int) -> None:
+        """Leave out what does not count any more of a member's entries, as the drones do."""
+        if self._revocations.take(revocation, now_ns) is None:
+            self._world.forget(self.fusion.log.beyond(revocation.member, revocation.counts))
+
+    @property
+    def revoked(self) -> frozenset[str]:
+        """Names of the members whose messages do not count any more."""
+        return self._revocations.names
+
+    def advance(self, now_ns: int) -> None:
+        """Bring frames and hypothesis up to now: about 10 ms of work at most, more is left for the next calls."""
+        self._world.advance(now_ns)
+
+    @property
+    def pending(self) -> bool:
+        """Whether work is left."""
+        return self._world.pending
+
+    def mission_from_local(self, drone: str, epoch: int, at_ns: int | None = None) -> Transform | None:
+        """Where a drone's local frame lies, as estimated from the log; None where that is not known."""
+        return self._world.frames.graph.mission_from_local(drone, epoch, at_ns)
+
+    def posterior(self, now_ns: int) -> Posterior | None:
+        """What the estimator holds possible."""
+        return posterior_of(self.fusion, now_ns)
+
+    def problems(self, now_ns: int) -> tuple[str, ...]:
+        """What was dropped because its publisher has not signed it."""
+        return self._proofs.problems(now_ns)
+
+    def summary(self) -> bytes:
+        """A request for the entries that are missing here."""
+        return self._exchange.summary()

@@ -1,0 +1,153 @@
+"""From flight records to the pages: the same picture, by the times in the records."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Iterator, Sequence
+from heapq import merge
+from pathlib import Path
+from time import monotonic
+from typing import NamedTuple
+
+from agent.errors import FlightRecordError
+from agent.flight.former import FORMER, as_today
+from agent.flight.reader import RecordedFlight
+from agent.flight.topics import MESSAGE, PUBLICATION, decode_message
+from protocol.errors import ProtocolError
+from protocol.identity import Authority
+from protocol.keys import VERSION
+from protocol.signing import Verifier
+from station.hub import Hub
+from station.picture.history import FRAME_MS
+
+HEARD_NS = 2_000_000_000  # a drone heard within this time counts as alive: records hold no liveliness tokens
+KNOWN_NS = 30_000_000_000
+REPLACED = ("pose", "plan", "frame", "estimate")  # kinds of which the newest is all that counts, and that come often
+_SLICE_S = 0.02  # of work, before pages are served
+_TELL_S = 0.5
+
+
+class Heard(NamedTuple):
+    """A message in a record, by its drone's clock."""
+
+    at_ns: int
+    key: str
+    payload: bytes
+
+
+class Records:
+    """The records of one mission by one or more of its drones.
+
+    ``mission``: of all; ``verifier``: of the log's signatures, None in a swarm without certificates.
+    """
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        """Open the records.
+
+        Raises:
+            FlightRecordError: not a recorded flight, or not all of one mission.
+        """
+        self._flights = [RecordedFlight(path, whole=False) for path in paths]
+        first = self._flights[0].header
+        for path, flight in zip(paths, self._flights, strict=True):
+            flight.header.check_protocol(path, "open", (FORMER, VERSION))
+            if flight.header.mission.mission_id != first.mission.mission_id:
+                raise FlightRecordError(f"{path}: a flight of another mission than {paths[0]}: open them one by one")
+        self.mission = first.mission
+        try:
+            authority = Authority.read(first.authority.encode()) if first.authority else None
+        except ProtocolError as error:
+            raise FlightRecordError(f"{paths[0]}: the certificate of the authority in the record {error}") from None
+        self.verifier = Verifier(authority) if authority is not None else None
+
+    @property
+    def share(self) -> float:
+        """How much has been read."""
+        size = sum(flight.size_bytes for flight in self._flights)
+        return sum(flight.read_bytes for flight in self._flights) / size if size else 1.0
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files of these records."""
+        return tuple(file for flight in self._flights for file in flight.files)
+
+    @property
+    def flaws(self) -> tuple[str, ...]:
+        """Why records could not be read to their ends."""
+        return tuple(flight.flaw for flight in self._flights if flight.flaw is not None)
+
+    def messages(self) -> Iterator[Heard]:
+        """All messages that the drones received and sent, in the order of their times; what several recorded comes once."""
+        once = _Once()
+        return merge(*(_messages(flight, once) for flight in self._flights), key=lambda heard: heard.at_ns)
+
+
+class _Once:
+    """Tells what is not known yet of what came in the last ``KNOWN_NS``: later, the log itself knows its entries."""
+
+    def __init__(self) -> None:
+        self._known: set[bytes] = set()
+        self._older: set[bytes] = set()
+        self._turn_ns = 0
+
+    def is_new(self, data: bytes, at_ns: int) -> bool:
+        """Whether this has not come yet; it has from now on."""
+        if data in self._known or data in self._older:
+            return False
+        if at_ns > self._turn_ns:
+            self._known, self._older, self._turn_ns = set(), self._known, at_ns + KNOWN_NS
+        self._known.add(data)
+        return True
+
+
+async def play(hub: Hub, records: Records, every_ms: int = FRAME_MS) -> None:
+    """Read the records into the hub's history, while pages are served; ``every_ms``: interval of the frames shown."""
+    began_s = told_s = monotonic()
+    picture, shown_ns, now_ns = hub.picture, 0, 0
+    last_ns: dict[str, int] = {}
+    newest: dict[str, Heard] = {}  # of what is replaced by newer ones: only what the next frame shows is decoded
+    for heard in records.messages():
+        now_ns = heard.at_ns
+        if not shown_ns:
+            shown_ns = now_ns
+        while now_ns - shown_ns >= every_ms * 1_000_000:
+            shown_ns += every_ms * 1_000_000
+            picture.appear([name for name, at_ns in last_ns.items() if shown_ns - at_ns < HEARD_NS])
+            for one in newest.values():
+                picture.receive(one.key, one.payload, one.at_ns)
+            newest.clear()
+            _settle(hub, shown_ns)
+            hub.show(shown_ns)
+        _, _, _, sender, kind, *_ = heard.key.split("/")
+        if kind in REPLACED:
+            newest[heard.key] = heard
+        else:
+            picture.receive(heard.key, heard.payload, now_ns)
+        last_ns[sender] = now_ns
+        if monotonic() - began_s > _SLICE_S:
+            if monotonic() - told_s > _TELL_S:
+                told_s = monotonic()
+                hub.report(records.share)
+            await asyncio.sleep(0.0)
+            began_s = monotonic()
+    for one in newest.values():
+        picture.receive(one.key, one.payload, one.at_ns)
+    hub.report(1.0)
+
+
+def _settle(hub: Hub, now_ns: int) -> None:
+    """Complete the estimate of a time."""
+    hub.picture.advance(now_ns)
+    while hub.picture.log.pending:
+        hub.picture.advance(now_ns)
+
+
+def _messages(flight: RecordedFlight, once: _Once) -> Iterator[Heard]:
+    latest_ns = 0
+    for record in flight.records((MESSAGE, PUBLICATION)):
+        latest_ns = max(latest_ns, record.log_ns)
+        if once.is_new(record.data, latest_ns):
+            key, payload = decode_message(record.data)
+            with contextlib.suppress(ProtocolError):  # the drones did not take it either
+                yield Heard(latest_ns, *as_today(key, payload))

@@ -1,0 +1,1 @@
+"""What the station knows, for other programs: Foxglove and TAK."""

@@ -1,0 +1,148 @@
+"""The swarm live for Foxglove: its WebSocket protocol (foxglove.sdk.v1, foxglove.websocket.v1), as far as a source of messages
+needs it.
+
+Foxglove's own server is not used: it asks neither for the name by which it is called nor for the site that calls it, and has no
+token, so that any page open in a browser of this computer could read the flight.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import struct
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from urllib.parse import urlsplit
+
+import msgspec
+from msgspec import Struct
+
+from station.hub import Hub
+from station.picture.frame import ConeCurve, Event, Frame, Raster
+from station.viewers.foxglove import Foxglove, Message
+
+PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+SITE = "https://app.foxglove.dev"  # from which Foxglove is loaded in a browser
+MOST_WAITING = 4000  # messages for a client that reads too slowly: some seconds of a large swarm
+_DATA = struct.Struct("<BIQ")  # opcode, subscription, time (ns)
+_OPCODE = 1
+_encode = msgspec.json.Encoder().encode
+
+
+def is_foxglove(origin: str) -> bool:
+    """Whether a request may be Foxglove's: from its site, or from an installed program (file:// and the like)."""
+    return origin == SITE or urlsplit(origin).scheme not in ("", "http", "https")
+
+
+class Subscription(Struct, frozen=True):
+    """``id``: chosen by the client; ``channel``: of those advertised."""
+
+    id: int
+    channel: int = msgspec.field(name="channelId")
+
+
+class Request(Struct, frozen=True):
+    """What a client asks for; requests that need a capability which is not offered are without effect."""
+
+    op: str
+    subscriptions: tuple[Subscription, ...] = ()
+    ended: tuple[int, ...] = msgspec.field(name="subscriptionIds", default=())
+
+
+class Client:
+    """A connected Foxglove. ``subscribed``: its subscriptions' numbers by channel; ``gone``: it reads too slowly."""
+
+    def __init__(self) -> None:
+        self.subscribed: dict[int, int] = {}
+        self.gone = False
+        self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING)
+
+    def send(self, data: bytes) -> None:
+        """Send a message, unless the client is far behind: then it is let go."""
+        try:
+            self._waiting.put_nowait(data)
+        except asyncio.QueueFull:
+            self.gone = True
+
+    def leave(self) -> None:
+        """Let the client go; it connects again by itself."""
+        self.gone = True
+        if self._waiting.empty():
+            self._waiting.put_nowait(_encode({"op": "status", "level": 0, "message": "another mission"}))
+
+    async def next(self) -> bytes:
+        """The next message."""
+        return await self._waiting.get()
+
+
+class LiveFoxglove:
+    """An outlet of a hub for the connected Foxgloves, the ``clients``."""
+
+    def __init__(self, hub: Hub) -> None:
+        self._hub = hub
+        self.clients: list[Client] = []
+        self._begin()
+
+    def _begin(self) -> None:
+        self._picture = self._hub.picture
+        self._foxglove = Foxglove(self._picture)
+        self._channels = {topic.name: number for number, topic in enumerate(self._foxglove.topics, 1)}
+
+    @contextmanager
+    def joined(self) -> Iterator[Client]:
+        """A client, which is told what it can subscribe to; text messages begin with a brace."""
+        client = Client()
+        client.send(_encode({"op": "serverInfo", "name": self._picture.mission.name, "capabilities": [], "metadata": {}}))
+        client.send(_encode({"op": "advertise", "channels": [self._about(name) for name in self._channels]}))
+        self.clients.append(client)
+        try:
+            yield client
+        finally:
+            self.clients.remove(client)
+
+    def ask(self, client: Client, text: str) -> None:
+        """Obey a client's message.
+
+        Raises:
+            MsgspecError: it is none of the protocol.
+        """
+        request = msgspec.json.decode(text, type=Request)
+        if request.op == "subscribe":
+            known = self._channels.values()
+            client.subscribed |= {each.channel: each.id for each in request.subscriptions if each.channel in known}
+        elif request.op == "unsubscribe":
+            client.subscribed = {channel: one for channel, one in client.subscribed.items() if one not in request.ended}
+
+    def show(self, frame: Frame, layers: list[Raster], cones: list[ConeCurve]) -> None:
+        """Send what is new in a frame; to clients of another mission than the hub's, that they must connect again."""
+        if self._hub.picture is not self._picture:
+            self._begin()
+            for client in self.clients:
+                client.leave()
+        self._send(self._foxglove.show(frame, layers, cones))
+
+    def note(self, event: Event) -> None:
+        """Send an event."""
+        self._send((self._foxglove.event(event),))
+
+    def _send(self, messages: Iterable[Message]) -> None:
+        for message in messages:
+            channel = self._channels[message.topic]
+            wanting = [client for client in self.clients if channel in client.subscribed]
+            data = message.encode() if wanting else b""
+            for client in wanting:
+                client.send(_DATA.pack(_OPCODE, client.subscribed[channel], message.log_ns) + data)
+
+    def _about(self, name: str) -> dict[str, object]:
+        number = self._channels[name]
+        topic = self._foxglove.topics[number - 1]
+        schema = topic.schema
+        as_text = schema.data.decode() if topic.encoding == "json" else base64.b64encode(schema.data).decode()
+        return {
+            "id": number,
+            "topic": topic.name,
+            "encoding": topic.encoding,
+            "schemaName": schema.name,
+            "schemaEncoding": schema.encoding,
+            "schema": as_text,
+        }

@@ -1,0 +1,79 @@
+"""Places on Earth (WGS84) for Foxglove's map, where the mission has a datum."""
+
+from __future__ import annotations
+
+import json
+
+from foxglove.messages import GeoJson, LocationFix, LocationFixPositionCovarianceType
+
+from agent.config.mission import DatumConfig
+from agent.frames.geodesy import geodetic_from_mission
+from agent.frames.transform import Transform
+from protocol.messages import Pose
+from station.picture.frame import DroneFrame, MissionFrame, Point, SourceFrame
+from station.picture.shapes import circle, cordon_radius_m, region
+from station.viewers.scene import colour_of, moment, shade
+from station.viewers.topics import MISSION
+
+_BLACK, _RED = "#111111", "#a33b00"
+
+
+class OnEarth:
+    """Of one mission."""
+
+    def __init__(self, datum: DatumConfig, about: MissionFrame) -> None:
+        self._datum, self._about = datum, about
+
+    def fix(self, drone: DroneFrame, mission_from_local: Transform, pose: Pose) -> LocationFix:
+        """Where a drone is."""
+        variance = pose.position_sigma_m**2
+        place = mission_from_local.apply_point(pose.position_m)
+        latitude_deg, longitude_deg, altitude_m = geodetic_from_mission(self._datum, place)
+        return LocationFix(
+            timestamp=moment(pose.stamp_ns),
+            frame_id=MISSION,
+            latitude=latitude_deg,
+            longitude=longitude_deg,
+            altitude=altitude_m,
+            position_covariance=[variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, variance],
+            position_covariance_type=LocationFixPositionCovarianceType.Approximated,
+            color=shade(colour_of(self._about.drones.index(drone.id), drone)),
+        )
+
+    def source_fix(self, source: SourceFrame, at_ns: int) -> LocationFix:
+        """Where the source is."""
+        xx, xy, xz, yy, yz, zz = source.covariance_m2
+        latitude_deg, longitude_deg, altitude_m = geodetic_from_mission(self._datum, source.place)
+        if source.position_deg is not None:  # not rounded
+            latitude_deg, longitude_deg = source.position_deg
+        return LocationFix(
+            timestamp=moment(at_ns),
+            frame_id=MISSION,
+            latitude=latitude_deg,
+            longitude=longitude_deg,
+            altitude=altitude_m,
+            position_covariance=[xx, xy, xz, xy, yy, yz, xz, yz, zz],
+            position_covariance_type=LocationFixPositionCovarianceType.Known,
+        )
+
+    def outlines(self, source: SourceFrame | None) -> GeoJson:
+        """Outlines of the area, and of the source's region and cordon."""
+        outlines: list[tuple[str, str, tuple[Point, ...] | list[Point]]] = [("area", _BLACK, self._about.area)]
+        if source is not None:
+            outlines.append(("region", _BLACK, region(source)))
+            radius_m = cordon_radius_m(source.nuclide, source.activity_bq)
+            if radius_m is not None:
+                outlines.append(("cordon", _RED, circle(source.place, radius_m)))
+        features = [
+            {
+                "type": "Feature",
+                "properties": {"name": name, "style": {"color": colour}},
+                "geometry": {"type": "LineString", "coordinates": [self._lonlat(point) for point in points]},
+            }
+            for name, colour, points in outlines
+        ]
+        return GeoJson(geojson=json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False))
+
+    def _lonlat(self, point: Point) -> tuple[float, float]:
+        latitude_deg, longitude_deg, _ = geodetic_from_mission(self._datum, (*point, 0.0))
+        return longitude_deg, latitude_deg

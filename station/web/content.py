@@ -1,0 +1,61 @@
+"""What the page fetches besides its own files: the report on demand, and what lies under the map."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Awaitable, Callable
+
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
+
+from agent.errors import RadronError
+from station.hub import Hub
+from station.web.guard import HEADERS, Guard
+
+KEPT = {**HEADERS, "Cache-Control": "private, max-age=3600"}  # by the browser, while the map is moved
+NOTHING = '<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'  # where there is no tile
+_PLACE = re.compile(r"(\d{1,2})/(\d{1,8})/(\d{1,8})")
+Answer = Callable[[Request], Awaitable[Response]]
+
+
+def content(hub: Hub, guard: Guard) -> list[Route]:
+    """The routes."""
+    reporting = False
+
+    async def report(_: Request) -> Response:
+        """The findings as they are now, one report at a time."""
+        nonlocal reporting
+        if hub.findings is None or reporting:
+            return PlainTextResponse("there is no report" if hub.findings is None else "a report is being made", 503, HEADERS)
+        reporting = True
+        try:
+            data = await hub.findings()
+        except RadronError as error:
+            return PlainTextResponse(str(error), 503, HEADERS)
+        finally:
+            reporting = False
+        name = f'attachment; filename="report-{hub.picture.mission.mission_id}.zip"'
+        return Response(data, 200, {**HEADERS, "Content-Disposition": name}, "application/zip")
+
+    async def layer(_: Request) -> Response:
+        return Response(hub.background.layer, 200, HEADERS, "application/json")
+
+    async def tile(request: Request) -> Response:
+        tiles, place = hub.background.tiles, _PLACE.fullmatch(request.path_params["place"])
+        found = tiles.tile(*map(int, place.groups())) if tiles is not None and place is not None else None
+        image, kind = found or (NOTHING, "image/svg+xml")
+        return Response(image, 200, KEPT, kind)
+
+    places: dict[str, Answer] = {"/report.zip": report, "/layer.json": layer, "/tiles/{place:path}": tile}
+    return [Route(path, guarded(guard, answer)) for path, answer in places.items()]
+
+
+def guarded(guard: Guard, answer: Answer) -> Answer:
+    """The answer to those who are let in."""
+
+    async def checked(request: Request) -> Response:
+        refusal = guard.refusal(request.headers, request.query_params, request.cookies)
+        return await answer(request) if refusal is None else PlainTextResponse(refusal, 403, HEADERS)
+
+    return checked

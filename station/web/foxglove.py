@@ -1,0 +1,49 @@
+"""Foxglove's socket on the page's server, guarded as the page is."""
+
+from __future__ import annotations
+
+import contextlib
+
+import msgspec
+from starlette.routing import WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from station.viewers.live import PROTOCOLS, Client, LiveFoxglove, is_foxglove
+from station.web.flood import Credit
+from station.web.guard import Guard
+from station.web.talk import talk
+
+MOST_CLIENTS = 8
+
+
+def door(live: LiveFoxglove, guard: Guard) -> WebSocketRoute:
+    """The route /foxglove."""
+
+    async def serve(socket: WebSocket) -> None:
+        refusal = guard.refusal(socket.headers, socket.query_params, socket.cookies, is_foxglove)
+        protocol = next((one for one in PROTOCOLS if one in socket.scope["subprotocols"]), None)
+        if refusal is not None or protocol is None or len(live.clients) >= MOST_CLIENTS:
+            await socket.close(1008)
+            return
+        await socket.accept(protocol)
+        with live.joined() as client:
+            await talk(socket, _send(socket, client), _listen(socket, client, live))
+
+    return WebSocketRoute("/foxglove", serve)
+
+
+async def _send(socket: WebSocket, client: Client) -> None:
+    while not client.gone:
+        data = await client.next()
+        if data.startswith(b"{"):
+            await socket.send_text(data.decode())
+        else:
+            await socket.send_bytes(data)
+
+
+async def _listen(socket: WebSocket, client: Client, live: LiveFoxglove) -> None:
+    """Obey a client, until it closes, floods, or says what is not of the protocol."""
+    credit = Credit()
+    with contextlib.suppress(WebSocketDisconnect, msgspec.MsgspecError, KeyError):
+        while credit.spend():
+            live.ask(client, await socket.receive_text())

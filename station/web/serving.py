@@ -1,0 +1,106 @@
+"""The web server in the station's event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import socket
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+
+import uvicorn
+from msgspec import Struct
+from starlette.routing import WebSocketRoute
+
+from agent.errors import RadronError
+from station.hub import Hub
+from station.web.app import application
+from station.web.guard import LOCAL, Guard
+
+LONGEST_MESSAGE = 65_536  # bytes of any socket: Foxglove subscribes to all topics of 30 drones at once
+Doors = Callable[[Guard], Sequence[WebSocketRoute]]
+
+
+class StationError(RadronError):
+    """The station cannot be served, or cannot see what it was asked to show."""
+
+
+class Place(Struct, frozen=True, kw_only=True):
+    """Where the page is served. Beyond this computer only by TLS (``certificate`` and ``key``, PEM) and with a token."""
+
+    host: str = "127.0.0.1"
+    port: int = 8087
+    certificate: Path | None = None
+    key: Path | None = None
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this computer can connect."""
+        return self.host in LOCAL
+
+
+class Serving:
+    """A page that is being served. ``address``: to open in a browser; ``port``: where it is."""
+
+    def __init__(self, hub: Hub, place: Place, doors: Doors | None = None) -> None:
+        """Take the port. ``doors``: sockets of other programs, which the guard protects too.
+
+        Raises:
+            StationError: the port is in use, or the page would be open to others without TLS.
+        """
+        if not place.is_local and (place.certificate is None or place.key is None):
+            raise StationError(
+                f"--host {place.host}: others could connect, so give --tls-certificate and --tls-key, or leave --host out"
+            )
+        token = "" if place.is_local else secrets.token_urlsafe(24)
+        hosts = LOCAL if place.is_local else (*LOCAL, place.host)
+        self._socket = _bound(place)
+        self.port = int(self._socket.getsockname()[1])
+        scheme = "http" if place.certificate is None else "https"
+        name = f"[{place.host}]" if ":" in place.host else place.host
+        self.address = f"{scheme}://{name}:{self.port}/" + (f"?token={token}" if token else "")
+        guard = Guard(hosts, token)
+        self._server = uvicorn.Server(
+            uvicorn.Config(
+                application(hub, guard, doors(guard) if doors is not None else ()),
+                ws_max_size=LONGEST_MESSAGE,
+                log_level="warning",
+                access_log=False,
+                server_header=False,
+                ssl_certfile=place.certificate,
+                ssl_keyfile=place.key,
+                timeout_graceful_shutdown=1,
+            )
+        )
+
+    def socket_address(self, path: str) -> str:
+        """Of a socket, for a program that is given an address."""
+        page, _, token = self.address.partition("?")
+        return f"{page.replace('http', 'ws', 1)}{path}" + (f"?{token}" if token else "")
+
+    async def run(self, work: Awaitable[None]) -> None:
+        """Serve until interrupted, and do the work that fills the pages meanwhile; errors of both are raised."""
+        serving = asyncio.create_task(self._server.serve([self._socket]))
+        working = asyncio.ensure_future(work)
+        try:
+            await asyncio.wait((serving, working), return_when=asyncio.FIRST_COMPLETED)
+            if working.done():
+                working.result()  # a record that has been read stays open
+                await serving
+        finally:
+            working.cancel()
+            self._server.should_exit = True
+            await asyncio.gather(serving, working, return_exceptions=True)
+
+
+def _bound(place: Place) -> socket.socket:
+    family = socket.AF_INET6 if ":" in place.host else socket.AF_INET
+    bound = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.bind((place.host, place.port))
+        bound.listen()
+    except OSError as error:
+        bound.close()
+        raise StationError(f"{place.host}:{place.port}: {error.strerror or error}; give another --port") from None
+    return bound

@@ -1,0 +1,88 @@
+"""Frames that the mission knows, after a jump: a function of what the drones tell with their exposures, in any order."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from one_pilot import MISSION, START_NS
+
+from agent.frames.carried import told
+from agent.frames.swarm import SwarmFrames
+from agent.frames.transform import Transform, same
+from protocol.codec import encode
+from protocol.entries import Counts, Exposure, PoseSample
+
+UNSURE = np.diag([0.04, 0.09, 0.01, 0.0025])
+JUMPED, OTHER = Transform(0.6, (20.0, -5.0, 0.1), UNSURE), Transform(-1.0, (3.0, 3.0, 0.0), 2.0 * UNSURE)
+LAUNCH = Transform(math.radians(30.0), (5.0, 5.0, 0.0))
+
+
+def exposure(sequence=1, epoch=1, carried=JUMPED, drone="d1"):
+    return Exposure(
+        stamp_ns=START_NS,
+        drone=drone,
+        mission=MISSION.mission_id,
+        boot="1" * 16,
+        sequence=sequence,
+        epoch=epoch,
+        end_ns=START_NS + 10**9,
+        live_time_s=1.0,
+        counts=Counts(5, 1, 0),
+        poses=(PoseSample(0, (1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0)),),
+        position_sigma_m=0.1,
+        yaw_sigma_rad=0.01,
+        carried=None if carried is None else told(carried),
+    )
+
+
+def frames_of(entries, mission=MISSION):
+    frames = SwarmFrames(mission)
+    for entry in entries:
+        frames.receive(entry, encode(entry))
+    return frames.graph
+
+
+@pytest.mark.parametrize("carried", [JUMPED, Transform()], ids=["jumped", "as it was"])
+def test_an_epoch_lies_where_the_drone_tells(carried):
+    graph = frames_of([exposure(carried=carried)])
+    assert same(graph.mission_from_local("d1", 1), LAUNCH @ carried)
+    assert same(graph.mission_from_local("d1", 0), LAUNCH)
+    assert graph.mission_from_local("d1", 2) is None
+
+
+def test_of_several_that_of_the_first_entry_counts_whatever_the_order():
+    entries = [exposure(1), exposure(2, carried=OTHER), exposure(3), exposure(4, epoch=2, carried=OTHER)]
+    for order in itertools.permutations(entries):
+        graph = frames_of(order)
+        assert same(graph.mission_from_local("d1", 1), LAUNCH @ JUMPED)
+        assert same(graph.mission_from_local("d1", 2), LAUNCH @ OTHER)
+
+
+@pytest.mark.parametrize("gone", [exposure(1), exposure(1, carried=None), exposure(1, epoch=7)])
+@pytest.mark.parametrize("others", [[], [exposure(2, carried=OTHER)], [exposure(2, carried=OTHER), exposure(3)]])
+def test_an_entry_that_does_not_count_any_more_leaves_nothing_of_it(gone, others):
+    """As those of a drone that is revoked, or that contradicts itself."""
+    frames = SwarmFrames(MISSION)
+    for entry in (gone, *others):
+        frames.receive(entry, encode(entry))
+    frames.forget([gone.entry_id])
+    afresh = frames_of(others)
+    for epoch in (1, 7):
+        told_now, without = frames.graph.mission_from_local("d1", epoch), afresh.mission_from_local("d1", epoch)
+        assert without is None if told_now is None else same(told_now, without)
+
+
+def test_the_first_epoch_is_the_missions_and_an_estimated_frame_the_logs():
+    graph = frames_of([exposure(epoch=0)])
+    assert same(graph.mission_from_local("d1", 0), LAUNCH)
+    estimated = replace(MISSION, drones=tuple(replace(one, localization="rtk") for one in MISSION.drones))
+    assert frames_of([exposure()], estimated).mission_from_local("d1", 1) is None
+
+
+def test_what_is_the_same_is_no_change_of_the_frame():
+    frames = SwarmFrames(MISSION)
+    for sequence in (1, 2, 3):
+        frames.receive(exposure(sequence), encode(exposure(sequence)))
+        assert frames.graph.revision == 3  # the layout's two, and this one

@@ -1,0 +1,78 @@
+"""Where a vehicle may be whose agent is gone."""
+
+from math import inf
+
+import numpy as np
+import pytest
+
+from agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SafetyConfig
+from agent.frames.transform import Transform
+from agent.navigation.agentless import Agentless
+from agent.navigation.peers import Peer
+from protocol.messages import Pose, Stage, Status
+
+HOME = (0.0, 0.0, 0.0)
+NOW = np.array([3.0, 5.0, 7.0])
+
+
+def course(stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), **safety):
+    """Of the drone b, whose home is the origin, and which returns at 13 m."""
+    mission = MissionConfig(
+        name="test",
+        area=AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0)), ceiling_m=40.0),
+        drones=(DroneInMission(id="a"), DroneInMission(id="b", origin_m=HOME)),
+        safety=SafetyConfig(**safety),
+    )
+    pose = Pose(
+        stamp_ns=0,
+        drone="b",
+        epoch=0,
+        position_m=place,
+        velocity_mps=velocity,
+        quaternion=(1.0, 0.0, 0.0, 0.0),
+        position_sigma_m=0.1,
+        yaw_sigma_rad=0.01,
+    )
+    peer = Peer(pose=pose, status=Status(stamp_ns=0, drone="b", mission="0" * 16, boot="1" * 16, stage=stage))
+    return Agentless(mission).course("b", peer, pose, Transform())
+
+
+def test_it_stops_climbs_and_goes_home():
+    """It is still where it stopped, or on its way already, by 6 m/s at most; in the end it must be down."""
+    flown = course()
+    assert flown.cruise_m == 13.0
+    stop, way = flown.stretches(NOW, below_m=20.0)
+    assert (stop.start, stop.end) == ((30.0, 0.0), (30.0, 4.0))
+    assert (way.start, way.end) == ((30.0, 3.0), (0.0, 0.0))
+    assert way.front == pytest.approx((12.0, 24.0, np.hypot(30.0, 3.0)))
+    assert way.back == pytest.approx((0.0, 0.0, 0.0))
+    left = flown.stretches(NOW + flown.leaves_s, below_m=20.0)
+    assert len(left) == 1
+    assert left[0].back == pytest.approx((9.0, 15.0, 21.0))
+    assert flown.stretches(NOW + flown.down_s, below_m=20.0) == []
+
+
+def test_what_crosses_high_above_is_not_in_the_way_until_it_comes_down():
+    flown = course()
+    assert [one.start for one in flown.stretches(NOW - 2.0, below_m=8.0)] == [(30.0, 0.0)]  # it cannot be home before 6 s
+    assert [one.end for one in flown.stretches(NOW, below_m=8.0)] == [(30.0, 4.0), (0.0, 0.0)]
+    assert [one.start for one in flown.stretches(NOW + flown.leaves_s, below_m=8.0)] == [(0.0, 0.0)]
+
+
+def test_near_its_home_it_may_return_low():
+    (_, way) = course(place=(8.0, 0.0, 2.0)).stretches(NOW, below_m=8.0)
+    assert way.start != way.end
+
+
+@pytest.mark.parametrize(
+    ("stage", "lost", "leaves_s"),
+    [
+        (Stage.TRACK, "hold", inf),
+        (Stage.TRACK, "land", 17.5),
+        (Stage.LANDING, "return", 17.5),
+    ],
+)
+def test_it_stays_where_it_stops(stage, lost, leaves_s):
+    flown = course(stage, agent_lost=lost)
+    assert flown.leaves_s == leaves_s
+    assert [one.end for one in flown.stretches(NOW, below_m=20.0)] == [(30.0, 4.0)]

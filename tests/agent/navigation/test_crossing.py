@@ -1,0 +1,65 @@
+"""From one circle to another over those in between, on which somebody may fly."""
+
+import pytest
+from msgspec.structs import replace
+from one_pilot import MISSION
+
+from agent.config.mission import DroneInMission, EncirclementConfig, SafetyConfig
+from agent.navigation.crossing import Crossing, WayHome
+
+OVER_M = 16.0  # return height of d3
+THREE = replace(
+    MISSION,
+    drones=tuple(DroneInMission(id=name) for name in ("d1", "d2", "d3")),
+    safety=SafetyConfig(return_height_m=10.0, return_layer_m=3.0),
+)
+
+
+@pytest.mark.parametrize(
+    ("far_m", "radius_m", "held_m"), [(9.0, 21.0, 9.0), (12.0, 21.0, 10.0), (21.0, 9.0, 21.0), (17.0, 9.0, 20.0)]
+)
+def test_it_climbs_where_it_is_clear_goes_across_and_comes_down(far_m, radius_m, held_m):
+    """Across a circle of 15 m."""
+    crossing = Crossing(THREE, "d3")
+    assert crossing.course(far_m, 3.0, radius_m, [15.0]) == (held_m, OVER_M)
+    assert crossing.climbs
+    assert crossing.course(held_m, 14.5, radius_m, [15.0]) == (held_m, OVER_M)
+    assert crossing.course(held_m, 15.5, radius_m, [15.0]) == (radius_m, OVER_M)
+    assert crossing.is_over
+    for way_m in (15.0, 0.5 * (15.0 + radius_m), radius_m - 1.5):
+        assert crossing.course(way_m, 16.0, radius_m, [15.0]) == (radius_m, OVER_M)
+    assert crossing.course(radius_m - 0.5, 16.0, radius_m, [15.0]) == (radius_m, None)
+    assert not crossing.climbs
+    assert not crossing.is_over
+    assert crossing.course(radius_m, 5.0, radius_m, [15.0]) == (radius_m, None)
+
+
+@pytest.mark.parametrize("taken_m", [[], [9.0], [27.0], [9.0, 27.0]])
+def test_a_way_with_nobody_in_between_needs_no_climb(taken_m):
+    assert Crossing(THREE, "d3").course(12.0, 3.0, 21.0, taken_m) == (21.0, None)
+
+
+def test_it_crosses_well_above_the_circles_even_where_returns_are_lower():
+    low = replace(THREE, encirclement=EncirclementConfig(height_m=15.0))
+    assert Crossing(low, "d3").course(9.0, 15.0, 21.0, [15.0]) == (9.0, 15.0 + 2.0 * THREE.limits.separation_m)
+
+
+def test_it_goes_home_above_those_that_it_does_not_hear_and_comes_down_there():
+    way = WayHome(THREE, "d3")
+    assert way.course((30.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)
+    assert way.course((30.5, 1.5), 14.5, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)  # it climbs where it was
+    assert way.climbs
+    for height_m in (15.5, 14.0, 16.0):
+        assert way.course((15.0, 0.5), height_m, (0.0, 0.0), unheard=True) == ((0.0, 0.0), OVER_M)
+    assert way.course((1.5, 0.0), 16.0, (0.0, 0.0), unheard=True) == ((0.0, 0.0), None)
+    assert way.course((2.5, 0.0), 9.0, (0.0, 0.0), unheard=True) == ((0.0, 0.0), None)  # blown away on the last metres
+    assert not way.climbs
+    way.begin()
+    assert way.course((30.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)
+
+
+def test_the_way_home_is_low_where_all_are_heard():
+    way = WayHome(THREE, "d3")
+    assert way.course((30.0, 1.0), 3.0, (0.0, 0.0), unheard=False) == ((0.0, 0.0), None)
+    assert way.course((20.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((20.0, 1.0), OVER_M)
+    assert way.course((20.0, 1.0), 9.0, (0.0, 0.0), unheard=False) == ((0.0, 0.0), None)  # heard again

@@ -1,0 +1,57 @@
+"""What `doctor --write` sets: whatever was wrong, the value passes the check that found it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agent.config.drone import DroneConfig, VehicleConfig, VisionConfig
+from agent.config.loading import convert
+from agent.config.mission import MissionConfig
+from agent.preflight.corrections import correction
+from agent.vehicle.messages import ParameterValue
+from agent.vehicle.parameters import FLOAT, INT32, rules_of, value_of, wire_value
+
+DRONES = [{"id": "d1", "origin_m": [5, 5, 0]}, {"id": "d2", "origin_m": [9, 5, 0]}]
+AREA = {"polygon_m": [[0, 0], [60, 0], [60, 60], [0, 60]]}
+BY_HAND = {"EKF2_HGT_REF"}  # depends on the sensors that the vehicle has
+
+
+@dataclass(frozen=True)
+class Kind:
+    gnss: bool
+    vision: bool
+
+
+def mission(agent_lost: str = "return") -> MissionConfig:
+    document = {"name": "yard", "drones": DRONES, "area": AREA, "safety": {"agent_lost": agent_lost}}
+    return convert(document, MissionConfig, "mission.toml")
+
+
+@pytest.mark.parametrize("kind", [Kind(True, False), Kind(True, True), Kind(False, True)])
+@pytest.mark.parametrize("agent_lost", ["return", "land", "hold"])
+@settings(deadline=None, max_examples=30)
+@given(before=st.floats(-10.0, 1e7))
+def test_a_correction_passes_the_check_that_failed(kind: Kind, agent_lost: str, before: float) -> None:
+    vision = VisionConfig(address="127.0.0.1:1") if kind.vision else None
+    drone, plan = DroneConfig(id="d2", vehicle=VehicleConfig(gnss=kind.gnss, vision=vision)), mission(agent_lost)
+    for rule in rules_of(kind.gnss, kind.vision, agent_lost):
+        wanted = correction(rule.name, before, drone, plan)
+        if rule.name in BY_HAND:
+            assert wanted is None
+        else:
+            assert wanted is not None
+            assert rule.check(wanted, plan.area.ceiling_m) is None
+
+
+def test_the_autopilots_fence_lies_outside_the_agents() -> None:
+    wanted = correction("GF_MAX_HOR_DIST", 0.0, DroneConfig(id="d1"), mission())
+    assert wanted == 128.0  # to the farthest corner 77.8 m, the margin 30 m, and 20 m
+
+
+@pytest.mark.parametrize(("value", "kind"), [(3.0, INT32), (2_000_000.0, INT32), (10.5, FLOAT), (0.0, INT32)])
+def test_a_value_survives_the_link(value: float, kind: int) -> None:
+    assert value_of(ParameterValue("X", wire_value(value, kind), kind)) == value

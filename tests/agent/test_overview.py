@@ -1,0 +1,164 @@
+"""``radron-agent status`` and ``watch``, of drones that publish over a real mesh."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from live_agents import free_ports
+
+from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
+from agent.overview import Overview, OverviewError, place_of
+from protocol.codec import encode
+from protocol.keys import key_of
+from protocol.mesh.session import Mesh, MeshConfig
+from protocol.messages import Estimate, Source, Stage, Status
+from protocol.signing import Verifier, sign_status
+from sim.members import SimulatedAuthority
+
+MISSION = MissionConfig(
+    name="m",
+    swarm="test",
+    area=AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0))),
+    drones=(DroneInMission(id="d1"), DroneInMission(id="d2")),
+    datum=DatumConfig(latitude_deg=50.0, longitude_deg=14.0),
+)
+PROGRAM = Path(sys.executable).parent / "radron-agent"
+
+
+def status(drone="d1", **changes):
+    given = {"stage": Stage.TRACK, "battery": 0.9, "problems": ("the camera is cold",), **changes}
+    return Status(stamp_ns=time.time_ns(), drone=drone, mission=MISSION.mission_id, boot="0" * 16, **given)
+
+
+def estimate(drone="d1", x=10.0):
+    source = Source(position_m=(x, 20.0, 0.0), covariance_m2=(0.09, 0.0, 0.0, 0.16, 0.0, 0.01), nuclide="Cs-137", activity_bq=3e9)
+    digest = "ab" * 16
+    return Estimate(stamp_ns=1, drone=drone, mission=MISSION.mission_id, estimator="bayes", digest=digest, sources=(source,))
+
+
+def overview(*messages, now_s=(100.0,), mission=MISSION, verifier=None):
+    times = iter(now_s)
+    last = [100.0]
+
+    def clock_s():
+        last[0] = next(times, last[0])
+        return last[0]
+
+    seen = Overview(mission, clock_s, verifier)
+    for message in messages:
+        seen.receive(key_of("test", message), encode(message))
+    return seen
+
+
+def test_what_a_drone_has_not_signed_it_does_not_tell():
+    authority = SimulatedAuthority(1)
+    signed = sign_status(status("d1"), authority.trust("d1"))
+    seen = overview(signed, sign_status(status("d2"), authority.trust("d1")), verifier=Verifier(authority.authority))
+    assert [row[:2] for row in seen.rows()] == [("d1", "track"), ("d2", "not heard")]
+
+
+def test_each_drone_has_a_line_also_one_that_is_not_heard():
+    seen = overview(status(), estimate())
+    assert seen.rows() == [("d1", "track", "90%", "0.0 s", "abababab", "the camera is cold"), ("d2", "not heard", "", "", "", "")]
+
+
+def test_a_drone_that_falls_silent_is_told_and_its_estimate_left_out():
+    seen = overview(status(), estimate(), now_s=(100.0, 100.0, 110.0))
+    assert seen.rows()[0][3] == "NOT HEARD for 10 s"
+    assert seen.sources() == ["no source found yet"]
+
+
+def test_the_source_is_told_in_metres_and_on_earth_once_where_drones_agree():
+    seen = overview(estimate("d1"), estimate("d2"))
+    (line,) = seen.sources()
+    assert line == "d1, d2: source at (10.00, 20.00) m, 1 sigma 0.50 m, 50.0001798, 14.0001395 (WGS84), Cs-137 3e+09 Bq"
+    assert len(overview(estimate("d1"), estimate("d2", x=11.0)).sources()) == 2
+
+
+def test_a_finding_is_told_where_nothing_was_found():
+    assert overview(status(finding="no source above 50 MBq")).sources() == ["no source above 50 MBq"]
+
+
+def test_without_a_mission_file_there_is_no_latitude_and_only_who_is_heard():
+    seen = overview(status(), estimate(), mission=None)
+    assert [row[0] for row in seen.rows()] == ["d1"]
+    assert "WGS84" not in seen.sources()[0]
+
+
+def test_invalid_messages_are_left_out():
+    seen = overview()
+    seen.receive("nonsense", b"\xc1")
+    seen.receive(key_of("test", status()), b"\xc1")
+    assert not seen.heard
+
+
+@pytest.mark.parametrize(("identity", "insecure"), [(None, False), (Path("x"), True)])
+def test_it_must_be_told_whether_links_are_encrypted(identity, insecure):
+    with pytest.raises(OverviewError, match="--identity or --insecure: give one of them"):
+        place_of("test", ("tcp/127.0.0.1:1",), identity, insecure, None)
+
+
+async def publish_until(endpoint, done):
+    mesh = await Mesh.open(MeshConfig(listen=endpoint), "test", "d1", receive=lambda key, payload: None)
+    try:
+        while not done.is_set():
+            for message in (status(), estimate()):
+                mesh.publish(key_of("test", message), encode(message))
+            await asyncio.sleep(0.1)
+    finally:
+        await mesh.close()
+
+
+def run_beside_a_drone(*arguments, until=None):
+    """What the command prints, and its exit code; ``until``: a text after which it is interrupted."""
+    endpoint = f"tcp/127.0.0.1:{free_ports(1)[0]}"
+
+    async def run():
+        done = asyncio.Event()
+        publishing = asyncio.create_task(publish_until(endpoint, done))
+        command = [str(PROGRAM), *arguments, "--swarm", "test", "--connect", endpoint, "--insecure"]
+        environment = {**os.environ, "COLUMNS": "200"}
+        process = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE, env=environment)
+        said = b""
+        try:
+            while chunk := await asyncio.wait_for(process.stdout.read(4096), 60.0):
+                said += chunk
+                if until is not None and until in said.decode() and not done.is_set():
+                    process.send_signal(signal.SIGINT)
+                    done.set()
+            await asyncio.wait_for(process.wait(), 20.0)
+        finally:
+            if process.returncode is None:
+                process.kill()
+            done.set()
+            await publishing
+        return said.decode(), process.returncode
+
+    return asyncio.run(run())
+
+
+def test_status_prints_what_a_swarm_tells():
+    said, code = run_beside_a_drone("status")
+    assert code == 0
+    assert "d1" in said
+    assert "the camera is cold" in said
+    assert "source at (10.00, 20.00) m" in said
+
+
+def test_watch_goes_on_until_it_is_interrupted():
+    said, code = run_beside_a_drone("watch", until="source at")
+    assert code == 0
+    assert "source at (10.00, 20.00) m" in said
+
+
+def test_nobody_heard_ends_in_one_line():
+    command = [str(PROGRAM), "status", "--swarm", "test", "--connect", f"tcp/127.0.0.1:{free_ports(1)[0]}", "--insecure"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.count("\n") == 1
+    assert "nothing heard from any drone of the swarm 'test'" in ended.stderr

@@ -1,0 +1,130 @@
+"""`radron-deploy install` on a computer with systemd and SSH: installed, examined, installed again, and removed."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from bench_camera import bench_camera
+from fleets import KEY
+from live_agents import Vehicles, closing, free_ports, until
+from systemd_machine import lacking, systemd_machine
+
+from deploy.remote import Host
+
+pytestmark = [pytest.mark.long, pytest.mark.skipif(lacking() is not None, reason=str(lacking()))]
+SOURCE = Path(__file__).parents[3]
+DEPLOY = str(Path(sys.executable).parent / "radron-deploy")
+MISSION = """
+name = "yard"
+drones = [{ id = "d1", origin_m = [5, 5, 0] }, { id = "d2", origin_m = [16, 2, 0] }]
+area = { polygon_m = [[0, 0], [50, 0], [50, 50], [0, 50]] }
+"""
+
+
+def fleet(mesh: int, vehicle: int, camera: int) -> str:
+    """The fleet file, with the ports of this test."""
+    return f"""
+mission = "mission.toml"
+ssh_keys = ["{KEY}"]
+network = {{ subnet = "127.0.0.0/8", port = {mesh} }}
+vehicle = {{ address = "udpin://127.0.0.1:{vehicle}" }}
+detector = {{ driver = "feed", address = "127.0.0.1:{camera}" }}
+drones = [{{ id = "d1", address = "127.0.0.11" }}, {{ id = "d2", address = "127.0.0.12" }}]
+"""
+
+
+@dataclass
+class Bench:
+    """A computer to install on, and the laptop's folder."""
+
+    folder: Path
+    host: Host
+    vehicle_port: int
+    camera_port: int
+
+    def deploy(self, what: str, *options: str) -> subprocess.CompletedProcess[str]:
+        """A command of radron-deploy for that computer."""
+        ssh = [part for option in self.host.options for part in ("--ssh-option", option)]
+        command = [DEPLOY, what, f"{self.host.address}:{self.host.port}", *options, *ssh]
+        environment = {**os.environ, "RADRON_PKI_PASSPHRASE": "four words are enough", "COLUMNS": "250"}
+        return subprocess.run(
+            command, capture_output=True, text=True, check=False, cwd=self.folder, env=environment, timeout=600.0
+        )
+
+    def install(self, *options: str) -> subprocess.CompletedProcess[str]:
+        """As the technician does it."""
+        return self.deploy("install", "--fleet", "fleet.toml", "--drone", "d1", "--source", str(SOURCE), *options)
+
+    def there(self, command: str) -> str:
+        """What a command says there."""
+        return subprocess.run(self.host.command(command), capture_output=True, text=True, check=False).stdout.strip()
+
+    def status(self) -> str:
+        """What the agent tells the service manager."""
+        return self.there("systemctl show -p StatusText --value radron-agent")
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    mesh, vehicle, camera = free_ports(3)
+    (tmp_path / "fleet.toml").write_text(fleet(mesh, vehicle, camera))
+    (tmp_path / "mission.toml").write_text(MISSION)
+    environment = {**os.environ, "RADRON_PKI_PASSPHRASE": "four words are enough"}
+    subprocess.run([DEPLOY, "pki", "init"], check=True, cwd=tmp_path, env=environment, capture_output=True)
+    with systemd_machine(tmp_path / "nuc") as host:
+        yield Bench(tmp_path, host, vehicle, camera)
+
+
+def test_from_an_empty_computer_to_a_drone_and_back(bench: Bench) -> None:
+    assert bench.there("ls -d /opt/radron*") == ""
+    first = bench.install()
+    assert first.returncode == 0, first.stderr
+    assert "is d1 now" in first.stdout
+    assert re.search(r"the agent runs: waiting: .*udpin://127.0.0.1", first.stderr), first.stderr
+    assert bench.there("systemctl is-enabled radron-agent") == "enabled"
+    assert bench.there("stat -c %U:%a /etc/radron/identity/key.pem") == "root:600"
+    assert bench.there("ls -d /var/tmp/radron*") == ""
+
+    with closing(Vehicles([bench.vehicle_port])), bench_camera(bench.camera_port):
+        until(lambda: bench.status() == "preflight", 120.0, "an agent that is ready")
+        examined = bench.deploy("doctor", "--wait", "60")
+        # It was stopped meanwhile, and runs again, with the autopilot for itself.
+        until(lambda: bench.status() == "preflight", 120.0, "the agent again")
+    assert "PX4 1.17.0" in examined.stdout, examined.stderr
+    assert "sees background: " in examined.stdout
+    assert "d1, drone, until " in examined.stdout
+    bad = examined.stdout.rstrip().splitlines()[-1].partition(": ")[2].split(", ")
+    assert set(bad) <= {"chrony", "d2"}  # there is no d2; chrony is not everywhere
+
+    before = bench.there("readlink -f /opt/radron; sha256sum /etc/radron/identity/*; stat -c %i /opt/radron/complete")
+    (bench.folder / "mission.toml").write_text(MISSION.replace('"yard"', '"meadow"'))
+    again = bench.install()
+    assert again.returncode == 0, again.stderr
+    assert " MB" not in again.stderr  # the packages are there
+    assert bench.there("readlink -f /opt/radron; sha256sum /etc/radron/identity/*; stat -c %i /opt/radron/complete") == before
+    assert "meadow" in bench.there("cat /run/radron/agent/mission/mission.toml")
+
+    removed = bench.deploy("uninstall")
+    assert "stays in /var/lib/radron" in removed.stdout, removed.stderr
+    left = "find /opt /etc /usr/lib /run -maxdepth 4 -name '*radron*' -not -path '/run/systemd/*'; ls -A /run/credstore"
+    assert bench.there(left) == ""
+    assert bench.there("systemctl is-active radron-agent") == "inactive"
+    assert bench.there("ls /var/lib/radron/state") != ""
+    purged = bench.deploy("uninstall", "--purge")
+    assert purged.returncode == 0, purged.stderr
+    assert bench.there("ls -d /var/lib/radron; getent passwd radron") == ""
+
+
+def test_what_is_not_ours_is_not_touched(bench: Bench) -> None:
+    bench.there("mkdir /opt/radron && touch /opt/radron/mine")
+    told = bench.install()
+    assert told.returncode == 2
+    assert told.stderr.splitlines()[-1].endswith("/opt/radron is there, and not from `radron-deploy install`: move it away")
+    assert bench.there("ls /opt/radron /etc/radron") == "/opt/radron:\nmine"

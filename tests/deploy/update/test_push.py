@@ -1,0 +1,172 @@
+"""Updates of several computers over a real SSH server. The computers are files; their updater, and what it decides, is real."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import shlex
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+from computer import VirtualComputer
+from meshes import free_port
+from onboard import NEW, OLD, well
+from sshserver import LACKING, ssh_server
+
+from deploy.remote import Host, RemoteError, digest
+from deploy.update import hosts, push
+from deploy.update.bundle import BundleManifest
+from deploy.update.errors import UpdateError
+from deploy.update.push import Push
+from protocol.messages import Stage
+from protocol.onboard import Needs, Outcome, Release, Trial
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKING is not None, reason=LACKING or "")]
+SCRIPT = Path(__file__).parents[2] / "support/computer.py"
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
+    with ssh_server(tmp_path_factory.mktemp("ssh")) as found:
+        yield found
+
+
+class Fleet:
+    """Computers behind one SSH server, each with a user's name for it; what was told of each."""
+
+    def __init__(self, folder: Path, server: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.folder, self._server = folder, server
+        self.told: list[str] = []
+        program = folder / "radron-update"
+        program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {SCRIPT} . "$@"\n')
+        program.chmod(0o755)
+        for module in (hosts, push):
+            monkeypatch.setattr(module, "PROGRAM", f"/usr/bin/env {program}")
+        monkeypatch.setattr(push, "INCOMING", "incoming")  # in each computer's own folder
+        command = Host.command
+        begin = f"mkdir -p {folder}/$0; cd {folder}/$0"
+        monkeypatch.setattr(Host, "command", lambda host, text: command(host, f"{begin}; {text}".replace("$0", host.name)))
+
+    def host(self, name: str) -> Host:
+        return replace(self._server, name=name)
+
+    def computer(self, name: str) -> VirtualComputer:
+        return VirtualComputer(self.folder / name)
+
+    def bundle(self, release: Release = NEW, **also: object) -> tuple[Path, BundleManifest]:
+        file = self.folder / f"{release.version}.raucb"
+        content = {"version": release.version, "build": release.build, "padding": "x" * 1_000_000} | also
+        file.write_text(json.dumps(content))
+        return file, BundleManifest(release=release, sha256=digest(file), size=file.stat().st_size)
+
+    def push(self, *names: str, bundle: tuple[Path, BundleManifest] | None, older: bool = False) -> list[Outcome | RemoteError]:
+        return asyncio.run(push.push([self.host(name) for name in names], self.order(bundle, older)))
+
+    def order(self, bundle: tuple[Path, BundleManifest] | None, older: bool = False) -> Push:
+        file, manifest = bundle if bundle is not None else (None, None)
+
+        def tell(host: Host, what: str, done: int, total: int) -> None:
+            self.told.append(f"{host.name}: {what} {done}/{total}")
+
+        return Push(file, manifest, older, tell, poll_s=0.05, decided_s=60.0)
+
+
+@pytest.fixture
+def fleet(tmp_path: Path, server: Host, monkeypatch: pytest.MonkeyPatch) -> Fleet:
+    return Fleet(tmp_path, server, monkeypatch)
+
+
+def test_computers_are_updated_at_once_and_one_that_falls_back_is_told(fleet: Fleet) -> None:
+    (fleet.folder / "d2").mkdir()
+    (fleet.folder / "d2/bad").write_text(NEW.version)
+    done = fleet.push("d1", "d2", bundle=fleet.bundle())
+    assert [one.kind for one in done if isinstance(one, Outcome)] == ["good", "fell back"]
+    assert isinstance(done[1], Outcome)
+    assert "failed after 3 attempts (the agent does not report: failed): slot A runs again" in done[1].text
+    assert [fleet.computer(name).files.slots.booted for name in ("d1", "d2")] == ["B", "A"]
+    assert any(line.startswith("d1: copying 1000") for line in fleet.told)
+    assert "d2: writing 0.2.0 (bbbbbbbbbbbb) to slot B 0/0" in fleet.told
+    assert list((fleet.folder / "d1/incoming").iterdir()) == []  # the bundle is not left there
+
+    back = fleet.push("d1", bundle=None)
+    assert isinstance(back[0], Outcome)
+    assert back[0].text == "updated from 0.2.0 (bbbbbbbbbbbb) to 0.1.0 (aaaaaaaaaaaa), slot A"
+
+
+def test_an_interrupted_push_goes_on_where_it_was(fleet: Fleet) -> None:
+    file, manifest = fleet.bundle()
+    (fleet.folder / "d1/incoming").mkdir(parents=True)
+    (fleet.folder / f"d1/incoming/{manifest.sha256[:16]}.raucb.part").write_bytes(file.read_bytes()[:400_000])
+    (fleet.folder / "d1/incoming/of-another-bundle.raucb.part").write_bytes(b"x")
+    done = fleet.push("d1", bundle=(file, manifest))
+    assert isinstance(done[0], Outcome)
+    assert next(line for line in fleet.told if "copying" in line) == f"d1: copying 400000/{manifest.size}"
+
+
+def test_a_push_goes_on_with_an_update_that_an_earlier_one_has_begun(fleet: Fleet) -> None:
+    computer, bundle = fleet.computer("d1"), fleet.bundle()
+    trial = Trial(slot="B", release=NEW, before=OLD, needs=Needs(), begun_ns=1)
+    computer.files.records.begin(trial)  # left by an updater that was killed: nothing goes on by itself
+    assert isinstance(fleet.push("d1", bundle=bundle)[0], Outcome)
+    assert any("copying" in line for line in fleet.told)
+
+    fleet.told.clear()
+    computer.files.records.begin(msgspec.structs.replace(trial, begun_ns=2))  # in the slot that runs: it is being decided
+
+    async def decided_meanwhile() -> Outcome | RemoteError:
+        pushed = asyncio.create_task(push.push([fleet.host("d1")], fleet.order(bundle)))
+        while not fleet.told:
+            await asyncio.sleep(0.01)
+        computer.files.records.tell(Outcome(kind="good", slot="B", release=NEW, text="by itself", stamp_ns=1, begun_ns=2))
+        computer.files.records.end()
+        return (await pushed)[0]
+
+    outcome = asyncio.run(decided_meanwhile())
+    assert isinstance(outcome, Outcome)
+    assert outcome.text == "by itself"
+    assert not any("copying" in line for line in fleet.told)
+
+
+def test_nothing_is_sent_while_one_of_them_flies(fleet: Fleet) -> None:
+    fleet.computer("d2")
+    flying = msgspec.structs.replace(well(), stage=Stage.TRACK)
+    (fleet.folder / "d2/report.json").write_bytes(msgspec.json.encode(flying))
+    with pytest.raises(
+        UpdateError, match=r"^d2 \(track\): no update while a vehicle is armed or a flight is under way; nothing was"
+    ):
+        fleet.push("d1", "d2", bundle=fleet.bundle())
+    assert not (fleet.folder / "d1/incoming").exists()
+
+
+def test_each_refusal_is_one_line_and_changes_nothing(fleet: Fleet) -> None:
+    foreign = fleet.push("d1", bundle=fleet.bundle(foreign=True))
+    assert isinstance(foreign[0], RemoteError)
+    assert str(foreign[0]).startswith("d1 (127.0.0.1): ")
+    assert "foreign signature: it is not signed by a release certificate of this swarm's authority" in str(foreign[0])
+    older = fleet.push("d1", bundle=fleet.bundle(Release(version="0.0.9")))
+    assert str(older[0]) == (
+        "d1 (127.0.0.1): 0.0.9 is older than what runs there, 0.1.0 (aaaaaaaaaaaa); if you mean it, add --older"
+    )
+    back = fleet.push("d1", bundle=None)
+    assert "slot B holds no release that has worked here: nothing to go back to" in str(back[0])
+    assert fleet.computer("d1").files.slots.booted == "A"
+    assert fleet.computer("d1").files.records.outcome is None
+
+
+def test_a_computer_that_does_not_answer_does_not_keep_the_others_from_it(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
+    dead = free_port()
+    host = fleet.host
+    monkeypatch.setattr(fleet, "host", lambda name: replace(host(name), port=dead) if name == "d2" else host(name))
+    done = fleet.push("d2", "d1", bundle=fleet.bundle())
+    assert str(done[0]).startswith("d2 (127.0.0.1): answers, but has no SSH server at this port")
+    assert isinstance(done[1], Outcome)
+
+
+def test_a_computer_without_our_image_is_told_so(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hosts, "PROGRAM", "/opt/radron/bin/not-there")
+    done = fleet.push("d1", bundle=fleet.bundle())
+    assert str(done[0]) == "d1 (127.0.0.1): has no radron-update: flash its disk with `radron-deploy image flash`"

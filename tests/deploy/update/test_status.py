@@ -1,0 +1,112 @@
+"""The table of a fleet's computers: what differs stands out."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+from fleets import make_fleet
+from onboard import NEW, OLD, well
+from rich.console import Console
+
+from deploy.fleet.loading import load_fleet
+from deploy.remote import Host
+from deploy.update.errors import UpdateError
+from deploy.update.hosts import find_hosts
+from deploy.update.status import Answer, Cell, rows, table
+from protocol.onboard import Computer, Needs, Outcome, Trial
+
+NOW_NS = 1_800_000_000_000_000_000
+DAY_NS = 86_400_000_000_000
+FINE = Computer(
+    name="radron-d1",
+    release=NEW,
+    slot="B",
+    slots={"A": OLD, "B": NEW},
+    attempts=0,
+    trial=None,
+    busy=False,
+    outcome=Outcome(kind="good", slot="B", release=NEW, text="updated", stamp_ns=NOW_NS),
+    report=msgspec.structs.replace(well(), px4="1.17.0", parameters={"COM_OF_LOSS_T": 0.5}),
+    agent="active",
+    disk_free_mb=20_000,
+    disk_mb=30_000,
+    clock_ns=NOW_NS,
+    clock_offset_s=0.0002,
+    certificate_ns=NOW_NS + 20 * DAY_NS,
+)
+
+
+def seen(*computers: Computer, fleet=None) -> list[dict[str, Cell]]:  # type: ignore[no-untyped-def]
+    answers = [
+        (Host(f"d{number}", f"10.7.1.{number}"), Answer(one, NOW_NS, NOW_NS)) for number, one in enumerate(computers, start=1)
+    ]
+    return rows(answers, fleet)
+
+
+def marked(row: dict[str, Cell]) -> set[str]:
+    return {column for column, cell in row.items() if cell.stands_out}
+
+
+def test_a_fleet_without_differences_has_nothing_that_stands_out() -> None:
+    found = seen(FINE, FINE)
+    assert [marked(row) for row in found] == [set(), set()]
+    assert [str(cell) for cell in found[0].values()] == [
+        "d1", "0.2.0 (bbbbbbbbbbbb)", "B", "good, 2027-01-15 08:00 UTC", "preflight", "d2, d3", "answers", "answers", "1.17.0",
+        "20.0 of 30.0 GB free", "+0.2 ms from its servers", "20 days left",
+    ]  # fmt: skip
+
+
+def test_the_one_that_differs_stands_out_also_without_colours() -> None:
+    fallen = Outcome(kind="fell back", slot="B", release=NEW, text="the update to 0.2.0 failed", stamp_ns=NOW_NS)
+    odd = msgspec.structs.replace(FINE, release=OLD, slot="A", outcome=fallen)
+    found = seen(FINE, odd, FINE)
+    assert [marked(row) for row in found] == [set(), {"release", "last update"}, set()]
+    drawn = Console(width=300, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    drawn.print(table(found))
+    text = drawn.export_text()
+    assert "! 0.1.0 (aaaaaaaaaaaa)" in text
+    assert "! fell back, 2027-01-15 08:00 UTC: the update to 0.2.0 failed" in text
+
+
+@pytest.mark.parametrize(
+    ("change", "column", "text"),
+    [
+        ({"report": None, "agent": "activating, waiting: no autopilot"}, "agent", "activating, waiting: no autopilot"),
+        ({"clock_ns": NOW_NS - 3_000_000_000}, "clock", "-3.0 s from this computer's"),
+        ({"certificate_ns": NOW_NS + 2 * DAY_NS}, "certificate", "2 days left"),
+        ({"certificate_ns": NOW_NS - 1}, "certificate", "expired"),
+        ({"disk_free_mb": 300}, "disk", "0.3 of 30.0 GB free"),
+        (
+            {"attempts": 2, "trial": Trial(slot="B", release=NEW, before=OLD, needs=Needs(), begun_ns=1)},
+            "slot",
+            "B, on trial, attempt 2 of 3",
+        ),
+        (
+            {"trial": Trial(slot="A", release=NEW, before=OLD, needs=Needs(), begun_ns=1)},
+            "last update",
+            "0.2.0 (bbbbbbbbbbbb) is being installed",
+        ),
+    ],
+)
+def test_what_needs_a_look_stands_out(change: dict[str, object], column: str, text: str) -> None:
+    cell = seen(msgspec.structs.replace(FINE, **change))[0][column]
+    assert cell == Cell(text, stands_out=True)
+
+
+def test_versions_and_parameters_are_judged_by_the_fleet_file(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    file = make_fleet(tmp_path)
+    wanted = '[px4]\nversion = "1.17.1"\nparameters = { COM_OF_LOSS_T = 1.0 }\n\n[network]'
+    file.write_text(file.read_text().replace("[network]", wanted, 1))
+    row = seen(FINE, fleet=load_fleet(file))[0]
+    assert row["release"] == Cell("0.2.0 (bbbbbbbbbbbb), the fleet file wants 0.1.0", stands_out=True)
+    assert row["PX4"] == Cell("1.17.0; not 1.17.1; COM_OF_LOSS_T is 0.5, not 1", stands_out=True)
+
+
+def test_hosts_are_addresses_or_the_fleets_drones(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    file = make_fleet(tmp_path)
+    assert [(host.name, host.address) for host in find_hosts([], file, ())[0]] == [("d1", "10.7.1.11"), ("d2", "10.7.1.12")]
+    assert [host.address for host in find_hosts(["d2"], file, ("A=b",))[0]] == ["10.7.1.12"]
+    with pytest.raises(UpdateError, match="which computers"):
+        find_hosts([], None, ())
+    with pytest.raises(UpdateError, match=r"^10\.7\.1\.11: is named twice"):
+        find_hosts(["10.7.1.11", "root@10.7.1.11"], None, ())

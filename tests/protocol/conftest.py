@@ -1,0 +1,27 @@
+"""Certificates of one swarm, made once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from encrypted import DRONES
+from identities import identity, new_issuer
+
+from protocol.identity import Role
+from protocol.issuing import Issuer
+
+
+@pytest.fixture(scope="session")
+def issuer() -> Issuer:
+    return new_issuer()
+
+
+@pytest.fixture(scope="session")
+def folder(issuer: Issuer, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("identities")
+    for name in DRONES:
+        identity(issuer, folder, name)
+    for role in (Role.OPERATOR, Role.OBSERVER):
+        identity(issuer, folder, str(role), role)
+    return folder

@@ -1,0 +1,64 @@
+"""Requests for missing entries: one peer after another, at once while entries arrive, rarely when none do."""
+
+import asyncio
+from collections.abc import Collection
+
+import pytest
+
+from protocol.mesh import recovery
+from protocol.mesh.recovery import recover
+
+
+class Swarm:
+    """Peers that have so many answers left, by id; keeps who was asked and when."""
+
+    def __init__(self, left: dict[str, int]) -> None:
+        self.left = left
+        self.asked: list[tuple[float, str]] = []
+
+    async def ask(self, peer: str, summary: bytes) -> int:
+        assert summary == b"what we hold"
+        self.asked.append((asyncio.get_running_loop().time(), peer))
+        self.left[peer] -= 1
+        return 500 if self.left[peer] >= 0 else 0
+
+
+async def ask_for_a_while(swarm: Swarm, seconds: float, alive: Collection[str] | None = None) -> None:
+    peers = swarm.left if alive is None else alive
+    asking = recover(lambda: peers, lambda: b"what we hold", swarm.ask, 0.0)
+    with pytest.raises(TimeoutError):
+        await asyncio.wait_for(asking, seconds)
+
+
+@pytest.fixture(autouse=True)
+def _quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recovery, "PERIOD_S", 0.2)
+    monkeypatch.setattr(recovery, "HURRY_S", 0.02)
+
+
+def test_peers_are_asked_in_turn() -> None:
+    swarm = Swarm({"d1": 0, "d3": 0, "d4": 0})
+    asyncio.run(ask_for_a_while(swarm, 1.0))
+    asked = [peer for _, peer in swarm.asked]
+    assert len(asked) >= 4
+    assert all(set(asked[at : at + 3]) == {"d1", "d3", "d4"} for at in range(len(asked) - 2))
+
+
+def test_a_whole_log_is_fetched_without_waiting_between_its_pieces() -> None:
+    swarm = Swarm({"d2": 5})
+    asyncio.run(ask_for_a_while(swarm, 0.35))
+    times = [at_s for at_s, _ in swarm.asked]
+    assert len(times) >= 6
+    assert times[5] - times[0] < 0.2
+
+
+def test_peers_that_come_later_are_asked() -> None:
+    swarm = Swarm({"d2": 0})
+    alive: set[str] = set()
+
+    async def late() -> None:
+        asyncio.get_running_loop().call_later(0.1, alive.add, "d2")
+        await ask_for_a_while(swarm, 0.4, alive)
+
+    asyncio.run(late())
+    assert swarm.asked

@@ -1,0 +1,86 @@
+"""A live flight's judge: what agents tell of themselves, what becomes of a disarmed vehicle, and what their logs say."""
+
+import json
+from math import cos, pi, sin
+from pathlib import Path
+
+import moments
+import numpy as np
+
+from protocol.messages import Pose
+from sim.faults.machines import Disarm
+from sim.live.faults.judge import Disarmed, OwnPose, exceptions, heading_rad
+from sim.live.worldlink import Truth
+from sim.scoring.moment import Scene
+
+SECOND = 1_000_000_000
+
+
+def turned(yaw_rad: float) -> tuple[float, float, float, float]:
+    return cos(0.5 * yaw_rad), 0.0, 0.0, sin(0.5 * yaw_rad)
+
+
+def truth(time_s: float, x: float = 10.0, z: float = 3.0) -> Truth:
+    place = (x, 10.0, z)
+    return Truth(time_s, (place,) * 3, ((0.0, 0.0, 0.0),) * 3, None, (), 0.0, 0, int(time_s * SECOND), (turned(0.0),) * 3)
+
+
+def wrong(
+    x: float, sigma_m: float = 0.1, yaw_rad: float = 0.0, z: float = 3.0, seconds: float = 4.0, epoch: int = 0
+) -> list[str]:
+    """What is wrong with the poses that d1, launched at (8, 2), tells at (10, 10)."""
+    judged, set_ = OwnPose(), moments.setting()
+    for time_s in (0.0, 0.9):
+        judged.check(_pose(time_s, 10.0, 0.1, 0.0, 0), [truth(time_s)], 0, set_)  # in the frame in which it began
+    told = [
+        judged.check(_pose(1.0 + 0.1 * k, x, sigma_m, yaw_rad, epoch), [truth(1.0 + 0.1 * k, z=z)], 0, set_)
+        for k in range(round(10.0 * seconds))
+    ]
+    return [text for text in told if text is not None]
+
+
+def _pose(time_s: float, x: float, sigma_m: float, yaw_rad: float, epoch: int) -> Pose:
+    return Pose(
+        stamp_ns=int(time_s * SECOND), drone="d1", epoch=epoch, position_m=(x - 8.0, 8.0, 3.0), velocity_mps=(0.0, 0.0, 0.0),
+        quaternion=turned(yaw_rad), position_sigma_m=sigma_m, yaw_sigma_rad=0.02,
+    )  # fmt: skip
+
+
+def test_a_pose_that_cannot_be_is_told_once_it_lasts() -> None:
+    assert wrong(10.5) == []
+    (text,) = wrong(13.0)
+    assert "3.0 m from where it is, sigma 0.10 m" in text
+    assert wrong(13.0, sigma_m=0.6) == []  # it says so
+    assert wrong(13.0, seconds=1.5) == []
+    assert wrong(13.0, z=0.1) == []  # on the ground
+    assert wrong(13.0, epoch=1) == []  # another frame, which the judge does not know
+    assert len(wrong(10.0, yaw_rad=0.5)) == 1
+    assert wrong(10.0, yaw_rad=0.2) == []
+
+
+def test_the_heading_of_an_attitude() -> None:
+    assert heading_rad(turned(1.0)) == 1.0
+    upright = (cos(pi / 4), 0.0, -sin(pi / 4), 0.0)  # its forward axis points up, its left one still to the left
+    assert abs(heading_rad(upright)) < 1e-9
+
+
+def test_a_vehicle_that_was_disarmed_on_the_ground_and_is_armed_again() -> None:
+    def scene(armed: bool, height_m: float = 0.0) -> Scene:
+        autopilots = [moments.autopilot(armed=armed) for _ in range(3)]
+        return Scene(0.0, np.array([(0.0, 0.0, height_m)] * 3), None, [None] * 3, autopilots)
+
+    def broken(*seen: Scene) -> list[str]:
+        judged = Disarmed(Disarm(target="d2", at_s=0.0))
+        return [name for one in seen for name in judged.broken(1.0, one, ("d1", "d2", "d3"))]
+
+    assert broken(scene(False), scene(True), scene(False), scene(False), scene(True), scene(True)) == ["d2"]
+    assert broken(scene(False), scene(True), scene(False), scene(False)) == []
+    assert broken(scene(False), scene(True), scene(True, 3.0), scene(False, 3.0)) == []
+
+
+def test_the_exceptions_in_a_log(tmp_path: Path) -> None:
+    log = tmp_path / "agent.log"
+    assert exceptions(log) == []
+    text = 'Traceback (most recent call last):\n  File "a.py", line 1, in f\nIndexError: deque index out of range'
+    log.write_text(json.dumps({"event": "internal error", "exception": text}) + "\n{}\n" + text + "\nafter\n")
+    assert exceptions(log) == ["IndexError: deque index out of range"]

@@ -1,0 +1,57 @@
+"""A drone whose key is stolen is revoked in a flight of lockstep: an operator tells one drone, and the swarm goes on."""
+
+from math import dist
+
+import pytest
+
+from protocol.codec import encode
+from protocol.messages import Stage
+from protocol.revocations import Revocation
+from protocol.signing import sign_revocation
+from sim.lockstep import EPOCH_NS, watched
+from sim.members import SimulatedAuthority, operator_of
+from sim.scenario import load_scenario, override
+from sim.scoring.moment import Moment
+
+SEED = 3
+TOLD_S, KNOWN_S, SETTLED_S, END_S = 30.0, 32.0, 35.0, 50.0
+CLOSEST_M = 2.5
+
+
+@pytest.mark.slow
+def test_the_swarm_forgets_what_a_revoked_drone_says_and_keeps_away_from_it():
+    scenario = override(load_scenario("demo"), {"drones": 3, "mission.track.duration_s": 90.0})
+    mission, operator = scenario.mission, operator_of(SimulatedAuthority(SEED))
+    last = {}
+    least_m, digests, stages, errors_m = [], [], [], []
+
+    def watch(moment: Moment) -> bool:
+        now_ns = EPOCH_NS + round(moment.time_s * 1e9)
+        first, second, _ = moment.pilots
+        if not last and moment.time_s >= TOLD_S:
+            for (drone, boot), held in first.fusion.log.summary().items():
+                if drone == "d3":
+                    last[boot] = held.ranges[-1][1] - 100  # the newest hundred entries are the thief's
+            bare = Revocation(
+                stamp_ns=now_ns, station=operator.name, member="d3", until_ns=2 * now_ns, last=last, certificate=b""
+            )
+            told = sign_revocation(bare, operator)
+            assert (
+                first.receive(f"radron/2/{mission.swarm}/station/{operator.name}/revocation", encode(told), now_ns).refused == ""
+            )
+        if moment.time_s >= KNOWN_S:
+            assert {one.member for one in second.revocations} == {"d3"}
+        if moment.time_s >= SETTLED_S:
+            digests.append(first.digest == second.digest)
+            held = [record.entry.sequence for record in first.fusion.log if record.entry.drone == "d3"]
+            assert max(held) == next(iter(last.values()))
+            least_m.append(min(dist(moment.position_m[2], moment.position_m[one]) for one in (0, 1)))
+            stages.append((first.stage, second.stage))
+            errors_m.append(dist(first.hypothesis.position[:2], moment.source))
+        return moment.time_s >= END_S
+
+    watched(scenario, SEED, watch)
+    assert sum(digests) > 0.3 * len(digests)  # the others differ by entries that are on their way
+    assert min(least_m) > CLOSEST_M
+    assert set(stages) == {(Stage.TRACK, Stage.TRACK)}
+    assert max(errors_m) < 2.0

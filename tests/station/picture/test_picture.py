@@ -1,0 +1,139 @@
+import pytest
+from msgspec.structs import replace
+
+from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
+from protocol.codec import encode
+from protocol.entries import Counts, Exposure, PoseSample
+from protocol.keys import key_of
+from protocol.messages import Plan, Pose, Stage, Status
+from protocol.spectrum import SpectrumBin
+from station.picture.picture import Picture
+
+MISSION = MissionConfig(
+    name="m",
+    area=AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0))),
+    drones=(DroneInMission(id="d1", origin_m=(10.0, 20.0, 1.0), yaw_deg=90.0), DroneInMission(id="d2")),
+    datum=DatumConfig(latitude_deg=50.0, longitude_deg=14.0),
+)
+NOW_NS = 1_800_000_000_000_000_000
+POSE = Pose(
+    stamp_ns=NOW_NS,
+    drone="d1",
+    epoch=0,
+    position_m=(3.0, 0.0, 2.0),
+    velocity_mps=(0.0, 2.0, 1.0),
+    quaternion=(1.0, 0.0, 0.0, 0.0),
+    position_sigma_m=0.3,
+    yaw_sigma_rad=0.01,
+)
+STATUS = Status(stamp_ns=NOW_NS, drone="d1", mission=MISSION.mission_id, boot="0" * 16, stage=Stage.SURVEY, problems=("cold",))
+
+
+@pytest.fixture
+def picture():
+    return Picture(MISSION, None)
+
+
+def give(picture, *messages, now_ns=NOW_NS):
+    for message in messages:
+        picture.receive(key_of(MISSION.swarm, message), encode(message), now_ns)
+
+
+def drone(picture, now_ns=NOW_NS, alive=("d1", "d2")):
+    picture.appear(alive)
+    return picture.frame(now_ns).drones[0]
+
+
+def test_a_pose_and_its_plan_are_shown_in_the_mission_frame(picture):
+    plan = Plan(stamp_ns=NOW_NS, drone="d1", epoch=0, step_ns=10**8, positions_m=((3.0, 0.0, 2.0), (4.0, 0.0, 2.0)))
+    give(picture, POSE, plan, STATUS)
+    shown = drone(picture)
+    assert shown.place == pytest.approx((10.0, 23.0, 3.0))  # its frame is turned by 90 degrees
+    assert shown.yaw == pytest.approx(1.571)
+    assert shown.speed_mps == 2.0
+    assert shown.plan[-1] == pytest.approx((10.0, 24.0))
+    assert (shown.stage, shown.problems, shown.stale) == ("survey", ("cold",), False)
+
+
+def test_a_long_plan_is_thinned_and_follows_its_frame(picture):
+    places = tuple((float(step), 0.0, 2.0) for step in range(40))
+    give(picture, POSE, Plan(stamp_ns=NOW_NS, drone="d1", epoch=0, step_ns=10**8, positions_m=places))
+    shown = drone(picture).plan
+    assert len(shown) == 12
+    assert (shown[0], shown[-1]) == (pytest.approx((10.0, 20.0)), pytest.approx((10.0, 59.0)))
+    give(picture, replace(POSE, stamp_ns=NOW_NS + 1, epoch=1))
+    assert drone(picture).plan == ()  # the plan is of an earlier frame
+
+
+def test_an_older_pose_does_not_replace_a_newer_one(picture):
+    give(picture, POSE, replace(POSE, stamp_ns=NOW_NS - 1, position_m=(9.0, 9.0, 9.0)))
+    assert drone(picture).place == pytest.approx((10.0, 23.0, 3.0))
+
+
+def test_a_drone_that_is_not_heard_or_whose_process_has_ended_is_stale(picture):
+    assert drone(picture).age_s is None
+    give(picture, POSE)
+    assert not drone(picture, NOW_NS + 1_400_000_000).stale
+    assert drone(picture, NOW_NS + 1_600_000_000).stale
+    assert drone(picture, NOW_NS, alive=("d2",)).stale
+
+
+def test_what_is_no_message_or_of_no_drone_of_the_mission_is_counted_and_dropped(picture):
+    picture.receive(key_of(MISSION.swarm, POSE), b"\xc1", NOW_NS)
+    picture.receive("nonsense", b"", NOW_NS)
+    give(picture, replace(POSE, drone="d9"))
+    assert picture.counters == {"rejected_malformed": 2, "unknown_drone": 1}
+    assert drone(picture).place is None
+
+
+def test_the_count_rates_are_those_of_the_last_seconds(picture):
+    def exposure(number, hits):
+        at_ns = NOW_NS + number * 500_000_000
+        poses = (PoseSample(0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)),)
+        return Exposure(
+            stamp_ns=at_ns,
+            drone="d1",
+            mission=MISSION.mission_id,
+            boot="0" * 16,
+            sequence=number,
+            epoch=0,
+            end_ns=at_ns + 500_000_000,
+            live_time_s=0.5,
+            counts=Counts(hits, 2, 1),
+            poses=poses,
+            position_sigma_m=0.1,
+            yaw_sigma_rad=0.01,
+        )
+
+    give(picture, *(exposure(number, 500 if number < 4 else 20) for number in range(12)))
+    assert drone(picture, NOW_NS + 6 * 10**9).rates_ps == (40.0, 4.0, 2.0)
+    assert drone(picture, NOW_NS + 60 * 10**9).rates_ps is None  # a camera that is silent shows no rates
+    assert len(picture.log.fusion.log) == 12
+
+
+def test_the_mission_is_told_with_its_fence_around_the_area(picture):
+    about = picture.about(replay=False)
+    assert about.datum_deg == (50.0, 14.0)
+    assert min(x for x, _ in about.fence) == pytest.approx(-30.0, abs=0.1)
+    assert about.area[0] == (0.0, 0.0)
+    assert not about.encrypted
+
+
+def test_the_spectrum_is_that_of_the_last_half_minute(picture):
+    def exposure(number, *bins):
+        at_ns = NOW_NS + number * 1_000_000_000
+        return Exposure(
+            stamp_ns=at_ns, drone="d1", mission=MISSION.mission_id, boot="0" * 16, sequence=number, epoch=0,
+            end_ns=at_ns + 1_000_000_000, live_time_s=0.9, counts=Counts(10, 2, 1),
+            poses=(PoseSample(0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)),), position_sigma_m=0.1, yaw_sigma_rad=0.01,
+            spectrum=tuple(SpectrumBin(*each) for each in bins),
+        )  # fmt: skip
+
+    assert picture.spectra(NOW_NS).drones == ()
+    give(picture, exposure(0, (3, 100, 0)), exposure(40, (3, 5, 1), (20, 7, 0)), exposure(41, (3, 2, 0)))
+    (shown,) = picture.spectra(NOW_NS + 42 * 10**9).drones
+    assert (shown.id, shown.live_s) == ("d1", 1.8)
+    assert {place: count for place, count in enumerate(shown.singles) if count} == {3: 7, 20: 7}
+    assert {place: count for place, count in enumerate(shown.coincidences) if count} == {3: 1}
+    assert picture.spectra(NOW_NS + 90 * 10**9).drones == ()  # a camera that is silent shows none
+    assert len(picture.about(replay=False).energies_kev) == len(shown.singles) + 1

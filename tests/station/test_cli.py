@@ -1,0 +1,89 @@
+"""What the commands for Foxglove and TAK refuse, in one line and before anything is begun."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from websockets.sync.client import connect
+
+import station.cli
+
+MISSION = """
+name = "m"
+[area]
+polygon_m = [[0.0, 0.0], [60.0, 0.0], [60.0, 40.0]]
+[[drones]]
+id = "d1"
+"""
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run a command that is refused: what it says."""
+    (tmp_path / "mission.toml").write_text(MISSION)
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words):
+        monkeypatch.setattr("sys.argv", ["radron-station", *words])
+        with pytest.raises(SystemExit) as end:
+            station.cli.main()
+        said = capsys.readouterr().err
+        assert (end.value.code, said.count("\n")) == (2, 1)
+        return said
+
+    return run
+
+
+SERVE = ("serve", "mission.toml", "--connect", "tcp/127.0.0.1:9", "--insecure", "--port", "0")
+
+
+def test_tak_needs_a_place_on_earth(run):
+    assert "--tak: the mission has no [datum]" in run(*SERVE, "--tak", "udp://239.2.3.1:6969")
+
+
+@pytest.mark.parametrize(("option", "value", "library"), [("foxglove", "out.json", "foxglove"), ("tak", "udp://a:1", "pytak")])
+def test_a_library_that_is_not_installed_is_named(run, monkeypatch, option, value, library, tmp_path):
+    known = importlib.util.find_spec
+    monkeypatch.setattr(station.cli, "find_spec", lambda name: None if name == library else known(name))
+    assert f"install radron with its extra: radron[station,{option}]" in run(*SERVE, f"--{option}", value)
+    assert not (tmp_path / "out.json").exists()
+
+
+def test_nothing_is_written_of_what_is_no_flight(run, tmp_path):
+    (tmp_path / "broken.mcap").write_bytes(b"nothing")
+    assert "broken.mcap" in run("export", "broken.mcap", "--foxglove", "out.mcap")
+    assert not list(tmp_path.glob("out*"))
+
+
+def test_a_page_that_is_not_served_writes_no_layout(run, tmp_path):
+    said = run(*SERVE, "--foxglove", "layout.json", "--host", "192.0.2.1")
+    assert "give --tls-certificate and --tls-key" in said
+    assert not (tmp_path / "layout.json").exists()
+
+
+@pytest.mark.slow
+def test_foxglove_connects_to_the_address_that_is_printed(tmp_path):
+    (tmp_path / "mission.toml").write_text(MISSION)
+    command = [sys.executable, "-m", "station", *SERVE, "--foxglove", "layout.json"]
+    environment = os.environ | {"PYTHONPATH": str(Path(station.cli.__file__).parents[1])}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            lines = [process.stdout.readline() for _ in range(2)]
+            address = lines[1].removeprefix("radron-station: for Foxglove: ").strip()
+            with connect(address, subprotocols=["foxglove.sdk.v1"]) as socket:
+                assert json.loads(socket.recv(timeout=10.0)) == {
+                    "op": "serverInfo",
+                    "name": "m",
+                    "capabilities": [],
+                    "metadata": {},
+                }
+                topics = [channel["topic"] for channel in json.loads(socket.recv(timeout=10.0))["channels"]]
+        finally:
+            process.terminate()
+    layout = json.loads((tmp_path / "layout.json").read_text())
+    assert set(layout["configById"]["3D!scene"]["topics"]) <= set(topics)
+    assert "map!earth" not in layout["configById"]  # this mission's frame has no place on Earth

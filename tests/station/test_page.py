@@ -1,0 +1,168 @@
+"""The page in a real browser, with a recorded flight."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from browser import browsing, needs_browser, until
+from msgspec.structs import replace
+from recorded_flights import fly_recorded
+from served_page import served
+
+from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from protocol.codec import encode
+from protocol.keys import key_of
+from protocol.messages import Stage, Status
+from station.hub import Hub
+from station.picture.picture import Picture
+from station.replay import Records, play
+
+pytestmark = [needs_browser, pytest.mark.slow]
+PICTURES = Path("results/page")
+# The contrast of each text with the background that is nearest above it (WCAG 2.2, 1.4.3), where that is below 4.5.
+TOO_FAINT = """() => {
+  const luminance = (text) => {
+    const [r, g, b] = text.match(/[\\d.]+/g).map(Number).slice(0, 3).map((v) => v / 255)
+      .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const opaque = (element) => {
+    for (let each = element; each; each = each.parentElement) {
+      const fill = getComputedStyle(each).backgroundColor;
+      if (!/, 0\\)$/.test(fill)) return fill;
+    }
+    return "rgb(255, 255, 255)";
+  };
+  const shown = [...document.querySelectorAll("body *")].filter((each) =>
+    [...each.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim()) && each.checkVisibility());
+  const contrast = (each) => {
+    const [one, other] = [luminance(getComputedStyle(each).color), luminance(opaque(each))];
+    return (Math.max(one, other) + 0.05) / (Math.min(one, other) + 0.05);
+  };
+  return shown.filter((each) => contrast(each) < 4.5).map((each) => `${each.tagName} ${each.textContent} ${contrast(each)}`);
+}"""
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A hub with a flight of three drones that find the source and follow it for 8 s."""
+    records = Records(fly_recorded(tmp_path_factory.mktemp("flights"), mission__track__duration_s=8.0)[:1])
+    hub = Hub(Picture(records.mission, records.verifier), replay=True)
+    asyncio.run(play(hub, records))
+    return hub
+
+
+def test_a_recorded_flight_is_shown_with_its_source_and_any_time_of_it(recorded):
+    with served(recorded) as station, browsing(station.address) as page:
+        until(page, "() => radron.at > 0 && radron.at === Number(document.getElementById('time').max)")
+        until(page, "() => document.querySelector('#source .what')?.textContent.startsWith('Cs-137')")
+        assert page.locator("#drones li").count() == 3
+        assert page.locator(".leaflet-rasters-pane canvas").count() == 2  # where the source may be, and the dose rate
+        assert "source found" in page.locator("#events").inner_text()
+        assert page.locator("#drones canvas.spectrum").count() == 3
+        assert page.evaluate(TOO_FAINT) == []
+        assert page.locator("#commands").is_hidden()  # a record obeys nobody
+        PICTURES.mkdir(parents=True, exist_ok=True)
+        page.screenshot(path=PICTURES / "record.png")
+        page.locator("#time").focus()
+        page.keyboard.press("Home")
+        until(page, "() => radron.frame.at_ms === Number(document.getElementById('time').min)")
+        assert "No source found yet" in page.locator("#source").inner_text()
+        page.locator("#play").click()
+        until(page, "() => radron.frame.source !== null")
+        until(page, "() => !radron.playing")
+        assert page.locator("#at").inner_text() == page.evaluate(
+            "() => `${Math.round((radron.rows.at(-1)[0] - radron.rows[0][0]) / 1000)} s`"
+        )
+
+
+def test_the_cordon_follows_its_level(recorded):
+    with served(recorded) as station, browsing(station.address) as page:
+        until(page, "() => radron.share === 1 && radron.map.cordon.getLayers().length > 0")
+        radius = """() => {
+          const [x, y] = radron.frame.source.place;
+          const points = radron.map.cordon.getLayers()[0].getLatLngs().flat();
+          return points.map((point) => Math.hypot(point.lng - x, point.lat - y)).reduce((a, b) => a + b) / points.length;
+        }"""
+        activity = page.evaluate("() => radron.frame.source.activity_bq")
+        for level in ("10", "40"):
+            page.locator("#cordon").fill(level)
+            page.locator("#cordon").press("Enter")
+            expected = (0.0909e-6 * activity / float(level) - 1.0) ** 0.5
+            assert page.evaluate(radius) == pytest.approx(expected, rel=0.1)
+
+
+# Colours on the canvas of what moves, at the places of the first drone and of the source, and how many of its pixels are drawn.
+COLOURS = """() => {
+  const { canvas, map } = radron.map.sketch;
+  const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  const at = ([x, y]) => {
+    const point = map.latLngToContainerPoint([y, x]);
+    return [...pixels.slice(4 * (point.y * canvas.width + point.x)).slice(0, 4)];
+  };
+  const { source, drones } = radron.frame;
+  return [at(drones[0].place), at(source.place), pixels.filter((value, place) => place % 4 === 3 && value).length];
+}"""
+
+
+def test_drones_and_source_are_drawn_where_they_are_and_parts_can_be_hidden(recorded):
+    with served(recorded) as station, browsing(station.address) as page:
+        until(page, "() => radron.share === 1 && radron.frame?.source && radron.at === radron.frame.at_ms")
+        drone, source, much = page.evaluate(COLOURS)
+        assert drone == [0x00, 0x72, 0xB2, 255]
+        assert source == [0xF0, 0xE4, 0x42, 255]
+        for part in ("cones", "trails"):
+            before = much
+            page.locator(f"#layer-{part}").uncheck()
+            until(page, "() => !radron.map.sketch.asked")
+            much = page.evaluate(COLOURS)[2]
+            assert much < before
+            page.locator(f"#layer-{part}").check()
+            until(page, "() => !radron.map.sketch.asked")
+            assert page.evaluate(COLOURS)[2] == before
+            much = before
+        page.evaluate("() => radron.map.map.panBy([-100, 40], { animate: false })")
+        until(page, "() => !radron.map.sketch.asked")
+        assert page.evaluate(COLOURS)[:2] == [drone, source]
+
+
+def test_markup_in_names_and_texts_is_text():
+    evil = "<img src=x onerror=\"document.title='taken'\">"
+    mission = MissionConfig(
+        name=evil,
+        area=AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0))),
+        drones=(DroneInMission(id="d1"),),
+    )
+    status = Status(stamp_ns=10**9, drone="d1", mission=mission.mission_id, boot="0" * 16, stage=Stage.HOLD, problems=(evil,))
+    hub = Hub(Picture(mission, None), replay=False)
+    hub.picture.receive(key_of(mission.swarm, status), encode(replace(status, finding=evil)), 10**9)
+    with served(hub) as station, browsing(station.address) as page:
+        station.call(hub.show, 10**9)
+        until(page, "() => radron.frames > 0")
+        assert page.locator("#mission").inner_text().startswith("<img")
+        assert evil in page.locator("#drones").inner_text()
+        assert page.locator("#mission img, #drones img, #events img, #source img").count() == 0
+        assert page.title() == f"radron · {evil}"
+
+
+def test_a_station_that_is_gone_is_told_and_found_again(recorded):
+    with served(recorded) as station:
+        port = station.port
+        with browsing(station.address) as page:
+            until(page, "() => radron.frames > 0")
+            station.call(lambda: [setattr(each, "gone", True) for each in recorded._pages])
+            station.call(recorded.report, 1.0)  # wakes the page that is let go
+            until(page, "() => document.getElementById('link').textContent.includes('CONNECTION LOST')")
+            until(page, "() => document.getElementById('link').textContent === 'record'")
+        assert port == station.port
+
+
+def test_the_page_fits_a_tablet(recorded):
+    with served(recorded) as station, browsing(station.address, 820, 1180) as page:
+        until(page, "() => radron.frames > 0")
+        assert page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
+        shown = "[...document.querySelectorAll('button, select')].filter((each) => each.checkVisibility())"
+        sizes = page.evaluate(f"() => {shown}.map((each) => each.getBoundingClientRect().height)")
+        assert len(sizes) >= 3
+        assert min(sizes) >= 44
+        page.screenshot(path=PICTURES / "tablet.png")

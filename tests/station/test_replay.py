@@ -1,0 +1,108 @@
+"""A recorded flight shows what the drones knew."""
+
+import asyncio
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from recorded_flights import fly_recorded
+
+from agent.errors import FlightRecordError
+from agent.flight.reader import RecordedFlight
+from agent.flight.topics import HYPOTHESIS
+from station.hub import Hub
+from station.picture.frame import Frame
+from station.picture.history import CONES_MS
+from station.picture.picture import Picture
+from station.replay import Records, play
+
+FORMER_RECORD = Path(__file__).parents[1] / "agent" / "flight" / "records" / "protocol-1-log.mcap"
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory):
+    """Three drones find the source and follow it for 5 s."""
+    return fly_recorded(tmp_path_factory.mktemp("flights"), mission__track__duration_s=5.0)
+
+
+def played(paths):
+    records = Records(paths)
+    hub = Hub(Picture(records.mission, records.verifier), replay=True)
+    asyncio.run(play(hub, records))
+    return hub
+
+
+def hypotheses(flight):
+    """Those of a record with their times: what the drone knew."""
+    records = (record for record in RecordedFlight(flight).records() if record.topic == HYPOTHESIS)
+    return [(record.log_ns, msgspec.json.decode(record.data)) for record in records]
+
+
+def test_the_record_of_one_drone_gives_its_log_and_bit_for_bit_its_hypotheses(flights):
+    records = Records(flights[:1])
+    picture, messages, compared = Picture(records.mission, records.verifier), records.messages(), 0
+    heard = next(messages)
+    for at_ns, expected in hypotheses(flights[0]):
+        while heard.at_ns < at_ns:
+            picture.receive(heard.key, heard.payload, heard.at_ns)
+            heard = next(messages)
+        if picture.log.fusion.digest == expected["digest"]:  # else there are further messages of that very moment
+            picture.advance(at_ns)
+            while picture.log.pending:
+                picture.advance(at_ns)
+            assert picture.log.fusion.hypothesis.position.tolist() == expected["position_m"]
+            compared += 1
+    assert compared > 10
+    assert not picture.log.problems(at_ns)  # every signature holds
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_the_last_frame_shows_all_drones_and_the_source(flights, count):
+    hub = played(flights[:count])
+    assert hub.progress == 1.0
+    frame = msgspec.json.decode(hub.history.frame(hub.history.last_ms), type=Frame)
+    known = [expected["position_m"] for at_ns, expected in hypotheses(flights[0]) if at_ns <= frame.at_ms * 1_000_000]
+    assert np.hypot(*np.subtract(frame.source.place[:2], known[-1][:2])) < 0.05
+    assert [drone.id for drone in frame.drones if drone.place is not None] == ["d1", "d2", "d3"]
+
+
+def test_what_several_drones_recorded_is_read_once_and_nothing_is_lost(flights):
+    each = [[(heard.key, heard.payload) for heard in Records([flight]).messages()] for flight in flights]
+    together = [(heard.key, heard.payload) for heard in Records(flights).messages()]
+    assert len(together) == len(set(together)) < sum(map(len, each)) / 2
+    assert set(together) == set().union(*each)
+
+
+def test_the_history_holds_frames_layers_cones_and_events_of_the_whole_flight(flights):
+    history = played(flights[:1]).history
+    rows = history.overview.rows()
+    seconds = [(row[0] - rows[0][0]) / 1000 for row in rows]
+    assert np.diff(seconds) == pytest.approx(1.0)
+    assert seconds[-1] > 15.0
+    before_ms = history.last_ms - 4000
+    assert all(history.layers(before_ms, None).values())
+    assert len(history.cones(before_ms - CONES_MS, before_ms)) > 3
+    assert [event.values["stage"] for event in history.events if event.text == "stage" and event.values["drone"] == "d1"][:3] == [
+        "preflight",
+        "takeoff",
+        "survey",
+    ]
+    assert sum(event.text == "source found" for event in history.events) == 1
+
+
+def test_records_of_two_missions_are_not_mixed(flights, tmp_path):
+    other = fly_recorded(tmp_path, mission__track__duration_s=1.0)
+    with pytest.raises(FlightRecordError, match="of another mission than"):
+        Records([flights[0], other[1]])
+
+
+def test_a_record_of_the_former_protocol_is_shown():
+    """Its entries are unsigned, and their bytes those of the record: so is the digest."""
+    hub = played([FORMER_RECORD])
+    frame = msgspec.json.decode(hub.history.frame(hub.history.last_ms), type=Frame)
+    known = [expected for at_ns, expected in hypotheses(FORMER_RECORD) if at_ns <= frame.at_ms * 1_000_000]
+    assert frame.digest in {expected["digest"] for expected in known}
+    assert np.hypot(*np.subtract(frame.source.place[:2], known[-1]["position_m"][:2])) < 0.05
+    assert [drone.id for drone in frame.drones if drone.place is not None] == ["d1", "d2", "d3"]
+    assert {drone.stage for drone in frame.drones} == {"return", "landing"}

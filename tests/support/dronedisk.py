@@ -1,0 +1,92 @@
+"""The disk of one drone of a fleet, in QEMU's own network: the host is 10.0.2.2 there, the guest 10.0.2.15."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from fleets import FLEET, KEY, make_fleet
+from machine import Machine
+from meshes import free_port
+
+from deploy.image.layout import LEAST_DISK_BYTES
+from deploy.remote import Host
+
+ROOT = Path(__file__).parents[2]
+PASSPHRASE = "four quite ordinary words"
+BOOT_S = 600.0  # without hardware support, on a busy computer; 40 to 60 s on an idle one
+
+
+class Drone:
+    """Files of a fleet of two, and the disk of d1. Its agent waits for an autopilot that never comes."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.disk = folder, folder / "disk.img"
+        self.mesh_port, self.ssh_port = free_port(), free_port()
+        with self.disk.open("wb") as disk:
+            disk.truncate(LEAST_DISK_BYTES)
+        subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / "id")], check=True)
+        text = FLEET.replace(KEY, (folder / "id.pub").read_text().strip())
+        for old, new in (
+            ("10.7.1.0/24", "10.0.2.0/24"),
+            ("10.7.1.11", "10.0.2.15"),
+            ("10.7.1.12", "10.0.2.16"),
+            ('gateway = "10.7.1.1"\nntp = ["10.7.1.2"]\n', ""),
+            ('"enp*"', '"en*"'),
+            ('"serial:///dev/ttyACM0:57600"', '"udpin://10.0.2.15:14540"\nsource = "10.0.2.2"'),
+            ('"pypixet"\npixet_folder = "/var/lib/radron/pixet"', '"feed"\naddress = "10.0.2.2:5600"'),
+            ('calibration = "cameras/1"\n', ""),  # the agent would find that it is none
+            ('version = "0.1.0"\n', ""),
+        ):
+            assert old in text, old
+            text = text.replace(old, new)
+        self.fleet = make_fleet(folder, text)
+        self.pki = folder / "pki"
+        self.deploy("pki", "init", "--pki", str(self.pki))
+        self.deploy("pki", "issue", "anna", "--role", "operator", "--pki", str(self.pki), "--out", str(folder / "anna"))
+        self.deploy("pki", "issue", "builder", "--role", "release", "--pki", str(self.pki), "--out", str(folder / "builder"))
+
+    @property
+    def host(self) -> Host:
+        """Where it is logged in at."""
+        return Host("d1", "127.0.0.1", "root", self.ssh_port, (f"IdentityFile={self.folder / 'id'}", *self._unknown))
+
+    @property
+    def _unknown(self) -> tuple[str, ...]:
+        return ("StrictHostKeyChecking=no", "UserKnownHostsFile=/dev/null")
+
+    def command(self, *arguments: str) -> list[str]:
+        """``radron-deploy`` with these arguments."""
+        return [sys.executable, "-m", "deploy.cli", *arguments]
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """For it."""
+        return {**os.environ, "RADRON_PKI_PASSPHRASE": PASSPHRASE, "PYTHONPATH": str(ROOT)}
+
+    def deploy(self, *arguments: str) -> None:
+        """Run it, as a user does."""
+        subprocess.run(self.command(*arguments), check=True, env=self.environment, cwd=ROOT)
+
+    def at_host(self, *arguments: str) -> list[str]:
+        """``radron-deploy`` for this drone, over SSH."""
+        options = [part for option in self.host.options for part in ("--ssh", option)]
+        return self.command(arguments[0], f"root@127.0.0.1:{self.ssh_port}", *arguments[1:], *options)
+
+    def flash(self, image: Path) -> None:
+        """Make the disk that of d1."""
+        fleet, erase = str(self.fleet), ("--erase", "disk.img")
+        self.deploy(
+            "image", "flash", str(image), str(self.disk), "--drone", "d1", "--fleet", fleet, "--pki", str(self.pki), *erase
+        )
+
+    def boot(self) -> Machine:
+        """Switch the computer on."""
+        return Machine(self.folder, self.disk, {self.mesh_port: "tcp:7447", self.ssh_port: "tcp:22"})
+
+    def ssh(self, command: str) -> str:
+        """What a command on board says."""
+        ran = subprocess.run(self.host.command(command), capture_output=True, text=True, check=False)
+        return ran.stdout + ran.stderr
