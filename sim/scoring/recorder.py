@@ -69,6 +69,7 @@ class Recorder:
         self._search_began_s: float | None = None
         self._excluded_bq: float | None = None  # at the end of a search of the first drone that found nothing
         self._tracking_s = 0.0
+        self._sampled_s: float | None = None
         self._last_cone_s = 0.0
         self._cones: list[ConeTrace] = []
         self._hits = 0
@@ -159,8 +160,10 @@ class Recorder:
     ) -> None:
         beliefs = [agent.hypothesis for agent in self._agents]
         tracking = stages[self._first] in TRACKING
+        since_s = self._sample_s if self._sampled_s is None else time_s - self._sampled_s
+        self._sampled_s = time_s
         if tracking:
-            self._tracking_s += self._sample_s
+            self._tracking_s += max(1, round(since_s / self._sample_s)) * self._sample_s  # live, a busy machine drops samples
         if self._known is not None and position_error is not None:
             position_error = self._known.sample(time_s, tracking, position, position_error)
         if tracking and source is not None:

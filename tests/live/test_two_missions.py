@@ -25,7 +25,7 @@ HOME_M = 3.0
 
 @pytest.mark.slow
 def test_a_second_mission_is_flown_as_the_first_without_a_restart(tmp_path: Path) -> None:
-    scenario = override(load_scenario("demo"), {"drones": 2, "mission.track.duration_s": 8.0})
+    scenario = override(load_scenario("demo"), {"drones": 2, "mission.track.duration_s": 12.0})
     results: list[RunResult] = []
     ends: list[Moment] = []
 
@@ -47,7 +47,7 @@ def test_a_second_mission_is_flown_as_the_first_without_a_restart(tmp_path: Path
     for result, end in zip(results, ends, strict=True):
         assert result.time_to_x0_s is not None
         assert not result.lost
-        assert result.tracking_time_s > 6.0
+        assert result.tracking_time_s > 6.0  # of 12 s, and its stage is seen by its status, once a second
         assert result.error_median_m is not None
         assert result.error_median_m < 3.0
         assert result.fence_breaches == 0

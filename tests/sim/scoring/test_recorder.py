@@ -136,3 +136,12 @@ def test_the_swarm_is_judged_by_its_first_drone_while_that_lives_then_by_the_nex
     trace = recorder.trace()
     assert trace.judged.tolist() == [0, 0, 1, 1, 1, 1, 0, 0]
     assert trace.estimate_m[:, 0].tolist() == [0.0, 0.0, 10.0, 10.0, 10.0, 10.0, 0.0, 0.0]
+
+
+def test_tracking_lasts_as_long_as_the_truths_say_even_where_a_busy_machine_drops_some_of_them():
+    agent, recorder = without_source()
+    agent.stage = Stage.TRACK
+    position = np.array([[0.0, 0.0, 3.0]])
+    for tick in (*range(1, 41), *range(81, 121)):  # at 20 Hz, and 2 s of them lost
+        recorder.sample(0.05 * tick, position, np.zeros((1, 3)), None, np.zeros((1, 3)))
+    assert recorder.result(1, 1.0).tracking_time_s == pytest.approx(6.0, abs=0.2)
