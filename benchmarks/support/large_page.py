@@ -21,13 +21,18 @@ from websockets.sync.client import ClientConnection, connect
 SUPPORT = Path(__file__).parent
 FLAGS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync"]
 # Counts pictures of the screen; of each drawn frame: when it was on the screen (ms UTC), and the place of the first drone in it.
-# What is drawn in a picture is on the screen before the next one begins.
+# What is drawn in a picture is on the screen before the next one begins. The map is moved as Leaflet does it while a finger drags it.
 WATCH = """() => {
   window.seen = { pictures: 0, frames: radron.frames, drawn: [], pan: 0 };
   const now = () => performance.timeOrigin + performance.now();
   const watch = () => {
     seen.pictures += 1;
-    if (seen.pan) radron.map.map.panBy([seen.pictures % 120 < 60 ? seen.pan : -seen.pan, 0], { animate: false });
+    if (seen.pan) {
+      const map = radron.map.map;
+      map._rawPanBy(L.point(seen.pictures % 120 < 60 ? seen.pan : -seen.pan, 0));
+      map.fire("move").fire("drag");
+      if (seen.pictures % 60 === 0) map.fire("moveend").fire("dragend");
+    }
     if (radron.frames !== seen.frames && radron.frame?.drones[0].place) {
       seen.frames = radron.frames;
       const [x, y] = radron.frame.drones[0].place;

@@ -8,6 +8,7 @@ const MOST_CONES = 150;
 const TRAIL_MS = 60000;
 const TRAIL_STEP_MS = 1000;
 const BODY = [[0, 1.9], [2.5, 1.2], [Math.PI, 0.5], [-2.5, 1.2]];  // corners: angle from the heading, distance (m)
+const MARGIN = 0.15;  // of the map's size, drawn beyond each of its edges: while the map is dragged the canvas moves with it
 const FONT = '700 15px system-ui, "DejaVu Sans", sans-serif';
 
 export class Sketch {
@@ -25,7 +26,7 @@ export class Sketch {
     this.canvas = Object.assign(document.createElement("canvas"), { className: "leaflet-zoom-hide" });
     this.canvas.style.position = "absolute";
     pane.append(this.canvas);
-    map.on("move moveend zoomend viewreset resize", () => this.#wish());
+    map.on("moveend zoomend viewreset resize", () => this.#wish());
   }
 
   // A part, ``trails``, ``plans`` or ``cones``, that is shown and hidden like a layer of Leaflet's.
@@ -72,18 +73,20 @@ export class Sketch {
   draw() {
     if (this.asked) cancelAnimationFrame(this.asked);
     this.asked = null;
-    const [size, ratio] = [this.map.getSize(), window.devicePixelRatio || 1];
+    const ratio = window.devicePixelRatio || 1;
+    const margin = this.map.getSize().multiplyBy(MARGIN).round();
+    const size = this.map.getSize().add(margin.multiplyBy(2));
     const [width, height] = [Math.round(size.x * ratio), Math.round(size.y * ratio)];
     if (this.canvas.width !== width || this.canvas.height !== height) {
       Object.assign(this.canvas, { width, height });
       Object.assign(this.canvas.style, { width: `${size.x}px`, height: `${size.y}px` });
     }
-    L.DomUtil.setPosition(this.canvas, this.map.containerPointToLayerPoint([0, 0]));
+    L.DomUtil.setPosition(this.canvas, this.map.containerPointToLayerPoint(margin.multiplyBy(-1)));
     const pen = this.canvas.getContext("2d");
     pen.setTransform(1, 0, 0, 1, 0, 0);
     pen.clearRect(0, 0, width, height);
     if (!this.frame) return;
-    const [scale, origin] = [this.map.options.crs.scale(this.map.getZoom()), this.map.latLngToContainerPoint([0, 0])];
+    const [scale, origin] = [this.map.options.crs.scale(this.map.getZoom()), this.map.latLngToContainerPoint([0, 0]).add(margin)];
     pen.setTransform(ratio * scale, 0, 0, -ratio * scale, ratio * origin.x, ratio * origin.y);  // from here on in metres
     this.#drawMetres(pen, 1 / scale);
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);

@@ -96,8 +96,9 @@ def test_the_cordon_follows_its_level(recorded):
 COLOURS = """() => {
   const { canvas, map } = radron.map.sketch;
   const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  const [drawn, shown] = [canvas, map.getContainer()].map((one) => one.getBoundingClientRect());
   const at = ([x, y]) => {
-    const point = map.latLngToContainerPoint([y, x]);
+    const point = map.latLngToContainerPoint([y, x]).add([shown.x - drawn.x, shown.y - drawn.y]).round();
     return [...pixels.slice(4 * (point.y * canvas.width + point.x)).slice(0, 4)];
   };
   const { source, drones } = radron.frame;
@@ -121,6 +122,8 @@ def test_drones_and_source_are_drawn_where_they_are_and_parts_can_be_hidden(reco
             until(page, "() => !radron.map.sketch.asked")
             assert page.evaluate(COLOURS)[2] == before
             much = before
+        page.evaluate("() => radron.map.map._rawPanBy(L.point(60, -30))")  # as while it is dragged: the canvas moves with the map
+        assert page.evaluate(COLOURS)[:2] == [drone, source]
         page.evaluate("() => radron.map.map.panBy([-100, 40], { animate: false })")
         until(page, "() => !radron.map.sketch.asked")
         assert page.evaluate(COLOURS)[:2] == [drone, source]
