@@ -21,7 +21,7 @@ from websockets.sync.client import ClientConnection, connect
 SUPPORT = Path(__file__).parent
 FLAGS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync"]
 # Counts pictures of the screen; of each drawn frame: when it was on the screen (ms UTC), and the place of the first drone in it.
-# What is drawn in a picture is on the screen before the next one begins. The map is moved as Leaflet does it while a finger drags it.
+# What is drawn in a picture is on the screen before the next one begins. The map is moved as by a finger that drags it.
 WATCH = """() => {
   window.seen = { pictures: 0, frames: radron.frames, drawn: [], pan: 0 };
   const now = () => performance.timeOrigin + performance.now();
