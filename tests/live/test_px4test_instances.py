@@ -17,7 +17,7 @@ import pytest
 from px4_ports import px4_ports
 
 PROGRAM = Path(sysconfig.get_path("scripts")) / "radron-sim"
-STANDIN = Path(__file__).parents[1] / "support" / "px4_flying_standin.py"
+STANDIN = Path(__file__).parents[1] / "support/px4/px4_flying_standin.py"
 LONGEST_S = 400.0
 
 
