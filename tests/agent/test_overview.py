@@ -126,12 +126,13 @@ def run_beside_a_drone(*arguments, until=None):
         process = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE, env=environment)
         said = b""
         try:
-            while chunk := await asyncio.wait_for(process.stdout.read(4096), 60.0):
-                said += chunk
-                if until is not None and until in said.decode() and not done.is_set():
-                    process.send_signal(signal.SIGINT)
-                    done.set()
-            await asyncio.wait_for(process.wait(), 20.0)
+            async with asyncio.timeout(60.0):
+                while chunk := await process.stdout.read(4096):
+                    said += chunk
+                    if until is not None and until in said.decode() and not done.is_set():
+                        process.send_signal(signal.SIGINT)
+                        done.set()
+                await process.wait()
         finally:
             if process.returncode is None:
                 process.kill()

@@ -21,6 +21,8 @@ from meshes import SWARM, linked, until
 from protocol.identity import load_identity
 from protocol.keys import ROOT, command_key, drone_key
 
+MUTE_S = 4.0  # for what takes milliseconds; one that is kept out by a flood stays out for as long as that lasts
+
 
 def _context(folder: Path) -> ssl.SSLContext:
     """As d2."""
@@ -50,7 +52,7 @@ async def _linked(folder: Path) -> AsyncIterator[tuple[Listening, Callable[[floa
 
         async def check(joins_s: float) -> None:
             d2.publish("pose", b"here")
-            assert await until(lambda: d1.got(drone_key(SWARM, "d2", "pose"))) < 1.0
+            await until(lambda: d1.got(drone_key(SWARM, "d2", "pose")), MUTE_S)
             d3 = await stack.enter_async_context(joined(load_identity(folder / "d3"), connect=(listen,)))
             await until(lambda: "d3" in d1.mesh.alive and "d1" in d3.mesh.alive, joins_s)
             assert d1.mesh.alive == {"d2", "d3"}
@@ -179,7 +181,7 @@ def test_a_member_that_floods_loses_its_own_messages_only(folder: Path, key: str
             told = d1.mesh.problems
             ended.set()
             sent = await flooding
-            assert max(gaps_s) < 4.0  # the flood comes from this process too, and takes the interpreter's lock from all others
+            assert max(gaps_s) < MUTE_S  # the flood comes from this process too, and takes the interpreter's lock from all others
             assert b"flood" not in d1.got(own)
             arrived = [payload for _, payload in d1.messages].count(b"flood")
             assert 0 < arrived < sent if may_send else arrived == 0
