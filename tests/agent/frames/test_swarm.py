@@ -475,7 +475,7 @@ def test_a_start_leaves_out_the_same_whenever_it_is_told(share):
 
 
 @given(st.integers(0, 2**32))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_nothing_that_a_peer_sends_stops_the_flight(seed):
     """Entries with numbers from all over their ranges: no error, and whatever is said is finite."""
     rng = np.random.default_rng(seed)

@@ -224,13 +224,11 @@ def test_opening_and_closing_leaves_no_files_open() -> None:
     async def run() -> None:
         async with pair():
             pass
-        counts = []
+        before = len(os.listdir("/proc/self/fd"))
         for _ in range(3):
             async with pair():
                 pass
-            await asyncio.sleep(0.05)  # sockets go in Zenoh's threads
-            counts.append(len(os.listdir("/proc/self/fd")))
-        assert max(counts) <= counts[0] + 2
+        await until(lambda: len(os.listdir("/proc/self/fd")) <= before + 2)  # sockets go in Zenoh's threads
 
     asyncio.run(run())
 
@@ -274,11 +272,11 @@ async def _open(config: MeshConfig) -> None:
         (MeshConfig(connect=("tcp/no-such-host.invalid:7447",)), "give a numeric address"),
     ],
 )
-def test_what_cannot_work_is_one_line_within_two_seconds(config: MeshConfig, words: str) -> None:
+def test_what_cannot_work_is_one_line_and_soon(config: MeshConfig, words: str) -> None:
     start_s = time.monotonic()
     with pytest.raises(MeshError) as caught:
         asyncio.run(_open(config))
-    assert time.monotonic() - start_s < 2.0
+    assert time.monotonic() - start_s < link.OPEN_S  # also where a name server does not answer
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
