@@ -90,13 +90,13 @@ OVERSIZED = struct.pack(">BHH", 22, 0x0301, 16_384) + b"\x01\xff\xff\xff" + b"x"
 
 @pytest.mark.parametrize("data", [GARBAGE, OVERSIZED], ids=["garbage", "oversized"])
 def test_broken_handshakes_keep_nobody_out(folder: Path, data: bytes) -> None:
-    """Zenoh accepts nobody for 0.1 s after a handshake that failed (its issue 2685): 30 of them, about 3 s."""
-    asyncio.run(_attacked(folder, data, 30, joins_s=10.0))
+    """Zenoh accepts nobody for 0.1 s after a handshake that failed (its issue 2685): 10 of them, about 1 s."""
+    asyncio.run(_attacked(folder, data, 10, joins_s=10.0))
 
 
 def test_truncated_handshakes_keep_nobody_out(folder: Path) -> None:
     hello = _client_hello(folder)
-    asyncio.run(_attacked(folder, hello[: len(hello) // 2], 30, joins_s=10.0, closed=True))
+    asyncio.run(_attacked(folder, hello[: len(hello) // 2], 10, joins_s=10.0, closed=True))
 
 
 @pytest.mark.slow
@@ -169,7 +169,7 @@ def test_a_member_that_floods_loses_its_own_messages_only(folder: Path, key: str
             flooding = asyncio.create_task(asyncio.to_thread(_flood, d2, key, ended))
             may_send = key in (NEWS, ENTRIES, COMMANDS)
             own, gaps_s, last_s, number = drone_key(SWARM, "d3", "pose"), [0.0], time.monotonic(), 0
-            while number < 40 or (may_send and not d1.mesh.problems):  # how soon it loses some depends on how fast it can send
+            while number < 20 or (may_send and not d1.mesh.problems):  # how soon it loses some depends on how fast it can send
                 assert number < 600, "never told"
                 d3.publish("pose", b"%d" % number)
                 await asyncio.sleep(0.05)
@@ -185,7 +185,7 @@ def test_a_member_that_floods_loses_its_own_messages_only(folder: Path, key: str
             assert b"flood" not in d1.got(own)
             arrived = [payload for _, payload in d1.messages].count(b"flood")
             assert 0 < arrived < sent if may_send else arrived == 0
-            assert len(gaps_s) > 20
+            assert len(gaps_s) > 10
             assert [text.partition(":")[0] for text in told] == [
                 "d2 floods the mesh" if key != COMMANDS else "operator d2 floods the mesh"
             ] * may_send

@@ -111,6 +111,7 @@ def test_a_peer_that_stands_still_is_gone_within_a_lease_and_its_restart_counts(
     asyncio.run(run())
 
 
+@pytest.mark.slow
 def test_peers_that_stand_still_stall_neither_the_healthy_ones_nor_the_close() -> None:
     async def run() -> None:
         ends = [endpoint() for _ in range(4)]
