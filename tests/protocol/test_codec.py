@@ -123,7 +123,7 @@ FREE_TEXT = ("problems", "finding")
 NEVER_A_FIELD = [*NUMBERS_THAT_NEVER_FIT, {"a": {"b": {}}}, [[[[]]]], "A b", b"\xff" * 2000, True]
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(st.data(), messages(), st.sampled_from(NEVER_A_FIELD))
 def test_a_value_that_cannot_be_is_refused_wherever_it_stands(data: st.DataObject, message: Message, value: Any) -> None:
     fields = document(message)
@@ -132,7 +132,7 @@ def test_a_value_that_cannot_be_is_refused_wherever_it_stands(data: st.DataObjec
     refused(msgpack.packb(replaced(fields, way, value)))
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(
     st.data(), messages(), st.none() | st.integers() | st.floats() | st.text(max_size=20) | st.lists(st.integers(), max_size=3)
 )
@@ -147,7 +147,7 @@ def test_any_value_anywhere_is_read_or_refused(data: st.DataObject, message: Mes
         assert isinstance(decode(payload), Message)
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(st.data(), messages())
 def test_mutated_bytes_are_read_or_refused(data: st.DataObject, message: Message) -> None:
     payload = bytearray(encode(message))

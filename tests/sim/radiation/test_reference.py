@@ -62,7 +62,7 @@ def test_coincidences_without_fluorescence_and_what_it_adds(angle: int, two_perc
 
 
 def test_angular_resolution_at_30_degrees() -> None:
-    events = beam(30.0, 100_000, quota=(0, 0, 100_000))
+    events = beam(30.0, 300_000, quota=(0, 0, 300_000))
     degrees = np.degrees(cones(events, clusters(events, merge_satellites=True), LINE, 86.0).arm_rad)
     assert fwhm(degrees, 1.0) == pytest.approx(9.5, rel=0.15)
     assert abs(np.median(degrees)) < 1.0
