@@ -6,6 +6,8 @@ DEV := .venv/.dev
 DOCS := .venv/.docs
 # Bytecode is not compiled in advance: most of the libraries' modules are never imported.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
+# Tests start many processes, each of which would else compile anew what it imports, where the environment forbids to keep it.
+PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/pytest
 export OMP_NUM_THREADS = 1
 
 .PHONY: demo docs test test-slow test-all faults planted fuzz soak px4-test docker-test image-test bench table figures lint clean
@@ -14,13 +16,13 @@ demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two mi
 	$(BIN)/radron-sim live demo --seed 5 --out results/demo
 
 test: $(DEV)  ## the tests, without the slow ones
-	$(BIN)/pytest -n 2 -m "not slow and not long"
+	$(PYTEST) -n 2 -m "not slow and not long"
 
 test-slow: $(DEV)  ## the slow tests, of more than ten seconds each, without the longest
-	$(BIN)/pytest -n 2 -m "slow and not long"
+	$(PYTEST) -n 2 -m "slow and not long"
 
 test-all: $(DEV)  ## all tests
-	$(BIN)/pytest -n 2
+	$(PYTEST) -n 2
 
 fuzz: $(DEV)  ## broken and random input for all readers, an hour on two cores at most; results/fuzz/
 	$(BIN)/python -m tests.fuzz --out results/fuzz
@@ -43,7 +45,7 @@ docker-test: $(DEV)  ## the swarm in containers; needs a docker engine, or root 
 
 # IMAGE=nuc.img: an image that is there already. Needs root or user namespaces, and the programs that its reason for skipping names.
 image-test: $(DEV)  ## builds the onboard computer's image and boots it in qemu, ten minutes on an idle computer
-	IMAGE_TEST=1 $(BIN)/pytest tests/image -rs -s
+	IMAGE_TEST=1 $(PYTEST) tests/image -rs -s
 
 bench: $(SIM)  ## all benchmarks, one after another
 	@set -e; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file; done

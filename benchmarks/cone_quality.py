@@ -30,7 +30,7 @@ from sim.radiation.nuclides import nuclide
 from sim.radiation.timepix3 import response
 from sim.radiation.truth import CameraTruth
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/sensors"))
 
 from event_readout import SPACING_NS, readout_of
 

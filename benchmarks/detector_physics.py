@@ -20,7 +20,7 @@ from sim.radiation.events import Events, simulate
 from sim.radiation.timepix3 import response
 from sim.radiation.transport import projected_area_mm2
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/sensors"))
 
 from event_quality import clusters, complete, cones, fwhm
 

@@ -1,6 +1,6 @@
 """The estimate of the drones' frames: cost of a keyframe on one core, and accuracy of the frames after 20 s of flight.
 
-Flights and errors are those of ``tests/support/sighted_swarm.py``: 3 m/s, sightings with errors of 2 degrees and
+Flights and errors are those of ``tests/support/flights/sighted_swarm.py``: 3 m/s, sightings with errors of 2 degrees and
 0.3 m, 10 % of them false.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/flights"))
 
 from sighted_swarm import SECOND, Drone, Flown, Sensor, fly, settle
 

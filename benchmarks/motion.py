@@ -1,7 +1,7 @@
 """Motion: the cost of replanning on one core, and the swarm's stabilisation under both flocking laws.
 
 Stabilisation as in the paper's Sec. VI-A, in closed loop with lagging vehicles, localisation noise and late messages
-(``tests/support/closed_loop.py``): five drones, the hypothesis moved by 10 m every 60 s.
+(``tests/support/flights/closed_loop.py``): five drones, the hypothesis moved by 10 m every 60 s.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from agent.config.mission import EncirclementConfig
 from agent.motion.encirclement import Encirclement
 from agent.motion.tracker import Status, Tracker
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/flights"))
 
 from closed_loop import TICK_NS, Flight, Swarm, encircle, scattered
 

@@ -22,6 +22,7 @@ from protocol.signing import sign_status
 from protocol.trust import trust_of
 
 MISSION = "0123456789abcdef"
+TELL_S, LISTEN_S = 0.02, 0.6  # how often a stand-in tells its status; how long it is waited for more of them
 STAGES = {Action.START: Stage.TAKEOFF, Action.HOLD: Stage.HOLD, Action.LAND: Stage.LANDING}
 
 
@@ -46,7 +47,7 @@ class Drone:
         self.notices: tuple[str, ...] = ()
         self.stage = Stage.PREFLIGHT
         self.is_contested, self.overtaken = False, 0
-        self.is_taken_over = False  # by a human pilot, as soon as its status has shown that it lands
+        self.is_taken_over, self.landing = False, 0  # by a human pilot, once many statuses have shown that it lands
         self.commands: list[Command] = []
         self.tells_ticket = True
         self.forges: tuple[Status, ...] = ()  # besides its own
@@ -76,8 +77,9 @@ class Drone:
             told = [*self.forges, status if trust is None else sign_status(status, trust)]
             for one in told:
                 mesh.publish(key_of("test", one), encode(one))
-            await asyncio.sleep(0.1)
-            if self.is_taken_over and status.stage is Stage.LANDING:
+            await asyncio.sleep(TELL_S)
+            self.landing += status.stage is Stage.LANDING
+            if self.is_taken_over and self.landing == 20:
                 self.stage = Stage.HOLD
 
     @asynccontextmanager
@@ -94,9 +96,14 @@ class Drone:
 
 @pytest.fixture(autouse=True)
 def _quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(groundcontrol, "LISTEN_S", 1.5)
-    monkeypatch.setattr(groundcontrol, "FIND_S", 3.0)
-    monkeypatch.setattr(groundcontrol, "OBEY_S", 2.0)
+    monkeypatch.setattr(groundcontrol, "REPEAT_S", 0.3)
+
+
+@pytest.fixture
+def soon_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For drones that are not heard, or do not obey."""
+    monkeypatch.setattr(groundcontrol, "FIND_S", 1.0)
+    monkeypatch.setattr(groundcontrol, "OBEY_S", 1.0)
 
 
 def order(
@@ -120,7 +127,9 @@ def order(
             asked = Order(action, "test", endpoints, only, without, anyway, folder, mission)
             await groundcontrol.command(asked, said.append)
 
-    asyncio.run(run())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(groundcontrol, "LISTEN_S", LISTEN_S * (len(drones) - 1))  # that is for the others
+        asyncio.run(run())
     return said
 
 
@@ -159,7 +168,7 @@ def test_nobody_starts_while_one_has_a_problem() -> None:
     assert not d1.commands
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("soon_given_up")
 def test_those_that_can_start_anyway_and_the_other_says_why_not() -> None:
     d1, d2 = Drone("d1"), Drone("d2", problems=("the vehicle is not ready to be armed",), lame=True)
     assert refused(Action.START, d1, d2, anyway=True) == "d2: the vehicle is not ready to be armed"
@@ -185,6 +194,7 @@ def test_a_problem_of_a_drone_that_is_to_start_is_one_without_the_absent_too() -
     assert refused(Action.START, d1, without=("d3",)).startswith("not started: d1: no contact with d30 (none) (")
 
 
+@pytest.mark.usefixtures("soon_given_up")
 def test_a_landing_does_not_fail_because_another_command_came_first_as_a_hold_does() -> None:
     d1, d2 = Drone("d1"), Drone("d1")
     d1.is_contested = d2.is_contested = True
@@ -192,6 +202,7 @@ def test_a_landing_does_not_fail_because_another_command_came_first_as_a_hold_do
     assert refused(Action.HOLD, d2) == "d1: another command came first: give this one again"
 
 
+@pytest.mark.usefixtures("soon_given_up")
 def test_a_drone_that_a_pilot_has_taken_over_while_it_landed_is_not_told_to_land_again() -> None:
     d1, d2 = Drone("d1"), Drone("d2", lame=True)
     d1.is_taken_over = True
@@ -205,6 +216,7 @@ def test_a_drone_whose_clock_is_off_can_be_commanded_all_the_same(ahead_s: float
     assert order(Action.HOLD, Drone("d1", ahead_s=ahead_s))[-1] == "hold: d1 hold"
 
 
+@pytest.mark.usefixtures("soon_given_up")
 def test_a_wrong_clock_is_the_reason_given_for_a_drone_that_does_not_obey() -> None:
     assert f"d1: its clock differs by {-20.0:+.1f} s" in refused(Action.START, Drone("d1", lame=True, ahead_s=-20.0))
 
@@ -230,6 +242,7 @@ def test_a_start_that_names_its_mission_is_refused_where_the_drones_have_another
     assert order(Action.START, d1, mission=MISSION)[-1] == "start: d1 takeoff"
 
 
+@pytest.mark.usefixtures("soon_given_up")
 def test_a_swarm_that_is_not_there() -> None:
     d1 = Drone("d1")
     assert "nothing heard from d7 at tcp/127.0.0.1:" in refused(Action.LAND, d1, only=("d7",))
@@ -255,6 +268,7 @@ def test_statuses_forged_or_repeated_by_a_member_keep_no_command_from_a_drone(tm
     assert order(Action.HOLD, d1, d2, folder=tmp_path / "anna")[-1] == "hold: d1 hold, d2 hold"
 
 
+@pytest.mark.usefixtures("soon_given_up")
 def test_a_drone_whose_status_has_no_ticket_is_named(tmp_path: Path) -> None:
     issuer = new_issuer("test")
     d1 = Drone("d1", own=identity(issuer, tmp_path, "d1"))
@@ -264,6 +278,7 @@ def test_a_drone_whose_status_has_no_ticket_is_named(tmp_path: Path) -> None:
         order(Action.LAND, d1, folder=tmp_path / "anna")
 
 
+@pytest.mark.usefixtures("soon_given_up")
 def test_who_only_hears_statuses_that_their_drone_has_not_signed_is_told(tmp_path: Path) -> None:
     issuer = new_issuer("test")
     d2 = Drone("d2", own=identity(issuer, tmp_path, "d2"))
@@ -283,6 +298,7 @@ def test_only_an_operators_certificate_commands(tmp_path: Path, role: Role) -> N
         asyncio.run(groundcontrol.command(order, print))
 
 
+@pytest.mark.usefixtures("soon_given_up")
 def test_a_certificate_that_has_expired_is_named_once_nobody_is_heard(tmp_path: Path) -> None:
     identity(new_issuer(), tmp_path, "anna", Role.OPERATOR, from_ns=-100 * DAY_NS)
     order = Order(Action.LAND, "test", (f"tls/127.0.0.1:{free_ports(1)[0]}",), identity=tmp_path / "anna")

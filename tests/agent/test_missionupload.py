@@ -23,12 +23,6 @@ from protocol.messages import Answer
 NEW = replace(MISSION, name="new")
 
 
-@pytest.fixture(autouse=True)
-def _quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(groundcontrol, "FIND_S", 3.0)
-    monkeypatch.setattr(missionupload, "ANSWER_S", 1.5)
-
-
 def uploaded(*drones: Drone, without: tuple[str, ...] = ()) -> tuple[dict[str, str], list[str]]:
     """The results by drone, and what was said."""
     said: list[str] = []
@@ -79,15 +73,18 @@ def test_one_that_begins_anew_without_it_says_so() -> None:
     assert results["d2"] == "it has begun anew without the mission; the uploaded mission cannot be used"
 
 
-def test_one_that_does_not_answer_is_told() -> None:
+def test_one_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(missionupload, "ANSWER_S", 1.0)
     results, _ = uploaded(Drone("d1"), Drone("d2", deaf=True))
     assert results["d2"] == "does not answer: its flight record tells why (radron-agent audit)"
 
 
-def test_nothing_is_sent_unless_all_drones_of_the_mission_are_heard_or_left_out() -> None:
+def test_nothing_is_sent_unless_all_drones_of_the_mission_are_heard_or_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     alone = Drone("d1")
-    with pytest.raises(CommandError, match=r"upload: nothing heard from d2 at tcp/"):
-        uploaded(alone)
+    with monkeypatch.context() as patch:
+        patch.setattr(groundcontrol, "FIND_S", 1.0)
+        with pytest.raises(CommandError, match=r"upload: nothing heard from d2 at tcp/"):
+            uploaded(alone)
     assert not alone.uploads
     assert uploaded(alone, without=("d2",))[0] == {"d1": ""}
 

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from live_agents import free_ports
 
+import agent.overview
+from agent.cli import main
 from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
 from agent.overview import Overview, OverviewError, place_of
 from protocol.codec import encode
@@ -114,51 +116,69 @@ async def publish_until(endpoint, done):
         await mesh.close()
 
 
-def run_beside_a_drone(*arguments, until=None):
-    """What the command prints, and its exit code; ``until``: a text after which it is interrupted."""
-    endpoint = f"tcp/127.0.0.1:{free_ports(1)[0]}"
+@pytest.fixture
+def radron_agent(monkeypatch, capsys):
+    """The command in this process: its exit code, and what it prints."""
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["radron-agent", *arguments, "--swarm", "test", "--insecure"])
+        monkeypatch.setenv("COLUMNS", "200")
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code or 0, capsys.readouterr()
+
+    return run
+
+
+def beside_a_drone(course):
+    """The result of a course beside a drone at an endpoint; ``course(endpoint, done)``, after which nobody publishes any more."""
 
     async def run():
-        done = asyncio.Event()
+        endpoint, done = f"tcp/127.0.0.1:{free_ports(1)[0]}", asyncio.Event()
         publishing = asyncio.create_task(publish_until(endpoint, done))
-        command = [str(PROGRAM), *arguments, "--swarm", "test", "--connect", endpoint, "--insecure"]
-        environment = {**os.environ, "COLUMNS": "200"}
-        process = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE, env=environment)
-        said = b""
         try:
-            while chunk := await asyncio.wait_for(process.stdout.read(4096), 60.0):
-                said += chunk
-                if until is not None and until in said.decode() and not done.is_set():
-                    process.send_signal(signal.SIGINT)
-                    done.set()
-            await asyncio.wait_for(process.wait(), 20.0)
+            return await course(endpoint, done)
         finally:
-            if process.returncode is None:
-                process.kill()
             done.set()
             await publishing
-        return said.decode(), process.returncode
 
     return asyncio.run(run())
 
 
-def test_status_prints_what_a_swarm_tells():
-    said, code = run_beside_a_drone("status")
-    assert code == 0
-    assert "d1" in said
-    assert "the camera is cold" in said
-    assert "source at (10.00, 20.00) m" in said
+def test_status_prints_what_a_swarm_tells(radron_agent, monkeypatch):
+    monkeypatch.setattr(agent.overview, "LISTEN_S", 1.0)
+    code, said = beside_a_drone(lambda endpoint, _: asyncio.to_thread(radron_agent, "status", "--connect", endpoint))
+    assert (code, said.err) == (0, "")
+    assert "d1" in said.out
+    assert "the camera is cold" in said.out
+    assert "source at (10.00, 20.00) m" in said.out
 
 
 def test_watch_goes_on_until_it_is_interrupted():
-    said, code = run_beside_a_drone("watch", until="source at")
+    async def course(endpoint, done):
+        command = [str(PROGRAM), "watch", "--swarm", "test", "--connect", endpoint, "--insecure"]
+        environment, said = {**os.environ, "COLUMNS": "200"}, b""
+        process = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE, env=environment)
+        try:
+            async with asyncio.timeout(60.0):
+                while chunk := await process.stdout.read(4096):
+                    said += chunk
+                    if b"source at" in said and not done.is_set():
+                        process.send_signal(signal.SIGINT)
+                        done.set()
+                return said.decode(), await process.wait()
+        finally:
+            if process.returncode is None:
+                process.kill()
+
+    said, code = beside_a_drone(course)
     assert code == 0
     assert "source at (10.00, 20.00) m" in said
 
 
-def test_nobody_heard_ends_in_one_line():
-    command = [str(PROGRAM), "status", "--swarm", "test", "--connect", f"tcp/127.0.0.1:{free_ports(1)[0]}", "--insecure"]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
-    assert ended.returncode == 2
-    assert ended.stderr.count("\n") == 1
-    assert "nothing heard from any drone of the swarm 'test'" in ended.stderr
+def test_nobody_heard_ends_in_one_line(radron_agent, monkeypatch):
+    monkeypatch.setattr(agent.overview, "LISTEN_S", 0.1)
+    code, said = radron_agent("status", "--connect", f"tcp/127.0.0.1:{free_ports(1)[0]}")
+    assert code == 2
+    assert said.err.count("\n") == 1
+    assert "nothing heard from any drone of the swarm 'test'" in said.err

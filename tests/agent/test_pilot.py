@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import schema_messages
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from one_pilot import (
@@ -178,7 +178,7 @@ def test_exposures_follow_each_other_without_gaps():
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=40)
 @given(data=st.data())
 def test_nothing_from_outside_stops_the_flight(data):
     """Any valid message of any kind from a peer or a station, any damaged one, any bytes: the drone flies on."""

@@ -146,7 +146,7 @@ def test_entries_that_wait_for_their_certificate_are_left_out_too():
 cuts = st.dictionaries(st.sampled_from([BOOT, LATER]), st.integers(0, 11))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(cuts, min_size=1, max_size=3), st.randoms(use_true_random=False))
 def test_logs_and_digests_are_equal_whatever_the_order(lasts, chance: random.Random):
     """Entries and revocations in any order, with work in between: all leave out the same."""

@@ -35,9 +35,14 @@ BOOT = "2" * 16
 
 @pytest.fixture(autouse=True)
 def _quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(revocation, "LISTEN_S", 1.0)
-    monkeypatch.setattr(revocation, "FIND_S", 4.0)
-    monkeypatch.setattr(revocation, "EFFECT_S", 3.0)
+    monkeypatch.setattr(revocation, "LISTEN_S", 0.0)  # for more than one drone
+
+
+@pytest.fixture
+def soon_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For drones that are not heard, or refuse."""
+    monkeypatch.setattr(revocation, "FIND_S", 1.0)
+    monkeypatch.setattr(revocation, "EFFECT_S", 3.0)  # a status with the reason comes once a second
 
 
 @pytest.fixture(scope="module")
@@ -147,13 +152,18 @@ def test_less_of_it_counts_if_the_operator_says_so(folder: Path, values: dict[st
         ),
         ("d2", "d1", True, "d1 has no right to revoke others"),
         ("d2", "anna", False, "not revoked: confirm it, or give --yes"),
-        ("d1", "anna", True, "nothing heard from any other drone of the swarm 'radron'"),
         ("D2!", "anna", True, "is not a name for a certificate"),
     ],
 )
 def test_what_is_wrong_is_said_and_nothing_is_revoked(folder: Path, member: str, by: str, confirmed: bool, error: str) -> None:
     with pytest.raises((RevocationError, ProtocolError), match=error):
         carried_out(folder, asked(folder, member, by), confirmed=confirmed)
+
+
+@pytest.mark.usefixtures("soon_given_up")
+def test_where_no_other_drone_is_heard_nothing_is_revoked(folder: Path) -> None:
+    with pytest.raises(RevocationError, match="nothing heard from any other drone of the swarm 'radron'"):
+        carried_out(folder, asked(folder, "d1"))
 
 
 def test_only_drones_that_have_signed_their_statuses_are_asked(folder: Path) -> None:
@@ -166,6 +176,7 @@ def test_only_drones_that_have_signed_their_statuses_are_asked(folder: Path) -> 
     assert list(heard.statuses) == ["d1"]
 
 
+@pytest.mark.usefixtures("soon_given_up")
 def test_a_drone_that_refuses_is_named(folder: Path, issuer: Issuer, tmp_path: Path) -> None:
     """The authority itself has revoked anna, and d1 has its list."""
     write_identity(tmp_path / "d1", issuer.authority, issuer.issue("d1", Role.DRONE, time.time_ns()))

@@ -13,6 +13,7 @@ from live_run import live_run
 
 from agent.flight.replay import replay
 from protocol.identity import load_identity
+from sim.live.world import SLIP_S
 from sim.result import RunResult
 from station.replay import Records
 
@@ -34,8 +35,11 @@ def test_three_agents_find_the_source_agree_and_leave_nothing_behind(tmp_path: P
     assert result["error_median_m"] < 10.0
     assert result["fence_breaches"] == 0
     assert result["min_separation_m"] > 2.0  # separation 3 m by estimated positions, less their errors
-    assert 0.7 < result["realtime_factor"] < 1.05  # on a machine that is too busy the world stands still at times
     report = json.loads((tmp_path / "agents.json").read_text())
+    assert result["realtime_factor"] < 1.05
+    assert (
+        result["realtime_factor"] > 0.7 or report["world_late_s"] > SLIP_S
+    )  # on a machine that is too busy it stands still at times
     agents = report["agents"]
     assert report["agreed"], run.said
     assert [agent["stage"] for agent in agents] == ["landed"] * 3

@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 from browser import browsing, needs_browser, until
-from live_run import live_run
+from live_run import PATIENCE_S, live_run, stretched
 
 from station.findings.seal import verify
 
@@ -45,25 +45,25 @@ def test_the_page_shows_the_flight_stops_it_and_marks_a_drone_that_is_gone_withi
             page.locator("#command-land").click()
             page.locator("#confirm button[value=no]").click()
             page.keyboard.press("h")
-            until(page, "() => radron.frame.drones.every((drone) => drone.stage === 'hold')", 10.0)
-            until(page, "() => radron.frame.drones.every((drone) => drone.speed_mps < 0.5)", 10.0)
+            until(page, "() => radron.frame.drones.every((drone) => drone.stage === 'hold')", PATIENCE_S)
+            until(page, "() => radron.frame.drones.every((drone) => drone.speed_mps < 0.5)", PATIENCE_S)
             assert "hold: d1 hold, d2 hold, d3 hold" in page.locator("#events").inner_text()
             assert "land:" not in page.locator("#events").inner_text()
             page.locator("#time").focus()
             page.keyboard.press("Home")
-            until(page, "() => radron.frame.at_ms === Number(document.getElementById('time').min)", 5.0)
+            until(page, "() => radron.frame.at_ms === Number(document.getElementById('time').min)", PATIENCE_S)
             known = page.evaluate("() => radron.rows.length")
-            until(page, f"() => radron.rows.length > {known}", 5.0)  # the flight goes on
+            until(page, f"() => radron.rows.length > {known}", PATIENCE_S)  # the flight goes on
             assert page.evaluate("() => radron.frame.at_ms === Number(document.getElementById('time').min)")
             assert "LOOKING BACK" in page.locator("#link").inner_text()
             page.locator("#present").click()
-            until(page, "() => radron.frame.at_ms > Number(document.getElementById('time').max) - 2000", 5.0)
+            until(page, "() => radron.frame.at_ms > Number(document.getElementById('time').max) - 2000", PATIENCE_S)
             page.locator("#to-d2").uncheck()
             page.locator("#command-resume").click()
-            until(page, "() => radron.frame.drones.map((drone) => drone.stage).join() === 'track,hold,track'", 20.0)
+            until(page, "() => radron.frame.drones.map((drone) => drone.stage).join() === 'track,hold,track'", PATIENCE_S)
             gone = [one for one in run.processes() if any("agents/d2/" in word for word in one.cmdline())]
             for process in gone:  # agent and watchdog: one may end with the other
                 with suppress(psutil.NoSuchProcess):
                     process.kill()
-            until(page, "() => document.getElementById('drone-d2').classList.contains('stale')", 2.0)
+            until(page, "() => document.getElementById('drone-d2').classList.contains('stale')", stretched(2.0))
             assert not page.evaluate("() => document.getElementById('drone-d1').classList.contains('stale')")

@@ -60,7 +60,7 @@ def packed(message: Message, **changes: Any) -> bytes:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_round_trip(kind: str) -> None:
-    @settings(max_examples=25, deadline=None)
+    @settings(max_examples=25)
     @given(messages(kind))
     def every(message: Message) -> None:
         payload = encode(message)
@@ -72,7 +72,7 @@ def test_round_trip(kind: str) -> None:
     every()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     messages(),
     st.dictionaries(st.from_regex(r"\Ax_[a-z]{1,8}\Z"), st.integers(0, 9) | st.text(max_size=5) | st.none(), max_size=4),
@@ -83,7 +83,7 @@ def test_unknown_fields_are_ignored(message: Message, extra: dict[str, Any]) -> 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_missing_field_is_refused(kind: str) -> None:
-    @settings(max_examples=5, deadline=None)
+    @settings(max_examples=5)
     @given(messages(kind))
     def every(message: Message) -> None:
         for field in msgspec.structs.fields(message):
@@ -123,7 +123,7 @@ FREE_TEXT = ("problems", "finding")
 NEVER_A_FIELD = [*NUMBERS_THAT_NEVER_FIT, {"a": {"b": {}}}, [[[[]]]], "A b", b"\xff" * 2000, True]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100)
 @given(st.data(), messages(), st.sampled_from(NEVER_A_FIELD))
 def test_a_value_that_cannot_be_is_refused_wherever_it_stands(data: st.DataObject, message: Message, value: Any) -> None:
     fields = document(message)
@@ -132,7 +132,7 @@ def test_a_value_that_cannot_be_is_refused_wherever_it_stands(data: st.DataObjec
     refused(msgpack.packb(replaced(fields, way, value)))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100)
 @given(
     st.data(), messages(), st.none() | st.integers() | st.floats() | st.text(max_size=20) | st.lists(st.integers(), max_size=3)
 )
@@ -147,7 +147,7 @@ def test_any_value_anywhere_is_read_or_refused(data: st.DataObject, message: Mes
         assert isinstance(decode(payload), Message)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100)
 @given(st.data(), messages())
 def test_mutated_bytes_are_read_or_refused(data: st.DataObject, message: Message) -> None:
     payload = bytearray(encode(message))
@@ -167,13 +167,13 @@ def test_mutated_bytes_are_read_or_refused(data: st.DataObject, message: Message
             decode_from(key, bytes(payload))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.binary(max_size=200))
 def test_random_bytes_are_refused(payload: bytes) -> None:
     refused(payload)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(messages())
 def test_truncated_and_lengthened_payloads_are_refused(message: Message) -> None:
     payload = encode(message)

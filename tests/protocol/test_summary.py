@@ -4,7 +4,7 @@ import contextlib
 
 import msgpack
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.codec import MAX_PAYLOAD_BYTES
@@ -31,13 +31,11 @@ def held(draw: st.DrawFn) -> Held:
 publishers = st.tuples(st.sampled_from(["d1", "d2", "x"]), st.from_regex(r"\A[0-9a-f]{16}\Z"))
 
 
-@settings(deadline=None)
 @given(st.dictionaries(publishers, held(), max_size=8))
 def test_a_summary_is_read_back(summary: dict[tuple[str, str], Held]) -> None:
     assert decode_summary(encode_summary(MISSION, summary)) == (MISSION, summary)
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=200))
 def test_any_bytes_are_a_summary_or_refused(payload: bytes) -> None:
     with contextlib.suppress(ProtocolError):

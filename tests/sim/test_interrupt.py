@@ -13,10 +13,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-# The command itself, which tells of each step of the progress at once, and takes SIGINT whatever the tests were started with.
+# The command itself, which tells of each step of the progress at once.
 COMMAND = """
-import signal, sim.cli, sim.console
-signal.signal(signal.SIGINT, signal.default_int_handler)
+import sim.cli, sim.console
 sim.console._PLAIN_EVERY_S = 0.0
 sim.cli.main()
 """

@@ -6,10 +6,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from recorded_flights import fly_recorded
+from recorded_flights import HEADER
 
 from agent.errors import FlightRecordError
 from agent.flight.reader import RecordedFlight
+from agent.flight.recorder import FlightRecorder
 from agent.flight.topics import HYPOTHESIS
 from station.hub import Hub
 from station.picture.frame import Frame
@@ -18,12 +19,6 @@ from station.picture.picture import Picture
 from station.replay import Records, play
 
 FORMER_RECORD = Path(__file__).parents[1] / "agent" / "flight" / "records" / "protocol-1-log.mcap"
-
-
-@pytest.fixture(scope="module")
-def flights(tmp_path_factory):
-    """Three drones find the source and follow it for 5 s."""
-    return fly_recorded(tmp_path_factory.mktemp("flights"), mission__track__duration_s=5.0)
 
 
 def played(paths):
@@ -92,9 +87,9 @@ def test_the_history_holds_frames_layers_cones_and_events_of_the_whole_flight(fl
 
 
 def test_records_of_two_missions_are_not_mixed(flights, tmp_path):
-    other = fly_recorded(tmp_path, mission__track__duration_s=1.0)
+    FlightRecorder(tmp_path, 100, HEADER).close()
     with pytest.raises(FlightRecordError, match="of another mission than"):
-        Records([flights[0], other[1]])
+        Records([flights[0], tmp_path])
 
 
 def test_a_record_of_the_former_protocol_is_shown():

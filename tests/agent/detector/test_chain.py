@@ -77,7 +77,7 @@ def stream(rng, make_compton_event, blob, count=60, spacing_ns=30_000):
     return blobs, count * spacing_ns
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 1000), cuts=st.lists(st.floats(0.0, 1.0), max_size=40), near=st.booleans())
 def test_the_result_does_not_depend_on_how_the_stream_is_cut(
     seed, cuts, near, make_compton_event, blob, make_hits, make_readouts

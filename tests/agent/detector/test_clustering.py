@@ -47,7 +47,7 @@ corner = st.sampled_from([0, 1, 2, 3, 253, 254, 255])
 pixel = st.tuples(st.integers(0, 300), corner, corner)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.lists(pixel, min_size=1, max_size=14), st.sampled_from([0.0, 20.0, 64.0]))
 def test_both_implementations_follow_the_definition(rows, gap):
     tick, index = hits(rows)

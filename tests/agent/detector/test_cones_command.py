@@ -1,11 +1,11 @@
 import csv
-import os
-import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from agent.cli import main
 from agent.detector.analysis import CSV_COLUMNS, find_peak
 
 
@@ -31,17 +31,22 @@ def write(path, hits):
     return path
 
 
-def run(*arguments):
-    return subprocess.run(
-        [sys.executable, "-c", "from agent.cli import main; main()", "cones", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "COLUMNS": "200"},
-    )
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """The command in this process: exit code, output, error output."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["radron-agent", "cones", *map(str, arguments)])
+        monkeypatch.setenv("COLUMNS", "200")
+        with pytest.raises(SystemExit) as ended:
+            main()
+        said = capsys.readouterr()
+        return SimpleNamespace(returncode=ended.value.code or 0, stdout=said.out, stderr=said.err)
+
+    return run
 
 
-def test_a_file_becomes_a_table_of_cones(measurement):
+def test_a_file_becomes_a_table_of_cones(measurement, run):
     out = measurement.with_name("cones.csv")
     done = run(measurement, "--csv", out, "--nuclide", "Cs-137")
     assert done.returncode == 0, done.stderr
@@ -63,7 +68,7 @@ def test_a_file_becomes_a_table_of_cones(measurement):
     assert stamps == sorted(stamps)
 
 
-def test_hits_of_a_noisy_pixel_are_left_out_and_told_of(tmp_path, make_hits, blob):
+def test_hits_of_a_noisy_pixel_are_left_out_and_told_of(tmp_path, make_hits, blob, run):
     """Two of three hits are in the same place, 20 a second."""
     blobs = [blob(k * 5e7, (1.0, 1.0, 0.0) if k % 3 else (0.1 * (k % 60) - 3.0, -2.0, 0.0), 100.0, 1) for k in range(1, 200)]
     done = run(write(tmp_path / "noisy.t3pa", make_hits(blobs)), "--csv", tmp_path / "cones.csv", "--nuclide", "Cs-137")
@@ -72,7 +77,7 @@ def test_hits_of_a_noisy_pixel_are_left_out_and_told_of(tmp_path, make_hits, blo
     assert 100 < noisy < 133
 
 
-def test_the_nuclide_is_taken_from_the_spectrum(measurement):
+def test_the_nuclide_is_taken_from_the_spectrum(measurement, run):
     named, found = measurement.with_name("named.csv"), measurement.with_name("found.csv")
     assert run(measurement, "--csv", named, "--nuclide", "Cs-137").returncode == 0
     done = run(measurement, "--csv", found, "--nuclide", "auto")
@@ -81,13 +86,13 @@ def test_the_nuclide_is_taken_from_the_spectrum(measurement):
     assert found.read_bytes() == named.read_bytes()
 
 
-def test_a_nuclide_that_the_spectrum_contradicts_is_said(measurement):
+def test_a_nuclide_that_the_spectrum_contradicts_is_said(measurement, run):
     done = run(measurement, "--csv", measurement.with_name("cones.csv"), "--nuclide", "I-131")
     assert done.returncode == 0, done.stderr
     assert "Cs-137, not I-131" in done.stdout
 
 
-def test_where_no_nuclide_stands_out_one_must_be_named(tmp_path, make_hits, blob):
+def test_where_no_nuclide_stands_out_one_must_be_named(tmp_path, make_hits, blob, run):
     rng = np.random.default_rng(6)
     blobs = [blob(50_000.0 * n, (*rng.uniform(-6, 6, 2), 1.0), rng.uniform(60.0, 900.0), 15) for n in range(1, 200)]
     done = run(write(tmp_path / "flat.t3pa", make_hits(blobs)), "--csv", tmp_path / "cones.csv", "--nuclide", "auto")
@@ -105,7 +110,7 @@ def test_where_no_nuclide_stands_out_one_must_be_named(tmp_path, make_hits, blob
         (lambda path: (path, "--calibration", path.parent), "a.txt: cannot be read: No such file"),
     ],
 )
-def test_what_is_wrong_is_one_line_and_nothing_is_written(measurement, change, expected):
+def test_what_is_wrong_is_one_line_and_nothing_is_written(measurement, change, expected, run):
     out = measurement.with_name("cones.csv")
     done = run(*change(measurement), "--csv", out)
     assert done.returncode == 2
@@ -114,13 +119,13 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(measurement, change, e
     assert [path.name for path in measurement.parent.iterdir()] == [measurement.name]
 
 
-def test_a_csv_that_cannot_be_written(measurement):
+def test_a_csv_that_cannot_be_written(measurement, run):
     done = run(measurement, "--csv", measurement.parent / "none" / "cones.csv")
     assert done.returncode == 2
     assert "none does not exist; create it first" in done.stderr
 
 
-def test_the_recording_is_never_overwritten(measurement):
+def test_the_recording_is_never_overwritten(measurement, run):
     before = measurement.read_bytes()
     link = measurement.with_name("link.csv")
     link.hardlink_to(measurement)
@@ -131,7 +136,7 @@ def test_the_recording_is_never_overwritten(measurement):
     assert measurement.read_bytes() == before
 
 
-def test_an_interrupted_recording_is_used_and_told(measurement):
+def test_an_interrupted_recording_is_used_and_told(measurement, run):
     done = run(cut(measurement), "--csv", measurement.with_name("cones.csv"))
     assert done.returncode == 0
     assert "ends in the middle of a row, which was left out" in done.stderr

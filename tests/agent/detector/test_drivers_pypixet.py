@@ -37,7 +37,7 @@ async def reading(module, bias_v=None):
         yield detector, received
     finally:
         await detector.close()
-        await asyncio.wait_for(task, 2.0)
+        await asyncio.wait_for(task, 10.0)
     assert not any(thread.name == "pypixet" and thread.is_alive() for thread in threading.enumerate())
 
 
@@ -106,13 +106,14 @@ def test_a_camera_that_is_lost_is_reported_and_taken_up_again():
             module.plugged.clear()
             camera.lose()
             await until(lambda: any("no Timepix3 camera" in line for line in detector.problems), "the loss among the problems")
+            lost_ns = time.time_ns()
             module.plugged.append(camera)
             await until(camera.measuring.is_set, "another acquisition")
             assert detector.problems == ()
             again_ns = time.time_ns()
             await asyncio.to_thread(camera.deliver, [(2, 4000, 0, 0, 60)])
             await until(lambda: len(hits(received)) == 2, "a hit of the second acquisition")
-            assert hits(received)[1][0] == pytest.approx(again_ns + 100_000, abs=50_000_000)
+            assert lost_ns <= hits(received)[1][0] - 100_000 <= again_ns  # ToA 4000 after the start of that acquisition
             assert {readout.clock_ns for readout in received} == {received[0].clock_ns}
             assert all(later.start_ns >= earlier.end_ns for earlier, later in pairwise(received))
         assert module.starts == module.exits == 1

@@ -24,12 +24,6 @@ ZSTD_FRAME = b"\x28\xb5\x2f\xfd"  # what a compressed chunk begins with
 
 
 @pytest.fixture(scope="module")
-def flights(tmp_path_factory):
-    """Three drones find the source and follow it for 5 s."""
-    return fly_recorded(tmp_path_factory.mktemp("flights"), mission__track__duration_s=5.0)
-
-
-@pytest.fixture(scope="module")
 def segment(flights):
     """The one file of the second drone."""
     (file,) = flights[1].iterdir()

@@ -54,7 +54,7 @@ def agrees(kit, fusion, other):
     return fusion.digest == other.digest and kit.same_bits(fusion.hypothesis, other.hypothesis)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32))
 def test_what_is_forgotten_changes_nothing_in_the_end(kit, mission, entries, in_order, seed):
     """Forged entries among the others, forgotten in portions at any time, whether folded, late or waiting."""
@@ -77,7 +77,7 @@ def test_what_is_forgotten_changes_nothing_in_the_end(kit, mission, entries, in_
     assert fusion.forget([one.entry_id for one in forged]) == []
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 2**32))
 def test_any_permutation_duplication_delay_and_slicing_ends_in_the_same_bits(kit, mission, entries, in_order, seed):
     rng = random.Random(seed)
@@ -96,7 +96,7 @@ def test_any_permutation_duplication_delay_and_slicing_ends_in_the_same_bits(kit
     assert agrees(kit, fusion, in_order)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**32))
 def test_radio_delays_in_a_running_flight(kit, mission, entries, in_order, seed):
     """Arrivals 0 to 3 s late in a 20 Hz loop: at its end, and at every moment at which all is there, the reference's bits."""

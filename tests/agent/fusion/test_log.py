@@ -180,7 +180,7 @@ def test_entries_of_a_kind_are_a_function_of_the_content(mission, entries, seed)
     assert (log.entries(Cone), log.entries(Coverage)) == (mixed[:3], mixed[3:])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(kept=st.sets(st.integers(0, 11)), chance=st.randoms(use_true_random=False))
 def test_what_is_forgotten_leaves_no_trace(mission, entries, kept, chance):
     """And what is forgotten can be taken again."""

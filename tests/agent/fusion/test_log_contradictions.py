@@ -71,7 +71,7 @@ def exchanged(holders, rounds=40):
     raise AssertionError("the exchange does not come to an end")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     told=st.lists(st.tuples(st.integers(0, 200), st.integers(0, 4), st.sampled_from("ab")), max_size=40),
     chance=st.randoms(use_true_random=False),
@@ -87,7 +87,7 @@ def test_what_is_left_out_does_not_depend_on_the_order_of_arrival(mission, entry
     assert all(number < min(contradicted, default=1 << 64) for number in held)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     told=st.lists(st.tuples(st.integers(0, 200), st.integers(0, 3), st.sampled_from("ab")), max_size=60),
     parts=st.lists(st.integers(0, 2), min_size=60, max_size=60),

@@ -86,7 +86,7 @@ def assert_fair(area: Polygon | MultiPolygon, segments: dict[str, Polygon | Mult
         assert part.area == pytest.approx(area.area / len(parts), rel=1e-4)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data(), polygons(), st.integers(1, 7), st.floats(6.0, 25.0))
 def test_any_polygon_is_shared_fairly_and_covered(data: st.DataObject, area: Polygon, count: int, spacing_m: float) -> None:
     starts = {drone: data.draw(points_in(area)) for drone in drones(count)}
@@ -110,7 +110,7 @@ def test_awkward_areas(name: str, count: int) -> None:
         assert_covered(segments[drone], path, 10.0)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.data(), polygons(), st.integers(2, 5), st.floats(0.0, 1.0))
 def test_survivors_cover_what_a_lost_drone_left(data: st.DataObject, area: Polygon, count: int, progress: float) -> None:
     spacing_m = 10.0

@@ -33,7 +33,7 @@ def mission(agent_lost: str = "return") -> MissionConfig:
 
 @pytest.mark.parametrize("kind", [Kind(True, False), Kind(True, True), Kind(False, True)])
 @pytest.mark.parametrize("agent_lost", ["return", "land", "hold"])
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(before=st.floats(-10.0, 1e7))
 def test_a_correction_passes_the_check_that_failed(kind: Kind, agent_lost: str, before: float) -> None:
     vision = VisionConfig(address="127.0.0.1:1") if kind.vision else None

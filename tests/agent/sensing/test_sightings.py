@@ -42,7 +42,7 @@ def feeding(course: Callable[[LineServer, SightingsFeed, list[SeenDrone]], Corou
                 await course(server, feed, found)
             finally:
                 await feed.close()
-                async with asyncio.timeout(1.0):
+                async with asyncio.timeout(10.0):
                     await reading
 
     asyncio.run(run())

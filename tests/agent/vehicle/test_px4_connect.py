@@ -38,7 +38,7 @@ def test_nobody_there_is_told_within_the_configured_time() -> None:
     text = asyncio.run(refusal(address, timeout_s=0.5))
     assert "no autopilot" in text
     assert "0.5 s" in text
-    assert time.monotonic() - begun_s < 2.0
+    assert time.monotonic() - begun_s < 3.0  # by default 10 s; the machine is shared
 
 
 @pytest.fixture(autouse=True)
@@ -59,7 +59,7 @@ def test_a_second_agent_on_the_same_port_is_refused() -> None:
         first = Px4Vehicle(VehicleConfig(address=address, connect_timeout_s=5.0), 60.0)
         connecting = asyncio.create_task(first.connect())
         await asyncio.sleep(0)  # it listens as soon as it is connecting
-        deadline_s = time.monotonic() + 3.0
+        deadline_s = time.monotonic() + 10.0
         while time.monotonic() < deadline_s:
             text = await refusal(address, timeout_s=0.1)
             if "in use" in text:
@@ -88,7 +88,7 @@ def test_a_failed_connection_leaves_no_thread_and_frees_the_port() -> None:
             probe.bind(("127.0.0.1", port))
 
     asyncio.run(scenario())  # ends the loop's own threads
-    deadline_s = time.monotonic() + 2.0
+    deadline_s = time.monotonic() + 10.0
     while len(os.listdir("/proc/self/task")) > threads and time.monotonic() < deadline_s:
         time.sleep(0.02)
     assert len(os.listdir("/proc/self/task")) <= threads

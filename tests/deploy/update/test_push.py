@@ -26,7 +26,7 @@ from protocol.messages import Stage
 from protocol.onboard import Needs, Outcome, Release, Trial
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKING is not None, reason=LACKING or "")]
-SCRIPT = Path(__file__).parents[2] / "support/computer.py"
+SCRIPT = Path(__file__).parents[2] / "support/computers/computer.py"
 
 
 @pytest.fixture(scope="module")

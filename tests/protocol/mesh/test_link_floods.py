@@ -21,6 +21,8 @@ from meshes import SWARM, linked, until
 from protocol.identity import load_identity
 from protocol.keys import ROOT, command_key, drone_key
 
+MUTE_S = 4.0  # for what takes milliseconds; one that is kept out by a flood stays out for as long as that lasts
+
 
 def _context(folder: Path) -> ssl.SSLContext:
     """As d2."""
@@ -50,7 +52,7 @@ async def _linked(folder: Path) -> AsyncIterator[tuple[Listening, Callable[[floa
 
         async def check(joins_s: float) -> None:
             d2.publish("pose", b"here")
-            assert await until(lambda: d1.got(drone_key(SWARM, "d2", "pose"))) < 1.0
+            await until(lambda: d1.got(drone_key(SWARM, "d2", "pose")), MUTE_S)
             d3 = await stack.enter_async_context(joined(load_identity(folder / "d3"), connect=(listen,)))
             await until(lambda: "d3" in d1.mesh.alive and "d1" in d3.mesh.alive, joins_s)
             assert d1.mesh.alive == {"d2", "d3"}
@@ -88,13 +90,13 @@ OVERSIZED = struct.pack(">BHH", 22, 0x0301, 16_384) + b"\x01\xff\xff\xff" + b"x"
 
 @pytest.mark.parametrize("data", [GARBAGE, OVERSIZED], ids=["garbage", "oversized"])
 def test_broken_handshakes_keep_nobody_out(folder: Path, data: bytes) -> None:
-    """Zenoh accepts nobody for 0.1 s after a handshake that failed (its issue 2685): 30 of them, about 3 s."""
-    asyncio.run(_attacked(folder, data, 30, joins_s=10.0))
+    """Zenoh accepts nobody for 0.1 s after a handshake that failed (its issue 2685): 10 of them, about 1 s."""
+    asyncio.run(_attacked(folder, data, 10, joins_s=10.0))
 
 
 def test_truncated_handshakes_keep_nobody_out(folder: Path) -> None:
     hello = _client_hello(folder)
-    asyncio.run(_attacked(folder, hello[: len(hello) // 2], 30, joins_s=10.0, closed=True))
+    asyncio.run(_attacked(folder, hello[: len(hello) // 2], 10, joins_s=10.0, closed=True))
 
 
 @pytest.mark.slow
@@ -167,7 +169,7 @@ def test_a_member_that_floods_loses_its_own_messages_only(folder: Path, key: str
             flooding = asyncio.create_task(asyncio.to_thread(_flood, d2, key, ended))
             may_send = key in (NEWS, ENTRIES, COMMANDS)
             own, gaps_s, last_s, number = drone_key(SWARM, "d3", "pose"), [0.0], time.monotonic(), 0
-            while number < 40 or (may_send and not d1.mesh.problems):  # how soon it loses some depends on how fast it can send
+            while number < 20 or (may_send and not d1.mesh.problems):  # how soon it loses some depends on how fast it can send
                 assert number < 600, "never told"
                 d3.publish("pose", b"%d" % number)
                 await asyncio.sleep(0.05)
@@ -179,11 +181,11 @@ def test_a_member_that_floods_loses_its_own_messages_only(folder: Path, key: str
             told = d1.mesh.problems
             ended.set()
             sent = await flooding
-            assert max(gaps_s) < 4.0  # the flood comes from this process too, and takes the interpreter's lock from all others
+            assert max(gaps_s) < MUTE_S  # the flood comes from this process too, and takes the interpreter's lock from all others
             assert b"flood" not in d1.got(own)
             arrived = [payload for _, payload in d1.messages].count(b"flood")
             assert 0 < arrived < sent if may_send else arrived == 0
-            assert len(gaps_s) > 20
+            assert len(gaps_s) > 10
             assert [text.partition(":")[0] for text in told] == [
                 "d2 floods the mesh" if key != COMMANDS else "operator d2 floods the mesh"
             ] * may_send

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Collection
 
 import pytest
+import virtual_time
 
-from protocol.mesh import recovery
-from protocol.mesh.recovery import recover
+from protocol.mesh.recovery import HURRY_S, PERIOD_S, recover
 
 
 class Swarm:
@@ -30,26 +30,20 @@ async def ask_for_a_while(swarm: Swarm, seconds: float, alive: Collection[str] |
         await asyncio.wait_for(asking, seconds)
 
 
-@pytest.fixture(autouse=True)
-def _quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recovery, "PERIOD_S", 0.2)
-    monkeypatch.setattr(recovery, "HURRY_S", 0.02)
-
-
 def test_peers_are_asked_in_turn() -> None:
     swarm = Swarm({"d1": 0, "d3": 0, "d4": 0})
-    asyncio.run(ask_for_a_while(swarm, 1.0))
+    virtual_time.run(ask_for_a_while(swarm, 4.5 * PERIOD_S))
     asked = [peer for _, peer in swarm.asked]
-    assert len(asked) >= 4
+    assert len(asked) == 3 + 5  # each as it appears, and then one in each period
     assert all(set(asked[at : at + 3]) == {"d1", "d3", "d4"} for at in range(len(asked) - 2))
 
 
 def test_a_whole_log_is_fetched_without_waiting_between_its_pieces() -> None:
     swarm = Swarm({"d2": 5})
-    asyncio.run(ask_for_a_while(swarm, 0.35))
+    virtual_time.run(ask_for_a_while(swarm, PERIOD_S))
     times = [at_s for at_s, _ in swarm.asked]
     assert len(times) >= 6
-    assert times[5] - times[0] < 0.2
+    assert times[5] - times[0] == pytest.approx(5 * HURRY_S)
 
 
 def test_peers_that_come_later_are_asked() -> None:
@@ -57,8 +51,8 @@ def test_peers_that_come_later_are_asked() -> None:
     alive: set[str] = set()
 
     async def late() -> None:
-        asyncio.get_running_loop().call_later(0.1, alive.add, "d2")
-        await ask_for_a_while(swarm, 0.4, alive)
+        asyncio.get_running_loop().call_later(1.0, alive.add, "d2")
+        await ask_for_a_while(swarm, 2.0, alive)
 
-    asyncio.run(late())
+    virtual_time.run(late())
     assert swarm.asked

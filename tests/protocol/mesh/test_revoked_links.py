@@ -78,7 +78,7 @@ def test_a_session_that_is_opened_anew_keeps_the_others_and_loses_no_entry(folde
             await opening
             await until(lambda: b"%d" % number in d2.got(drone_key(SWARM, "d1", "cone")))
             assert d2.got(drone_key(SWARM, "d1", "cone")) == [b"%d" % n for n in range(1, number + 1)]
-            assert max(later - one for one, later in pairwise([began_s, *heard_s])) < 1.0
+            assert max(later - one for one, later in pairwise([began_s, *heard_s])) < 2.0  # it dials again after 0.2 to 1 s
             assert b"after" not in d1.got(drone_key(SWARM, "d3", "pose"))
             assert d1.mesh.alive == {"d2"}
             assert b"after" in d1.got(drone_key(SWARM, "d2", "pose"))

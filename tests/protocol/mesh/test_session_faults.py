@@ -13,7 +13,7 @@ from random import Random
 
 import meshes
 import pytest
-from meshes import endpoint, free_port, linked, member, peer_process, until
+from meshes import LONG_LEASE_MS, endpoint, free_port, linked, member, peer_process, until
 
 from protocol.keys import drone_key
 from protocol.mesh import session
@@ -63,10 +63,10 @@ def test_a_killed_peer_is_gone_at_once_and_comes_back() -> None:
     async def run() -> None:
         first, second = endpoint(), endpoint()
         async with member("d1", first) as d1:
-            with peer_process("d2", second, first) as d2:
+            with peer_process("d2", second, first, lease_ms=LONG_LEASE_MS) as d2:
                 await until(lambda: d1.mesh.alive == {"d2"})
                 d2.kill()
-                await until(lambda: not d1.mesh.alive, 0.9)  # before the lease of a second
+                await until(lambda: not d1.mesh.alive)  # by the end of its sockets, and not of its lease
             with peer_process("d2", second, first):
                 await until(lambda: d1.mesh.alive == {"d2"})
 
@@ -99,7 +99,7 @@ def test_a_peer_that_stands_still_is_gone_within_a_lease_and_its_restart_counts(
             with peer_process("d2", endpoint(), first) as stopped:
                 await until(lambda: d1.mesh.alive == {"d2"})
                 stopped.send_signal(signal.SIGSTOP)
-                await until(lambda: not d1.mesh.alive, 1.6)  # lease 1 s, and what a busy machine adds
+                assert await until(lambda: not d1.mesh.alive) < 3.0  # lease 1 s, and what a busy machine adds; Zenoh's own: 10 s
                 stopped.send_signal(signal.SIGCONT)
                 await until(lambda: d1.mesh.alive == {"d2"})
                 stopped.send_signal(signal.SIGSTOP)
@@ -111,6 +111,7 @@ def test_a_peer_that_stands_still_is_gone_within_a_lease_and_its_restart_counts(
     asyncio.run(run())
 
 
+@pytest.mark.slow
 def test_peers_that_stand_still_stall_neither_the_healthy_ones_nor_the_close() -> None:
     async def run() -> None:
         ends = [endpoint() for _ in range(4)]
@@ -129,11 +130,11 @@ def test_peers_that_stand_still_stall_neither_the_healthy_ones_nor_the_close() -
                     start_s = time.monotonic()
                     for _ in range(10):  # more than the sockets of those that stand still hold
                         d1.publish("plan", bytes(60_000))
-                    assert time.monotonic() - start_s < 0.5
+                    assert time.monotonic() - start_s < 1.0  # an agent whose loop stands still for so long is killed
                     await asyncio.sleep(0.02)
                     if len(d1.messages) > heard:
                         heard, longest_s, last_s = len(d1.messages), max(longest_s, time.monotonic() - last_s), time.monotonic()
-                assert longest_s < 1.0  # poses of d4 come at 20 Hz; with Zenoh's default of two receive threads 10 s
+                assert longest_s < 4.0  # poses of d4 come at 20 Hz; with Zenoh's default of two receive threads 10 s
                 assert d1.mesh.alive == {"d4"}
                 d3.send_signal(signal.SIGCONT)
                 await until(lambda: "d3" in d1.mesh.alive)
@@ -226,7 +227,7 @@ def test_the_process_ends_cleanly_while_peers_stand_still() -> None:
         assert d3.stdin is not None
         d3.stdin.write("\n")
         assert d3.wait(timeout=5.0) == 0
-        assert time.monotonic() - start_s < 1.5  # the close, and the end of the interpreter
+        assert time.monotonic() - start_s < CLOSE_S  # the close, which was not given up, and the end of the interpreter
 
 
 CANCELLED = """
@@ -311,7 +312,7 @@ def test_a_peer_that_fetches_the_log_over_a_congested_link_does_not_hold_the_pub
                     d1.publish("cone", bytes(400))
                     longest_s = max(longest_s, time.monotonic() - before_s)
                     await asyncio.sleep(0.02)
-                assert longest_s < 0.2  # an agent whose loop stands still for a second is killed; the put itself waits for 5 s
+                assert longest_s < 1.0  # an agent whose loop stands still for so long is killed; the put itself waits for 5 s
 
     asyncio.run(run())
 

@@ -41,7 +41,7 @@ def test_a_child_dies_with_a_parent_that_is_killed() -> None:
     finally:
         parent.send_signal(signal.SIGKILL)
         parent.communicate()
-    until_gone(pid, 2.0)
+    until_gone(pid, 20.0)
 
 
 def test_a_child_that_does_not_end_is_killed() -> None:
@@ -54,7 +54,7 @@ def test_a_child_that_does_not_end_is_killed() -> None:
 
     code, took_s = asyncio.run(course())
     assert code == -signal.SIGKILL
-    assert 0.3 <= took_s < 2.0
+    assert 0.3 <= took_s < 20.0  # by itself it would end after 60 s
 
 
 def test_what_it_said_last_is_kept_and_nobodys_settings_reach_it(tmp_path: Path, monkeypatch) -> None:

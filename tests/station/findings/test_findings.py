@@ -51,10 +51,10 @@ def operator(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def findings(flights_on_earth):
+def findings(flights):
     """Of three drones that find the source and follow it for 5 s, on Earth."""
     shares = []
-    found = gather(flights_on_earth[:1], shares.append)
+    found = gather(flights[:1], shares.append)
     assert shares[-1] == 1.0
     return found
 
@@ -207,11 +207,11 @@ def hypothesis_of(flight, at_ms):
     return world.fusion.hypothesis
 
 
-def test_every_number_of_the_report_is_the_logs(findings, folder, flights_on_earth):
+def test_every_number_of_the_report_is_the_logs(findings, folder, flights):
     """Counted here from the messages in the record, and compared with what the drone itself knew."""
     text = (folder / "report.html").read_text()
     log, entries = ObservationLog(findings.mission.mission_id, findings.drones), {}
-    for heard in Records(flights_on_earth[:1]).messages():
+    for heard in Records(flights[:1]).messages():
         message = decode_from(heard.key, heard.payload)
         if isinstance(message, Entry):
             entries[message.drone, message.boot, message.sequence] = message
@@ -228,7 +228,7 @@ def test_every_number_of_the_report_is_the_logs(findings, folder, flights_on_ear
     told = {(line["time_utc"], line["drone"]) for line in csv.DictReader(io.StringIO((folder / "cones.csv").read_text()))}
     assert told == {(utc(one.stamp_ns), one.drone) for one in cones}
 
-    known = hypothesis_of(flights_on_earth[0], findings.best.at_ms)
+    known = hypothesis_of(flights[0], findings.best.at_ms)
     x, y, z = known.position
     (xx, xy, _), (_, yy, _), (_, _, zz) = known.covariance
     place = f"{x:.2f} m east, {y:.2f} m north, {z:.2f} m up; 1 sigma {math.sqrt(xx + yy):.2f} m (RMS radius)"
@@ -264,12 +264,16 @@ def test_the_report_is_signed_and_openssl_verifies_it(findings, folder, operator
     assert {"report.html", "spectra.n42", "dose.tif", "digest.txt"} <= set(seal.files)
 
 
+def append(file):
+    file.write_bytes(file.read_bytes() + b"x")
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda folder: (folder / "report.html").open("a").write("x"), "report.html: was changed after tablet signed"),
+        (lambda folder: append(folder / "report.html"), "report.html: was changed after tablet signed"),
         (lambda folder: (folder / "spectra.n42").unlink(), "spectra.n42: is missing"),
-        (lambda folder: (folder / "SHA256SUMS").open("a").write("x"), "SHA256SUMS: is not what tablet has signed"),
+        (lambda folder: append(folder / "SHA256SUMS"), "SHA256SUMS: is not what tablet has signed"),
         (lambda folder: (folder / "SHA256SUMS.sig").unlink(), "the report is not signed"),
         (lambda folder: (folder / "signer.pem").write_text("x"), "signer.pem: is not a certificate"),
     ],
@@ -287,13 +291,13 @@ def test_the_signature_of_another_swarms_member_does_not_count(folder, tmp_path)
         verify(folder, stranger.folder / "ca.pem")
 
 
-def test_the_page_gives_the_same_report(findings, flights_on_earth, operator):
-    records = Records(flights_on_earth[:1])
+def test_the_page_gives_the_same_report(findings, flights, operator):
+    records = Records(flights[:1])
     hub = Hub(Picture(records.mission, records.verifier), replay=True)
     asyncio.run(play(hub, records))
     with served(hub) as page:
         assert page.get("/report.zip")[0] == 503
-        hub.findings = reports(hub, operator, flights_on_earth[:1], records)
+        hub.findings = reports(hub, operator, flights[:1], records)
         status, headers, body = page.get("/report.zip")
         assert (status, headers["content-type"]) == (200, "application/zip")
         assert records.mission.mission_id in headers["content-disposition"]

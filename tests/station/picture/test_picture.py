@@ -1,30 +1,20 @@
 import pytest
+import shown_drone
 from msgspec.structs import replace
+from shown_drone import D1, NOW_NS, PLACE_M, POSE, SPEED_MPS, exposure
 
 from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
-from protocol.codec import encode
-from protocol.entries import Counts, Exposure, PoseSample
+from protocol.entries import Counts
 from protocol.keys import key_of
-from protocol.messages import Plan, Pose, Stage, Status
+from protocol.messages import Plan, Stage, Status
 from protocol.spectrum import SpectrumBin
 from station.picture.picture import Picture
 
 MISSION = MissionConfig(
     name="m",
     area=AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0))),
-    drones=(DroneInMission(id="d1", origin_m=(10.0, 20.0, 1.0), yaw_deg=90.0), DroneInMission(id="d2")),
+    drones=(D1, DroneInMission(id="d2")),
     datum=DatumConfig(latitude_deg=50.0, longitude_deg=14.0),
-)
-NOW_NS = 1_800_000_000_000_000_000
-POSE = Pose(
-    stamp_ns=NOW_NS,
-    drone="d1",
-    epoch=0,
-    position_m=(3.0, 0.0, 2.0),
-    velocity_mps=(0.0, 2.0, 1.0),
-    quaternion=(1.0, 0.0, 0.0, 0.0),
-    position_sigma_m=0.3,
-    yaw_sigma_rad=0.01,
 )
 STATUS = Status(stamp_ns=NOW_NS, drone="d1", mission=MISSION.mission_id, boot="0" * 16, stage=Stage.SURVEY, problems=("cold",))
 
@@ -34,9 +24,8 @@ def picture():
     return Picture(MISSION, None)
 
 
-def give(picture, *messages, now_ns=NOW_NS):
-    for message in messages:
-        picture.receive(key_of(MISSION.swarm, message), encode(message), now_ns)
+def give(picture, *messages):
+    shown_drone.give(picture, MISSION, *messages)
 
 
 def drone(picture, now_ns=NOW_NS, alive=("d1", "d2")):
@@ -48,9 +37,9 @@ def test_a_pose_and_its_plan_are_shown_in_the_mission_frame(picture):
     plan = Plan(stamp_ns=NOW_NS, drone="d1", epoch=0, step_ns=10**8, positions_m=((3.0, 0.0, 2.0), (4.0, 0.0, 2.0)))
     give(picture, POSE, plan, STATUS)
     shown = drone(picture)
-    assert shown.place == pytest.approx((10.0, 23.0, 3.0))  # its frame is turned by 90 degrees
+    assert shown.place == pytest.approx(PLACE_M)
     assert shown.yaw == pytest.approx(1.571)
-    assert shown.speed_mps == 2.0
+    assert shown.speed_mps == SPEED_MPS
     assert shown.plan[-1] == pytest.approx((10.0, 24.0))
     assert (shown.stage, shown.problems, shown.stale) == ("survey", ("cold",), False)
 
@@ -67,7 +56,7 @@ def test_a_long_plan_is_thinned_and_follows_its_frame(picture):
 
 def test_an_older_pose_does_not_replace_a_newer_one(picture):
     give(picture, POSE, replace(POSE, stamp_ns=NOW_NS - 1, position_m=(9.0, 9.0, 9.0)))
-    assert drone(picture).place == pytest.approx((10.0, 23.0, 3.0))
+    assert drone(picture).place == pytest.approx(PLACE_M)
 
 
 def test_a_drone_that_is_not_heard_or_whose_process_has_ended_is_stale(picture):
@@ -87,25 +76,7 @@ def test_what_is_no_message_or_of_no_drone_of_the_mission_is_counted_and_dropped
 
 
 def test_the_count_rates_are_those_of_the_last_seconds(picture):
-    def exposure(number, hits):
-        at_ns = NOW_NS + number * 500_000_000
-        poses = (PoseSample(0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)),)
-        return Exposure(
-            stamp_ns=at_ns,
-            drone="d1",
-            mission=MISSION.mission_id,
-            boot="0" * 16,
-            sequence=number,
-            epoch=0,
-            end_ns=at_ns + 500_000_000,
-            live_time_s=0.5,
-            counts=Counts(hits, 2, 1),
-            poses=poses,
-            position_sigma_m=0.1,
-            yaw_sigma_rad=0.01,
-        )
-
-    give(picture, *(exposure(number, 500 if number < 4 else 20) for number in range(12)))
+    give(picture, *(exposure(MISSION, number, 0.5, Counts(500 if number < 4 else 20, 2, 1)) for number in range(12)))
     assert drone(picture, NOW_NS + 6 * 10**9).rates_ps == (40.0, 4.0, 2.0)
     assert drone(picture, NOW_NS + 60 * 10**9).rates_ps is None  # a camera that is silent shows no rates
     assert len(picture.log.fusion.log) == 12
@@ -120,17 +91,12 @@ def test_the_mission_is_told_with_its_fence_around_the_area(picture):
 
 
 def test_the_spectrum_is_that_of_the_last_half_minute(picture):
-    def exposure(number, *bins):
-        at_ns = NOW_NS + number * 1_000_000_000
-        return Exposure(
-            stamp_ns=at_ns, drone="d1", mission=MISSION.mission_id, boot="0" * 16, sequence=number, epoch=0,
-            end_ns=at_ns + 1_000_000_000, live_time_s=0.9, counts=Counts(10, 2, 1),
-            poses=(PoseSample(0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)),), position_sigma_m=0.1, yaw_sigma_rad=0.01,
-            spectrum=tuple(SpectrumBin(*each) for each in bins),
-        )  # fmt: skip
+    def told(number, *bins):
+        spectrum = tuple(SpectrumBin(*each) for each in bins)
+        return exposure(MISSION, number, 1.0, Counts(10, 2, 1), live_time_s=0.9, spectrum=spectrum)
 
     assert picture.spectra(NOW_NS).drones == ()
-    give(picture, exposure(0, (3, 100, 0)), exposure(40, (3, 5, 1), (20, 7, 0)), exposure(41, (3, 2, 0)))
+    give(picture, told(0, (3, 100, 0)), told(40, (3, 5, 1), (20, 7, 0)), told(41, (3, 2, 0)))
     (shown,) = picture.spectra(NOW_NS + 42 * 10**9).drones
     assert (shown.id, shown.live_s) == ("d1", 1.8)
     assert {place: count for place, count in enumerate(shown.singles) if count} == {3: 7, 20: 7}

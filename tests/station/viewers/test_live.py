@@ -11,12 +11,10 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from msgspec.structs import replace
 from served_page import served
+from shown_drone import D1, NOW_NS, PLACE_M, POSE, SPEED_MPS, give
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from protocol.codec import encode
-from protocol.keys import key_of
-from protocol.messages import Pose
 from station.hub import Hub
 from station.picture.frame import Event
 from station.picture.picture import Picture
@@ -27,21 +25,10 @@ from station.web.foxglove import MOST_CLIENTS, door
 MISSION = MissionConfig(
     name="<b>m</b>",
     area=AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0))),
-    drones=(DroneInMission(id="d1", origin_m=(10.0, 20.0, 1.0), yaw_deg=90.0),),
+    drones=(D1,),
 )
 REFUSED = (ConnectionClosed, InvalidStatus)
 PROTOCOL = "foxglove.sdk.v1"
-NOW_NS = 1_800_000_000_000_000_000
-POSE = Pose(
-    stamp_ns=NOW_NS,
-    drone="d1",
-    epoch=0,
-    position_m=(3.0, 0.0, 2.0),
-    velocity_mps=(0.0, 2.0, 1.0),
-    quaternion=(1.0, 0.0, 0.0, 0.0),
-    position_sigma_m=0.3,
-    yaw_sigma_rad=0.01,
-)
 
 
 @pytest.fixture
@@ -93,7 +80,7 @@ def wait(page, *subscriptions):
 def show(page, now_ns):
     """The drone publishes a pose, and the station shows it."""
     pose = replace(POSE, stamp_ns=now_ns)
-    page.call(page.hub.picture.receive, key_of(MISSION.swarm, pose), encode(pose), now_ns)
+    page.call(lambda: give(page.hub.picture, MISSION, pose, now_ns=now_ns))
     page.call(page.hub.show, now_ns)
 
 
@@ -128,9 +115,9 @@ def test_a_pose_comes_as_it_was_published_and_nothing_that_was_not_subscribed_to
         subscription, log_ns, content = received(socket, channels["/d1/pose"])
         assert (subscription, log_ns) == (1, NOW_NS)
         place = content.pose.position
-        assert (place.x, place.y, place.z) == pytest.approx((10.0, 23.0, 3.0), abs=1e-12)  # its frame is turned by 90 degrees
+        assert (place.x, place.y, place.z) == pytest.approx(PLACE_M, abs=1e-12)
         subscription, _, table = received(socket, channels["/d1/state"])
-        assert (subscription, table["speed_mps"], table["sigma_m"]) == (0, 2.0, 0.3)
+        assert (subscription, table["speed_mps"], table["sigma_m"]) == (0, SPEED_MPS, 0.3)
 
 
 def test_after_the_end_of_a_subscription_nothing_comes(page):
@@ -218,7 +205,7 @@ def test_a_client_that_does_not_read_is_let_go(live, monkeypatch):
         live.ask(client, json.dumps({"op": "subscribe", "subscriptions": [{"id": 0, "channelId": 1}]}))
         for place in range(20):
             pose = replace(POSE, stamp_ns=NOW_NS + place * 100_000_000)
-            hub.picture.receive(key_of(MISSION.swarm, pose), encode(pose), pose.stamp_ns)
+            give(hub.picture, MISSION, pose, now_ns=pose.stamp_ns)
             hub.show(pose.stamp_ns)
         assert client.gone
     assert not live.clients

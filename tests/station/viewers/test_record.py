@@ -46,10 +46,10 @@ FOXGLOVE = {  # https://docs.foxglove.dev/docs/sdk/schemas
 
 
 @pytest.fixture(scope="module")
-def written(flights_on_earth, tmp_path_factory):
+def written(flights, tmp_path_factory):
     """The file and the layout beside it."""
     shares = []
-    files, flaws = export(flights_on_earth[:1], tmp_path_factory.mktemp("out") / "flight.mcap", shares.append)
+    files, flaws = export(flights[:1], tmp_path_factory.mktemp("out") / "flight.mcap", shares.append)
     assert (shares[-1], flaws) == (1.0, ())
     return files
 
@@ -73,9 +73,9 @@ def messages(written):
 
 
 @pytest.fixture(scope="module")
-def heard(flights_on_earth):
+def heard(flights):
     """What the drone has received and sent."""
-    return [decode_from(each.key, each.payload) for each in Records(flights_on_earth[:1]).messages()]
+    return [decode_from(each.key, each.payload) for each in Records(flights[:1]).messages()]
 
 
 def stamp_ns(timestamp):
@@ -156,9 +156,9 @@ class Seen:
 
 
 @pytest.fixture(scope="module")
-def seen(flights_on_earth):
+def seen(flights):
     """What the page is shown of the same records."""
-    records, seen = Records(flights_on_earth[:1]), Seen()
+    records, seen = Records(flights[:1]), Seen()
     hub = Hub(Picture(records.mission, records.verifier), replay=True)
     hub.outlets.append(seen)
     asyncio.run(play(hub, records, STEP_MS))
@@ -237,9 +237,9 @@ def _panels(split):
     return {split} if isinstance(split, str) else _panels(split["first"]) | _panels(split["second"])
 
 
-def test_a_record_is_not_replaced(flights_on_earth):
-    (record,) = flights_on_earth[0].glob("*.mcap")
+def test_a_record_is_not_replaced(flights):
+    (record,) = flights[0].glob("*.mcap")
     before = record.read_bytes()
     with pytest.raises(FlightRecordError, match="is one of the records"):
-        export(flights_on_earth[:1], record, lambda share: None)
+        export(flights[:1], record, lambda share: None)
     assert record.read_bytes() == before

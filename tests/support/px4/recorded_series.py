@@ -10,7 +10,7 @@ import numpy as np
 
 from sim.vehicle.multirotor import Multirotors, MultirotorTruth, Setpoints
 
-RECORDINGS = Path(__file__).parents[1] / "contract" / "recordings"
+RECORDINGS = Path(__file__).parents[2] / "contract" / "recordings"
 UNITS = {
     "setpoint": [1e-4, 1.0] + [1e-3] * 11,
     "estimate": [1e-4] + [1e-3] * 7,

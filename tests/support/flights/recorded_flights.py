@@ -1,10 +1,13 @@
 """Flights of the lockstep, recorded as the agents record theirs."""
 
+import fcntl
 import itertools
+import os
 import sys
 import time
 from pathlib import Path
 
+import pytest
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
@@ -24,6 +27,7 @@ MISSION = MissionConfig(
     area=AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0))),
     drones=(DroneInMission(id="d1"),),
 )
+DATUM = {"mission__datum": {"latitude_deg": 47.4, "longitude_deg": 8.5, "altitude_m": 488.0}}
 HEADER = FlightHeader.of(MISSION, DroneConfig(id="d1"), "0123456789abcdef", 1_800_000_000_000_000_000, nonce_key=b"")
 
 
@@ -67,6 +71,20 @@ def fly_recorded(folder, seed=1, name="demo", **changes):
         for pilot in pilots:
             pilot.recorder.close()
     return sorted(folder.iterdir())
+
+
+@pytest.fixture(scope="session")
+def flights(tmp_path_factory):
+    """Records of three drones, on Earth, that find the source and follow it for 5 s. Flown once for all that read them."""
+    own = tmp_path_factory.getbasetemp()
+    common = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own  # each of xdist's workers has its own below it
+    done = common / "flights"
+    with (common / "flights.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not done.exists():
+            fly_recorded(common / "flying", mission__track__duration_s=5.0, **DATUM)
+            (common / "flying").rename(done)
+    return sorted(done.iterdir())
 
 
 def rewritten(source, target, change):

@@ -14,7 +14,7 @@ from meshes import free_port
 from deploy.image.layout import LEAST_DISK_BYTES
 from deploy.remote import Host
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PASSPHRASE = "four quite ordinary words"
 BOOT_S = 600.0  # without hardware support, on a busy computer; 40 to 60 s on an idle one
 

@@ -7,6 +7,7 @@ import asyncio
 import sys
 
 from protocol.keys import drone_key
+from protocol.mesh import link
 from protocol.mesh.session import Mesh, MeshConfig
 
 
@@ -18,7 +19,10 @@ async def main() -> None:
     parser.add_argument("--entries", type=int, default=0, help="cones to publish at once when the input says 'burst'")
     parser.add_argument("--pose-bytes", type=int, default=0, help="size of the poses; 0: none")
     parser.add_argument("--pose-hz", type=float, default=20.0)
+    parser.add_argument("--lease-ms", type=int, default=0, help="0: as it is set in flight")
     arguments = parser.parse_args()
+    if arguments.lease_ms:
+        link._SETTINGS["transport/link/tx/lease"] = arguments.lease_ms
     config = MeshConfig(listen=arguments.listen, connect=tuple(arguments.connect))
     mesh = await Mesh.open(config, "s", arguments.drone, receive=lambda key, payload: None)
     print("joined", flush=True)

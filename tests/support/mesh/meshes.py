@@ -16,6 +16,7 @@ from protocol.mesh.session import Mesh, MeshConfig
 
 SWARM = "s"
 DEADLINE_S = 10.0  # for what takes milliseconds on an idle machine
+LEASE, LONG_LEASE_MS = "transport/link/tx/lease", 60_000  # a setting of Zenoh; one that outlasts every test
 
 
 def free_port() -> int:
@@ -97,11 +98,12 @@ async def linked(*members: Member) -> None:
 
 @contextmanager
 def peer_process(
-    drone: str, listen: str, *connect: str, entries: int = 0, pose_bytes: int = 0, pose_hz: float = 20.0
+    drone: str, listen: str, *connect: str, entries: int = 0, pose_bytes: int = 0, pose_hz: float = 20.0, lease_ms: int = 0
 ) -> Iterator[subprocess.Popen[str]]:
-    """A drone in a process of its own (``mesh_peer.py``) that has joined."""
+    """A drone in a process of its own (``mesh_peer.py``) that has joined; ``lease_ms``: 0: as it is set in flight."""
     script = Path(__file__).with_name("mesh_peer.py")
-    arguments = [f"--entries={entries}", f"--pose-bytes={pose_bytes}", f"--pose-hz={pose_hz}", drone, listen, *connect]
+    options = {"entries": entries, "pose-bytes": pose_bytes, "pose-hz": pose_hz, "lease-ms": lease_ms}
+    arguments = [*(f"--{name}={value}" for name, value in options.items()), drone, listen, *connect]
     process = subprocess.Popen(
         [sys.executable, str(script), *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
     )

@@ -18,7 +18,13 @@ import psutil
 from agent.config.drone import DroneConfig
 from agent.config.loading import load_toml
 
+PATIENCE_S = 60.0  # for what takes a second or a few on a machine that has nothing else to do
 PROGRAM = Path(sysconfig.get_path("scripts")) / "radron-sim"
+
+
+def stretched(time_s: float) -> float:
+    """A time limit on a machine with more work than it has processors."""
+    return time_s * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
 class LiveRun:

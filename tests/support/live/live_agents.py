@@ -20,7 +20,7 @@ import psutil
 from protocol.identity import Role
 from protocol.issuing import throwaway
 
-SUPPORT = Path(__file__).parent
+SUPPORT = Path(__file__).parents[1]
 T = TypeVar("T")
 
 
@@ -60,7 +60,7 @@ class Vehicles:
             "parameters": parameters or {},
         }
         self._process = subprocess.Popen(
-            [sys.executable, str(SUPPORT / "vehicles.py"), json.dumps(order)],
+            [sys.executable, str(SUPPORT / "px4/vehicles.py"), json.dumps(order)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         self.reports: list[tuple[float, list[dict[str, Any]]]] = []
@@ -99,7 +99,7 @@ class Agent:
         self._log = (folder / f"{name}.log").open("ab")
         self._log_path = folder / f"{name}.log"
         self._log_from = self._log.tell()
-        child = [sys.executable, str(SUPPORT / "hanging_agent.py"), config]
+        child = [sys.executable, str(SUPPORT / "live/hanging_agent.py"), config]
         self.process = subprocess.Popen(
             [sys.executable, "-m", "agent.shell.supervisor", *child]
             if hanging

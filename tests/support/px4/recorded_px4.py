@@ -17,7 +17,7 @@ from agent.vehicle.link import AUTOPILOT_COMPONENT, Received
 from agent.vehicle.messages import DECODERS
 from agent.vehicle.px4 import Px4Vehicle
 
-FOLDER = Path(__file__).parents[1] / "contract" / "recordings" / "messages"
+FOLDER = Path(__file__).parents[2] / "contract" / "recordings" / "messages"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.xz"))
 LOOK_S = 0.1  # of the recording's time, between two looks at what the driver makes of it
 _HEAD_BYTES, _CHECKSUM_BYTES, _STAMP_BYTES = 10, 2, 8

@@ -27,7 +27,7 @@ from sim.vehicle.px4.mavlink.dialect import CurrentEventSequence, CurrentMode
 from sim.vehicle.px4.mavlink.streams import GROUND_STATION_HZ, ONBOARD_HZ
 from sim.world.localization import Localization, LocalizationTruth
 
-FILE = Path(__file__).parent.parent / "contract" / "recordings" / "timelines.json.xz"
+FILE = Path(__file__).parents[2] / "contract" / "recordings" / "timelines.json.xz"
 STEP_S = 0.02
 TICK_S, BEAT_S = 0.06, 1.0  # between two setpoints of a stream that stands still; between two heartbeats
 LONGEST_WAIT_S = 40.0
