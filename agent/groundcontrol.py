@@ -15,6 +15,7 @@ from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
 from protocol.identity import CERTIFICATE_FILE, Identity, Role, load_identity, utc
 from protocol.keys import key_of, parse_key
+from protocol.mesh.diagnosis import refusals
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Action, Command, Stage, Status, Ticket
 from protocol.signing import Trust, Verifier, sign_command
@@ -233,7 +234,8 @@ async def find(
     missing = ", ".join(sorted(set(wanted.drones) - set(statuses.heard()))) or f"any drone of the swarm {wanted.swarm!r}"
     names = ", ".join(sorted(statuses.unsigned)[:_MOST_NAMES])
     forged = f"; statuses were left out that {names} did not sign" if names else ""
-    hint = lapsed(identity, time.time_ns())
+    refused = (await refusals(identity, wanted.connect, time.time_ns())).values()
+    hint = "".join(f"; {text}" for text in refused) or lapsed(identity, time.time_ns())
     raise CommandError(f"{what}: nothing heard from {missing} at {places} within {FIND_S:g} s{forged}{hint}")
 
 

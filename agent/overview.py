@@ -18,6 +18,7 @@ from agent.frames.geodesy import geodetic_from_mission
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
 from protocol.identity import load_identity
+from protocol.mesh.diagnosis import refusals
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.message import DroneMessage
 from protocol.messages import Estimate, Source, Status
@@ -146,7 +147,9 @@ async def show(place: Place, watch: Callable[[Overview], None] | None) -> Overvi
         if watch is None:
             await asyncio.sleep(LISTEN_S)
             if not overview.heard:
-                raise OverviewError(f"nothing heard from any drone of the swarm {place.swarm!r} at {', '.join(place.connect)}")
+                refused = (await refusals(identity, place.connect, time.time_ns())).values()
+                where = "; ".join((", ".join(place.connect), *refused))
+                raise OverviewError(f"nothing heard from any drone of the swarm {place.swarm!r} at {where}")
             return overview
         while True:
             watch(overview)

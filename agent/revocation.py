@@ -13,6 +13,7 @@ from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
 from protocol.identity import CERTIFICATE_FILE, Identity, checked_name, load_identity, utc
 from protocol.keys import key_of
+from protocol.mesh.diagnosis import refusals
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Status
 from protocol.revocations import MOST_BOOTS, Revocation, Revoked
@@ -73,6 +74,7 @@ class _Heard:
     """The newest status of each drone, as it has signed it, and what it passes on as revoked."""
 
     def __init__(self, identity: Identity) -> None:
+        self.identity = identity  # this computer's
         self._verifier = Verifier(identity.authority)
         self.statuses: dict[str, Status] = {}
         self.revoked: dict[str, tuple[Revocation, ...]] = {}
@@ -108,8 +110,10 @@ async def _find(request: Request, heard: _Heard) -> list[str]:
         if drones and waited_s > LISTEN_S:
             return drones
         await asyncio.sleep(0.1)
+    refused = (await refusals(heard.identity, request.connect, time.time_ns())).values()
     places = ", ".join(request.connect)
-    raise RevocationError(f"nothing heard from any other drone of the swarm {request.swarm!r} at {places} within {FIND_S:g} s")
+    told = "; ".join((f"at {places} within {FIND_S:g} s", *refused))
+    raise RevocationError(f"nothing heard from any other drone of the swarm {request.swarm!r} {told}")
 
 
 async def _last(request: Request, mesh: Mesh, drones: Collection[str]) -> dict[str, int]:
