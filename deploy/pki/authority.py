@@ -203,12 +203,16 @@ class PkiFolder:
         return Issuer(authority, key)
 
     def _list(self, issuer: Issuer, issued: list[Issued], now_ns: int) -> bytes | None:
-        """Renew and return the list of what is revoked and has not expired; None: nothing was ever revoked."""
+        """Renew and return the list of what is revoked and has not expired; None: nothing was ever revoked.
+
+        Who could revoke others stays in it, without the name: such a key could sign a revocation of the time before the end.
+        """
         revoked = [one for one in issued if one.revoked_ns is not None]
         if not revoked:
             return None
-        usable = {int(one.serial, 16): one.name for one in revoked if one.not_after_ns > now_ns}
-        listed = issuer.revocation_list(usable, now_ns)
+        names = {int(one.serial, 16): one.name for one in revoked if one.not_after_ns > now_ns}
+        ended = {int(one.serial, 16): "" for one in revoked if one.may_revoke and one.not_after_ns <= now_ns}
+        listed = issuer.revocation_list(names | ended, now_ns)
         _write(self.folder / REVOKED_FILE, listed)
         return listed
 

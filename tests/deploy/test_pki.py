@@ -113,6 +113,17 @@ def test_a_revoked_member_is_listed_and_its_name_is_not_issued_again_while_its_k
         pki.revoke("d9", given, NOW_NS + 32 * DAY_NS)
 
 
+def test_a_revoked_operator_who_could_revoke_others_stays_listed_when_its_certificate_has_ended(pki: PkiFolder) -> None:
+    anna = pki.issue("anna", Role.OPERATOR, 10, pki.folder / "anna", given, NOW_NS, may_revoke=True)
+    pki.issue("bert", Role.OPERATOR, 10, pki.folder / "bert", given, NOW_NS)  # the twin, whose list entry is of no use any more
+    for name in ("anna", "bert"):
+        pki.revoke(name, given, NOW_NS + DAY_NS)
+    later = load_identity(issue(pki, "d1", now_ns=NOW_NS + 11 * DAY_NS)).revoked
+    assert later.serials == {int(anna.serial, 16)}
+    assert later.names == frozenset()
+    assert issue(pki, "anna", Role.OPERATOR, now_ns=NOW_NS + 12 * DAY_NS).is_dir()  # the name can be used again
+
+
 @pytest.mark.parametrize("name", ["station", "D1", "../d1", "", "d" * 33, "d1/pose"])
 def test_a_name_that_is_no_identifier_is_refused_before_anything_is_written(pki: PkiFolder, name: str) -> None:
     with pytest.raises(IdentityError, match="is not a name for a certificate"):
