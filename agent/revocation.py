@@ -8,6 +8,8 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from agent.errors import RadronError
 from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
@@ -25,6 +27,7 @@ LISTEN_S = 2.5  # a drone publishes its status every second
 FIND_S = 8.0
 EFFECT_S = 10.0
 REPEAT_S = 1.0
+ATTEMPTS = 3  # to learn what a log holds
 _GET = "run `radron-deploy pki issue NAME --role operator --may-revoke`, and give the folder that it makes"
 
 
@@ -55,10 +58,13 @@ async def revoke(request: Request, confirm: Callable[[str], bool], say: Callable
         ProtocolError: a name, certificate or endpoint that cannot be used.
     """
     identity = _identity(request)
-    heard = _Heard(identity)
-    mesh = await Mesh.open(MeshConfig(connect=request.connect, identity=identity), request.swarm, None, receive=heard.receive)
+    heard, links = _Heard(identity), MeshConfig(connect=request.connect, identity=identity)
+    mesh = await Mesh.open(links, request.swarm, None, receive=heard.receive)
     try:
         drones = await _find(request, heard)
+        # Only now are the names known that have rights: until then, the member itself could answer in the others' names.
+        await mesh.reopen(replace(links, drones=tuple(drones), revoked=frozenset({request.member})))
+        heard.revoked.clear()
         last = await _last(request, mesh, drones)
         if not confirm(f"{request.member}: {_told(request, last)}; heard by {', '.join(drones)}"):
             raise RevocationError("not revoked: confirm it, or give --yes")
@@ -122,7 +128,9 @@ async def _last(request: Request, mesh: Mesh, drones: Collection[str]) -> dict[s
         return dict(request.last)
     found: dict[str, int] = {}
     for drone in drones:
-        payload = await mesh.summary_of(drone)
+        payload = None
+        for _ in range(ATTEMPTS):
+            payload = payload or await mesh.summary_of(drone)
         if payload is None:
             raise RevocationError(f"{drone} does not tell what its log holds; try again, or give --nothing or --last")
         _, summary = decode_summary(payload)
