@@ -10,7 +10,10 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from agent.errors import RadronError
+from agent.outputs import printable
 from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
 from protocol.identity import CERTIFICATE_FILE, Identity, Role, load_identity, utc
@@ -178,7 +181,7 @@ class Statuses:
         known = self._newest.get(message.drone)
         if known is not None and message.stamp_ns <= known.stamp_ns and message.drone in self.heard():
             return False  # after a pause it counts: the drone's clock may have been set back
-        self._newest[message.drone] = message
+        self._newest[message.drone] = legible(message)
         self._heard_s[message.drone] = time.monotonic()
         self._ahead_s[message.drone] = (message.stamp_ns - time.time_ns()) * 1e-9
         return True
@@ -210,6 +213,13 @@ class Statuses:
         if action is Action.START and status.stage is Stage.PREFLIGHT and status.problems:
             return f"{drone}: {', '.join(status.problems)}"
         return f"{drone}: {action} is not possible in {status.stage}"
+
+
+def legible(status: Status) -> Status:
+    """A status whose texts can be shown on a terminal."""
+    problems, notices = (tuple(map(printable, texts)) for texts in (status.problems, status.notices))
+    upload = None if status.upload is None else replace(status.upload, refused=printable(status.upload.refused))
+    return replace(status, problems=problems, notices=notices, finding=printable(status.finding), upload=upload)
 
 
 async def find(

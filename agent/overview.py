@@ -18,6 +18,7 @@ from msgspec.structs import replace
 from agent.config.loading import load_mission
 from agent.errors import RadronError
 from agent.frames.geodesy import geodetic_from_mission
+from agent.groundcontrol import legible
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
 from protocol.identity import load_identity
@@ -99,7 +100,7 @@ class Overview:
         drone = self._drones.setdefault(message.drone, _Drone())
         drone.heard_s = self._clock_s()
         if isinstance(message, Status):
-            drone.status = message
+            drone.status = legible(message)
         elif isinstance(message, Estimate):
             drone.estimate = message
 

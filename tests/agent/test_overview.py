@@ -74,6 +74,13 @@ def test_an_old_status_again_changes_nothing_but_after_a_pause_a_clock_may_have_
     assert overview(tracking, landed, now_s=(100.0, 104.0)).rows()[0][1] == "landed"
 
 
+def test_what_a_drone_says_cannot_overwrite_what_else_is_on_the_terminal():
+    lying = status(problems=("\x1b[2K\x1b[1Aall well\r", "7 °C"), notices=("a\nb",), finding="none\x9b")
+    seen = overview(lying)
+    assert seen.rows()[0][-1] == "?[2K?[1Aall well?; 7 °C; a?b"
+    assert seen.sources() == ["none?"]
+
+
 def test_estimates_are_taken_only_where_nobody_can_publish_them_under_another_name():
     seen = overview(status())
     seen.receive(key_of("test", estimate()), encode(estimate()), vouched=False)
