@@ -10,11 +10,15 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from agent.errors import RadronError
+from agent.outputs import printable
 from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
 from protocol.identity import CERTIFICATE_FILE, Identity, Role, load_identity, utc
 from protocol.keys import key_of, parse_key
+from protocol.mesh.diagnosis import refusals
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Action, Command, Stage, Status, Ticket
 from protocol.signing import Trust, Verifier, sign_command
@@ -177,7 +181,7 @@ class Statuses:
         known = self._newest.get(message.drone)
         if known is not None and message.stamp_ns <= known.stamp_ns and message.drone in self.heard():
             return False  # after a pause it counts: the drone's clock may have been set back
-        self._newest[message.drone] = message
+        self._newest[message.drone] = legible(message)
         self._heard_s[message.drone] = time.monotonic()
         self._ahead_s[message.drone] = (message.stamp_ns - time.time_ns()) * 1e-9
         return True
@@ -211,6 +215,13 @@ class Statuses:
         return f"{drone}: {action} is not possible in {status.stage}"
 
 
+def legible(status: Status) -> Status:
+    """A status whose texts can be shown on a terminal."""
+    problems, notices = (tuple(map(printable, texts)) for texts in (status.problems, status.notices))
+    upload = None if status.upload is None else replace(status.upload, refused=printable(status.upload.refused))
+    return replace(status, problems=problems, notices=notices, finding=printable(status.finding), upload=upload)
+
+
 async def find(
     wanted: Addressees, what: str, statuses: Statuses, identity: Identity | None, differing: Callable[[], tuple[str, ...]]
 ) -> list[str]:
@@ -233,7 +244,8 @@ async def find(
     missing = ", ".join(sorted(set(wanted.drones) - set(statuses.heard()))) or f"any drone of the swarm {wanted.swarm!r}"
     names = ", ".join(sorted(statuses.unsigned)[:_MOST_NAMES])
     forged = f"; statuses were left out that {names} did not sign" if names else ""
-    hint = lapsed(identity, time.time_ns())
+    refused = (await refusals(identity, wanted.connect, time.time_ns())).values()
+    hint = "".join(f"; {text}" for text in refused) or lapsed(identity, time.time_ns())
     raise CommandError(f"{what}: nothing heard from {missing} at {places} within {FIND_S:g} s{forged}{hint}")
 
 

@@ -94,3 +94,8 @@ def replacing(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def printable(text: str) -> str:
+    """A text of somebody else for a terminal, on which control characters could overwrite what is true."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)

@@ -6,18 +6,23 @@ import asyncio
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from agent.config.loading import load_mission
 from agent.errors import RadronError
 from agent.frames.geodesy import geodetic_from_mission
+from agent.groundcontrol import legible
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
 from protocol.identity import load_identity
+from protocol.mesh.diagnosis import refusals
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.message import DroneMessage
 from protocol.messages import Estimate, Source, Status
@@ -78,22 +83,40 @@ class Overview:
         """Whether any drone has been heard."""
         return any(drone.heard_s > 0.0 for drone in self._drones.values())
 
-    def receive(self, key: str, payload: bytes) -> None:
-        """Take a message from the mesh; what is invalid is left out."""
+    def receive(self, key: str, payload: bytes, vouched: bool = True) -> None:
+        """Take a message from the mesh; what is invalid is left out.
+
+        ``vouched``: it comes by a session in which nobody publishes under another one's name; else only statuses, which are
+        signed, are taken.
+        """
         try:
             message = decode_from(key, payload)
         except ProtocolError:
             return
         if not isinstance(message, DroneMessage):
             return
-        if isinstance(message, Status) and self._verifier is not None and not self._verifier.accepts_status(message):
+        if not (self._counts(message) if isinstance(message, Status) else vouched):
             return
         drone = self._drones.setdefault(message.drone, _Drone())
         drone.heard_s = self._clock_s()
         if isinstance(message, Status):
-            drone.status = message
+            drone.status = legible(message)
         elif isinstance(message, Estimate):
             drone.estimate = message
+
+    @property
+    def signers(self) -> frozenset[str]:
+        """The drones whose statuses have been heard."""
+        return frozenset(name for name, drone in self._drones.items() if drone.status is not None)
+
+    def _counts(self, status: Status) -> bool:
+        """Whether a status is signed by its drone, and no old one again."""
+        if self._verifier is not None and not self._verifier.accepts_status(status):
+            return False
+        known = self._drones.get(status.drone)
+        if known is None or known.status is None or status.stamp_ns > known.status.stamp_ns:
+            return True
+        return self._clock_s() - known.heard_s > STALE_S  # after a pause: the drone's clock may have been set back
 
     def rows(self) -> list[tuple[str, ...]]:
         """A row for each drone: name, stage, battery, seconds since it was heard, log, problems."""
@@ -141,18 +164,31 @@ async def show(place: Place, watch: Callable[[Overview], None] | None) -> Overvi
     mission = load_mission(place.mission) if place.mission is not None else None
     identity = load_identity(place.identity) if place.identity is not None else None
     overview = Overview(mission, time.monotonic, Verifier(identity.authority) if identity is not None else None)
-    mesh = await Mesh.open(MeshConfig(connect=place.connect, identity=identity), place.swarm, None, receive=overview.receive)
-    try:
-        if watch is None:
-            await asyncio.sleep(LISTEN_S)
-            if not overview.heard:
-                raise OverviewError(f"nothing heard from any drone of the swarm {place.swarm!r} at {', '.join(place.connect)}")
-            return overview
-        while True:
-            watch(overview)
+    drones = tuple(drone.id for drone in mission.drones) if mission is not None else None
+    links = MeshConfig(connect=place.connect, identity=identity, drones=drones)
+    receive = partial(overview.receive, vouched=identity is None or mission is not None)
+    async with AsyncExitStack() as stack:
+        mesh = await Mesh.open(links, place.swarm, None, receive=receive)
+        stack.push_async_callback(mesh.close)
+        until_s, authors = time.monotonic() + LISTEN_S, frozenset(drones or ())
+        news: Mesh | None = None  # of drones that are only known by their statuses
+        while watch is not None or time.monotonic() < until_s:
+            if watch is not None:
+                watch(overview)
             await asyncio.sleep(REFRESH_S)
-    finally:
-        await mesh.close()
+            if identity is not None and drones is None and authors != overview.signers:
+                authors, until_s = overview.signers, time.monotonic() + LISTEN_S
+                links = replace(links, drones=tuple(sorted(authors)))
+                if news is None:
+                    news = await Mesh.open(links, place.swarm, None, receive=overview.receive)
+                    stack.push_async_callback(news.close)
+                else:
+                    await news.reopen(links)
+        if not overview.heard:
+            refused = (await refusals(identity, place.connect, time.time_ns())).values()
+            where = "; ".join((", ".join(place.connect), *refused))
+            raise OverviewError(f"nothing heard from any drone of the swarm {place.swarm!r} at {where}")
+        return overview
 
 
 def table(overview: Overview) -> RenderableType:

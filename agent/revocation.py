@@ -8,11 +8,14 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from agent.errors import RadronError
 from protocol.codec import decode_from, encode
 from protocol.errors import ProtocolError
 from protocol.identity import CERTIFICATE_FILE, Identity, checked_name, load_identity, utc
 from protocol.keys import key_of
+from protocol.mesh.diagnosis import refusals
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Status
 from protocol.revocations import MOST_BOOTS, Revocation, Revoked
@@ -24,6 +27,7 @@ LISTEN_S = 2.5  # a drone publishes its status every second
 FIND_S = 8.0
 EFFECT_S = 10.0
 REPEAT_S = 1.0
+ATTEMPTS = 3  # to learn what a log holds
 _GET = "run `radron-deploy pki issue NAME --role operator --may-revoke`, and give the folder that it makes"
 
 
@@ -54,10 +58,13 @@ async def revoke(request: Request, confirm: Callable[[str], bool], say: Callable
         ProtocolError: a name, certificate or endpoint that cannot be used.
     """
     identity = _identity(request)
-    heard = _Heard(identity)
-    mesh = await Mesh.open(MeshConfig(connect=request.connect, identity=identity), request.swarm, None, receive=heard.receive)
+    heard, links = _Heard(identity), MeshConfig(connect=request.connect, identity=identity)
+    mesh = await Mesh.open(links, request.swarm, None, receive=heard.receive)
     try:
         drones = await _find(request, heard)
+        # Only now are the names known that have rights: until then, the member itself could answer in the others' names.
+        await mesh.reopen(replace(links, drones=tuple(drones), revoked=frozenset({request.member})))
+        heard.revoked.clear()
         last = await _last(request, mesh, drones)
         if not confirm(f"{request.member}: {_told(request, last)}; heard by {', '.join(drones)}"):
             raise RevocationError("not revoked: confirm it, or give --yes")
@@ -73,6 +80,7 @@ class _Heard:
     """The newest status of each drone, as it has signed it, and what it passes on as revoked."""
 
     def __init__(self, identity: Identity) -> None:
+        self.identity = identity  # this computer's
         self._verifier = Verifier(identity.authority)
         self.statuses: dict[str, Status] = {}
         self.revoked: dict[str, tuple[Revocation, ...]] = {}
@@ -108,8 +116,10 @@ async def _find(request: Request, heard: _Heard) -> list[str]:
         if drones and waited_s > LISTEN_S:
             return drones
         await asyncio.sleep(0.1)
+    refused = (await refusals(heard.identity, request.connect, time.time_ns())).values()
     places = ", ".join(request.connect)
-    raise RevocationError(f"nothing heard from any other drone of the swarm {request.swarm!r} at {places} within {FIND_S:g} s")
+    told = "; ".join((f"at {places} within {FIND_S:g} s", *refused))
+    raise RevocationError(f"nothing heard from any other drone of the swarm {request.swarm!r} {told}")
 
 
 async def _last(request: Request, mesh: Mesh, drones: Collection[str]) -> dict[str, int]:
@@ -118,7 +128,9 @@ async def _last(request: Request, mesh: Mesh, drones: Collection[str]) -> dict[s
         return dict(request.last)
     found: dict[str, int] = {}
     for drone in drones:
-        payload = await mesh.summary_of(drone)
+        payload = None
+        for _ in range(ATTEMPTS):
+            payload = payload or await mesh.summary_of(drone)
         if payload is None:
             raise RevocationError(f"{drone} does not tell what its log holds; try again, or give --nothing or --last")
         _, summary = decode_summary(payload)

@@ -6,6 +6,8 @@ TLS and signatures. Nothing here reads a clock: whether an old log entry is genu
 
 from __future__ import annotations
 
+import os
+import pwd
 import resource
 import stat
 import warnings
@@ -156,7 +158,7 @@ def load_identity(folder: Path) -> Identity:
     """
     leave_no_core_file()
     authority_file, certificate_file, key_file = folder / AUTHORITY_FILE, folder / CERTIFICATE_FILE, folder / KEY_FILE
-    if not folder.is_dir():
+    if not _is_folder(folder):
         raise IdentityError(f"{folder}: there is no such folder; {_ISSUE}")
     try:
         authority = Authority.read(_read(authority_file))
@@ -239,10 +241,11 @@ def checked_name(name: object) -> str:
 
 def _peer(certificate: x509.Certificate, der: bytes) -> Peer:
     key = certificate.public_key()
-    if not isinstance(key, Ed25519PublicKey):
-        raise IdentityError("has no Ed25519 key")
     names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     units = certificate.subject.get_attributes_for_oid(NameOID.ORGANIZATIONAL_UNIT_NAME)
+    if not isinstance(key, Ed25519PublicKey):
+        is_release = [unit.value for unit in units] == [Role.RELEASE]
+        raise IdentityError("is for signing releases, and opens no links" if is_release else "has no Ed25519 key")
     if len(names) != 1 or len(units) != 1:
         raise IdentityError("does not have one name (CN) and one role (OU)")
     name, role = checked_name(names[0].value), str(units[0].value)
@@ -295,11 +298,38 @@ def _read(file: Path) -> bytes:
     try:
         with file.open("rb") as stream:
             data = stream.read(_MOST_FILE_BYTES + 1)
+    except PermissionError as error:
+        raise unusable(file, error) from None
     except OSError as error:
         raise IdentityError(f"{file}: {(error.strerror or 'cannot be read').lower()}; {_ISSUE}") from None
     if len(data) > _MOST_FILE_BYTES:
         raise IdentityError(f"{file}: is too large; {_ISSUE}")
     return data
+
+
+def unusable(path: Path, error: OSError, owned: Path | None = None) -> IdentityError:
+    """The error of a file or folder that cannot be read or written, and what mends it. ``owned``: what this user should own for
+    it; None: the file itself.
+    """
+    closed = next((one for one in reversed(path.absolute().parents) if one.exists() and not os.access(one, os.X_OK)), None)
+    try:
+        user = pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        user = str(os.geteuid())
+    mends: dict[type[OSError], str] = {
+        PermissionError: f"run `sudo chown {user} {owned or path}`" if closed is None else f"run `sudo chmod a+x {closed}`",
+        FileNotFoundError: f"run `mkdir -p {path.parent}`, or name another place",
+        IsADirectoryError: "name a file in it",
+    }
+    mend = mends.get(type(error), f"see `df {path.parent}`, or name another place")
+    return IdentityError(f"{path}: {(error.strerror or str(error)).lower()}; {mend}")
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except PermissionError as error:
+        raise unusable(path, error) from None
 
 
 def _with(file: Path, error: IdentityError, mend: str) -> IdentityError:

@@ -106,14 +106,16 @@ class Issuer:
         return Credentials(self.authority.verify(certificate.public_bytes(Encoding.DER)), key)
 
     def revocation_list(self, revoked: Mapping[int, str], now_ns: int) -> bytes:
-        """A list (CRL, PEM) of these certificates: from serial number to name."""
+        """A list (CRL, PEM) of these certificates: from serial number to name; empty: the name may be used again."""
         builder = x509.CertificateRevocationListBuilder(
             self.authority.certificate.subject, utc(now_ns), utc(now_ns) + timedelta(days=_LIST_DAYS)
         )
         for serial, name in revoked.items():
-            whose = x509.UnrecognizedExtension(REVOKED_NAME, name.encode("ascii"))
-            entry = x509.RevokedCertificateBuilder(serial, utc(now_ns)).add_extension(whose, critical=False).build()
-            builder = builder.add_revoked_certificate(entry)
+            entry = x509.RevokedCertificateBuilder(serial, utc(now_ns))
+            if name:
+                whose = x509.UnrecognizedExtension(REVOKED_NAME, name.encode("ascii"))
+                entry = entry.add_extension(whose, critical=False)
+            builder = builder.add_revoked_certificate(entry.build())
         return builder.sign(self.key, None).public_bytes(Encoding.PEM)
 
 

@@ -206,11 +206,12 @@ class Verifier:
             return "with_expired_certificate"
         return None
 
-    def revocation_refusal(self, revocation: Revocation) -> str | None:
+    def revocation_refusal(self, revocation: Revocation, heard_ns: int) -> str | None:
         """Why a revocation is not what an operator with the right to revoke has signed; None where it is.
 
         Its own stamp decides whether the certificate was valid, and one operator's revocation of another does not undo those of
-        the other: the order of arrival must not matter. Whom the authority itself has revoked, revokes nobody.
+        the other: the order of arrival must not matter. Whom the authority itself has revoked, revokes nobody. ``heard_ns``: when
+        it came from its station: the certificate must not have ended by then either.
         """
         station = self._operator(revocation, revocation.certificate)
         if isinstance(station, str):
@@ -219,7 +220,7 @@ class Verifier:
             return "without_the_right"
         if not station.verified(revocation.signature, _REVOCATION + as_bytes(replace(revocation, signature=b""))):
             return "forged"
-        if not station.not_before_ns <= revocation.stamp_ns <= station.not_after_ns:
+        if not station.not_before_ns <= revocation.stamp_ns <= max(revocation.stamp_ns, heard_ns) <= station.not_after_ns:
             return "with_expired_certificate"
         return None
 

@@ -51,14 +51,15 @@ class VehicleConfig(Section, frozen=True, kw_only=True):
     """The autopilot's onboard MAVLink link, as a MAVSDK address, and assumptions about vehicle and localisation.
 
     ``address``: the autopilot obeys everybody who reaches it: the best link is a serial line, or a network of these two alone, at
-    whose address the agent listens. ``source``: the autopilot's IP address there: packets from others are dropped.
+    whose address the agent listens. ``source``: the autopilot's IP address there: packets from others are dropped; none: that of
+    the first one heard, but on a loopback any.
     ``system_id``: the vehicle's MAVLink system id, for a link on which other autopilots can be heard too; none: the first
     one that is heard. ``gnss``: the autopilot flies by satellites; without, it has neither origin nor home, and is guided by
     vision.
     """
 
     address: str = "udpin://127.0.0.1:14540"
-    source: str | None = None  # none: packets from every address that reaches ours
+    source: str | None = None
     connect_timeout_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 5.0
     system_id: Annotated[int, Meta(ge=1, le=255)] | None = None
     position_sigma_m: NonNegative = 0.15  # lower limit; the autopilot's own figure is used if it is larger

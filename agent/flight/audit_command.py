@@ -11,6 +11,7 @@ from agent.errors import FlightRecordError
 from agent.flight.audit import Audited, audit, mission_of
 from agent.flight.progress import progress_bar
 from agent.flight.reader import REMOVED, RecordedFlight
+from agent.outputs import printable
 from protocol.identity import utc
 
 
@@ -52,7 +53,7 @@ def lines(drone: str, found: Sequence[Audited]) -> list[str]:
 
 
 def _result(one: Audited) -> str:
-    text = "".join(letter if letter.isprintable() else "?" for letter in one.result)
+    text = printable(one.result)
     return text if one.copies == 1 else f"{text} ({one.copies} times, the last {_time(one.last_ns)})"
 
 

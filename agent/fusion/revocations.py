@@ -21,14 +21,17 @@ class Revocations:
         self.held: tuple[Revocation, ...] = ()
         self.names: frozenset[str] = frozenset()
 
-    def take(self, revocation: Revocation, now_ns: int) -> str | None:
+    def take(self, revocation: Revocation, now_ns: int, passed_on: bool) -> str | None:
         """Put a revocation into effect; why not, or None. "known" where it would change nothing; "flood" where so many were
         refused in this second that no more signatures are verified: genuine ones come again.
+
+        ``passed_on``: by another drone, or known before a restart; otherwise it comes from its station, whose certificate must be
+        valid by now: the stamp is its own word, and a key that is no longer guarded must not revoke anybody.
         """
         if self._is_flooded(now_ns):
             self._counters["dropped_revocation_flood"] += 1
             return "flood"
-        refused = self._refusal(revocation, now_ns)
+        refused = self._refusal(revocation, now_ns, passed_on)
         if refused is None:
             self.held = (*self._left_beside(revocation), revocation)
             self.names |= {revocation.member}
@@ -49,12 +52,12 @@ class Revocations:
             self._second, self._refusals = second, 0
         return self._refusals >= MOST_REFUSED
 
-    def _refusal(self, revocation: Revocation, now_ns: int) -> str | None:
+    def _refusal(self, revocation: Revocation, now_ns: int, passed_on: bool) -> str | None:
         if self._verifier is None:
             return "without_certificates"
         if any(one.covers(revocation) for one in self.held):
             return "known"
-        refused = self._verifier.revocation_refusal(revocation)
+        refused = self._verifier.revocation_refusal(revocation, revocation.stamp_ns if passed_on else now_ns)
         if refused is not None:
             return refused
         if now_ns > revocation.until_ns:

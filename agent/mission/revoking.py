@@ -54,8 +54,9 @@ class Revoking:
     def hear(self, message: Revocation | Revoked, now_ns: int) -> Verdict | None:
         """Put revocations into effect; what became of the last that was not known."""
         verdict = None
+        passed_on = isinstance(message, Revoked)
         for one in message.held if isinstance(message, Revoked) else (message,):
-            refused = self._revocations.take(one, now_ns)
+            refused = self._revocations.take(one, now_ns, passed_on)
             if refused is None:
                 self._carry_out(one, now_ns)
             if refused not in ("known", "flood"):

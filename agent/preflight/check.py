@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -40,6 +40,7 @@ from agent.vehicle.px4 import Px4Vehicle
 from protocol.codec import decode_from
 from protocol.errors import ProtocolError
 from protocol.identity import utc
+from protocol.mesh.diagnosis import refusals
 from protocol.mesh.session import Mesh
 from protocol.messages import Status
 from protocol.signing import Verifier
@@ -48,6 +49,7 @@ CLOSE_S = 1.2
 _OLDEST_CLOCK_S = 1_735_689_600.0  # 2025: a computer without a clock battery begins in 1970 or at its image's date
 _CLOCKS_S = 0.5  # allowed difference of two drones' clocks, by which poses and cones are stamped
 _LEAST_FREE_MB = 200
+_LINKS_S = 1.0  # between two looks at why there is no contact
 
 
 class Preflight:
@@ -76,6 +78,7 @@ class Preflight:
         self._mesh_finding = Finding("mesh", "not yet", "opening")
         self._mesh: Mesh | None = None
         self._verifier: Verifier | None = None  # of statuses; None: the swarm has no certificates
+        self._refusals: dict[str, str] = {}  # by endpoint, why certificates prevent a link
         self._statuses: dict[str, tuple[Status, float]] = {}  # with the delay of its stamp, seconds
 
     @property
@@ -128,7 +131,21 @@ class Preflight:
             return
         links = "encrypted" if config.identity is not None else "not encrypted"
         self._mesh_finding = Finding("mesh", "ok", f"{config.listen}, {links}")
-        await _until_cancelled(self._mesh.close)
+        try:
+            while True:
+                endpoints = self._drone.mesh.endpoints
+                away = [endpoints[member.id] for member in self._mission.drones if member.id in self._away & endpoints.keys()]
+                self._refusals = await refusals(config.identity, away, time.time_ns())
+                await asyncio.sleep(_LINKS_S)
+        finally:
+            async with asyncio.timeout(CLOSE_S):
+                await self._mesh.close()
+
+    @property
+    def _away(self) -> frozenset[str]:
+        """The drones with which there is no contact."""
+        alive = self._mesh.alive if self._mesh is not None else frozenset[str]()
+        return frozenset(member.id for member in self._mission.drones) - alive - {self._drone.id}
 
     def _receive(self, key: str, payload: bytes) -> None:
         try:
@@ -140,6 +157,8 @@ class Preflight:
 
     def _peer(self, name: str) -> Finding:
         endpoint = self._drone.mesh.endpoints.get(name, "no endpoint given")
+        if name in self._away and endpoint in self._refusals:
+            return Finding(name, "failed", self._refusals[endpoint])
         if self._mesh is None or name not in self._mesh.alive:
             return Finding(name, "not yet", f"no contact ({endpoint})")
         if name not in self._statuses:
@@ -306,11 +325,3 @@ class Preflight:
         if now_s < _OLDEST_CLOCK_S:
             return Finding("clock", "failed", f"{text}: set it, or synchronise it to a time server")
         return Finding("clock", "ok", text)
-
-
-async def _until_cancelled(close: Callable[[], Awaitable[None]]) -> None:
-    try:
-        await asyncio.Event().wait()
-    finally:
-        async with asyncio.timeout(CLOSE_S):
-            await close()

@@ -130,8 +130,8 @@ class Node:
         made = aboard(self._drone, self._force, boot, saved, self._identity)
         self._pilot, self._recorder = made.pilot, made.recorder
         self._unrecorded = () if made.unrecorded is None else (made.unrecorded,)
-        for known in self._revoked_file.load():
-            self._pilot.receive(key_of(self._mission.swarm, known), encode(known), time.time_ns())
+        for before in self._revoked_file.passed_on(time.time_ns()):
+            self._pilot.receive(key_of(self._mission.swarm, before), encode(before), before.stamp_ns)
         contained = self._barrier.call
         self._detector = self._detector_of(self._drone.detector)
         if self._detector is not None:

@@ -43,6 +43,11 @@ class RevokedFile:
         self._saved = found.held
         return found.held
 
+    def passed_on(self, now_ns: int) -> tuple[Revoked, ...]:
+        """What was known before, if anything, as this drone passed it on."""
+        held = self.load()
+        return (Revoked(stamp_ns=now_ns, drone=self._drone, held=held),) if held else ()
+
     def save(self, held: tuple[Revocation, ...]) -> None:
         """Write in the background what has changed. While it is being written, something newer is left to the next call."""
         if self.path is not None and held != self._saved and (self._saving is None or self._saving.done()):

@@ -18,8 +18,11 @@ _SENDER = -0x100000 + 12  # Linux: the network header begins there; the sender's
 _LOAD, _IF_EQUAL, _RETURN = 0x20, 0x15, 0x06  # of the kernel's packet filter: BPF_LD, BPF_JMP | BPF_JEQ, BPF_RET
 
 
-def exposure(address: str, source: str | None = None) -> str | None:
-    """What to tell the operator of a link that is neither a loopback nor a serial line; None of one that is."""
+def exposure(address: str, source: str | None = None, first: str | None = None) -> str | None:
+    """What to tell the operator of a link that is neither a loopback nor a serial line; None of one that is.
+
+    ``source``: the address whose packets are taken, as the drone file gives it; ``first``: as the first vehicle heard has it.
+    """
     match = _NETWORK.match(address)
     if match is None:
         return None
@@ -27,7 +30,11 @@ def exposure(address: str, source: str | None = None) -> str | None:
     with suppress(ValueError):
         if host == "localhost" or ipaddress.ip_address(host).is_loopback:
             return None
-    taken = "packets are taken from everybody (vehicle.source is not set)" if source is None else f"packets only from {source}"
+    taken = "packets are taken from everybody (vehicle.source is not set)"
+    if source is not None:
+        taken = f"packets only from {source}"
+    elif first is not None:
+        taken = f"packets only from {first}, whose vehicle was heard first (vehicle.source is not set)"
     return f"MAVLink at {address} is neither loopback nor serial, {taken}: whoever is on this network can command the autopilot"
 
 

@@ -22,9 +22,9 @@ from msgspec import Struct
 from agent.errors import VehicleError
 from agent.vehicle.claim import claim_port
 from agent.vehicle.device import check_device
-from agent.vehicle.exposure import take_only_from
+from agent.vehicle.exposure import exposure, take_only_from
 from agent.vehicle.messages import DECODERS, Attitude, DistanceSensor, Message, Odometry
-from agent.vehicle.signed import FIRST_S, first_is_signed
+from agent.vehicle.signed import FIRST_S, First, first_message, listens
 
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 COMMANDS_PER_MESSAGE = 7
@@ -54,7 +54,7 @@ class Link:
     ) -> None:
         """``clock_ns``: UTC; ``clock_s``: one that never goes back; ``system_id``: of the vehicle; None: the first one heard.
 
-        ``source``: IP address whose packets are taken; None: all.
+        ``source``: IP address whose packets are taken; None: that of the first vehicle heard, or any on a loopback.
         """
         self.address = address
         self.counters: Counter[str] = Counter()
@@ -62,6 +62,7 @@ class Link:
         self._clock_ns, self._clock_s = clock_ns, clock_s
         self._wanted_id = system_id
         self._source = source
+        self.taken_from = source  # the IP address whose packets are taken; None: all
         self._mavsdk: Mavsdk | None = None
         self._direct: MavlinkDirect | None = None
         self._system_id = 0
@@ -78,7 +79,8 @@ class Link:
         self._receive = receive
         check_device(self.address)
         await claim_port(self.address)
-        self.is_signed = await first_is_signed(self.address, self._wanted_id, self._source, min(FIRST_S, timeout_s))
+        first = await self._first(timeout_s)
+        wanted = self._wanted_id if first is None else first.system
         mavsdk_logging.log_subscribe(lambda *_: True)  # otherwise it prints to standard output
         self._mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER))
         try:
@@ -87,14 +89,11 @@ class Link:
             raise VehicleError(
                 f"{self.address}: cannot be opened ({error}); an address is like udpin://127.0.0.1:14540 or serial:///dev/ttyACM0:57600"
             ) from None
-        if self._source is not None:
-            take_only_from(self.address, self._source)
-        system = await self._find(self._mavsdk, timeout_s)
+        if self.taken_from is not None:
+            take_only_from(self.address, self.taken_from)
+        system = await self._find(self._mavsdk, wanted, timeout_s)
         if system is None:
-            which = "autopilot" if self._wanted_id is None else f"autopilot with system_id {self._wanted_id}"
-            raise VehicleError(
-                f"no {which} on {self.address} within {timeout_s:g} s; is it powered, and does it send to this address and port?"
-            )
+            raise self._nobody(timeout_s)
         if await system.autopilot_type() is Autopilot.ARDUPILOT:
             raise VehicleError(f"the autopilot on {self.address} is an ArduPilot; only PX4 is supported")
         self._system = system  # MAVSDK releases systems that are not referenced
@@ -103,14 +102,34 @@ class Link:
         for name in DECODERS:
             self._direct.subscribe_message(name, self._arrived)
 
-    async def _find(self, mavsdk: Mavsdk, timeout_s: float) -> System | None:
+    async def _first(self, timeout_s: float) -> First | None:
+        """The first message of the vehicle. Where anybody's packets can arrive, nothing is opened before it has come: it must be
+        known by then whose packets count.
+        """
+        is_open = listens(self.address)
+        wait_s = timeout_s if is_open else min(FIRST_S, timeout_s)
+        first = await first_message(self.address, self._wanted_id, self._source, wait_s)
+        if first is None and is_open:
+            raise self._nobody(timeout_s)
+        self.is_signed = None if first is None else first.is_signed
+        is_exposed = exposure(self.address) is not None
+        self.taken_from = self._source or (first.sender if first is not None and is_exposed else None)
+        return first
+
+    def _nobody(self, timeout_s: float) -> VehicleError:
+        which = "autopilot" if self._wanted_id is None else f"autopilot with system_id {self._wanted_id}"
+        where = self.address if self._source is None else f"{self.address} from {self._source}"
+        text = "is it powered, and does it send to this address and port?"
+        return VehicleError(f"no {which} on {where} within {timeout_s:g} s; {text}")
+
+    async def _find(self, mavsdk: Mavsdk, wanted: int | None, timeout_s: float) -> System | None:
         """The autopilot with the wanted system id, or the first one."""
-        if self._wanted_id is None:
+        if wanted is None:
             return await mavsdk.first_autopilot(timeout_s)
         deadline_s = self._loop.time() + timeout_s
         while self._loop.time() < deadline_s:
             for system in await mavsdk.get_systems():
-                if await system.get_system_id() == self._wanted_id and await system.has_autopilot():
+                if await system.get_system_id() == wanted and await system.has_autopilot():
                     return system
             await asyncio.sleep(LOOK_S)
         return None

@@ -151,7 +151,7 @@ class Px4Vehicle:
     @property
     def exposure(self) -> str | None:
         """Who else could command the autopilot: it obeys everybody who reaches its port."""
-        return exposure(self._config.address, self._config.source)
+        return exposure(self._config.address, self._config.source, self._link.taken_from)
 
     async def findings(self) -> list[Finding]:
         """The present findings of a preflight check; "not yet" may change within seconds."""

@@ -1,7 +1,9 @@
-"""Whether an autopilot signs its MAVLink messages (MAVLink 2 message signing, https://mavlink.io/en/guide/message_signing.html).
+"""The first message of an autopilot on a link, looked at before MAVSDK has it: whose it is, and whether it is signed
+(MAVLink 2 message signing, https://mavlink.io/en/guide/message_signing.html).
 
 A PX4 that has a key signs what it sends, and ignores what is not signed, on every link. MAVSDK takes signed messages without a
-word, and signs none: such a vehicle is seen, and obeys nothing. So the first messages are looked at before MAVSDK has the link.
+word, and signs none: such a vehicle is seen, and obeys nothing. And what arrives before the kernel can be told whose packets
+count, MAVSDK takes from everybody.
 """
 
 from __future__ import annotations
@@ -14,6 +16,9 @@ import termios
 import tty
 from collections.abc import Callable
 from contextlib import suppress
+from typing import NamedTuple
+
+from agent.vehicle.exposure import take_only_from
 
 FIRST_S = 1.2  # an autopilot sends a heartbeat each second, and mostly much else
 SIGNED = (
@@ -29,26 +34,45 @@ _IS_SIGNED = 0x01  # of the incompatibility flags
 _MOST_BYTES = 65_536
 
 
-async def first_is_signed(address: str, system_id: int | None, source: str | None, wait_s: float = FIRST_S) -> bool | None:
-    """Whether the first message of an autopilot on this link is signed; None: none came, or the link is of another kind.
+class First(NamedTuple):
+    """The first message of an autopilot. ``system``: its MAVLink system id; ``sender``: its IP address, on a network."""
+
+    is_signed: bool
+    system: int
+    sender: str | None = None
+
+
+Judge = Callable[[bytes], First | None]
+
+
+async def first_message(address: str, system_id: int | None, source: str | None, wait_s: float = FIRST_S) -> First | None:
+    """The first message of an autopilot on this link; None: none came, or the link is of another kind.
 
     Args:
         address: as for MAVSDK. The port or device must be free, and is free again afterwards.
         system_id: of the vehicle; None: any.
         source: IP address whose packets are looked at; None: all.
         wait_s: how long to look at most.
+
+    Raises:
+        VehicleError: ``source`` is no IPv4 address.
     """
-    looking = _in_datagrams if _UDP.match(address) else _in_stream if _SERIAL.match(address) else None
+    looking = _in_datagrams if listens(address) else _in_stream if _SERIAL.match(address) else None
     if looking is None:
         return None
     with suppress(TimeoutError, OSError, OverflowError, termios.error):  # MAVSDK says what is wrong with the link
         async with asyncio.timeout(wait_s):
-            return await looking(address, lambda data: signed(data, system_id), source)
+            return await looking(address, lambda data: first_of(data, system_id), source)
     return None
 
 
-def signed(data: bytes, system_id: int | None = None) -> bool | None:
-    """Whether the first whole message of an autopilot in these bytes is signed; None: there is none.
+def listens(address: str) -> bool:
+    """Whether a link is one at whose port packets of everybody can arrive, and be looked at here."""
+    return _UDP.match(address) is not None
+
+
+def first_of(data: bytes, system_id: int | None = None) -> First | None:
+    """The first whole message of an autopilot in these bytes; None: there is none.
 
     A message is one if another begins where it ends, or nothing follows: checksums differ by message, and are left to MAVSDK.
     """
@@ -64,24 +88,26 @@ def signed(data: bytes, system_id: int | None = None) -> bool | None:
         if end > len(data) or (end < len(data) and data[end] not in (_FIRST, _SECOND)):
             continue
         if data[sender + 1] == _AUTOPILOT and system_id in (None, data[sender]):
-            return is_signed
+            return First(is_signed, data[sender])
     return None
 
 
-async def _in_datagrams(address: str, judge: Callable[[bytes], bool | None], source: str | None) -> bool:
+async def _in_datagrams(address: str, judge: Judge, source: str | None) -> First:
     match = _UDP.match(address)
     assert match is not None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
         link.setblocking(False)
         link.bind((match["host"] or "0.0.0.0", int(match["port"])))
+        if source is not None:
+            take_only_from(address, source)
         while True:
             data, sender = await asyncio.get_running_loop().sock_recvfrom(link, _MOST_BYTES)
-            found = judge(data) if source in (None, sender[0]) else None
+            found = judge(data) if source in (None, sender[0]) else None  # what came before the filter may be of others
             if found is not None:
-                return found
+                return found._replace(sender=sender[0])
 
 
-async def _in_stream(address: str, judge: Callable[[bytes], bool | None], source: str | None) -> bool:
+async def _in_stream(address: str, judge: Judge, source: str | None) -> First:
     match = _SERIAL.match(address)
     assert match is not None
     loop, heard = asyncio.get_running_loop(), bytearray()

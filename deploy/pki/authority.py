@@ -10,14 +10,17 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
+from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import BestAvailableEncryption, Encoding, PrivateFormat, load_pem_private_key
+from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
 
 from deploy.pki.issued import Issued
 from deploy.pki.release import issue_release
 from protocol.identity import (
     AUTHORITY_FILE,
+    CERTIFICATE_FILE,
     REVOKED_FILE,
     Authority,
     IdentityError,
@@ -25,6 +28,7 @@ from protocol.identity import (
     Role,
     checked_name,
     leave_no_core_file,
+    unusable,
     utc,
 )
 from protocol.issuing import Issuer, write_file, write_identity
@@ -47,8 +51,7 @@ class PkiFolder:
         """Make a new authority. Its key is only ever written encrypted.
 
         Raises:
-            IdentityError: there is one already, or the passphrase is too short.
-            OSError: it cannot be written.
+            IdentityError: there is one already, the passphrase is too short, or it cannot be written.
         """
         for file in (self.folder / AUTHORITY_FILE, self.key_file):
             if file.exists():
@@ -60,10 +63,13 @@ class PkiFolder:
             raise IdentityError(
                 f"the passphrase is too short: give at least {SHORTEST_PASSPHRASE} characters, such as four words"
             )
-        self.folder.mkdir(parents=True, exist_ok=True)
         encrypted = BestAvailableEncryption(secret.encode())
-        write_file(self.key_file, issuer.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, encrypted), secret=True)
-        write_file(self.folder / AUTHORITY_FILE, issuer.authority.certificate.public_bytes(Encoding.PEM))
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise unusable(self.folder, error, self.folder.parent) from None
+        _write(self.key_file, issuer.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, encrypted), secret=True)
+        _write(self.folder / AUTHORITY_FILE, issuer.authority.certificate.public_bytes(Encoding.PEM))
         self._save([])
 
     def issue(
@@ -75,8 +81,8 @@ class PkiFolder:
 
         Raises:
             IdentityError: the name is another member's or was revoked; a right to revoke for somebody who is no operator; the
-                authority's key cannot be used; ``out`` cannot be written.
-            OSError: something cannot be written.
+                authority's key cannot be used, or its certificate is not valid now; ``out`` is another member's folder; something
+                cannot be written.
         """
         if may_revoke and role is not Role.OPERATOR:
             raise IdentityError(
@@ -85,6 +91,8 @@ class PkiFolder:
         with self._locked():
             issued = self.issued()
             _check_free(name, role, issued, now_ns)
+            _check_folder(name, out)
+            self._check_valid(now_ns)
             issuer = self._issuer(passphrase)
             listed = self._list(issuer, issued, now_ns)
             try:
@@ -104,8 +112,7 @@ class PkiFolder:
         """Revoke all certificates of a name that have not expired; returns them, and writes ``revoked.crl``.
 
         Raises:
-            IdentityError: there is none; the authority's key cannot be used.
-            OSError: something cannot be written.
+            IdentityError: there is none; the authority's key cannot be used; something cannot be written.
         """
         with self._locked():
             issued = self.issued()
@@ -130,6 +137,8 @@ class PkiFolder:
             return Authority.read(file.read_bytes())
         except FileNotFoundError:
             raise IdentityError(f"{file}: there is no authority here; run `radron-deploy pki init --pki {self.folder}`") from None
+        except OSError as error:
+            raise unusable(file, error) from None
         except IdentityError as error:
             raise IdentityError(f"{file}: {error}; restore it from a backup") from None
 
@@ -145,8 +154,22 @@ class PkiFolder:
             return msgspec.json.decode(file.read_bytes(), type=list[Issued])
         except FileNotFoundError:
             raise IdentityError(f"{file}: is missing: the record of what was issued; restore it from a backup") from None
+        except OSError as error:
+            raise unusable(file, error) from None
         except msgspec.DecodeError as error:
             raise IdentityError(f"{file}: cannot be read ({error}); restore it from a backup") from None
+
+    def _check_valid(self, now_ns: int) -> None:
+        """See that the authority's own certificate is valid: what it issued outside its time would be valid never."""
+        file, certificate, now = self.folder / AUTHORITY_FILE, self.authority().certificate, utc(now_ns)
+        if now >= certificate.not_valid_after_utc:
+            ended = f"{certificate.not_valid_after_utc:%Y-%m-%d}"
+            mend = "make a new one with `radron-deploy pki init --pki FOLDER`, and certificates for all"
+            raise IdentityError(f"{file}: ended on {ended}, and this computer's clock shows {now:%Y-%m-%d}; {mend}")
+        if now < certificate.not_valid_before_utc:
+            begins = f"{certificate.not_valid_before_utc:%Y-%m-%d %H:%M} UTC"
+            clock = f"this computer's clock shows {now:%Y-%m-%d %H:%M} UTC: set it, such as by `chronyc makestep`"
+            raise IdentityError(f"{file}: not valid before {begins}, and {clock}")
 
     def _issuer(self, passphrase: Passphrase) -> Issuer:
         authority = self.authority()
@@ -154,6 +177,8 @@ class PkiFolder:
             pem = self.key_file.read_bytes()
         except FileNotFoundError:
             raise IdentityError(f"{self.key_file}: is missing; if it is kept elsewhere, say where with --key") from None
+        except OSError as error:
+            raise unusable(self.key_file, error) from None
         mode = stat.S_IMODE(self.key_file.stat().st_mode)
         if mode & 0o077:
             raise IdentityError(
@@ -178,17 +203,21 @@ class PkiFolder:
         return Issuer(authority, key)
 
     def _list(self, issuer: Issuer, issued: list[Issued], now_ns: int) -> bytes | None:
-        """Renew and return the list of what is revoked and has not expired; None: nothing was ever revoked."""
+        """Renew and return the list of what is revoked and has not expired; None: nothing was ever revoked.
+
+        Who could revoke others stays in it, without the name: such a key could sign a revocation of the time before the end.
+        """
         revoked = [one for one in issued if one.revoked_ns is not None]
         if not revoked:
             return None
-        usable = {int(one.serial, 16): one.name for one in revoked if one.not_after_ns > now_ns}
-        listed = issuer.revocation_list(usable, now_ns)
-        write_file(self.folder / REVOKED_FILE, listed)
+        names = {int(one.serial, 16): one.name for one in revoked if one.not_after_ns > now_ns}
+        ended = {int(one.serial, 16): "" for one in revoked if one.may_revoke and one.not_after_ns <= now_ns}
+        listed = issuer.revocation_list(names | ended, now_ns)
+        _write(self.folder / REVOKED_FILE, listed)
         return listed
 
     def _save(self, issued: list[Issued]) -> None:
-        write_file(self.folder / ISSUED_FILE, msgspec.json.format(msgspec.json.encode(issued), indent=1))
+        _write(self.folder / ISSUED_FILE, msgspec.json.format(msgspec.json.encode(issued), indent=1))
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
@@ -200,6 +229,24 @@ class PkiFolder:
             yield
         finally:
             os.close(descriptor)
+
+
+def _write(file: Path, data: bytes, secret: bool = False) -> None:
+    try:
+        write_file(file, data, secret)
+    except OSError as error:
+        raise unusable(file, error, file.parent) from None
+
+
+def _check_folder(name: str, out: Path) -> None:
+    """See that a folder is not another member's: its key would be lost."""
+    try:
+        held = x509.load_pem_x509_certificate((out / CERTIFICATE_FILE).read_bytes())
+        holders = [attribute.value for attribute in held.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
+    except (OSError, ValueError):
+        return  # nothing of a member's
+    if holders != [name]:
+        raise IdentityError(f"{out}: is the folder of {', '.join(map(str, holders))}; give another one with --out")
 
 
 def _issued(peer: Peer, may_revoke: bool) -> Issued:

@@ -66,7 +66,11 @@ class MeshConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 async def open_session(
-    config: MeshConfig, dial_all: bool, access: dict[str, object] | None = None, refused: frozenset[str] = frozenset()
+    config: MeshConfig,
+    dial_all: bool,
+    access: dict[str, object] | None = None,
+    limits: list[dict[str, object]] | None = None,
+    refused: frozenset[str] = frozenset(),
 ) -> zenoh.Session:
     """Open a Zenoh session. An unreachable peer is no error: it is dialled until it answers.
 
@@ -74,6 +78,7 @@ async def open_session(
         config: endpoints; host names are resolved here, once (Zenoh would resolve them at each attempt, and block meanwhile).
         dial_all: also dial every peer announced by another one: for a session that does not listen.
         access: what peers may send, by the name in their certificate; None: everything.
+        limits: how often they may send it; None: as often as they like.
         refused: names in certificates whose links are ended as soon as they are made. (Zenoh knows no revocation lists.)
 
     Raises:
@@ -84,6 +89,8 @@ async def open_session(
     secured = plain if config.identity is None else _secured(config.identity)
     if access is not None:
         secured["access_control"] = access
+    if limits is not None:
+        secured["downsampling"] = limits
     for path, value in {**_SETTINGS, **secured, **await _settings_of(config, dial_all)}.items():
         settings.insert_json5(path, json.dumps(value))
     os.environ.setdefault("ZENOH_RUNTIME", _RUNTIME)  # read when the first session opens

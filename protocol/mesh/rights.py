@@ -16,6 +16,7 @@ from protocol.units import STATION
 _PREFIX = "radron/*"  # of every version of the protocol: others must be seen to be named
 _VERSIONS = range(1, 10)  # whose liveliness tokens are taken: with a wildcard, a member could have its peers keep any number
 _READ = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query", "query")
+LOG_QUERIES_PER_S = 20.0  # of a peer, 50 ms apart; an honest one asks every 0.2 s at most
 _PUBLISH = ("put", "delete", "declare_queryable", "reply", "liveliness_token")
 
 
@@ -61,6 +62,16 @@ def access_control(
         subjects.append({"id": "anybody with a certificate"})
         policies.append({"subjects": ["anybody with a certificate"], "rules": basic})
     return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
+
+
+def query_limits(swarm: str) -> list[dict[str, object]]:
+    """Zenoh's ``downsampling`` settings of one session: how often each of its peers can query a log.
+
+    What comes sooner is dropped in Zenoh's own threads: each query that gets further takes time of the agent's event loop, and a
+    flood of them would keep it from its steps.
+    """
+    rules = [{"key_expr": f"{_PREFIX}/{swarm}/*/log", "freq": LOG_QUERIES_PER_S}]
+    return [{"id": "queries of logs", "flows": ["ingress"], "messages": ["query"], "rules": rules}]
 
 
 def _exactly(name: str, messages: Collection[str], *keys: str, flow: str = "ingress") -> dict[str, object]:

@@ -103,7 +103,7 @@ class Picture:
             return
         if isinstance(message, Revocation | Revoked):
             for one in message.held if isinstance(message, Revoked) else (message,):
-                self.log.revoke(one, now_ns)
+                self.log.revoke(one, now_ns, isinstance(message, Revoked))
             return
         if not isinstance(message, AnyDroneMessage):
             return

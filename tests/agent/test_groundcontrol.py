@@ -304,3 +304,19 @@ def test_a_certificate_that_has_expired_is_named_once_nobody_is_heard(tmp_path: 
     order = Order(Action.LAND, "test", (f"tls/127.0.0.1:{free_ports(1)[0]}",), identity=tmp_path / "anna")
     with pytest.raises(CommandError, match=r"nothing heard .*anna/certificate\.pem is valid until .*this computer's clock shows"):
         asyncio.run(groundcontrol.command(order, print))
+
+
+def test_a_certificate_that_the_drones_refuse_is_named_with_what_mends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    issuer = new_issuer()
+    identity(issuer, tmp_path, "anna", Role.OPERATOR)
+    identity(new_issuer("elsewhere"), tmp_path, "bert", Role.OPERATOR)
+    monkeypatch.setattr(groundcontrol, "FIND_S", 0.6)
+    monkeypatch.setattr(groundcontrol, "LISTEN_S", 0.5)
+    with pytest.raises(CommandError) as refused:
+        order(Action.LAND, Drone("d1", own=identity(issuer, tmp_path, "d1")), folder=tmp_path / "bert")
+    assert f": its certificate is not of the authority in {tmp_path}/bert/ca.pem: take a folder of" in str(refused.value)
+    assert "\n" not in str(refused.value)
+    monkeypatch.setattr(groundcontrol, "FIND_S", 3.0)
+    assert order(Action.LAND, Drone("d1", own=identity(issuer, tmp_path, "d1")), folder=tmp_path / "anna")[-1].endswith("landing")

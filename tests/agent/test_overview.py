@@ -6,20 +6,25 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import AsyncExitStack
 from pathlib import Path
 
 import pytest
+from identities import identity, new_issuer
 from live_agents import free_ports
+from msgspec.structs import replace
 
 import agent.overview
 from agent.cli import main
 from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
-from agent.overview import Overview, OverviewError, place_of
+from agent.overview import Overview, OverviewError, Place, place_of, show
 from protocol.codec import encode
+from protocol.identity import Role
 from protocol.keys import key_of
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Estimate, Source, Stage, Status
 from protocol.signing import Verifier, sign_status
+from protocol.trust import trust_of
 from sim.members import SimulatedAuthority
 
 MISSION = MissionConfig(
@@ -62,6 +67,60 @@ def test_what_a_drone_has_not_signed_it_does_not_tell():
     signed = sign_status(status("d1"), authority.trust("d1"))
     seen = overview(signed, sign_status(status("d2"), authority.trust("d1")), verifier=Verifier(authority.authority))
     assert [row[:2] for row in seen.rows()] == [("d1", "track"), ("d2", "not heard")]
+
+
+def test_an_old_status_again_changes_nothing_but_after_a_pause_a_clock_may_have_been_set_back():
+    landed, tracking = (replace(status(stage=stage), stamp_ns=stamp) for stage, stamp in ((Stage.LANDED, 1), (Stage.TRACK, 2)))
+    assert overview(tracking, landed).rows()[0][1] == "track"
+    assert overview(landed, tracking).rows()[0][1] == "track"
+    assert overview(tracking, landed, now_s=(100.0, 104.0)).rows()[0][1] == "landed"
+
+
+def test_what_a_drone_says_cannot_overwrite_what_else_is_on_the_terminal():
+    lying = status(problems=("\x1b[2K\x1b[1Aall well\r", "7 °C"), notices=("a\nb",), finding="none\x9b")
+    seen = overview(lying)
+    assert seen.rows()[0][-1] == "?[2K?[1Aall well?; 7 °C; a?b"
+    assert seen.sources() == ["none?"]
+
+
+def test_estimates_are_taken_only_where_nobody_can_publish_them_under_another_name():
+    seen = overview(status())
+    seen.receive(key_of("test", estimate()), encode(estimate()), vouched=False)
+    assert seen.sources() == ["no source found yet"]
+    seen.receive(key_of("test", estimate()), encode(estimate()))
+    assert "source at (10.00, 20.00) m" in seen.sources()[0]
+
+
+@pytest.mark.parametrize("with_mission", [False, True])
+def test_an_observer_that_forges_a_drones_estimate_is_not_believed(tmp_path, monkeypatch, with_mission):
+    """Also where no mission file names the drones: they are known by their statuses then."""
+    monkeypatch.setattr("agent.overview.LISTEN_S", 1.5)
+    issuer = new_issuer("test")
+    d1 = identity(issuer, tmp_path, "d1")
+    eve, anna = (identity(issuer, tmp_path, name, Role.OBSERVER) for name in ("eve", "anna"))
+    ends = [f"tls/127.0.0.1:{port}" for port in free_ports(2)]
+    monkeypatch.setattr("agent.overview.load_mission", lambda _: MISSION)
+
+    async def tell(mesh, own):
+        forged = estimate(x=50.0)
+        while True:
+            for message in (sign_status(status(), trust_of(own)), estimate()) if own is d1 else (forged,):
+                mesh.publish(key_of("test", message), encode(message))
+            await asyncio.sleep(0.1)
+
+    async def course():
+        async with AsyncExitStack() as stack:
+            for own, listen in ((d1, ends[0]), (eve, ends[1])):
+                drone = own.own.name if own is d1 else None
+                mesh = await Mesh.open(MeshConfig(listen=listen, identity=own), "test", drone, receive=lambda *_: None)
+                stack.push_async_callback(mesh.close)
+                telling = asyncio.create_task(tell(mesh, own))
+                stack.callback(telling.cancel)
+            mission = tmp_path / "mission.toml" if with_mission else None
+            return await show(Place("test", tuple(ends), anna.folder, mission), None)
+
+    (line,) = asyncio.run(course()).sources()
+    assert line.startswith("d1: source at (10.00, 20.00) m")
 
 
 def test_each_drone_has_a_line_also_one_that_is_not_heard():

@@ -101,6 +101,21 @@ def test_whom_the_authority_has_revoked_revokes_nobody():
     assert one.receive(*revocation(), START_NS) == OBEYED
 
 
+def test_a_key_whose_certificate_has_ended_revokes_nobody_but_what_was_taken_in_time_counts():
+    """The stamp of a revocation is its signer's word: whoever finds an old laptop could choose one of the time before."""
+    one, late_ns = full(), AUTHORITY.verify(ANNA.certificate).not_after_ns + SECOND
+    key, payload = revocation(trust=ANNA, until_ns=2 * late_ns)
+    assert one.receive(key, payload, late_ns).refused == "with_expired_certificate"
+    assert one.revocations == ()
+    passed_on = Revoked(stamp_ns=late_ns, drone="d2", held=(decode(payload),))
+    assert one.receive(*_told(passed_on), late_ns) == OBEYED
+    in_time = full(boot="e" * 16)
+    assert in_time.receive(key, payload, START_NS) == OBEYED
+    for pilot in (one, in_time):
+        pilot.advance(START_NS)
+    assert one.digest == in_time.digest
+
+
 def test_a_swarm_without_certificates_revokes_nobody():
     one = Pilot(MISSION, DroneConfig(id="d1"), boot="f" * 16, nonce_key=b"")
     assert one.receive(*revocation(), START_NS).refused == "without_certificates"

@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import replace as replace_in
 from pathlib import Path
 
 import pytest
@@ -24,10 +25,11 @@ from protocol.entries import Credential
 from protocol.errors import ProtocolError
 from protocol.identity import Identity, Role, load_identity
 from protocol.issuing import Issuer, write_identity
-from protocol.keys import key_of
+from protocol.keys import drone_key, key_of
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Stage, Status
 from protocol.signing import sign_entries, sign_status
+from protocol.summary import Held, encode_summary
 from protocol.trust import trust_of
 
 BOOT = "2" * 16
@@ -174,6 +176,33 @@ def test_only_drones_that_have_signed_their_statuses_are_asked(folder: Path) -> 
         bare = Status(stamp_ns=1, drone=drone, mission=MISSION.mission_id, boot=BOOT, stage=Stage.TRACK)
         heard.receive(key_of(MISSION.swarm, bare), encode(sign_status(bare, trust)))
     assert list(heard.statuses) == ["d1"]
+
+
+def test_a_stolen_drone_does_not_tell_up_to_where_its_own_entries_count(folder: Path) -> None:
+    """It answers for d1's log too; only d1's own answer counts. The twin is the test above, without it."""
+    request, listen = asked(folder), f"tls/127.0.0.1:{free_ports(1)[0]}"
+    endless = encode_summary(MISSION.mission_id, {("d2", BOOT): Held(((0, 2**40),))})
+
+    async def course() -> Pilot:
+        async with AsyncExitStack() as stack:
+            own = load_identity(folder / "d2")
+            thief = await Mesh.open(
+                MeshConfig(listen=listen, connect=request.connect, identity=own, drones=("d1", "d2")),
+                MISSION.swarm,
+                "d2",
+                receive=lambda *_: None,
+            )
+            stack.push_async_callback(thief.close)
+            session, asked_of = thief._session, drone_key(MISSION.swarm, "d1", "log")
+            forging = session.declare_queryable(asked_of, lambda query: query.reply(asked_of, endless))
+            stack.callback(forging.undeclare)
+            pilot = await stack.enter_async_context(flying(load_identity(folder / "d1"), request.connect[0]))
+            for key, payload in entries_of_d2(own):
+                pilot.receive(key, payload, time.time_ns())
+            await revoke(replace_in(request, connect=(listen, *request.connect)), lambda _: True, lambda _: None)
+            return pilot
+
+    assert asyncio.run(course()).revocations[0].last == {BOOT: 20}
 
 
 @pytest.mark.usefixtures("soon_given_up")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -110,6 +113,17 @@ def test_a_revoked_member_is_listed_and_its_name_is_not_issued_again_while_its_k
         pki.revoke("d9", given, NOW_NS + 32 * DAY_NS)
 
 
+def test_a_revoked_operator_who_could_revoke_others_stays_listed_when_its_certificate_has_ended(pki: PkiFolder) -> None:
+    anna = pki.issue("anna", Role.OPERATOR, 10, pki.folder / "anna", given, NOW_NS, may_revoke=True)
+    pki.issue("bert", Role.OPERATOR, 10, pki.folder / "bert", given, NOW_NS)  # the twin, whose list entry is of no use any more
+    for name in ("anna", "bert"):
+        pki.revoke(name, given, NOW_NS + DAY_NS)
+    later = load_identity(issue(pki, "d1", now_ns=NOW_NS + 11 * DAY_NS)).revoked
+    assert later.serials == {int(anna.serial, 16)}
+    assert later.names == frozenset()
+    assert issue(pki, "anna", Role.OPERATOR, now_ns=NOW_NS + 12 * DAY_NS).is_dir()  # the name can be used again
+
+
 @pytest.mark.parametrize("name", ["station", "D1", "../d1", "", "d" * 33, "d1/pose"])
 def test_a_name_that_is_no_identifier_is_refused_before_anything_is_written(pki: PkiFolder, name: str) -> None:
     with pytest.raises(IdentityError, match="is not a name for a certificate"):
@@ -125,6 +139,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     """Runs the command in the test's folder: exit code, standard output and error."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr("deploy.pki.command.time", SimpleNamespace(time_ns=lambda: NOW_NS))
 
     def run(*arguments: str, passphrase: str | None = PASSPHRASE) -> tuple[int, str, str]:
         monkeypatch.setenv("RADRON_PKI_PASSPHRASE", passphrase or "")
@@ -181,6 +196,49 @@ def test_a_folder_that_cannot_be_written_is_named_and_nothing_is_recorded(
         f"radron-deploy: {tmp_path / 'file'}: cannot be written (file exists); give another folder with --out\n",
     )
     assert "d7" not in {one.name for one in pki.issued()}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["init", "--pki", "new", "--key", "stick/key.pem"], "stick/key.pem: no such file or directory; run `mkdir -p stick`"),
+        (["init", "--pki", "file/new"], "file/new: not a directory; "),
+        (["issue", "d1", "--role", "drone", "--key", "pki"], "pki: is a directory; name a file in it"),
+        (["issue", "d2", "--role", "drone", "--out", "pki/d1"], "pki/d1: is the folder of d1; give another one with --out"),
+    ],
+)
+def test_a_place_that_cannot_be_used_is_named_with_what_mends_it(
+    pki: PkiFolder, command: Command, tmp_path: Path, arguments: list[str], text: str
+) -> None:
+    before = load_identity(issue(pki, "d1")).own
+    (tmp_path / "file").touch()
+    code, told, wrong = command(*arguments)
+    assert (code, told, wrong.count("\n")) == (2, "", 1)
+    assert wrong.startswith(f"radron-deploy: {text}")
+    assert load_identity(tmp_path / "pki/d1").own == before
+    assert command("issue", "d1", "--role", "drone", "--out", "pki/d1")[0] == 0  # the twin: it is renewed in its own folder
+
+
+def test_a_disk_that_takes_nothing_is_named(pki: PkiFolder, command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(file: Path, data: bytes, secret: bool = False) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    issue(pki, "d1")
+    monkeypatch.setattr("deploy.pki.authority.write_file", full)
+    code, _, wrong = command("revoke", "d1", "--pki", str(pki.folder))
+    assert (code, wrong) == (
+        2,
+        f"radron-deploy: {pki.folder}/issued.json: no space left on device; see `df {pki.folder}`, or name another place\n",
+    )
+
+
+def test_an_authority_that_has_ended_issues_nothing(pki: PkiFolder) -> None:
+    for role in (Role.DRONE, Role.RELEASE):
+        with pytest.raises(IdentityError, match=r"ca\.pem: ended on 2037-\S+, and .* shows 2037-\S+; .*`radron-deploy pki init"):
+            issue(pki, f"new-{role}", role, now_ns=NOW_NS + 3700 * DAY_NS)
+        with pytest.raises(IdentityError, match=r"ca\.pem: not valid before 2027-.*set it, such as by `chronyc makestep`"):
+            issue(pki, f"new-{role}", role, now_ns=NOW_NS - DAY_NS)
+        assert issue(pki, f"new-{role}", role, now_ns=NOW_NS + 3640 * DAY_NS).is_dir()  # the twin
 
 
 def test_the_right_to_revoke_in_flight_is_an_operators_and_only_where_it_was_given(pki: PkiFolder, command: Command) -> None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import pwd
 import random
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import IO, Any
 
 import pytest
 from cryptography import x509
@@ -174,6 +178,39 @@ def test_an_identity_that_cannot_be_used_is_told_in_one_line(
         load_identity(folder)
     assert str(refused.value).startswith(str(folder / file))
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("file", ["ca.pem", "certificate.pem", "key.pem"])
+def test_a_file_that_this_user_may_not_read_is_told_with_the_command_that_mends_it(
+    issuer: Issuer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str
+) -> None:
+    """As after copying with sudo. Root, as whom the tests may run, can read everything."""
+    folder, opened = identity(issuer, tmp_path, "d1").folder, Path.open
+
+    def denied(path: Path, *arguments: Any) -> IO[Any]:
+        if path.name == file:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return opened(path, *arguments)
+
+    assert load_identity(folder).own.name == "d1"
+    monkeypatch.setattr(Path, "open", denied)
+    with pytest.raises(IdentityError) as refused:
+        load_identity(folder)
+    user = pwd.getpwuid(os.geteuid()).pw_name
+    assert str(refused.value) == f"{folder / file}: permission denied; run `sudo chown {user} {folder / file}`"
+
+
+def test_a_folder_that_this_user_may_not_enter_is_told(issuer: Issuer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = identity(issuer, tmp_path / "closed", "d1").folder
+
+    def denied(path: Path) -> bool:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setattr(Path, "is_dir", denied)
+    monkeypatch.setattr(os, "access", lambda path, mode: path != tmp_path / "closed")
+    with pytest.raises(IdentityError) as refused:
+        load_identity(folder)
+    assert str(refused.value) == f"{folder}: permission denied; run `sudo chmod a+x {tmp_path / 'closed'}`"
 
 
 def test_a_certificate_without_a_name_never_reaches_zenoh(issuer: Issuer, tmp_path: Path) -> None:

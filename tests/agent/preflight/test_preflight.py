@@ -20,6 +20,7 @@ from agent.shell.overrides import load_drone
 from agent.shell.statestore import State, StateFile
 from agent.vehicle.interface import Finding
 from protocol.codec import decode, encode
+from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Stage
 from protocol.revocations import Revoked
 
@@ -137,6 +138,24 @@ def test_a_certificate_that_has_expired_prevents_the_next_start(folder: Path) ->
     assert expired.verdict == "failed"
     assert "expired at" in expired.text
     assert "radron-deploy pki issue d1 --role drone" in expired.text
+
+
+def test_a_drone_whose_certificate_is_of_another_authority_is_named(folder: Path) -> None:
+    """d2 has been given a folder of another authority: neither lets the other in."""
+    own = identity(new_issuer(), folder / "foreign", "d2")
+    drone, _ = load_drone(folder / "d2.toml", {})
+
+    async def course() -> Finding:
+        config = MeshConfig(listen=drone.mesh.endpoints["d2"], identity=own, drones=("d1", "d2"))
+        mesh = await Mesh.open(config, "radron", "d2", receive=lambda key, payload: None)
+        try:
+            return await asyncio.to_thread(finding, folder, "d2")
+        finally:
+            await mesh.close()
+
+    found = asyncio.run(course())
+    assert found.verdict == "failed"
+    assert f": its certificate is not of the authority in {folder}/identity/d1/ca.pem: take a folder of the same" in found.text
 
 
 def test_links_that_are_not_encrypted_are_told(folder: Path) -> None:

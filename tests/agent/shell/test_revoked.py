@@ -38,8 +38,11 @@ def test_a_restarted_drone_knows_what_was_revoked(tmp_path: Path) -> None:
     before.receive(*revocation(member="anna"), START_NS)
     saved(tmp_path / "state", before.revocations)
     after, unaware = trusting(), trusting()
-    for known in RevokedFile(str(tmp_path / "state"), "d1").load():
-        after.receive(key_of("radron", known), encode(known), START_NS)
+    assert RevokedFile(str(tmp_path / "nowhere"), "d1").passed_on(START_NS) == ()
+    for known in RevokedFile(str(tmp_path / "state"), "d1").passed_on(
+        2 * START_NS - 1
+    ):  # when their signer's certificate has ended
+        after.receive(key_of("radron", known), encode(known), 2 * START_NS - 1)
     assert after.revocations == before.revocations
     for one in (after, unaware):
         give(one, credential(), *cones([1, 2, 3, 4]))

@@ -12,7 +12,7 @@ from px4_sky import STAY, TAKEOFF, sky
 from pymavlink.dialects.v10 import common as first_version
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent.vehicle.signed import first_is_signed, signed
+from agent.vehicle.signed import First, first_message, first_of
 from sim.vehicle.px4.mavlink.link import Link
 
 KEY = bytes(range(32))
@@ -32,6 +32,11 @@ def sent(*messages: mavlink.MAVLink_message, signs: bool = False, system: int = 
     if signs:
         sign(sender)
     return b"".join(bytes(message.pack(sender)) for message in messages)
+
+
+def signed(data: bytes, system_id: int | None = None) -> bool | None:
+    first = first_of(data, system_id)
+    return None if first is None else first.is_signed
 
 
 @pytest.mark.parametrize("signs", [True, False])
@@ -57,10 +62,10 @@ def test_messages_of_others_and_what_is_no_message_tell_nothing() -> None:
 
 @pytest.mark.parametrize("signs", [True, False])
 def test_a_serial_line_is_looked_at_and_left_as_it_was(signs: bool) -> None:
-    async def course() -> bool | None:
+    async def course() -> First | None:
         ours, theirs = os.openpty()
         name = os.ttyname(theirs)
-        looking = asyncio.create_task(first_is_signed(f"serial://{name}:921600", None, None, wait_s=5.0))
+        looking = asyncio.create_task(first_message(f"serial://{name}:921600", None, None, wait_s=5.0))
         try:
             while not looking.done():
                 os.write(ours, sent(HEARTBEAT, POSITION, signs=signs))
@@ -70,7 +75,7 @@ def test_a_serial_line_is_looked_at_and_left_as_it_was(signs: bool) -> None:
             os.close(ours)
             os.close(theirs)
 
-    assert asyncio.run(course()) is signs
+    assert asyncio.run(course()) == First(signs, 1)
 
 
 @pytest.mark.parametrize("address", ["udpin://127.0.0.1:{port}", "serial:///dev/null:57600", "tcpout://127.0.0.1:1"])
@@ -78,7 +83,7 @@ def test_where_nothing_comes_nothing_is_known_and_the_port_is_free_again(address
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    assert asyncio.run(first_is_signed(address.format(port=port), None, None, wait_s=0.1)) is None
+    assert asyncio.run(first_message(address.format(port=port), None, None, wait_s=0.1)) is None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", port))
 

@@ -17,9 +17,11 @@ from pathlib import Path
 import pytest
 from encrypted import Listening, endpoint, heard, joined, swarm
 from meshes import SWARM, linked, until
+from zenoh.handlers import Callback
 
 from protocol.identity import load_identity
 from protocol.keys import ROOT, command_key, drone_key
+from protocol.mesh.rights import LOG_QUERIES_PER_S
 
 MUTE_S = 4.0  # for what takes milliseconds; one that is kept out by a flood stays out for as long as that lasts
 
@@ -197,5 +199,34 @@ def _flood(d2: Listening, key: str, ended: threading.Event) -> int:
     sent = 0
     while not ended.is_set():
         d2.mesh._session.put(key, b"flood")
+        sent += 1
+    return sent
+
+
+@pytest.mark.parametrize("asked", [drone_key(SWARM, "d1", "log"), f"{ROOT}/{SWARM}/**"])
+def test_a_member_that_floods_with_queries_gets_few_answers_and_keeps_nobody_from_theirs(folder: Path, asked: str) -> None:
+    """What reaches the agent takes time of its event loop, whether it is answered or not."""
+
+    async def course() -> None:
+        async with AsyncExitStack() as stack:
+            d1, d2, observer = await swarm(folder, stack, "d1", "d2", "observer")
+            ended, began_s, answered = threading.Event(), time.monotonic(), 0
+            flooding = asyncio.create_task(asyncio.to_thread(_ask, observer, asked, ended))
+            while answered < 5:
+                answered += await d2.mesh.ask("d1", b"")  # the twin: it is answered meanwhile
+                await asyncio.sleep(2.0 / LOG_QUERIES_PER_S)
+            arrived = d1.mesh.counters["log_answered"] + d1.mesh.counters["log_answer_refused"]
+            most = LOG_QUERIES_PER_S * (time.monotonic() - began_s) + 2 + answered
+            ended.set()
+            sent = await flooding
+            assert 0 < arrived - answered < most < 0.5 * sent
+
+    asyncio.run(course())
+
+
+def _ask(member: Listening, key: str, ended: threading.Event) -> int:
+    sent = 0
+    while not ended.is_set():
+        member.mesh._session.get(key, Callback(lambda _: None, indirect=False), payload=b"", timeout=1.0)
         sent += 1
     return sent

@@ -14,8 +14,9 @@ from encrypted import DRONES, QUIET_S, endpoint, is_let_in, joined
 from identities import DAY_NS, Wrong, identity, new_issuer, now_ns, write_wrong
 from meshes import SWARM, linked, until
 
+from deploy.pki.release import issue_release
 from protocol.errors import MeshError
-from protocol.identity import Identity, Role, load_identity
+from protocol.identity import Identity, IdentityError, Role, load_identity
 from protocol.issuing import Issuer, write_identity
 from protocol.keys import drone_key
 from protocol.mesh.session import Mesh, MeshConfig
@@ -53,6 +54,13 @@ def test_a_certificate_of_another_authority_even_of_the_same_name(folder: Path, 
 
 def test_plain_tcp_is_not_spoken_with(folder: Path) -> None:
     assert not against_d1(folder, None, dial="tcp")
+
+
+def test_a_certificate_for_releases_opens_no_links(issuer: Issuer, folder: Path, tmp_path: Path) -> None:
+    issue_release(issuer, "d3", now_ns(), None, tmp_path)
+    with pytest.raises(IdentityError, match=r"certificate\.pem: is for signing releases, and opens no links; make one with `"):
+        load_identity(tmp_path)
+    assert not against_d1(folder, _careless(load_identity(folder / "d3"), tmp_path))
 
 
 def _careless(good: Identity, folder: Path) -> Identity:

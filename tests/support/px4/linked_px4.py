@@ -50,6 +50,7 @@ class BytesLink:
     def __init__(self, deliver: Callable[[bytes], None]) -> None:
         self.counters: Counter[str] = Counter()
         self.is_signed: bool | None = None
+        self.taken_from: str | None = None
         self._deliver = deliver
         self._mavlink = mavlink.MAVLink(None, *_COMPANION)
 

@@ -128,15 +128,16 @@ async def sky(
     parameters: dict[str, float] | None = None,
     faults: Faults = Faults(),  # noqa: B008 - frozen
     frames: MovingFrames | None = None,
+    onboard_port: int | None = None,
     **vehicle: object,
 ) -> AsyncIterator[Sky]:
     """An emulated vehicle on the ground, its links open; everything is closed at the end.
 
     ``frames``: where its localisation has its frame; then the driver's clock, too, is that of the simulation, by which poses are
-    stamped. ``vehicle``: what the drone file says of it.
+    stamped. ``onboard_port``: to which it sends; None: a free one. ``vehicle``: what the drone file says of it.
     """
     rng = np.random.default_rng(5)
-    port = free_port()
+    port = onboard_port or free_port()
     motion = Multirotors(MultirotorTruth(), np.zeros((1, 3)), np.zeros(1), STEP_S, rng)
     error = Localization(LocalizationTruth(), 1, STEP_S, rng)
     config = Px4Config(onboard=("127.0.0.1", port), parameters=SANE | (parameters or {}), faults=faults)

@@ -55,6 +55,7 @@ class SilentLink:
     def __init__(self, clock_s: Callable[[], float]) -> None:
         self.counters: Counter[str] = Counter()
         self.is_signed: bool | None = None
+        self.taken_from: str | None = None
         self.asked: list[Asked] = []
         self._clock_s = clock_s
 
