@@ -124,7 +124,7 @@ def uploaded(*drones):
                 commander.upload(NEW, taken.append)
                 commander.upload(NEW, taken.append)
                 async with asyncio.timeout(20.0):
-                    while "mission" not in said[-1][0] or len(said) < 3:
+                    while not said[-1][0].startswith(("all drones have", "not taken by")):
                         await asyncio.sleep(0.02)
             finally:
                 await commander.close()
