@@ -28,6 +28,7 @@ LISTEN_S = 2.5  # a drone publishes its status every second
 FIND_S = 8.0  # how long to search for the swarm
 OBEY_S = 5.0
 REPEAT_S = 1.0  # until the command is repeated: a drone that has obeyed it ignores the copy
+PAUSE_S = 0.05  # between two commands: the drones drop what comes sooner (protocol/mesh/rights.py)
 FRESH_S = 3.0
 CLOCKS_S = 3.0  # clock difference that is reported: a start is refused once it is too old
 _MOST_NAMES = 5  # that are told
@@ -330,4 +331,5 @@ async def _send_until_done(mesh: Mesh, order: Order, trust: Trust | None, drones
                 message = _message(order.action, trust, stamp_ns, mission, names, statuses)
                 if message is not None:
                     mesh.publish(key_of(order.swarm, message), encode(message))
+                    await asyncio.sleep(PAUSE_S)
         await asyncio.sleep(0.05)

@@ -27,7 +27,9 @@ SLICE_S = 0.005
 MOST_ENTRIES = 5_000  # of a publisher, waiting for delivery; more are dropped, and recovered by the log query
 ENTRIES_PER_S = 1_000.0  # of a publisher: 50 times what a drone publishes, and an hour's log in less than a minute
 MOST_COMMANDS = 100  # of a publisher
+COMMANDS_PER_S = 10  # of a publisher; more are a flood, of which `rights` lets few through
 MOST_PUBLISHERS = 128  # a swarm has up to 64 drones
+NEWS_IN_TURN = 20  # delivered before an entry that waits: a flood of news must not keep all entries back
 NEWS_PER_S = 200  # of a publisher, of which the newest alone counts; honest ones send 15
 TOLD_S = 10.0  # a flood is reported for this long
 
@@ -44,7 +46,7 @@ class _Share:
     credit: float = float(MOST_ENTRIES)
     credit_s: float = 0.0
     second: int = 0
-    heard: int = 0  # of news, in this second
+    heard: int = 0  # of news or commands, in this second
     lost: int = 0
     flood_s: float = float("-inf")
 
@@ -75,6 +77,7 @@ class Inbox:
         self._lock = threading.Lock()  # of everything that follows, which all threads change
         self._shares: dict[str, _Share] = {}  # by publisher; the first waits longest
         self._dropped: Counter[str] = Counter()
+        self._news_run = 0  # news delivered since the last entry
         self._scheduled = False
         self._closed = False
 
@@ -101,7 +104,7 @@ class Inbox:
         now_s = self._loop.time()
         with self._lock:
             told = [(name, share.lost) for name, share in self._shares.items() if now_s - share.flood_s < TOLD_S]
-        return tuple(f"{name} floods the mesh: {lost} of its messages were left out" for name, lost in sorted(told))
+        return tuple(f"{name} floods the mesh: {lost} of its messages were too many" for name, lost in sorted(told))
 
     def _take(self, key: Key | None, payload: bytes | None) -> None:
         if key is None:
@@ -123,6 +126,7 @@ class Inbox:
             self._keep(share, share.entries, MOST_ENTRIES, key, payload)
         elif key.kind in STATION_KINDS:
             self._keep(share, share.commands, MOST_COMMANDS, key, payload)
+            self._note_rate(share, COMMANDS_PER_S)
         else:
             self._renew(share, key, payload)
 
@@ -148,9 +152,12 @@ class Inbox:
         if key in share.news:
             self._dropped["superseded"] += 1
         share.news[key] = payload
+        self._note_rate(share, NEWS_PER_S)
+
+    def _note_rate(self, share: _Share, most_per_s: int) -> None:
         second = int(self._loop.time())
         share.second, share.heard = second, share.heard + 1 if second == share.second else 1
-        if share.heard > NEWS_PER_S:
+        if share.heard > most_per_s:
             share.lost, share.flood_s = share.lost + 1, self._loop.time()
 
     def _keep(self, share: _Share, queue: deque[tuple[Key, bytes]], most: int, key: Key, payload: bytes) -> None:
@@ -194,12 +201,14 @@ class Inbox:
     def _next(self) -> tuple[Key, bytes] | None:
         """The next message: of the publisher that has waited longest for its turn, commands first and entries last."""
         now_s = self._loop.time()
+        later = (_news, _entry) if self._news_run < NEWS_IN_TURN else (_entry, _news)
         with self._lock:
-            for choose in (_command, _news, _entry):
+            for choose in (_command, *later):
                 for name, share in self._shares.items():
                     message = choose(share, now_s)
                     if message is not None:
                         self._shares[name] = self._shares.pop(name)
+                        self._news_run = 0 if choose is _entry else self._news_run + (choose is _news)
                         return message
         return None
 

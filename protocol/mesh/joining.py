@@ -7,7 +7,7 @@ import zenoh
 from protocol.errors import MeshError
 from protocol.identity import CERTIFICATE_FILE, Identity, Role
 from protocol.mesh.link import MeshConfig, open_session
-from protocol.mesh.rights import access_control, query_limits
+from protocol.mesh.rights import access_control, limits
 
 
 async def session_of(config: MeshConfig, swarm: str, drone: str | None) -> zenoh.Session:
@@ -18,7 +18,7 @@ async def session_of(config: MeshConfig, swarm: str, drone: str | None) -> zenoh
         revoked |= identity.revoked.names
         access = access_control(swarm, config.drones, revoked, config.others)
     dial_all = config.listen is None
-    return await open_session(config, dial_all, access=access, limits=query_limits(swarm), refused=revoked)
+    return await open_session(config, dial_all, access=access, limits=limits(swarm), refused=revoked)
 
 
 def _check_owner(identity: Identity, drone: str | None) -> None:

@@ -17,6 +17,7 @@ _PREFIX = "radron/*"  # of every version of the protocol: others must be seen to
 _VERSIONS = range(1, 10)  # whose liveliness tokens are taken: with a wildcard, a member could have its peers keep any number
 _READ = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query", "query")
 LOG_QUERIES_PER_S = 20.0  # of a peer, 50 ms apart; an honest one asks every 0.2 s at most
+COMMANDS_PER_S = 50.0  # of a peer and kind, under whatever names; an operator repeats one every second
 _PUBLISH = ("put", "delete", "declare_queryable", "reply", "liveliness_token")
 
 
@@ -64,14 +65,19 @@ def access_control(
     return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
 
 
-def query_limits(swarm: str) -> list[dict[str, object]]:
-    """Zenoh's ``downsampling`` settings of one session: how often each of its peers can query a log.
+def limits(swarm: str) -> list[dict[str, object]]:
+    """Zenoh's ``downsampling`` settings of one session: how often each of its peers can command, and query a log.
 
-    What comes sooner is dropped in Zenoh's own threads: each query that gets further takes time of the agent's event loop, and a
-    flood of them would keep it from its steps.
+    What comes sooner is dropped in Zenoh's own threads: whatever gets further takes time of the agent's event loop, commands
+    first, and a flood would keep it from its steps and from the news of the others. News and entries are the inbox's to bound:
+    after a stall several come at once, and the newest counts.
     """
-    rules = [{"key_expr": f"{_PREFIX}/{swarm}/*/log", "freq": LOG_QUERIES_PER_S}]
-    return [{"id": "queries of logs", "flows": ["ingress"], "messages": ["query"], "rules": rules}]
+    commands = [{"key_expr": f"{_PREFIX}/{swarm}/{STATION}/*/{kind}", "freq": COMMANDS_PER_S} for kind in STATION_KINDS]
+    queries = [{"key_expr": f"{_PREFIX}/{swarm}/*/log", "freq": LOG_QUERIES_PER_S}]
+    return [
+        {"id": "commands", "flows": ["ingress"], "messages": ["put", "delete"], "rules": commands},
+        {"id": "queries of logs", "flows": ["ingress"], "messages": ["query"], "rules": queries},
+    ]
 
 
 def _exactly(name: str, messages: Collection[str], *keys: str, flow: str = "ingress") -> dict[str, object]:

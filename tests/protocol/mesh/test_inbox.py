@@ -13,7 +13,7 @@ from meshes import until
 from protocol.codec import MAX_ENTRY_BYTES, MAX_NEWS_BYTES
 from protocol.keys import command_key, drone_key
 from protocol.mesh import inbox as inbox_module
-from protocol.mesh.inbox import MOST_ENTRIES, MOST_PUBLISHERS, NEWS_PER_S, SLICE_MESSAGES, Inbox
+from protocol.mesh.inbox import MOST_ENTRIES, MOST_PUBLISHERS, NEWS_IN_TURN, NEWS_PER_S, SLICE_MESSAGES, Inbox
 
 CONE = drone_key("s", "d1", "cone")
 POSE = drone_key("s", "d1", "pose")
@@ -145,7 +145,7 @@ def test_of_one_publisher_what_is_beyond_the_bounds_is_dropped_and_told_and_noth
         assert [key for key, _ in received.messages[:8] if key != CONE] == [others[1], others[3], others[0], others[2]]
         await until(lambda: received.counters["received"] == MOST_ENTRIES + 4)
         assert received.counters["overflow"] == 10
-        assert received.inbox.problems == ("d1 floods the mesh: 10 of its messages were left out",)
+        assert received.inbox.problems == ("d1 floods the mesh: 10 of its messages were too many",)
 
     asyncio.run(run())
 
@@ -227,3 +227,20 @@ def test_putting_after_the_end_of_the_loop_is_harmless() -> None:
         return Received().inbox
 
     asyncio.run(make()).put(CONE, b"")
+
+
+def test_news_that_never_end_keep_no_entry_back_and_without_them_entries_come_at_once() -> None:
+    async def run() -> None:
+        def renew(key: str, payload: bytes) -> None:
+            if key == POSE and len(received.messages) < 10 * NEWS_IN_TURN:
+                received.inbox.put(POSE, b"again")
+
+        received = Received(renew)
+        received.inbox.put(POSE, b"first")
+        for number in range(3):
+            received.inbox.put(drone_key("s", "d2", "cone"), b"%d" % number)
+        await until(lambda: len(received.messages) >= 10 * NEWS_IN_TURN)
+        places = [place for place, (key, _) in enumerate(received.messages) if key != POSE]
+        assert places == [NEWS_IN_TURN, 2 * NEWS_IN_TURN + 1, 3 * NEWS_IN_TURN + 2]
+
+    asyncio.run(run())

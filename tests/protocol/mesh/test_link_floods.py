@@ -21,7 +21,7 @@ from zenoh.handlers import Callback
 
 from protocol.identity import load_identity
 from protocol.keys import ROOT, command_key, drone_key
-from protocol.mesh.rights import LOG_QUERIES_PER_S
+from protocol.mesh.rights import COMMANDS_PER_S, LOG_QUERIES_PER_S
 
 MUTE_S = 4.0  # for what takes milliseconds; one that is kept out by a flood stays out for as long as that lasts
 
@@ -168,7 +168,7 @@ def test_a_member_that_floods_loses_its_own_messages_only(folder: Path, key: str
             d1, d2, d3 = await swarm(folder, stack, "d1", "d2", "d3")
             await heard(lambda: d3.publish("pose", b"first"), d1)
             ended = threading.Event()
-            flooding = asyncio.create_task(asyncio.to_thread(_flood, d2, key, ended))
+            flooding = asyncio.create_task(asyncio.to_thread(_flood, d2, [key], ended))
             may_send = key in (NEWS, ENTRIES, COMMANDS)
             own, gaps_s, last_s, number = drone_key(SWARM, "d3", "pose"), [0.0], time.monotonic(), 0
             while number < 20 or (may_send and not d1.mesh.problems):  # how soon it loses some depends on how fast it can send
@@ -195,10 +195,36 @@ def test_a_member_that_floods_loses_its_own_messages_only(folder: Path, key: str
     asyncio.run(course())
 
 
-def _flood(d2: Listening, key: str, ended: threading.Event) -> int:
+@pytest.mark.parametrize("names", [("operator",), tuple(f"operator{number}" for number in range(200))], ids=["one", "200"])
+def test_a_flood_of_commands_under_others_names_keeps_no_command_and_no_news_from_the_drones(
+    folder: Path, names: tuple[str, ...]
+) -> None:
+    """Commands come first, and each costs a drone a verification: so few get through from one peer, whatever their names."""
+
+    async def course() -> None:
+        async with AsyncExitStack() as stack:
+            d1, d2, operator, observer = await swarm(folder, stack, "d1", "d2", "operator", "observer")
+            ended, began_s, got = threading.Event(), time.monotonic(), set[bytes]()
+            flooding = asyncio.create_task(
+                asyncio.to_thread(_flood, observer, [command_key(SWARM, name) for name in names], ended)
+            )
+            while not {b"flood", b"command", b"news"} <= got:
+                assert time.monotonic() < began_s + 10.0, got
+                operator.mesh.publish(command_key(SWARM, "operator"), b"command")  # the twins: both are heard meanwhile
+                d2.publish("pose", b"news")
+                await asyncio.sleep(0.1)
+                got = {payload for _, payload in d1.messages}
+            arrived, seconds = [payload for _, payload in d1.messages].count(b"flood"), time.monotonic() - began_s
+            ended.set()
+            assert arrived < COMMANDS_PER_S * seconds + 2 < 0.5 * await flooding
+
+    asyncio.run(course())
+
+
+def _flood(member: Listening, keys: list[str], ended: threading.Event) -> int:
     sent = 0
     while not ended.is_set():
-        d2.mesh._session.put(key, b"flood")
+        member.mesh._session.put(keys[sent % len(keys)], b"flood")
         sent += 1
     return sent
 
