@@ -185,6 +185,10 @@ class Verifier:
             return False
         return member.verified(status.signature, _STATUS + as_bytes(replace(status, signature=b"")))
 
+    def signer(self, order: Order) -> Member | None:
+        """Whose certificate an order carries, whether valid or not; None: nobody's of this swarm."""
+        return self._member(order.certificate)
+
     def revoke(self, name: str) -> None:
         """An operator of this name commands no more."""
         self._revoked_names.add(name)

@@ -9,12 +9,13 @@ from typing import Any
 
 from agent import missionupload
 from agent.config.mission import MissionConfig
-from agent.groundcontrol import FRESH_S, CommandError, Order, Statuses, carry_out
+from agent.groundcontrol import FRESH_S, CommandError, Order, Statuses, carry_out, station_name
 from agent.missionupload import UploadOrder
 from protocol.errors import ProtocolError
 from protocol.identity import Identity, Role
 from protocol.mesh.session import Mesh
 from protocol.messages import Action
+from protocol.trust import trust_of
 
 MOST_AT_ONCE = 8  # commands under way: a hold must not wait for a start
 Tell = Callable[[str, bool, str], None]  # a line, whether it is a refusal or failure, and ``command`` or ``upload``
@@ -26,10 +27,14 @@ def may_command(identity: Identity | None) -> bool:
 
 
 class Commander:
-    """Carries out several commands at a time, each with the numbers that it began with; one upload at a time."""
+    """Carries out several commands at a time, each with the numbers that it began with; one upload at a time.
+
+    ``name``: under which it orders.
+    """
 
     def __init__(self, mesh: Mesh, swarm: str, identity: Identity | None, tell: Tell) -> None:
         """``tell``: called with each line about a command or an upload."""
+        self.name = station_name(trust_of(identity))
         self._mesh, self._swarm, self._identity, self._tell = mesh, swarm, identity, tell
         self._heard = Statuses(identity)
         self._newest: dict[str, tuple[float, bytes]] = {}  # by key: statuses, and when they came

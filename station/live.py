@@ -39,6 +39,7 @@ async def follow(hub: Hub, config: MeshConfig) -> None:
             commander = Commander(mesh, swarm, config.identity, hub.tell)
             listeners.append(commander.receive)
             stack.push_async_callback(commander.close)
+            hub.picture.orders.own = commander.name
             hub.command = commander.give
             hub.upload = lambda mission: commander.upload(mission, hub.adopt)
         recovering = asyncio.create_task(recover(lambda: mesh.alive, summary, mesh.ask, phase=0.0))
@@ -51,6 +52,7 @@ async def follow(hub: Hub, config: MeshConfig) -> None:
             if loop.time() >= due_s:  # not more often either while there is work left: a frame costs as much as a slice of it
                 due_s = max(due_s + SHOW_S, loop.time())
                 picture.appear(mesh.alive)
+                picture.link_problems = (*mesh.problems, *mesh.differing)
                 hub.show(time.time_ns())
             if recovering.done():
                 recovering.result()

@@ -21,6 +21,7 @@ from protocol.identity import Authority, Peer, utc
 from protocol.keys import VERSION, Key, parse_key
 from protocol.messages import STATION_KINDS, Action, AnyMessage, AnyOrder, Command, Order, Upload
 from protocol.revocations import Revocation, Revoked
+from protocol.signing import Member
 
 UNTOLD = "the record does not say what became of it (it lists a bounded number of refused commands a second)"
 UNJUDGED = f"version {FORMER} of the protocol did not record what became of it"
@@ -215,24 +216,24 @@ def _without_verdict(call: RecordedCall) -> str:
 def _result(verdict: Verdict, command: AnyOrder | Revocation, signer: Peer | str) -> str:
     if not verdict.refused:
         return _TAKEN if isinstance(command, Upload) else "obeyed"
-    return f"refused: {verdict.because or _reason(verdict.refused, command, signer)}"
+    is_start = isinstance(command, Command) and command.action is Action.START
+    return f"refused: {verdict.because or in_words(verdict.refused, signer, is_start)}"
 
 
-def _reason(refused: str, command: AnyOrder | Revocation, signer: Peer | str) -> str:
-    """Why a command was refused, in plain words."""
+def in_words(refused: str, signer: Member | str, is_start: bool = False) -> str:
+    """Why a command was refused; ``refused``: as a ``Verdict`` or a ``Verifier`` tells."""
     if refused == "without_valid_certificate":
-        if isinstance(signer, Peer):
+        if not isinstance(signer, str):
             return f"its certificate is that of {signer.name}"
         return "it is not signed" if signer == "unsigned" else f"its {signer}"
     if refused == "too_old":
-        what = "nonce or its stamp" if isinstance(command, Command) and command.action is Action.START else "nonce"
-        return f"replayed or delayed: its {what} is not valid any more"
+        return f"replayed or delayed: its {'nonce or its stamp' if is_start else 'nonce'} is not valid any more"
     if refused.startswith("by_a_"):
         return f"its certificate is not an operator's, but of the role {refused.removeprefix('by_a_')}"
     return _WORDS.get(refused, refused.replace("_", " "))
 
 
-def told(signer: Peer | str) -> str:
+def told(signer: Member | str) -> str:
     """A certificate in a few words."""
     if isinstance(signer, str):
         return signer

@@ -93,8 +93,9 @@ class Mesh:
             config: endpoints.
             swarm: its name.
             drone: own id; None for an operator, who gets no history, is not listed in ``alive`` and is not asked for a log.
-            receive: called with key and payload of every message of the swarm except the own ones. Entries and commands come
-                without loss (within the bounds of ``Inbox``) and, for one key, in order; of other kinds only the newest.
+            receive: called with key and payload of every message of the swarm except the own ones, of which an operator's session
+                gets the orders. Entries and commands come without loss (within the bounds of ``Inbox``) and, for one key, in
+                order; of other kinds only the newest.
             drained: called after each burst of ``receive``.
             answer: from a peer's summary to the (key, payload) of the entries missing there.
             members: the drones of the swarm: what comes under another name is counted and ignored; None: all names are taken.
@@ -271,10 +272,12 @@ class Mesh:
     def _declare(self, session: zenoh.Session) -> None:
         """Declare everything; the token last, so that a drone that is seen alive already listens."""
         on_sample = Callback(self._take, indirect=False)
-        places = [f"*/{kind}" for kind in NEWS_KINDS] + [f"{STATION}/*/{kind}" for kind in STATION_KINDS]
-        for place in places:
+        orders_of = Locality.REMOTE if self._drone is not None else Locality.ANY  # a page tells its own operator's orders too
+        origins = {f"*/{kind}": Locality.REMOTE for kind in NEWS_KINDS}
+        origins |= {f"{STATION}/*/{kind}": orders_of for kind in STATION_KINDS}
+        for place, origin in origins.items():
             key = f"{ROOT}/{self._swarm}/{place}"
-            self._declared.append(session.declare_subscriber(key, on_sample, allowed_origin=Locality.REMOTE))
+            self._declared.append(session.declare_subscriber(key, on_sample, allowed_origin=origin))
         history = ext.HistoryConfig(max_samples=CACHE_ENTRIES) if self._drone is not None else None
         for kind in ENTRY_KINDS:
             subscriber = ext.declare_advanced_subscriber(

@@ -71,7 +71,7 @@ def _regions(axes: Axes, trace: Trace, instant: int | None) -> None:
         axes.set_visible(False)
         return
     covariance = trace.covariance_m2[instant]
-    offset = (trace.hypothesis_m[instant, 0] - trace.source_m[instant])[:2]
+    offset = (trace.estimate_m[instant] - trace.source_m[instant])[:2]
     x, y = (float(value) for value in offset)
     draw_regions(axes, (x, y), covariance)
     axes.plot(x, y, marker="X", color=ESTIMATE, markersize=7, markeredgecolor="white", zorder=6)

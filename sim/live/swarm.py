@@ -5,6 +5,7 @@ The launcher is an operator's station in the mesh; only it and the world process
 
 from __future__ import annotations
 
+import asyncio
 import socket
 import sys
 from collections.abc import AsyncIterator, Sequence
@@ -36,6 +37,7 @@ from sim.vehicle.px4.config import Address
 
 READY_S = 180.0  # time in which agents on this machine get ready: 10 s, or minutes where it is starved
 _PAGE_ENDS_S = 2.0
+_LOOK_S = 0.2  # until a page is looked for again that is not served yet
 ELSEWHERE_READY_S = 300.0  # agents elsewhere may have to be started first
 
 
@@ -131,24 +133,39 @@ async def live_swarm(
         operator = Operator(scenario.mission, world, agents, view)
         await operator.join(MeshConfig(connect=places.mesh, identity=identity, drones=tuple(drones)), stack)
         if page:
-            serving = await _serve_page(files, places, view)
+            serving, port = await _serve_page(files, places)
             stack.push_async_callback(serving.stop, _PAGE_ENDS_S)
+            telling = asyncio.create_task(_tell_page(serving, port, view))
+            stack.callback(telling.cancel)
         faults = FaultPlayer(scenario, seed, agents, relays, world, view, places) if scenario.fault else None
         if faults is not None:
             stack.push_async_callback(faults.close)
         yield Swarm(scenario, operator, agents, faults, relays)
 
 
-async def _serve_page(files: RunFolder, places: Places, view: View) -> Child:
-    """Serve the operator's page, in a process of its own, and say where."""
+async def _serve_page(files: RunFolder, places: Places) -> tuple[Child, int]:
+    """Serve the operator's page, in a process of its own; that, and its port."""
     (port,) = free_ports(1, socket.SOCK_STREAM)
     links = [word for endpoint in places.mesh for word in ("--connect", endpoint)]
     identity = ["--identity", str((places.operator or files.page).resolve())] if places.encrypted else ["--insecure"]
     mission = str(files.mission_file.resolve())
     command = [sys.executable, "-m", "station", "serve", mission, *links, *identity, "--port", str(port)]
     page = await Child.start("page", command, log=files.folder / "page.log", folder=files.folder)
-    view.say(f"the operator's page: http://localhost:{port}/")
-    return page
+    return page, port
+
+
+async def _tell_page(page: Child, port: int, view: View) -> None:
+    """Say where the page is, as soon as it can be opened."""
+    while page.exit_code is None:
+        try:
+            _, writer = await asyncio.open_connection("127.0.0.1", port)
+        except OSError:
+            await asyncio.sleep(_LOOK_S)
+        else:
+            writer.close()
+            view.say(f"the operator's page: http://localhost:{port}/")
+            return
+    view.say(f"the operator's page has ended: {page.last_line()}")
 
 
 def _identity(places: Places, files: RunFolder, drones: Sequence[str], view: View) -> Identity | None:

@@ -11,16 +11,18 @@ from typing import TypeVar
 
 from agent.config.mission import DatumConfig, MissionConfig
 from agent.errors import RadronError
-from agent.flight.audit import Audited, audit
+from agent.flight.audit import Audited, audit, in_words, told
 from agent.flight.reader import RecordedFlight
 from agent.frames.geodesy import geodetic_from_mission
 from agent.fusion.observation import ConeObservation, observe
 from protocol.entries import Cone, Exposure
 from station.hub import Hub
 from station.picture.frame import Frame, SourceFrame
+from station.picture.orders import Heard, Orders
 from station.picture.picture import Picture
 from station.replay import Records, play
 
+UNHEARD = "this station has not heard that it was obeyed"
 T = TypeVar("T")
 _SLICE_S = 0.02  # of work, before pages are served
 
@@ -39,12 +41,13 @@ class Located:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where the facts come from. ``versions``: of the software. ``commands``: with the drone whose record has them; None beside a
-    live flight, where only the drones have them. ``flaws``: why records could not be read to their ends.
+    """Where the facts come from. ``versions``: of the software. ``commands``: each with a drone that it was for, from that one's
+    record, or else as a station has ``heard`` it. ``flaws``: why records could not be read to their ends.
     """
 
     versions: dict[str, str]
-    commands: tuple[tuple[str, Audited], ...] | None = None
+    commands: tuple[tuple[str, Audited], ...] = ()
+    heard: bool = False
     flaws: tuple[str, ...] = ()
 
 
@@ -112,6 +115,19 @@ def of_records(paths: Sequence[Path], records: Records) -> Source:
         commands=tuple(sorted(commands, key=lambda each: each[1].first_ns)),
         flaws=records.flaws,
     )
+
+
+def of_station(versions: dict[str, str], orders: Orders) -> Source:
+    """What a station knows beside a live flight."""
+    commands = ((drone, _audited(order, drone)) for order in orders.heard for drone in sorted(order.numbers))
+    return Source(versions, tuple(commands), heard=True)
+
+
+def _audited(order: Heard, drone: str) -> Audited:
+    signer = order.signer or ("certificate is none of this swarm's" if order.refused else "not known here")
+    result = f"refused: {in_words(order.refused, signer)}" if order.refused else order.results.get(drone, UNHEARD)
+    names = tuple(sorted(order.numbers))
+    return Audited(order.first_ns, order.last_ns, order.station, told(signer), order.action, names, result, order.copies)
 
 
 async def facts_of(hub: Hub, source: Source) -> Findings:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from html import escape
 
 from agent.flight.audit import Audited
 from station.findings.facts import Findings, Located
+from station.findings.figures import charts, flight_map
 from station.findings.tables import utc
-from station.picture.shapes import CORDON_USVPH, circle, cordon_radius_m, region
+from station.picture.shapes import CORDON_USVPH, cordon_radius_m
 
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d00", "#555555")  # as on the page
 _STYLE = """
 body { font: 11pt/1.4 system-ui, sans-serif; color: #111; max-width: 48rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 1.6rem; }
@@ -32,8 +32,9 @@ def report_html(findings: Findings) -> str:
         f"<h1>{escape(title)}</h1>",
         *(f'<p class="warning">Incomplete: {escape(flaw)}</p>' for flaw in findings.source.flaws),
         _section("Result", _result(findings)),
-        _map(findings),
+        flight_map(findings),
         _section("Search", _search(findings)),
+        *charts(findings),
         _section(
             "Mission",
             [
@@ -59,10 +60,13 @@ def report_html(findings: Findings) -> str:
 
 
 def _commands(findings: Findings) -> list[Row]:
-    commands = findings.source.commands
-    if commands is None:
-        return [("Not known here", "the drones' flight records tell them: radron-station report, radron-agent audit")]
-    return [_command(drone, each) for drone, each in commands]
+    source = findings.source
+    rows = [_command(drone, each) for drone, each in source.commands] or [("None", "")]
+    if source.heard:
+        rows.append(
+            ("As heard by", "the station on the ground, while it was there. What each drone made of them is in its record.")
+        )
+    return rows
 
 
 def _command(drone: str, audited: Audited) -> Row:
@@ -119,43 +123,6 @@ def _search(findings: Findings) -> list[Row]:
         ("Excluded before a source was found", f"sources above {excluded:.3g} Bq" if excluded is not None else "nothing"),
     ]
     return [*rows, ("Finding", findings.finding)] if findings.finding else rows
-
-
-def _map(findings: Findings) -> str:
-    area = findings.mission.area.polygon_m
-    tracks = [
-        [drone.place for frame in findings.frames if (drone := frame.drones[index]).place is not None]
-        for index in range(len(findings.drones))
-    ]
-    everywhere = [*area, *((place[0], place[1]) for track in tracks for place in track if place is not None)]
-    low_x, high_x = min(x for x, _ in everywhere) - 3.0, max(x for x, _ in everywhere) + 3.0
-    low_y, high_y = min(y for _, y in everywhere) - 3.0, max(y for _, y in everywhere) + 3.0
-    thin = (high_x - low_x) / 400.0
-    shapes = [_line([*area, area[0]], "#111", 2 * thin)]
-    for index, track in enumerate(tracks):
-        shapes.append(_line([place[:2] for place in track if place is not None], _COLOURS[index % len(_COLOURS)], thin))
-    if findings.best is not None:
-        source = findings.best.source
-        radius_m = cordon_radius_m(source.nuclide, source.activity_bq)
-        if radius_m is not None:
-            shapes.append(_line(circle(source.place, radius_m), "#a33b00", 2 * thin))
-        shapes.append(_line(region(source), "#111", 2 * thin))
-        x, y, _ = source.place
-        shapes.append(
-            f'<circle cx="{x:.2f}" cy="{-y:.2f}" r="{3 * thin:.3f}" fill="#f0e442" stroke="#111" stroke-width="{thin:.3f}"/>'
-        )
-    box = f"{low_x:.2f} {-high_y:.2f} {high_x - low_x:.2f} {high_y - low_y:.2f}"
-    legend = ", ".join(
-        f'<span style="color:{_COLOURS[index % len(_COLOURS)]}">{escape(name)}</span>'
-        for index, name in enumerate(findings.drones)
-    )
-    about = "Area (black), source with its 90 % region, cordon (red), tracks of "
-    return f'<figure><svg viewBox="{box}" role="img">{"".join(shapes)}</svg><figcaption>{about}{legend}.</figcaption></figure>'
-
-
-def _line(places: Sequence[Sequence[float]], colour: str, width: float) -> str:
-    points = " ".join(f"{place[0]:.2f},{-place[1]:.2f}" for place in places)
-    return f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{width:.3f}"/>'
 
 
 def _section(title: str, rows: Iterable[Row]) -> str:

@@ -27,9 +27,9 @@ def reports(
     async def report() -> bytes:
         await asyncio.to_thread(import_module, "station.findings.command")  # seconds, while pages are served
         from station.findings.command import zipped  # noqa: PLC0415
-        from station.findings.facts import Source, facts_of, of_records  # noqa: PLC0415
+        from station.findings.facts import facts_of, of_records, of_station  # noqa: PLC0415
 
-        live = Source({"radron": version("radron")})
+        live = of_station({"radron": version("radron")}, hub.picture.orders)
         source = live if records is None else await asyncio.to_thread(of_records, paths, records)
         return await asyncio.to_thread(zipped, await facts_of(hub, source), identity)
 

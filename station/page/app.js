@@ -4,8 +4,9 @@ import { drawCharts, moveCursor, showSpectra } from "./charts.js";
 import { Commands } from "./commands.js";
 import { Editor } from "./editor.js";
 import { SwarmMap } from "./map.js";
-import { showDrones, showEvents, showSource } from "./panel.js";
-import { clock, loadTexts, say } from "./texts.js";
+import { eventText, showDrones, showEvents, showSource } from "./panel.js";
+import { offerReport } from "./report.js";
+import { clock, duration, loadTexts, say } from "./texts.js";
 
 const RETRY_MS = 1000;
 const PLAY_MS = 100;
@@ -35,8 +36,11 @@ function connect() {
   });
 }
 
+// Whether there is a station to ask.
 function ask(wish) {
-  if (state.socket?.readyState === WebSocket.OPEN) state.socket.send(JSON.stringify(wish));
+  if (state.socket?.readyState !== WebSocket.OPEN) return false;
+  state.socket.send(JSON.stringify(wish));
+  return true;
 }
 
 const receive = {
@@ -63,6 +67,8 @@ const receive = {
   event(event) {
     state.events.push(event);
     showEvents(state.events);
+    by("said").textContent = eventText(event);
+    commands.hear(event);
     editor.hear(event);
   },
   progress({ share }) {
@@ -110,7 +116,7 @@ function drawFrame() {
   if (!frame) return;  // of another mission than is shown now
   Object.assign(state, { frame, waiting: null, frames: state.frames + 1 });
   if (state.live || !state.at) state.at = frame.at_ms;
-  state.map.sketch.show(frame);
+  state.map.show(frame);
   const told = JSON.stringify([frame.source === null, frame.drones.map((drone) => [drone.stage, drone.stale, drone.problems])]);
   if (!state.live || told !== state.told || now - state.worded > PANEL_MS) {
     Object.assign(state, { told, worded: now });
@@ -132,7 +138,7 @@ function showLink() {
   else if (state.mission?.replay) texts.push(reading ? say("reading", { percent: Math.floor(100 * state.share) }) : say("record"));
   else if (!state.live) texts.push(say("looking back"));
   else texts.push(say("connected"));
-  if (state.mission && !state.mission.replay) texts.push(say(state.mission.encrypted ? "encrypted" : "not encrypted"));
+  if (state.socket && state.mission && !state.mission.replay) texts.push(say(state.mission.encrypted ? "encrypted" : "not encrypted"));
   link.textContent = texts.join(" · ");
   link.className = !state.socket || (!state.live && !state.mission?.replay) || (state.mission && !state.mission.replay && !state.mission.encrypted) ? "bad" : "";
 }
@@ -150,7 +156,7 @@ function drawTimes() {
 function showTime() {
   const slider = by("time");
   slider.value = state.at;
-  by("at").textContent = state.rows.length ? `${((state.at - state.rows[0][0]) / 1000).toFixed(0)} s` : "";
+  by("at").textContent = state.rows.length ? duration(state.at - state.rows[0][0]) : "";
 }
 
 function lookAt(ms) {
@@ -198,6 +204,7 @@ function controls() {
 }
 
 await loadTexts();
+offerReport();
 const commands = new Commands(ask);
 const editor = new Editor(ask, (text, yes) => commands.confirmed(text, yes));
 controls();

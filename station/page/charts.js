@@ -1,10 +1,13 @@
 // Charts over the whole flight, from the overview's rows: [time, [x, y, rms] or null, [x, y, hits] or null of each drone, ...];
 // and the cameras' spectra.
 
-import { colour, say } from "./texts.js";
+import { colour, duration, say } from "./texts.js";
 
 const LEFT = 44;
-const BOTTOM = 4;
+const [TOP, BOTTOM] = [4, 18];
+const HEIGHT = 106;
+const STEPS_S = [5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 18000];  // between the times that are written
+const MOST_TIMES = 5;
 
 const CHARTS = ["chart-rms", "chart-hits"];
 const drawn = Object.fromEntries(CHARTS.map((id) => [id, document.createElement("canvas")]));  // without the cursor
@@ -58,7 +61,7 @@ function thinned(rows, value, columns) {
 function draw(id, rows, series) {
   const canvas = drawn[id];
   const ratio = window.devicePixelRatio || 1;
-  const [width, height] = [document.getElementById(id).clientWidth, 90];
+  const [width, height] = [document.getElementById(id).clientWidth, HEIGHT];
   canvas.width = width * ratio;
   canvas.height = height * ratio;
   const context = canvas.getContext("2d");
@@ -74,18 +77,19 @@ function draw(id, rows, series) {
   if (!most) return;
   const [low, high] = [Math.log10(least), Math.log10(most * 1.05)];
   const x = (ms) => place(ms, rows, width);
-  const y = (value) => height - BOTTOM - ((height - 2 * BOTTOM) * (Math.log10(value) - low)) / Math.max(0.1, high - low);
+  const y = (value) => height - BOTTOM - ((height - TOP - BOTTOM) * (Math.log10(value) - low)) / Math.max(0.1, high - low);
   context.font = "12px sans-serif";
   context.fillStyle = "#4a4a4a";
   context.strokeStyle = "#ddd";
-  for (let power = Math.ceil(low); power <= Math.floor(high); power += 1) {
-    const level = y(10 ** power);
+  for (const value of levels(low, high)) {
+    const level = y(value);
     context.beginPath();
     context.moveTo(LEFT, level);
     context.lineTo(width, level);
     context.stroke();
-    context.fillText(power >= 0 ? String(10 ** power) : (10 ** power).toFixed(-power), 2, level + 4);
+    context.fillText(String(Number(value.toPrecision(2))), 2, Math.max(10, level + 4));
   }
+  drawTimes(context, rows, x, width, height);
   lines.forEach((line, index) => {
     context.strokeStyle = series[index].colour;
     context.lineWidth = 2;
@@ -101,6 +105,28 @@ function draw(id, rows, series) {
     }
     context.stroke();
   });
+}
+
+// Values that are written beside a chart, of which the logarithms are given: powers of ten, or more where there are few of those.
+function levels(low, high) {
+  const found = [];
+  for (let power = Math.floor(low); power <= Math.ceil(high); power += 1) {
+    for (const digit of high - low > 1.5 ? [1] : [1, 2, 5]) {
+      const value = digit * 10 ** power;
+      if (Math.log10(value) >= low && Math.log10(value) <= high) found.push(value);
+    }
+  }
+  return found.length ? found : [10 ** high];
+}
+
+function drawTimes(context, rows, x, width, height) {
+  const [first, last] = [rows[0][0], rows[rows.length - 1][0]];
+  const step = 1000 * (STEPS_S.find((seconds) => (last - first) / (1000 * seconds) <= MOST_TIMES) ?? 36000);
+  for (let ms = 0; ms <= last - first; ms += step) {
+    const [place, text] = [x(first + ms), duration(ms)];
+    context.fillRect(place, height - BOTTOM, 1, 4);
+    if (place + context.measureText(text).width < width) context.fillText(text, place + 3, height - 3);
+  }
 }
 
 const SPECTRUM_HEIGHT = 70;

@@ -1,9 +1,12 @@
-// The operator's commands: start, land and abort are confirmed; hold and return act at once, also by the keys H and R.
+// The operator's commands: start, land and abort are confirmed; hold and return act at once, also by the keys H and R. What became
+// of the last one stands beside the buttons.
 
-import { element, say } from "./texts.js";
+import { clock, element, say } from "./texts.js";
 
 const CONFIRMED = ["start", "land", "abort"];
 const KEYS = { h: "hold", r: "return" };
+const TOLD = ["command", "upload"];  // events
+const MOST_TICKS = 6;  // that are always in sight
 
 export class Commands {
   constructor(ask) {
@@ -11,11 +14,15 @@ export class Commands {
     this.bar = document.getElementById("commands");
     this.dialog = document.getElementById("confirm");
     this.offered = [];
+    this.ticks = [];
+    this.last = element("p");
+    this.last.id = "told";
     document.addEventListener("keydown", (press) => this.#pressed(press));
   }
 
-  // Show what this station may do; nothing for an observer.
+  // Show what this station may do; nothing for an observer. Whom the operator has chosen stays chosen when the link comes back.
   offer(mission) {
+    const left = new Set(this.ticks.filter((tick) => !tick.checked).map((tick) => tick.value));
     this.offered = mission.commands;
     this.bar.hidden = !this.offered.length;
     const buttons = this.offered.map((action) => {
@@ -24,13 +31,51 @@ export class Commands {
       button.addEventListener("click", () => this.#give(action));
       return button;
     });
-    this.ticks = mission.drones.map((drone) => Object.assign(element("input"), { type: "checkbox", checked: true, value: drone, id: `to-${drone}` }));
+    this.ticks = mission.drones.map((drone) => Object.assign(element("input"), { type: "checkbox", checked: !left.has(drone), value: drone, id: `to-${drone}` }));
+    this.bar.replaceChildren(...buttons, ...this.#addressees(), this.last);
+    this.#showChosen();
+  }
+
+  // A tick for each drone; of many drones they are folded away.
+  #addressees() {
     const labels = this.ticks.map((tick) => {
       const label = element("label");
       label.append(tick, element("span", tick.value));
+      tick.addEventListener("change", () => this.#showChosen());
       return label;
     });
-    this.bar.replaceChildren(...buttons, element("span", say("addressed")), ...labels);
+    if (labels.length <= MOST_TICKS) return [element("span", say("addressed")), ...labels];
+    const box = Object.assign(element("details"), { id: "addressees" });
+    const all = ["all", "none"].map((name) => {
+      const button = Object.assign(element("button", say(`choose ${name}`)), { type: "button", id: `choose-${name}` });
+      button.addEventListener("click", () => this.#choose(name === "all"));
+      return button;
+    });
+    const inside = element("div");
+    inside.append(...all, ...labels);
+    this.chosen = element("summary");
+    box.append(this.chosen, inside);
+    return [box];
+  }
+
+  #choose(on) {
+    for (const tick of this.ticks) tick.checked = on;
+    this.#showChosen();
+  }
+
+  #showChosen() {
+    if (!this.chosen) return;
+    const [number, most] = [this.ticks.filter((tick) => tick.checked).length, this.ticks.length];
+    this.chosen.textContent = number === most ? say("addressed all", { most }) : say("addressed some", { number, most });
+  }
+
+  // What became of a command or an upload.
+  hear(event) {
+    if (TOLD.includes(event.text)) this.#tell(`${clock(event.at_ms)} ${event.values.line}`, event.level === "warning");
+  }
+
+  #tell(text, warning) {
+    Object.assign(this.last, { textContent: text, className: warning ? "warning" : "" });
   }
 
   #pressed(press) {
@@ -41,11 +86,15 @@ export class Commands {
 
   async #give(action) {
     const ticked = this.ticks.filter((tick) => tick.checked).map((tick) => tick.value);
-    if (!ticked.length) return;
+    if (!ticked.length) {
+      this.#tell(say("nobody chosen", { action: say(`command ${action}`) }), true);
+      return;
+    }
     const all = ticked.length === this.ticks.length;
     const question = say(`confirm ${action}`, { drones: all ? say("all") : ticked.join(", ") });
     if (CONFIRMED.includes(action) && !(await this.confirmed(question, say(`command ${action}`)))) return;
-    this.ask({ command: action, drones: all ? [] : ticked });
+    const sent = this.ask({ command: action, drones: all ? [] : ticked });
+    this.#tell(say(sent ? "sent" : "not sent", { action: say(`command ${action}`) }), !sent);
   }
 
   // Whether a question is answered with yes.

@@ -5,6 +5,7 @@ import { element, say } from "./texts.js";
 
 const AREA = "area.polygon_m";
 const LAUNCHES = "drones";
+const FENCE = "area.fence_margin_m";
 const CHECK_MS = 300;  // after the last change
 const ON_GROUND = ["preflight", "landed", ""];
 const MOST_ANSWERS = 40;
@@ -58,7 +59,7 @@ export class Editor {
     this.launches = structuredClone(editor.launches);
     this.flaws = new Map();
     this.outline?.remove();
-    this.outline = new Outline(this.map.map, this.area, this.launches, fence, (done) => this.#drawn(done));
+    this.outline = new Outline(this.map.map, this.area, this.launches, fence, (done) => this.#drawn(done), (metres) => this.#fenced(metres));
     this.#build();
     this.#changed();
   }
@@ -66,6 +67,11 @@ export class Editor {
   #drawn(done) {
     this.#fill();
     if (done) this.#changed();
+  }
+
+  #fenced(metres) {
+    this.inputs.get(FENCE)[1].value = metres;
+    this.#changed();
   }
 
   #build() {

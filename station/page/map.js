@@ -26,8 +26,9 @@ function paint(colourOf) {
 export class SwarmMap {
   constructor(mission) {
     this.mission = mission;
-    this.map = L.map("map", { crs: L.CRS.Simple, minZoom: -4, maxZoom: 7, zoomSnap: 0.25, preferCanvas: true, attributionControl: false });
+    this.map = L.map("map", { crs: L.CRS.Simple, minZoom: -4, maxZoom: 7, zoomSnap: 0.25, preferCanvas: true, attributionControl: false, fadeAnimation: false });
     this.map.createPane("rasters").style.zIndex = 250;
+    Object.assign(this.map.createPane("labels").style, { zIndex: 440, pointerEvents: "none" });  // below the drones
     L.control.scale({ imperial: false }).addTo(this.map);
     this.fence = L.polygon(mission.fence.map(at), { color: "#444", weight: 2, dashArray: "2 6", fill: false }).addTo(this.map);
     this.area = L.polygon(mission.area.map(at), { color: "#111", weight: 2, fill: false }).addTo(this.map);
@@ -36,9 +37,13 @@ export class SwarmMap {
     for (const name of ["cones", "trails", "plans"]) this.layers[name] = this.sketch.part(name);
     this.cordon = L.layerGroup().addTo(this.map);
     this.rasters = {};
+    this.source = null;
+    this.line = null;  // the cordon's
     this.#control();
     this.background = new Background(this.map, mission, this.layers);
     this.fit(this.area);
+    this.watch = new ResizeObserver(() => this.map.invalidateSize({ animate: false }));  // what is beside the map grows and shrinks
+    this.watch.observe(this.map.getContainer());
   }
 
   // Show the whole of something, beside the list of layers.
@@ -47,14 +52,23 @@ export class SwarmMap {
     this.map.fitBounds(shape.getBounds().pad(0.1), { paddingBottomRight: [beside, 0], animate: false });
   }
 
+  // Draw a frame.
+  show(frame) {
+    this.source = frame.source?.place ?? null;
+    this.#tellCordon();
+    this.sketch.show(frame);
+  }
+
   remove() {
+    this.watch.disconnect();
     this.map.remove();
+    this.sketch.remove();
   }
 
   #control() {
     const control = L.control({ position: "topright" });
     control.onAdd = () => {
-      const box = Object.assign(element("details", "", "control"), { open: window.innerWidth > 1000 });
+      const box = Object.assign(element("details", "", "control"), { open: window.innerWidth >= 1400 });
       box.append(element("summary", say("layers")));
       const under = [...(this.mission.tiles ? ["tiles"] : []), ...(this.mission.layer ? ["own"] : [])];
       for (const name of ["belief", "dose", "cones", "trails", "plans", ...under]) {
@@ -69,7 +83,8 @@ export class SwarmMap {
       this.level = Object.assign(element("input"), { type: "number", min: 0.001, step: "any", value: 10, id: "cordon" });
       this.level.addEventListener("change", () => this.#drawDose());
       label.append(this.level);
-      box.append(label, this.#legend());
+      this.cordonTold = element("p", "", "dim");
+      box.append(label, this.cordonTold, this.#legend(), marks());
       if (this.mission.tiles?.[2]) box.append(element("p", this.mission.tiles[2], "dim"));
       L.DomEvent.disableClickPropagation(box);
       L.DomEvent.disableScrollPropagation(box);
@@ -94,7 +109,11 @@ export class SwarmMap {
     for (const kind of kinds) {
       this.layers[kind].clearLayers();
       delete this.rasters[kind];
-      if (kind === "dose") this.cordon.clearLayers();
+      if (kind === "dose") {
+        this.cordon.clearLayers();
+        this.line = null;
+        this.#tellCordon();
+      }
     }
   }
 
@@ -132,13 +151,51 @@ export class SwarmMap {
 
   #drawCordon(raster) {
     this.cordon.clearLayers();
+    this.line = null;
     const level = Number(this.level.value);
     if (!(level > 0)) return;
     const threshold = 32 * Math.log10(level / 1e-3);
     const lines = contour(raster.cells, raster.columns, raster.rows, threshold).map((pair) =>
       pair.map(([column, row]) => at([raster.origin[0] + raster.cell_m * (column + 0.5), raster.origin[1] + raster.cell_m * (row + 0.5)])));
-    L.polyline(lines, { color: "#a33b00", weight: 4 }).bindTooltip(say("cordon", { level: significant(level) })).addTo(this.cordon);
+    this.line = { most: raster.scale, leaves: leaves(raster, threshold), points: lines.flat() };
+    this.#tellCordon();
+    if (!lines.length) return;
+    L.polyline(lines, { color: "#a33b00", weight: 4 }).addTo(this.cordon);
+    const top = lines.flat().reduce((one, other) => (other[0] > one[0] ? other : one));
+    const name = element("span", say("cordon", { level: Number(level.toPrecision(3)) }));
+    L.tooltip({ permanent: true, direction: "top", className: "cordon", pane: "labels" }).setLatLng(top).setContent(name).addTo(this.cordon);
   }
+
+  // Where the cordon is: on a screen without a mouse there is nothing to hover over.
+  #tellCordon() {
+    const words = this.line ? this.#cordonWords(this.line) : "";
+    if (this.cordonTold.textContent !== words) this.cordonTold.textContent = words;
+  }
+
+  #cordonWords({ most, leaves, points }) {
+    if (leaves) return say("cordon beyond");
+    if (!points.length) return say("cordon nowhere", { most: significant(most) });
+    if (!this.source) return say("cordon search");
+    const [x, y] = this.source;
+    return say("cordon around", { far: Math.max(...points.map(([north, east]) => Math.hypot(east - x, north - y))).toFixed(0) });
+  }
+}
+
+// What the marks on the map are.
+function marks() {
+  const list = element("ul", "", "marks");
+  for (const name of ["source", "region", "drone", "plan", "area", "fence"]) {
+    const item = element("li");
+    item.append(element("i", "", name), element("span", say(`mark ${name}`)));
+    list.append(item);
+  }
+  return list;
+}
+
+// Whether values above a level reach the edge of a raster.
+function leaves({ cells, columns, rows }, level) {
+  const isEdge = (place) => place < columns || place >= columns * (rows - 1) || place % columns === 0 || place % columns === columns - 1;
+  return cells.some((value, place) => value >= level && isEdge(place));
 }
 
 // Segments of the line at a level (marching squares; each crossing by linear interpolation).

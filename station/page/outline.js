@@ -1,6 +1,7 @@
-// Area, fence and launch places on the map, while they are edited: corners are dragged, and added by the marks between them.
+// Area, fence and launch places on the map, while they are edited: corners are dragged, and added by the marks between them. The
+// mission knows the fence by its distance from the area: that is what dragging the fence's mark changes.
 
-import { colour, element } from "./texts.js";
+import { colour, element, say } from "./texts.js";
 
 const HANDLE = 44;  // pixels: what a finger hits
 const at = ([x, y]) => [y, x];
@@ -13,12 +14,20 @@ function handle(kind, text = "") {
 
 export class Outline {
   // area: corners [x, y]; launches: by drone [x, y, heading]: both are changed in place, and told: changed(whether it is done).
-  constructor(map, area, launches, fence, changed) {
-    Object.assign(this, { map, area, launches, changed });
+  // The fence's distance is told only: fenced(metres).
+  constructor(map, area, launches, fence, changed, fenced) {
+    Object.assign(this, { map, area, launches, changed, fenced });
     this.group = L.layerGroup().addTo(map);
     this.fence = L.polygon(fence.map(at), { color: "#7a3b8f", weight: 2, dashArray: "2 6", fill: false }).addTo(this.group);
     this.shape = L.polygon([], { color: "#7a3b8f", weight: 4, fill: false }).addTo(this.group);
     this.handles = L.layerGroup().addTo(this.group);
+    this.fenceHandle = L.marker([0, 0], { icon: handle("fence", say("fence handle")), draggable: true, keyboard: false, zIndexOffset: 900 });
+    this.fenceHandle.on("dragend", () => {
+      const { lng, lat } = this.fenceHandle.getLatLng();
+      this.fenced(Math.round(10 * distance([lng, lat], this.area)) / 10);
+    });
+    this.fenceHandle.addTo(this.group);
+    this.fenceAt(fence);
     this.draw();
   }
 
@@ -62,6 +71,9 @@ export class Outline {
 
   fenceAt(corners) {
     this.fence.setLatLngs(corners.map(at));
+    const lowest = Math.min(...corners.map(([, y]) => y));
+    const along = corners.filter(([, y]) => y === lowest).map(([x]) => x);
+    this.fenceHandle.setLatLng([lowest, (Math.min(...along) + Math.max(...along)) / 2]);
   }
 
   mark(flawed) {
@@ -71,4 +83,17 @@ export class Outline {
   remove() {
     this.group.remove();
   }
+}
+
+// Metres from a place to an area; 0 inside.
+function distance([x, y], area) {
+  let [nearest, inside] = [Infinity, false];
+  area.forEach(([x0, y0], place) => {
+    const [x1, y1] = area[(place + 1) % area.length];
+    const along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / ((x1 - x0) ** 2 + (y1 - y0) ** 2 || 1);
+    const share = Math.min(1, Math.max(0, along));
+    nearest = Math.min(nearest, Math.hypot(x0 + share * (x1 - x0) - x, y0 + share * (y1 - y0) - y));
+    if (y0 > y !== y1 > y && x < x0 + ((y - y0) / (y1 - y0)) * (x1 - x0)) inside = !inside;
+  });
+  return inside ? 0 : nearest;
 }

@@ -17,9 +17,8 @@ function sourceLines(source) {
   const speed = Math.hypot(...source.velocity_mps);
   const bearing = ((90 - (180 / Math.PI) * Math.atan2(source.velocity_mps[1], source.velocity_mps[0]) + 360) % 360).toFixed(0);
   const known = source.activity_bq !== null;
-  const sigma = source.activity_sigma_bq === null ? "?" : becquerel(source.activity_sigma_bq);
   return [
-    known ? say("activity", { nuclide: source.nuclide, activity: becquerel(source.activity_bq), sigma }) : source.nuclide,
+    known ? say("activity", { nuclide: source.nuclide, activity: becquerel(source.activity_bq, source.activity_sigma_bq) }) : source.nuclide,
     ...(source.dose_usvph === null ? [] : [say("dose", { dose: significant(source.dose_usvph) })]),
     say("position", { x, y, z }),
     ...(source.position_deg === null ? [] : [say("geodetic", degrees(source.position_deg))]),
@@ -45,9 +44,20 @@ function searchLines(search, finding) {
   return lines;
 }
 
-export function showDrones({ drones, source }) {
+export function showDrones({ drones, source, warnings, revoked }) {
+  showSwarm(drones, [...revoked.map((member) => say("revoked", { member })), ...warnings]);
   const far = source ? Math.max(0.5, 3 * source.rms_m) : 0;
   document.getElementById("drones").replaceChildren(...drones.map((drone, index) => droneItem(drone, index, far)));
+}
+
+// How many are heard and well, and what the station itself warns of.
+function showSwarm(drones, warnings) {
+  const named = (key, some) => (some.length ? [say(key, { number: some.length, drones: some.map(({ id }) => id).join(", ") })] : []);
+  const silent = drones.filter((drone) => drone.stale);
+  const parts = [say("swarm", { heard: drones.length - silent.length, all: drones.length }), ...named("silent drones", silent),
+    ...named("drones with problems", drones.filter((drone) => !drone.stale && drone.problems.length))];
+  const box = document.getElementById("swarm");
+  box.replaceChildren(element("span", parts.join(" · "), parts.length > 1 ? "problem" : "dim"), ...warnings.map((text) => element("div", text, "problem")));
 }
 
 function droneItem(drone, index, far) {
@@ -83,12 +93,14 @@ function droneItem(drone, index, far) {
   return item;
 }
 
+export const eventText = (event) => say(`event ${event.text}`, event.values);
+
 export function showEvents(events) {
   const items = events.slice(-MOST_EVENTS).map((event) => {
     const item = element("li", "", event.level);
     const time = element("time", clock(event.at_ms));
     time.dateTime = new Date(event.at_ms).toISOString();
-    item.append(time, element("span", say(`event ${event.text}`, event.values)));
+    item.append(time, element("span", eventText(event)));
     return item;
   });
   document.getElementById("events").replaceChildren(...items.reverse());

@@ -66,6 +66,12 @@ export class Sketch {
     this.draw();
   }
 
+  // The map is gone: nothing more is drawn on it.
+  remove() {
+    if (this.asked) cancelAnimationFrame(this.asked);
+    this.asked = null;
+  }
+
   #wish() {
     this.asked ??= requestAnimationFrame(() => this.draw());
   }
@@ -108,7 +114,7 @@ export class Sketch {
     pen.globalAlpha = 1;
     pen.lineWidth = 2 * pixel;
     pen.setLineDash([4 * pixel, 6 * pixel]);
-    if (!this.hidden.has("plans")) this.frame.drones.forEach((drone) => this.#line(pen, drone, drone.plan));
+    if (!this.hidden.has("plans")) this.frame.drones.forEach((drone) => drone.stale || this.#line(pen, drone, drone.plan));
     pen.setLineDash([]);
     if (this.frame.source) drawSource(pen, pixel, this.frame.source);
     for (const drone of this.frame.drones) if (drone.place) this.#body(pen, pixel, drone);

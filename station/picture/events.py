@@ -5,6 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from station.picture.frame import DroneFrame, Event, Frame
+from station.picture.orders import Heard
+
+
+def told(order: Heard, at_ms: int) -> Event:
+    """That a station has given an order."""
+    values = {"station": order.station, "action": order.action, "drones": ", ".join(order.numbers)}
+    if not order.refused:
+        return Event(at_ms=at_ms, text="order", values=values)
+    values["because"] = order.refused.replace("_", " ")
+    return Event(at_ms=at_ms, text="order refused", values=values, level="warning")
 
 
 class Events:

@@ -74,7 +74,7 @@ class SearchFrame(Struct, frozen=True, kw_only=True):
 
 
 class Frame(Struct, frozen=True, kw_only=True):
-    """The swarm at one time."""
+    """The swarm at one time. ``warnings``: of the station's link and log; ``revoked``: members whose messages do not count."""
 
     kind: str = "frame"
     at_ms: int
@@ -84,6 +84,8 @@ class Frame(Struct, frozen=True, kw_only=True):
     finding: str = ""
     digest: str = ""
     entries: int = 0
+    warnings: tuple[str, ...] = ()
+    revoked: tuple[str, ...] = ()
 
 
 class Raster(Struct, frozen=True, kw_only=True):

@@ -20,13 +20,13 @@ from agent.terrain.ground import Ground
 from protocol.codec import decode_from
 from protocol.entries import Cone, Entry, Exposure
 from protocol.errors import ProtocolError
-from protocol.messages import AnyDroneMessage, Status
+from protocol.messages import AnyDroneMessage, Order, Status
 from protocol.revocations import Revocation, Revoked
 from protocol.signing import Verifier
 from protocol.spectrum import EDGES_KEV
 from station.picture.curves import ground_curves
 from station.picture.dose import rate_usvph
-from station.picture.events import Events
+from station.picture.events import Events, told
 from station.picture.frame import (
     ConeCurve,
     DroneFrame,
@@ -40,6 +40,7 @@ from station.picture.frame import (
     Spectra,
 )
 from station.picture.member import Member
+from station.picture.orders import Orders
 from station.picture.rasters import Rasters
 from station.picture.swarmlog import SwarmLog
 
@@ -51,17 +52,20 @@ _CLOCKS_NS = 1_000_000_000
 class Picture:
     """The swarm as a station knows it.
 
-    ``log``: the log with the estimate. ``counters``: messages that were dropped, by reason. Its hypothesis is computed here, from
-    the same log and by the same code as on board; the drones' own estimates only tell whether they agree.
+    ``log``: the log with the estimate. ``orders``: the operators'. ``counters``: messages that were dropped, by reason. The
+    hypothesis is computed here, from the same log and by the same code as on board; the drones' own estimates only tell whether
+    they agree. ``link_problems``: of the station's own link.
     """
 
     def __init__(self, mission: MissionConfig, verifier: Verifier | None) -> None:
         """``verifier``: of the log's signatures; None: in a swarm without certificates."""
         self.mission = mission
         self.log = SwarmLog(mission, verifier)
+        self.orders = Orders(verifier)
         self.members = {drone.id: Member(drone.id, drone.localization) for drone in mission.drones}
         self.counters: Counter[str] = Counter()
         self.on_entry: list[Callable[[Entry], None]] = []  # called with each entry that comes into the log
+        self.link_problems: tuple[str, ...] = ()
         self._verifier = verifier
         self._ground = Ground.from_config(mission)
         self._rasters = Rasters(mission)
@@ -91,8 +95,10 @@ class Picture:
         )
 
     def of(self, mission: MissionConfig) -> Picture:
-        """The same swarm with another mission, before anything is heard."""
-        return Picture(mission, self._verifier)
+        """The same swarm with another mission, before anything but the orders so far is heard."""
+        picture = Picture(mission, self._verifier)
+        picture.orders = self.orders
+        return picture
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> None:
         """Take a message from the mesh. An invalid one is counted and dropped."""
@@ -105,6 +111,8 @@ class Picture:
             for one in message.held if isinstance(message, Revoked) else (message,):
                 self.log.revoke(one, now_ns, isinstance(message, Revoked))
             return
+        if isinstance(message, Order):
+            self.orders.take(message, now_ns)
         if not isinstance(message, AnyDroneMessage):
             return
         member = self.members.get(message.drone)
@@ -122,6 +130,8 @@ class Picture:
             self.counters["forged"] += 1
             return
         member.hear(message, now_ns)
+        if isinstance(message, Status):
+            self.orders.hear(message, now_ns)
         if isinstance(message, Status) and message.mission == self.mission.mission_id and message.started_ns is not None:
             self.log.start(message.started_ns)
 
@@ -151,11 +161,13 @@ class Picture:
             finding=min(findings, default=""),
             digest=self.log.fusion.digest,
             entries=len(self.log.fusion.log),
+            warnings=(*self.link_problems, *self.log.problems(now_ns)),
+            revoked=tuple(sorted(self.log.revoked)),
         )
 
     def events(self, frame: Frame) -> list[Event]:
         """What has happened since the last frame."""
-        return self._events.since(frame)
+        return [*(told(order, frame.at_ms) for order in self.orders.news()), *self._events.since(frame)]
 
     def cones(self) -> list[ConeCurve]:
         """The cones that have come into the log since the last call, as curves on the ground, where their frames are known."""

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
 
 from agent.config.mission import MissionConfig
 from agent.fusion.estimator import Hypothesis, Outlook
@@ -17,6 +18,7 @@ from station.picture.frame import Point, Raster
 CELLS = 128  # along the longer side of a layer
 SEARCH_CELLS = 64  # of the dose rate while thousands of places are possible
 _NEAR_SIGMAS = 5.0
+_PLAIN = 4.0  # times a uniform density: the full colour
 DECADE = 32.0  # bytes for a factor of ten of the dose rate
 LEAST_USVPH = 1e-3
 
@@ -27,6 +29,7 @@ class Rasters:
     def __init__(self, mission: MissionConfig) -> None:
         corners, margin_m = np.array(mission.area.polygon_m), mission.area.fence_margin_m
         self._low, self._high = corners.min(0) - margin_m, corners.max(0) + margin_m
+        self._area_m2 = Polygon(mission.area.polygon_m).area
         self._nuclide = mission.nuclide
 
     def belief(self, posterior: Posterior, at_ms: int) -> Raster:
@@ -36,7 +39,9 @@ class Rasters:
             low, high = _around(posterior)
         places, columns, cell_m = _grid(low, high, CELLS)
         density = _cells(posterior, places) if posterior.kind == "grid" else _mixture(posterior, places)
-        most = float(density.max())
+        # With nothing known yet, the whole area is possible: it is not drawn as if the source were found everywhere in it.
+        plain = _PLAIN * float(posterior.weight.sum()) / self._area_m2 if posterior.kind == "grid" else 0.0
+        most = max(float(density.max()), plain)
         values = 255.0 * density / most if most > 0.0 else density
         return _raster("belief", at_ms, low, cell_m, columns, values, most)
 
@@ -88,13 +93,13 @@ def _mixture(posterior: Posterior, places: NDArray[np.float64]) -> NDArray[np.fl
 
 
 def _cells(posterior: Posterior, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Density of the nearest cell of the search grid; 0 beyond the cells."""
+    """Density of the cell of the search grid in which a place is; 0 beyond the cells, which are squares along the axes."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  half a second that only the search's map needs
 
     tree = cKDTree(posterior.position)
-    distance, nearest = tree.query(places)
+    distance, nearest = tree.query(places, p=np.inf)
     between = float(np.median(tree.query(posterior.position, k=2)[0][:, 1])) if len(posterior.position) > 1 else 1.0
-    density: NDArray[np.float64] = np.where(distance <= 0.75 * between, posterior.weight[nearest] / between**2, 0.0)
+    density: NDArray[np.float64] = np.where(distance <= 0.501 * between, posterior.weight[nearest] / between**2, 0.0)
     return density
 
 

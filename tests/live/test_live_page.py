@@ -37,17 +37,22 @@ def test_the_page_shows_the_flight_stops_it_and_marks_a_drone_that_is_gone_withi
             until(page, "() => document.getElementById('draft').textContent.includes('d1, d2, d3 fly')", 20.0)
             assert page.locator("#upload").is_disabled()
             page.locator("#close-editor").click()
-            with page.expect_download() as report:
-                page.locator("#report").click()
-            with zipfile.ZipFile(report.value.path()) as archive:
-                archive.extractall(tmp_path / "report")
-            assert verify(tmp_path / "report", tmp_path / "page" / "ca.pem").signer.name == "page"
             page.locator("#command-land").click()
             page.locator("#confirm button[value=no]").click()
             page.keyboard.press("h")
             until(page, "() => radron.frame.drones.every((drone) => drone.stage === 'hold')", PATIENCE_S)
             until(page, "() => radron.frame.drones.every((drone) => drone.speed_mps < 0.5)", PATIENCE_S)
-            assert "hold: d1 hold, d2 hold, d3 hold" in page.locator("#events").inner_text()
+            assert "hold: d1 hold, d2 hold, d3 hold" in page.locator("#told").inner_text()
+            with page.expect_download() as report:
+                page.locator("#report").click()
+            with zipfile.ZipFile(report.value.path()) as archive:
+                archive.extractall(tmp_path / "report")
+            assert verify(tmp_path / "report", tmp_path / "page" / "ca.pem").signer.name == "page"
+            commands = re.findall(
+                r"<td>(d\d): (\w+) by (\w+) \(operator \w+, serial [^)]*\): (\w+)",
+                (tmp_path / "report" / "report.html").read_text(),
+            )
+            assert [one for one in commands if one[1] == "hold"] == [(f"d{each}", "hold", "page", "obeyed") for each in (1, 2, 3)]
             assert "land:" not in page.locator("#events").inner_text()
             page.locator("#time").focus()
             page.keyboard.press("Home")

@@ -67,6 +67,8 @@ def test_a_mission_is_drawn_checked_downloaded_and_uploaded(tmp_path):
         dragged(page, page.locator(".handle.corner").nth(2), -40, 30)
         page.locator(".handle.between").nth(0).click()
         dragged(page, page.locator(".handle.launch").nth(0), 0, -12)
+        dragged(page, page.locator(".handle.fence"), 0, 40)
+        draft(page, "new mission")
         assert page.locator(".handle.corner").count() == corners + 1
         height = page.locator("[id='field-survey.height_m']")
         height.fill("400")
@@ -89,6 +91,11 @@ def test_a_mission_is_drawn_checked_downloaded_and_uploaded(tmp_path):
         assert mission.area.polygon_m[3] != MISSION.area.polygon_m[2]
         assert mission.drones[0].origin_m[1] > MISSION.drones[0].origin_m[1]
         assert mission.survey.height_m == 4.0
+        assert mission.area.fence_margin_m > MISSION.area.fence_margin_m
+        lowest = min(y for _, y in mission.area.polygon_m) - mission.area.fence_margin_m
+        assert (
+            page.evaluate("() => Math.min(...radron.map.fence.getLatLngs()[0].map(({ lat }) => lat))") > lowest
+        )  # until it is uploaded
         page.locator("#upload").click()
         page.locator("#confirm-yes").click()
         until(page, f"() => radron.mission.id === '{mission.mission_id}'")

@@ -1,18 +1,20 @@
 """The page in a real browser, with a recorded flight."""
 
 import asyncio
+import re
 from pathlib import Path
 
 import pytest
-from browser import browsing, needs_browser, until
+from browser import browsing, needs_browser, until, visiting
 from msgspec.structs import replace
-from recorded_flights import fly_recorded
+from recorded_flights import MISSION, fly_recorded
 from served_page import served
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from protocol.codec import encode
 from protocol.keys import key_of
 from protocol.messages import Stage, Status
+from station.findings.facts import FindingsError
 from station.hub import Hub
 from station.picture.picture import Picture
 from station.replay import Records, play
@@ -71,9 +73,8 @@ def test_a_recorded_flight_is_shown_with_its_source_and_any_time_of_it(recorded)
         page.locator("#play").click()
         until(page, "() => radron.frame.source !== null")
         until(page, "() => !radron.playing")
-        assert page.locator("#at").inner_text() == page.evaluate(
-            "() => `${Math.round((radron.rows.at(-1)[0] - radron.rows[0][0]) / 1000)} s`"
-        )
+        seconds = page.evaluate("() => Math.round((radron.rows.at(-1)[0] - radron.rows[0][0]) / 1000)")
+        assert page.locator("#at").inner_text() == f"{seconds // 60}:{seconds % 60:02}"
 
 
 def test_the_cordon_follows_its_level(recorded):
@@ -81,7 +82,8 @@ def test_the_cordon_follows_its_level(recorded):
         until(page, "() => radron.share === 1 && radron.map.cordon.getLayers().length > 0")
         radius = """() => {
           const [x, y] = radron.frame.source.place;
-          const points = radron.map.cordon.getLayers()[0].getLatLngs().flat();
+          const line = radron.map.cordon.getLayers().find((layer) => layer.getLatLngs);
+          const points = line.getLatLngs().flat();
           return points.map((point) => Math.hypot(point.lng - x, point.lat - y)).reduce((a, b) => a + b) / points.length;
         }"""
         activity = page.evaluate("() => radron.frame.source.activity_bq")
@@ -90,6 +92,25 @@ def test_the_cordon_follows_its_level(recorded):
             page.locator("#cordon").press("Enter")
             expected = (0.0909e-6 * activity / float(level) - 1.0) ** 0.5
             assert page.evaluate(radius) == pytest.approx(expected, rel=0.1)
+            assert page.locator(".leaflet-tooltip.cordon").inner_text() == f"{level} µSv/h"
+            far = re.fullmatch(r"at most (\d+) m from the source", page.locator(".control p").first.inner_text())
+            assert float(far[1]) == pytest.approx(expected, abs=2.0)
+        for level, says in (("1000000", "nowhere: at most"), ("0.01", "reaches beyond the fence")):
+            page.locator("#cordon").fill(level)
+            page.locator("#cordon").press("Enter")
+            assert page.locator(".control p").first.inner_text().startswith(says)
+
+
+def test_a_report_that_cannot_be_made_is_told():
+    async def refused():
+        raise FindingsError("the records hold no second of a flight")
+
+    hub = Hub(Picture(MISSION, None), replay=False)
+    hub.findings = refused
+    with served(hub) as station, visiting(station.address) as page:
+        page.locator("#report").click()
+        says = "No report: the records hold no second of a flight"
+        until(page, f"() => document.getElementById('report-told').textContent === '{says}'")
 
 
 # Colours on the canvas of what moves, at the places of the first drone and of the source, and how many of its pixels are drawn.

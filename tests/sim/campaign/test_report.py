@@ -157,6 +157,16 @@ def test_the_posterior_figure_shows_what_the_estimator_knows() -> None:
     assert len(errors.lines) == 3
 
 
+def test_the_posterior_figure_follows_the_next_drone_where_the_first_ones_agent_has_died() -> None:
+    trace = synthetic.synthetic_flight().trace
+    died = trace.hypothesis_m.copy()
+    half = len(died) // 2
+    died[half:, 0] = np.nan
+    judged = np.where(np.arange(len(died)) < half, 0, 1)
+    figure = posterior_figure(dataclasses.replace(trace, hypothesis_m=died, judged=judged), ("title",))
+    assert sum(any(isinstance(patch, Ellipse) for patch in axes.patches) for axes in figure.axes) == INSTANTS
+
+
 def test_the_stabilisation_figure_has_a_line_at_every_step_and_says_how_fast() -> None:
     flight = synthetic.synthetic_flight(steps=True, drones=5)
     speed, spacing = spacing_figure(flight.trace, "stabilization").axes

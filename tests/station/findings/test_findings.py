@@ -12,6 +12,7 @@ from dataclasses import replace as changed
 from xml.etree import ElementTree
 
 import numpy as np
+import pymap3d
 import pyogrio
 import pytest
 import rasterio
@@ -238,6 +239,26 @@ def test_every_number_of_the_report_is_the_logs(findings, folder, flights):
     activity, sigma = known.activity_bq, known.activity_sigma_bq
     assert row(text, "Activity") == f"Cs-137: {activity:.3g} ± {sigma:.3g} Bq (1 sigma), unshielded"
     assert row(text, "Dose rate at 1 m").startswith(f"{0.0909e-6 * activity:.3g} µSv/h")
+    assert row(text, "Cordon").endswith(f"{math.sqrt(0.0909e-6 * activity / 10.0 - 1.0):.1f} m around the source")
+    assert row(text, "Velocity") == f"{math.hypot(*known.velocity[:2]):.2f} m/s"
+    datum = findings.datum
+    on_earth = pymap3d.enu2geodetic(x, y, z, datum.latitude_deg, datum.longitude_deg, datum.altitude_m)
+    told_deg = [float(number) for number in re.findall(r"-?\d+\.\d+", row(text, "Position, WGS84"))]
+    assert told_deg == pytest.approx(on_earth, abs=0.06)
+    assert told_deg[:2] == pytest.approx(on_earth[:2], abs=1e-7)
+    last = hypothesis_of(flights_on_earth[0], findings.last.at_ms)
+    sigma_m = math.sqrt(last.covariance[0, 0] + last.covariance[1, 1])
+    end = f"({last.position[0]:.2f}, {last.position[1]:.2f}) m, 1 sigma {sigma_m:.2f} m"
+    assert findings.last.at_ms == findings.best.at_ms or row(text, "At the end of the records").split(": ")[1].startswith(end)
+
+
+def test_the_figures_of_the_report_show_what_is_known(findings, folder):
+    text = (folder / "report.html").read_text()
+    assert text.count("<svg") == 4
+    assert f"Spectrum of all cameras ({sum(spectrum_of(findings.exposures))} single clusters" in text
+    nothing = [replace(frame, source=None) for frame in findings.frames]
+    bare = changed(findings, frames=tuple(nothing), best=None, last=None, exposures=(), places=())
+    assert report_html(bare).count("<svg") == 2  # the map and the count rates
 
 
 def test_the_report_is_signed_and_openssl_verifies_it(findings, folder, operator):
@@ -307,5 +328,6 @@ def test_the_page_gives_the_same_report(findings, flights, operator):
         assert f"log digest: {findings.digest}" in archive.read("digest.txt").decode()
 
 
-def test_beside_a_live_flight_the_commands_are_said_to_be_with_the_drones(findings):
-    assert "drones&#x27; flight records tell them" in report_html(changed(findings, source=Source({"radron": "1"})))
+def test_beside_a_live_flight_the_commands_are_said_to_be_as_heard(findings):
+    text = report_html(changed(findings, source=Source({"radron": "1"}, heard=True)))
+    assert row(text, "As heard by").startswith("the station on the ground")

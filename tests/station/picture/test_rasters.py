@@ -1,12 +1,14 @@
 import base64
 from types import MappingProxyType
 
+import msgspec
 import numpy as np
 import pytest
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.posterior import Posterior
+from station.picture.frame import Raster
 from station.picture.rasters import Rasters
 
 MISSION = MissionConfig(
@@ -52,9 +54,10 @@ def test_the_belief_of_a_search_covers_the_area_and_adds_up_to_its_probability()
     x, y = np.meshgrid(np.arange(1.25, 60.0, 2.5), np.arange(1.25, 40.0, 2.5))
     cells = np.column_stack((x.ravel(), y.ravel()))
     posterior = Posterior("grid", 0, cells, np.full(len(cells), 0.6 / len(cells)), np.zeros((len(cells), 2, 2)), none=0.4)
-    raster = RASTERS.belief(posterior, 0)
+    raster = msgspec.json.decode(msgspec.json.encode(RASTERS.belief(posterior, 0)), type=Raster)  # as the page gets it
     density = values_of(raster) * raster.scale / 255.0
     assert density.sum() * raster.cell_m**2 == pytest.approx(0.6, rel=0.1)
+    assert values_of(raster).max() < 100  # nothing is known: faintly everywhere
     x, y = centres(raster)
     assert not density[(x < -3.0) | (x > 63.0) | (y < -3.0) | (y > 43.0)].any()
 

@@ -1,0 +1,138 @@
+"""Who commanded, as a station hears it: of signed orders and of the drones' statuses."""
+
+import pytest
+from members import AUTHORITY, FOREIGN, OPERATOR, order, revocation
+from msgspec.structs import replace
+from one_pilot import MISSION, SECOND, START_NS
+
+from protocol.codec import encode
+from protocol.identity import Role
+from protocol.keys import key_of
+from protocol.messages import Action, Answer, Stage, Status, Ticket, Upload
+from protocol.signing import Verifier, sign_command, sign_status
+from station.findings.facts import UNHEARD, of_station
+from station.picture.orders import MOST_REFUSED, OBEYED, TAKEN, UNSURE
+from station.picture.picture import Picture
+
+D1, D2 = {"d1": Ticket("0" * 16, 5)}, {"d2": Ticket("0" * 16, 9)}
+TOWER = AUTHORITY.trust("tower", Role.OPERATOR)
+
+
+@pytest.fixture
+def picture():
+    return Picture(MISSION, Verifier(AUTHORITY))
+
+
+def status(drone, number, after_s, **changes):
+    told = {"mission": MISSION.mission_id, "boot": "0" * 16, "stage": Stage.HOLD, "ticket": Ticket("0" * 16, number), **changes}
+    return sign_status(Status(stamp_ns=START_NS + after_s * SECOND, drone=drone, **told), AUTHORITY.trust(drone))
+
+
+def hear(picture, message, after_s):
+    picture.receive(key_of(MISSION.swarm, message), encode(message), START_NS + after_s * SECOND)
+
+
+def told(picture):
+    """By action and drone, what became of each order."""
+    return {(one.action, drone): one.results.get(drone) for one in picture.orders.heard for drone in one.numbers}
+
+
+def hold(after_s=0, **changes):
+    return order(Action.HOLD, START_NS + after_s * SECOND, **{"to": D1 | D2, **changes})
+
+
+def test_who_commanded_what_and_which_drones_have_obeyed(picture):
+    picture.receive(*hold(), START_NS)
+    picture.receive(*hold(), START_NS + SECOND)  # a copy
+    assert told(picture) == {("hold", "d1"): None, ("hold", "d2"): None}
+    hear(picture, status("d1", 6, 1), 1)
+    hear(picture, status("d2", 9, 1), 1)
+    assert told(picture) == {("hold", "d1"): OBEYED, ("hold", "d2"): None}
+    (heard,) = picture.orders.heard
+    assert (heard.station, heard.copies, heard.last_ns - heard.first_ns) == ("lockstep", 2, SECOND)
+    rows = of_station({}, picture.orders).commands
+    assert [(drone, row.station, row.result) for drone, row in rows] == [
+        ("d1", "lockstep", OBEYED),
+        ("d2", "lockstep", UNHEARD),
+    ]
+    assert rows[0][1].signer.startswith("operator lockstep, serial ")
+
+
+def test_orders_that_come_together_are_not_told_apart_beyond_what_is_known(picture):
+    picture.receive(*hold(), START_NS)
+    picture.receive(*order(Action.RESUME, START_NS, TOWER, station="tower", to=D1), START_NS)
+    hear(picture, status("d1", 6, 1), 1)  # the one or the other
+    assert told(picture)["hold", "d1"] == told(picture)["resume", "d1"] == UNSURE
+    later = {"d1": Ticket("0" * 16, 6)}
+    picture.receive(*order(Action.LAND, START_NS + 2 * SECOND, to=later), START_NS + 2 * SECOND)
+    hear(picture, status("d1", 7, 3), 3)
+    assert told(picture)["land", "d1"] == OBEYED
+
+
+def test_an_order_that_was_carried_out_before_or_is_long_over_is_not_told_to_be_obeyed(picture):
+    hear(picture, status("d1", 6, 0), 0)
+    picture.receive(*hold(to=D1), START_NS)
+    assert told(picture) == {("hold", "d1"): UNSURE}
+    picture.receive(*order(Action.LAND, START_NS, to=D2), START_NS)
+    hear(picture, status("d2", 10, 40), 40)  # after some other command
+    assert told(picture)["land", "d2"] is None
+
+
+def test_an_order_that_only_its_effect_tells_of_is_another_stations(picture):
+    for after_s, number in ((0, 5), (1, 6), (3, 6), (7, 6), (9, 6)):
+        hear(picture, status("d1", number, after_s), after_s)
+    (heard,) = picture.orders.heard
+    assert (heard.station, heard.action, heard.results) == ("another station", "an order, then hold", {"d1": OBEYED})
+    assert heard.first_ns == START_NS + SECOND
+
+
+def test_an_order_that_comes_after_the_status_of_its_drone_is_that_stations(picture):
+    hear(picture, status("d1", 5, 0), 0)
+    hear(picture, status("d1", 6, 1), 1)
+    picture.receive(*hold(to=D1), START_NS + 2 * SECOND)
+    hear(picture, status("d1", 6, 9), 9)
+    assert [(one.station, one.results) for one in picture.orders.heard] == [("lockstep", {"d1": OBEYED})]
+
+
+def test_orders_that_no_drone_obeys_are_told_with_the_reason(picture):
+    picture.receive(*hold(trust=AUTHORITY.trust("lockstep", Role.OBSERVER)), START_NS)
+    picture.receive(*hold(trust=FOREIGN.trust("lockstep", Role.OPERATOR)), START_NS)
+    picture.receive(*revocation(member="tower"), START_NS)
+    picture.receive(*order(Action.LAND, START_NS, TOWER, station="tower", to=D1), START_NS)
+    hear(picture, status("d1", 6, 1), 1)
+    results = {(row.station, row.result) for _, row in of_station({}, picture.orders).commands}
+    assert results == {
+        ("lockstep", "refused: its certificate is not an operator's, but of the role observer"),
+        ("lockstep", "refused: its certificate is none of this swarm's"),
+        ("tower", "refused: its certificate has been revoked"),
+    }
+    events = picture.events(picture.frame(START_NS))
+    assert [(event.text, event.level) for event in events if "order" in event.text] == [("order refused", "warning")] * 3
+
+
+def test_orders_are_news_once_except_the_own_ones(picture):
+    picture.orders.own = "tower"
+    picture.receive(*order(Action.LAND, START_NS, TOWER, station="tower", to=D1), START_NS)
+    for _ in range(2):
+        picture.receive(*hold(), START_NS)
+    news = [event.values for event in picture.events(picture.frame(START_NS)) if event.text == "order"]
+    assert news == [{"station": "lockstep", "action": "hold", "drones": "d1, d2"}]
+    assert not any(event.text == "order" for event in picture.events(picture.frame(START_NS + 1)))
+    assert len(picture.orders.heard) == 2
+
+
+@pytest.mark.parametrize(("refused", "result"), [("", TAKEN), ("its vehicle is armed", "refused: its vehicle is armed")])
+def test_an_upload_is_told_with_the_drones_answers(picture, refused, result):
+    mission = replace(MISSION, name="other")
+    bare = Upload(stamp_ns=START_NS, station="lockstep", mission=mission.mission_id, to=D1, parts=(bytes(32),))
+    hear(picture, sign_command(bare, OPERATOR), 0)
+    hear(picture, status("d1", 6, 1, upload=Answer(START_NS, mission.mission_id, refused)), 1)
+    assert told(picture.of(mission)) == {(f"upload {mission.mission_id}", "d1"): result}
+
+
+def test_a_flood_of_orders_that_nobody_obeys_is_kept_in_bounds(picture):
+    trust = AUTHORITY.trust("d1")
+    for number in range(MOST_REFUSED + 20):
+        picture.receive(*hold(station=f"s{number}", trust=trust), START_NS)
+        picture.receive(*hold(station=f"s{number}", trust=trust, after_s=1), START_NS)
+    assert len(picture.orders.heard) == MOST_REFUSED
