@@ -24,6 +24,7 @@ from sim.scoring.safety import OFF_GROUND_M, Safety
 from sim.scoring.samples import TRACKING, Row
 from sim.scoring.score import Score, error_m, own_error_m
 from sim.world.frame import LocalFrames
+from sim.world.sources import Source
 from sim.world.terrain import Terrain
 
 SAMPLE_TICKS = 4  # 5 Hz
@@ -75,6 +76,7 @@ class Recorder:
         self._ticks = 0
         self._time_s = 0.0
         self._rows: list[Row] = []
+        self._sources: Sequence[Source] = ()
 
     def describe(self) -> str:
         """One line for the progress display."""
@@ -119,7 +121,7 @@ class Recorder:
         time_s: float,
         position: Array,
         velocity: Array,
-        source: tuple[float, float] | None,
+        sources: Sequence[Source],
         position_error: Array | None = None,
     ) -> bool:
         """Add a sample of the world after a tick; True when the run has ended.
@@ -128,7 +130,10 @@ class Recorder:
         """
         self._time_s = time_s
         self._ticks += 1
+        self._sources = sources
         self._choose_first()
+        judged = self._judged()
+        source = None if judged is None else judged.place_m[:2]
         stages = [agent.stage for agent in self._agents]
         above = self._terrain.above_ground(position)
         self._safety.sample(above, stages)
@@ -140,7 +145,7 @@ class Recorder:
         for score, listener in self._listeners.values():
             score.record_x0(time_s, listener.hypothesis, source)
         if self._ticks % SAMPLE_TICKS == 0 and above[:, 2].max() > OFF_GROUND_M:
-            self._record(time_s, position, velocity, source, position_error, stages)
+            self._record(time_s, position, velocity, judged, position_error, stages)
         return self._over(time_s, stages)
 
     def _choose_first(self) -> None:
@@ -148,15 +153,23 @@ class Recorder:
         if not self._agents[self._first].alive:
             self._first = next((place for place, agent in enumerate(self._agents) if agent.alive), self._first)
 
+    def _judged(self) -> Source | None:
+        """The true source that the hypothesis is compared with: the nearest one to it; None where there is none."""
+        belief = self._agents[self._first].hypothesis
+        if belief is None or not self._sources:
+            return self._sources[0] if self._sources else None
+        return min(self._sources, key=lambda source: error_m(belief, source.place_m[:2]))
+
     def _record(
         self,
         time_s: float,
         position: Array,
         velocity: Array,
-        source: tuple[float, float] | None,
+        judged: Source | None,
         position_error: Array | None,
         stages: list[Stage],
     ) -> None:
+        source = None if judged is None else judged.place_m[:2]
         beliefs = [agent.hypothesis for agent in self._agents]
         tracking = stages[self._first] in TRACKING
         if tracking:
@@ -170,8 +183,7 @@ class Recorder:
             for score, listener in self._listeners.values():
                 score.sample(self._tracking_s, [listener.hypothesis] * len(beliefs), source, position_error)
                 score.check_lost(time_s)
-        place = None if source is None else (*source, self._terrain.height_m(*source))
-        row = Row.of(time_s, position, velocity, place, stages, beliefs, self._first)
+        row = Row.of(time_s, position, velocity, None if judged is None else judged.place_m, stages, beliefs, self._first)
         first = beliefs[self._first]
         if self._known is not None and source is not None:
             self._known.follow(time_s, None if first is None else error_m(first, source))
@@ -259,7 +271,7 @@ class Recorder:
             bound_relative_median_m=bound_relative_m,
             nothing_found=nothing_found,
             excluded_bq=excluded_bq,
-            false_hypothesis=self._scenario.source is None and score.x0_s is not None,
+            false_hypothesis=not self._sources and score.x0_s is not None,
             best_position_error_m=self._known.best_position_error_m if self._known is not None else None,
             frames_known_s=self._known.known_s if self._known is not None else None,
             frame_error_median_m=self._known.error_median_m if self._known is not None else None,
@@ -269,10 +281,10 @@ class Recorder:
 
     @cached_property
     def _bound(self) -> Bound | None:
-        """The bound of the flown trajectories, after the run; None without a source."""
+        """The bound of the flown trajectories, after the run; None without a source, and with several."""
         truth, (west, south, east, north) = self._scenario, self.area.bounds
         rows = [row for row in self._rows if not np.isnan(row.source[0])]
-        if truth.source is None or not rows:
+        if truth.source is None or len(self._sources) != 1 or not rows:
             return None
         return bound_of(
             truth.source,
@@ -298,7 +310,7 @@ class Recorder:
         """The time series; raises ValueError if no drone ever flew."""
         if not self._rows:
             raise ValueError("no drone flew: there is nothing to show")
-        rows, source = self._rows, self._scenario.source
+        rows, source = self._rows, self._judged()
         names = tuple(drone.id for drone in self._mission.drones)
         time_s = np.array([row.time_s for row in rows])
         bound, unknown = self._bound, np.full(time_s.shape, np.nan)

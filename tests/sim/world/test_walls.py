@@ -5,6 +5,7 @@ from agent.config.drone import DroneConfig
 from agent.errors import ConfigError
 from sim.scenario import load_scenario, override
 from sim.world.cameras import Cameras
+from sim.world.sources import Source
 from sim.world.walls import Walls, WallTruth
 
 
@@ -71,11 +72,11 @@ def test_a_camera_behind_a_wall_sees_what_the_concrete_lets_through_and_all_that
     def hits_per_s(values: dict[str, object]) -> float:
         cameras = Cameras(
             override(scenario, values),  # type: ignore[arg-type]
-            [DroneConfig(id="d1")], [np.random.default_rng(2)], 0,
+            ["Cs-137"], [DroneConfig(id="d1")], [np.random.default_rng(2)], 0,
         )  # fmt: skip
         seconds = 300
         for second in range(seconds):
-            cameras.expose(0, second * 10**9, (second + 1) * 10**9, _Standing(), (50.0, 50.0))
+            cameras.expose(0, second * 10**9, (second + 1) * 10**9, _Standing(), [Source("Cs-137", 3e9, (50.0, 50.0, 0.0))])
         return len(cameras.read_out(0).hits) / seconds
 
     direct, behind = hits_per_s(no_scatter), hits_per_s(no_scatter | wall)
