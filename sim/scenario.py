@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from shapely import Polygon
 
 from agent.config.drone import ResponseConfig
-from agent.config.loading import convert, read_toml, with_ground_grid
+from agent.config.loading import convert, read_toml, with_files
 from agent.config.mission import MissionConfig
 from agent.errors import ConfigError
 from agent.fusion.registry import check_estimator
@@ -130,7 +130,8 @@ def shipped() -> list[str]:
 
 
 def load_scenario(name_or_path: str, *, with_grid: bool = True) -> Scenario:
-    """Load a shipped scenario by name, or a scenario file; ``with_grid``: with its mission's elevation grid.
+    """Load a shipped scenario by name, or a scenario file; ``with_grid``: with its mission's elevation grid and
+    buildings.
 
     Raises:
         ConfigError: unknown name, unreadable file, an invalid key or value.
@@ -145,7 +146,7 @@ def load_scenario(name_or_path: str, *, with_grid: bool = True) -> Scenario:
     scenario = parse_scenario(_read(path), str(path))
     if not with_grid:
         return scenario
-    return replace(scenario, mission=with_ground_grid(scenario.mission, path.parent))
+    return replace(scenario, mission=with_files(scenario.mission, path.parent))
 
 
 def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:
