@@ -174,7 +174,9 @@ def summary(flight: Flown) -> str:
 
 
 def figures(flight: Flown) -> dict[str, Figure]:
-    """The standard figures as Matplotlib figures: ``map``, ``spacing`` and, where there is a source, ``error``, ``posterior``."""
+    """The standard figures as Matplotlib figures: ``map``, ``spacing``; where there is a source, ``error`` and ``posterior``; of
+    several ``sources``.
+    """
     from sim.campaign.report import flight_figures  # noqa: PLC0415
 
     return flight_figures(_as_flight(flight))

@@ -48,7 +48,7 @@ from sim.world.launch import launch_places
 from sim.world.localization import Localization
 from sim.world.movingframes import MovingFrames
 from sim.world.sightings import Sightings
-from sim.world.source import source_path
+from sim.world.sources import Source, Sources, place_of
 from sim.world.terrain import Terrain
 from sim.world.walls import Walls
 
@@ -130,7 +130,10 @@ class _World:
             walls = Walls(scenario.walls) if scenario.walls else None
             self._sightings = Sightings(scenario.sightings, names, walls, TICK_NS * 1e-9, random.sightings)
         configs = [DroneConfig(id=drone.id, vehicle=VehicleConfig(response=scenario.response)) for drone in mission.drones]
-        self._cameras = Cameras(scenario, configs, random.cameras, EPOCH_NS) if scenario.measured else None
+        self._sources = Sources(scenario, LONGEST_START_S + scenario.end.longest_s(mission), random)
+        self._sources_now: tuple[Source, ...] = ()
+        nuclides = self._sources.nuclides
+        self._cameras = Cameras(scenario, nuclides, configs, random.cameras, EPOCH_NS) if scenario.measured else None
         self._folder = TemporaryDirectory()  # also for agents that are started again
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
@@ -161,11 +164,6 @@ class _World:
         event_s = scenario.localization.event_s
         known = FrameScore(mission, scored[0], self._frames, event_s) if self._frames.moving else None
         self.recorder = Recorder(scenario, scored, self._frames, TICK_NS * 1e-9, scored[0].listeners, known)
-        self._source = None
-        self._source_now: tuple[float, float] | None = None
-        if scenario.source is not None:
-            duration_s = LONGEST_START_S + scenario.end.longest_s(mission)
-            self._source = source_path(scenario.source, self.recorder.area, duration_s, random.source)
 
     @property
     def pilots(self) -> list[Pilot]:
@@ -188,7 +186,7 @@ class _World:
             time_s=self.time_s,
             position_m=self._terrain.above_ground(motion.position_m),
             velocity_mps=motion.velocity_mps,
-            source=self._source_now,
+            source=place_of(self._sources_now),
             pilots=[agent.pilot if agent.life is Life.RUNNING else None for agent in agents],
             commands=[agent.command for agent in agents],
             autopilots=self._autopilots,
@@ -207,8 +205,8 @@ class _World:
         self._faults.advance(self.time_s)
         self._crew.advance(now_ns)
         self._radio.advance(now_ns, self._multirotors.position_m)
-        source = self._source_now = self._source(self.time_s) if self._source is not None else None
-        measured = self._sense(now_ns, source)
+        sources = self._sources_now = self._sources.at(self.time_s)
+        measured = self._sense(now_ns, sources)
         if self.ticks == round(START_S * 1e9 / TICK_NS):
             self._command(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive], Action.START)
         self._command(now_ns, self._crew.called(now_ns), Action.START)
@@ -226,7 +224,7 @@ class _World:
         self._move()
         self.ticks += 1
         motion, error = self._multirotors, self._localization
-        return self.recorder.sample(self.time_s, motion.position_m, motion.velocity_mps, source, error.position_error_m)
+        return self.recorder.sample(self.time_s, motion.position_m, motion.velocity_mps, sources, error.position_error_m)
 
     def _step(self, drone: int, agent: Agent, now_ns: int) -> None:
         """One step of an agent: what has arrived goes in, what it publishes and commands comes out."""
@@ -252,7 +250,7 @@ class _World:
                 self._radio.send(drone, key, forged, now_ns)
             self.recorder.hear(drone, key, payload)
 
-    def _sense(self, now_ns: int, source: tuple[float, float] | None) -> list[list[tuple[str, bytes]]]:
+    def _sense(self, now_ns: int, sources: Sequence[Source]) -> list[list[tuple[str, bytes]]]:
         """Pass telemetry, fixes, sightings and readouts to the pilots; returns what each publishes in response."""
         self._onboard.vehicles.step()
         self._telemetry.tell(now_ns, self.pilots, self._autopilots)
@@ -263,7 +261,7 @@ class _World:
         if self.ticks % EXPOSE_TICKS == EXPOSE_TICKS // 2:
             half_ns = EXPOSE_TICKS * TICK_NS // 2
             for drone in range(len(self.pilots)):
-                self._cameras.expose(drone, now_ns - half_ns, now_ns + half_ns, self._multirotors, source)
+                self._cameras.expose(drone, now_ns - half_ns, now_ns + half_ns, self._multirotors, sources)
         if self.ticks % READ_TICKS != 0 or self.ticks == 0:
             return published
         for drone, pilot in enumerate(self.pilots):

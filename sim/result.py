@@ -8,9 +8,12 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from protocol.messages import Source as Found
+
 
 class RunResult(Struct, frozen=True, kw_only=True):
-    """One flight. Errors are horizontal, over all tracking samples, lost runs included; truth is the simulation's.
+    """One flight. Errors are horizontal, over all tracking samples, lost runs included; truth is the simulation's: of several
+    sources, the one nearest to the estimate.
 
     time_to_x0_s: time of the initial estimate since the beginning of the search; 0 if it came during the climb.
 
@@ -43,6 +46,14 @@ class RunResult(Struct, frozen=True, kw_only=True):
         suspects: drones that were suspected for more than half of the tracking, separated by commas.
         recovery_s: time from the first localisation event of the scenario until the hypothesis' error was last above 3 m (twice
             its median before, where that is more); at most 60; None without event.
+
+    All sources of the first drone's last estimate against all true ones at that time, matched one to one
+    (``sim.scoring.sourcescore``); None where the hypothesis is given, and for an estimator that only listened:
+        sources_true, sources_found: numbers of true and of estimated sources. number_right: both are equal and all are matched.
+        false_sources: estimated ones without a match. nuclides_right: matches with the right nuclide.
+        matched_error_median_m, matched_error_p90_m, height_error_median_m: of the matches, horizontal, and of the heights where
+            these are estimated. activity_error_median: relative.
+        in_region_90: share of the matches whose truth is in the 90 % region of the estimate, a Gaussian over the plane.
 
     A flight that finds nothing:
         nothing_found: the mission's result: no source, or none that is strong enough (for an estimator that only
@@ -91,6 +102,16 @@ class RunResult(Struct, frozen=True, kw_only=True):
     deviation_search_m: float | None = None
     deviation_circle_m: float | None = None
     deviation_most_m: float | None = None
+    sources_true: int | None = None
+    sources_found: int | None = None
+    number_right: bool | None = None
+    false_sources: int | None = None
+    nuclides_right: int | None = None
+    matched_error_median_m: float | None = None
+    matched_error_p90_m: float | None = None
+    activity_error_median: float | None = None
+    in_region_90: float | None = None
+    height_error_median_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,18 +136,37 @@ class FaultTrace:
 
 
 @dataclass(frozen=True, slots=True)
+class SourceTrace:
+    """A true source. place_m: mission frame, at the end of the flight."""
+
+    nuclide: str
+    activity_bq: float
+    place_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateTrace:
+    """A published estimate: when, and all its sources."""
+
+    time_s: float
+    sources: tuple[Found, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Trace:
     """Time series of one flight, sampled at a fixed rate from the takeoff of the first drone on. Mission frame ENU, metres.
 
     time_s: (T,) since the start of the simulation. position_m, velocity_mps: (T, N, 3), true. stage: (T, N) of protocol Stage
-    strings. source_m: (T, 3), true; NaN without a source. hypothesis_m: (T, N, 3) of each drone, NaN where it has none.
-    covariance_m2: (T, 2, 2) of the first drone's posterior, NaN where it has none; sigma_m: (T,) its RMS. activity_bq,
-    activity_sigma_bq, evidence: (T,) of the first drone's hypothesis, NaN where the estimator does not give them. bound_m: (T,)
-    least median error for the trajectories flown so far (``sim.scoring.bound``), NaN without a source. own_error_m, own_bound_m:
-    (T,) error in the first vehicle's own frame, NaN where unknown; and its bound. source_bq: true activity, None without a
-    source. spacing_error_deg: (T, N), signed deviation from 360/N of the gap to the next drone, counter-clockwise around the
-    hypothesis; NaN before tracking. judged: (T,) index of the drone that is called the first one above: drone 0 as long as its
-    agent lives, then the first one whose agent does.
+    strings. source_m: (T, 3), true; NaN without a source; of several, the one nearest to the first drone's hypothesis.
+    hypothesis_m: (T, N, 3) of each drone, NaN where it has none. covariance_m2: (T, 2, 2) of the first drone's posterior, NaN
+    where it has none; sigma_m: (T,) its RMS. activity_bq, activity_sigma_bq, evidence: (T,) of the first drone's
+    hypothesis, NaN where the estimator does not give them. bound_m: (T,) least median error for the trajectories flown so far
+    (``sim.scoring.bound``), NaN without a source, and with several. own_error_m, own_bound_m: (T,) error in the first vehicle's
+    own frame, NaN where unknown; and its bound. source_bq: true activity of the source that is nearest to the estimate at the
+    end, None without one. spacing_error_deg: (T, N), signed deviation from 360/N of the gap to the next drone, counter-clockwise
+    around the hypothesis; NaN before tracking. judged: (T,) index of the drone that is called the first one above: drone 0 as
+    long as its agent lives, then the first one whose agent does. truths: all true sources. estimates: as the first drone
+    published them, each source with its nuclide.
     """
 
     time_s: NDArray[np.float64]
@@ -150,6 +190,8 @@ class Trace:
     judged: NDArray[np.intp]
     faults: tuple[FaultTrace, ...] = ()
     source_bq: float | None = None
+    truths: tuple[SourceTrace, ...] = ()
+    estimates: tuple[EstimateTrace, ...] = ()
 
     @property
     def estimate_m(self) -> NDArray[np.float64]:

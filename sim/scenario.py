@@ -15,9 +15,8 @@ from msgspec.structs import replace
 from shapely import Polygon
 
 from agent.config.drone import ResponseConfig
-from agent.config.loading import convert, read_toml, with_ground_grid
-from agent.config.mission import Corner, MissionConfig
-from agent.config.section import Degrees
+from agent.config.loading import convert, read_toml, with_files
+from agent.config.mission import MissionConfig
 from agent.errors import ConfigError
 from agent.fusion.registry import check_estimator
 from sim.faults.kinds import AnyFault, check_faults, read_faults
@@ -29,15 +28,12 @@ from sim.world.localization import LocalizationTruth
 from sim.world.localizers import check_vehicles
 from sim.world.radio import RadioTruth
 from sim.world.sightings import SightingTruth
+from sim.world.sourcetruth import LONGEST_S, Duration, RandomSourcesTruth, SourceTruth
 from sim.world.terrain import TerrainTruth
 from sim.world.walls import WallTruth
 
-LONGEST_TRACK_S = 36_000.0
-Duration = Annotated[float, Meta(gt=0.0, le=LONGEST_TRACK_S)]
 COMING_HOME_S = 300.0  # return and landing, with a large reserve
-EDGE_M = 3.0  # a wandering source turns back at this distance from the edge of the area
 _ABREAST_M, _INSIDE_M = 5.0, 3.0  # between added launch places, and from them to the fence
-_LEAST_SHARE = 1e-3  # least share of its bounding box that an area fills; below it, drawing a position in it takes too long
 _FOLDER = Path(__file__).parent / "scenarios"
 
 
@@ -45,52 +41,13 @@ class _Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     pass
 
 
-class LegTruth(_Section, frozen=True, kw_only=True):
-    """A leg of a source's path: ``for_s`` straight on at ``speed_mps`` (0: at rest), after turning left by ``turn_deg``."""
-
-    for_s: Duration
-    speed_mps: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
-    turn_deg: Degrees = 0.0
-
-
-class SourceTruth(_Section, frozen=True, kw_only=True):
-    """The radioactive source, on the ground. Its start is drawn from the seed unless ``start_m`` is given.
-
-    ``motion``: ``static``; ``circle`` around the area's centre with ``circle_radius_m`` at ``speed_mps``; ``wander``: straight
-    and curved stretches inside the area, each at a speed between ``slowest`` (a fraction) of ``speed_mps`` and ``speed_mps``;
-    ``legs``: one leg after the other from a heading that is drawn from the seed, then at rest, wherever that leads.
-    """
-
-    activity_bq: Annotated[float, Meta(gt=0.0, le=1e13)]
-    nuclide: str = "Cs-137"
-    motion: Literal["static", "circle", "wander", "legs"] = "static"
-    speed_mps: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
-    slowest: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.5
-    circle_radius_m: Annotated[float, Meta(ge=0.0, le=1e5)] = 40.0
-    legs: Annotated[tuple[LegTruth, ...], Meta(max_length=1000)] = ()
-    start_m: Corner | None = None
-
-    def check(self, area: Polygon, where: str) -> None:
-        """Raise ConfigError where the source cannot move in this area as configured."""
-        if self.motion == "circle" and self.circle_radius_m == 0.0:
-            raise ConfigError(f"{where}: source.motion = 'circle' needs source.circle_radius_m > 0; or give motion = 'static'")
-        if (self.motion == "legs") != bool(self.legs):
-            raise ConfigError(f"{where}: source.legs and source.motion = 'legs' need each other")
-        if self.motion == "wander" and area.buffer(-EDGE_M).is_empty:
-            raise ConfigError(
-                f"{where}: source.motion = 'wander' needs an area more than {2.0 * EDGE_M:g} m wide; "
-                "enlarge mission.area.polygon_m, or give motion = 'static'"
-            )
-        if self.start_m is None and area.area < _LEAST_SHARE * area.envelope.area:
-            raise ConfigError(f"{where}: mission.area.polygon_m is too thin to draw a place in it; give source.start_m")
-
-
 class EndTruth(_Section, frozen=True, kw_only=True):
     """End of a run, and criterion of a lost source.
 
     A run ends when all have landed, after ``search_s`` without a hypothesis, or after ``track_s`` of tracking; a mission with a
-    tracking time of its own (``mission.track.duration_s``) is flown until all have landed. In any case it ends ``COMING_HOME_S``
-    after the longest search and tracking together, even if a drone never lands.
+    tracking time of its own (``mission.track.duration_s``) is flown until all have landed. In any case it ends ``after_s`` after
+    the beginning of the search, if that is given, and ``COMING_HOME_S`` after the longest search and tracking together, even if a
+    drone never lands.
 
     ``lost``: ``error``: the error is above 20 m for 10 s (the run goes on); ``no-cone``: the paper's rule, 20 s without a cone
     (ends the run).
@@ -98,20 +55,27 @@ class EndTruth(_Section, frozen=True, kw_only=True):
 
     search_s: Duration = 900.0
     track_s: Duration = 180.0
+    after_s: Duration | None = None
     lost: Literal["error", "no-cone"] = "error"
 
     def longest_s(self, mission: MissionConfig) -> float:
         """Longest duration of a run (s), from the beginning of the search."""
-        return self.search_s + max(self.track_s, mission.track.duration_s or 0.0) + COMING_HOME_S
+        longest_s = self.search_s + max(self.track_s, mission.track.duration_s or 0.0) + COMING_HOME_S
+        return longest_s if self.after_s is None else min(longest_s, self.after_s)
 
 
 class Scenario(_Section, frozen=True, kw_only=True):
-    """A mission and the truth for its simulation."""
+    """A mission and the truth for its simulation.
+
+    All of ``source``, ``sources`` and ``random_sources`` are there at once; each may be left out.
+    """
 
     name: str
     description: str
     mission: MissionConfig
     source: SourceTruth | None = None
+    sources: Annotated[tuple[SourceTruth, ...], Meta(max_length=8)] = ()
+    random_sources: RandomSourcesTruth | None = None
     terrain: TerrainTruth = TerrainTruth()
     walls: tuple[WallTruth, ...] = ()
     camera: CameraTruth = CameraTruth()
@@ -127,19 +91,24 @@ class Scenario(_Section, frozen=True, kw_only=True):
     @property
     def measured(self) -> bool:
         """Whether the drones' cameras are simulated: also without a source, but not where the hypothesis is given."""
-        return self.source is not None or self.mission.fusion.estimator != "given"
+        given = self.mission.fusion.estimator == "given"
+        return not given or self.source is not None or bool(self.sources) or self.random_sources is not None
 
     def check(self, where: str) -> None:
         """Raise ConfigError where values contradict each other."""
         self.mission.check(where)
         check_estimator(self.mission.fusion.estimator, f"{where}: mission.fusion.estimator")
-        for key, nuclide in (("mission.nuclide", self.mission.nuclide), ("source.nuclide", self.source and self.source.nuclide)):
-            if nuclide is not None and nuclide not in NUCLIDES:
-                raise ConfigError(f"{where}: {key}: unknown nuclide {nuclide!r}; known: {', '.join(NUCLIDES)}")
-        if self.source is not None:
-            self.source.check(Polygon(self.mission.area.polygon_m), where)
-        if (self.mission.track.duration_s or 0.0) > LONGEST_TRACK_S:
-            raise ConfigError(f"{where}: mission.track.duration_s: a simulated flight tracks for at most {LONGEST_TRACK_S:g} s")
+        if self.mission.nuclide not in NUCLIDES:
+            raise ConfigError(f"{where}: mission.nuclide: unknown nuclide {self.mission.nuclide!r}; known: {', '.join(NUCLIDES)}")
+        area = Polygon(self.mission.area.polygon_m)
+        named = [("source", self.source), *((f"sources[{place}]", source) for place, source in enumerate(self.sources))]
+        for name, source in named:
+            if source is not None:
+                source.check(area, where, name)
+        if self.random_sources is not None:
+            self.random_sources.check(area, where)
+        if (self.mission.track.duration_s or 0.0) > LONGEST_S:
+            raise ConfigError(f"{where}: mission.track.duration_s: a simulated flight tracks for at most {LONGEST_S:g} s")
         for wall in self.walls:
             wall.check(where)
         self.vehicle.check(where)
@@ -161,7 +130,8 @@ def shipped() -> list[str]:
 
 
 def load_scenario(name_or_path: str, *, with_grid: bool = True) -> Scenario:
-    """Load a shipped scenario by name, or a scenario file; ``with_grid``: with its mission's elevation grid.
+    """Load a shipped scenario by name, or a scenario file; ``with_grid``: with its mission's elevation grid and
+    buildings.
 
     Raises:
         ConfigError: unknown name, unreadable file, an invalid key or value.
@@ -176,7 +146,7 @@ def load_scenario(name_or_path: str, *, with_grid: bool = True) -> Scenario:
     scenario = parse_scenario(_read(path), str(path))
     if not with_grid:
         return scenario
-    return replace(scenario, mission=with_ground_grid(scenario.mission, path.parent))
+    return replace(scenario, mission=with_files(scenario.mission, path.parent))
 
 
 def override(scenario: Scenario, values: Mapping[str, str | float]) -> Scenario:

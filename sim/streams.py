@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 _FRAMES, _RECEIVERS, _LIAR, _SIGHTINGS = range(1_000_000, 1_000_004)  # beyond any camera's key
+_SOURCES = 1_000_008  # those between belong to sim.faults and sim.campaign.faults
 
 
 class Streams(NamedTuple):
-    """Generators of one seed. ``cameras``, ``frames``, ``receivers``: one for each drone."""
+    """Generators of one seed. ``cameras``, ``frames``, ``receivers``: one for each drone. ``sources``: of all but ``source``."""
 
     source: np.random.Generator
     start: np.random.Generator
@@ -25,6 +26,7 @@ class Streams(NamedTuple):
     receivers: list[np.random.Generator]
     liar: np.random.Generator
     sightings: np.random.Generator
+    sources: np.random.Generator
 
 
 def streams(seed: int, drones: int) -> Streams:
@@ -43,6 +45,7 @@ def streams(seed: int, drones: int) -> Streams:
         receivers=_each(seed, _RECEIVERS, drones),
         liar=_keyed(seed, _LIAR),
         sightings=_keyed(seed, _SIGHTINGS),
+        sources=_keyed(seed, _SOURCES),
     )
 
 

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec.structs import replace
 
+from agent.config.buildings import read_buildings
 from agent.config.mission import GRID_BYTES, MissionConfig
 from agent.errors import ConfigError
 from protocol.units import STATION
@@ -40,10 +41,10 @@ def load_toml(path: Path, kind: type[T]) -> T:
 
 
 def load_mission(path: Path) -> MissionConfig:
-    """Read and check a mission file, and read the elevation grid that it names."""
+    """Read and check a mission file, and read the files that it names."""
     mission = load_toml(path, MissionConfig)
     mission.check(str(path))
-    return with_ground_grid(mission, path.parent)
+    return with_files(mission, path.parent)
 
 
 def mission_content(mission: MissionConfig) -> bytes:
@@ -62,6 +63,18 @@ def read_content(content: bytes, mission_id: str) -> MissionConfig:
         raise ConfigError(f"{where}: is read as {mission.mission_id} here; give all the same version of radron")
     mission.check(where)
     return mission
+
+
+def with_files(mission: MissionConfig, folder: Path) -> MissionConfig:
+    """The mission with the content of its elevation grid and its buildings, read from ``folder``; errors as of both."""
+    mission = with_ground_grid(mission, folder)
+    buildings, datum = mission.buildings, mission.datum
+    if buildings.file is None:
+        return mission
+    place = None if datum is None else (datum.latitude_deg, datum.longitude_deg, datum.altitude_m)
+    known = read_buildings(folder / buildings.file, buildings, place)
+    known.check(buildings.file)
+    return replace(mission, buildings=known)
 
 
 def with_ground_grid(mission: MissionConfig, folder: Path) -> MissionConfig:

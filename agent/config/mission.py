@@ -14,8 +14,9 @@ from msgspec import Meta
 from shapely import Point, Polygon
 from shapely.validation import explain_validity
 
+from agent.config.buildings import BuildingsConfig
 from agent.config.estimators import FusionConfig
-from agent.config.section import Activity, Coordinate, Degrees, NonNegative, Positive, Section
+from agent.config.section import Activity, Coordinate, Degrees, NonNegative, Positive, Section, content_of
 from agent.errors import ConfigError
 from protocol.units import DroneId, Identifier, Latitude, Longitude
 
@@ -217,6 +218,7 @@ class MissionConfig(Section, frozen=True, kw_only=True):
     datum: DatumConfig | None = None  # none: the mission frame's place on Earth is unknown or not needed
     area: AreaConfig
     ground: GroundConfig = GroundConfig()
+    buildings: BuildingsConfig = BuildingsConfig()
     frames: FramesConfig = FramesConfig()
     survey: SurveyConfig = SurveyConfig()
     encirclement: EncirclementConfig = EncirclementConfig()
@@ -225,6 +227,7 @@ class MissionConfig(Section, frozen=True, kw_only=True):
     fusion: FusionConfig = FusionConfig()
     track: TrackConfig = TrackConfig()
     safety: SafetyConfig = SafetyConfig()
+    later = frozenset({"buildings"})
 
     def member(self, drone: str) -> DroneInMission:
         """The drone of that id; raises ConfigError where there is none."""
@@ -246,6 +249,7 @@ class MissionConfig(Section, frozen=True, kw_only=True):
                 f"{where}: area.polygon_m is {width_m:.0f} m wide; with survey.lane_spacing_m = {self.survey.lane_spacing_m:g} "
                 f"that makes more than {MOST_LANES} lanes; search a smaller area, or use wider lanes"
             )
+        self.buildings.check(where)
         ids = [drone.id for drone in self.drones]
         doubles = sorted({name for name in ids if ids.count(name) > 1})
         if doubles:
@@ -284,7 +288,7 @@ class MissionConfig(Section, frozen=True, kw_only=True):
     @property
     def mission_id(self) -> str:
         """16 hex digits that differ when anything in the mission differs."""
-        content = msgspec.json.encode(self, order="sorted")
+        content = msgspec.json.encode(content_of(self), order="sorted")
         return hashlib.blake2b(content, digest_size=8).hexdigest()
 
 

@@ -2,7 +2,7 @@
 
 hostname               the computer's name
 drone.toml             the drone file
-mission/               the mission file, and its elevation grid
+mission/               the mission file, its elevation grid and its map of buildings
 calibration/           the camera's a.txt, b.txt, c.txt, t.txt, if there are any
 identity/              certificate, key, the swarm's authority
 authorized_keys        who may log in
@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
 from agent.config.drone import DroneConfig, PeerMeshConfig, RecorderConfig
+from agent.config.loading import read_toml
 from agent.config.writing import as_toml
 from agent.errors import ConfigError
 from deploy.fleet.config import FleetDrone
@@ -31,7 +32,7 @@ def files_of(fleet: Fleet, drone: FleetDrone) -> dict[PurePosixPath, bytes]:
     """Everything but the identity, by path on the partition.
 
     Raises:
-        ConfigError: the elevation grid cannot be found on board.
+        ConfigError: the elevation grid or the map of buildings cannot be found on board.
         OSError: a file cannot be read.
     """
     texts = {
@@ -79,14 +80,17 @@ def drone_file(fleet: Fleet, drone: FleetDrone) -> DroneConfig:
 
 
 def _mission(fleet: Fleet) -> dict[PurePosixPath, bytes]:
-    """The mission file as it is: its content is the mission's identity."""
+    """The mission file as it is, and the files that it names: their content is the mission's identity."""
     file, folder = fleet.mission_file, PurePosixPath("mission")
     found = {folder / file.name: file.read_bytes()}
-    grid = fleet.mission.ground.grid
-    if grid is not None:
-        if PurePosixPath(grid).name != grid:
-            raise ConfigError(f"{file}: ground.grid: {grid!r} is not in the mission file's folder; put it there")
-        found[folder / grid] = (file.parent / grid).read_bytes()
+    # The loaded mission holds the buildings themselves, and no longer the name of their file.
+    named = {"ground.grid": fleet.mission.ground.grid, "buildings.file": read_toml(file).get("buildings", {}).get("file")}
+    for key, name in named.items():
+        if name is None:
+            continue
+        if PurePosixPath(name).name != name:
+            raise ConfigError(f"{file}: {key}: {name!r} is not in the mission file's folder; put it there")
+        found[folder / name] = (file.parent / name).read_bytes()
     return found
 
 

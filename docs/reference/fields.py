@@ -30,6 +30,7 @@ UNITS = {
     "rps": "rad/s",
     "ps": "1/s",
     "per_s": "1/s",
+    "per_m": "1/m",
     "kev": "keV",
     "deg": "°",
     "rad": "rad",

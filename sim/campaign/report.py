@@ -12,10 +12,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sim.campaign.flights import Flown
+from sim.campaign.sources import sources_csv, sources_markdown, summarise_sources
 from sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
 from sim.figures.error import error_figure
 from sim.figures.map import last_tracking, map_figure
 from sim.figures.posterior import posterior_figure
+from sim.figures.sources import sources_figure
 from sim.figures.spacing import spacing_figure
 from sim.figures.style import becquerels, metres, save, seconds
 from sim.result import Flight, RunResult, Trace
@@ -36,7 +38,16 @@ def sentence(result: RunResult, trace: Trace) -> str:
     error = float(np.hypot(*(estimate - source)[:2]))
     lost = "; the source was lost" if result.lost else ""
     sigma = _length(float(trace.sigma_m[end]))
-    return f"Source estimate: {where}, 1 sigma = {sigma}; {_length(error)} from the truth{lost}."
+    return f"Source estimate: {where}, 1 sigma = {sigma}; {_length(error)} from the truth{lost}.{_all_sources(result)}"
+
+
+def _all_sources(result: RunResult) -> str:
+    """How many sources were found, as a further sentence; empty where there is one and one is told."""
+    true, found, false = result.sources_true or 0, result.sources_found or 0, result.false_sources or 0
+    if max(true, found) <= 1:
+        return ""
+    told = f" {found - false} of {true} sources found, {result.nuclides_right or 0} with the right nuclide"
+    return f"{told}; {false} false." if false else f"{told}."
 
 
 def _without_estimate(result: RunResult, there: bool) -> str:
@@ -73,9 +84,10 @@ def result_json(result: RunResult) -> str:
 
 def write_flight(folder: Path, flight: Flight) -> list[Path]:
     """Write ``result.json`` (``result-{estimator}.json`` for those that listened), ``map.png``, ``spacing.png``,
-    ``error.png`` and ``posterior.png``.
+    ``error.png``, ``posterior.png`` and ``sources.png``.
 
-    The last two are not written for a scenario without a source. The folder must exist; returns the files written.
+    The last three are not written for a scenario without a source, the very last for one source that is told as one. The folder
+    must exist; returns the files written.
     """
     result = flight.result
     results = {"result.json": result, **{f"result-{name}.json": heard for name, heard in flight.listened.items()}}
@@ -88,7 +100,9 @@ def write_flight(folder: Path, flight: Flight) -> list[Path]:
 
 
 def flight_figures(flight: Flight) -> dict[str, Figure]:
-    """The figures of a flight: ``map``, ``spacing`` and, where there is a source, ``error`` and ``posterior``."""
+    """The figures of a flight: ``map``, ``spacing``; where there is a source, ``error`` and ``posterior``; of several, true or
+    estimated, ``sources``.
+    """
     result, trace = flight.result, flight.trace
     title = f"{result.scenario}, seed {result.seed}"
     figures = {
@@ -98,18 +112,25 @@ def flight_figures(flight: Flight) -> dict[str, Figure]:
     if np.isfinite(trace.source_m).any():
         figures["error"] = error_figure(trace, (title, *_course(result)))
         figures["posterior"] = posterior_figure(trace, (f"{title}, estimator {result.estimator}", *_course(result)))
+    if max(result.sources_true or 0, result.sources_found or 0) > 1:
+        figures["sources"] = sources_figure(trace, (f"{title}, estimator {result.estimator}", _all_sources(result).strip()))
     return figures
 
 
 def write_campaign(folder: Path, flown: Flown) -> list[Path]:
-    """Write ``summary.csv``, ``summary.md``, ``boxes.png``, ``ecdf.png`` and, of a sweep, ``tuning.png``; returns the files."""
+    """Write ``summary.csv``, ``sources.csv``, ``summary.md``, ``boxes.png``, ``ecdf.png`` and, of a sweep, ``tuning.png``.
+
+    Returns the files written.
+    """
     groups = [(case, flown.of(case)) for case in flown.campaign.in_order()]
     groups = [(case, runs) for case, runs in groups if runs]
     if not groups:
         return []
     rows = [({"scenario": case.name, **dict(case.point)}, summarise(runs)) for case, runs in groups]
+    sources = [(case, summarise_sources(runs)) for (case, _), (_, runs) in zip(rows, groups, strict=True)]
     write_text(folder / "summary.csv", summary_csv(rows))
-    write_text(folder / "summary.md", summary_markdown(rows) + failed_note(flown))
+    write_text(folder / "sources.csv", sources_csv(sources))
+    write_text(folder / "summary.md", f"{summary_markdown(rows)}\n{sources_markdown(sources)}{failed_note(flown)}")
     estimators = ", ".join(sorted({run.estimator for _, runs in groups for run in runs}))
     title = f"estimator {estimators}, seeds from {flown.campaign.seed_base}"
     figures = {"boxes.png": boxes_figure(groups, title), "ecdf.png": ecdf_figure(groups, title)}
@@ -117,7 +138,7 @@ def write_campaign(folder: Path, flown: Flown) -> list[Path]:
         figures["tuning.png"] = tuning_figure(groups, title)
     for name, figure in figures.items():
         save(figure, folder / name)
-    return [folder / name for name in ("summary.csv", "summary.md", *figures)]
+    return [folder / name for name in ("summary.csv", "sources.csv", "summary.md", *figures)]
 
 
 def failed_note(flown: Flown) -> str:
@@ -139,6 +160,9 @@ def case_sentence(label: str, runs: Sequence[RunResult]) -> str:
     if s.nothing_found:
         excluded = "" if s.excluded_median_bq is None else f", {becquerels(s.excluded_median_bq)} or more excluded (median)"
         parts.append(f"nothing found in {s.nothing_found}{excluded}")
+    sources = summarise_sources(runs)
+    if sources.true > sources.runs:
+        parts.append(f"number of sources right in {sources.number_right}")
     if s.false_hypotheses:
         parts.append(f"a false hypothesis in {s.false_hypotheses}")
     return "; ".join(parts)

@@ -53,7 +53,7 @@ def run(
         str | None, typer.Option(metavar="OUT", help="Write the result as one flat JSON object; '-': to standard output.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write result.json and pictures: map, error, posterior, spacing.")
+        Path | None, typer.Option(metavar="DIR", help="Write result.json and pictures: map, error, posterior, spacing, sources.")
     ] = None,
 ) -> None:
     """Fly one mission, and print the source estimate, its 1-sigma radius, and its distance from the truth."""

@@ -9,6 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
+from protocol.messages import Source
 from sim.figures.cones import ground_curve
 from sim.figures.ellipse import draw_regions, reach_m
 from sim.figures.faultmarks import fault_entries, fault_places
@@ -24,7 +25,7 @@ _TRACKING = ("track", "reacquire")
 def map_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
     """The flight from above, at the end of the tracking: tracks, the newest cones, the estimate with its uncertainty.
 
-    The ellipses are the regions that hold the source with 50 % and 90 %. ``title``: the parts of the title.
+    The ellipses are the regions that hold each source with 50 % and 90 %. ``title``: the parts of the title.
     """
     figure = new_figure(8.0, 8.0)
     axes = figure.add_subplot()
@@ -121,6 +122,10 @@ def _draw_cones(axes: Axes, trace: Trace, end: int, reach_m: float) -> None:
 
 
 def _draw_truth(axes: Axes, trace: Trace, end: int) -> None:
+    if len(trace.truths) > 1:
+        for source in trace.truths:
+            axes.plot(*source.place_m[:2], marker="*", color=TRUTH, markersize=15, markeredgecolor="white", zorder=6)
+        return
     path = trace.source_m[: end + 1]
     if not np.isfinite(path[end]).all():
         return
@@ -138,6 +143,17 @@ def _draw_estimate(axes: Axes, trace: Trace, end: int) -> None:
     if np.isfinite(trace.covariance_m2[end]).all():
         draw_regions(axes, centre, trace.covariance_m2[end])
     axes.plot(*centre, marker="X", color=ESTIMATE, markersize=11, markeredgecolor="white", zorder=7)
+    for source in _others(trace, end):
+        xx, xy, _, yy, _, _ = source.covariance_m2
+        x, y, _ = source.position_m
+        draw_regions(axes, (x, y), np.array([[xx, xy], [xy, yy]]))
+        axes.plot(x, y, marker="X", color=ESTIMATE, markersize=9, markeredgecolor="white", zorder=7)
+
+
+def _others(trace: Trace, end: int) -> tuple[Source, ...]:
+    """The further sources of the estimate that was published last before sample ``end``."""
+    published = [estimate for estimate in trace.estimates if estimate.time_s <= trace.time_s[end]]
+    return published[-1].sources[1:] if published else ()
 
 
 def _legend(axes: Axes, trace: Trace) -> None:
@@ -154,8 +170,19 @@ def _legend(axes: Axes, trace: Trace) -> None:
     ]
     if np.isfinite(trace.estimate_m[:, 0]).any():
         entries.append(Line2D([], [], color=ESTIMATE, marker="X", markeredgecolor="white", label="estimate, 50 and 90 %"))
+    truth = "true sources" if len(trace.truths) > 1 else "true source"
     if np.isfinite(trace.source_m).any():
-        entries.append(Line2D([], [], color=TRUTH, marker="*", markersize=11, linestyle=(0, (1, 1.5)), label="true source"))
+        entries.append(
+            Line2D(
+                [],
+                [],
+                color=TRUTH,
+                marker="*",
+                markersize=11,
+                linestyle=(0, (1, 1.5)),
+                label=truth,
+            )
+        )
     if trace.cones:
         entries.append(Line2D([], [], color=CONE, linewidth=0.8, label=f"newest {CONES_SHOWN} cones on the ground"))
     entries.append(Line2D([], [], color="#444444", linestyle=(0, (6, 3)), label="searched area"))

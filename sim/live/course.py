@@ -120,7 +120,7 @@ class Course:
             self._begun = self._begun or not self._all_landed() or time_s > LONGEST_START_S
             if self._begun and not self._over:
                 position, velocity = np.array(truth.position_m), np.array(truth.velocity_mps)
-                self._over = self._recorder.sample(time_s, position, velocity, truth.source_m)
+                self._over = self._recorder.sample(time_s, position, velocity, truth.sources)
                 if self._watch is not None:
                     self._over = self._watch(time_s, truth) or self._over
         self._operator.view.show(time_s, truth, self._operator.observer.agents)

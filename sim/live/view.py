@@ -116,7 +116,8 @@ def _link(agent: ObservedAgent, now_s: float) -> str:
 
 
 def _error_m(agent: ObservedAgent, truth: Truth) -> float | None:
-    if agent.hypothesis is None or truth.source_m is None:
+    """Horizontal distance of its hypothesis from the nearest source."""
+    if agent.hypothesis is None:
         return None
     x, y = agent.hypothesis.position[:2]
-    return float(np.hypot(x - truth.source_m[0], y - truth.source_m[1]))
+    return min((float(np.hypot(x - source.place_m[0], y - source.place_m[1])) for source in truth.sources), default=None)

@@ -17,7 +17,6 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from msgspec import convert, to_builtins
-from shapely import Polygon
 
 from agent.config.drone import DroneConfig
 from agent.errors import RadronError
@@ -38,7 +37,7 @@ from sim.world.localization import Localization
 from sim.world.movingframes import MovingFrames
 from sim.world.sightings import Sightings
 from sim.world.slam import Slam
-from sim.world.source import source_path
+from sim.world.sources import Source, Sources
 from sim.world.terrain import Terrain
 from sim.world.walls import Walls
 
@@ -74,13 +73,10 @@ class World:
             self._sightings = Sightings(scenario.sightings, names, walls, STEP_S, random.sightings)
         self._sighting_feeds = [LineServer() for _ in mission.drones if self._sightings is not None]
         self._cameras: Cameras | None = None
-        self._path = None
+        self._sources = Sources(scenario, LONGEST_START_S + scenario.end.longest_s(mission), random)
         if scenario.measured:
             drones = [DroneConfig(id=drone.id) for drone in mission.drones]
-            self._cameras = Cameras(scenario, drones, random.cameras, self._began_ns)
-        if scenario.source is not None:
-            duration_s = LONGEST_START_S + scenario.end.longest_s(mission)
-            self._path = source_path(scenario.source, Polygon(mission.area.polygon_m), duration_s, random.source)
+            self._cameras = Cameras(scenario, self._sources.nuclides, drones, random.cameras, self._began_ns)
         self._feeds = [FeedServer() for _ in mission.drones if self._cameras is not None]
         self._steps = 0
         self._went_s: float | None = None  # start of the mission
@@ -155,13 +151,11 @@ class World:
                 case Order.MEND if fault is not None:
                     self._vehicles.end_fault(drone, fault)
 
-    def _source(self) -> tuple[float, float] | None:
-        """The source's position. It appears at the start of the mission: however long the agents take to get ready, they learn as
-        little before as in lockstep.
+    def _sources_now(self) -> tuple[Source, ...]:
+        """The sources. They appear at the start of the mission: however long the agents take to get ready, they learn as little
+        before as in lockstep.
         """
-        if self._path is None or self._went_s is None:
-            return None
-        return self._path(self._steps * STEP_S - self._went_s)
+        return () if self._went_s is None else self._sources.at(self._steps * STEP_S - self._went_s)
 
     def _step(self, out: asyncio.WriteTransport) -> None:
         self._expose()
@@ -200,7 +194,7 @@ class World:
         for drone, feed in enumerate(self._feeds):
             step = self._steps - drone * READ_STEPS // len(self._feeds)  # the cameras of a swarm are not synchronised
             if step > 0 and step % EXPOSE_STEPS == EXPOSE_STEPS // 2:
-                self._cameras.expose(drone, now_ns - half_ns, now_ns + half_ns, self._motion, self._source())
+                self._cameras.expose(drone, now_ns - half_ns, now_ns + half_ns, self._motion, self._sources_now())
             if step > 0 and step % READ_STEPS == 0:
                 readout = self._cameras.read_out(drone)
                 if drone not in self._dead_cameras:
@@ -217,7 +211,7 @@ class World:
                     time_s=self._steps * STEP_S,
                     position_m=tuple(map(tuple, self._motion.position_m.tolist())),
                     velocity_mps=tuple(map(tuple, self._motion.velocity_mps.tolist())),
-                    source_m=self._source(),
+                    sources=self._sources_now(),
                     vehicles=tuple(self._vehicles.reports()),
                     late_s=self._late_s,
                     dropped=self._dropped,

@@ -14,6 +14,7 @@ from sim.scenario import Scenario
 from sim.vehicle.px4.config import Address
 from sim.vehicle.px4.faults import VehicleFault
 from sim.vehicle.px4.fleet import VehicleReport
+from sim.world.sources import Source, place_of
 
 _LENGTH_BYTES = 4
 
@@ -77,19 +78,24 @@ class Truth(Struct, frozen=True, tag="truth"):
     """The world at one time; mission frame (ENU), metres.
 
     time_s: since the world began; stamp_ns: the same, UTC. attitude: world-from-body quaternions (w, x, y, z). position_m,
-    velocity_mps: of the vehicles. late_s: largest lag of the world behind the clock since the last truth. dropped: earlier truths
-    that the launcher was too slow to read.
+    velocity_mps: of the vehicles. sources: empty before the mission's start. late_s: largest lag of the world behind the clock
+    since the last truth. dropped: earlier truths that the launcher was too slow to read.
     """
 
     time_s: float
     position_m: tuple[Vector3, ...]
     velocity_mps: tuple[Vector3, ...]
-    source_m: tuple[float, float] | None
+    sources: tuple[Source, ...]
     vehicles: tuple[VehicleReport, ...]
     late_s: float
     dropped: int
     stamp_ns: int = 0
     attitude: tuple[Quaternion, ...] = ()
+
+    @property
+    def source_m(self) -> tuple[float, float] | None:
+        """Position of the first source; None without one."""
+        return place_of(self.sources)
 
 
 _fault_decoder = msgspec.json.Decoder(VehicleFault)

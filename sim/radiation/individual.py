@@ -1,4 +1,4 @@
-"""Differences of one simulated camera from the assumed one: sensitivity, background drift, shadow, clock."""
+"""Differences of one simulated camera from the assumed one: sensitivity, anisotropy, background drift, shadow, clock."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from sim.geometry import Array
 from sim.radiation.truth import CameraTruth
 
 
@@ -23,6 +24,7 @@ class Individual:
         self.sensitivity = math.exp(truth.sensitivity_spread * self._rng.standard_normal())
         self.clock_offset_ns = round(self._rng.uniform(-1.0, 1.0) * truth.clock_offset_s * 1e9)
         self._log_background = truth.background_drift * self._rng.standard_normal()
+        self._dipole, self._quadrupole = _anisotropy(self._rng.spawn(1)[0])
         self._least_cosine = math.cos(math.radians(truth.shadow_half_angle_deg))
 
     def background(self, span_s: float) -> float:
@@ -35,7 +37,15 @@ class Individual:
         self._log_background = keep * self._log_background + kick * self._rng.standard_normal()
         return math.exp(self._log_background)
 
-    def body_transmission(self, direction: tuple[float, float, float]) -> float:
+    def transmission(self, direction: tuple[float, float, float]) -> float:
+        """Factor on the photons straight from a direction (unit vector, camera frame): vehicle's body and anisotropy."""
+        factor = self._body_transmission(direction)
+        if self._truth.anisotropy == 0.0:
+            return factor
+        unit = np.array(direction)
+        return factor * math.exp(self._truth.anisotropy * float(self._dipole @ unit + unit @ self._quadrupole @ unit))
+
+    def _body_transmission(self, direction: tuple[float, float, float]) -> float:
         """Transmission of the vehicle's body for photons from a direction (unit vector, camera frame).
 
         The body is a ball, so the path through it at an angle a from its centre is sqrt(1 - (sin a / sin A)^2) of that through
@@ -46,3 +56,14 @@ class Individual:
             return 1.0
         way = math.sqrt(max(0.0, 1.0 - (1.0 - cosine * cosine) / (1.0 - self._least_cosine**2)))
         return float((1.0 - self._truth.shadow) ** way)
+
+
+def _anisotropy(rng: np.random.Generator) -> tuple[Array, Array]:
+    """A dipole (3,) and a quadrupole (3, 3), symmetric and without trace, whose sum over directions has the mean square 1.
+
+    Each has half of it: of a dipole p it is |p|^2 / 3, of a quadrupole Q it is 2 tr(Q^2) / 15, here on average 1 and 2/3.
+    """
+    dipole, random = rng.standard_normal(3), rng.standard_normal((3, 3))
+    quadrupole = (random + random.T) / 2.0
+    quadrupole -= np.eye(3) * np.trace(quadrupole) / 3.0
+    return dipole * math.sqrt(0.5), quadrupole * math.sqrt(0.75)

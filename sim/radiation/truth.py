@@ -40,6 +40,8 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             with the correlation time background_drift_s.
         shadow: share of the direct photons that the vehicle's body absorbs along the line through its centre. The body is a
             ball behind the camera (around -z), with the angular radius shadow_half_angle_deg.
+        anisotropy: relative standard deviation, over directions and cameras, of the counts of photons straight from a source: a
+            response by direction that differs smoothly from the sensor's own.
         clock_offset_s: constant offset of the camera's clock from the vehicle's, uniform between minus and plus this.
     """
 
@@ -65,4 +67,5 @@ class CameraTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     background_drift_s: Annotated[float, Meta(gt=0.0, le=1e6)] = 120.0
     shadow: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
     shadow_half_angle_deg: Annotated[float, Meta(gt=0.0, lt=90.0)] = 35.0
+    anisotropy: Annotated[float, Meta(ge=0.0, le=0.3)] = 0.0
     clock_offset_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0

@@ -38,10 +38,10 @@ from scipy.special import erf
 
 from sim.geometry import Array
 from sim.radiation.truth import CameraTruth
-from sim.scenario import SourceTruth
 from sim.scoring.information import Camera, camera_of
 from sim.world.localization import LocalizationTruth
 from sim.world.source import STRETCH_S, TURN_RPS
+from sim.world.sourcetruth import SourceTruth
 
 STEP_S = 1.0
 LOG_ACTIVITY_SIGMA = 3.0  # prior of ln activity: a factor of 20 up or down

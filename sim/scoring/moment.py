@@ -64,7 +64,7 @@ class Scene:
     """What can be observed of any flight, in lockstep or live. One drone per row and item, in the order of the mission.
 
     time_s: since the start of the simulation; live: since the start command. position_m: (N, 3) true x, y in the mission frame,
-    and height above ground. source: true x, y; None without one. pilots: None where an agent is dead.
+    and height above ground. source: true x, y of the first one; None without any. pilots: None where an agent is dead.
     """
 
     time_s: float

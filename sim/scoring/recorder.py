@@ -7,28 +7,31 @@ from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
+from msgspec.structs import asdict
 from shapely import Polygon
 
 from protocol.codec import decode_from
-from protocol.entries import Cone, Exposure
-from protocol.messages import AnyMessage, Plan, Pose, Stage
+from protocol.messages import AnyMessage, Pose, Stage
 from sim.faults.told import told_faults
 from sim.geometry import Array
-from sim.result import ConeTrace, RunResult, Trace
+from sim.result import RunResult, SourceTrace, Trace
 from sim.scenario import Scenario
 from sim.scoring.believers import Agent, Believer
 from sim.scoring.bound import Bound, bound_of
-from sim.scoring.following import Following
 from sim.scoring.framescore import FrameScore
+from sim.scoring.heard import KINDS, Heard
 from sim.scoring.safety import OFF_GROUND_M, Safety
 from sim.scoring.samples import TRACKING, Row
 from sim.scoring.score import Score, error_m, own_error_m
+from sim.scoring.sourcescore import SourceScore, score_sources
 from sim.world.frame import LocalFrames
+from sim.world.sources import Source
 from sim.world.terrain import Terrain
 
 SAMPLE_TICKS = 4  # 5 Hz
 LONGEST_START_S = 120.0  # without a search: the drones do not start at all
 LOST_NO_CONE_S = 20.0
+NOT_SCORED = SourceScore()
 
 
 class Recorder:
@@ -52,14 +55,13 @@ class Recorder:
         known: score of the estimated frames.
         """
         self._sample_s = SAMPLE_TICKS * tick_s
-        self._frames, self._known = frames, known
+        self._known = known
         self._scenario = scenario
         self._mission = mission = scenario.mission
         self._agents = agents
         self._first = 0  # the drone by whose stage and estimate the swarm is judged
         self.area = Polygon(mission.area.polygon_m)
         self._safety = Safety(mission.area)
-        self._following = Following()
         self._terrain = Terrain(scenario.terrain)
         drones = [drone.id for drone in mission.drones]
         middle_s = (mission.track.duration_s or scenario.end.track_s) / 2.0
@@ -70,12 +72,11 @@ class Recorder:
         self._excluded_bq: float | None = None  # at the end of a search of the first drone that found nothing
         self._tracking_s = 0.0
         self._sampled_s: float | None = None
-        self._last_cone_s = 0.0
-        self._cones: list[ConeTrace] = []
-        self._hits = 0
+        self._heard = Heard(frames, mission.nuclide)
         self._ticks = 0
         self._time_s = 0.0
         self._rows: list[Row] = []
+        self._sources: Sequence[Source] = ()
 
     def describe(self) -> str:
         """One line for the progress display."""
@@ -88,39 +89,22 @@ class Recorder:
 
     def hear(self, drone: int, key: str, payload: bytes) -> None:
         """Receive a payload that a drone publishes, at the time of sending."""
-        if key.endswith(("/cone", "/exposure", "/plan", "/pose")):
+        if key.endswith(KINDS):
             self.take(drone, decode_from(key, payload))
 
     def take(self, drone: int, message: AnyMessage) -> None:
         """Record a message of a drone."""
-        if isinstance(message, Exposure):
-            self._hits += message.counts.hits
-        elif isinstance(message, Plan):
-            self._following.plan(message)
-        elif isinstance(message, Pose):
-            self._following.pose(message, self._agents[drone].stage)
-            if self._known is not None:
-                self._known.hear(drone, message.epoch)
-        elif isinstance(message, Cone):
-            self._last_cone_s = self._time_s
-            matrix, origin = self._frames.matrix[drone], self._frames.origin[drone]
-            orders = sorted(message.orders, key=lambda order: -order.probability)
-            self._cones.append(
-                ConeTrace(
-                    time_s=self._time_s,
-                    drone=drone,
-                    apex_m=matrix @ message.apex_m + origin,
-                    axis=np.array([order.axis for order in orders]) @ matrix.T,
-                    theta_rad=np.array([order.theta_rad for order in orders]),
-                )
-            )
+        judged = drone == self._first
+        self._heard.take(self._time_s, drone, message, self._agents[drone].stage, judged)
+        if isinstance(message, Pose) and self._known is not None:
+            self._known.hear(drone, message.epoch)
 
     def sample(
         self,
         time_s: float,
         position: Array,
         velocity: Array,
-        source: tuple[float, float] | None,
+        sources: Sequence[Source],
         position_error: Array | None = None,
     ) -> bool:
         """Add a sample of the world after a tick; True when the run has ended.
@@ -129,7 +113,10 @@ class Recorder:
         """
         self._time_s = time_s
         self._ticks += 1
+        self._sources = sources
         self._choose_first()
+        judged = self._judged()
+        source = None if judged is None else judged.place_m[:2]
         stages = [agent.stage for agent in self._agents]
         above = self._terrain.above_ground(position)
         self._safety.sample(above, stages)
@@ -141,7 +128,7 @@ class Recorder:
         for score, listener in self._listeners.values():
             score.record_x0(time_s, listener.hypothesis, source)
         if self._ticks % SAMPLE_TICKS == 0 and above[:, 2].max() > OFF_GROUND_M:
-            self._record(time_s, position, velocity, source, position_error, stages)
+            self._record(time_s, position, velocity, judged, position_error, stages)
         return self._over(time_s, stages)
 
     def _choose_first(self) -> None:
@@ -149,15 +136,23 @@ class Recorder:
         if not self._agents[self._first].alive:
             self._first = next((place for place, agent in enumerate(self._agents) if agent.alive), self._first)
 
+    def _judged(self) -> Source | None:
+        """The true source that the hypothesis is compared with: the nearest one to it; None where there is none."""
+        belief = self._agents[self._first].hypothesis
+        if belief is None or not self._sources:
+            return self._sources[0] if self._sources else None
+        return min(self._sources, key=lambda source: error_m(belief, source.place_m[:2]))
+
     def _record(
         self,
         time_s: float,
         position: Array,
         velocity: Array,
-        source: tuple[float, float] | None,
+        judged: Source | None,
         position_error: Array | None,
         stages: list[Stage],
     ) -> None:
+        source = None if judged is None else judged.place_m[:2]
         beliefs = [agent.hypothesis for agent in self._agents]
         tracking = stages[self._first] in TRACKING
         since_s = self._sample_s if self._sampled_s is None else time_s - self._sampled_s
@@ -173,8 +168,7 @@ class Recorder:
             for score, listener in self._listeners.values():
                 score.sample(self._tracking_s, [listener.hypothesis] * len(beliefs), source, position_error)
                 score.check_lost(time_s)
-        place = None if source is None else (*source, self._terrain.height_m(*source))
-        row = Row.of(time_s, position, velocity, place, stages, beliefs, self._first)
+        row = Row.of(time_s, position, velocity, None if judged is None else judged.place_m, stages, beliefs, self._first)
         first = beliefs[self._first]
         if self._known is not None and source is not None:
             self._known.follow(time_s, None if first is None else error_m(first, source))
@@ -199,7 +193,7 @@ class Recorder:
         if time_s - self._search_began_s > end.longest_s(self._mission):
             return True
         if stages[self._first] in TRACKING and end.lost == "no-cone":
-            since_s = max(self._last_cone_s, self._score.x0_s or time_s)
+            since_s = max(self._heard.last_cone_s, self._score.x0_s or time_s)
             if self._tracking_s > 0.0 and time_s - since_s > LOST_NO_CONE_S:
                 self._score.lost = True
                 return True
@@ -211,7 +205,7 @@ class Recorder:
         """The result of the swarm's own estimator."""
         first = self._agents[self._first]
         excluded_bq = self._excluded_bq or _excluded_bq(first)
-        return self._result(self._score, first.finding != "", excluded_bq, seed, wall_s)
+        return self._result(self._score, first.finding != "", excluded_bq, seed, wall_s, self._source_score())
 
     def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
         """The results of the listening estimators."""
@@ -225,7 +219,17 @@ class Recorder:
         least_bq = self._mission.survey.least_activity_bq
         return least_bq is not None and excluded_bq is not None and excluded_bq <= least_bq
 
-    def _result(self, score: Score, nothing_found: bool, excluded_bq: float | None, seed: int, wall_s: float) -> RunResult:
+    def _source_score(self) -> SourceScore:
+        """All sources of the last estimate, if that still holds, against all true ones."""
+        if not self._estimated:
+            return SourceScore()
+        held = self._agents[self._first].hypothesis is not None and self._heard.estimates
+        return score_sources(self._sources, self._heard.estimates[-1].sources if held else ())
+
+    def _result(
+        self, score: Score, nothing_found: bool, excluded_bq: float | None, seed: int, wall_s: float,
+        sources: SourceScore = NOT_SCORED,
+    ) -> RunResult:  # fmt: skip
         errors = np.array(score.errors_m)
         bound_m, bound_relative_m = self._bounds_m()
         sampled = score.sampled
@@ -243,13 +247,13 @@ class Recorder:
             error_mean_m=float(np.mean(errors)) if len(errors) else None,
             error_p90_m=float(np.quantile(errors, 0.9)) if len(errors) else None,
             nees_mean=float(np.mean(score.nees)) if score.nees else None,
-            cones=len(self._cones),
-            hits=self._hits,
+            cones=len(self._heard.cones),
+            hits=self._heard.hits,
             min_separation_m=self._safety.least_separation_m(),
             fence_breaches=self._safety.fence_breaches(),
-            deviation_search_m=self._following.rms_m("search"),
-            deviation_circle_m=self._following.rms_m("circle"),
-            deviation_most_m=self._following.most_m,
+            deviation_search_m=self._heard.following.rms_m("search"),
+            deviation_circle_m=self._heard.following.rms_m("circle"),
+            deviation_most_m=self._heard.following.most_m,
             sim_s=sim_s,
             wall_s=wall_s,
             realtime_factor=sim_s / wall_s,
@@ -262,20 +266,21 @@ class Recorder:
             bound_relative_median_m=bound_relative_m,
             nothing_found=nothing_found,
             excluded_bq=excluded_bq,
-            false_hypothesis=self._scenario.source is None and score.x0_s is not None,
+            false_hypothesis=not self._sources and score.x0_s is not None,
             best_position_error_m=self._known.best_position_error_m if self._known is not None else None,
             frames_known_s=self._known.known_s if self._known is not None else None,
             frame_error_median_m=self._known.error_median_m if self._known is not None else None,
             suspects=self._known.suspects if self._known is not None else "",
             recovery_s=self._known.recovery_s if self._known is not None else None,
+            **asdict(sources),
         )
 
     @cached_property
     def _bound(self) -> Bound | None:
-        """The bound of the flown trajectories, after the run; None without a source."""
+        """The bound of the flown trajectories, after the run; None without a source, and with several."""
         truth, (west, south, east, north) = self._scenario, self.area.bounds
         rows = [row for row in self._rows if not np.isnan(row.source[0])]
-        if truth.source is None or not rows:
+        if truth.source is None or len(self._sources) != 1 or not rows:
             return None
         return bound_of(
             truth.source,
@@ -301,7 +306,7 @@ class Recorder:
         """The time series; raises ValueError if no drone ever flew."""
         if not self._rows:
             raise ValueError("no drone flew: there is nothing to show")
-        rows, source = self._rows, self._scenario.source
+        rows, source = self._rows, self._judged()
         names = tuple(drone.id for drone in self._mission.drones)
         time_s = np.array([row.time_s for row in rows])
         bound, unknown = self._bound, np.full(time_s.shape, np.nan)
@@ -321,12 +326,14 @@ class Recorder:
             own_error_m=np.array([row.own_error_m for row in rows]),
             own_bound_m=unknown if bound is None else bound.own_over(time_s),
             spacing_error_deg=np.array([row.spacing_error_deg for row in rows]),
-            cones=tuple(self._cones),
+            cones=tuple(self._heard.cones),
             area_m=np.array(self._mission.area.polygon_m, dtype=np.float64),
             drones=names,
             judged=np.array([row.first for row in rows]),
             faults=told_faults(self._scenario.fault, names, float(time_s[-1])),
             source_bq=None if source is None else source.activity_bq,
+            truths=tuple(SourceTrace(each.nuclide, each.activity_bq, each.place_m) for each in self._sources),
+            estimates=tuple(self._heard.estimates),
         )
 
 

@@ -16,6 +16,7 @@ from sim.radiation.calibration import PixelCalibration
 from sim.radiation.camera import Camera, SourceView
 from sim.scenario import Scenario
 from sim.world.frame import CameraMount
+from sim.world.sources import Source
 from sim.world.terrain import CONCRETE_PER_SOIL, Terrain
 from sim.world.walls import Walls
 
@@ -36,33 +37,35 @@ class Motion(Protocol):
 
 
 class Cameras:
-    """One camera on each of N vehicles, all exposed to the scenario's source behind its walls, or to the background alone."""
+    """One camera on each of N vehicles, all exposed to the same sources behind walls, or to the background alone."""
 
     def __init__(
-        self, scenario: Scenario, drones: Sequence[DroneConfig], rngs: Sequence[np.random.Generator], clock_ns: int
+        self,
+        scenario: Scenario,
+        nuclides: Sequence[str],
+        drones: Sequence[DroneConfig],
+        rngs: Sequence[np.random.Generator],
+        clock_ns: int,
     ) -> None:
-        """``drones``: mounting of each camera. ``clock_ns``: UTC time at which the cameras' clocks were reset."""
-        source = scenario.source
-        self._activity_bq = 0.0 if source is None else source.activity_bq
-        nuclide = scenario.mission.nuclide if source is None else source.nuclide
+        """``nuclides``: of the sources, each once. ``drones``: mounting of each camera. ``clock_ns``: UTC time at which the
+        cameras' clocks were reset.
+        """
+        emitted = tuple(nuclides) or (scenario.mission.nuclide,)
         self._walls = Walls(scenario.walls) if scenario.walls else None
         self._terrain = Terrain(scenario.terrain)
         self._mounts = [CameraMount(drone.camera_rpy_deg) for drone in drones]
-        self._cameras = [Camera(scenario.camera, nuclide, rng, clock_ns) for rng in rngs]
+        self._cameras = [Camera(scenario.camera, emitted, rng, clock_ns) for rng in rngs]
         self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
 
-    def expose(self, drone: int, start_ns: int, end_ns: int, motion: Motion, source: tuple[float, float] | None) -> None:
+    def expose(self, drone: int, start_ns: int, end_ns: int, motion: Motion, sources: Sequence[Source]) -> None:
         """Expose [start_ns, end_ns), UTC, at the vehicle's present pose; without a source, to the background alone."""
-        views: tuple[SourceView, ...] = ()
-        if source is not None:
-            place, attitude = motion.position_m[drone], motion.quaternion(drone)
-            target = (*source, self._terrain.height_m(*source))
-            view = self._mounts[drone].view(place, attitude, target, self._activity_bq)
-            concrete_m = self._concrete_m(place, np.array(target))
-            if concrete_m > 0.0:
-                view = replace(view, concrete_m=concrete_m)
-            views = (view,)
+        views = [self._view(drone, motion, source) for source in sources]
         self._exposed[drone].append(self._cameras[drone].expose(start_ns, end_ns, views))
+
+    def _view(self, drone: int, motion: Motion, source: Source) -> SourceView:
+        place = motion.position_m[drone]
+        view = self._mounts[drone].view(place, motion.quaternion(drone), source.place_m, source.activity_bq)
+        return replace(view, concrete_m=self._concrete_m(place, np.array(source.place_m)), nuclide=source.nuclide)
 
     def _concrete_m(self, place: Array, source: Array) -> float:
         """Length of concrete between camera and source (3,), plus the concrete equivalent of the ground between them."""

@@ -8,7 +8,7 @@ from math import cos, pi, radians, sin
 import numpy as np
 from shapely import Point, Polygon
 
-from sim.scenario import EDGE_M, SourceTruth
+from sim.world.sourcetruth import EDGE_M, SourceTruth
 
 Place = tuple[float, float]
 Path = Callable[[float], Place]  # time in seconds -> x, y in the mission frame
@@ -18,10 +18,10 @@ _WANDER_STEP_S = 0.1
 
 
 def source_path(source: SourceTruth, area: Polygon, duration_s: float, rng: np.random.Generator) -> Path:
-    """The path of a source on the ground for times 0 .. ``duration_s``."""
+    """The horizontal path of a source for times 0 .. ``duration_s``."""
     if source.motion == "circle":
         return _circle(source, area, rng)
-    start = source.start_m or _anywhere(area, rng)
+    start = source.start_m or anywhere(area, rng)
     if source.motion == "legs":
         return _legs(source, start, rng)
     if source.motion == "static" or source.speed_mps == 0.0:
@@ -29,7 +29,8 @@ def source_path(source: SourceTruth, area: Polygon, duration_s: float, rng: np.r
     return _wander(source, area, start, duration_s, rng)
 
 
-def _anywhere(area: Polygon, rng: np.random.Generator) -> Place:
+def anywhere(area: Polygon, rng: np.random.Generator) -> Place:
+    """A place in the area, uniformly distributed."""
     west, south, east, north = area.bounds
     while True:
         x, y = float(rng.uniform(west, east)), float(rng.uniform(south, north))

@@ -10,11 +10,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 import tifffile
+from numpy.typing import NDArray
 
 from agent.frames.geodesy import mission_from_geodetics
 from station.findings.facts import Findings, Located
 from station.findings.tables import utc
 from station.picture.dose import HEIGHT_M, expected_usvph
+from station.picture.frame import SourceFrame
 from station.picture.shapes import CORDON_USVPH, circle, cordon_radius_m, region
 
 Feature = tuple[str, dict[str, object], str, list[Sequence[float]]]  # name, properties, kind of geometry, its places
@@ -60,13 +62,11 @@ def kml(findings: Findings) -> str:
 
 
 def dose_geotiff(findings: Findings, located: Located, cells: int = 256) -> bytes | None:
-    """Dose rate at 1 m above the ground (uSv/h, float32) over area and fence, of a source at the estimate; EPSG:4326.
+    """Dose rate at 1 m above the ground (uSv/h, float32) over area and fence, of all sources of the estimate; EPSG:4326.
 
-    None where activity or constant are not known.
+    None where an activity or a constant is not known.
     """
-    source, margin_m = located.source, findings.mission.area.fence_margin_m
-    if source.activity_bq is None:
-        return None
+    margin_m = findings.mission.area.fence_margin_m
     corners = np.array(findings.mission.area.polygon_m)
     low, high = corners.min(0) - margin_m, corners.max(0) + margin_m
     south, west, _ = findings.on_earth(low.tolist())
@@ -76,9 +76,12 @@ def dose_geotiff(findings: Findings, located: Located, cells: int = 256) -> byte
     longitudes = west + step_lon * (np.arange(cells) + 0.5)
     grid = np.stack(np.broadcast_arrays(latitudes[:, None], longitudes[None, :], findings.datum.altitude_m), axis=-1)
     places = mission_from_geodetics(findings.datum, grid)[..., :2].reshape(-1, 2)
-    rates = expected_usvph(source.nuclide, np.array([source.place[:2]]), np.array([source.activity_bq]), places)
-    if rates is None:
-        return None
+    rates = np.zeros(len(places))
+    for source in located.sources:
+        one = None if source.activity_bq is None else _rates_usvph(source, source.activity_bq, places)
+        if one is None:
+            return None
+        rates += one
     keys = (1, 1, 0, 3, 1024, 0, 1, 2, 1025, 0, 1, 1, 2048, 0, 1, 4326)  # geographic, cells are areas, EPSG:4326
     tags = [
         (33550, 12, 3, (step_lon, step_lat, 0.0), True),  # ModelPixelScale
@@ -96,27 +99,40 @@ def _features(findings: Findings) -> list[Feature]:
     area = [*findings.mission.area.polygon_m, findings.mission.area.polygon_m[0]]
     found: list[Feature] = [("area", {"mission": findings.mission.name}, "Polygon", list(area))]
     if findings.best is not None:
-        source, at = findings.best.source, utc(findings.best.at_ms * 1_000_000)
-        about: dict[str, object] = {
-            "time_utc": at,
-            "nuclide": source.nuclide,
-            "activity_bq": source.activity_bq,
-            "activity_sigma_bq": source.activity_sigma_bq,
-            "rms_m": source.rms_m,
-            "covariance_m2": list(source.covariance_m2),
-            "dose_rate_at_1_m_usvph": source.dose_usvph,
-        }
-        found.append(("source", about, "Point", [source.place[:2]]))
-        found.append(("region", {"time_utc": at, "probability": 0.9}, "Polygon", list(region(source))))
-        radius_m = cordon_radius_m(source.nuclide, source.activity_bq)
-        if radius_m is not None:
-            level: dict[str, object] = {"dose_rate_usvph": CORDON_USVPH, "radius_m": radius_m}
-            found.append(("cordon", level, "Polygon", list(circle(source.place, radius_m))))
+        at, alone = utc(findings.best.at_ms * 1_000_000), not findings.best.others
+        for number, source in enumerate(findings.best.sources, 1):
+            found += _source_features(source, at, "" if alone else f" {number}")
     for index, name in enumerate(findings.drones):
         track = [drone.place for frame in findings.frames if (drone := frame.drones[index]).place is not None]
         if len(track) > 1:
             found.append((f"track {name}", {"drone": name}, "LineString", [place for place in track if place is not None]))
     return found
+
+
+def _source_features(source: SourceFrame, at: str, number: str) -> list[Feature]:
+    """A source, its region and its cordon; ``number``: follows their names."""
+    about: dict[str, object] = {
+        "time_utc": at,
+        "nuclide": source.nuclide,
+        "activity_bq": source.activity_bq,
+        "activity_sigma_bq": source.activity_sigma_bq,
+        "rms_m": source.rms_m,
+        "covariance_m2": list(source.covariance_m2),
+        "dose_rate_at_1_m_usvph": source.dose_usvph,
+    }
+    found: list[Feature] = [
+        (f"source{number}", about, "Point", [source.place[:2]]),
+        (f"region{number}", {"time_utc": at, "probability": 0.9}, "Polygon", list(region(source))),
+    ]
+    radius_m = cordon_radius_m(source.nuclide, source.activity_bq)
+    if radius_m is not None:
+        level: dict[str, object] = {"dose_rate_usvph": CORDON_USVPH, "radius_m": radius_m}
+        found.append((f"cordon{number}", level, "Polygon", list(circle(source.place, radius_m))))
+    return found
+
+
+def _rates_usvph(source: SourceFrame, activity_bq: float, places: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    return expected_usvph(source.nuclide, np.array([source.place[:2]]), np.array([activity_bq]), places)
 
 
 def _geometry(findings: Findings, kind: str, places: list[Sequence[float]]) -> dict[str, object]:

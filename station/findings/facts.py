@@ -33,10 +33,16 @@ class FindingsError(RadronError):
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """An estimate and its time."""
+    """An estimate and its time: the source that it names first, and the further ones."""
 
     at_ms: int
     source: SourceFrame
+    others: tuple[SourceFrame, ...] = ()
+
+    @property
+    def sources(self) -> tuple[SourceFrame, ...]:
+        """All of them."""
+        return (self.source, *self.others)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +61,8 @@ class Source:
 class Findings:
     """The facts of one mission.
 
-    ``best``: the estimate with the smallest RMS, ``last``: that at the end of the records; None where nothing was found.
+    ``last``: the estimate at the end of the records, ``best``: of those with as many sources, the one in which the first has the
+    smallest RMS; None where nothing was found.
     ``frames``: a second apart. ``recognised``: the nuclide by the drones' spectra, and its evidence (log likelihood ratio).
     """
 
@@ -134,7 +141,8 @@ async def facts_of(hub: Hub, source: Source) -> Findings:
     """What a hub knows now; pages are served meanwhile."""
     frames, picture = tuple(hub.history.frames()), hub.picture
     fusion = picture.log.fusion
-    located = [Located(frame.at_ms, frame.source) for frame in frames if frame.source is not None]
+    located = [Located(frame.at_ms, frame.source, frame.others) for frame in frames if frame.source is not None]
+    complete = [each for each in located if len(each.others) == len(located[-1].others)]
     searches = [frame.search.excluded_bq for frame in frames if frame.search is not None]
     exposures, cones, digest, entries = (
         tuple(fusion.log.entries(Exposure)),
@@ -146,7 +154,7 @@ async def facts_of(hub: Hub, source: Source) -> Findings:
         mission=picture.mission,
         drones=tuple(picture.members),
         frames=frames,
-        best=min(located, key=lambda each: each.source.rms_m, default=None),
+        best=min(complete, key=lambda each: each.source.rms_m, default=None),
         last=located[-1] if located else None,
         excluded_bq=next((excluded for excluded in reversed(searches) if excluded is not None), None),
         finding=next((frame.finding for frame in reversed(frames) if frame.finding), ""),

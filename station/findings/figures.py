@@ -18,7 +18,7 @@ Line = tuple[str, list[tuple[float, float]]]  # colour and points
 
 
 def flight_map(findings: Findings) -> str:
-    """Area, tracks, source with its region, and cordon."""
+    """Area, tracks, each source with its region and cordon."""
     area = findings.mission.area.polygon_m
     tracks = [
         [drone.place for frame in findings.frames if (drone := frame.drones[index]).place is not None]
@@ -31,8 +31,7 @@ def flight_map(findings: Findings) -> str:
     shapes = [_line([*area, area[0]], "#111", 2 * thin)]
     for index, track in enumerate(tracks):
         shapes.append(_line([place[:2] for place in track if place is not None], _colour(index), thin))
-    if findings.best is not None:
-        source = findings.best.source
+    for source in findings.best.sources if findings.best is not None else ():
         radius_m = cordon_radius_m(source.nuclide, source.activity_bq)
         if radius_m is not None:
             shapes.append(_line(circle(source.place, radius_m), "#a33b00", 2 * thin))
@@ -43,7 +42,7 @@ def flight_map(findings: Findings) -> str:
         )
     shapes += _scale(low_x, high_x, low_y, thin)
     box = f"{low_x:.2f} {-high_y:.2f} {high_x - low_x:.2f} {high_y - low_y:.2f}"
-    about = f"Area (black), source with its 90 % region, cordon (red), tracks of {_legend(findings)}. North is up."
+    about = f"Area (black), each source with its 90 % region and cordon (red), tracks of {_legend(findings)}. North is up."
     return _figure(box, shapes, about)
 
 

@@ -10,6 +10,7 @@ from agent.flight.audit import Audited
 from station.findings.facts import Findings, Located
 from station.findings.figures import charts, flight_map
 from station.findings.tables import utc
+from station.picture.frame import SourceFrame
 from station.picture.shapes import CORDON_USVPH, cordon_radius_m
 
 _STYLE = """
@@ -77,24 +78,28 @@ def _command(drone: str, audited: Audited) -> Row:
 def _result(findings: Findings) -> list[Row]:
     if findings.best is None or findings.last is None:
         return [("Source", findings.finding or "none found")]
-    rows = _estimate(findings, findings.best)
+    best = findings.best
+    rows = [("Most certain estimate", f"{_at(best)}, {f'{len(best.sources)} sources' if best.others else _cones(best.source)}")]
+    for number, source in enumerate(best.sources, 1):
+        rows += [(f"Source {number}", _cones(source))] if best.others else []
+        rows += _source(findings, source)
     last = findings.last
     if last.at_ms != findings.best.at_ms:
-        x, y, _ = last.source.place
-        rows.append(
-            ("At the end of the records", f"{_at(last)}: ({x:.2f}, {y:.2f}) m, 1 sigma {last.source.rms_m:.2f} m (RMS radius)")
-        )
+        told = (f"({source.place[0]:.2f}, {source.place[1]:.2f}) m, 1 sigma {source.rms_m:.2f} m" for source in last.sources)
+        rows.append(("At the end of the records", f"{_at(last)}: {'; '.join(told)} (RMS radius)"))
     if findings.recognised is not None:
         nuclide, evidence = findings.recognised
         rows.append(("Spectrum shows", f"{nuclide}, log likelihood ratio to any other or none: {evidence:.0f}"))
     return rows
 
 
-def _estimate(findings: Findings, located: Located) -> list[Row]:
-    source = located.source
+def _cones(source: SourceFrame) -> str:
+    return f"from {source.cones} cones"
+
+
+def _source(findings: Findings, source: SourceFrame) -> list[Row]:
     (x, y, z), (xx, xy, _, yy, _, zz) = source.place, source.covariance_m2
     rows = [
-        ("Most certain estimate", f"{_at(located)}, from {source.cones} cones"),
         ("Position, mission frame", f"{x:.2f} m east, {y:.2f} m north, {z:.2f} m up; 1 sigma {source.rms_m:.2f} m (RMS radius)"),
         ("Covariance", f"east {xx:.4f}, north {yy:.4f}, east-north {xy:.4f}, up {zz:.4f} m²"),
         ("90 % region", f"ellipse of {source.region[0]:.2f} m by {source.region[1]:.2f} m (semi-axes)"),
@@ -102,7 +107,7 @@ def _estimate(findings: Findings, located: Located) -> list[Row]:
     ]
     if findings.mission.datum is not None:
         latitude, longitude, height = findings.on_earth(source.place)
-        rows.insert(1, ("Position, WGS84", f"{latitude:.7f}°, {longitude:.7f}°, {height:.1f} m above the ellipsoid"))
+        rows.insert(0, ("Position, WGS84", f"{latitude:.7f}°, {longitude:.7f}°, {height:.1f} m above the ellipsoid"))
     if source.activity_bq is not None:
         sigma = f" ± {source.activity_sigma_bq:.3g}" if source.activity_sigma_bq is not None else ""
         rows.append(("Activity", f"{source.nuclide}: {source.activity_bq:.3g}{sigma} Bq (1 sigma), unshielded"))

@@ -7,9 +7,9 @@ const MOST_EVENTS = 200;
 
 export function showSource(frame) {
   const box = document.getElementById("source");
-  const { source, search } = frame;
-  const lines = source ? sourceLines(source) : searchLines(search, frame.finding);
-  box.replaceChildren(...lines.map((text, place) => element("p", text, place === 0 ? "what" : "")));
+  const { source, others, search } = frame;
+  const blocks = source ? [source, ...others].map(sourceLines) : [searchLines(search, frame.finding)];
+  box.replaceChildren(...blocks.flatMap((lines) => lines.map((text, place) => element("p", text, place === 0 ? "what" : ""))));
 }
 
 function sourceLines(source) {

@@ -116,7 +116,10 @@ export class Sketch {
     pen.setLineDash([4 * pixel, 6 * pixel]);
     if (!this.hidden.has("plans")) this.frame.drones.forEach((drone) => drone.stale || this.#line(pen, drone, drone.plan));
     pen.setLineDash([]);
-    if (this.frame.source) drawSource(pen, pixel, this.frame.source);
+    for (const source of [this.frame.source, ...this.frame.others]) {
+      pen.lineWidth = 2 * pixel;
+      if (source) drawSource(pen, pixel, source);
+    }
     for (const drone of this.frame.drones) if (drone.place) this.#body(pen, pixel, drone);
   }
 

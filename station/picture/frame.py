@@ -80,6 +80,7 @@ class Frame(Struct, frozen=True, kw_only=True):
     at_ms: int
     drones: tuple[DroneFrame, ...]
     source: SourceFrame | None = None
+    others: tuple[SourceFrame, ...] = ()  # further sources
     search: SearchFrame | None = None
     finding: str = ""
     digest: str = ""

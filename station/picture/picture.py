@@ -157,6 +157,7 @@ class Picture:
             at_ms=now_ns // 1_000_000,
             drones=drones,
             source=self._source(hypothesis) if hypothesis is not None else None,
+            others=tuple(map(self._source, hypothesis.others)) if hypothesis is not None else (),
             search=SearchFrame(none=outlook.none, excluded_bq=outlook.excluded_bq) if outlook is not None else None,
             finding=min(findings, default=""),
             digest=self.log.fusion.digest,
@@ -239,7 +240,7 @@ class Picture:
         short_m, long_m = (NINETY * math.sqrt(max(0.0, variance)) for variance in variances.tolist())
         x, y, z = hypothesis.position.tolist()
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
-        activity, datum = hypothesis.activity_bq, self.mission.datum
+        nuclide, activity, datum = hypothesis.nuclide or self.mission.nuclide, hypothesis.activity_bq, self.mission.datum
         latitude_deg, longitude_deg, _ = geodetic_from_mission(datum, (x, y, z)) if datum is not None else (0.0, 0.0, 0.0)
         return SourceFrame(
             place=(x, y, z),
@@ -248,10 +249,10 @@ class Picture:
             region=(long_m, short_m, math.atan2(axes[1, 1], axes[0, 1])),
             velocity_mps=(float(hypothesis.velocity[0]), float(hypothesis.velocity[1])),
             cones=hypothesis.cones,
-            nuclide=self.mission.nuclide,
+            nuclide=nuclide,
             activity_bq=activity,
             activity_sigma_bq=hypothesis.activity_sigma_bq,
-            dose_usvph=rate_usvph(self.mission.nuclide, activity) if activity is not None else None,
+            dose_usvph=rate_usvph(nuclide, activity) if activity is not None else None,
             position_deg=(latitude_deg, longitude_deg) if datum is not None else None,
         )
 

@@ -6,10 +6,12 @@ from typing import Any
 import msgspec
 import pytest
 from msgspec import inspect
+from msgspec.structs import replace
 
 from agent.config.drone import DroneConfig
 from agent.config.loading import convert, load_mission, load_toml
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from agent.config.section import Section, content_of
 from agent.errors import ConfigError, RadronError
 
 MISSION = """
@@ -184,3 +186,51 @@ def test_nobody_is_launched_outside_the_fence() -> None:
     )
     with pytest.raises(ConfigError, match=r"m.toml: drones: the launch place of d2 is 15.0 m outside the fence; move it"):
         mission.check("m.toml")
+
+
+RECORDED = Path(__file__).parent / "flight" / "records" / "mission-protocol-2.json"
+
+
+def test_a_mission_recorded_before_keys_were_added_keeps_its_id() -> None:
+    """Else its flight records would not open, and an uploaded mission would be refused after an update."""
+    mission = msgspec.json.decode(RECORDED.read_bytes(), type=MissionConfig)
+    assert mission.mission_id == "4529477d7d7c5337"
+    survey = replace(mission.survey, lane_spacing_m=11.0)
+    assert replace(mission, survey=survey).mission_id != mission.mission_id
+
+
+class Part(Section, frozen=True, kw_only=True):
+    old: float = 1.0
+    new: tuple[float, ...] = ()
+    later = frozenset({"new"})
+
+
+class Whole(Section, frozen=True, kw_only=True):
+    parts: tuple[Part, ...] = ()
+    part: Part | None = None
+    added: Part = Part()
+    later = frozenset({"added"})
+
+
+def test_later_keys_are_part_of_the_content_only_where_they_are_used() -> None:
+    assert content_of(Whole(parts=(Part(), Part(old=2.0)), part=Part(new=(3.0,)))) == {
+        "parts": [{"old": 1.0}, {"old": 2.0}],
+        "part": {"old": 1.0, "new": [3.0]},
+    }
+    assert content_of(Whole(added=Part(old=5.0))) == {"parts": [], "part": None, "added": {"old": 5.0}}
+
+
+def test_the_keys_that_are_later_exist() -> None:
+    def check(kind: inspect.Type) -> None:
+        if isinstance(kind, inspect.StructType):
+            assert issubclass(kind.cls, Section)
+            assert kind.cls.later <= {field.name for field in kind.fields}
+            for field in kind.fields:
+                check(field.type)
+        elif isinstance(kind, inspect.UnionType):
+            for part in kind.types:
+                check(part)
+        elif isinstance(kind, inspect.VarTupleType):
+            check(kind.item_type)
+
+    check(inspect.type_info(MissionConfig))

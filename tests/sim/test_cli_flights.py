@@ -152,7 +152,7 @@ def test_a_campaign_prints_its_summary_and_goes_on(tmp_path: Path, radron_sim: C
     assert [line.split(":")[0] for line in out.splitlines()] == ["demo drones=2", "demo drones=3"]
     assert "in 3 of 3 runs" in out
     assert {path.name for path in tmp_path.iterdir()} == {
-        "campaign.json", "runs.jsonl", "summary.csv", "summary.md", "boxes.png", "ecdf.png", "tuning.png"
+        "campaign.json", "runs.jsonl", "summary.csv", "sources.csv", "summary.md", "boxes.png", "ecdf.png", "tuning.png"
     }  # fmt: skip
     assert len(flown) == 6
     again = radron_sim(*arguments)

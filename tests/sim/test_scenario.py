@@ -21,7 +21,8 @@ NAMES = {
     "biased-static-solo", "biased-static-swarm", "biased-moving-solo", "biased-moving-swarm",
     "fast-2mps", "fast-3mps", "weak-179MBq", "empty", "empty-bright",
     "mismatch-gain", "mismatch-background", "mismatch-buildup", "mismatch-shadow", "mismatch-resolution", "mismatch-clocks",
-    "mismatch-walls", "hilly",
+    "mismatch-walls", "hilly", "many-ideal", "many-real", "many-contrast", "many-high",
+    "walls-known",
     "mixed-frames", "mixed-frames-moving", "mixed-frames-rough", "no-gnss", "no-gnss-moving", "gnss-lost-midway",
     "frame-jump", "frame-jump-unannounced", "lying-drone", "stop-and-go",
     "fault-kill", "fault-partition", "fault-lossy", "fault-mavlink-loss", "fault-kitchen-sink",
@@ -273,3 +274,22 @@ def test_a_large_swarm_starts_inside_the_fence_and_apart():
     assert all(fence.contains(Point(place)) for place in places)
     assert min(math.dist(one, other) for one, other in combinations(places, 2)) >= 5.0
     assert places[:5] == [(44.0, 2.0), (50.0, 2.0), (56.0, 2.0), (61.0, 2.0), (66.0, 2.0)]
+
+
+def test_many_sources_may_be_configured_and_each_is_checked(tmp_path):
+    file = tmp_path / "two.toml"
+    two = 'base = "empty"\nname = "two"\n[[sources]]\nactivity_bq = 1e9\n[[sources]]\nactivity_bq = 1e9\nnuclide = "{}"\n'
+    file.write_text(two.format("Co-60"))
+    scenario = load_scenario(str(file))
+    assert [source.nuclide for source in scenario.sources] == ["Cs-137", "Co-60"]
+    assert scenario.source is None
+    file.write_text(two.format("Co-61"))
+    with pytest.raises(ConfigError, match=r"two.toml: sources\[1\].nuclide: unknown nuclide 'Co-61'; known: .*Co-60"):
+        load_scenario(str(file))
+
+
+def test_a_run_may_end_at_a_fixed_time_and_never_later_than_its_stages_allow():
+    scenario = load_scenario("many-ideal")
+    assert scenario.end.longest_s(scenario.mission) == 600.0
+    late = override(scenario, {"end.after_s": 5000.0})
+    assert late.end.longest_s(late.mission) == 600.0 + 600.0 + 300.0

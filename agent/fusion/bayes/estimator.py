@@ -32,6 +32,7 @@ from agent.fusion.bayes.search import Grid, SearchState
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
 from agent.geometry import Array
+from agent.terrain.buildings import Buildings
 from agent.terrain.ground import Ground
 from protocol.entries import AnyEntry, Cone, Exposure
 
@@ -93,6 +94,7 @@ class BayesEstimator:
         self._ground = Ground.from_config(mission)
         self._grid = Grid(area, config, self._ground)
         self._response = response_of(mission.nuclide)
+        self._buildings = Buildings(mission.buildings, self._response.air_per_m, self._ground)
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._gain_variance = config.gain_sigma**2
         self._motion = _motion(config)
@@ -197,12 +199,13 @@ class BayesEstimator:
                 observation.live_time_s,
                 self._response.apart(observation.counts),
                 age_s,
+                self._buildings,
             )
             track, gained = taken or (track, -_REJECTED_COST)
         else:
             age_s = (step.start_ns - observation.stamp_ns) / _NS
             track, gained = track.after_cone(
-                self._response, self._ground, vehicle, observation.apex, Orders.of(observation), age_s
+                self._response, self._ground, vehicle, observation.apex, Orders.of(observation), age_s, self._buildings
             )
             cones += 1
         evidence, recent = state.evidence + gained, min(recent + gained, _EVIDENCE_CAP)

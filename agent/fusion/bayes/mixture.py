@@ -34,7 +34,9 @@ from agent.fusion.bayes.counts import (
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEADING, Motion
 from agent.fusion.bayes.reduction import clusters, merged, moments_of
 from agent.fusion.bayes.response import NEAREST_M, Response
+from agent.fusion.bayes.shielding import Shielding
 from agent.geometry import Array, Vector3
+from agent.terrain.buildings import Buildings
 from agent.terrain.ground import Ground
 
 _ITERATIONS = 6
@@ -126,16 +128,9 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(self, covariance=covariance, bias_variance=priors)
 
     def after_counts(
-        self,
-        response: Response,
-        ground: Ground,
-        background: Array,
-        vehicle: int,
-        position: Vector3,
-        live_time_s: float,
-        counts: Array,
-        age_s: float,
-    ) -> tuple[Mixture, float] | None:
+        self, response: Response, ground: Ground, background: Array, vehicle: int, position: Vector3, live_time_s: float,
+        counts: Array, age_s: float, buildings: Buildings | None = None,
+    ) -> tuple[Mixture, float] | None:  # fmt: skip
         """Measurement update with an exposure; None if the innovation gate rejects it.
 
         The logarithm of the rate is linearised at each mean m, the Poisson likelihood is not: with
@@ -153,7 +148,8 @@ class Mixture(Struct, frozen=True, eq=False):
         camera do not pass, nor do counts far from those of a wrong track.
 
         vehicle: its index. position: p_i, mission frame. counts: (2,) k. background: (2,) expected. age_s: T, of the exposure's
-        middle. Also returns ln (sum of w P(k | s) / P(k | H0)), the log Bayes factor of the exposure.
+        middle. buildings: change S, and add to V what is not known of that (``shielding``); left out of h. Also returns
+        ln (sum of w P(k | s) / P(k | H0)), the log Bayes factor of the exposure.
         """
         sight = self._line_of_sight(ground, vehicle, position, age_s)
         distance = sight.distance
@@ -164,7 +160,11 @@ class Mixture(Struct, frozen=True, eq=False):
         gain = np.matvec(self.covariance, gradient)
         variance = np.maximum(np.vecdot(gain, gradient), 0.0) + MODEL_VARIANCE
         strength = np.exp(self.mean[..., ACTIVITY] + self.mean[..., BIASES + BIAS * vehicle + GAIN])
-        expected = response.signal(response.flux(distance) * strength * live_time_s, distance)
+        fluence = response.flux(distance) * strength * live_time_s
+        expected = response.signal(fluence, distance)
+        if buildings:
+            expected, hidden = self._shielding(buildings, vehicle, position, sight).counts(response, fluence, expected)
+            variance += hidden
         if float((self.weight * innovation_squared(counts, expected, background, variance)).sum()) > _GATE_SIGMAS**2:
             return None
         shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TEMPER, _ITERATIONS)
@@ -174,8 +174,9 @@ class Mixture(Struct, frozen=True, eq=False):
         return self._reweighted(likelihood - float(background_log_likelihood(counts, background, TRACK_TEMPER)), mean, covariance)
 
     def after_cone(
-        self, response: Response, ground: Ground, vehicle: int, apex: Vector3, orders: Orders, age_s: float
-    ) -> tuple[Mixture, float]:
+        self, response: Response, ground: Ground, vehicle: int, apex: Vector3, orders: Orders, age_s: float,
+        buildings: Buildings | None = None,
+    ) -> tuple[Mixture, float]:  # fmt: skip
         """Measurement update with a cone: probabilistic data association [BST75] over its readings and "no information".
 
         For each reading k, its axis n_k turned by -psi about up, c = n_k . u:
@@ -214,6 +215,8 @@ class Mixture(Struct, frozen=True, eq=False):
         density, precision = orders.density(delta, np.maximum(np.vecdot(gain, gradient), 0.0))  # (S, M, K, 2)
         directed = density.sum(axis=(-2, -1))
         rate = response.cone_area_mm2 * response.flux(distance) * np.exp(self.mean[..., ACTIVITY])
+        if buildings:
+            rate *= self._shielding(buildings, vehicle, apex, sight).share
         heard = rate * (directed + OUTLIER_FRACTION) + response.cone_background_ps
         share = density * (rate / heard)[..., None, None]  # gamma
         pull = delta[..., None] * precision
@@ -239,6 +242,12 @@ class Mixture(Struct, frozen=True, eq=False):
             rise = ground.slopes(places).reshape(place.shape)
         way -= position
         return _LineOfSight(way, np.maximum(np.sqrt(np.vecdot(way, way)), NEAREST_M), rise)
+
+    def _shielding(self, buildings: Buildings, vehicle: int, position: Vector3, sight: _LineOfSight) -> Shielding:
+        b = BIASES + BIAS * vehicle
+        start = np.broadcast_to(np.array(position), sight.way.shape).copy()
+        start[..., :2] -= self.mean[..., b : b + 2]
+        return Shielding.of(buildings, start, sight.way, np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)[..., :2]))
 
     def _turned(self, vehicle: int, axes: Array) -> Array:
         """R_z(-psi) n_k: axes (K, 3) corrected by each Gaussian's heading bias; (S, M, K, 3)."""

@@ -113,6 +113,11 @@ class Response:
         result: Array = area_mm2 * (direct + scattered * depth[..., None]) * fluence[..., None]
         return result
 
+    def direct(self, fluence: Array) -> Array:
+        """The part (..., 2) of ``signal`` by photons straight from the source: F times the fluence."""
+        result: Array = self._terms[0] * fluence[..., None]
+        return result
+
 
 def _response(nuclide: str, photons_per_decay: float, air_per_m: float, *rows: tuple[float, float, float, float]) -> Response:
     hits, photopeak, coincidences, cones = (Channel(*row) for row in rows)

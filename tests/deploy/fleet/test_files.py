@@ -80,6 +80,22 @@ def test_an_elevation_grid_comes_along_and_must_lie_beside_the_mission(tmp_path:
         files_of(fleet, fleet.drone("d1"))
 
 
+def test_a_map_of_buildings_comes_along_and_the_mission_on_board_is_the_same(tmp_path: Path) -> None:
+    ring = "[[1, 1], [3, 1], [3, 2], [1, 1]]"
+    (tmp_path / "town.geojson").write_text(
+        '{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {"height_m": 3}, '
+        f'"geometry": {{"type": "Polygon", "coordinates": [{ring}]}}}}]}}'
+    )
+    section = '\n[buildings]\nfile = "town.geojson"\ncrs = "mission"\n'
+    fleet = load_fleet(make_fleet(tmp_path, mission=MISSION + section))
+    assert len(fleet.mission.buildings.known) == 1
+    write_files(tmp_path / "board", files_of(fleet, fleet.drone("d1")))
+    assert load_drone(tmp_path / "board/drone.toml", {})[1].mission_id == fleet.mission.mission_id
+    other = load_fleet(make_fleet(tmp_path, mission=MISSION + section.replace("town", f"../{tmp_path.name}/town")))
+    with pytest.raises(ConfigError, match=r"buildings.file: .* is not in the mission file's folder; put it there"):
+        files_of(other, other.drone("d1"))
+
+
 def test_the_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     path = make_fleet(tmp_path)
 

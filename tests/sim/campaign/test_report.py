@@ -18,8 +18,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "fakes"))
 
 import synthetic
 
+from protocol.messages import Source
 from sim.campaign.flights import Campaign, Flown, fly_campaign
-from sim.campaign.report import case_sentence, faults_of, result_json, sentence, write_campaign, write_flight
+from sim.campaign.report import case_sentence, faults_of, flight_figures, result_json, sentence, write_campaign, write_flight
 from sim.campaign.workers import attempt
 from sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
 from sim.figures.cones import ground_curve
@@ -28,9 +29,10 @@ from sim.figures.error import error_figure
 from sim.figures.faultmarks import rows_of
 from sim.figures.map import CONES_SHOWN, last_tracking, map_figure
 from sim.figures.posterior import INSTANTS, posterior_figure
+from sim.figures.sources import sources_figure
 from sim.figures.spacing import spacing_figure
 from sim.figures.style import ESTIMATE, new_figure
-from sim.result import FaultTrace
+from sim.result import EstimateTrace, FaultTrace, Flight, SourceTrace
 from sim.scoring.statistics import median
 
 
@@ -113,6 +115,49 @@ def test_a_flight_is_written_whatever_came_of_it(tmp_path: Path, kind: dict[str,
     assert {path.name for path in written} == {"result.json", "result-bayes.json"} | figures
     assert all(is_png(tmp_path / name) for name in figures)
     assert json.loads((tmp_path / "result-bayes.json").read_text())["estimator"] == "bayes"
+
+
+def with_three_sources() -> Flight:
+    """Two of the three are found from some time on, one of them as another nuclide; and one that is not there."""
+    flight = synthetic.synthetic_flight()
+    x, y, _ = flight.trace.hypothesis_m[-1, 0]
+
+    def told(x: float, y: float, nuclide: str) -> Source:
+        return Source(position_m=(x, y, 0.0), covariance_m2=(0.04, 0.0, 0.0, 0.01, 0.0, 0.0), nuclide=nuclide, activity_bq=1e9)
+
+    found = (told(x, y, "Cs-137"), told(20.3, 80.0, "Ir-192"), told(90.0, 10.0, "Cs-137"))
+    truths = (
+        SourceTrace("Cs-137", 3e9, (60.0, 45.0, 0.0)),
+        SourceTrace("Co-60", 1e9, (20.0, 80.0, 5.0)),
+        SourceTrace("Co-60", 1e9, (80.0, 80.0, 0.0)),
+    )
+    estimates = tuple(EstimateTrace(45.0 + k, found[: 1 + (k > 20) + (k > 50)]) for k in range(100))
+    trace = dataclasses.replace(flight.trace, truths=truths, estimates=estimates)
+    counts = {"sources_true": 3, "sources_found": 3, "number_right": False, "false_sources": 1, "nuclides_right": 1}
+    return Flight(msgspec.structs.replace(flight.result, **counts), trace, {})
+
+
+def test_a_flight_with_several_sources_is_told_and_drawn_with_all_of_them() -> None:
+    flight = with_three_sources()
+    assert sentence(flight.result, flight.trace).endswith(" 2 of 3 sources found, 1 with the right nuclide; 1 false.")
+    assert list(flight_figures(flight)) == ["map", "spacing", "error", "posterior", "sources"]
+    axes = map_figure(flight.trace, ("title",)).axes[0]
+    stars = {(line.get_xdata()[0], line.get_ydata()[0]) for line in axes.lines if line.get_marker() == "*"}
+    assert stars == {source.place_m[:2] for source in flight.trace.truths}
+    crosses = {(line.get_xdata()[0], line.get_ydata()[0]) for line in axes.lines if line.get_marker() == "X"}
+    assert crosses == {source.position_m[:2] for source in flight.trace.estimates[-1].sources}
+
+
+def test_the_figure_of_sources_names_what_was_not_found_and_draws_each_error() -> None:
+    flight = with_three_sources()
+    number, *courses = sources_figure(flight.trace, ("title",)).axes
+    assert [axes.get_title(loc="left") for axes in courses] == [
+        "Cs-137, 3 GBq, (60, 45) m", "Co-60, 1 GBq, (20, 80) m, 5 m high", "Co-60, 1 GBq, (80, 80) m: not found"
+    ]  # fmt: skip
+    errors = [line.get_ydata() for line in courses[1].lines if line.get_marker() == "."]
+    assert sorted(len(each) for each in errors) == [0, 0, 79]
+    assert max(errors, key=len) == pytest.approx(0.3)
+    assert {text.get_text() for text in number.get_legend().get_texts()} == {"Cs-137", "Co-60", "Ir-192", "truth"}
 
 
 def test_the_map_shows_tracks_estimate_and_few_cones() -> None:
@@ -210,7 +255,7 @@ def test_a_campaign_is_summed_up_in_tables_and_figures(tmp_path: Path) -> None:
     cases = tuple(synthetic.case(name, radius_m=radius) for name in ("near", "far") for radius in (8.0, 12.0))
     flown = fly(Campaign(cases, 8, "paper"), tmp_path)
     written = write_campaign(tmp_path, flown)
-    assert [path.name for path in written] == ["summary.csv", "summary.md", "boxes.png", "ecdf.png", "tuning.png"]
+    assert [path.name for path in written] == ["summary.csv", "sources.csv", "summary.md", "boxes.png", "ecdf.png", "tuning.png"]
     assert all(is_png(path) for path in written if path.suffix == ".png")
     rows = list(csv.DictReader(io.StringIO((tmp_path / "summary.csv").read_text())))
     assert [(row["scenario"], row["radius_m"]) for row in rows] == [(n, r) for n in ("far", "near") for r in ("8.0", "12.0")]

@@ -38,7 +38,7 @@ def test_messages_pass_the_pipe_in_pieces_and_end_with_it() -> None:
             time_s=1.5,
             position_m=((1.0, 2.0, 3.0),),
             velocity_mps=((0.0, 0.0, 0.0),),
-            source_m=None,
+            sources=(),
             vehicles=(),
             late_s=0.0,
             dropped=2,

@@ -7,7 +7,7 @@ import pytest
 from event_quality import Clusters, clusters
 from scipy import stats
 
-from sim.radiation import camera as camera_module
+from sim.radiation import emission
 from sim.radiation.bank import BACKGROUND_BIN, DIRECTION_BINS, SCATTERED_BIN, bin_centres, bin_of, near_bin
 from sim.radiation.camera import Camera, SourceView
 from sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow  # thousands of photons through the full transport
 def drawn() -> Events:
     """20,000 events that a Camera drew from the bank, from sources all around at one polar angle."""
     patch = pytest.MonkeyPatch()
-    patch.setattr(camera_module, "load_bank", lambda name, truth: partial_bank(name))
+    patch.setattr(emission, "load_bank", lambda name, truth: partial_bank(name))
     camera = Camera(ALONE, "Cs-137", np.random.default_rng(5), 0)
     patch.undo()
     turns = np.random.default_rng(6).uniform(0.0, 2.0 * math.pi, 1000)
@@ -101,7 +101,7 @@ def test_places_of_hits_keep_the_direction_of_each_source() -> None:
     """Photons from the side are absorbed nearer to that side: every symmetry must bring them there."""
     bank = partial_bank("Cs-137", 90.0)
     patch = pytest.MonkeyPatch()
-    patch.setattr(camera_module, "load_bank", lambda name, truth: bank)
+    patch.setattr(emission, "load_bank", lambda name, truth: bank)
     camera = Camera(ALONE, "Cs-137", np.random.default_rng(8), 0)
     patch.undo()
     rng = np.random.default_rng(12)

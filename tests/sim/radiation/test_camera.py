@@ -2,13 +2,14 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.readout import Readout
 from agent.errors import ConfigError
-from sim.radiation import camera as camera_module
+from sim.radiation import emission
 from sim.radiation.beam import BeamCamera
 from sim.radiation.camera import Camera, CameraTruth, SourceView
 from sim.radiation.materials import air_attenuation_per_m
@@ -21,7 +22,7 @@ CLOCK = 1_700_000_000_123_456_789
 
 @pytest.fixture(autouse=True)
 def _small_bank(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(camera_module, "load_bank", lambda name, truth: partial_bank(name))
+    monkeypatch.setattr(emission, "load_bank", lambda name, truth: partial_bank(name))
 
 
 def source(distance_m: float = 12.0, activity_bq: float = 3e9, turn: float = 0.3) -> SourceView:
@@ -146,10 +147,26 @@ def test_an_unknown_nuclide() -> None:
 @pytest.mark.slow
 def test_a_flight_hardly_meets_an_event_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three minutes in front of a source: what comes again and again, an estimator would take for what the source is like."""
-    monkeypatch.setattr(camera_module, "load_bank", lambda name, truth: partial_bank(name, 25.0))
+    monkeypatch.setattr(emission, "load_bank", lambda name, truth: partial_bank(name, 25.0))
     camera = Camera(CameraTruth(), "Cs-137", np.random.default_rng(4), 0)
     chain = DetectorChain(DetectionConfig(), "Cs-137", Calibration.nominal())
     ahead = SourceView(direction(25.0, 0.3), 7.0, 3e9)
     cones = [cone for readout in expose(camera, 180.0, ahead) for cone in chain.process(readout).cones]
     assert len(cones) > 400
     assert len({(cone.energies_kev, cone.separation_mm) for cone in cones}) > 0.85 * len(cones)
+
+
+def test_a_camera_sees_sources_of_two_nuclides_each_by_its_own_lines() -> None:
+    """Their hits add up; above the lines of Ba-133 there are those of Cs-137 alone."""
+    seen = [SourceView(direction(POLAR_DEG, 0.3), 12.0, 1.2e10, nuclide=name) for name in ("Ba-133", "Cs-137")]
+
+    def energies_kev(*views: SourceView) -> NDArray[np.float64]:
+        camera = Camera(ALONE, ("Ba-133", "Cs-137"), np.random.default_rng(12), 0)
+        events = regroup(expose(camera, 15.0, *views))
+        return np.add.reduceat(events.pixels["energy_kev"].astype(float), events.first[:-1])
+
+    both, first, second = energies_kev(*seen), energies_kev(seen[0]), energies_kev(seen[1])
+    # Three sigmas of at least the 1,200 events of Cs-137 alone; above 450 keV there are some 300.
+    assert len(both) == pytest.approx(len(first) + len(second), rel=0.06)
+    assert np.count_nonzero(first > 450.0) == 0
+    assert np.count_nonzero(both > 450.0) == pytest.approx(np.count_nonzero(second > 450.0), rel=0.25)

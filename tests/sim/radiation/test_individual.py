@@ -8,7 +8,7 @@ import pytest
 
 from agent.detector.calibration import Calibration
 from agent.detector.readout import Readout
-from sim.radiation import camera as camera_module
+from sim.radiation import emission
 from sim.radiation.calibration import NOMINAL_A, PixelCalibration
 from sim.radiation.camera import Camera, CameraTruth, SourceView
 from sim.radiation.individual import Individual
@@ -21,7 +21,7 @@ BEHIND = (0.0, 0.0, -1.0)
 
 @pytest.fixture(autouse=True)
 def _small_bank(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(camera_module, "load_bank", lambda name, truth: partial_bank(name))
+    monkeypatch.setattr(emission, "load_bank", lambda name, truth: partial_bank(name))
 
 
 def many(count: int = 1500, **truth: float) -> list[Individual]:
@@ -43,7 +43,7 @@ def hits(readouts: list[Readout]) -> int:
 
 def test_all_off_is_exactly_as_assumed() -> None:
     for own in many(20):
-        assert (own.sensitivity, own.clock_offset_ns, own.background(10.0), own.body_transmission(BEHIND)) == (1.0, 0, 1.0, 1.0)
+        assert (own.sensitivity, own.clock_offset_ns, own.background(10.0), own.transmission(BEHIND)) == (1.0, 0, 1.0, 1.0)
     assert (PixelCalibration.draw(CameraTruth(), np.random.default_rng(1)).true_a == NOMINAL_A).all()
 
 
@@ -115,9 +115,9 @@ def test_the_bodys_shadow_is_deepest_in_its_middle_and_ends_at_its_edge() -> Non
 
     def passes(off_deg: float) -> float:
         off = math.radians(off_deg)
-        return own.body_transmission((math.sin(off), 0.0, -math.cos(off)))
+        return own.transmission((math.sin(off), 0.0, -math.cos(off)))
 
-    assert own.body_transmission(BEHIND) == pytest.approx(0.7)
+    assert own.transmission(BEHIND) == pytest.approx(0.7)
     assert [passes(angle) for angle in (35.01, 90.0, 180.0)] == [1.0, 1.0, 1.0]
     falling = [passes(angle) for angle in (0.0, 10.0, 20.0, 30.0, 34.9)]
     assert falling == sorted(falling)
@@ -128,11 +128,28 @@ def test_the_bodys_shadow_is_deepest_in_its_middle_and_ends_at_its_edge() -> Non
 def test_a_shadowed_camera_sees_less_of_what_is_behind_it_and_all_of_what_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     truth = {"shadow": 0.6, "shadow_half_angle_deg": 60.0}
     assert hits(exposed(20, **truth)) == hits(exposed(20))
-    monkeypatch.setattr(camera_module, "load_bank", lambda name, truth: partial_bank(name, 150.0))
+    monkeypatch.setattr(emission, "load_bank", lambda name, truth: partial_bank(name, 150.0))
     behind = direction(150.0, 0.3)
-    share = Individual(CameraTruth(**truth), np.random.default_rng(5)).body_transmission(behind)
+    share = Individual(CameraTruth(**truth), np.random.default_rng(5)).transmission(behind)
     assert share == pytest.approx(0.4 ** (1.0 - (0.5 / math.sin(math.radians(60.0))) ** 2) ** 0.5)
     assert hits(exposed(200, towards=behind, **truth)) / hits(exposed(200, towards=behind)) == pytest.approx(share, rel=0.1)
+
+
+def test_the_anisotropy_spreads_over_directions_and_cameras_as_given_and_changes_nothing_else() -> None:
+    rng = np.random.default_rng(1)
+    directions = rng.standard_normal((50, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    cameras = many(200, anisotropy=0.07)
+    logs = np.log([[own.transmission(tuple(each)) for each in directions.tolist()] for own in cameras])
+    assert np.std(logs) == pytest.approx(0.07, rel=0.1)
+    # Smooth: a degree further it is hardly different.
+    near = directions + 0.017 * np.roll(directions, 1, axis=1)
+    near /= np.linalg.norm(near, axis=1, keepdims=True)
+    beside = np.log([[own.transmission(tuple(each)) for each in near.tolist()] for own in cameras])
+    assert np.std(beside - logs) < 0.1 * 0.07
+    drifting = {"sensitivity_spread": 0.05, "background_drift": 0.5}
+    plain, own = (many(1, **drifting, **more)[0] for more in ({}, {"anisotropy": 0.07}))
+    assert (own.sensitivity, own.background(1.0)) == (plain.sensitivity, plain.background(1.0))
 
 
 def test_clocks_are_off_by_a_constant_within_the_limit() -> None:

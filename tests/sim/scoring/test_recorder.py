@@ -11,6 +11,9 @@ from sim.live.monitor import Belief
 from sim.scenario import load_scenario, override
 from sim.scoring.recorder import Recorder
 from sim.world.frame import LocalFrames
+from sim.world.sources import Source
+
+SOURCES = (Source("Cs-137", 3e9, (0.0, 0.0, 0.0)),)
 
 
 @pytest.mark.parametrize("stage", [Stage.RETURN, Stage.LANDING, Stage.SURVEY])
@@ -20,11 +23,11 @@ def test_a_drone_that_never_lands_ends_no_run(stage, duration_s):
     pilot = SimpleNamespace(alive=True, stage=Stage.SURVEY, hypothesis=Belief(np.zeros(3), np.eye(3)), outlook=None, finding="")
     recorder = Recorder(scenario, [pilot], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05)
     position, velocity = np.array([[0.0, 0.0, 3.0]]), np.zeros((1, 3))
-    assert not recorder.sample(1.0, position, velocity, (0.0, 0.0))
+    assert not recorder.sample(1.0, position, velocity, SOURCES)
     pilot.stage = stage
     longest_s = 100.0 + max(180.0, duration_s) + 300.0
-    assert not recorder.sample(1.0 + longest_s, position, velocity, (0.0, 0.0))
-    assert recorder.sample(1.05 + longest_s, position, velocity, (0.0, 0.0))
+    assert not recorder.sample(1.0 + longest_s, position, velocity, SOURCES)
+    assert recorder.sample(1.05 + longest_s, position, velocity, SOURCES)
 
 
 class Watched:
@@ -38,7 +41,7 @@ class Watched:
 def flown(agent, recorder, seconds):
     position = np.array([[0.0, 0.0, 3.0]])
     for tick in range(1, round(seconds / 0.05)):
-        recorder.sample(0.05 * tick, position, np.zeros((1, 3)), None, np.zeros((1, 3)))
+        recorder.sample(0.05 * tick, position, np.zeros((1, 3)), (), np.zeros((1, 3)))
     return recorder.result(1, 1.0)
 
 
@@ -86,6 +89,7 @@ def test_the_result_has_errors_and_bounds_of_the_flight_in_the_true_frame_and_th
     source, offset = (40.0, 50.0), np.array([[0.6, 0.8, 0.0]])
     agent = Watched()
     recorder = Recorder(scenario, [agent], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05)
+    sources = [Source("Cs-137", scenario.source.activity_bq, (*source, 0.0))]
     seen = np.array([40.6, 50.8, 0.0])
     over, tick = False, 0
     while not over:
@@ -94,7 +98,7 @@ def test_the_result_has_errors_and_bounds_of_the_flight_in_the_true_frame_and_th
             agent.stage, agent.hypothesis = Stage.TRACK, Belief(seen, np.diag([2.0, 1.0, 0.0]))
         angle = 0.3 * 0.05 * tick
         position = np.array([[source[0] + 10.0 * np.cos(angle), source[1] + 10.0 * np.sin(angle), 3.0]])
-        over = recorder.sample(0.05 * tick, position, np.zeros((1, 3)), source, offset)
+        over = recorder.sample(0.05 * tick, position, np.zeros((1, 3)), sources, offset)
     result, trace = recorder.result(1, 1.0), recorder.trace()
     assert result.error_median_m == pytest.approx(1.0)
     assert result.error_relative_median_m == pytest.approx(0.0, abs=1e-9)
@@ -124,7 +128,7 @@ def test_the_swarm_is_judged_by_its_first_drone_while_that_lives_then_by_the_nex
 
     def fly(since_s):
         for tick in range(1, 9):
-            recorder.sample(since_s + 0.05 * tick, position, np.zeros((3, 3)), (0.0, 0.0))
+            recorder.sample(since_s + 0.05 * tick, position, np.zeros((3, 3)), SOURCES)
 
     fly(0.0)
     agents[0].alive = False
@@ -143,5 +147,5 @@ def test_tracking_lasts_as_long_as_the_truths_say_even_where_a_busy_machine_drop
     agent.stage = Stage.TRACK
     position = np.array([[0.0, 0.0, 3.0]])
     for tick in (*range(1, 41), *range(81, 121)):  # at 20 Hz, and 2 s of them lost
-        recorder.sample(0.05 * tick, position, np.zeros((1, 3)), None, np.zeros((1, 3)))
+        recorder.sample(0.05 * tick, position, np.zeros((1, 3)), (), np.zeros((1, 3)))
     assert recorder.result(1, 1.0).tracking_time_s == pytest.approx(6.0, abs=0.2)

@@ -4,8 +4,8 @@ import pytest
 from shapely import Point, Polygon
 
 from agent.errors import ConfigError
-from sim.scenario import SourceTruth
 from sim.world.source import source_path
+from sim.world.sourcetruth import SourceTruth
 
 AREA = Polygon([(0, 0), (100, 0), (100, 100), (0, 100)])
 

@@ -4,9 +4,11 @@ from msgspec.structs import replace
 
 from agent.config.drone import DroneConfig
 from sim.scenario import load_scenario
+from sim.streams import streams
 from sim.world.cameras import Cameras
 from sim.world.elevation import surveyed
 from sim.world.frame import CameraMount
+from sim.world.sources import Sources
 from sim.world.terrain import HillTruth, Terrain, TerrainTruth
 
 HILL = TerrainTruth(height_m=2.0, slope=(0.1, 0.0), hills=(HillTruth(centre_m=(10.0, 20.0), height_m=8.0, width_m=5.0),))
@@ -59,10 +61,12 @@ def test_the_source_is_seen_on_its_hill_and_not_through_another(monkeypatch):
 
     monkeypatch.setattr(CameraMount, "view", watched)
 
-    def hits(source):
-        cameras = Cameras(scenario, [DroneConfig(id="d1")], [np.random.default_rng(1)], 0)
+    def hits(start_m):
+        lying = replace(scenario, source=replace(scenario.source, start_m=start_m))
+        sources = Sources(lying, 1.0, streams(1, 1))
+        cameras = Cameras(lying, sources.nuclides, [DroneConfig(id="d1")], [np.random.default_rng(1)], 0)
         for k in range(100):
-            cameras.expose(0, k * 100_000_000, (k + 1) * 100_000_000, Hovering(), source)
+            cameras.expose(0, k * 100_000_000, (k + 1) * 100_000_000, Hovering(), sources.at(0.0))
         return len(cameras.read_out(0).hits)
 
     free, hidden = hits((10.0, 20.0)), hits((20.0, 20.0))

@@ -3,8 +3,11 @@ import pytest
 
 from agent.config.drone import DroneConfig
 from agent.errors import ConfigError
+from agent.terrain.buildings import Buildings, attenuation_per_m
+from agent.terrain.ground import Ground
 from sim.scenario import load_scenario, override
 from sim.world.cameras import Cameras
+from sim.world.sources import Source
 from sim.world.walls import Walls, WallTruth
 
 
@@ -71,14 +74,27 @@ def test_a_camera_behind_a_wall_sees_what_the_concrete_lets_through_and_all_that
     def hits_per_s(values: dict[str, object]) -> float:
         cameras = Cameras(
             override(scenario, values),  # type: ignore[arg-type]
-            [DroneConfig(id="d1")], [np.random.default_rng(2)], 0,
+            ["Cs-137"], [DroneConfig(id="d1")], [np.random.default_rng(2)], 0,
         )  # fmt: skip
         seconds = 300
         for second in range(seconds):
-            cameras.expose(0, second * 10**9, (second + 1) * 10**9, _Standing(), (50.0, 50.0))
+            cameras.expose(0, second * 10**9, (second + 1) * 10**9, _Standing(), [Source("Cs-137", 3e9, (50.0, 50.0, 0.0))])
         return len(cameras.read_out(0).hits) / seconds
 
     direct, behind = hits_per_s(no_scatter), hits_per_s(no_scatter | wall)
     assert behind / direct == pytest.approx(np.exp(-17.9 * 0.1), rel=0.12)  # three sigmas of the 1000 events behind the wall
     # A difference of 1700 events, to 8 % of one sigma.
     assert hits_per_s(wall) - behind == pytest.approx(hits_per_s({}) - direct, rel=0.25)
+
+
+def test_the_map_of_walls_known_is_that_of_the_true_walls():
+    """The drones' own cut of a line with the map's outlines against the truth's, from the file to the length of concrete."""
+    scenario = load_scenario("walls-known")
+    known = Buildings(scenario.mission.buildings, 1.0, Ground.from_config(scenario.mission))
+    per_m = attenuation_per_m(scenario.mission.buildings.known[0], 1.0)
+    rng = np.random.default_rng(3)
+    heights = rng.uniform(0.5, 5.0, 300), np.zeros(300)
+    start, end = (np.column_stack((rng.uniform(0.0, 100.0, (300, 2)), height_m)) for height_m in heights)
+    truth = [Walls(scenario.walls).concrete_m(one, other) for one, other in zip(start, end, strict=True)]
+    assert np.count_nonzero(truth) > 100
+    assert known.depth(start, end - start) / per_m == pytest.approx(np.array(truth), abs=1e-4)

@@ -246,7 +246,7 @@ def test_every_number_of_the_report_is_the_logs(findings, folder, flights):
     told_deg = [float(number) for number in re.findall(r"-?\d+\.\d+", row(text, "Position, WGS84"))]
     assert told_deg == pytest.approx(on_earth, abs=0.06)
     assert told_deg[:2] == pytest.approx(on_earth[:2], abs=1e-7)
-    last = hypothesis_of(flights_on_earth[0], findings.last.at_ms)
+    last = hypothesis_of(flights[0], findings.last.at_ms)
     sigma_m = math.sqrt(last.covariance[0, 0] + last.covariance[1, 1])
     end = f"({last.position[0]:.2f}, {last.position[1]:.2f}) m, 1 sigma {sigma_m:.2f} m"
     assert findings.last.at_ms == findings.best.at_ms or row(text, "At the end of the records").split(": ")[1].startswith(end)

@@ -1,9 +1,11 @@
+import numpy as np
 import pytest
 import shown_drone
 from msgspec.structs import replace
 from shown_drone import D1, NOW_NS, PLACE_M, POSE, SPEED_MPS, exposure
 
 from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
+from agent.fusion.estimator import Hypothesis
 from protocol.entries import Counts
 from protocol.keys import key_of
 from protocol.messages import Plan, Stage, Status
@@ -103,3 +105,16 @@ def test_the_spectrum_is_that_of_the_last_half_minute(picture):
     assert {place: count for place, count in enumerate(shown.coincidences) if count} == {3: 1}
     assert picture.spectra(NOW_NS + 90 * 10**9).drones == ()  # a camera that is silent shows none
     assert len(picture.about(replay=False).energies_kev) == len(shown.singles) + 1
+
+
+def test_all_sources_of_the_hypothesis_are_shown_each_with_its_own_nuclide(picture):
+    def hypothesis(x, nuclide, others=()):
+        return Hypothesis(NOW_NS, np.array([x, 0.0, 0.0]), np.diag([0.04, 0.01, 0.0]), np.zeros(3), 9, NOW_NS,
+                          activity_bq=1e9, nuclide=nuclide, others=others)  # fmt: skip
+
+    told = hypothesis(1.0, None, (hypothesis(20.0, "Co-60"), hypothesis(40.0, "Ir-192")))
+    picture.log.fusion.hypothesis = told
+    frame = picture.frame(NOW_NS)
+    assert (frame.source.place, frame.source.nuclide) == ((1.0, 0.0, 0.0), picture.mission.nuclide)
+    assert [(other.place[0], other.nuclide) for other in frame.others] == [(20.0, "Co-60"), (40.0, "Ir-192")]
+    assert frame.others[0].dose_usvph > 3.0 * frame.source.dose_usvph  # 0.35 against 0.09 uSv/h at 1 m from 1 MBq

@@ -1,0 +1,49 @@
+"""What known walls and buildings leave of a source's direct photons, as far as the source's place is known."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.fusion.bayes.response import Response
+from agent.geometry import Array
+from agent.terrain.buildings import Buildings
+
+_MAP_SIGMA = 0.03  # relative, of the optical depth: a map's thicknesses and densities
+_WIDEST_M = 5.0  # of the sigmas, beyond which nothing is known of what lies between
+
+
+class Shielding(NamedTuple):
+    """T, the share (S, M) of the direct photons that pass the buildings, and its 1 sigma (S, M)."""
+
+    share: Array
+    sigma: Array
+
+    @staticmethod
+    def of(buildings: Buildings, start: Array, way: Array, sigma_m: Array) -> Shielding:
+        """Mean and spread of T over the source's place and four more, one sigma to each side along both axes:
+
+            T = mean_i T_i,  sigma^2 = sum over the axes of ((T_+ - T_-) / 2)^2 + (0.03 depth T)^2,  T_i = exp(-depth_i).
+
+        start, way: (S, M, 3), of the camera, and from there to the source. sigma_m: (S, M, 2) of the source's x and y.
+        """
+        sides = np.zeros((5, *way.shape))
+        for axis in range(2):
+            sides[1 + 2 * axis, ..., axis] = np.minimum(sigma_m[..., axis], _WIDEST_M)
+            sides[2 + 2 * axis] = -sides[1 + 2 * axis]
+        ways = (way + sides).reshape(-1, 3)
+        depth = buildings.depth(np.broadcast_to(start, sides.shape).reshape(-1, 3), ways).reshape(sides.shape[:-1])
+        passing = np.exp(-depth)
+        across = ((passing[1] - passing[2]) ** 2 + (passing[3] - passing[4]) ** 2) / 4.0
+        return Shielding(passing.mean(axis=0), np.sqrt(across + (_MAP_SIGMA * depth[0] * passing[0]) ** 2))
+
+    def counts(self, response: Response, fluence: Array, expected: Array) -> tuple[Array, Array]:
+        """Expected counts (S, M, 2) behind the buildings, and the variance (S, M) of the logarithm of their sum by sigma.
+
+        Buildings take off direct photons, F phi of S = F phi (1 + build-up); what is scattered comes from all sides.
+        fluence: (S, M), expected: (S, M, 2), both without buildings.
+        """
+        direct = response.direct(fluence)
+        behind = expected - direct * (1.0 - self.share[..., None])
+        return behind, (direct.sum(axis=-1) * self.sigma / behind.sum(axis=-1)) ** 2

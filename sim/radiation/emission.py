@@ -1,0 +1,159 @@
+"""The events that a camera may see of one nuclide: their bank, and what air and concrete leave of its lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.radiation._jit import jit
+from sim.radiation.concrete import concrete_attenuation_per_m
+from sim.radiation.events import KINDS
+from sim.radiation.materials import air_attenuation_per_m
+from sim.radiation.nuclides import nuclide as nuclide_of
+from sim.radiation.store import load_bank
+from sim.radiation.truth import CameraTruth
+
+IntArray = NDArray[np.int64]
+
+
+class Picked(NamedTuple):
+    """Events to be read out. pixels, first: as of Events. event: (N,) indices into ``first``; symmetry, tick: (N,) of each."""
+
+    pixels: NDArray[np.void]
+    first: IntArray
+    event: IntArray
+    symmetry: IntArray
+    tick: IntArray
+
+
+class Origins(NamedTuple):
+    """Where events of one exposure may come from: the views, then each nuclide's scattered photons, then the background.
+
+    cumulative: (O,) cumulated rates. bins: (O,) of the bank. nuclide: (O,) index of each one's emission. symmetries: (views,) of
+    the views alone; of the others, each event has its own. excess: (views, lines), optical depth of what lies between, beyond
+    that of the most penetrating line.
+    """
+
+    cumulative: NDArray[np.float64]
+    bins: IntArray
+    nuclide: IntArray
+    symmetries: IntArray
+    excess: NDArray[np.float64]
+
+
+class Emission:
+    """One nuclide before one camera.
+
+    area_mm2: effective area of each bin of its bank. least_attenuation: of its most penetrating line, in air, per metre.
+    """
+
+    def __init__(self, nuclide: str, truth: CameraTruth) -> None:
+        """Raises ConfigError for an unknown nuclide."""
+        lines = nuclide_of(nuclide).lines
+        self.nuclide = nuclide
+        self.lines = len(lines)
+        self._bank = load_bank(nuclide, truth)
+        area = self._bank.area_mm2.sum(axis=1)
+        self.area_mm2: list[float] = area.tolist()
+        self._kind = np.ascontiguousarray(np.cumsum(self._bank.area_mm2, axis=1) / np.maximum(area[:, None], 1e-30))
+        self._attenuation = [air_attenuation_per_m(energy) for energy, _ in lines]
+        self.least_attenuation = min(self._attenuation)
+        self._concrete = [concrete_attenuation_per_m(energy) for energy, _ in lines]
+
+    def depths(self, distance_m: float, concrete_m: float) -> list[float]:
+        """Optical depth of each line through so much air and concrete."""
+        lines = zip(self._attenuation, self._concrete, strict=True)
+        return [air * distance_m + concrete * concrete_m for air, concrete in lines]
+
+    def pick(self, u: NDArray[np.float64], origin: IntArray, origins: Origins, first_tick: int, ticks: int) -> Picked:
+        """Events from (N, 5) uniform numbers and the origin of each, an index into ``origins``."""
+        bank = self._bank
+        event, symmetry, tick = _pick(
+            u,
+            origin,
+            origins.bins,
+            origins.symmetries,
+            origins.excess,
+            self._kind,
+            bank.start,
+            bank.count,
+            bank.line,
+            first_tick,
+            ticks,
+        )
+        return Picked(bank.pixels, bank.first, event, symmetry, tick)
+
+
+def pick(emissions: Sequence[Emission], u: NDArray[np.float64], origins: Origins, first_tick: int, ticks: int) -> Picked:
+    """Events of all emissions from (N, 5) uniform numbers, of which the first choose the origins."""
+    last = len(origins.bins) - 1
+    origin = np.minimum(np.searchsorted(origins.cumulative, u[:, 0] * origins.cumulative[-1], side="right"), last)
+    if len(emissions) == 1:
+        return emissions[0].pick(u, origin, origins, first_tick, ticks)
+    parts = []
+    for k, emission in enumerate(emissions):
+        mine = np.flatnonzero(origins.nuclide[origin] == k)
+        parts.append(emission.pick(u[mine], origin[mine], origins, first_tick, ticks))
+    return _joined(parts)
+
+
+def _joined(parts: Sequence[Picked]) -> Picked:
+    """The picked events of several banks as of one bank that holds them alone."""
+    pixels, lengths = [], []
+    for part in parts:
+        begin = part.first[part.event]
+        length = part.first[part.event + 1] - begin
+        offset = np.cumsum(length) - length
+        pixels.append(part.pixels[np.repeat(begin - offset, length) + np.arange(length.sum())])
+        lengths.append(length)
+    first = np.concatenate(([0], np.cumsum(np.concatenate(lengths))))
+    event = np.arange(len(first) - 1)
+    symmetry, tick = (np.concatenate(columns) for columns in ([p.symmetry for p in parts], [p.tick for p in parts]))
+    return Picked(np.concatenate(pixels), first, event, symmetry, tick)
+
+
+@jit
+def _pick(
+    u: NDArray[np.float64],
+    origin: IntArray,
+    bins: IntArray,
+    symmetries: IntArray,
+    excess: NDArray[np.float64],
+    kind_cumulative: NDArray[np.float64],
+    start: IntArray,
+    count: IntArray,
+    line: NDArray[np.uint8],
+    first_tick: int,
+    ticks: int,
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Draw events: (N,) bank indices, symmetries and ticks from (N, 5) uniform numbers and (N,) origins.
+
+    The rates include the transmission of the most penetrating line; events of other lines are thinned out to theirs.
+    """
+    event = np.empty(len(u), np.int64)
+    symmetry = np.empty(len(u), np.int64)
+    tick = np.empty(len(u), np.int64)
+    size = 0
+    for n in range(len(u)):
+        place = bins[origin[n]]
+        kind = 0
+        while kind < KINDS - 1 and u[n, 1] >= kind_cumulative[place, kind]:
+            kind += 1
+        if count[place, kind] == 0:
+            continue
+        chosen = start[place, kind] + int(u[n, 2] * count[place, kind])
+        if origin[n] < len(symmetries):
+            keep = np.exp(-excess[origin[n], line[chosen]])
+            symmetry[size] = symmetries[origin[n]]
+        else:
+            keep = 1.0
+            symmetry[size] = int(8.0 * u[n, 4])
+        if keep < 1.0 and u[n, 4] >= keep:
+            continue
+        event[size] = chosen
+        tick[size] = first_tick + int(u[n, 3] * ticks)
+        size += 1
+    return event[:size], symmetry[:size], tick[:size]

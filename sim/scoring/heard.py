@@ -1,0 +1,60 @@
+"""What the drones of a run publish, as far as it is scored: cones, hits, deviations from plans, estimates."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec.structs import replace
+
+from protocol.entries import Cone, Exposure
+from protocol.messages import AnyMessage, Estimate, Plan, Pose, Source, Stage
+from sim.result import ConeTrace, EstimateTrace
+from sim.scoring.following import Following
+from sim.world.frame import LocalFrames
+
+KINDS = ("/cone", "/exposure", "/plan", "/pose", "/estimate")  # ends of the keys of what is scored
+
+
+class Heard:
+    """Collects messages of all drones.
+
+    cones: in the mission frame. last_cone_s: time of the last one. estimates: of the drone by which the swarm is judged; each of
+    their sources with its nuclide.
+    """
+
+    def __init__(self, frames: LocalFrames, nuclide: str) -> None:
+        """``frames``: the vehicles' true local frames. ``nuclide``: the mission's, of estimated sources that tell none."""
+        self._frames = frames
+        self._nuclide = nuclide
+        self.following = Following()
+        self.hits = 0
+        self.cones: list[ConeTrace] = []
+        self.last_cone_s = 0.0
+        self.estimates: list[EstimateTrace] = []
+
+    def take(self, time_s: float, drone: int, message: AnyMessage, stage: Stage, judged: bool) -> None:
+        """Take a message of a drone, which is in this stage. ``judged``: the swarm is judged by it."""
+        if isinstance(message, Exposure):
+            self.hits += message.counts.hits
+        elif isinstance(message, Plan):
+            self.following.plan(message)
+        elif isinstance(message, Pose):
+            self.following.pose(message, stage)
+        elif isinstance(message, Estimate) and judged:
+            self.estimates.append(EstimateTrace(time_s, tuple(self._told(source) for source in message.sources)))
+        elif isinstance(message, Cone):
+            self.last_cone_s = time_s
+            self.cones.append(self._cone(time_s, drone, message))
+
+    def _told(self, source: Source) -> Source:
+        return source if source.nuclide is not None else replace(source, nuclide=self._nuclide)
+
+    def _cone(self, time_s: float, drone: int, cone: Cone) -> ConeTrace:
+        matrix, origin = self._frames.matrix[drone], self._frames.origin[drone]
+        orders = sorted(cone.orders, key=lambda order: -order.probability)
+        return ConeTrace(
+            time_s=time_s,
+            drone=drone,
+            apex_m=matrix @ cone.apex_m + origin,
+            axis=np.array([order.axis for order in orders]) @ matrix.T,
+            theta_rad=np.array([order.theta_rad for order in orders]),
+        )
