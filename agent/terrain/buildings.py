@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.geometry.polygon import orient
 
@@ -36,15 +37,19 @@ class Buildings:
 
     def __init__(self, config: BuildingsConfig, air_per_m: float, ground: Ground) -> None:
         """``air_per_m``: attenuation of the nuclide's photons by air."""
-        sides, tops, strengths = [], [], []
-        for building in config.known:
+        sides, tops, strengths, boxes = [], [], [], []
+        owners: list[int] = []
+        for number, building in enumerate(config.known):
             outline = orient(Polygon(building.footprint_m))  # counter-clockwise
             corners = np.array(outline.exterior.coords)
             sides.append(np.hstack((corners[:-1], corners[1:])))
             tops += [ground.height_m(outline.centroid.x, outline.centroid.y) + building.height_m] * len(sides[-1])
             strengths += [attenuation_per_m(building, air_per_m)] * len(sides[-1])
+            owners += [number] * len(sides[-1])
+            boxes.append(outline.bounds)
         self._sides = np.vstack(sides) if sides else np.empty((0, 4))
-        self._tops, self._strengths = np.array(tops), np.array(strengths)
+        self._tops, self._strengths, self._boxes = np.array(tops), np.array(strengths), np.array(boxes).reshape(-1, 4)
+        self._owner = np.array(owners, np.intp)
 
     def __bool__(self) -> bool:
         return len(self._sides) > 0
@@ -55,19 +60,30 @@ class Buildings:
         Along a line, a prism's share is the sum over its sides of the places where the line leaves it, minus those where it
         enters it, each cut off at the ends of the way and where the line passes above the roof.
         """
+        sides = self._near(start, start + way)
+        if not sides.any():
+            return np.zeros(len(way))
         x0, y0, z0 = (start[:, axis, None] for axis in range(3))
         dx, dy, dz = (way[:, axis, None] for axis in range(3))
         level = dx * dx + dy * dy
         dx = np.where(level > _LEVEL_M**2, dx, _LEVEL_M)
         level = dx * dx + dy * dy
-        px, py, qx, qy = self._sides[:, 0] - x0, self._sides[:, 1] - y0, self._sides[:, 2] - x0, self._sides[:, 3] - y0
+        corners = self._sides[sides]
+        px, py, qx, qy = corners[:, 0] - x0, corners[:, 1] - y0, corners[:, 2] - x0, corners[:, 3] - y0
         first, second = dx * py - dy * px, dx * qy - dy * qx  # to the left of the line, each end of a side
         crosses = (first < 0.0) != (second < 0.0)
         share = first / np.where(crosses, first - second, 1.0)
         along = ((px + share * (qx - px)) * dx + (py + share * (qy - py)) * dy) / level
         dz = np.where(np.abs(dz) > _LEVEL_M, dz, -_LEVEL_M)
-        roof = np.clip((self._tops - z0) / dz, 0.0, 1.0)  # where the line passes through the roof's height
+        roof = np.clip((self._tops[sides] - z0) / dz, 0.0, 1.0)  # where the line passes through the roof's height
         inside = np.clip(along, np.where(dz < 0.0, roof, 0.0), np.where(dz < 0.0, 1.0, roof))
         leaving = np.where(first < 0.0, inside, -inside) * crosses
-        result: Array = np.sqrt(np.vecdot(way, way)) * np.maximum(leaving @ self._strengths, 0.0)
+        result: Array = np.sqrt(np.vecdot(way, way)) * np.maximum(leaving @ self._strengths[sides], 0.0)
         return result
+
+    def _near(self, start: Array, end: Array) -> NDArray[np.bool_]:
+        """(E,) whether a side's prism overlaps the rectangle around all ways: of a town there are but a few."""
+        low, high = np.minimum(start, end).min(axis=0), np.maximum(start, end).max(axis=0)
+        west, south, east, north = self._boxes.T
+        near = (west <= high[0]) & (east >= low[0]) & (south <= high[1]) & (north >= low[1])
+        return np.asarray(near[self._owner])

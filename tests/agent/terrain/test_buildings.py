@@ -39,7 +39,12 @@ def test_on_level_ways_the_depth_is_the_length_inside_each_outline() -> None:
         for a, b in zip(start, end, strict=True)
     ]
     assert np.count_nonzero(expected) > 50
-    assert buildings(*known).depth(start, end - start) == pytest.approx(np.array(expected), abs=1e-9)
+    town, way = buildings(*known), end - start
+    assert town.depth(start, way) == pytest.approx(np.array(expected), abs=1e-9)
+    alone = [
+        float(town.depth(start[k : k + 1], way[k : k + 1])[0]) for k in range(len(start))
+    ]  # most are near one building or none
+    assert alone == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_line_that_passes_the_roof_is_inside_only_below_it() -> None:
