@@ -60,7 +60,8 @@ class Hypothesis(Struct, frozen=True, eq=False):
     estimate was declared. activity_bq, activity_sigma_bq: None if the estimator has no estimate of it.
     evidence: log Bayes factor of a source against background alone; None if the estimator does not compute it: then
     ``covariance`` is the filter's own, and need not match the actual error.
-    sights: the apparent place by drone; empty if the estimator has no pose biases.
+    sights: the apparent place by drone; empty if the estimator has no pose biases. nuclide: None if the estimator takes the
+    mission's. others: further sources, which the swarm does not act on.
     """
 
     stamp_ns: int
@@ -73,6 +74,8 @@ class Hypothesis(Struct, frozen=True, eq=False):
     activity_sigma_bq: float | None = None
     evidence: float | None = None
     sights: Mapping[str, Sight] = field(default_factory=lambda: MappingProxyType({}))
+    nuclide: str | None = None
+    others: tuple[Hypothesis, ...] = ()
 
     def __post_init__(self) -> None:
         for array in (self.position, self.covariance, self.velocity):
