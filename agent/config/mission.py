@@ -15,7 +15,7 @@ from shapely import Point, Polygon
 from shapely.validation import explain_validity
 
 from agent.config.estimators import FusionConfig
-from agent.config.section import Activity, Coordinate, Degrees, NonNegative, Positive, Section
+from agent.config.section import Activity, Coordinate, Degrees, NonNegative, Positive, Section, content_of
 from agent.errors import ConfigError
 from protocol.units import DroneId, Identifier, Latitude, Longitude
 
@@ -284,7 +284,7 @@ class MissionConfig(Section, frozen=True, kw_only=True):
     @property
     def mission_id(self) -> str:
         """16 hex digits that differ when anything in the mission differs."""
-        content = msgspec.json.encode(self, order="sorted")
+        content = msgspec.json.encode(content_of(self), order="sorted")
         return hashlib.blake2b(content, digest_size=8).hexdigest()
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
-from msgspec import Meta, Struct
+from msgspec import NODEFAULT, Meta, Struct
+from msgspec.structs import FieldInfo, fields
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 Activity = Annotated[float, Meta(gt=0.0, le=1e15)]
@@ -14,4 +15,29 @@ Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 
 
 class Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Base of all sections: a key that is not known is an error, not a default."""
+    """Base of all sections: a key that is not known is an error, not a default.
+
+    ``later``: names of the keys that came after version 2 of the protocol. They are no part of a section's content while they
+    have their defaults, so that a mission which does not use them keeps its id, and its flight records open.
+    """
+
+    later: ClassVar[frozenset[str]] = frozenset()
+
+
+def content_of(section: Section) -> dict[str, object]:
+    """What identifies a section: its keys and values, and those of the sections in it, less what is ``later`` and unused."""
+    return {
+        field.encode_name: _plain(value)
+        for field in fields(section)
+        if (value := getattr(section, field.name)) != _default(field) or field.name not in section.later
+    }
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, Section):
+        return content_of(value)
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+
+
+def _default(field: FieldInfo) -> object:
+    return field.default_factory() if field.default_factory is not NODEFAULT else field.default
