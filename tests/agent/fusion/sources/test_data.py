@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.frames.transform import Transform
@@ -37,6 +37,7 @@ EXPOSURES = st.lists(
 )
 
 
+@settings(max_examples=30)
 @given(EXPOSURES, st.randoms(use_true_random=False), st.integers(0, 12))
 def test_order_and_parts_do_not_matter(exposures, random, cut):
     whole = Rows.none().plus(exposures, DRONES)
