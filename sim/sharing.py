@@ -110,5 +110,6 @@ def _content(observation: Observation) -> tuple[object, ...]:
     common = observation.stamp_ns, observation.position_sigma_m, observation.yaw_sigma_rad, frame
     entry = observation.identity, observation.epoch
     if isinstance(observation, ConeObservation):
-        return *entry, *common, observation.readings
-    return *entry, *common, observation.middle_ns, observation.position, observation.live_time_s, observation.counts.tobytes()
+        return *entry, *common, observation.readings, observation.energy_kev
+    counted = observation.live_time_s, observation.counts.tobytes(), observation.spectrum
+    return *entry, *common, observation.middle_ns, observation.position, *counted

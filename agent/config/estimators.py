@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
 from agent.config.section import Activity, Coordinate, NonNegative, Positive, Section
-from protocol.units import Identifier
+from protocol.units import Identifier, Nuclide
 
 
 class PaperEstimatorConfig(Section, frozen=True, kw_only=True):
@@ -52,6 +52,20 @@ class BayesEstimatorConfig(Section, frozen=True, kw_only=True):
     doubt: Annotated[float, Meta(gt=0.0, lt=1.0)] = 1e-3  # largest probability of no source at which the source is declared found
 
 
+class SourcesEstimatorConfig(Section, frozen=True, kw_only=True):
+    """Parameters of the estimator of several sources at rest."""
+
+    nuclides: tuple[Nuclide, ...] = ()  # candidates; none: all that it knows
+    most: Annotated[int, Meta(ge=1, le=6)] = 6  # sources
+    activity_bq: tuple[Activity, Activity] = (1e6, 1e13)
+    gain_sigma: Positive = 0.05  # relative sensitivity of a camera against the others, 1 sigma
+    area_sigma: NonNegative = 0.08  # relative: cameras face the source (I-131: 9 % more), areas are means of all sides
+    refined_s: Annotated[float, Meta(ge=0.5, le=60.0)] = 2.0  # time between two refinements
+    moved_s: Annotated[float, Meta(ge=0.5, le=600.0)] = 10.0  # time between two searches for further sources
+    least_gain: NonNegative = 3.0  # of log evidence, by a further source
+    declared_rms_m: Positive = 3.5  # largest posterior RMS at which a source is told
+
+
 class GivenHypothesisConfig(Section, frozen=True, kw_only=True):
     """A hypothesis that moves by a schedule: ``[[t_s, x, y], ...]`` from the mission's start, mission frame."""
 
@@ -61,8 +75,11 @@ class GivenHypothesisConfig(Section, frozen=True, kw_only=True):
 class FusionConfig(Section, frozen=True, kw_only=True):
     """The estimator, and its time grid."""
 
-    estimator: Identifier = "bayes"  # paper, paper-geometric, bayes, given, or one of an installed package
+    later: ClassVar[frozenset[str]] = frozenset({"sources"})  # no part of a mission's id while it has its defaults
+
+    estimator: Identifier = "bayes"  # paper, paper-geometric, bayes, sources, given, or one of an installed package
     grid_s: Annotated[float, Meta(ge=0.05, le=10.0)] = 0.5
     paper: PaperEstimatorConfig = PaperEstimatorConfig()
     bayes: BayesEstimatorConfig = BayesEstimatorConfig()
+    sources: SourcesEstimatorConfig = SourcesEstimatorConfig()
     given: GivenHypothesisConfig | None = None

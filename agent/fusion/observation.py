@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from agent.frames.transform import Transform
 from agent.geometry import Vector3
 from protocol.entries import Cone, Entry, EntryId, Exposure, PoseSample
+from protocol.spectrum import Spectrum
 
 _SHORTEST_LIVE_S = 1e-3  # exposures shorter than this hold no information
 _SHORTEST_AXIS = 0.5  # a shorter "unit vector" is no direction
@@ -47,6 +48,7 @@ class ConeObservation(Struct, frozen=True):
     mission_from_local: Transform
     identity: EntryId
     epoch: int
+    energy_kev: float = 0.0  # of the line
 
     @property
     def apex(self) -> Vector3:
@@ -80,6 +82,7 @@ class CountObservation(Struct, frozen=True):
     mission_from_local: Transform
     identity: EntryId
     epoch: int
+    spectrum: Spectrum = ()
 
 
 Observation = ConeObservation | CountObservation
@@ -116,7 +119,16 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform, identity:
     position = mission_from_local.apply_point(place)
     live_s = exposure.live_time_s
     return CountObservation(
-        known_ns(exposure), middle_ns, position, live_s, counts, *sigmas, mission_from_local, identity, exposure.epoch
+        known_ns(exposure),
+        middle_ns,
+        position,
+        live_s,
+        counts,
+        *sigmas,
+        mission_from_local,
+        identity,
+        exposure.epoch,
+        exposure.spectrum,
     )
 
 
@@ -155,4 +167,6 @@ def _observe_cone(cone: Cone, mission_from_local: Transform, identity: EntryId) 
     if not readings:
         return None
     sigmas = _sigmas(cone, mission_from_local, cone.apex_m, cone.apex_sigma_m)
-    return ConeObservation(cone.stamp_ns, tuple(readings), *sigmas, mission_from_local, identity, cone.epoch)
+    return ConeObservation(
+        cone.stamp_ns, tuple(readings), *sigmas, mission_from_local, identity, cone.epoch, sum(cone.energies_kev)
+    )

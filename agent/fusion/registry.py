@@ -30,6 +30,7 @@ def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
     - ``paper``: the paper's filter, with the projection rule as printed.
     - ``paper-geometric``: the same with the rule that the geometry asks for.
     - ``bayes``: the posterior from cones and counts, at rest or moving, with the poses' biases.
+    - ``sources``: several sources at rest, of unknown number and nuclides, from spectra and cones.
     - ``given``: the schedule of fusion.given.
     - any other: of an installed package.
 
@@ -44,6 +45,18 @@ def check_estimator(name: str, where: str) -> None:
     """Raise ConfigError, naming ``where``, if there is no estimator of that name; nothing is imported to find out."""
     if name not in _MAKERS:
         _entry_point(name, where)
+
+
+def check_flown(name: str, where: str) -> None:
+    """As ``check_estimator``, and whether a drone can fly by it: one whose steps take longer than the control loop may wait is
+    for simulations in lockstep and replays only.
+    """
+    check_estimator(name, where)
+    if name in _TOO_SLOW:
+        raise ConfigError(
+            f"{where}: estimator {name!r} computes for up to a second at a time, for which a drone's control loop cannot wait; "
+            "it is for `radron-sim run`, `campaign` and `consistency`; give another one, such as 'bayes'"
+        )
 
 
 def _entry_point(name: str, where: str) -> EntryPoint:
@@ -93,6 +106,14 @@ def _bayes(mission: MissionConfig) -> Estimator[Any]:
     return BayesEstimator(mission, Polygon(mission.area.polygon_m))
 
 
+def _sources(mission: MissionConfig) -> Estimator[Any]:
+    from shapely import Polygon  # noqa: PLC0415
+
+    from agent.fusion.sources.estimator import SourcesEstimator  # noqa: PLC0415
+
+    return SourcesEstimator(mission, Polygon(mission.area.polygon_m))
+
+
 def _given(mission: MissionConfig) -> Estimator[Any]:
     from agent.fusion.given import GivenEstimator  # noqa: PLC0415
     from agent.terrain.ground import Ground  # noqa: PLC0415
@@ -106,6 +127,8 @@ _MAKERS: dict[str, Callable[[MissionConfig], Estimator[Any]]] = {
     "paper": lambda mission: _paper(mission, "paper", "paper"),
     "paper-geometric": lambda mission: _paper(mission, "geometric", "paper-geometric"),
     "bayes": _bayes,
+    "sources": _sources,
     "given": _given,
 }
+_TOO_SLOW = frozenset({"sources"})
 ESTIMATORS: tuple[str, ...] = tuple(_MAKERS)  # those of this package

@@ -166,23 +166,28 @@ class Reporter:
         )
 
     def _estimate(self, now_ns: int, hypothesis: Hypothesis, digest: str) -> Estimate:
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
-        x, y, z = hypothesis.position.tolist()
-        u, v, w = hypothesis.velocity.tolist()
-        source = Source(
-            position_m=(x, y, z),
-            covariance_m2=(xx, xy, xz, yy, yz, zz),
-            velocity_mps=(u, v, w),
-            activity_bq=hypothesis.activity_bq,
-            activity_sigma_bq=hypothesis.activity_sigma_bq,
-            evidence=hypothesis.evidence,
-            cones=hypothesis.cones,
-        )
         return Estimate(
             stamp_ns=now_ns,
             drone=self._drone,
             mission=self._mission_id,
             estimator=self._estimator,
             digest=digest,
-            sources=(source,),
+            sources=tuple(_source(one) for one in (hypothesis, *hypothesis.others)),
         )
+
+
+def _source(hypothesis: Hypothesis) -> Source:
+    """As it is published."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
+    x, y, z = hypothesis.position.tolist()
+    u, v, w = hypothesis.velocity.tolist()
+    return Source(
+        position_m=(x, y, z),
+        covariance_m2=(xx, xy, xz, yy, yz, zz),
+        velocity_mps=(u, v, w),
+        nuclide=hypothesis.nuclide,
+        activity_bq=hypothesis.activity_bq,
+        activity_sigma_bq=hypothesis.activity_sigma_bq,
+        evidence=hypothesis.evidence,
+        cones=hypothesis.cones,
+    )

@@ -13,6 +13,7 @@ from agent.fusion.observation import CountObservation
 from agent.fusion.registry import estimator_named
 from agent.pilot import Pilot
 from protocol.entries import EntryId
+from protocol.spectrum import SpectrumBin
 from sim.lockstep import watched
 from sim.scenario import load_scenario, override
 from sim.scoring.invariants.care import bytes_of
@@ -104,6 +105,7 @@ def test_what_is_shared_depends_on_every_value_of_an_observation_and_on_no_objec
         replace(counts, position=(1.0, 2.0, 8.5)),
         replace(counts, live_time_s=0.4),
         replace(counts, counts=np.array((1.0, 1.0, 2.0))),
+        replace(counts, spectrum=(SpectrumBin(3, 1, 0),)),
         replace(counts, position_sigma_m=0.2),
         replace(counts, yaw_sigma_rad=0.02),
         replace(counts, identity=counts.identity._replace(sequence=2)),

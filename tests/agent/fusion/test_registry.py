@@ -6,7 +6,13 @@ from agent.fusion.registry import ESTIMATORS, estimator_named
 
 def test_every_estimator_carries_its_name(kit):
     mission = kit.mission_of(schedule=((0.0, 1.0, 2.0),))
-    assert [estimator_named(name, mission).name for name in ESTIMATORS] == ["paper", "paper-geometric", "bayes", "given"]
+    assert [estimator_named(name, mission).name for name in ESTIMATORS] == [
+        "paper",
+        "paper-geometric",
+        "bayes",
+        "sources",
+        "given",
+    ]
 
 
 def test_the_name_is_the_projection_rule(kit):
@@ -15,7 +21,7 @@ def test_the_name_is_the_projection_rule(kit):
 
 
 def test_what_is_wrong_is_said(kit):
-    with pytest.raises(ConfigError, match="unknown estimator 'bayse'; known: paper, paper-geometric, bayes, given"):
+    with pytest.raises(ConfigError, match="unknown estimator 'bayse'; known: paper, paper-geometric, bayes, sources, given"):
         estimator_named("bayse", kit.mission_of())
     with pytest.raises(ConfigError, match=r"needs fusion\.given\.schedule"):
         estimator_named("given", kit.mission_of())

@@ -1,9 +1,11 @@
 """The regular messages of a drone."""
 
+import numpy as np
 import pytest
 
+from agent.fusion.estimator import Hypothesis
 from agent.mission.reporter import Condition, Reporter
-from protocol.messages import Stage, Status
+from protocol.messages import Estimate, Stage, Status
 
 SECOND = 1_000_000_000
 NOW_NS = 1_767_225_600 * SECOND
@@ -23,3 +25,19 @@ def test_a_clock_that_is_set_back_does_not_silence_the_drone(back_s: int) -> Non
     usual = statuses(NOW_NS)
     assert usual >= 4
     assert statuses(NOW_NS + (5 - back_s) * SECOND) >= usual - 1
+
+
+def test_all_sources_of_an_estimate_are_published_with_their_nuclides() -> None:
+    def source(x: float, nuclide: str, *others: Hypothesis) -> Hypothesis:
+        place, spread = np.array((x, 2.0, 0.0)), np.diag((0.04, 0.09, 0.0))
+        return Hypothesis(NOW_NS, place, spread, np.zeros(3), 7, NOW_NS, 2e9, 1e8, nuclide=nuclide, others=others)
+
+    reporter = Reporter("d1", "m" * 16, "0" * 16, "sources")
+    condition = Condition(Stage.TRACK, {}, (), "", None, {}, None)
+    first = source(1.0, "Cs-137", source(5.0, "Co-60"))
+    (estimate,) = [
+        one for one in reporter.due(NOW_NS, None, None, (first, "0" * 32), lambda: condition) if isinstance(one, Estimate)
+    ]
+    assert [(one.position_m[0], one.nuclide) for one in estimate.sources] == [(1.0, "Cs-137"), (5.0, "Co-60")]
+    assert estimate.sources[1].covariance_m2 == (0.04, 0.0, 0.0, 0.09, 0.0, 0.0)
+    assert estimate.flaw() is None

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import pytest
+from msgspec.structs import replace
 
 from agent.config.drone import DetectorConfig, DroneConfig
 from agent.config.estimators import FusionConfig, GivenHypothesisConfig
 from agent.config.launchplaces import check_launch_places
 from agent.config.mission import AreaConfig, DroneInMission, LimitsConfig, MissionConfig
 from agent.errors import ConfigError
-from agent.shell.startable import camera_missing
+from agent.shell.startable import camera_missing, check_for_drone
 
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0)))
 
@@ -57,3 +58,12 @@ def test_a_drone_without_a_camera_cannot_search() -> None:
     given = FusionConfig(estimator="given", given=GivenHypothesisConfig(schedule=((0.0, 1.0, 1.0),)))
     exercise = MissionConfig(name="test", drones=yard.drones, area=AREA, fusion=given)
     assert camera_missing(DroneConfig(id="d1"), exercise) is None
+
+
+def test_no_drone_flies_by_an_estimator_that_would_hold_its_control_loop() -> None:
+    slow = replace(mission((10.0, 2.0)), fusion=FusionConfig(estimator="sources"))
+    with pytest.raises(
+        ConfigError, match=r"^yard.toml: fusion.estimator: estimator 'sources' .* give another one, such as 'bayes'"
+    ):
+        check_for_drone(slow, "d1", "yard.toml")
+    check_for_drone(replace(slow, fusion=FusionConfig(estimator="bayes")), "d1", "yard.toml")

@@ -1,0 +1,79 @@
+"""Where a further source may be: a score test on a grid of places, for every nuclide, and the fit of a single source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agent.fusion.sources.counts import CountModel
+from agent.fusion.sources.data import Rows
+from agent.fusion.sources.solution import Solution
+from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
+from agent.geometry import Array
+from agent.terrain.ground import Ground
+
+_LEAST_GAIN = 6.0  # of log likelihood by the score test; the fit that follows usually gains more
+_MOST = 6  # candidates that are fitted
+_APART_M = 5.0  # of two candidates of the same nuclide
+_AIR_PER_M = 0.009  # in the score test, for all nuclides
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A source that may be added. place: (2,) metres. gain: of log likelihood, as estimated."""
+
+    nuclide: int
+    place: Array
+    log_activity: float
+    gain: float
+
+
+class Scan:
+    """The grid of places with the rows, by coarse voxels."""
+
+    def __init__(self, rows: Rows, counts: CountModel, spectra: Spectra, ground: Ground, places: Array) -> None:
+        """``places``: (G, 2) metres."""
+        self._counts, self._spectra, self._places = counts, spectra, places
+        self._voxel, self._voxels = rows.coarse()
+        live = self._summed(counts.live_s)
+        middle = self._summed(counts.place * counts.live_s[:, None]) / live[:, None]
+        at = np.column_stack((places, ground.heights_m(places)))
+        square = (at**2).sum(axis=1)[:, None] + (middle**2).sum(axis=1) - 2.0 * at @ middle.T
+        distance = np.sqrt(np.maximum(square, NEAREST_M**2))
+        self._depth: Array = _AIR_PER_M * distance
+        self._w: Array = PER_MM2 * np.exp(-self._depth) / distance**2  # (G, voxels)
+
+    def candidates(self, solution: Solution) -> list[Candidate]:
+        """The most promising ones, at most ``_MOST``, best first.
+
+        The score s of an activity that is small, and its variance h: the test s^2 / 2 h estimates the gain of log likelihood, and
+        s / h the activity.
+        """
+        counts, expected = self._counts, self._counts.expected(solution)
+        near, far = self._spectra.templates(solution.scale, solution.scatter)
+        weighted = (counts.live_s * counts.weight)[:, None]
+        excess = self._summed(weighted * (counts.counts / expected - 1.0))
+        variance = self._summed(weighted * counts.live_s[:, None] / expected)
+        score = self._w @ (excess @ near.T) + (self._w * self._depth) @ (excess @ far.T)  # (G, N)
+        information = self._w**2 @ (variance @ (near**2).T)
+        gain = np.where(score > 0.0, 0.5 * score**2 / np.maximum(information, 1e-300), 0.0)
+        return self._best(gain, score / np.maximum(information, 1e-300))
+
+    def _best(self, gain: Array, activity: Array) -> list[Candidate]:
+        found: list[Candidate] = []
+        left = gain.copy()
+        while len(found) < _MOST:
+            g, n = divmod(int(left.argmax()), left.shape[1])
+            if left[g, n] < _LEAST_GAIN:
+                break
+            found.append(Candidate(n, self._places[g], float(np.log(activity[g, n])), float(gain[g, n])))
+            near = ((self._places - self._places[g]) ** 2).sum(axis=1) < _APART_M**2
+            left[near, n] = 0.0
+        return found
+
+    def _summed(self, by_row: Array) -> Array:
+        """Sums over the rows of each coarse voxel."""
+        total = np.zeros((self._voxels, *by_row.shape[1:]))
+        np.add.at(total, self._voxel, by_row)
+        return total

@@ -1,0 +1,146 @@
+"""The measurements: exposures summed by drone and voxel, in integers, and cones in the order of their identities.
+
+Sums of integers do not depend on the order of the summands, and so neither does anything that follows from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.fusion.bayes.cones import Orders
+from agent.fusion.observation import ConeObservation, CountObservation
+from agent.geometry import Array
+from protocol.spectrum import BINS
+
+_VOXEL_MM = 500
+_COARSE = 4  # voxels on a side of a coarse one
+_KEY, _LIVE, _PLACE, _COUNTS = slice(0, 4), 4, slice(5, 8), slice(8, 8 + BINS)
+_COLUMNS = 8 + BINS
+_UNTOLD_HITS = 5  # an exposure of so many hits without any spectrum is of a program that publishes none
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """R sums over exposures, ascending by drone and voxel.
+
+    table: (R, 40) drone's number, voxel (3), live time (ns), sum of position times live time (mm ns, 3), counts by bin.
+    """
+
+    table: Integers
+
+    @classmethod
+    def none(cls) -> Rows:
+        """Without exposures."""
+        return cls(np.zeros((0, _COLUMNS), np.int64))
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def plus(self, observations: Iterable[CountObservation], numbers: dict[str, int]) -> Rows:
+        """With further exposures; ``numbers``: of the drones."""
+        more = [row for one in observations for row in [_row(one, numbers[one.identity.drone])] if row is not None]
+        if not more:
+            return self
+        table = np.concatenate((self.table, np.array(more, np.int64)))
+        keys, index = np.unique(table[:, _KEY], axis=0, return_inverse=True)
+        summed = np.zeros((len(keys), _COLUMNS), np.int64)
+        np.add.at(summed, index.ravel(), table)
+        summed[:, _KEY] = keys
+        return Rows(summed)
+
+    @property
+    def drone(self) -> Integers:
+        """(R,) numbers of the drones, ascending."""
+        return self.table[:, 0]
+
+    @property
+    def live_s(self) -> Array:
+        """(R,) live times."""
+        return np.asarray(self.table[:, _LIVE] * 1e-9, np.float64)
+
+    @property
+    def place(self) -> Array:
+        """(R, 3) mean positions, mission frame, metres."""
+        return np.asarray(self.table[:, _PLACE] / self.table[:, _LIVE, None] * 1e-3, np.float64)
+
+    @property
+    def counts(self) -> Array:
+        """(R, BINS) events."""
+        return self.table[:, _COUNTS].astype(np.float64)
+
+    def coarse(self) -> tuple[Integers, int]:
+        """(R,) index of the coarse voxel, of 2 m, in which each row lies, whatever its drone; and their number."""
+        if not len(self):
+            return np.zeros(0, np.int64), 0
+        keys, index = np.unique(self.table[:, 1:4] // _COARSE, axis=0, return_inverse=True)
+        return index.ravel().astype(np.int64), len(keys)
+
+
+def _row(observation: CountObservation, number: int) -> list[int] | None:
+    live_ns = round(observation.live_time_s * 1e9)
+    if not observation.spectrum and observation.counts[0] >= _UNTOLD_HITS:
+        return None
+    mm = [round(1e3 * part) for part in observation.position]
+    counts = [0] * BINS
+    for one in observation.spectrum:
+        counts[one.place] = one.singles + one.coincidences
+    return [number, *(part // _VOXEL_MM for part in mm), live_ns, *(part * live_ns for part in mm), *counts]
+
+
+@dataclass(frozen=True, eq=False)
+class Cones:
+    """C cones of two readings each. drone: (C,) numbers. apex: (C, 3) metres, mission frame. axis: (C, 2, 3) unit vectors;
+    theta: (C, 2) rad. variance: (C, 2, 2) rad2 and weight: (C, 2, 2), see ``fusion.bayes.cones``. energy_kev: (C,).
+    """
+
+    drone: Integers
+    apex: Array
+    axis: Array
+    theta: Array
+    variance: Array
+    weight: Array
+    energy_kev: Array
+
+    @classmethod
+    def none(cls) -> Cones:
+        """Without cones."""
+        shapes = ((0, 3), (0, 2, 3), (0, 2), (0, 2, 2), (0, 2, 2), (0,))
+        return cls(np.zeros(0, np.int64), *(np.zeros(shape) for shape in shapes))
+
+    def __len__(self) -> int:
+        return len(self.drone)
+
+    def plus(self, cones: Sequence[ConeObservation], numbers: dict[str, int]) -> Cones:
+        """With further cones, later ones."""
+        if not cones:
+            return self
+        more = _cones(cones, numbers)
+        joined = (np.concatenate((getattr(self, name), getattr(more, name))) for name in self.__dataclass_fields__)
+        return Cones(*joined)
+
+
+def _cones(cones: Sequence[ConeObservation], numbers: dict[str, int]) -> Cones:
+    count = len(cones)
+    axis, theta = np.zeros((count, 2, 3)), np.ones((count, 2))
+    axis[:, :, 2] = 1.0
+    variance, weight = np.ones((count, 2, 2)), np.zeros((count, 2, 2))  # of a reading that is missing, no weight
+    for place, cone in enumerate(cones):
+        orders = Orders.of(cone)
+        there = slice(0, len(orders.theta_rad))
+        axis[place, there], theta[place, there] = orders.axis, orders.theta_rad
+        variance[place, there], weight[place, there] = orders.variance, orders.weight
+    return Cones(
+        np.array([numbers[cone.identity.drone] for cone in cones]),
+        np.array([cone.apex for cone in cones]),
+        axis,
+        theta,
+        variance,
+        weight,
+        np.array([cone.energy_kev for cone in cones]),
+    )

@@ -1,0 +1,99 @@
+"""The likelihood of the cones, given that they were registered: a mixture over the sources and the background.
+
+    log [(sum_k w_k (K_k (rho_k + eps) + A_k) + B) / (sum_k w_k (K_k + A_k) + B)]
+
+w_k as in ``spectra``, K_k and A_k the areas for cones of this line that point to source k and that do not, B the background's
+rate, rho_k and eps as in ``fusion.bayes.cones``. That a cone came at all is not counted here: its event is in the exposure's
+spectrum. The information is estimated by the outer products of the cones' gradients.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agent.fusion.bayes.cones import OUTLIER_FRACTION
+from agent.fusion.sources.counts import parts_by_drone
+from agent.fusion.sources.data import Cones
+from agent.fusion.sources.solution import SOURCE, Solution
+from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
+from agent.geometry import Array
+from agent.terrain.ground import Ground
+
+_PER_ROOT_TWO_PI = (2.0 * np.pi) ** -0.5
+_LEAST_SINE = 1e-3
+
+
+class ConeModel:
+    """The cones with the areas for their lines."""
+
+    def __init__(self, cones: Cones, spectra: Spectra, ground: Ground, drones: int, window: float) -> None:
+        """``window``: relative half width in which the detector takes coincidences for a line's."""
+        self._cones, self._spectra, self._ground, self._drones = cones, spectra, ground, drones
+        lines, index = np.unique(np.round(cones.energy_kev), return_inverse=True)
+        of_lines = [spectra.cones(line, window) for line in lines.tolist()]
+        shape = len(lines), len(spectra.nuclides)
+        self._pointing = np.array([one[0] for one in of_lines]).reshape(shape)[index.ravel()]  # (C, N)
+        self._other = np.array([one[1] for one in of_lines]).reshape(shape)[index.ravel()]
+        self._background = np.array([one[2] for one in of_lines])[index.ravel()]  # (C,)
+        self._precision = 1.0 / cones.variance
+        self._height = cones.weight * np.sqrt(self._precision) * _PER_ROOT_TWO_PI
+
+    def log_likelihood(self, solution: Solution) -> float:
+        """Relative to cones from anywhere."""
+        if not len(self._cones) or not len(solution):
+            return 0.0
+        above = below = self._background * np.exp(solution.log_background)
+        for k in range(len(solution)):
+            seen, missed, _, _ = self._source(solution, k)
+            above, below = above + seen, below + missed
+        return float(np.log(above / below).sum())
+
+    def scored(self, solution: Solution) -> tuple[float, Array, Array]:
+        """As ``CountModel.scored``."""
+        size = SOURCE * len(solution) + 1
+        if not len(self._cones) or not len(solution):
+            return 0.0, np.zeros((self._drones, size)), np.zeros((self._drones, size, size))
+        background = self._background * np.exp(solution.log_background)
+        parts = [self._source(solution, k) for k in range(len(solution))]
+        above = background + sum(part[0] for part in parts)
+        below = background + sum(part[1] for part in parts)
+        gradient = np.empty((len(self._cones), size))
+        for k, (seen, missed, by_place, weakening) in enumerate(parts):
+            share = seen / above - missed / below
+            gradient[:, SOURCE * k : SOURCE * k + 2] = by_place / above[:, None] + share[:, None] * weakening
+            gradient[:, SOURCE * k + 2] = share
+        gradient[:, -1] = background / above - background / below
+        return float(np.log(above / below).sum()), *parts_by_drone(self._drones, self._cones.drone, gradient)
+
+    def _source(self, solution: Solution, k: int) -> tuple[Array, Array, Array, Array]:
+        """Of source k for each cone: its terms (C,) above and below the line; w K times the derivative (C, 2) of rho by x and y;
+        the derivative (C, 2) of log w.
+        """
+        x, y = solution.place[k].tolist()
+        rise = np.array(self._ground.slope(x, y))
+        way = np.array((x, y, self._ground.height_m(x, y))) - self._cones.apex
+        way[:, :2] += solution.bias[self._cones.drone, :2]
+        distance = np.maximum(np.sqrt((way**2).sum(axis=1)), NEAREST_M)
+        n = solution.nuclide[k]
+        air = self._spectra.air_per_m[n]
+        w = PER_MM2 * np.exp(solution.log_activity[k] - air * distance) / distance**2
+        unit = way / distance[:, None]
+        directed, by_way = self._directed(unit, distance)
+        pointing, other = w * self._pointing[:, n], w * self._other[:, n]
+        weakening = -(2.0 / distance + air)[:, None] * unit
+        return (
+            pointing * (directed + OUTLIER_FRACTION) + other,
+            pointing + other,
+            pointing[:, None] * (by_way[:, :2] + by_way[:, 2:] * rise),
+            weakening[:, :2] + weakening[:, 2:] * rise,
+        )
+
+    def _directed(self, unit: Array, distance: Array) -> tuple[Array, Array]:
+        """rho (C,), and its derivative (C, 3) by the way from the camera to the source, 1/m; unit: (C, 3) of that way."""
+        cosine = np.clip(np.einsum("cki,ci->ck", self._cones.axis, unit), -1.0, 1.0)
+        off = (np.arccos(cosine) - self._cones.theta)[..., None]
+        density = self._height * np.exp(-0.5 * off * off * self._precision)
+        slope = -(density * off * self._precision).sum(axis=2)  # of rho, by each reading's angle
+        sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _LEAST_SINE)
+        turn = -(self._cones.axis - cosine[..., None] * unit[:, None, :]) / (sine * distance[:, None])[..., None]
+        return density.sum(axis=(1, 2)), (slope[..., None] * turn).sum(axis=1)

@@ -1,0 +1,230 @@
+"""The estimator ``sources``: what is fitted when, and what is told of it.
+
+The measurements are summed as they come. At the fixed times k ``refined_s`` a fit with what was measured before is refined, and
+at k ``moved_s`` sources may also come and go; in between the solution stays as it is. Both happen with the first measurement from
+that time on, and so depend on nothing but the log. The first source is the one that the swarm acts on: the strongest, until
+another is twice as strong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+from shapely import Polygon, contains_xy
+
+from agent.config.mission import MissionConfig
+from agent.fusion.bayes.apparent import Sights, on_ground
+from agent.fusion.bayes.motion import ACTIVITY, BIASES, GAIN
+from agent.fusion.bayes.motion import BIAS as ERRORS
+from agent.fusion.estimator import GridStep, Hypothesis, Outlook
+from agent.fusion.observation import ConeObservation, CountObservation, Observation
+from agent.fusion.sources.candidates import Scan
+from agent.fusion.sources.counts import CountModel
+from agent.fusion.sources.data import Cones, Rows
+from agent.fusion.sources.directions import ConeModel
+from agent.fusion.sources.fit import Fitted, Prior, Problem
+from agent.fusion.sources.moves import Moves
+from agent.fusion.sources.solution import BIAS, SOURCE, Solution
+from agent.fusion.sources.spectra import KNOWN, REFERENCE_BQ, Spectra
+from agent.geometry import Array
+from agent.terrain.ground import Ground
+from protocol.entries import AnyEntry, Cone, Exposure
+
+_HOLD_S = 0.25  # as of ``bayes``
+_LEAST_BIAS_M = 0.01
+_STRONGER = 2.0  # so much stronger another source has to be to become the first one
+_MARGIN_M = 10.0  # by which a source may lie outside of the area
+_BACKGROUND_SIGMA, _SCALE_SIGMA, _SCATTER_SIGMA = 0.3, 0.03, 0.15
+_EXPECTED = 1.5  # sources
+_REFINEMENTS = 3  # iterations
+_GRID_M, _MOST_PLACES = 2.5, 2500
+
+
+class SourcesState(Struct, frozen=True, eq=False):
+    """pending: observations that no fit has used yet. rows, cones: the others. position_sigma_m: by drone, as last told.
+    refined, moved: numbers of the last times of either kind that are past. none: log evidence of no source.
+    """
+
+    pending: tuple[Observation, ...] = ()
+    rows: Rows = Rows.none()
+    cones: Cones = Cones.none()
+    position_sigma_m: Mapping[str, float] = {}
+    refined: int = 0
+    moved: int = 0
+    fitted: Fitted | None = None
+    none: float = 0.0
+    x0_stamp_ns: int = 0
+
+
+class SourcesEstimator:
+    """Sources at rest on the ground. A pure function of the observations and their grid steps."""
+
+    name = "sources"
+    reads: tuple[type[AnyEntry], ...] = (Cone, Exposure)
+    grid_s: float | None = None
+    hold_s = _HOLD_S
+
+    def __init__(self, mission: MissionConfig, area: Polygon) -> None:
+        """``area``: in which sources are searched for, mission frame.
+
+        Raises:
+            ConfigError: a candidate of which it is not known what a camera counts.
+        """
+        self._config = mission.fusion.sources
+        self._ground = Ground.from_config(mission)
+        self._area = area
+        self._spectra = Spectra.of(self._config.nuclides or KNOWN)
+        self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
+        self._window = mission.detection.energy_window
+        self._refined_ns, self._moved_ns = round(self._config.refined_s * 1e9), round(self._config.moved_s * 1e9)
+        self._places = _grid(area)
+
+    def initial(self, start_ns: int | None) -> SourcesState:
+        """Nothing measured; it does not depend on the mission's start."""
+        return SourcesState()
+
+    def step(self, state: SourcesState, step: GridStep, observations: Sequence[Observation]) -> SourcesState:
+        """Fit what was measured before the step where it is time, then take the step's observations."""
+        refined, moved = step.start_ns // self._refined_ns, step.start_ns // self._moved_ns
+        if refined > state.refined or moved > state.moved:
+            state = self._fitted(state, step, moves=moved > state.moved)
+            state = replace(state, refined=refined, moved=moved)
+        sigmas = {one.identity.drone: one.position_sigma_m for one in observations}
+        return replace(
+            state,
+            pending=(*state.pending, *observations),
+            position_sigma_m={**state.position_sigma_m, **sigmas},
+        )
+
+    def work(self, state: SourcesState, observations: int) -> int:
+        """A fit costs up to a second, and steps are not split; on average over the steps."""
+        return 40 + observations + len(state.rows) // 2
+
+    def hypothesis(self, state: SourcesState, step: GridStep) -> Hypothesis | None:
+        """The first source with those beside it in ``others``; None while its place is not known to ``declared_rms_m``."""
+        if state.x0_stamp_ns == 0 or state.fitted is None:
+            return None
+        told = [self._told(state, state.fitted, k, step) for k in range(len(state.fitted.solution))]
+        known = [one for one in told if one.rms_m <= self._config.declared_rms_m]
+        return replace(known[0], others=tuple(known[1:])) if known else None
+
+    def outlook(self, state: SourcesState, step: GridStep) -> Outlook | None:
+        """None: the swarm flies lanes."""
+        return None
+
+    def _fitted(self, state: SourcesState, step: GridStep, *, moves: bool) -> SourcesState:
+        counts = [one for one in state.pending if isinstance(one, CountObservation)]
+        cones = [one for one in state.pending if isinstance(one, ConeObservation)]
+        rows, cone_table = state.rows.plus(counts, self._numbers), state.cones.plus(cones, self._numbers)
+        if not len(rows):
+            return replace(state, pending=(), rows=rows, cones=cone_table)
+        problem = self._problem(state, rows, cone_table)
+        solution = Solution.nothing(len(self._numbers)) if state.fitted is None else state.fitted.solution
+        none = state.none
+        if moves:
+            scan = Scan(rows, problem.counts, self._spectra, self._ground, self._places)
+            moving = Moves(problem, scan, self._spectra, self._config.most, self._config.least_gain)
+            fitted = moving.improved(solution, state.moved)
+            none = problem.fitted(Solution.nothing(len(self._numbers)), _REFINEMENTS).evidence
+        else:
+            fitted = problem.fitted(solution, _REFINEMENTS)
+        fitted = _strongest_first(fitted)
+        return SourcesState(
+            rows=rows,
+            cones=cone_table,
+            position_sigma_m=state.position_sigma_m,
+            fitted=fitted,
+            none=none,
+            x0_stamp_ns=state.x0_stamp_ns or (step.start_ns if self._is_declared(fitted) else 0),
+        )
+
+    def _problem(self, state: SourcesState, rows: Rows, cones: Cones) -> Problem:
+        drones = len(self._numbers)
+        counts = CountModel(rows, self._spectra, self._ground, drones)
+        directions = ConeModel(cones, self._spectra, self._ground, drones, self._window)
+        return Problem(counts, directions, self._prior(state), len(self._spectra.nuclides))
+
+    def _prior(self, state: SourcesState) -> Prior:
+        """An autopilot's position sigma is that of the horizontal distance, so each axis has sigma / sqrt(2)."""
+        bias = np.empty((len(self._numbers), BIAS))
+        for drone, number in self._numbers.items():
+            sigma_m = max(state.position_sigma_m.get(drone, 0.0) / math.sqrt(2.0), _LEAST_BIAS_M)
+            bias[number] = sigma_m, sigma_m, self._config.gain_sigma
+        west, south, east, north = self._area.bounds
+        least, greatest = (math.log(bq / REFERENCE_BQ) for bq in self._config.activity_bq)
+        return Prior(
+            bias=bias,
+            background=_BACKGROUND_SIGMA,
+            scale=_SCALE_SIGMA,
+            scatter=_SCATTER_SIGMA,
+            low=np.array([west, south]) - _MARGIN_M,
+            high=np.array([east, north]) + _MARGIN_M,
+            log_activity=(least, greatest),
+            area_m2=self._area.area,
+            expected=_EXPECTED,
+        )
+
+    def _is_declared(self, fitted: Fitted) -> bool:
+        return len(fitted.solution) > 0 and math.hypot(*fitted.sigma_of(0)[:2].tolist()) <= self._config.declared_rms_m
+
+    def _told(self, state: SourcesState, fitted: Fitted, k: int, step: GridStep) -> Hypothesis:
+        solution = fitted.solution
+        mean, covariance = self._as_of_bayes(fitted, k)
+        x, y = solution.place[k].tolist()
+        activity = math.exp(solution.log_activity[k]) * REFERENCE_BQ
+        return Hypothesis(
+            stamp_ns=step.middle_ns,
+            position=np.array((x, y, self._ground.height_m(x, y))),
+            covariance=on_ground(covariance[:2, :2], self._ground.slope(x, y)),
+            velocity=np.zeros(3),
+            cones=len(state.cones),
+            x0_stamp_ns=state.x0_stamp_ns,
+            activity_bq=activity,
+            activity_sigma_bq=activity * math.sqrt(float(covariance[ACTIVITY, ACTIVITY]) + self._config.area_sigma**2),
+            evidence=fitted.evidence - state.none if k == 0 else None,
+            sights=Sights(self._numbers, mean, covariance, self._ground),
+            nuclide=self._spectra.nuclides[solution.nuclide[k]],
+        )
+
+    def _as_of_bayes(self, fitted: Fitted, k: int) -> tuple[Array, Array]:
+        """Mean and covariance of source k and the biases in the order of ``bayes``: x, y, velocity, log activity, and of each
+        drone x, y, heading, sensitivity; velocity and headings are 0.
+        """
+        own = [SOURCE * k, SOURCE * k + 1, SOURCE * k + 2]
+        theirs, first = [0, 1, ACTIVITY], SOURCE * len(fitted.solution) + 1
+        for number in range(len(self._numbers)):
+            own += [first + BIAS * number + part for part in range(BIAS)]
+            theirs += [BIASES + ERRORS * number + part for part in (0, 1, GAIN)]
+        size = BIASES + ERRORS * len(self._numbers)
+        mean, covariance = np.zeros(size), np.zeros((size, size))
+        mean[theirs] = fitted.solution.vector[own]
+        covariance[np.ix_(theirs, theirs)] = fitted.covariance[np.ix_(own, own)]
+        return mean, covariance
+
+
+def _grid(area: Polygon) -> Array:
+    """(G, 2) places of the area ``_GRID_M`` apart, or further where that would be too many."""
+    west, south, east, north = area.bounds
+    spacing = max(_GRID_M, math.sqrt((east - west) * (north - south) / _MOST_PLACES))
+    x, y = np.meshgrid(np.arange(west + spacing / 2, east, spacing), np.arange(south + spacing / 2, north, spacing))
+    places = np.column_stack((x.ravel(), y.ravel()))
+    inside: Array = places[contains_xy(area, places[:, 0], places[:, 1])]
+    return inside if len(inside) else np.array([[area.centroid.x, area.centroid.y]])
+
+
+def _strongest_first(fitted: Fitted) -> Fitted:
+    """The fit with another first source if that is much stronger than the first one."""
+    solution = fitted.solution
+    if len(solution) < 2:
+        return fitted
+    k = int(solution.log_activity.argmax())
+    if k == 0 or solution.log_activity[k] < solution.log_activity[0] + math.log(_STRONGER):
+        return fitted
+    order = [k, *(other for other in range(len(solution)) if other != k)]
+    numbers = [SOURCE * one + part for one in order for part in range(SOURCE)]
+    numbers += range(SOURCE * len(solution), len(fitted.covariance))
+    return replace(fitted, solution=solution.only(order), covariance=fitted.covariance[np.ix_(numbers, numbers)])

@@ -1,0 +1,184 @@
+"""The joint fit of sources and nuisances by Fisher scoring, and the evidence of what was fitted by Laplace's method."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from agent.fusion.sources.counts import CountModel
+from agent.fusion.sources.directions import ConeModel
+from agent.fusion.sources.solution import BIAS, SOURCE, Solution
+from agent.geometry import Array
+
+_MOST_STEP = np.array([2.0, 2.0, 1.0])  # of one iteration
+_DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)  # Levenberg and Marquardt's, tried in turn until the fit improves
+_CONVERGED = 2e-3  # of the improvement that the next iteration promises
+
+
+@dataclass(frozen=True)
+class Prior:
+    """1-sigma errors, and where and how strong sources may be.
+
+    bias: (V, BIAS) of the drones. background, scale, scatter: of the nuisances of those names. low, high: (2,) corners of the
+    region of sources, metres. log_activity: least and greatest. area_m2: of the region. expected: number of sources expected.
+    """
+
+    bias: Array
+    background: float
+    scale: float
+    scatter: float
+    low: Array
+    high: Array
+    log_activity: tuple[float, float]
+    area_m2: float
+    expected: float
+
+    def log_density(self, solution: Solution) -> float:
+        """Of the nuisances, up to a constant."""
+        squares = float(((solution.bias / self.bias) ** 2).sum()) + (solution.log_background / self.background) ** 2
+        return -0.5 * (squares + (solution.scale / self.scale) ** 2 + (solution.scatter / self.scatter) ** 2)
+
+    def precision(self, sources: int) -> Array:
+        """(d,) of all numbers of ``Solution.vector``; those of a source are of uniform distributions of the same variance."""
+        least, greatest = self.log_activity
+        source = [12.0 / self.area_m2, 12.0 / self.area_m2, 12.0 / (greatest - least) ** 2]
+        return np.concatenate((source * sources, [self.background**-2], (self.bias**-2.0).ravel()))
+
+    def inside(self, solution: Solution) -> Solution:
+        """The solution with all sources within the limits."""
+        place = np.minimum(np.maximum(solution.place, self.low), self.high)
+        activity = np.clip(solution.log_activity, *self.log_activity)
+        return replace(solution, place=place, log_activity=activity)
+
+
+class Fitted(Struct, frozen=True, eq=False):
+    """A solution with log posterior density, its covariance (d, d) in the order of ``Solution.vector``, and log evidence."""
+
+    solution: Solution
+    value: float
+    covariance: Array
+    evidence: float
+
+    def sigma_of(self, k: int) -> Array:
+        """1-sigma errors (3,) of x, y (m) and log activity of source k."""
+        result: Array = np.sqrt(np.diag(self.covariance)[SOURCE * k : SOURCE * (k + 1)])
+        return result
+
+
+class Problem:
+    """The likelihoods of counts and cones with the prior: what solutions are judged by."""
+
+    def __init__(self, counts: CountModel, cones: ConeModel, prior: Prior, candidates: int) -> None:
+        """``candidates``: number of nuclides that a source may be of."""
+        self.counts, self.cones, self.prior = counts, cones, prior
+        self._candidates = candidates
+
+    def value(self, solution: Solution) -> float:
+        """Log posterior density, up to a constant."""
+        counted = self.counts.log_likelihood(self.counts.expected(solution))
+        return counted + self.cones.log_likelihood(solution) + self.prior.log_density(solution)
+
+    def fitted(self, solution: Solution, iterations: int) -> Fitted:
+        """The best solution near the given one, after at most so many iterations."""
+        solution = self.prior.inside(solution)
+        value, gradient, information = self._scored(solution)
+        for _ in range(iterations):
+            found = self._better(solution, value, gradient, information)
+            if found is None:
+                break
+            promised = found[1] - value
+            solution, value, gradient, information = found
+            if promised < _CONVERGED:
+                break
+        return self._judged(solution, value, information)
+
+    def fitted_alone(self, solution: Solution, sources: Sequence[int], iterations: int) -> tuple[Solution, float]:
+        """The best solution near the given one with only these sources changed, and its log likelihood of the counts."""
+        rest = solution.only([k for k in range(len(solution)) if k not in sources])
+        others = self.counts.expected(rest)
+        solution = self.prior.inside(solution)
+        numbers = [SOURCE * k + part for k in sources for part in range(SOURCE)]
+        prior = np.diag(self.prior.precision(len(solution))[numbers])
+        value, gradient, information = self.counts.scored_alone(solution, sources, others)
+        for _ in range(iterations):
+            vector = solution.vector
+            vector[numbers] += _limited(solved(information + prior, gradient), len(sources))
+            new = self.prior.inside(solution.moved(vector))
+            scored = self.counts.scored_alone(new, sources, others)
+            if scored[0] < value + _CONVERGED:
+                break
+            solution, (value, gradient, information) = new, scored
+        return solution, value
+
+    def _better(
+        self, solution: Solution, value: float, gradient: Array, information: Array
+    ) -> tuple[Solution, float, Array, Array] | None:
+        """The next solution, scored; None if none is better."""
+        diagonal = np.diag(np.diag(information))
+        for damping in _DAMPINGS:
+            step = solved(information + damping * diagonal, gradient)
+            if float(gradient @ step) < _CONVERGED:
+                return None
+            new = self.prior.inside(solution.moved(solution.vector + _limited(step, len(solution))))
+            scored = self._scored(new)
+            if scored[0] > value:
+                return new, *scored
+        return None
+
+    def _scored(self, solution: Solution) -> tuple[float, Array, Array]:
+        """Log posterior density, gradient (d,) and information (d, d), in the order of ``Solution.vector``."""
+        value, gradients, informations = self.counts.scored(solution)
+        cone_value, cone_gradients, cone_informations = self.cones.scored(solution)
+        gradients, informations = gradients + cone_gradients, informations + cone_informations
+        precision = self.prior.precision(len(solution))
+        count = SOURCE * len(solution) + 1
+        gradient = np.zeros(len(precision))
+        information = np.diag(precision)
+        gradient[count - 1 :] -= (precision * solution.vector)[count - 1 :]
+        shift = _by_bias(len(solution))
+        for drone, (g, h) in enumerate(zip(gradients, informations, strict=True)):
+            own = slice(count + BIAS * drone, count + BIAS * (drone + 1))
+            gradient[:count] += g
+            gradient[own] += shift.T @ g
+            information[:count, :count] += h
+            information[:count, own] += h @ shift
+            information[own, :count] += shift.T @ h
+            information[own, own] += shift.T @ h @ shift
+        return value + cone_value + self.prior.log_density(solution), gradient, information
+
+    def _judged(self, solution: Solution, value: float, information: Array) -> Fitted:
+        """With covariance and evidence: that of K sources relative to the same nuisances without any,
+
+        value + K log(expected / candidates) + 1/2 log |prior's information| - 1/2 log |information|.
+        """
+        precision = self.prior.precision(len(solution))
+        _, logarithm = np.linalg.slogdet(information)
+        occam = 0.5 * (float(np.log(precision).sum()) - float(logarithm))
+        prior = len(solution) * float(np.log(self.prior.expected / self._candidates))
+        covariance = np.asarray(np.linalg.inv(information), np.float64)
+        return Fitted(solution, value, covariance, value + prior + occam)
+
+
+def solved(matrix: Array, right: Array) -> Array:
+    """matrix^-1 right."""
+    return np.asarray(np.linalg.solve(matrix, right), np.float64)
+
+
+def _by_bias(sources: int) -> Array:
+    """(3 K + 1, BIAS): a drone's bias shifts all sources as it sees them, its sensitivity strengthens them and the background."""
+    shift = np.zeros((SOURCE * sources + 1, BIAS))
+    for k in range(sources):
+        shift[SOURCE * k : SOURCE * (k + 1)] = np.eye(SOURCE)
+    shift[-1, 2] = 1.0
+    return shift
+
+
+def _limited(step: Array, sources: int) -> Array:
+    """The step with those of the sources shortened, each by itself, so that none moves or changes too far at once."""
+    each = step[: SOURCE * sources].reshape(-1, SOURCE)
+    excess = np.maximum((np.abs(each) / _MOST_STEP).max(axis=1, initial=0.0), 1.0)
+    return np.concatenate(((each / excess[:, None]).ravel(), step[SOURCE * sources :]))

@@ -1,0 +1,178 @@
+"""How sources come and go: a fit is compared with fits of one source more or less, of another nuclide, of two in one's place.
+
+A move is made where the log evidence gains ``least_gain``, or where it loses nothing with a source less.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec.structs import replace
+
+from agent.fusion.sources.candidates import Scan
+from agent.fusion.sources.fit import Fitted, Problem
+from agent.fusion.sources.solution import Solution
+from agent.fusion.sources.spectra import Spectra
+from agent.geometry import Array
+
+_ITERATIONS = 12
+_SHORT = 2  # iterations of a fit that only has to show whether it is worth more
+_LEAST_COST = 6.0  # of log evidence, by which the volume of a further source's prior outweighs its likelihood at least
+_NEARLY = 20.0  # of log likelihood, which a joint fit may make up for
+_PROMISING = 2  # candidates that are fitted jointly with all else
+_CERTAIN = 12.0  # sigmas of a source's log activity beyond which its death is not tried
+_SPLIT_M = 1.3
+_SPLIT_DIRECTIONS = 4
+_MERGED_M = 8.0
+_NUISANCE_STEP = 0.3  # of its prior's sigma
+
+
+@dataclass(frozen=True)
+class Moves:
+    """The moves on one problem. most: sources. least_gain: of log evidence, for a source more."""
+
+    problem: Problem
+    scan: Scan
+    spectra: Spectra
+    most: int
+    least_gain: float
+
+    def improved(self, solution: Solution, turn: int) -> Fitted:
+        """The best fit that the moves find from a solution. ``turn``: chooses the source that is tried as another nuclide and as
+        two; all others have their turn another time.
+        """
+        fitted = self.problem.fitted(solution, _ITERATIONS)
+        fitted = self._with_nuisances(fitted)
+        fitted = self._deaths(fitted)
+        for _ in range(2 * self.most):
+            grown = self._birth(fitted)
+            if grown is None:
+                break
+            fitted = self._deaths(self._reshaped(self._with_nuisances(grown), len(grown.solution) - 1))
+        if len(fitted.solution):
+            fitted = self._merged(self._reshaped(fitted, turn % len(fitted.solution)))
+        return fitted
+
+    def _with_nuisances(self, fitted: Fitted) -> Fitted:
+        """With better values of energy scale and scatter: those at the tops of parabolas through three values each, or the better
+        neighbour where there is no top.
+        """
+        if not len(fitted.solution):
+            return fitted
+        solution, value = fitted.solution, fitted.value
+        for name in ("scale", "scatter"):
+            step = _NUISANCE_STEP * getattr(self.problem.prior, name)
+            at = getattr(solution, name)
+            less, more = (self.problem.value(replace(solution, **{name: at + k * step})) for k in (-1, 1))
+            bend = less + more - 2.0 * value
+            way = min(max(0.5 * (less - more) / bend, -2.0), 2.0) if bend < 0.0 else float(np.sign(more - less))
+            moved = replace(solution, **{name: at + step * way})
+            moved_value = self.problem.value(moved)
+            if moved_value > value:
+                solution, value = moved, moved_value
+        return self.problem.fitted(solution, _ITERATIONS) if value > fitted.value else fitted
+
+    def _deaths(self, fitted: Fitted) -> Fitted:
+        """Without the sources that the evidence does not ask for."""
+        k = len(fitted.solution) - 1
+        while k >= 0:
+            if fitted.sigma_of(k)[2] * _CERTAIN > 1.0:
+                fewer = self.problem.fitted(fitted.solution.without(k), _ITERATIONS)
+                if fewer.evidence > fitted.evidence - self.least_gain:
+                    fitted = fewer
+            k -= 1
+        return fitted
+
+    def _birth(self, fitted: Fitted) -> Fitted | None:
+        """With one more source; None if no candidate gains enough."""
+        if len(fitted.solution) >= self.most:
+            return None
+        own = len(fitted.solution)
+        before = self.problem.counts.log_likelihood(self.problem.counts.expected(fitted.solution))
+        alone = []
+        for one in self.scan.candidates(fitted.solution):
+            grown, value = self.problem.fitted_alone(
+                fitted.solution.plus(one.nuclide, one.place, one.log_activity), [own], _ITERATIONS
+            )
+            if value > before + self.least_gain + _LEAST_COST:
+                alone.append((value, grown))
+        alone.sort(key=lambda one: -one[0])
+        for _, grown in alone[:_PROMISING]:
+            found = self.problem.fitted(grown, _ITERATIONS)
+            if found.evidence > fitted.evidence + self.least_gain:
+                return found
+        return None
+
+    def _reshaped(self, fitted: Fitted, k: int) -> Fitted:
+        """With source k of another nuclide, or two in its place, if that is better."""
+        best = self._swapped(fitted, k)
+        if len(best.solution) < self.most:
+            own = [k, len(best.solution)]
+            pairs = [self.problem.fitted_alone(one, own, _ITERATIONS) for one in _split(best.solution, k)]
+            pair, value = max(pairs, key=lambda one: one[1])
+            alone = self.problem.counts.log_likelihood(self.problem.counts.expected(best.solution))
+            if value > alone + self.least_gain + _LEAST_COST:
+                joint = self.problem.fitted(pair, _ITERATIONS)
+                best = joint if joint.evidence > best.evidence + self.least_gain else best
+        return best
+
+    def _swapped(self, fitted: Fitted, k: int) -> Fitted:
+        """Source k may be of the nuclide that explains the counts best, with all else as it is."""
+        near, _ = self.spectra.templates(0.0, 0.0)
+        sums = near.sum(axis=1)
+        solution, own = fitted.solution, fitted.solution.nuclide[k]
+        others = []
+        for n in range(len(sums)):
+            if n != own:
+                activity = solution.log_activity.copy()
+                activity[k] += float(np.log(sums[own] / sums[n]))
+                nuclide = tuple(n if i == k else m for i, m in enumerate(solution.nuclide))
+                other = replace(solution, nuclide=nuclide, log_activity=activity)
+                others.append(self.problem.fitted_alone(other, [k], _SHORT))
+        if not others:
+            return fitted
+        best, value = max(others, key=lambda one: one[1])
+        alone = self.problem.counts.log_likelihood(self.problem.counts.expected(solution))
+        if value < alone - _NEARLY:
+            return fitted
+        swapped = self.problem.fitted(best, _ITERATIONS)
+        return swapped if swapped.evidence > fitted.evidence else fitted
+
+    def _merged(self, fitted: Fitted) -> Fitted:
+        """With one source in the place of two that are near each other, wherever that is no worse."""
+        for first in range(len(fitted.solution)):
+            for second in range(first + 1, len(fitted.solution)):
+                one = _joined(fitted.solution, first, second)
+                if one is None:
+                    continue
+                merged = self.problem.fitted(one, _ITERATIONS)
+                if merged.evidence > fitted.evidence - self.least_gain:
+                    return merged
+        return fitted
+
+
+def _split(solution: Solution, k: int) -> list[Solution]:
+    """Two sources of half the activity on either side of source k, in a few directions."""
+    pairs = []
+    for direction in range(_SPLIT_DIRECTIONS):
+        angle = np.pi * direction / _SPLIT_DIRECTIONS
+        off: Array = _SPLIT_M * np.array([np.cos(angle), np.sin(angle)])
+        place, activity = solution.place.copy(), solution.log_activity.copy()
+        place[k] += off
+        activity[k] -= np.log(2.0)
+        moved = replace(solution, place=place, log_activity=activity)
+        pairs.append(moved.plus(solution.nuclide[k], solution.place[k] - off, float(activity[k])))
+    return pairs
+
+
+def _joined(solution: Solution, first: int, second: int) -> Solution | None:
+    """One source in the middle of two of one nuclide; None where they are too far apart to be one."""
+    a, b = solution.place[first], solution.place[second]
+    if solution.nuclide[first] != solution.nuclide[second] or float(((a - b) ** 2).sum()) > _MERGED_M**2:
+        return None
+    strength = np.exp(solution.log_activity[[first, second]])
+    place, activity = solution.place.copy(), solution.log_activity.copy()
+    place[first] = (strength[0] * a + strength[1] * b) / strength.sum()
+    activity[first] = float(np.log(strength.sum()))
+    return replace(solution, place=place, log_activity=activity).without(second)

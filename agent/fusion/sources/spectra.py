@@ -1,0 +1,130 @@
+"""What a camera counts beside a source, by energy, nuclide and distance: in the 32 bins of the exposures' coarse spectra.
+
+Of nuclide n with activity A at the distance d, per second in energy bin e,
+
+    S_ne = w (N_ne + mu_n d F_ne),    w = A exp(-mu_n d) / (4 pi d^2),
+    N = P_s + b Q_s,    F = a Q_s - L,    b = (1 + c) ``NEAR``,    a = (1 + c) ``AIR``,    P_s = P exp(s P' / P), and so Q_s
+
+P are photons straight from the source (``direct``: full-energy peaks with the charge that is lost, and the Compton continuum),
+Q photons that ground, mount and air have scattered once; ' the derivative by the logarithm of the energy scale, s the scale's
+error, c the scatter beyond what is assumed. mu_n is the attenuation of the most penetrating line, and L ("softer") what the
+others lose more, to first order. All are effective areas times photons per decay, mm2, of this project's own photon transport
+and detector chain (benchmarks/spectral_response.py), means over the heading: a camera with its edge towards the source counts up
+to 30 % less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from agent.detector.lines import GAMMAS
+from agent.errors import ConfigError
+from agent.fusion.sources.tables import TABLES
+from agent.geometry import Array
+from protocol.spectrum import EDGES_KEV
+
+REFERENCE_BQ = 1e9  # unit of the activities
+NEAREST_M = 0.3  # least distance of a camera from a source in the model
+NEAR, AIR = 0.2, 0.8  # hits of scattered photons, as a share of the direct ones: by ground and mount, and by air for each mu d
+PER_MM2 = REFERENCE_BQ / (4e6 * np.pi)  # w at 1 m without attenuation, per mm2 and second
+KNOWN = tuple(name for name in TABLES if name != "background")
+_LEAST_PS = 1e-6  # of background in a bin, so that an event there is never impossible
+_LEAST_MM2 = 1e-9
+_MOST_CHANGE = 2.5  # of the logarithm of a bin
+_SAME_LINE = 0.03  # relative distance within which a line of another nuclide makes cones of the same energy
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """The tables of some nuclides, (N, BINS) each but for ``air_per_m``, (N,); and of the background, (BINS,) per second."""
+
+    nuclides: tuple[str, ...]
+    air_per_m: Array
+    direct: Array
+    softer: Array
+    direct_by_scale: Array
+    scattered: Array
+    scattered_by_scale: Array
+    complete: Array
+    partial: Array
+    background: Array
+    background_by_scale: Array
+    background_pairs: Array
+
+    @classmethod
+    def of(cls, nuclides: Sequence[str]) -> Spectra:
+        """Of these nuclides.
+
+        Raises:
+            ConfigError: one that is not in the table.
+        """
+        for name in nuclides:
+            if name not in KNOWN:
+                raise ConfigError(
+                    f"nuclide {name!r}: estimator 'sources' does not know what a camera counts of it; it knows {', '.join(KNOWN)}"
+                )
+        return _spectra(tuple(nuclides))
+
+    def templates(self, scale: float, scatter: float) -> tuple[Array, Array]:
+        """N and F, (N, BINS) each, at the energy scale's error s and the excess of scatter c."""
+        around = (1.0 + scatter) * _scaled(self.scattered, self.scattered_by_scale, scale)
+        near = _scaled(self.direct, self.direct_by_scale, scale) + NEAR * around
+        return near, AIR * around - self.softer
+
+    def background_ps(self, scale: float) -> Array:
+        """B (BINS,) per second."""
+        result: Array = np.maximum(_scaled(self.background, self.background_by_scale, scale), _LEAST_PS)
+        return result
+
+    def cones(self, line_kev: float, window: float) -> tuple[Array, Array, float]:
+        """Of cones of one line: areas (N,) of those that point to the source, and of the others; and the background's per second.
+
+        A coincidence of a photon's whole energy points to its source; one of less, whose sum is within the window by chance, does
+        not. ``window``: relative half width in which the detector takes a coincidence for the line's.
+        """
+        share = _overlap(line_kev * (1.0 - window), line_kev * (1.0 + window))
+        own = [any(abs(kev / line_kev - 1.0) < _SAME_LINE for kev, _ in GAMMAS[name]) for name in self.nuclides]
+        whole, part = self.complete @ share, self.partial @ share
+        pointing = np.where(own, whole, 0.0)
+        return pointing, whole - pointing + part, float(self.background_pairs @ share)
+
+
+def _scaled(shape: Array, by_scale: Array, scale: float) -> Array:
+    """The shape at another energy scale: exponential in it, as the flanks of peaks nearly are, and so never negative."""
+    change = scale * by_scale / np.maximum(shape, _LEAST_MM2)
+    result: Array = shape * np.exp(np.clip(change, -_MOST_CHANGE, _MOST_CHANGE))
+    return result
+
+
+def _overlap(low_kev: float, high_kev: float) -> Array:
+    """(BINS,) share of each bin that lies between two energies."""
+    edges = np.array(EDGES_KEV)
+    inside = np.minimum(edges[1:], high_kev) - np.maximum(edges[:-1], low_kev)
+    result: Array = np.maximum(inside, 0.0) / np.diff(edges)
+    return result
+
+
+@cache
+def _spectra(nuclides: tuple[str, ...]) -> Spectra:
+    def of(key: str) -> Array:
+        return np.array([TABLES[name][key] for name in nuclides])
+
+    background = TABLES["background"]
+    return Spectra(
+        nuclides=nuclides,
+        air_per_m=of("air_per_m")[:, 0],
+        direct=of("direct"),
+        softer=of("softer"),
+        direct_by_scale=of("direct_by_scale"),
+        scattered=of("scattered"),
+        scattered_by_scale=of("scattered_by_scale"),
+        complete=of("complete"),
+        partial=of("partial") + NEAR * of("scattered_pairs"),
+        background=np.array(background["every"]),
+        background_by_scale=np.array(background["by_scale"]),
+        background_pairs=np.array(background["pairs"]),
+    )

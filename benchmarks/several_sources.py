@@ -1,0 +1,265 @@
+"""Estimator ``sources`` among several sources: ``python -m benchmarks.several_sources --flights 20 [--real]``.
+
+Three simulated cameras fly lanes of 11 m over 100 x 100 m for 110 s and then circles of 6 m around each source by turns, 3 m
+high at 3 m/s. Number (0 to 6), nuclides (those named), places and activities (0.3 to 6 GBq, log uniform) are drawn from the seed,
+same-named ones at least 5 m apart, or 20 m if one is ten times as strong. ``--real``: positions off by 0.15 m along each axis,
+sensitivities by 5 %, energy scales by 0.5 %, background x 1.2. ``--alone``: one source of 3 GBq, beside ``bayes``.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from agent.config.mission import AreaConfig, DetectionConfig, DroneInMission, MissionConfig
+from agent.detector.calibration import Calibration
+from agent.detector.chain import DetectorChain
+from agent.detector.detection import Detections
+from agent.frames.transform import Transform
+from agent.fusion.estimator import Estimator, GridStep, Hypothesis
+from agent.fusion.observation import ConeObservation, ConeSurface, CountObservation, Observation
+from agent.fusion.registry import estimator_named
+from protocol.entries import EntryId
+from protocol.spectrum import SpectrumBin
+from sim.radiation.camera import Camera, SourceView
+from sim.radiation.truth import CameraTruth
+
+Array = NDArray[np.float64]
+SIDE_M, LANE_M, HEIGHT_M, SPEED_MPS, RADIUS_M = 100.0, 11.0, 3.0, 3.0, 6.0
+LANES_S, STEP_S, DRONES = 110.0, 0.5, 3
+START_NS = 1_800_000_000_000_000_000
+NS = 1_000_000_000
+ASSUMED = CameraTruth()
+IN_90 = 4.605  # of chi squared with two degrees of freedom
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A source of the truth."""
+
+    nuclide: str
+    place: Array
+    activity_bq: float
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What differs between the cameras and what is assumed of them."""
+
+    bias_m: float = 0.0
+    camera: CameraTruth = ASSUMED
+
+    @classmethod
+    def real(cls) -> Truth:
+        """With the errors of ``--real``."""
+        return cls(0.15, CameraTruth(sensitivity_spread=0.05, energy_gain_spread=0.005, background_hits_per_s=1.8))
+
+    @property
+    def quiet(self) -> CameraTruth:
+        """Without background, for the other nuclides of the same camera."""
+        return CameraTruth(
+            background_hits_per_s=0.0,
+            sensitivity_spread=self.camera.sensitivity_spread,
+            energy_gain_spread=self.camera.energy_gain_spread,
+        )
+
+
+@dataclass
+class Tally:
+    """What came out, over all flights."""
+
+    flights: int = 0
+    right: int = 0
+    sources: int = 0
+    nuclides: int = 0
+    false: int = 0
+    error_m: list[float] = field(default_factory=list)
+    activity: list[float] = field(default_factory=list)
+    inside: list[bool] = field(default_factory=list)
+    refining_s: list[float] = field(default_factory=list)
+    moving_s: list[float] = field(default_factory=list)
+
+
+def drawn(rng: np.random.Generator, nuclides: Sequence[str]) -> list[Placed]:
+    """Sources as in the module's docstring."""
+    count, found = int(rng.integers(0, 7)), list[Placed]()
+    while len(found) < count:
+        activity = 3e8 * 20.0 ** rng.uniform()
+        one = Placed(str(rng.choice(list(nuclides))), rng.uniform(5.0, SIDE_M - 5.0, 2), activity)
+        if all(_may_lie_beside(one, other) for other in found):
+            found.append(one)
+    return found
+
+
+def _may_lie_beside(one: Placed, other: Placed) -> bool:
+    ratio = one.activity_bq / other.activity_bq
+    least_m = 5.0 if 0.1 < ratio < 10.0 else 20.0
+    return one.nuclide != other.nuclide or float(np.hypot(*(one.place - other.place))) > least_m
+
+
+def path(drone: int, sources: Sequence[Placed], circle_s: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Positions (S, 3) and headings (S,) every STEP_S: lanes, then circles, on which the camera faces the source."""
+    way = np.arange(STEP_S / 2.0, LANES_S, STEP_S) * SPEED_MPS
+    lane, along = np.divmod(way, SIDE_M)
+    x = SIDE_M / DRONES * drone + LANE_M * (0.5 + lane % 3)
+    places = [np.column_stack((x, np.where(lane % 2 == 0, along, SIDE_M - along), np.full(len(way), HEIGHT_M)))]
+    headings = [0.5 / SPEED_MPS * way + drone]
+    for source in sources:
+        turn = np.arange(0.0, circle_s, STEP_S)
+        phase = turn * SPEED_MPS / RADIUS_M + 2.0 * np.pi * drone / DRONES
+        off = RADIUS_M * np.column_stack((np.cos(phase), np.sin(phase)))
+        wobble = np.column_stack((np.sin(0.21 * turn + drone), np.cos(0.17 * turn + drone)))
+        at = source.place + off + 0.8 * wobble
+        places.append(np.column_stack((at, HEIGHT_M + 0.3 * np.sin(0.13 * turn + drone))))
+        headings.append(np.arctan2(*(source.place - at).T[::-1]) + rng.normal(0.0, 0.15, len(turn)))
+    return np.concatenate(places), np.concatenate(headings)
+
+
+def observed(seed: int, sources: Sequence[Placed], truth: Truth, circle_s: float, nuclide: str) -> list[Observation]:
+    """What the swarm logs; ``nuclide``: the mission's, whose lines make cones."""
+    rng = np.random.default_rng(seed)
+    found: list[Observation] = []
+    names = sorted({source.nuclide for source in sources}) or [nuclide]
+    for drone in range(DRONES):
+        bias = np.append(rng.normal(0.0, truth.bias_m, 2), 0.0)
+        own = int(rng.integers(1 << 30))
+        cameras = [
+            Camera(truth.camera if k == 0 else truth.quiet, name, np.random.default_rng(own), START_NS)
+            for k, name in enumerate(names)
+        ]
+        chains = [DetectorChain(DetectionConfig(), nuclide, Calibration.nominal()) for _ in names]
+        for step, (place, heading) in enumerate(zip(*path(drone, sources, circle_s, rng), strict=True)):
+            start_ns = START_NS + round(step * STEP_S * NS)
+            axes = _camera_axes(heading, rng)
+            parts = []
+            for name, camera, chain in zip(names, cameras, chains, strict=True):
+                views = [_view(source, place, axes) for source in sources if source.nuclide == name]
+                parts.append(chain.process(camera.expose(start_ns, start_ns + round(STEP_S * NS), views)))
+            found += _told(parts, place + bias, axes, truth.bias_m, f"d{drone + 1}", start_ns)
+    return sorted(found, key=lambda one: (one.stamp_ns, one.identity))
+
+
+def _camera_axes(heading: float, rng: np.random.Generator) -> Array:
+    """Rows: left, up and forward of a camera that tilts a little, world frame."""
+    tilt = rng.normal(0.0, 0.08, 2)
+    forward = np.array([math.cos(heading), math.sin(heading), tilt[0]])
+    forward /= np.linalg.norm(forward)
+    left = np.array([-math.sin(heading), math.cos(heading), tilt[1]])
+    left -= forward * (left @ forward)
+    left /= np.linalg.norm(left)
+    return np.array([left, np.cross(forward, left), forward])
+
+
+def _view(source: Placed, place: Array, axes: Array) -> SourceView:
+    way = np.append(source.place, 0.0) - place
+    distance = float(np.linalg.norm(way))
+    x, y, z = (axes @ way / distance).tolist()
+    return SourceView((x, y, z), distance, source.activity_bq)
+
+
+def _told(parts: list[Detections], place: Array, axes: Array, sigma_m: float, drone: str, start_ns: int) -> Iterator[Observation]:
+    counts, bins, number = np.zeros(3), np.zeros(32, np.int64), 0
+    x, y, z = place.tolist()
+    errors = math.sqrt(2.0) * sigma_m, 0.0, Transform()
+    for part in parts:
+        counts += (part.hits, part.photopeak, part.coincidences)
+        for one in part.spectrum:
+            bins[one.place] += one.singles + one.coincidences
+        for cone in part.cones:
+            number += 1
+            readings = tuple(
+                ConeSurface(cone.stamp_ns, (x, y, z), tuple((axis @ axes).tolist()), *map(float, rest))
+                for axis, *rest in zip(cone.axis, cone.theta_rad, cone.sigma_rad, cone.probability, strict=True)
+            )
+            identity = EntryId("m", cone.stamp_ns, drone, "b", number)
+            yield ConeObservation(cone.stamp_ns, readings, *errors, identity, 0, sum(cone.energies_kev))
+    spectrum = tuple(SpectrumBin(e, count, 0) for e, count in enumerate(bins.tolist()) if count)
+    end_ns = start_ns + round(STEP_S * NS)
+    identity = EntryId("m", start_ns, drone, "b", 0)
+    yield CountObservation(end_ns, (start_ns + end_ns) // 2, (x, y, z), STEP_S, counts, *errors, identity, 0, spectrum)
+
+
+def estimate(name: str, mission: MissionConfig, seen: Sequence[Observation], tally: Tally) -> Hypothesis | None:
+    """The estimate at the end; the times of all steps into the tally."""
+    estimator: Estimator[object] = estimator_named(name, mission)
+    grid_ns = round((estimator.grid_s or mission.fusion.grid_s) * NS)
+    state, by_step = estimator.initial(None), dict[int, list[Observation]]()
+    for one in seen:
+        by_step.setdefault(one.stamp_ns // grid_ns, []).append(one)
+    period = round(mission.fusion.sources.moved_s * NS)
+    last = GridStep(max(by_step) // 20 * 20 + 40, 0, 0)
+    by_step[last.index] = []  # a last fit with all that was measured
+    before = 0
+    for index in sorted(by_step):
+        step = GridStep(index, index * grid_ns, (index + 1) * grid_ns)
+        start = time.process_time()
+        state = estimator.step(state, step, by_step[index])
+        took, now = time.process_time() - start, step.start_ns // period
+        (tally.moving_s if now > before else tally.refining_s).append(took)
+        before = now
+    return estimator.hypothesis(state, step)
+
+
+def judge(sources: Sequence[Placed], told: Hypothesis | None, tally: Tally) -> None:
+    """Match each source with the nearest estimate of its nuclide, or else of any."""
+    left = [] if told is None else [told, *told.others]
+    tally.flights += 1
+    tally.right += len(left) == len(sources)
+    tally.false += max(0, len(left) - len(sources))
+    for source in sources:
+        tally.sources += 1
+        if not left:
+            continue
+        off = [float(np.hypot(*(one.position[:2] - source.place))) for one in left]
+        best = min(range(len(left)), key=lambda k: (left[k].nuclide not in (source.nuclide, None), off[k]))
+        found = left.pop(best)
+        error = found.position[:2] - source.place
+        tally.nuclides += found.nuclide in (source.nuclide, None)
+        tally.error_m.append(off[best])
+        tally.activity.append(abs((found.activity_bq or 0.0) / source.activity_bq - 1.0))
+        tally.inside.append(float(error @ np.linalg.solve(found.covariance[:2, :2], error)) <= IN_90)
+
+
+def told(name: str, tally: Tally) -> str:
+    """The tally in a line."""
+    half, most = np.quantile(tally.error_m or [math.nan], (0.5, 0.9))
+    weak, strong = 100.0 * np.quantile(tally.activity or [math.nan], (0.5, 0.9))
+    return (
+        f"{name}: number right {tally.right}/{tally.flights}, sources {len(tally.error_m)}/{tally.sources}, nuclides right "
+        f"{tally.nuclides}, false {tally.false}; error 50/90 % {half:.3f}/{most:.3f} m, activity {weak:.1f}/{strong:.1f} %, "
+        f"in 90 % region {np.mean(tally.inside or [math.nan]):.2f}; refinement at most {1e3 * max(tally.refining_s):.0f} ms, "
+        f"with moves {1e3 * np.median(tally.moving_s):.0f} ms, at most {1e3 * max(tally.moving_s):.0f} ms"
+    )
+
+
+def main(
+    flights: Annotated[int, typer.Option(help="Number of flights.")] = 10,
+    seed: Annotated[int, typer.Option(help="Of the first one.")] = 1,
+    real: Annotated[bool, typer.Option("--real")] = False,
+    alone: Annotated[bool, typer.Option("--alone")] = False,
+    circle_s: Annotated[float, typer.Option(help="Time around each source.")] = 40.0,
+    nuclides: Annotated[str, typer.Option(help="Of the sources.")] = "Cs-137,Ir-192",
+) -> None:
+    truth = Truth.real() if real else Truth()
+    square = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M))
+    drones = tuple(DroneInMission(id=f"d{k + 1}") for k in range(DRONES))
+    mission = MissionConfig(name="several", drones=drones, area=AreaConfig(polygon_m=square))
+    tallies = {name: Tally() for name in (("sources", "bayes") if alone else ("sources",))}
+    for number in range(seed, seed + flights):
+        rng = np.random.default_rng([number, 1])
+        sources = [Placed(mission.nuclide, rng.uniform(10.0, 90.0, 2), 3e9)] if alone else drawn(rng, nuclides.split(","))
+        seen = observed(number, sources, truth, circle_s, mission.nuclide)
+        for name, tally in tallies.items():
+            judge(sources, estimate(name, mission, seen, tally), tally)
+            print(f"after {number - seed + 1}: {told(name, tally)}", flush=True)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,86 @@
+"""Synthetic flights among several sources: own geometry and drawing, the spectra's shapes from the agent's tables."""
+
+import math
+from types import SimpleNamespace
+
+import msgspec
+import numpy as np
+import pytest
+
+from agent.config.estimators import FusionConfig, SourcesEstimatorConfig
+from agent.config.mission import AreaConfig
+from agent.fusion.sources.spectra import Spectra
+from protocol.entries import Counts
+from protocol.spectrum import SpectrumBin
+
+SIDE_M = 40.0
+NUCLIDES = ("Cs-137", "Co-60", "Ir-192")
+
+
+def mission_of(kit, drones=("a", "b"), **config):
+    """A small area, and few candidates: so that a test takes less than a second."""
+    config = {"nuclides": NUCLIDES, "moved_s": 5.0, **config}
+    square = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M))
+    return msgspec.structs.replace(
+        kit.mission_of(drones=drones),
+        area=AreaConfig(polygon_m=square),
+        fusion=FusionConfig(estimator="sources", sources=SourcesEstimatorConfig(**config)),
+    )
+
+
+def place_of(time_s, index, drones):
+    """Lanes up and down, 3 m high, at 3 m/s."""
+    lane, along = divmod(3.0 * time_s, SIDE_M)
+    width = SIDE_M / drones
+    x = width * index + width * (0.5 + lane % 2) / 2.0
+    return np.array([x, along if lane % 2 == 0 else SIDE_M - along, 3.0])
+
+
+def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True):
+    """Exposures, and cones of Cs-137; sources: (nuclide, x, y, Bq); bias: by drone, measured minus true."""
+    entries = []
+    drones = [drone.id for drone in mission.drones]
+    spectra = Spectra.of(NUCLIDES)
+    near, far = spectra.templates(0.0, 0.0)
+    for index, drone in enumerate(drones):
+        for number in range(int(seconds / 0.5)):
+            time_s = number * 0.5
+            true = place_of(time_s + 0.25, index, len(drones))
+            measured = true + (0.0 if bias is None else np.array([*bias[index], 0.0]))
+            expected = spectra.background_ps(0.0).copy()
+            for nuclide, x, y, becquerel in sources:
+                n = NUCLIDES.index(nuclide)
+                square = (x - true[0]) ** 2 + (y - true[1]) ** 2 + true[2] ** 2
+                depth = spectra.air_per_m[n] * math.sqrt(square)
+                per_mm2 = becquerel * 1e-6 / (4.0 * math.pi * square) * math.exp(-depth)
+                expected += per_mm2 * (near[n] + depth * far[n])
+                if cones and nuclide == "Cs-137":
+                    entries += _cones(kit, mission, rng, time_s, (true, measured), (x, y), per_mm2, drone, 20 * number)
+            counts = rng.poisson(0.5 * expected).tolist()
+            exposure = kit.exposure_entry(mission, time_s, measured, drone=drone, sequence=20 * number, duration_s=0.5)
+            spectrum = tuple(SpectrumBin(e, count, 0) for e, count in enumerate(counts) if count)
+            entries.append(msgspec.structs.replace(exposure, spectrum=spectrum, counts=Counts(sum(counts), 0, 0)))
+    return entries
+
+
+def _cones(kit, mission, rng, time_s, places, source, per_mm2, drone, sequence):
+    true, measured = places
+    cones = []
+    for k in range(min(int(rng.poisson(0.5 * 0.8 * per_mm2)), 18)):
+        axis, theta = kit.cone_towards(rng, true, (*source, 0.0), 0.1)
+        cone = kit.cone_entry(mission, time_s + 0.01 * k, measured, axis, theta, drone=drone, sequence=sequence + 1 + k)
+        cones.append(msgspec.structs.replace(cone, energies_kev=(200.0, 461.66)))
+    return cones
+
+
+@pytest.fixture(scope="session")
+def among(kit):
+    """The helpers of this file."""
+
+    def mission(*arguments, **settings):
+        return mission_of(kit, *arguments, **settings)
+
+    def entries(*arguments, **settings):
+        return entries_of(kit, *arguments, **settings)
+
+    return SimpleNamespace(NUCLIDES=NUCLIDES, mission_of=mission, entries_of=entries)

@@ -1,0 +1,64 @@
+"""Sums over exposures: of whatever parts and in whatever order they are made, they are the same."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agent.frames.transform import Transform
+from agent.fusion.observation import CountObservation
+from agent.fusion.sources.data import Rows
+from protocol.entries import EntryId
+from protocol.spectrum import SpectrumBin
+
+DRONES = {"a": 0, "b": 1}
+NS = 1_000_000_000
+
+
+def exposure(number, drone="a", place=(1.2345, 2.0, 3.0), live_s=0.5, bins=((3, 2, 1),), hits=4):
+    spectrum = tuple(SpectrumBin(*one) for one in bins)
+    counts = np.array([hits, 0.0, 0.0])
+    identity = EntryId("m", number, drone, "boot", number)
+    return CountObservation(number * NS, number * NS, place, live_s, counts, 0.1, 0.01, Transform(), identity, 0, spectrum)
+
+
+EXPOSURES = st.lists(
+    st.builds(
+        exposure,
+        number=st.integers(0, 10**6),
+        drone=st.sampled_from(("a", "b")),
+        place=st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(1.0, 2.0)),
+        live_s=st.floats(0.01, 60.0),
+        bins=st.lists(st.tuples(st.integers(0, 31), st.integers(0, 99), st.integers(0, 9)), max_size=2, unique_by=lambda b: b[0]),
+        hits=st.just(0),
+    ),
+    min_size=1,
+    max_size=12,
+)
+
+
+@settings(max_examples=30)
+@given(EXPOSURES, st.randoms(use_true_random=False), st.integers(0, 12))
+def test_order_and_parts_do_not_matter(exposures, random, cut):
+    whole = Rows.none().plus(exposures, DRONES)
+    mixed = random.sample(exposures, len(exposures))
+    parts = Rows.none().plus(mixed[:cut], DRONES).plus(mixed[cut:], DRONES)
+    assert whole.table.tobytes() == parts.table.tobytes()
+
+
+def test_a_voxel_holds_what_its_exposures_told():
+    rows = Rows.none().plus([exposure(1), exposure(2, place=(1.4, 2.3, 3.2), bins=((3, 1, 0), (31, 0, 5)))], DRONES)
+    assert len(rows) == 1
+    assert rows.live_s.tolist() == [1.0]
+    assert rows.place[0] == pytest.approx((1.317, 2.15, 3.1), abs=1e-3)  # rounded to millimetres
+    assert (rows.counts[0, 3], rows.counts[0, 31], rows.counts.sum()) == (4.0, 5.0, 9.0)
+
+
+def test_drones_and_voxels_are_kept_apart():
+    rows = Rows.none().plus([exposure(1, "b"), exposure(2), exposure(3, place=(-0.1, 2.0, 3.0))], DRONES)
+    assert rows.drone.tolist() == [0, 0, 1]
+
+
+def test_an_exposure_without_spectrum_tells_nothing_if_there_were_hits():
+    assert len(Rows.none().plus([exposure(1, bins=(), hits=50)], DRONES)) == 0
+    assert len(Rows.none().plus([exposure(1, bins=(), hits=0)], DRONES)) == 1

@@ -1,0 +1,99 @@
+"""The likelihoods' derivatives against differences of the likelihoods, and the fit's evidence."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from shapely import Polygon
+
+from agent.frames.transform import Transform
+from agent.fusion.observation import ConeObservation, observe
+from agent.fusion.sources.counts import CountModel
+from agent.fusion.sources.data import Cones, Rows
+from agent.fusion.sources.directions import ConeModel
+from agent.fusion.sources.fit import Prior, Problem
+from agent.fusion.sources.solution import Solution
+from agent.fusion.sources.spectra import Spectra
+from agent.terrain.ground import Ground
+
+SOURCES = [("Cs-137", 12.0, 20.0, 3e9), ("Ir-192", 30.0, 15.0, 5e8)]
+
+
+@pytest.fixture(scope="module")
+def problem(kit, among):
+    """Two drones of which the second is off by (0.3, -0.2) m."""
+    mission = among.mission_of()
+    entries = among.entries_of(mission, np.random.default_rng(1), 30.0, SOURCES, bias=((0.0, 0.0), (0.3, -0.2)))
+    seen = [observe(entry, Transform()) for entry in sorted(entries, key=lambda entry: entry.entry_id)]
+    drones = {"a": 0, "b": 1}
+    rows = Rows.none().plus([one for one in seen if not isinstance(one, ConeObservation)], drones)
+    cones = Cones.none().plus([one for one in seen if isinstance(one, ConeObservation)], drones)
+    assert len(cones) > 50
+    spectra, ground = Spectra.of(among.NUCLIDES), Ground.from_config(mission)
+    prior = Prior(
+        bias=np.array([(0.3, 0.3, 0.05)] * 2),
+        background=0.3,
+        scale=0.03,
+        scatter=0.15,
+        low=np.zeros(2),
+        high=np.full(2, 40.0),
+        log_activity=(-7.0, 7.0),
+        area_m2=Polygon(mission.area.polygon_m).area,
+        expected=1.5,
+    )
+    return Problem(CountModel(rows, spectra, ground, 2), ConeModel(cones, spectra, ground, 2, 0.2), prior, len(spectra.nuclides))
+
+
+def somewhere():
+    bias = np.array([(0.05, -0.1, 0.02), (-0.1, 0.1, -0.03)])
+    return Solution((0, 2), np.array([(12.5, 19.6), (29.5, 15.3)]), np.array([1.0, -0.6]), 0.1, bias, 0.004, 0.05)
+
+
+@pytest.mark.parametrize("number", range(13))
+def test_the_gradient_is_that_of_the_value(problem, number):
+    """Central differences, whose own error is of the order 1e-8 of a value of some thousands."""
+    solution = somewhere()
+    step = np.zeros(13)
+    step[number] = 1e-5
+    after, before = (problem.value(solution.moved(solution.vector + sign * step)) for sign in (1, -1))
+    _, gradient, _ = problem._scored(solution)
+    assert gradient[number] == pytest.approx((after - before) / 2e-5, rel=1e-4, abs=1e-2)
+
+
+def test_the_value_of_a_fit_is_that_of_its_solution(problem):
+    fitted = problem.fitted(somewhere(), 20)
+    assert fitted.value == pytest.approx(problem.value(fitted.solution))
+    assert fitted.value > problem.value(somewhere())
+
+
+def test_places_and_activities_are_told_with_their_errors(problem):
+    """All within four standard deviations, although one drone is off."""
+    fitted = problem.fitted(somewhere(), 20)
+    for k, (_, x, y, becquerel) in enumerate(SOURCES):
+        error = [*(fitted.solution.place[k] - (x, y)), fitted.solution.log_activity[k] - np.log(becquerel / 1e9)]
+        assert np.all(np.abs(error) < 4.0 * fitted.sigma_of(k))
+
+
+def test_the_evidence_is_for_what_is_there(problem):
+    both = problem.fitted(somewhere(), 20)
+    one = problem.fitted(somewhere().without(1), 20)
+    three = problem.fitted(both.solution.plus(1, np.array([5.0, 35.0]), -5.0), 20)
+    assert both.evidence > one.evidence + 10.0
+    assert both.evidence > three.evidence
+
+
+def test_cones_tell_nothing_without_sources(problem):
+    assert problem.cones.log_likelihood(Solution.nothing(2)) == 0.0
+
+
+def test_what_is_left_is_fitted_as_alone(problem):
+    """One source with the other as it is: better than before, and the other has not moved."""
+    start = somewhere()
+    solution, value = problem.fitted_alone(start, [1], 10)
+    assert value > problem.counts.log_likelihood(problem.counts.expected(start))
+    assert value == pytest.approx(problem.counts.log_likelihood(problem.counts.expected(solution)))
+    assert np.array_equal(solution.place[0], start.place[0])
+
+
+def test_expectations_stay_positive_at_any_scale(problem):
+    for scale in (-0.1, 0.1):
+        assert problem.counts.expected(replace(somewhere(), scale=scale)).min() > 0.0

@@ -1,0 +1,113 @@
+"""The estimator on synthetic flights: what it finds, and that it depends on nothing but the log."""
+
+import random
+
+import msgspec
+import numpy as np
+import pytest
+
+from agent.errors import ConfigError
+from agent.frames.graph import FrameGraph
+from agent.fusion.engine import Fusion
+from agent.fusion.registry import estimator_named
+from agent.fusion.sources.estimator import _strongest_first
+from agent.fusion.sources.fit import Fitted
+from agent.fusion.sources.solution import Solution
+
+TWO = [("Cs-137", 12.0, 20.0, 6e8), ("Ir-192", 30.0, 15.0, 1e9)]
+
+
+def fusion_of(mission):
+    return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("sources", mission))
+
+
+def after(kit, mission, entries, seconds):
+    fusion = fusion_of(mission)
+    assert all(kit.feed(fusion, entries))
+    return kit.settle(fusion, kit.T0_NS + round(seconds * 1e9))
+
+
+def sources_of(hypothesis):
+    return [hypothesis, *hypothesis.others]
+
+
+@pytest.fixture(scope="module")
+def flight(among):
+    mission = among.mission_of()
+    return mission, among.entries_of(mission, np.random.default_rng(2), 30.0, TWO)
+
+
+def test_two_sources_of_unknown_nuclides_are_found(kit, flight):
+    """Each coordinate within four standard deviations, or 5 cm more: positions are drawn as measured, without error."""
+    hypothesis = after(kit, *flight, 32.0)
+    found = sources_of(hypothesis)
+    assert [one.nuclide for one in found] == ["Ir-192", "Cs-137"]  # the stronger one first
+    assert hypothesis.evidence > 10.0
+    for one, (_, x, y, becquerel) in zip(found, reversed(TWO), strict=True):
+        sigma_m = np.sqrt(np.diag(one.covariance)[:2])
+        assert np.all(np.abs(one.position[:2] - (x, y)) < 4.0 * sigma_m + 0.05)
+        assert one.activity_bq == pytest.approx(becquerel, abs=4.0 * one.activity_sigma_bq)
+        assert one.rms_m < 1.0
+
+
+def test_nothing_is_found_where_nothing_is(kit, among):
+    mission = among.mission_of()
+    assert after(kit, mission, among.entries_of(mission, np.random.default_rng(3), 30.0, []), 32.0) is None
+
+
+def test_the_order_of_arrival_does_not_matter(kit, flight):
+    """All at once, as to a late joiner, and mixed up in parts with the fusion advancing in between."""
+    mission, entries = flight
+    mixed = random.Random(1).sample(entries, len(entries))
+    fusion = fusion_of(mission)
+    part = len(mixed) // 4 + 1
+    for number, start in enumerate(range(0, len(mixed), part)):
+        kit.feed(fusion, mixed[start : start + part])
+        fusion.advance(kit.T0_NS + round(8e9 * number))
+    late = kit.settle(fusion, kit.T0_NS + 32_000_000_000)
+    in_order = after(kit, mission, sorted(entries, key=lambda entry: entry.entry_id), 32.0)
+    assert len(sources_of(late)) == len(sources_of(in_order)) == 2
+    assert all(kit.same_bits(*both) for both in zip(sources_of(late), sources_of(in_order), strict=True))
+    assert late.evidence == in_order.evidence
+
+
+def test_entries_on_the_way_do_not_move_the_solution_between_its_times(kit, flight):
+    mission, entries = flight
+    fusion = fusion_of(mission)
+    kit.feed(fusion, entries)
+    places = []
+    for time_s in (20.3, 21.9, 22.9):  # fits at 20 and 22, and by then with what came before
+        fusion.advance(kit.T0_NS + round(time_s * 1e9))
+        places.append(kit.settle(fusion, kit.T0_NS + round(time_s * 1e9)).position.tobytes())
+    assert places[0] == places[1] != places[2]
+
+
+def test_each_drone_sees_the_source_with_its_own_error(kit, among):
+    """Of what two drones see, the difference is that of their biases, to a few sigma of some 0.1 m."""
+    mission = among.mission_of()
+    bias = ((0.0, 0.0), (0.5, -0.4))
+    entries = among.entries_of(mission, np.random.default_rng(4), 40.0, [("Cs-137", 20.0, 20.0, 3e9)], bias=bias)
+    entries = [_with_sigma(entry, 0.7) for entry in entries]
+    hypothesis = after(kit, mission, entries, 42.0)
+    apart = hypothesis.sight_of("b").position - hypothesis.sight_of("a").position
+    assert apart[:2] == pytest.approx(bias[1], abs=0.35)
+    assert hypothesis.sight_of("a").rms_m < hypothesis.rms_m
+
+
+def _with_sigma(entry, sigma_m):
+    name = "apex_sigma_m" if hasattr(entry, "apex_sigma_m") else "position_sigma_m"
+    return msgspec.structs.replace(entry, **{name: sigma_m})
+
+
+def test_candidates_that_nobody_knows_are_refused(kit, among):
+    with pytest.raises(ConfigError, match=r"nuclide 'K-40': estimator 'sources' does not know .*; it knows Am-241, "):
+        estimator_named("sources", among.mission_of(nuclides=("Cs-137", "K-40")))
+
+
+@pytest.mark.parametrize(("second", "first_place"), [(1.9, 1.0), (2.1, 2.0)])
+def test_the_swarm_stays_with_a_source_until_another_is_twice_as_strong(second, first_place):
+    solution = Solution((0, 1), np.array([(1.0, 1.0), (2.0, 2.0)]), np.log([1.0, second]), 0.0, np.zeros((1, 3)))
+    covariance = np.diag(np.arange(10.0))
+    fitted = _strongest_first(Fitted(solution, 0.0, covariance, 0.0))
+    assert fitted.solution.place[0, 0] == first_place
+    assert fitted.covariance[0, 0] == (0.0 if first_place == 1.0 else 3.0)
