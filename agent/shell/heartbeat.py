@@ -14,6 +14,7 @@ from contextlib import suppress
 
 HEARTBEAT_FD = 3  # the supervisor's pipe, in the agent
 SILENCE_S = 1.0  # after a longer gap between steps the agent ends: the autopilot has taken over, or is about to
+SILENT_START_S = 300.0  # without a line before its first step: it hangs; on an emulated computer its imports take minutes
 HUNG = 70  # exit code (EX_SOFTWARE): the agent hung, stalled or broke
 ANEW = 75  # exit code (EX_TEMPFAIL): to be started again, with another mission
 RELOADING = "RELOADING=1"  # to the supervisor and the service manager: it closes everything, to be started again

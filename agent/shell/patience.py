@@ -11,6 +11,7 @@ from agent.shell.heartbeat import Heartbeat
 from protocol.errors import ProtocolError
 
 RETRY_S = 2.0
+LIVE_S = 10.0  # between two signs of life during an attempt
 
 
 class Patience:
@@ -24,12 +25,12 @@ class Patience:
         self._told = ""
 
     def tell(self, obstacle: Exception) -> None:
-        """Say what is waited for, if that has changed."""
+        """Say what is waited for, if that has changed. The supervisor hears it every time, as a sign of life."""
         text = f"waiting: {obstacle}"
         if text != self._told:
             self._told = text
             print(f"radron-agent: {text}", file=sys.stderr, flush=True)
-            self._heartbeat.tell(f"STATUS={text}")
+        self._heartbeat.tell(f"STATUS={text}")
 
     async def until(self, attempt: Callable[[], Awaitable[None]]) -> None:
         """Attempt something until it succeeds.
@@ -37,11 +38,21 @@ class Patience:
         Raises:
             RadronError, ProtocolError: the first failure, where this agent does not wait.
         """
+        living = asyncio.create_task(self._live())
+        try:
+            while True:
+                try:
+                    return await attempt()
+                except (RadronError, ProtocolError) as obstacle:
+                    if not self.waits:
+                        raise
+                    self.tell(obstacle)
+                await asyncio.sleep(self.retry_s)
+        finally:
+            living.cancel()
+
+    async def _live(self) -> None:
+        """Show the supervisor that the event loop works, however long an attempt takes."""
         while True:
-            try:
-                return await attempt()
-            except (RadronError, ProtocolError) as obstacle:
-                if not self.waits:
-                    raise
-                self.tell(obstacle)
-            await asyncio.sleep(self.retry_s)
+            self._heartbeat.tell(f"STATUS={self._told or 'starting'}")
+            await asyncio.sleep(LIVE_S)

@@ -14,7 +14,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 
-from agent.shell.heartbeat import ANEW, HEARTBEAT_FD, HUNG, RELOADING, SILENCE_S
+from agent.shell.heartbeat import ANEW, HEARTBEAT_FD, HUNG, RELOADING, SILENCE_S, SILENT_START_S
 from agent.shell.systemd import VARIABLES, Notifier
 
 STOP_S = 1.5  # a stopping agent has this long to close everything
@@ -31,7 +31,8 @@ class Supervisor:
         self._notifier = Notifier()
         self._scratch = os.path.join(os.environ.get("TMPDIR", "/tmp"), f"radron-agent-{os.getpid()}")
         self._stopping = False
-        self._deadline_s: float | None = None  # when the agent is killed unless it sends a heartbeat
+        self._silence_s = SILENT_START_S  # that is allowed
+        self._deadline_s: float | None = None  # when the agent is killed unless it sends something
         self._verdict: str | None = None  # why it was killed
 
     def run(self) -> int:
@@ -66,6 +67,7 @@ class Supervisor:
     def _watched(self, wakes: int) -> int:
         """One run of the agent, to its end; its exit code."""
         heartbeats, child = self._start()
+        self._allow(SILENT_START_S)
         poll = select.poll()
         poll.register(wakes, select.POLLIN)
         poll.register(heartbeats, select.POLLIN)
@@ -107,14 +109,20 @@ class Supervisor:
                 poll.unregister(heartbeats)
             return
         lines = [line.decode(errors="replace") for line in data.split(b"\n")[:-1]]
-        if "" in lines and not self._stopping:
-            self._deadline_s = time.monotonic() + SILENCE_S
-            self._notifier.alive()
         told = [line for line in lines if line]
+        if "" in lines and not self._stopping:
+            self._allow(SILENCE_S)
+            self._notifier.alive()
+        elif told and not self._stopping:  # what it says before its first step is a sign of life, too
+            self._allow(self._silence_s)
         if RELOADING in told:  # no heartbeats any more until it has been started again
             self._deadline_s = time.monotonic() + STOP_S
         if told:
             self._notifier.tell(*told)
+
+    def _allow(self, silence_s: float) -> None:
+        self._silence_s = silence_s
+        self._deadline_s = time.monotonic() + silence_s
 
     def _obey(self, numbers: bytes | None, child: int) -> None:
         """Pass a stop signal on to the agent, once."""
@@ -129,7 +137,7 @@ class Supervisor:
         """Kill the agent when its time is up."""
         if self._deadline_s is None or time.monotonic() < self._deadline_s:
             return
-        what = f"did not stop within {STOP_S:g} s" if self._stopping else f"no heartbeat for {SILENCE_S:g} s"
+        what = f"did not stop within {STOP_S:g} s" if self._stopping else f"no heartbeat for {self._silence_s:g} s"
         self._verdict = f"{what}: killed"
         self._deadline_s = None
         os.kill(child, signal.SIGKILL)  # works on a stopped process too

@@ -9,8 +9,6 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from cryptography import x509
-
 from agent.update.records import REPORT, Records, own_release, read_report
 from agent.update.slots import Slots
 from protocol.onboard import Computer
@@ -65,6 +63,8 @@ def clock_offset_s() -> float | None:
 
 def certificate_end_ns(file: Path) -> int | None:
     """Until when a certificate is valid; None: there is none that can be read."""
+    from cryptography import x509  # noqa: PLC0415  at each boot the updater does without: half of its time to start
+
     try:
         end = x509.load_pem_x509_certificate(file.read_bytes()).not_valid_after_utc
     except (OSError, ValueError):

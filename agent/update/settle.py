@@ -83,7 +83,7 @@ def _try(slots: Slots, records: Records, trial: Trial, around: Surroundings, dea
     slots.mark_good(trial.slot)  # first: this is what counts after a power cut
     text = f"updated from {trial.before} to {trial.release}, slot {trial.slot}"
     _tell(records, around, Outcome(kind="good", slot=trial.slot, release=trial.release, text=text, **_times(trial, around)))
-    records.end()
+    _keep(around, records.end)
 
 
 def _give_up(records: Records, trial: Trial, missing: list[str], around: Surroundings, deadline_s: float) -> None:
@@ -108,7 +108,7 @@ def _look_back(slots: Slots, records: Records, slot: str, trial: Trial | None, r
             f"the update to {trial.release} was interrupted before slot {other} could be started: slot {slot} runs on; push again"
         )
         _tell(records, around, Outcome(kind="interrupted", slot=other, release=trial.release, text=text, **_times(trial, around)))
-    records.end()
+    _keep(around, records.end)
 
 
 def _tell(records: Records, around: Surroundings, outcome: Outcome) -> None:
@@ -117,7 +117,7 @@ def _tell(records: Records, around: Surroundings, outcome: Outcome) -> None:
 
 
 def _keep(around: Surroundings, write: Callable[[], None]) -> None:
-    """Write to the data partition, if it takes anything: a full one must not decide about a slot."""
+    """Write to the data partition, if it takes anything: one that is full or damaged must not decide about a slot."""
     try:
         write()
     except OSError as error:

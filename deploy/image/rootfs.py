@@ -15,6 +15,8 @@ from deploy.image.tools import run
 SUITE = "bookworm"
 MIRROR, SECURITY = "http://deb.debian.org/debian", "http://deb.debian.org/debian-security"
 SNAPSHOT = "http://snapshot.debian.org/archive"
+# LZO: GRUB reads it, and it is unpacked several times faster than the other compressions that GRUB reads.
+COMPRESSION = ("-comp", "lzo", "-Xalgorithm", "lzo1x_1_15", "-b", "256K")
 _CONTENTS = Path(str(files("deploy.image"))) / "contents"
 _NOT_INSTALLED = ("doc", "man", "info", "locale", "bash-completion", "lintian", "i18n/locales")
 _ENABLED = [
@@ -98,10 +100,8 @@ def make_rootfs(
     ]
     dates = {"SOURCE_DATE_EPOCH": str(release.epoch)}
     run([*command, *sources(snapshot)], log, dates)
-    # LZO: GRUB reads it, and it is unpacked several times faster than the other compressions that GRUB reads.
-    compression = ["-comp", "lzo", "-Xalgorithm", "lzo1x_1_15", "-b", "256K"]
     out.unlink(missing_ok=True)
-    run(["mksquashfs", "-", str(out), "-tar", "-root-mode", "0755", "-no-progress", *compression], log, dates, stdin=archive)
+    run(["mksquashfs", "-", str(out), "-tar", "-root-mode", "0755", "-no-progress", *COMPRESSION], log, dates, stdin=archive)
     archive.unlink()
 
 

@@ -22,8 +22,8 @@ dpkg-query --show --showformat '${Package} ${Version}\n' > /usr/share/radron/pac
 
 mkdir -p /config /efi
 : > /etc/machine-id
-# Nobody can log in at the console, the package database never changes, and nothing waits for the network to be up.
-for unit in getty@tty1 serial-getty@ttyS0 systemd-firstboot systemd-networkd-wait-online e2scrub_reap; do
+# Nobody can log in at the console, the package database never changes, nothing waits for the network to be up, and nothing of a desktop.
+for unit in getty@tty1 serial-getty@ttyS0 systemd-firstboot systemd-networkd-wait-online e2scrub_reap systemd-logind systemd-binfmt; do
     ln -sf /dev/null "/etc/systemd/system/$unit.service"
 done
 for timer in dpkg-db-backup e2scrub_all; do ln -sf /dev/null "/etc/systemd/system/$timer.timer"; done

@@ -75,6 +75,15 @@ def test_an_agent_that_hangs_is_killed_a_second_after_its_last_beat(start: Start
     assert 0.9 < time.monotonic() - steps[-1] < 1.8 + BUSY_S
 
 
+@pytest.mark.slow
+def test_an_agent_that_is_silent_before_its_first_beat_is_killed_but_not_while_it_says_what_it_waits_for() -> None:
+    impatient = "import agent.shell.supervisor as one; one.SILENT_START_S = 3.0; one.main()"
+    command = [sys.executable, "-c", impatient, sys.executable, str(CHILD), "waits, then hangs"]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert (ran.returncode, ran.stderr) == (70, "radron-agent: no heartbeat for 3 s: killed\n")
+    assert ran.stdout.count("waits") == 4  # in 4 s
+
+
 def test_an_agent_that_asks_for_it_is_started_again(start: Start, tmp_path: Path) -> None:
     process = start("anew", MARK=str(tmp_path / "mark"))
     assert process.stdout is not None

@@ -201,6 +201,25 @@ def test_a_full_data_partition_does_not_decide_about_a_slot(updated: OnboardFile
     assert "outcome.json: cannot be written: No space left on device" in booted.said
 
 
+@pytest.mark.parametrize("kind", ["good", "fell back"])
+def test_a_data_partition_that_became_read_only_does_not_decide_about_a_slot(
+    updated: OnboardFiles, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    def read_only(self: Records, *_: object) -> None:
+        raise OSError(30, "Read-only file system", str(self.folder))
+
+    if kind == "fell back":
+        assert [updated.boot() for _ in range(3)] == ["B"] * 3
+    monkeypatch.setattr(Records, "_write", read_only)
+    monkeypatch.setattr(Records, "end", read_only)
+    for _ in range(5):  # it stays so
+        booted = run(updated, always(well()))
+        slot = "B" if kind == "good" else "A"
+        assert (updated.slots.booted, updated.slots.primary, updated.slots.attempts(slot)) == (slot, slot, 0)
+        assert booted.reboots == 0
+        assert any(said.endswith("cannot be written: Read-only file system") for said in booted.said)
+
+
 def test_only_what_answered_before_must_answer() -> None:
     bare = Report(uptime_s=0.0, boot="1", version="0.2.0", stage=Stage.PREFLIGHT)
     assert lacking(bare, Needs()) == []

@@ -47,6 +47,12 @@ def main() -> None:
     if HOW == "tells":
         beat.tell("READY=1")
         beat.tell("STATUS=survey")
+    if HOW == "waits, then hangs":
+        for _ in range(4):
+            say("waits")
+            beat.tell("STATUS=waiting: no autopilot")
+            time.sleep(1.0)
+        time.sleep(100.0)
     if HOW == "anew":
         begin_anew_once(beat)
     for step in range(10_000):
