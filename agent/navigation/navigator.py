@@ -162,6 +162,7 @@ class Navigator:
             step_s=STEP_S,
             place_at=self._own.place_at,
             circles=moment.stage in CIRCLING,
+            height_m=vehicle.height_m,
         )
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]

@@ -23,6 +23,7 @@ from agent.frames.transform import Transform
 from agent.geometry import Array, Point2, Vector3
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
+from agent.navigation.crossing import is_over_m
 from agent.navigation.peers import Peer, Peers
 from protocol.messages import Pose, Stage
 
@@ -47,6 +48,10 @@ class Wall(Struct, frozen=True):
     normal: Point2
     offset: float
 
+    def parts_from(self, place: Point2) -> bool:
+        """Whether a place lies beyond it."""
+        return self.normal[0] * place[0] + self.normal[1] * place[1] < self.offset
+
 
 class Absence(Struct, frozen=True):
     """Drones of the mission that took part and are not heard any more, and what follows for this one.
@@ -68,7 +73,7 @@ class Absence(Struct, frozen=True):
 
 class Viewer(Struct, frozen=True):
     """The drone that keeps clear: its frame, its planned positions (K, 3) from now on, ``step_s`` apart, local frame, and where
-    it was at a stamp, mission frame. ``circles``: it tracks.
+    it was at a stamp, mission frame. ``circles``: it tracks. ``height_m``: above ground.
     """
 
     now_ns: int
@@ -77,6 +82,7 @@ class Viewer(Struct, frozen=True):
     ahead: Callable[[], Array]
     place_at: Callable[[int], Vector3 | None]
     circles: bool
+    height_m: float
 
 
 class Silent:
@@ -87,6 +93,7 @@ class Silent:
         self._id, self._order = drone, [member.id for member in mission.drones]
         self._agentless = Agentless(mission)
         self._above_m = _ABOVE * mission.limits.separation_m
+        self._is_over_m = is_over_m(mission, drone)
         self._walls: dict[str, tuple[int, Wall]] = {}  # with the stamp of the last contact
         self._courses: dict[str, tuple[int, Course]] = {}  # the same, if its agent is gone
         self._set_ns = 0
@@ -146,7 +153,8 @@ class Silent:
         course = self._agentless.course(name, peer, pose, mission_from_theirs)
         self._courses[name] = pose.stamp_ns, course
         wall = self._wall(name, stage, pose.stamp_ns, course.stop.start, me) if silent_s < APART_NS * 1e-9 else None
-        walls = [] if wall is None else [_beyond(name, wall, ahead, sigma_m, me)]
+        crosses = me.height_m > self._is_over_m  # above all that search
+        walls = [] if wall is None or crosses else [_beyond(name, wall, ahead, sigma_m, me)]
         places = [stretch.nearest(ahead) for stretch in course.stretches(times, below_m)]
         return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), hypot(sigma_m, _SIGMA_M)) for one in places]
 

@@ -117,6 +117,10 @@ def test_who_searched_keeps_to_its_own_side():
     wall = hood.absence.walls["b"]
     assert wall.offset == pytest.approx(-math.hypot(5.0, 0.5))
     assert (hood.absence.missing, hood.absence.ring, hood.absence.alone) == (("b",), 0, True)
+    assert [wall.parts_from(place) for place in ((0.0, 0.0), (10.0, 1.0))] == [False, True]
+    over = hood.around(peers, replace(me, height_m=20.0))
+    assert [one for one in over if one.plan.away is not None] == []  # it crosses above whoever searches there
+    assert hood.absence.walls == {"b": wall}
 
 
 @pytest.mark.parametrize(("seconds", "stops"), [(5.0, [[10.0, 1.0], [10.0, 5.0]]), (14.0, [])])
