@@ -123,6 +123,19 @@ def test_who_searched_keeps_to_its_own_side():
     assert hood.absence.walls == {"b": wall}
 
 
+@pytest.mark.parametrize(("me", "kept"), [("a", [(10.0, 0.0)]), ("b", [])])
+def test_above_those_that_it_does_not_hear_it_goes_around_the_homes_over_which_they_come_down(me, kept):
+    """b returns above a, at the same time if its agent flies on: a crossed over its home and met it there at 1.4 m."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), me), Peers(["a" if me == "b" else "b"])
+    (other,) = peers.names
+    for message in (replace(pose(), drone=other), replace(status(Stage.TRACK), drone=other)):
+        assert peers.receive(message, 0) is None
+    for height_m, returning_s, places in ((3.0, 20.0, []), (20.0, 20.0, kept), (20.0, None, []), (20.0, 50.0, [])):
+        myself = Self(300 * SECOND, 0, 0.1, Transform(), height_m=height_m, returning_s=returning_s)
+        found = hood.around(peers, myself)
+        assert [one.plan.positions[0][:2] for one in found] == places
+
+
 @pytest.mark.parametrize(("seconds", "stops"), [(5.0, [[10.0, 1.0], [10.0, 5.0]]), (14.0, [])])
 def test_where_a_vehicle_hovers_without_its_agent_is_told_until_it_has_left(seconds, stops):
     """It climbs from 3 to 13 m, slower than at 1.5 m/s never."""
