@@ -280,12 +280,12 @@ class Pilot:
 
         Costs almost nothing without new entries; a large backlog is processed in slices over several calls.
         """
+        self._news.keep_time(now_ns)
         self._world.advance(self._clocks.common_ns(now_ns))
 
     def step(self, now_ns: int) -> Step:
         """Process the log, advance the mission, plan, and report. To be called at 20 Hz or more."""
         self.advance(now_ns)
-        self._peers.keep_time(now_ns)
         stage, finding = self.stage, self.finding
         act = self._executive.step(now_ns, self._peers)
         if self.stage is not stage or (self.finding and not finding):

@@ -8,11 +8,12 @@ import numpy as np
 
 from agent.config.mission import DroneInMission, FramesConfig, MissionConfig
 from agent.frames.residuals import Ints
-from agent.frames.tracks import Track
+from agent.frames.tracks import LONGEST_SLOPE_S, Track
 from agent.geometry import Array
 
 _LONGEST_S = 60.0  # longest interval without data whose drift is added in one step
 _GAP_S = 10.0  # the same for the gap of a jump
+_SPEED_MPS, _TURNING_RPS = 3.0, 0.5  # of a vehicle, over a gap in which its motion is not known
 _EXACT = 1e-3  # metres and radians: sigma of what is configured as exact
 _HEADING_KNOWN = math.radians(60.0)  # a heading with a larger sigma counts as unknown
 
@@ -56,11 +57,14 @@ class Drift:
         return drift
 
     def over_jumps(self, track: Track, after_ns: int, until_ns: int) -> Array:
-        """Variances (4,) added at the jumps between a track's segments."""
+        """Variances (4,) added at the jumps between a track's segments, which are joined by the motion before."""
         total = np.zeros(4)
         for gap_s in track.gaps_s(after_ns, until_ns):
             total[:3] += (self._frames.jump_m * (1.0 + min(gap_s, _GAP_S))) ** 2
             total[3] += math.radians(self._frames.jump_yaw_deg) ** 2
+            if gap_s > LONGEST_SLOPE_S:  # then nothing tells of the motion
+                total[:2] += (_SPEED_MPS * min(gap_s, _GAP_S)) ** 2
+                total[3] += min(_TURNING_RPS * gap_s, math.pi) ** 2
         return total
 
     def since(self, numbers: Ints, seconds: Array, speed_mps: float) -> Array:

@@ -98,7 +98,7 @@ class Keyframe:
         for row, drone in enumerate(joint.drones.tolist()):
             if not self.setting.exact[drone]:
                 noise[row] = self.drift.over(drone, self.seconds, flown[drone], self.adrift(drone))
-                noise[row] += self.drift.over_jumps(self.intake.tracks[drone], after_ns, self.stamp_ns)
+            noise[row] += self.drift.over_jumps(self.intake.tracks[drone], after_ns, self.stamp_ns)  # of an exact one, too
         return joint.moved(at, far, noise), flown
 
     def _jumped(self, drone: int) -> bool:

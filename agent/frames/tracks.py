@@ -19,7 +19,8 @@ _FASTEST_MPS = 25.0  # faster than any vehicle of the swarm: a step that needs m
 _STEP_M = 1.0  # added to that, for the autopilot's corrections in one step
 _LONGEST_GAP_NS = 1_000_000_000  # longest gap between samples across which positions are interpolated
 ALWAYS = 2**63  # later than any stamp
-_SLOPE_NS = 500_000_000  # samples further apart give no velocity
+LONGEST_SLOPE_S = 0.5  # samples further apart give no velocity
+_SLOPE_NS = round(LONGEST_SLOPE_S * 1e9)
 
 
 @dataclass(frozen=True, slots=True, order=True)

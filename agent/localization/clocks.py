@@ -7,6 +7,8 @@ delay of the last seconds is used, because queueing only ever makes a message la
 No round trip takes less than no time. Where the two delays add up to less, one of the clocks has been set in these seconds, and
 the larger delay is from before that. Whose larger one it is finds that its newest delay fits, and forgets the others: so a clock
 that is set is known anew after an exchange of statuses, however long delays are kept, and a forged delay alone moves nothing.
+
+Where the own clock is set, the others' are not: all that is known moves along, whether they are heard then or not.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ class Clocks:
         self._heard: dict[str, deque[tuple[int, int]]] = {name: deque() for name in others}  # arrival, delay
         self._returned: dict[str, tuple[int, int]] = {}  # arrival, and this drone's delay as each of them reports it
         self._ahead_ns: dict[str, int] = {}  # how far theirs are ahead of the own clock, as last known and beyond the limit
-        self._is_outvoted = False  # others agree that the own clock is wrong
+        self._known: dict[str, float] = {}  # how far the own clock is ahead of theirs (s), as last heard
+        self._set_ns = 0
+        self._is_outvoted = False  # others agree that the own clock is wrong, or it agreed with the only one until it was set
         # Offset of the own clock from the median of all known clocks, its own included. Where they split into halves (two drones)
         # nobody can tell which half is right: then the offset from the other half, on both sides.
         self.offset_s = 0.0
@@ -61,12 +65,26 @@ class Clocks:
             if set_anew:
                 heard.clear()
                 heard.append((now_ns, delay_ns))
-        known = self.offsets_s(now_ns)
+        self._vote(self.offsets_s(now_ns))
+        return set_anew
+
+    def keep_time(self, set_ns: int) -> None:
+        """Move all that is known along with the own clock, which was set by ``set_ns`` in sum (``Peers``)."""
+        by_ns, self._set_ns = set_ns - self._set_ns, set_ns
+        if by_ns == 0:
+            return
+        for name, heard in self._heard.items():
+            self._heard[name] = deque((at_ns + by_ns, delay_ns + by_ns) for at_ns, delay_ns in heard)
+        self._returned = {name: (at_ns + by_ns, delay_ns - by_ns) for name, (at_ns, delay_ns) in self._returned.items()}
+        self._vote({name: offset_s + by_ns * 1e-9 for name, offset_s in self._known.items()})
+
+    def _vote(self, known: dict[str, float]) -> None:
+        self._known = known
         self._ahead_ns = {name: round(-1e9 * offset_s) for name, offset_s in known.items() if abs(offset_s) > LIMIT_S}
         offsets_s = (0.0, *known.values())
         self.offset_s = max(median_low(offsets_s), median_high(offsets_s), key=abs)
-        self._is_outvoted = len(known) > 1 and abs(self.offset_s) > LIMIT_S
-        return set_anew
+        sure = len(known) > 1 or (len(known) == 1 and self._set_ns != 0)
+        self._is_outvoted = sure and abs(self.offset_s) > LIMIT_S
 
     def delays_ns(self, now_ns: int) -> dict[str, int]:
         """The smallest delay of each drone that is heard, as this drone publishes it."""
@@ -98,7 +116,7 @@ class Clocks:
         return max(0, stamp_ns - self._ahead_ns.get(drone, 0))
 
     def common_ns(self, now_ns: int) -> int:
-        """The time now by the clocks of the others, where they agree that the own one is wrong; else the own one's."""
+        """The time now by the clocks of the others, where the own one is known to be wrong; else the own one's."""
         return now_ns - round(1e9 * self.offset_s) if self._is_outvoted else now_ns
 
     def problem(self, now_ns: int) -> str | None:

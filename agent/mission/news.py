@@ -25,9 +25,15 @@ class News:
         self._revoking, self._problems = revoking, problems
         self.pressing = False
 
+    def keep_time(self, now_ns: int) -> None:
+        """Look at the own clock, before it is used: what is known of the others stays as old as it is when it is set."""
+        self._peers.keep_time(now_ns)
+        self._clocks.keep_time(self._peers.set_ns)
+
     def hear(self, message: AnyDroneMessage, now_ns: int) -> str | None:
         """Take a message that is no log entry. Returns why it was dropped, or None."""
         self.pressing = False
+        self.keep_time(now_ns)
         if message.drone in self._revoking.names:
             return "revoked"
         if isinstance(message, Status) and not self._proofs.is_signed(message, now_ns):
@@ -41,7 +47,6 @@ class News:
         if isinstance(message, _FOR_ONLOOKERS):
             return None
         if isinstance(message, NEWS):
-            self._peers.keep_time(now_ns)
             stamp_ns = self._clocks.own_stamp_ns(message.drone, message.stamp_ns)
             here = message if stamp_ns == message.stamp_ns else replace(message, stamp_ns=stamp_ns)
             return self._peers.receive(here, now_ns)

@@ -97,12 +97,16 @@ class Agentless:
             return Course(stop, inf)
         if reaction == "land":
             return Course(stop, _STOPPED_S + _DOWN_S + max(z, 0.0) / _DESCENT_MPS)
-        home_x, home_y, home_z = self._home(name, peer, mission_from_theirs)
+        home_x, home_y, home_z = self.home(name, peer, mission_from_theirs)
         cruise_m = max(z, home_z + self._return_m[name])
         leaves_s = _STOPPED_S + (cruise_m - z) / _CLIMB_MPS
         way = (x + _STOPS_S * u, y + _STOPS_S * v), (home_x, home_y)
         down_s = leaves_s + dist(*way) / _SLOWEST_MPS + (cruise_m - home_z) / _DESCENT_MPS + _DOWN_S
         return Course(stop, leaves_s, way, cruise_m, down_s)
+
+    def returns_above(self, name: str, other: str) -> bool:
+        """Whether one returns higher than the other, and so comes down through the height of the other's return."""
+        return self._return_m[name] > self._return_m[other]
 
     def _reaction(self, name: str, stage: Stage) -> str:
         """What its autopilot does; without offboard mode, what it did before."""
@@ -112,8 +116,8 @@ class Agentless:
             return "hold"
         return "hold" if name in self._homeless and self._agent_lost == "return" else self._agent_lost
 
-    def _home(self, name: str, peer: Peer, mission_from_theirs: Transform) -> Vector3:
-        """Where its autopilot returns to."""
+    def home(self, name: str, peer: Peer, mission_from_theirs: Transform) -> Vector3:
+        """Where it returns to, with its agent or without."""
         launch, pose = peer.launch, peer.pose
         if launch is None or pose is None or launch.epoch != pose.epoch:
             return self._launch[name]

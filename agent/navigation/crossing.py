@@ -17,6 +17,11 @@ _OVER_HOME_M = 2.0
 _CLEAR_M = 5.0  # from a circle that it may not touch, while it climbs: the separation, and the margin of plans
 
 
+def is_over_m(mission: MissionConfig, drone: str) -> float:
+    """From this height (m) above the ground on a drone is above all that fly low."""
+    return crossing_height_m(mission, drone) - _NEAR_M
+
+
 def crossing_height_m(mission: MissionConfig, drone: str) -> float:
     """Height (m) above the ground at which a drone crosses."""
     above_all_m = mission.encirclement.height_m + 2.0 * mission.limits.separation_m
@@ -54,7 +59,9 @@ class Crossing:
 
 
 class WayHome:
-    """The return of one drone. ``climbs``: it has to cross, and is too low yet. ``comes_down``: from its height, over home."""
+    """The return of one drone. ``climbs``: it has to cross, and is too low yet. ``comes_down``: from its height, over home, or
+    waits there until it can.
+    """
 
     def __init__(self, mission: MissionConfig, drone: str) -> None:
         self._height_m = crossing_height_m(mission, drone)
@@ -66,19 +73,21 @@ class WayHome:
         self._held: Point2 | None = None  # where it climbs
         self._crosses = self._is_over = self._is_home = self.climbs = self.comes_down = False
 
-    def course(self, here: Point2, height_m: float, home: Point2, *, unheard: bool) -> tuple[Point2, float | None]:
+    def course(
+        self, here: Point2, height_m: float, home: Point2, *, unheard: bool, taken: bool = False
+    ) -> tuple[Point2, float | None]:
         """Where to go, and at which height above the ground; None: that of the search.
 
-        ``here``, ``home``: in one frame; ``unheard``: there are drones that are not heard and may fly anywhere on the way. Once
-        above them it stays there to the end, as it may be over one that is heard again. Over home it comes down by setpoints,
-        three times as fast as autopilots land.
+        ``here``, ``home``: in one frame; ``unheard``: there are drones that are not heard and may fly anywhere on the way;
+        ``taken``: below home, too: it waits above. Once above them it stays there to the end, as it may be over one that is
+        heard again. Over home it comes down by setpoints, three times as fast as autopilots land.
         """
         self._crosses = unheard or (self._crosses and self._is_over)
         self._is_home = self._is_home or dist(here, home) < _OVER_HOME_M
         self.comes_down = self._crosses and self._is_home and height_m > self._low_m
         if not self._crosses or self._is_home:
             self.climbs = False
-            return home, None
+            return home, self._height_m if taken and self.comes_down else None
         self._held = self._held or here
         self._is_over = self._is_over or height_m > self._height_m - _NEAR_M
         self.climbs = not self._is_over

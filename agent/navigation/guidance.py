@@ -291,12 +291,20 @@ class Guidance:
         """
         x, y, _ = state.position
         home = self._home.in_local or (x, y, 0.0)
-        (to_x, to_y), over_m = self._way.course((x, y), moment.vehicle.height_m, home[:2], unheard=self._absence is not None)
+        unheard, height_m = self._absence is not None, moment.vehicle.height_m
+        (to_x, to_y), over_m = self._way.course((x, y), height_m, home[:2], unheard=unheard, taken=self._home_is_taken)
         way = np.array([to_x - x, to_y - y])
         distance = hypot(*way.tolist())
         travelled = np.minimum(self._config.survey.speed_mps * STEP_S * np.arange(HORIZON + 2.0), distance)
         along = way / max(distance, 1e-9)
         return self._level(moment, x + travelled * along[0], y + travelled * along[1], over_m)
+
+    @property
+    def _home_is_taken(self) -> bool:
+        """Whether drones that are not heard may search around home."""
+        home = self._home.in_mission
+        walls = self._absence.walls.values() if self._absence is not None else ()
+        return home is not None and any(wall.parts_from(home[:2]) for wall in walls)
 
     def _level(self, moment: Moment, x: Array, y: Array, height_m: float | None = None) -> Reference:
         """Through positions (HORIZON + 2,) one step apart, at a height above the ground; None: that of the survey."""

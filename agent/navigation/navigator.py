@@ -23,7 +23,7 @@ from agent.navigation.silent import Absence
 from agent.navigation.surveying import InformedSearch, Search
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import FlightMode, Setpoint, VehicleState
-from protocol.messages import Plan
+from protocol.messages import Plan, Stage
 
 REPLAN_NS = 200_000_000  # 5 Hz
 _TAKEN_UP_NS = 2_000_000_000  # the autopilot is in offboard, and shows it, this long after the first setpoint
@@ -162,6 +162,8 @@ class Navigator:
             step_s=STEP_S,
             place_at=self._own.place_at,
             circles=moment.stage in CIRCLING,
+            height_m=vehicle.height_m,
+            returning_s=moment.stage_s if moment.stage is Stage.RETURN else None,
         )
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]

@@ -76,7 +76,7 @@ class Self(Struct, frozen=True):
 
     ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance). ``ahead``: gives its planned positions
     (K, 3) from now on, ``step_s`` apart, local frame; ``place_at``: where it was at a stamp, mission frame; ``circles``: it
-    tracks.
+    tracks; ``height_m``: above ground; ``returning_s``: since it began to return, None where it does not.
     """
 
     now_ns: int
@@ -87,6 +87,8 @@ class Self(Struct, frozen=True):
     step_s: float = 0.2
     place_at: Callable[[int], Vector3 | None] = _no_place
     circles: bool = False
+    height_m: float = 0.0
+    returning_s: float | None = None
 
 
 class Neighbourhood:
@@ -175,7 +177,8 @@ class Neighbourhood:
             yield Neighbour(name, replace(seen, blind=True), False)
         elif peer.status is not None and mission_from_theirs is not None and me.local_from_mission is not None:
             sigma_m = min(hypot(me.sigma_m, _sigma_m(pose, mission_from_theirs)), WORST_SIGMA_M)
-            viewer = Viewer(me.now_ns, me.step_s, _bare(me.local_from_mission), me.ahead, me.place_at, me.circles)
+            seen_from = _bare(me.local_from_mission), me.ahead, me.place_at, me.circles, me.height_m, me.returning_s
+            viewer = Viewer(me.now_ns, me.step_s, *seen_from)
             for plan in self._silent.plans(name, peer, pose, _bare(mission_from_theirs), sigma_m, viewer):
                 yield Neighbour(name, plan, False)
 

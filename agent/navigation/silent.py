@@ -23,6 +23,7 @@ from agent.frames.transform import Transform
 from agent.geometry import Array, Point2, Vector3
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
+from agent.navigation.crossing import is_over_m
 from agent.navigation.peers import Peer, Peers
 from protocol.messages import Pose, Stage
 
@@ -37,6 +38,9 @@ LEFT_S = 15.0  # a vehicle that hovers for longer than this is flown around
 # A vehicle that returns this many times the separation above a drone, or higher, passes over it: that is what the layers are for.
 # Evaded as well, its way across the circle would keep the others from their places for a quarter of a minute.
 _ABOVE = 2.0
+# Who is not heard and flies on returns when this drone does, as its mission is the same. This long after that it has come down
+# over its home, through the layers of those that return lower. Kept clear of for longer, homes in rows would let nobody past.
+COMING_DOWN_S = 45.0
 _BEHIND_M = 2.0  # nearest place of the other beyond the line half-way: with margins, each stays 3.6 m from it
 _SIGMA_M = 0.3  # of its way to the side
 
@@ -46,6 +50,10 @@ class Wall(Struct, frozen=True):
 
     normal: Point2
     offset: float
+
+    def parts_from(self, place: Point2) -> bool:
+        """Whether a place lies beyond it."""
+        return self.normal[0] * place[0] + self.normal[1] * place[1] < self.offset
 
 
 class Absence(Struct, frozen=True):
@@ -68,7 +76,8 @@ class Absence(Struct, frozen=True):
 
 class Viewer(Struct, frozen=True):
     """The drone that keeps clear: its frame, its planned positions (K, 3) from now on, ``step_s`` apart, local frame, and where
-    it was at a stamp, mission frame. ``circles``: it tracks.
+    it was at a stamp, mission frame. ``circles``: it tracks. ``height_m``: above ground;
+    ``returning_s``: since it began to return, None where it does not.
     """
 
     now_ns: int
@@ -77,6 +86,8 @@ class Viewer(Struct, frozen=True):
     ahead: Callable[[], Array]
     place_at: Callable[[int], Vector3 | None]
     circles: bool
+    height_m: float
+    returning_s: float | None
 
 
 class Silent:
@@ -87,6 +98,7 @@ class Silent:
         self._id, self._order = drone, [member.id for member in mission.drones]
         self._agentless = Agentless(mission)
         self._above_m = _ABOVE * mission.limits.separation_m
+        self._is_over_m = is_over_m(mission, drone)
         self._walls: dict[str, tuple[int, Wall]] = {}  # with the stamp of the last contact
         self._courses: dict[str, tuple[int, Course]] = {}  # the same, if its agent is gone
         self._set_ns = 0
@@ -146,8 +158,13 @@ class Silent:
         course = self._agentless.course(name, peer, pose, mission_from_theirs)
         self._courses[name] = pose.stamp_ns, course
         wall = self._wall(name, stage, pose.stamp_ns, course.stop.start, me) if silent_s < APART_NS * 1e-9 else None
-        walls = [] if wall is None else [_beyond(name, wall, ahead, sigma_m, me)]
+        crosses = me.height_m > self._is_over_m  # above all that search
+        walls = [] if wall is None or crosses else [_beyond(name, wall, ahead, sigma_m, me)]
         places = [stretch.nearest(ahead) for stretch in course.stretches(times, below_m)]
+        at_once = me.returning_s is not None and me.returning_s < COMING_DOWN_S
+        if crosses and at_once and self._agentless.returns_above(name, self._id):
+            home = self._agentless.home(name, peer, mission_from_theirs)[:2]
+            walls.append(blind_plan(name, me.now_ns, me.step_s, _local(np.tile(home, (len(ahead), 1)), me)))
         return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), hypot(sigma_m, _SIGMA_M)) for one in places]
 
     def _wall(self, name: str, stage: Stage, stamp_ns: int, theirs: Point2, me: Viewer) -> Wall | None:

@@ -50,7 +50,7 @@ class Observer:
         self._mission = mission.mission_id
         self._boot = boot
         self._history, self._numbers, self._carried = history, numbers, carried
-        self._over_ground = OverGround(mission.member(drone.id), Ground.from_config(mission))
+        self._over_ground = OverGround(mission.member(drone.id), Ground.from_config(mission), carried)
         x, y, z, w = Rotation.from_euler("xyz", drone.camera_rpy_deg, degrees=True).as_quat().tolist()
         self._body_from_camera: Quaternion = (w, x, y, z)
         self.dropped = self.withheld = 0

@@ -6,28 +6,38 @@ that has landed a metre from it, by 45 degrees, in a hundred cones a second, and
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from agent.config.mission import DroneInMission
 from agent.frames.graph import LAUNCH_EPOCH
 from agent.geometry import Vector3
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import VehicleState
+from protocol.entries import CarriedFrame
 
 
 class OverGround:
     """Places of one drone in its local frame, as its measurements state them.
 
-    Only where that frame is known exactly and the ground is level: elsewhere the height is part of what is estimated, or of the
-    ground's shape.
+    Only where that frame is known exactly, or carried on from one that is, and the ground is level: elsewhere the height is part
+    of what is estimated, or of the ground's shape.
     """
 
-    def __init__(self, member: DroneInMission, ground: Ground) -> None:
-        """``member``: the own one."""
+    def __init__(self, member: DroneInMission, ground: Ground, carried: Callable[[int], CarriedFrame | None]) -> None:
+        """``member``: the own one; ``carried``: see ``OwnPose``."""
         known = member.is_exact and ground.level
-        self._ground_z_m = ground.height_m(0.0, 0.0) - member.origin_m[2] if known else None
+        self._ground_z_m = ground.height_m(0.0, 0.0) - member.origin_m[2] if known else None  # in the frame of the launch
+        self._carried = carried
 
     def placed(self, position: Vector3, state: VehicleState) -> Vector3:
         """A position with its height by the rangefinder; ``state``: the telemetry before it."""
-        if self._ground_z_m is None or state.epoch != LAUNCH_EPOCH:
+        if self._ground_z_m is None:
             return position
+        frame_z_m = 0.0
+        if state.epoch != LAUNCH_EPOCH:
+            carried = self._carried(state.epoch)
+            if carried is None:
+                return position
+            frame_z_m = carried.translation_m[2]
         x, y, z = position
-        return x, y, self._ground_z_m + state.height_m + z - state.position_m[2]
+        return x, y, self._ground_z_m - frame_z_m + state.height_m + z - state.position_m[2]

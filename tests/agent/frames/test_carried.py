@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION, START_NS
+from sighted_swarm import START_NS as SIGHTED_NS
+from sighted_swarm import Drone, fly, settle
 
 from agent.frames.carried import told
 from agent.frames.swarm import SwarmFrames
@@ -86,3 +88,22 @@ def test_what_is_the_same_is_no_change_of_the_frame():
     for sequence in (1, 2, 3):
         frames.receive(exposure(sequence), encode(exposure(sequence)))
         assert frames.graph.revision == 3  # the layout's two, and this one
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 40.0])
+def test_one_that_was_known_exactly_drags_nobody_after_a_jump(turn_deg):
+    """It jumps while nobody hears where it flies, on a circle: straight on it would be 1 m off, and its heading 20 degrees."""
+    jumping = Drone("d1", kind="exact", shift_m=(9.0, -12.0, 0.0), shift_yaw_deg=turn_deg, shift_s=12.0, shift_announced=True)
+    flown = fly([jumping, Drone("d2", yaw_deg=70.0), Drone("d3", yaw_deg=-130.0)], 25.0, 1)
+    gap = [SIGHTED_NS + round(limit_s * 1e9) for limit_s in (11.0, 12.3)]
+    frames = SwarmFrames(flown.mission)
+    for entry in flown.entries:
+        if entry.drone != "d1" or not gap[0] < entry.stamp_ns < gap[1]:
+            frames.receive(entry, encode(entry))
+    settle(frames, int(flown.stamps_ns[-1]) + 10**9)
+    assert frames.suspects() == {}
+    for drone in ("d2", "d3"):
+        for time_s in (11.0, 13.0, 16.0, 24.0):
+            off, covariance = flown.error(frames, drone, time_s)
+            assert np.linalg.norm(off[:3]) < 0.5
+            assert off @ np.linalg.solve(covariance, off) < 20.0

@@ -4,7 +4,7 @@ import math
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, messages, pilot, state
+from one_pilot import MISSION, SECOND, START_NS, messages, pilot, state, tracking
 
 from agent.localization.clocks import HEARD_NS, WINDOW_NS, Clocks
 from protocol.codec import encode
@@ -95,6 +95,43 @@ def test_the_common_time_is_that_of_the_majority():
     assert clocks["a"].common_ns(now_ns("a")) == now_ns("a")
     clocks, now_ns = exchanged({"a": 0, "b": -1410}, names=("a", "b"))  # nobody can tell which one is wrong
     assert all(clocks[name].common_ns(now_ns(name)) == now_ns(name) for name in "ab")
+
+
+@pytest.mark.parametrize("names", [("a", "b", "c"), ("a", "b")])
+@pytest.mark.parametrize("wrong_ms", [-20_000, -3_000])
+def test_the_common_time_goes_on_where_the_own_clock_is_set_back_while_nobody_is_heard(names, wrong_ms):
+    clocks, now_ns = exchanged({"a": 0, "b": 0, "c": 0}, names=names)
+    b, before_ns = clocks["b"], now_ns("b")
+    b.keep_time(wrong_ms * MS)
+    for later_s in (0, 15, 60):
+        true_ns = before_ns + later_s * SECOND
+        assert b.common_ns(true_ns + wrong_ms * MS) == pytest.approx(true_ns, abs=10 * MS)
+        assert b.own_stamp_ns("a", true_ns) == pytest.approx(true_ns + wrong_ms * MS, abs=10 * MS)
+    b.keep_time(0)  # it is right again
+    assert b.common_ns(true_ns) == true_ns
+    assert b.problem(true_ns) is None
+
+
+def test_a_clock_that_is_set_right_tells_the_common_time_at_once():
+    clocks, now_ns = exchanged({"a": 0, "b": 20_000, "c": 0})
+    assert clocks["b"].problem(now_ns("b")) is not None
+    clocks["b"].keep_time(-20 * SECOND)
+    assert clocks["b"].common_ns(now_ns("a")) == now_ns("a")
+    assert clocks["b"].problem(now_ns("a")) is None
+
+
+def test_the_hypothesis_grows_old_where_the_clock_is_set_back_while_nobody_is_heard():
+    """It was kept as it was, as surely, for as long as the clock had been set back."""
+    one = tracking()
+    now_ns = START_NS + 5 * SECOND
+    for delays_ns in ({}, {"d1": 2 * MS}):
+        status = replace(STATUS, drone="d2", stamp_ns=now_ns, mission=MISSION.mission_id, delays_ns=delays_ns)
+        one.receive(key_of("radron", status), encode(status), now_ns + 2 * MS)
+    for tick in range(1, 100):
+        set_back_ns = now_ns - 20 * SECOND + tick * SECOND // 20
+        one.observe_vehicle(state(set_back_ns))
+        one.step(set_back_ns)
+    assert one.hypothesis.stamp_ns == pytest.approx(now_ns + 5 * SECOND, abs=SECOND)
 
 
 def test_half_the_asymmetry_of_the_ways_remains():

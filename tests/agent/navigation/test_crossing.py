@@ -58,6 +58,16 @@ def test_it_goes_home_above_those_that_it_does_not_hear_and_comes_down_there():
     assert way.course((30.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)
 
 
+def test_it_waits_above_home_as_long_as_one_that_it_does_not_hear_may_search_there():
+    way = WayHome(THREE, "d3")
+    assert way.course((1.5, 0.0), 16.0, (0.0, 0.0), unheard=True, taken=True) == ((0.0, 0.0), OVER_M)
+    assert way.comes_down  # and is not to land yet
+    assert way.course((1.0, 0.0), 16.0, (0.0, 0.0), unheard=True) == ((0.0, 0.0), None)
+    assert way.comes_down
+    assert way.course((0.5, 0.0), 3.0, (0.0, 0.0), unheard=True, taken=True) == ((0.0, 0.0), None)  # it is down already
+    assert not way.comes_down
+
+
 def test_the_way_home_is_low_where_all_are_heard():
     way = WayHome(THREE, "d3")
     assert way.course((30.0, 1.0), 3.0, (0.0, 0.0), unheard=False) == ((0.0, 0.0), None)

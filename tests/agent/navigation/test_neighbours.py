@@ -117,6 +117,23 @@ def test_who_searched_keeps_to_its_own_side():
     wall = hood.absence.walls["b"]
     assert wall.offset == pytest.approx(-math.hypot(5.0, 0.5))
     assert (hood.absence.missing, hood.absence.ring, hood.absence.alone) == (("b",), 0, True)
+    assert [wall.parts_from(place) for place in ((0.0, 0.0), (10.0, 1.0))] == [False, True]
+    over = hood.around(peers, replace(me, height_m=20.0))
+    assert [one for one in over if one.plan.away is not None] == []  # it crosses above whoever searches there
+    assert hood.absence.walls == {"b": wall}
+
+
+@pytest.mark.parametrize(("me", "kept"), [("a", [(10.0, 0.0)]), ("b", [])])
+def test_above_those_that_it_does_not_hear_it_goes_around_the_homes_over_which_they_come_down(me, kept):
+    """b returns above a, at the same time if its agent flies on: a crossed over its home and met it there at 1.4 m."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), me), Peers(["a" if me == "b" else "b"])
+    (other,) = peers.names
+    for message in (replace(pose(), drone=other), replace(status(Stage.TRACK), drone=other)):
+        assert peers.receive(message, 0) is None
+    for height_m, returning_s, places in ((3.0, 20.0, []), (20.0, 20.0, kept), (20.0, None, []), (20.0, 50.0, [])):
+        myself = Self(300 * SECOND, 0, 0.1, Transform(), height_m=height_m, returning_s=returning_s)
+        found = hood.around(peers, myself)
+        assert [one.plan.positions[0][:2] for one in found] == places
 
 
 @pytest.mark.parametrize(("seconds", "stops"), [(5.0, [[10.0, 1.0], [10.0, 5.0]]), (14.0, [])])

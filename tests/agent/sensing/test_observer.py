@@ -12,7 +12,7 @@ from agent.localization.history import PoseHistory
 from agent.sensing.observer import EXPOSURE_NS, GONE_NS, LATE_NS, MOST_CONES_PS, MOST_POSES, MUTE_S, SILENT_S, Observer
 from agent.vehicle.interface import FlightMode, VehicleState
 from protocol.codec import encode
-from protocol.entries import Cone, Counts, Exposure
+from protocol.entries import CarriedFrame, Cone, Counts, Exposure
 
 SECOND = 1_000_000_000
 START_NS = 1_800_000_000 * SECOND
@@ -34,8 +34,11 @@ def telemetry(stamp_ns, position, rotation, sign=1.0):
     )  # fmt: skip
 
 
+CARRIED = {2: CarriedFrame((20.0, -5.0, 0.7), 0.6)}  # the frames of epochs after jumps
+
+
 def observer_with(history, mission=MISSION, **camera):
-    return Observer(DroneConfig(id="a", **camera), mission, "1" * 16, history, count(1), lambda _: None)
+    return Observer(DroneConfig(id="a", **camera), mission, "1" * 16, history, count(1), CARRIED.get)
 
 
 def cone_event(stamp_ns, axis):
@@ -64,7 +67,8 @@ def test_a_cone_is_turned_by_camera_and_attitude_at_its_own_time(sign):
     ("mission", "epoch", "z_m"),
     [
         (MISSION, 0, 0.15 - 0.3),  # the ground at 0.2 m, the launch place at 0.5 m
-        (MISSION, 1, 1.1),  # after a jump of its frame its height is estimated
+        (MISSION, 1, 1.1),  # nothing tells how the frame lies after a jump
+        (MISSION, 2, 0.15 - 0.3 - 0.7),
         (replace(MISSION, ground=GroundConfig(slope=(0.1, 0.0))), 0, 1.1),
         (
             replace(
