@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Annotated, ClassVar
 
 from msgspec import NODEFAULT, Meta, Struct
@@ -27,10 +28,16 @@ class Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 def content_of(section: Section) -> dict[str, object]:
     """What identifies a section: its keys and values, and those of the sections in it, less what is ``later`` and unused."""
     return {
-        field.encode_name: _plain(value)
-        for field in fields(section)
-        if (value := getattr(section, field.name)) != _default(field) or field.name not in section.later
+        field.encode_name: _plain(getattr(section, field.name))
+        for field in _fields(type(section))
+        if field.name not in section.later or getattr(section, field.name) != _default(field)
     }
+
+
+@cache
+def _fields(kind: type[Section]) -> tuple[FieldInfo, ...]:
+    """Kept, because an id is asked for with each message, and to find out a class's fields takes milliseconds."""
+    return fields(kind)
 
 
 def _plain(value: object) -> object:
