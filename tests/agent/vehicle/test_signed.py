@@ -97,10 +97,11 @@ def _told(signs: bool) -> tuple[str, str, bool]:
             if signs:
                 sign(link._mavlink)
             await flight.connect()
-            await flight.fly(STAY, lambda: bool(flight.states) and bool(flight.state.healthy))
+            # One that ignores what it is asked tells the origin of its local frame once: perhaps before it is listened to.
+            await flight.fly(STAY, lambda: bool(signs or (flight.states and flight.state.healthy)))
             await flight.insist(TAKEOFF)
             finding = next(one for one in await flight.vehicle.findings() if one.name == "autopilot")
-            return "; ".join(flight.vehicle.problems), f"{finding.verdict}: {finding.text}", flight.state.armed
+            return "; ".join(flight.vehicle.problems), f"{finding.verdict}: {finding.text}", flight.fleet.reports()[0].armed
 
     return asyncio.run(course())
 
