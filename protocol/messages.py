@@ -54,6 +54,7 @@ from protocol.units import (
 _FASTEST_MPS = 200.0
 PART_BYTES = 256 * 1024  # of a mission that is uploaded, at most
 MOST_PARTS = 12
+MOST_SOURCES = 8  # of an estimate
 DelayNs = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 Signature = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)]
 
@@ -156,7 +157,7 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
     mission: MissionId
     estimator: Identifier
     digest: Digest
-    sources: Annotated[tuple[Source, ...], Meta(min_length=1, max_length=8)]  # the one that is tracked first
+    sources: Annotated[tuple[Source, ...], Meta(min_length=1, max_length=MOST_SOURCES)]  # the one that is tracked first
 
     def flaw(self) -> str | None:
         """The covariances must be valid."""

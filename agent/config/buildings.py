@@ -18,7 +18,7 @@ from protocol.units import Latitude, Longitude
 Material = Literal["concrete", "brick", "wood", "glass", "steel"]
 Point = tuple[Coordinate, Coordinate]
 MAP_BYTES = 2_000_000  # limit of a GeoJSON file
-MOST_CORNERS = 4000  # of all buildings together: each line of sight is cut with every side
+MOST_CORNERS = 1000  # of all buildings together: each line of sight is cut with every side
 
 
 class BuildingConfig(Section, frozen=True, kw_only=True):

@@ -83,7 +83,8 @@ class Clocks:
         self._ahead_ns = {name: round(-1e9 * offset_s) for name, offset_s in known.items() if abs(offset_s) > LIMIT_S}
         offsets_s = (0.0, *known.values())
         self.offset_s = max(median_low(offsets_s), median_high(offsets_s), key=abs)
-        sure = len(known) > 1 or (len(known) == 1 and self._set_ns != 0)
+        set_s = self._set_ns * 1e-9  # alone, another one is believed only where this explains the difference
+        sure = len(known) > 1 or (len(known) == 1 and abs(self.offset_s - set_s) <= LIMIT_S)
         self._is_outvoted = sure and abs(self.offset_s) > LIMIT_S
 
     def delays_ns(self, now_ns: int) -> dict[str, int]:

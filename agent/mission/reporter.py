@@ -15,7 +15,7 @@ from protocol.codec import written
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
 from protocol.message import Message
-from protocol.messages import Answer, Estimate, Failsafe, Frame, Pose, Recognised, Source, Stage, Status, Ticket
+from protocol.messages import MOST_SOURCES, Answer, Estimate, Failsafe, Frame, Pose, Recognised, Source, Stage, Status, Ticket
 
 M = TypeVar("M", bound=Message)
 _PERIODS_NS: dict[type[Message], int] = {
@@ -172,7 +172,7 @@ class Reporter:
             mission=self._mission_id,
             estimator=self._estimator,
             digest=digest,
-            sources=tuple(_source(one) for one in (hypothesis, *hypothesis.others)),
+            sources=tuple(_source(one) for one in (hypothesis, *hypothesis.others)[:MOST_SOURCES]),
         )
 
 

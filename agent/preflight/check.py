@@ -49,7 +49,7 @@ CLOSE_S = 1.2
 _OLDEST_CLOCK_S = 1_735_689_600.0  # 2025: a computer without a clock battery begins in 1970 or at its image's date
 _CLOCKS_S = 0.5  # allowed difference of two drones' clocks, by which poses and cones are stamped
 _LEAST_FREE_MB = 200
-_LINKS_S = 1.0  # between two looks at why there is no contact
+_LINKS_S = 3.0  # between two looks at why there is no contact
 
 
 class Preflight:

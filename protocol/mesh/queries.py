@@ -13,11 +13,27 @@ from zenoh.handlers import Callback
 
 from protocol.errors import ProtocolError
 from protocol.mesh.link import in_thread
+from protocol.mesh.rights import LOG_QUERIES_PER_S
 from protocol.messages import MOST_PARTS, PART_BYTES
 
 PART_S = 5.0  # for one part, over a slow radio
 ATTEMPTS = 3
 MOST_ANSWERS = 8  # parts that are being sent at the same time
+ASKED_S = 2.0 / LOG_QUERIES_PER_S  # between two queries of one drone's log: it drops what comes sooner
+
+
+class Pace:
+    """Queries of each drone's log one after the other, as often as the drone answers them."""
+
+    def __init__(self) -> None:
+        self._next_s: dict[str, float] = {}
+
+    async def turn(self, drone: str) -> None:
+        """Wait until the drone may be asked."""
+        now_s = asyncio.get_running_loop().time()
+        at_s = max(now_s, self._next_s.get(drone, now_s))
+        self._next_s[drone] = at_s + ASKED_S
+        await asyncio.sleep(at_s - now_s)
 
 
 async def query(

@@ -25,8 +25,7 @@ from protocol.mesh.joining import session_of
 from protocol.mesh.link import MeshConfig, close_session, in_thread
 from protocol.mesh.outgoing import Outgoing
 from protocol.mesh.presence import Presence
-from protocol.mesh.queries import Serving, fetch, query
-from protocol.mesh.rights import LOG_QUERIES_PER_S
+from protocol.mesh.queries import Pace, Serving, fetch, query
 from protocol.messages import STATION_KINDS
 from protocol.units import STATION
 
@@ -35,7 +34,6 @@ __all__ = ["Mesh", "MeshConfig"]
 CACHE_ENTRIES = 2_000  # of each kind, for peers that join late or were cut off; older ones come by the log query
 HEARTBEAT_S = 0.5  # the loss of a last entry is noticed after this time
 ASK_S = 1.0
-ASKED_S = 2.0 / LOG_QUERIES_PER_S  # between two queries of one drone, which drops what comes sooner
 RELINKED_S = 1.0  # until the peers are linked again with a session that was opened anew
 MOST_HELD_BACK = 1_000  # entries, while the session is opened anew
 
@@ -72,7 +70,7 @@ class Mesh:
         self._failure: str | None = None  # why there is no session
         self._holds_back = False  # entries
         self._held_back: deque[tuple[str, bytes]] = deque(maxlen=MOST_HELD_BACK)
-        self._asked_s: dict[str, float] = {}  # when each drone was last asked
+        self._pace = Pace()
         self._answers = Answers(self._loop, answer, self.counters) if answer is not None else None
 
     @classmethod
@@ -227,9 +225,7 @@ class Mesh:
         def failed() -> None:
             self._to_loop(self._count, "log_ask_failed")
 
-        wait_s = self._asked_s.get(drone, -ASKED_S) + ASKED_S - self._loop.time()
-        self._asked_s[drone] = self._loop.time() + max(0.0, wait_s)
-        await asyncio.sleep(wait_s)
+        await self._pace.turn(drone)
         self._count("log_asked")
         try:
             await query(session, drone_key(self._swarm, drone, "log"), payload, ASK_S, take, failed)

@@ -50,7 +50,8 @@ def charts(findings: Findings) -> Iterator[str]:
     """Uncertainty and hit rates over the flight, and the spectrum of all cameras; those of which something is known."""
     began_ms = findings.frames[0].at_ms
     times_s = [(frame.at_ms - began_ms) * 1e-3 for frame in findings.frames]
-    rms = [(at_s, frame.source.rms_m) for at_s, frame in zip(times_s, findings.frames, strict=True) if frame.source is not None]
+    sources = [(at_s, frame.source) for at_s, frame in zip(times_s, findings.frames, strict=True)]
+    rms = [(at_s, source.rms_m) for at_s, source in sources if source is not None and source.rms_m > 0.0]
     if len(rms) > 1:
         yield _chart(
             [("#111", rms)], times_s[-1], "s", "Uncertainty of the source (1 sigma, RMS radius), m, over the time in seconds."

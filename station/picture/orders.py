@@ -82,7 +82,7 @@ class Orders:
             if drone not in known.results:
                 known.numbers[drone] = ticket.number
                 if ticket.number <= self._last.get(drone, 0) and not refused:  # an old one, or its drone was faster
-                    number, _, _ = self._unheard.get(drone, (0, 0, ""))
+                    number, _, _ = self._unheard.get(drone, (-1, 0, ""))
                     known.results[drone] = OBEYED if ticket.number == number else UNSURE
                     if ticket.number == number:
                         del self._unheard[drone]

@@ -60,6 +60,7 @@ class Picture:
     def __init__(self, mission: MissionConfig, verifier: Verifier | None) -> None:
         """``verifier``: of the log's signatures; None: in a swarm without certificates."""
         self.mission = mission
+        self._mission_id = mission.mission_id
         self.log = SwarmLog(mission, verifier)
         self.orders = Orders(verifier)
         self.members = {drone.id: Member(drone.id, drone.localization) for drone in mission.drones}
@@ -81,7 +82,7 @@ class Picture:
         area = Polygon(mission.area.polygon_m)
         fence = area.buffer(mission.area.fence_margin_m)
         return MissionFrame(
-            id=mission.mission_id,
+            id=self._mission_id,
             name=mission.name,
             swarm=mission.swarm,
             nuclide=mission.nuclide,
@@ -132,7 +133,7 @@ class Picture:
         member.hear(message, now_ns)
         if isinstance(message, Status):
             self.orders.hear(message, now_ns)
-        if isinstance(message, Status) and message.mission == self.mission.mission_id and message.started_ns is not None:
+        if isinstance(message, Status) and message.mission == self._mission_id and message.started_ns is not None:
             self.log.start(message.started_ns)
 
     def appear(self, alive: Collection[str]) -> None:
@@ -209,11 +210,11 @@ class Picture:
         transform = None
         if pose is not None:
             transform = member.transform(pose.epoch, self.log.mission_from_local(member.drone, pose.epoch))
-        other = member.status.mission if member.status is not None else self.mission.mission_id
+        other = member.status.mission if member.status is not None else self._mission_id
         shown = replace(
             member.shown(now_ns, transform),
             clock_s=self._clocks_s.get(member.drone),
-            other_mission=other if other != self.mission.mission_id else "",
+            other_mission=other if other != self._mission_id else "",
         )
         estimate, hypothesis = member.recent_estimate(now_ns), self.log.fusion.hypothesis
         if estimate is None or hypothesis is None:

@@ -1,4 +1,4 @@
-"""The measurements: exposures summed by drone and voxel, in integers, and cones in the order of their identities.
+"""The measurements: exposures summed by drone and voxel, in integers, and cones one by one, as they are given.
 
 Sums of integers do not depend on the order of the summands, and so neither does anything that follows from them.
 """

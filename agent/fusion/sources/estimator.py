@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from shapely import Polygon, contains_xy
 
 from agent.config.mission import MissionConfig
+from agent.errors import ConfigError
 from agent.fusion.bayes.apparent import Sights, on_ground
 from agent.fusion.bayes.motion import ACTIVITY, BIASES, GAIN
 from agent.fusion.bayes.motion import BIAS as ERRORS
@@ -72,9 +73,12 @@ class SourcesEstimator:
         """``area``: in which sources are searched for, mission frame.
 
         Raises:
-            ConfigError: a candidate of which it is not known what a camera counts.
+            ConfigError: a candidate of which it is not known what a camera counts; limits of activity in the wrong order.
         """
         self._config = mission.fusion.sources
+        least_bq, most_bq = self._config.activity_bq
+        if least_bq >= most_bq:
+            raise ConfigError(f"fusion.sources.activity_bq: {least_bq:g} is not less than {most_bq:g}: the smaller one first")
         self._ground = Ground.from_config(mission)
         self._area = area
         self._spectra = Spectra.of(self._config.nuclides or KNOWN)

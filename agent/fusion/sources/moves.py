@@ -1,6 +1,6 @@
 """How sources come and go: a fit is compared with fits of one source more or less, of another nuclide, of two in one's place.
 
-A move is made where the log evidence gains ``least_gain``, or where it loses nothing with a source less.
+A source is added where the log evidence gains ``least_gain``, and taken away where it loses less than that.
 """
 
 from __future__ import annotations

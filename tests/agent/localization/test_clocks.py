@@ -112,6 +112,13 @@ def test_the_common_time_goes_on_where_the_own_clock_is_set_back_while_nobody_is
     assert b.problem(true_ns) is None
 
 
+def test_one_other_clock_is_not_believed_for_a_small_step_of_the_own_one():
+    clocks, now_ns = exchanged({"a": 0, "b": 300}, names=("a", "b"))
+    now_a_ns = now_ns("a")
+    clocks["a"].keep_time(-1 * MS)
+    assert clocks["a"].common_ns(now_a_ns - 1 * MS) == now_a_ns - 1 * MS
+
+
 def test_a_clock_that_is_set_right_tells_the_common_time_at_once():
     clocks, now_ns = exchanged({"a": 0, "b": 20_000, "c": 0})
     assert clocks["b"].problem(now_ns("b")) is not None

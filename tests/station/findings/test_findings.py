@@ -259,6 +259,8 @@ def test_the_figures_of_the_report_show_what_is_known(findings, folder):
     nothing = [replace(frame, source=None) for frame in findings.frames]
     bare = changed(findings, frames=tuple(nothing), best=None, last=None, exposures=(), places=())
     assert report_html(bare).count("<svg") == 2  # the map and the count rates
+    exact = [replace(frame, source=frame.source and replace(frame.source, rms_m=0.0)) for frame in findings.frames]
+    assert report_html(changed(findings, frames=tuple(exact))).count("<svg") == 3  # of a given source there is no uncertainty
 
 
 def test_the_report_is_signed_and_openssl_verifies_it(findings, folder, operator):

@@ -41,6 +41,11 @@ def hold(after_s=0, **changes):
     return order(Action.HOLD, START_NS + after_s * SECOND, **{"to": D1 | D2, **changes})
 
 
+def test_an_order_that_names_number_0_is_an_old_one(picture):
+    picture.receive(*hold(to={"d1": Ticket("0" * 16, 0)}), START_NS)
+    assert told(picture) == {("hold", "d1"): UNSURE}
+
+
 def test_who_commanded_what_and_which_drones_have_obeyed(picture):
     picture.receive(*hold(), START_NS)
     picture.receive(*hold(), START_NS + SECOND)  # a copy

@@ -2,9 +2,9 @@
 
 import random
 
-import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from agent.errors import ConfigError
 from agent.frames.graph import FrameGraph
@@ -48,6 +48,14 @@ def test_two_sources_of_unknown_nuclides_are_found(kit, flight):
         assert np.all(np.abs(one.position[:2] - (x, y)) < 4.0 * sigma_m + 0.05)
         assert one.activity_bq == pytest.approx(becquerel, abs=4.0 * one.activity_sigma_bq)
         assert one.rms_m < 1.0
+
+
+@pytest.mark.parametrize("activity_bq", [(1e9, 1e9), (1e9, 1e6)])
+def test_limits_of_activity_in_the_wrong_order_are_one_clear_line(among, activity_bq):
+    mission = among.mission_of()
+    fusion = replace(mission.fusion, sources=replace(mission.fusion.sources, activity_bq=activity_bq))
+    with pytest.raises(ConfigError, match=r"fusion\.sources\.activity_bq: 1e\+09 is not less than"):
+        estimator_named("sources", replace(mission, fusion=fusion))
 
 
 def test_nothing_is_found_where_nothing_is(kit, among):
@@ -96,7 +104,7 @@ def test_each_drone_sees_the_source_with_its_own_error(kit, among):
 
 def _with_sigma(entry, sigma_m):
     name = "apex_sigma_m" if hasattr(entry, "apex_sigma_m") else "position_sigma_m"
-    return msgspec.structs.replace(entry, **{name: sigma_m})
+    return replace(entry, **{name: sigma_m})
 
 
 def test_candidates_that_nobody_knows_are_refused(kit, among):
