@@ -77,7 +77,10 @@ class _Configs(Target):
             self.load(path)
         except ConfigError as error:
             expect("\n" not in str(error), f"an error of several lines: {str(error)[:200]!r}")
-            expect(path.name in str(error) or "ground.grid" in str(error), f"an error that names no file: {str(error)[:200]!r}")
+            expect(
+                any(name in str(error) for name in (path.name, "ground.grid", "buildings.file")),
+                f"an error that names no file: {str(error)[:200]!r}",
+            )
 
     def load(self, path: Path) -> None:
         """Read the file as a command would."""
