@@ -27,7 +27,7 @@ SLICE_S = 0.005
 MOST_ENTRIES = 5_000  # of a publisher, waiting for delivery; more are dropped, and recovered by the log query
 ENTRIES_PER_S = 1_000.0  # of a publisher: 50 times what a drone publishes, and an hour's log in less than a minute
 MOST_COMMANDS = 100  # of a publisher
-COMMANDS_PER_S = 10  # of a publisher; more are a flood, of which `rights` lets few through
+FLOOD_COMMANDS_PER_S = 10  # of a publisher; more are a flood, of which `rights` lets few through
 MOST_PUBLISHERS = 128  # a swarm has up to 64 drones
 NEWS_IN_TURN = 20  # delivered before an entry that waits: a flood of news must not keep all entries back
 NEWS_PER_S = 200  # of a publisher, of which the newest alone counts; honest ones send 15
@@ -126,7 +126,7 @@ class Inbox:
             self._keep(share, share.entries, MOST_ENTRIES, key, payload)
         elif key.kind in STATION_KINDS:
             self._keep(share, share.commands, MOST_COMMANDS, key, payload)
-            self._note_rate(share, COMMANDS_PER_S)
+            self._note_rate(share, FLOOD_COMMANDS_PER_S)
         else:
             self._renew(share, key, payload)
 

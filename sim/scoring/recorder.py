@@ -222,7 +222,7 @@ class Recorder:
     def _source_score(self) -> SourceScore:
         """All sources of the last estimate, if that still holds, against all true ones."""
         if not self._estimated:
-            return SourceScore()
+            return NOT_SCORED
         held = self._agents[self._first].hypothesis is not None and self._heard.estimates
         return score_sources(self._sources, self._heard.estimates[-1].sources if held else ())
 

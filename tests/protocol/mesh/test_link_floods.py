@@ -92,7 +92,7 @@ OVERSIZED = struct.pack(">BHH", 22, 0x0301, 16_384) + b"\x01\xff\xff\xff" + b"x"
 
 @pytest.mark.parametrize("data", [GARBAGE, OVERSIZED], ids=["garbage", "oversized"])
 def test_broken_handshakes_keep_nobody_out(folder: Path, data: bytes) -> None:
-    """Zenoh accepts nobody for 0.1 s after a handshake that failed (its issue 2685): 10 of them, about 1 s."""
+    """Zenoh accepts nobody for 0.1 s after a handshake that failed (Zenoh's issue 2685): 10 of them, about 1 s."""
     asyncio.run(_attacked(folder, data, 10, joins_s=10.0))
 
 
