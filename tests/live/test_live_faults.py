@@ -225,7 +225,7 @@ def test_a_drone_that_comes_late_is_started_by_the_operator_and_takes_part(tmp_p
 
     async def course() -> None:
         scenario = override(load_scenario("demo"), {"mission.track.duration_s": 90.0})
-        scenario = replace(scenario, fault=(Late(target="d3", at_s=5.0),))
+        scenario = replace(scenario, fault=(Late(target="d3", at_s=20.0),))  # well after the takeoff of the others
         async with live_swarm(scenario, 1, tmp_path, Places.relayed(3), View()) as swarm:
             operator, player = swarm.operator, swarm.faults
             assert isinstance(player, FaultPlayer)

@@ -12,6 +12,7 @@ from meshes import SWARM, Member, endpoint, free_port, member, until
 
 from protocol.errors import ProtocolError
 from protocol.identity import Identity, Role
+from protocol.keys import station_key
 from protocol.mesh.queries import hash_of, split
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import MOST_PARTS, PART_BYTES
@@ -27,9 +28,17 @@ def fetched(serve: Callable[[Member], Awaitable[None]], content: bytes = CONTENT
         async with member("d1", listen) as d1, member(None, connect=(listen,)) as station:
             await until(lambda: station.mesh.alive == {"d1"})
             await serve(station)
+            await answered(d1, station)
             return await d1.mesh.fetch_mission("anna", [hash_of(part) for part in split(content)])
 
     return asyncio.run(course())
+
+
+async def answered(drone: Member, station: Member) -> None:
+    """Wait until the drone knows that the station answers: what the station publishes afterwards comes after its declaration."""
+    key = station_key(SWARM, "anna", "command")
+    station.mesh.publish(key, b"after")
+    await until(lambda: drone.got(key))
 
 
 def test_a_content_of_many_parts_comes_whole() -> None:
@@ -65,12 +74,15 @@ def test_with_certificates_a_drone_fetches_from_an_operator(tmp_path: Path) -> N
     issuer = new_issuer()
     drone = identity(issuer, tmp_path, "d1")
     anna = identity(issuer, tmp_path, "anna", Role.OPERATOR)
+    heard: set[str] = set()
 
     async def course() -> bytes | None:
         listen = f"tls/127.0.0.1:{free_port()}"
-        async with joined(drone, listen) as d1, joined(anna, None, (listen,)) as station:
+        async with joined(drone, listen, heard=heard) as d1, joined(anna, None, (listen,)) as station:
             await until(lambda: station.alive == {"d1"})
             await station.serve_mission("anna", split(CONTENT))
+            station.publish(after := station_key(SWARM, "anna", "command"), b"after")
+            await until(lambda: after in heard)
             return await d1.fetch_mission("anna", [hash_of(part) for part in split(CONTENT)])
 
     assert asyncio.run(course()) == CONTENT
@@ -79,13 +91,15 @@ def test_with_certificates_a_drone_fetches_from_an_operator(tmp_path: Path) -> N
 class joined:  # noqa: N801
     """A mesh with an identity."""
 
-    def __init__(self, own: Identity, listen: str | None, connect: tuple[str, ...] = ()) -> None:
+    def __init__(self, own: Identity, listen: str | None, connect: tuple[str, ...] = (), heard: set[str] | None = None) -> None:
+        """``heard``: gets the keys of what comes in."""
         drones = ("d1",) if own.own.role is Role.DRONE else None
         self._config = MeshConfig(listen=listen, connect=connect, identity=own, drones=drones)
         self._drone = own.own.name if drones else None
+        self._heard: set[str] = set() if heard is None else heard
 
     async def __aenter__(self) -> Mesh:
-        self._mesh = await Mesh.open(self._config, SWARM, self._drone, receive=lambda key, payload: None)
+        self._mesh = await Mesh.open(self._config, SWARM, self._drone, receive=lambda key, payload: self._heard.add(key))
         return self._mesh
 
     async def __aexit__(self, *_: object) -> None:
