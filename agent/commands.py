@@ -129,8 +129,8 @@ def command(
     ] = "",
 ) -> None:
     """Command a swarm, and wait until it has obeyed. Exit code 2 if a drone refuses, with its reasons."""
-    from agent import groundcontrol  # noqa: PLC0415
-    from agent.groundcontrol import CommandError  # noqa: PLC0415
+    from agent.operator import groundcontrol  # noqa: PLC0415
+    from agent.operator.groundcontrol import CommandError  # noqa: PLC0415
 
     names, left = (tuple(name for name in listed.split(",") if name) for listed in (drones, without))
     if names and left:
@@ -155,8 +155,8 @@ def upload(
     mission that it has. Exit code 0: all have it; 1: not all; 2: nothing was sent.
     """
     from agent.config.loading import load_mission  # noqa: PLC0415
-    from agent.missionupload import UploadOrder  # noqa: PLC0415
-    from agent.missionupload import upload as upload_mission  # noqa: PLC0415
+    from agent.operator.missionupload import UploadOrder  # noqa: PLC0415
+    from agent.operator.missionupload import upload as upload_mission  # noqa: PLC0415
 
     _check_links(identity, insecure)
     left = tuple(name for name in without.split(",") if name)
@@ -173,7 +173,7 @@ def upload(
 
 
 def _check_links(identity: Path | None, insecure: bool) -> None:
-    from agent.groundcontrol import CommandError  # noqa: PLC0415
+    from agent.operator.groundcontrol import CommandError  # noqa: PLC0415
 
     if insecure == (identity is not None):
         make = "run `radron-deploy pki issue NAME --role operator`, and give the folder that it makes"
@@ -198,7 +198,7 @@ def status(
     """Print a line for each drone of a swarm, and the source that they tell. Exit code 2 if none is heard."""
     from rich.console import Console  # noqa: PLC0415
 
-    from agent import overview  # noqa: PLC0415
+    from agent.operator import overview  # noqa: PLC0415
 
     place = overview.place_of(swarm, connect, identity, insecure, mission)
     Console().print(overview.table(asyncio.run(overview.show(place, None))))
@@ -213,7 +213,7 @@ def watch(
     from rich.console import Console  # noqa: PLC0415
     from rich.live import Live  # noqa: PLC0415
 
-    from agent import overview  # noqa: PLC0415
+    from agent.operator import overview  # noqa: PLC0415
 
     place, terminal = overview.place_of(swarm, connect, identity, insecure, mission), Console()
     with suppress(KeyboardInterrupt):
@@ -246,8 +246,8 @@ def revoke(
 
     Exit code 2 if that is not in effect at every drone that is heard.
     """
-    from agent.revocation import Request, RevocationError  # noqa: PLC0415
-    from agent.revocation import revoke as revoke_member  # noqa: PLC0415
+    from agent.operator.revocation import Request, RevocationError  # noqa: PLC0415
+    from agent.operator.revocation import revoke as revoke_member  # noqa: PLC0415
 
     if nothing and last:
         raise RevocationError("--nothing and --last exclude each other: give one of them")

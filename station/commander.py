@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from agent import missionupload
 from agent.config.mission import MissionConfig
-from agent.groundcontrol import FRESH_S, CommandError, Order, Statuses, carry_out, station_name
-from agent.missionupload import UploadOrder
+from agent.operator import missionupload
+from agent.operator.groundcontrol import FRESH_S, CommandError, Order, Statuses, carry_out, station_name
+from agent.operator.missionupload import UploadOrder
 from protocol.errors import ProtocolError
 from protocol.identity import Identity, Role
 from protocol.mesh.session import Mesh

@@ -15,11 +15,11 @@ from live_agents import free_ports
 from msgspec.structs import replace
 from one_pilot import MISSION, cone_of
 
-from agent import revocation
 from agent.cli import main
 from agent.config.drone import DroneConfig
+from agent.operator import revocation
+from agent.operator.revocation import Request, RevocationError, revoke
 from agent.pilot import Pilot
-from agent.revocation import Request, RevocationError, revoke
 from protocol.codec import encode
 from protocol.entries import Credential
 from protocol.errors import ProtocolError

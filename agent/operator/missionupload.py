@@ -10,7 +10,7 @@ from pathlib import Path
 
 from agent.config.loading import mission_content
 from agent.config.mission import MissionConfig
-from agent.groundcontrol import Addressees, CommandError, Statuses, find, lapsed, operator_identity, station_name
+from agent.operator.groundcontrol import Addressees, CommandError, Statuses, find, lapsed, operator_identity, station_name
 from protocol.codec import encode
 from protocol.identity import Identity
 from protocol.keys import key_of

@@ -12,11 +12,11 @@ from mission_takers import Drone
 from msgspec.structs import replace
 from one_pilot import MISSION
 
-from agent import groundcontrol, missionupload
 from agent.cli import main
 from agent.config.loading import read_content
-from agent.groundcontrol import CommandError
-from agent.missionupload import UploadOrder
+from agent.operator import groundcontrol, missionupload
+from agent.operator.groundcontrol import CommandError
+from agent.operator.missionupload import UploadOrder
 from protocol.identity import Role
 from protocol.messages import Answer
 

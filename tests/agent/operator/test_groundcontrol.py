@@ -11,8 +11,8 @@ from identities import DAY_NS, identity, new_issuer
 from live_agents import free_ports
 from msgspec.structs import replace
 
-from agent import groundcontrol
-from agent.groundcontrol import CommandError, Order
+from agent.operator import groundcontrol
+from agent.operator.groundcontrol import CommandError, Order
 from protocol.codec import decode, encode
 from protocol.identity import Identity, Role
 from protocol.keys import key_of
