@@ -229,17 +229,26 @@ async def _numeric(where: str, endpoint: str, protocol: str) -> str:
         )
         raise MeshError(f"{where}: {endpoint!r}: {why}; write {protocol}/{endpoint[4:]}")
     host, port = match["host"].strip("[]"), int(match["port"])
+    address = await _address(f"{where}: {endpoint!r}", host, port)
+    if address.is_unspecified:
+        raise MeshError(f"{where}: {endpoint!r} is not the address of one interface; give one that peers can dial")
+    return f"{protocol}/{_host_port((str(address), port))}"
+
+
+async def _address(where: str, host: str, port: int) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    """Only names are looked up: a numeric host needs no thread, which a busy machine may start late."""
+    try:
+        return ipaddress.ip_address(host.partition("%")[0])
+    except ValueError:
+        pass
     try:
         async with asyncio.timeout(LOOKUP_S):
             found = await in_thread(lambda: socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
     except TimeoutError:
-        raise MeshError(f"{where}: {endpoint!r}: resolving {host!r} takes too long; give a numeric address") from None
+        raise MeshError(f"{where}: resolving {host!r} takes too long; give a numeric address") from None
     except (OSError, UnicodeError):
-        raise MeshError(f"{where}: {endpoint!r}: the host {host!r} is unknown; give a numeric address") from None
-    address = ipaddress.ip_address(str(found[0][4][0]).partition("%")[0])
-    if address.is_unspecified:
-        raise MeshError(f"{where}: {endpoint!r} is not the address of one interface; give one that peers can dial")
-    return f"{protocol}/{_host_port((str(address), port))}"
+        raise MeshError(f"{where}: the host {host!r} is unknown; give a numeric address") from None
+    return ipaddress.ip_address(str(found[0][4][0]).partition("%")[0])
 
 
 def _explain(text: str, config: MeshConfig) -> str:

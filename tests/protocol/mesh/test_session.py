@@ -283,6 +283,16 @@ def test_what_cannot_work_is_one_line_and_soon(config: MeshConfig, words: str) -
     assert "\n" not in str(caught.value)
 
 
+def test_a_numeric_host_is_not_looked_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine may be late with the lookup's thread, and there is nothing better to give than an address."""
+
+    def lookup(host: str, *_: object, **__: object) -> None:
+        raise AssertionError(host)
+
+    monkeypatch.setattr(link.socket, "getaddrinfo", lookup)
+    asyncio.run(_open(MeshConfig(listen=endpoint(), connect=(endpoint(), "tcp/[::1]:7447"))))
+
+
 def test_a_port_in_use_is_one_line() -> None:
     port = free_port()
     with socket.create_server(("127.0.0.1", port)), pytest.raises(MeshError) as caught:
