@@ -22,7 +22,6 @@ def seek_time(vehicle: VehicleConfig, valid: Valid, folder: Path, wait_s: float 
 
     Raises:
         VehicleError: the link's ``source`` is no address.
-        OSError: the time cannot be handed over.
     """
     told_ns = asyncio.run(overheard_time(vehicle.address, vehicle.system_id, vehicle.source, wait_s))
     uptime_s = time.monotonic()
@@ -30,5 +29,8 @@ def seek_time(vehicle: VehicleConfig, valid: Valid, folder: Path, wait_s: float 
         return f"the autopilot on {vehicle.address} tells no time yet: it has it from satellites or a ground station"
     if told_ns not in valid:
         return f"the autopilot's clock, {text(told_ns)}, cannot be right either"
-    hand_over(folder, Told(utc_ns=told_ns, uptime_s=uptime_s))
+    try:
+        hand_over(folder, Told(utc_ns=told_ns, uptime_s=uptime_s))
+    except OSError as error:
+        return f"the autopilot's, {text(told_ns)}, cannot be handed over ({folder}: {error.strerror})"
     return f"it is set by the autopilot's, {text(told_ns)}"

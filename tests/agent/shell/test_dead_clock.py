@@ -86,6 +86,14 @@ def test_an_autopilot_that_tells_no_time_is_told(tmp_path: Path) -> None:
     assert said.endswith("tells no time yet: it has it from satellites or a ground station")
 
 
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    port, now_ns = free_port(), time.time_ns()
+    vehicle, valid = VehicleConfig(address=f"udpin://127.0.0.1:{port}"), Valid(now_ns, now_ns + 3 * DAY_NS)
+    with telling(port, lambda: now_ns + DAY_NS):
+        said = seek_time(vehicle, valid, tmp_path / "missing", wait_s=60.0)
+    assert said.endswith(f"cannot be handed over ({tmp_path / 'missing'}: No such file or directory)")
+
+
 def test_software_from_after_now_is_a_sign_of_a_dead_clock_too(drone_file: Path) -> None:
     drone, _ = load_drone(drone_file, {})
     now_ns = time.time_ns() + 3 * DAY_NS
