@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import UTC, datetime
 from typing import Literal
 
 from msgspec import Struct
@@ -29,6 +30,15 @@ class Release(Struct, frozen=True, kw_only=True):
     def is_older_than(self, other: Release) -> bool:
         """By version, as semantic versioning has it; by the date of the source where the versions are equal."""
         return self._order < other._order
+
+    @property
+    def made_ns(self) -> int | None:
+        """The date of its source, UTC in nanoseconds; None: it is not known."""
+        try:
+            made = datetime.strptime(self.build.partition("-")[0], "%Y%m%dT%H%M%SZ")
+        except ValueError:
+            return None
+        return int(made.replace(tzinfo=UTC).timestamp()) * 1_000_000_000
 
     @property
     def _order(self) -> tuple[list[int], bool, str, str]:

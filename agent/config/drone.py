@@ -9,6 +9,9 @@ from msgspec import Meta, field
 from agent.config.section import Degrees, NonNegative, Section
 from protocol.units import DroneId, Identifier
 
+PARAMETER = "^[A-Z][A-Z0-9_]{0,15}$"  # of PX4
+ParameterName = Annotated[str, Meta(pattern=PARAMETER)]
+
 
 class PeerMeshConfig(Section, frozen=True, kw_only=True):
     """Where the swarm's Zenoh sessions listen, by drone: ``{d1 = "tls/10.7.1.11:7447", ...}``, the same on every drone.
@@ -55,7 +58,7 @@ class VehicleConfig(Section, frozen=True, kw_only=True):
     the first one heard, but on a loopback any.
     ``system_id``: the vehicle's MAVLink system id, for a link on which other autopilots can be heard too; none: the first
     one that is heard. ``gnss``: the autopilot flies by satellites; without, it has neither origin nor home, and is guided by
-    vision.
+    vision. ``parameters``: names of parameters of the autopilot that the computer reports besides those that a flight relies on.
     """
 
     address: str = "udpin://127.0.0.1:14540"
@@ -67,6 +70,7 @@ class VehicleConfig(Section, frozen=True, kw_only=True):
     gnss: bool = True
     vision: VisionConfig | None = None  # none: there is no SLAM, or it feeds the autopilot directly
     response: ResponseConfig = ResponseConfig()
+    parameters: tuple[ParameterName, ...] = ()
 
 
 class SightingsConfig(Section, frozen=True, kw_only=True):

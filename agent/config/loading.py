@@ -12,6 +12,7 @@ import msgspec
 from msgspec.structs import replace
 
 from agent.config.buildings import read_buildings
+from agent.config.drone import PARAMETER
 from agent.config.mission import GRID_BYTES, MissionConfig
 from agent.errors import ConfigError
 from protocol.units import STATION
@@ -110,7 +111,7 @@ def convert(document: object, kind: type[T], where: str) -> T:
 def _explain(text: str, kind: type) -> str:
     """msgspec's error message with the key before it and what is allowed after it."""
     message, _, place = text.partition(" - at ")
-    path = place.strip("`").removeprefix("$").lstrip(".")
+    path = place.strip("`").replace("key` in `$.", "a key of ").removeprefix("$").lstrip(".")
     unknown = re.match(r"Object contains unknown field `(.+)`", message)
     if unknown:
         key = unknown.group(1)
@@ -121,6 +122,8 @@ def _explain(text: str, kind: type) -> str:
     missing = re.match(r"Object missing required field `(.+)`", message)
     if missing:
         return f"the key {_join(path, missing.group(1))!r} is missing"
+    if PARAMETER in message:
+        return f"{path}: expected a name of PX4's, of up to 16 of A-Z, 0-9 and '_', such as COM_OF_LOSS_T"
     if "matching regex" in message:
         return f"{path}: expected a name of up to 32 of a-z, 0-9 and '-' (for a drone not {STATION!r})"
     choice = _type_at(kind, path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from agent.clock.handover import Valid, text
 from agent.config.drone import DroneConfig
 from agent.errors import ConfigError
 from protocol.identity import CERTIFICATE_FILE, Identity, load_identity, utc
@@ -13,6 +14,15 @@ INSECURE = "links are not encrypted (mesh.insecure = true): whoever reaches this
 FLIGHT_S = 2 * 3600.0  # a certificate must be valid for so long at a start: links that break after its end do not come back
 _HOUR_S, _DAY_S = 3600.0, 86400.0
 _NOTICE_DAYS = 30.0
+_SET_IT = "set it, such as by `chronyc makestep`"
+
+
+class DeadClockError(ConfigError):
+    """This computer's clock shows a time at which nothing of it was there yet. ``valid``: when it may be right."""
+
+    def __init__(self, text: str, valid: Valid) -> None:
+        super().__init__(text)
+        self.valid = valid
 
 
 class Validity(NamedTuple):
@@ -46,16 +56,24 @@ def own_identity(drone: DroneConfig) -> Identity | None:
     return load_identity(Path(mesh.identity))
 
 
-def check_clock(drone: DroneConfig, now_ns: int) -> None:
+def check_clock(drone: DroneConfig, now_ns: int, made_ns: int | None = None) -> None:
     """See that this computer's clock is not before the drone's certificate: no link would come up.
 
+    ``made_ns``: when the software was made, UTC; None: that is not known.
+
     Raises:
-        ConfigError: it is; a computer without a battery for its clock begins years ago.
+        DeadClockError: it is, or before the software; a computer without a battery for its clock begins years ago.
         IdentityError: a certificate that cannot be used.
     """
     identity = own_identity(drone)
-    if identity is not None and now_ns < identity.own.not_before_ns:
-        raise ConfigError(f"clock: {validity(identity, now_ns).fault}")
+    if identity is None:
+        return
+    valid = Valid(max(identity.own.not_before_ns, made_ns or 0), identity.own.not_after_ns)
+    if now_ns < identity.own.not_before_ns:
+        raise DeadClockError(f"clock: {validity(identity, now_ns).fault}", valid)
+    if now_ns < valid.begin_ns:
+        made = f"this release was made at {text(valid.begin_ns)}"
+        raise DeadClockError(f"clock: {made}, and this computer's clock shows {text(now_ns)}: {_SET_IT}", valid)
 
 
 def validity(identity: Identity, now_ns: int) -> Validity:
@@ -70,7 +88,7 @@ def validity(identity: Identity, now_ns: int) -> Validity:
         fault = f"{file}: has been revoked; run `radron-deploy pki issue` with another name than {own.name}"
     elif now_ns < own.not_before_ns:
         begins = f"{utc(own.not_before_ns):%Y-%m-%d %H:%M} UTC"
-        fault = f"{file}: not valid before {begins}, and this computer's clock shows {now}: set it, such as by `chronyc makestep`"
+        fault = f"{file}: not valid before {begins}, and this computer's clock shows {now}: {_SET_IT}"
     elif left_s <= 0.0:
         fault = f"{file}: expired at {until} (this computer's clock shows {now}); {renew}"
     elif left_s < FLIGHT_S:

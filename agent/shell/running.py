@@ -10,13 +10,17 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agent.clock.seeking import seek_time
+from agent.config.drone import DroneConfig
 from agent.detector.drivers import open_detector
 from agent.errors import RadronError
 from agent.shell.heartbeat import ANEW, HUNG, Heartbeat, StallCheckingSelector
-from agent.shell.identity import check_clock
+from agent.shell.identity import DeadClockError, check_clock
 from agent.shell.logs import Logger, set_up_logs
 from agent.shell.overrides import load_drone
 from agent.shell.patience import Patience
+from agent.shell.selfreport import runtime_folder
+from agent.update.records import own_release
 from protocol.errors import ProtocolError
 
 if TYPE_CHECKING:
@@ -47,7 +51,7 @@ def run_agent(
 def _run_once(path: str, verbose: bool, heartbeat: Heartbeat, detector_of: DetectorOf, patience: Patience) -> int:
     drone, filed = load_drone(Path(path), os.environ)
     if patience.waits:
-        check_clock(drone, time.time_ns())
+        _await_clock(drone)
     from agent.shell.missionstore import mission_in_force  # noqa: PLC0415  with the next takes a second: what is wrong
     from agent.shell.node import Node  # noqa: PLC0415  with the files is said before
 
@@ -55,6 +59,21 @@ def _run_once(path: str, verbose: bool, heartbeat: Heartbeat, detector_of: Detec
     node = Node(drone, filed, mission_in_force(drone, filed), heartbeat, log, detector_of, patience)
     with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(StallCheckingSelector(heartbeat))) as runner:
         return runner.run(_until_stopped(node, log))
+
+
+def _await_clock(drone: DroneConfig) -> None:
+    """A dead clock is an obstacle; a computer that sets it by the autopilot's is told what that shows.
+
+    Raises:
+        DeadClockError, IdentityError, VehicleError: the obstacle.
+    """
+    try:
+        check_clock(drone, time.time_ns(), own_release().made_ns)
+    except DeadClockError as dead:
+        folder = runtime_folder()
+        if folder is None:
+            raise
+        raise DeadClockError(f"{dead}; {seek_time(drone.vehicle, dead.valid, folder)}", dead.valid) from None
 
 
 async def _until_stopped(node: Node, log: Logger) -> int:

@@ -25,6 +25,12 @@ PERIOD_S = 1.0
 CAMERA_S = 10.0  # between two readouts of a camera that works
 
 
+def runtime_folder(environment: Mapping[str, str] = os.environ) -> Path | None:
+    """Where this agent tells its computer something, as the service manager says; None: nowhere."""
+    folder = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0]
+    return Path(folder) if folder else None
+
+
 class SelfReport:
     """Writes the reports of one run of the agent."""
 
@@ -37,8 +43,7 @@ class SelfReport:
     @classmethod
     def here(cls, environment: Mapping[str, str] = os.environ) -> SelfReport:
         """Where the service manager says."""
-        folder = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0]
-        return cls(Path(folder) if folder else None)
+        return cls(runtime_folder(environment))
 
     def readout(self) -> None:
         """The camera has answered."""

@@ -44,6 +44,8 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     settle = commands.add_parser("settle", help="after a boot: confirm the slot, or give it up (radron-settle.service)")
     settle.add_argument("--deadline", type=float, metavar="SECONDS", help="for the agent to be well")
     settle.set_defaults(run=_settle)
+    clock = commands.add_parser("clock", help="set a dead clock to the autopilot's time (radron-clock.service)")
+    clock.set_defaults(run=_clock)
     boot = commands.add_parser("bootloader", help="the boot loader, as RAUC asks for it")
     boot.add_argument("words", nargs="+")
     boot.set_defaults(run=_bootloader)
@@ -73,6 +75,12 @@ def _settle(options: argparse.Namespace) -> None:
     around = Surroundings(report=_report, excuse=agent_state, reboot=_reboot, say=_say)
     deadline_s = DEADLINE_S if options.deadline is None else options.deadline
     settle(Slots(), Records(), own_release(), around, deadline_s)
+
+
+def _clock(_: argparse.Namespace) -> None:
+    from agent.clock.setting import CERTIFICATE, TOLD, set_clock, validity_of  # noqa: PLC0415
+
+    print(f"radron-clock: {set_clock(TOLD, validity_of(CERTIFICATE, own_release().made_ns))}", flush=True)
 
 
 def _bootloader(options: argparse.Namespace) -> None:

@@ -101,8 +101,11 @@ def read_report(file: Path, uptime_s: float) -> Report | None:
 
 
 def own_release(file: Path = OS_RELEASE) -> Release:
-    """The release that this system is."""
-    lines = file.read_text(encoding="utf-8").splitlines()
+    """The release that this system is; of one that is none of our images, version 0 without a date."""
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
     values = {name: value.strip('"') for name, _, value in (line.partition("=") for line in lines)}
     return Release(version=values.get("IMAGE_VERSION", "0"), build=values.get("BUILD_ID", ""))
 

@@ -158,7 +158,7 @@ def value_of(message: ParameterValue) -> float:
     """The number in a PARAM_VALUE. PX4 puts the bits of an integer into the float.
 
     The bits of negative integers close to 0 are a NaN, which arrives without its bits: the result is -1. No parameter that is
-    read here may be negative.
+    judged here may be negative.
     """
     if message.param_value is None or abs(message.param_value) > LARGEST_FLOAT:
         return NEGATIVE
@@ -177,20 +177,26 @@ def wire_value(value: float, kind: int) -> float:
 
 
 class Parameters:
-    """The values of the parameters in ``rules`` and of the takeoff altitude, as far as they are known."""
+    """The values of the parameters in ``rules``, of the takeoff altitude, and of others, as far as they are known."""
 
     def __init__(
-        self, ceiling_m: float, rules: tuple[Rule, ...] = RULES, return_height_m: float | None = None, *, sets: bool = True
+        self,
+        ceiling_m: float,
+        rules: tuple[Rule, ...] = RULES,
+        return_height_m: float | None = None,
+        *,
+        sets: bool = True,
+        others: tuple[str, ...] = (),
     ) -> None:
         """``return_height_m``: of this drone's return, to be set on its autopilot, or, without ``sets``, to be set before the
-        start; None: that is left as it is.
+        start; None: that is left as it is. ``others``: names of parameters that are read, but not judged.
         """
         self._may_set = sets
         self._ceiling_m = ceiling_m
         self._return_m = float32(return_height_m) if return_height_m is not None else None
         self._sets, self._set_s = 0, float("-inf")
         self._rules = rules
-        self._names = (*(rule.name for rule in rules), TAKEOFF_ALTITUDE)
+        self._names = tuple(dict.fromkeys((*(rule.name for rule in rules), TAKEOFF_ALTITUDE, *others)))
         self._values: dict[str, float] = {}
         self._kinds: dict[str, int] = {}  # MAV_PARAM_TYPE
         self._asked: dict[str, tuple[int, float]] = {}  # how often, and when last asked for

@@ -90,7 +90,8 @@ class Px4Vehicle:
         self.messages = self._messages = StatusMessages()  # as well
         rules = rules_of(config.gnss, config.vision is not None, lost.reaction if lost is not None else None)
         height_m = lost.return_height_m if lost is not None and config.gnss else None
-        self.parameters = Parameters(mission_ceiling_m, rules, height_m, sets=lost is not None and lost.sets)
+        sets = lost is not None and lost.sets
+        self.parameters = Parameters(mission_ceiling_m, rules, height_m, sets=sets, others=config.parameters)
         self._requests = Requests()
         self._vision = Vision(config.vision.address, self._link.send, clock_ns) if config.vision is not None else None
         self._seeing: asyncio.Task[None] | None = None

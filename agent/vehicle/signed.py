@@ -16,7 +16,7 @@ import termios
 import tty
 from collections.abc import Callable
 from contextlib import suppress
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from agent.vehicle.exposure import take_only_from
 
@@ -42,7 +42,8 @@ class First(NamedTuple):
     sender: str | None = None
 
 
-Judge = Callable[[bytes], First | None]
+_T = TypeVar("_T")
+Judge = Callable[[bytes, str | None], _T | None]  # of bytes, and the IP address of their sender, on a network
 
 
 async def first_message(address: str, system_id: int | None, source: str | None, wait_s: float = FIRST_S) -> First | None:
@@ -57,12 +58,24 @@ async def first_message(address: str, system_id: int | None, source: str | None,
     Raises:
         VehicleError: ``source`` is no IPv4 address.
     """
+
+    def judge(data: bytes, sender: str | None) -> First | None:
+        first = first_of(data, system_id)
+        return None if first is None else first._replace(sender=sender)
+
+    return await overhear(address, judge, source, wait_s)
+
+
+async def overhear(address: str, judge: Judge[_T], source: str | None, wait_s: float) -> _T | None:
+    """What ``judge`` first makes of the bytes that arrive on this link, without sending any; None: nothing, or the link is of
+    another kind. Other arguments and errors: see ``first_message``.
+    """
     looking = _in_datagrams if listens(address) else _in_stream if _SERIAL.match(address) else None
     if looking is None:
         return None
     with suppress(TimeoutError, OSError, OverflowError, termios.error):  # MAVSDK says what is wrong with the link
         async with asyncio.timeout(wait_s):
-            return await looking(address, lambda data: first_of(data, system_id), source)
+            return await looking(address, judge, source)
     return None
 
 
@@ -92,7 +105,7 @@ def first_of(data: bytes, system_id: int | None = None) -> First | None:
     return None
 
 
-async def _in_datagrams(address: str, judge: Judge, source: str | None) -> First:
+async def _in_datagrams(address: str, judge: Judge[_T], source: str | None) -> _T:
     match = _UDP.match(address)
     assert match is not None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
@@ -102,12 +115,12 @@ async def _in_datagrams(address: str, judge: Judge, source: str | None) -> First
             take_only_from(address, source)
         while True:
             data, sender = await asyncio.get_running_loop().sock_recvfrom(link, _MOST_BYTES)
-            found = judge(data) if source in (None, sender[0]) else None  # what came before the filter may be of others
+            found = judge(data, sender[0]) if source in (None, sender[0]) else None  # others' may have come before the filter
             if found is not None:
-                return found._replace(sender=sender[0])
+                return found
 
 
-async def _in_stream(address: str, judge: Judge, source: str | None) -> First:
+async def _in_stream(address: str, judge: Judge[_T], source: str | None) -> _T:
     match = _SERIAL.match(address)
     assert match is not None
     loop, heard = asyncio.get_running_loop(), bytearray()
@@ -117,7 +130,7 @@ async def _in_stream(address: str, judge: Judge, source: str | None) -> First:
         settings = termios.tcgetattr(line)
         settings[4] = settings[5] = getattr(termios, f"B{match['baud']}", settings[5])
         termios.tcsetattr(line, termios.TCSANOW, settings)
-        while (found := judge(bytes(heard))) is None:
+        while (found := judge(bytes(heard), None)) is None:
             readable: asyncio.Future[None] = loop.create_future()
             loop.add_reader(line, _settle, readable)
             try:

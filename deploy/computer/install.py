@@ -33,6 +33,8 @@ KEPT_NS = 7 * 86_400_000_000_000  # a certificate that is valid for longer is ke
 # Of the image's files, what an existing computer gets; the rest of it is its owner's.
 SYSTEM_FILES = (
     "etc/systemd/system/radron-agent.service",
+    "etc/systemd/system/radron-clock.path",
+    "etc/systemd/system/radron-clock.service",
     "etc/systemd/system/radron-provision.service",
     "etc/sysusers.d/radron.conf",
     "etc/udev/rules.d/60-radron.rules",

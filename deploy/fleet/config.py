@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from agent.config.drone import DetectorConfig, SightingsConfig, VehicleConfig
+from agent.config.drone import DetectorConfig, ParameterName, SightingsConfig, VehicleConfig
 from agent.config.section import Degrees, Section
 from protocol.units import DroneId, Identifier
 
@@ -45,11 +45,11 @@ class FleetDrone(Section, frozen=True, kw_only=True):
 
 class Px4Config(Section, frozen=True, kw_only=True):
     """What all autopilots should be, by which ``radron-deploy status`` judges: ``version``, such as "1.15.4" (none: any), and
-    ``parameters`` that a flight relies on, such as ``{COM_OF_LOSS_T = 0.5}``.
+    ``parameters``, such as ``{COM_OF_LOSS_T = 0.5}``. A drone reports those that were here when its files were made.
     """
 
     version: str | None = None
-    parameters: dict[str, float] = field(default_factory=dict)
+    parameters: dict[ParameterName, float] = field(default_factory=dict)
 
 
 class FleetConfig(Section, frozen=True, kw_only=True):

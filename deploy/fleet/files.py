@@ -16,7 +16,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
-from agent.config.drone import DroneConfig, PeerMeshConfig, RecorderConfig
+import msgspec
+
+from agent.config.drone import DroneConfig, PeerMeshConfig, RecorderConfig, VehicleConfig
 from agent.config.loading import read_toml
 from agent.config.writing import as_toml
 from agent.errors import ConfigError
@@ -72,11 +74,17 @@ def drone_file(fleet: Fleet, drone: FleetDrone) -> DroneConfig:
         camera_rpy_deg=drone.camera_rpy_deg,
         calibration=None if drone.calibration is None else "calibration",
         mesh=PeerMeshConfig(endpoints=endpoints, identity=CREDENTIALS, others=fleet.config.others),
-        vehicle=drone.vehicle,
+        vehicle=_watching(fleet, drone.vehicle),
         detector=drone.detector,
         sightings=drone.sightings,
         recorder=RecorderConfig(folder=f"{DATA}/flights", limit_mb=fleet.config.records_mb),
     )
+
+
+def _watching(fleet: Fleet, vehicle: VehicleConfig) -> VehicleConfig:
+    """It also reports the parameters that the fleet file judges."""
+    judged = () if fleet.config.px4 is None else fleet.config.px4.parameters
+    return msgspec.structs.replace(vehicle, parameters=tuple(dict.fromkeys((*vehicle.parameters, *judged))))
 
 
 def _mission(fleet: Fleet) -> dict[PurePosixPath, bytes]:

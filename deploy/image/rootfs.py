@@ -26,6 +26,7 @@ _ENABLED = [
     "ssh",
     "radron-provision",
     "radron-agent",
+    "radron-clock.path",
     "radron-settle",
     "radron-console@tty1",
     "radron-console@ttyS0",

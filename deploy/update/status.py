@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from deploy.fleet.config import Px4Config
 from deploy.fleet.loading import Fleet
 from deploy.remote import Host
 from protocol.onboard import MOST_ATTEMPTS, Computer
@@ -19,7 +20,9 @@ _DAY_NS = 86_400_000_000_000
 _CLOCK_S = 0.5  # between a computer and this one; drones whose clocks differ by more do not start
 _SOON_DAYS = 7.0
 _LEAST_FREE_MB = 1000
+_SAME = 1e-5  # relative, of a parameter: the link has single precision
 _ALIKE = ("release", "PX4")  # of these all have the same
+_OWN = {"RTL_RETURN_ALT", "RTL_DESCEND_ALT", "GF_MAX_HOR_DIST"}  # each drone has its own layer, and its own launch place
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +48,12 @@ class Answer:
 
 def rows(answers: Sequence[tuple[Host, Answer]], fleet: Fleet | None) -> list[dict[str, Cell]]:
     """A row for each computer, by column."""
-    made = [_row(host, answer, fleet) for host, answer in answers]
+    usual = _usual(answers)
+    made = [_row(host, answer, fleet, usual) for host, answer in answers]
     for column in _ALIKE:
-        usual = Counter(row[column].text for row in made).most_common(1)
+        (most, _), *_ = Counter(row[column].text for row in made).most_common(1)
         for row in made:
-            if row[column].text != usual[0][0]:
+            if row[column].text != most:
                 row[column] = Cell(row[column].text, stands_out=True)
     return made
 
@@ -65,7 +69,7 @@ def table(made: Sequence[dict[str, Cell]]) -> Table:
     return drawn
 
 
-def _row(host: Host, answer: Answer, fleet: Fleet | None) -> dict[str, Cell]:
+def _row(host: Host, answer: Answer, fleet: Fleet | None, usual: Mapping[str, float]) -> dict[str, Cell]:
     told = answer.computer
     return {
         "drone": Cell(host.name),
@@ -76,7 +80,7 @@ def _row(host: Host, answer: Answer, fleet: Fleet | None) -> dict[str, Cell]:
         "mesh": _mesh(told),
         "autopilot": _answers(told, lambda report: report.autopilot),
         "camera": _answers(told, lambda report: report.camera),
-        "PX4": _px4(told, fleet),
+        "PX4": _px4(told, fleet, usual),
         "disk": Cell(f"{told.disk_free_mb / 1000:.1f} of {told.disk_mb / 1000:.1f} GB free", told.disk_free_mb < _LEAST_FREE_MB),
         "clock": _clock(answer),
         "certificate": _certificate(told, answer.told_ns),
@@ -124,24 +128,35 @@ def _answers(told: Computer, which: Callable[..., bool]) -> Cell:
     return Cell("answers") if which(told.report) else Cell("no answer", stands_out=True)
 
 
-def _px4(told: Computer, fleet: Fleet | None) -> Cell:
-    """Version and the parameters that differ from the fleet file's."""
+def _px4(told: Computer, fleet: Fleet | None, usual: Mapping[str, float]) -> Cell:
+    """Version, and the parameters that differ from the fleet file's; of those that it does not name, from most drones'."""
+    judged = fleet.config.px4 if fleet is not None and fleet.config.px4 is not None else Px4Config()
     if told.report is None or told.report.px4 is None:
-        return Cell("?")
-    if fleet is None or fleet.config.px4 is None:
-        return Cell(told.report.px4)
-    wanted, found = fleet.config.px4, told.report
-    wrong = [
-        f"{name} is {found.parameters[name]:g}, not {value:g}"
-        for name, value in wanted.parameters.items()
-        if name in found.parameters and abs(found.parameters[name] - value) > _SAME * max(1.0, abs(value))
-    ]
-    if wanted.version is not None and found.px4 != wanted.version:
-        wrong.insert(0, f"not {wanted.version}")
-    return Cell("; ".join((str(found.px4), *wrong)), stands_out=bool(wrong))
+        return Cell("?", stands_out=judged != Px4Config())
+    found = told.report.parameters
+    wrong = [] if judged.version in (None, told.report.px4) else [f"not {judged.version}"]
+    for name, value in judged.parameters.items():
+        if name not in found:
+            wrong.append(f"{name} is not told")
+        elif _differ(found[name], value):
+            wrong.append(f"{name} is {found[name]:g}, not {value:g}")
+    for name in sorted(found.keys() & usual.keys() - judged.parameters.keys() - _OWN):
+        if _differ(found[name], usual[name]):
+            wrong.append(f"{name} is {found[name]:g}, elsewhere {usual[name]:g}")
+    return Cell("; ".join((told.report.px4, *wrong)), stands_out=bool(wrong))
 
 
-_SAME = 1e-5  # relative: the link has single precision
+def _usual(answers: Sequence[tuple[Host, Answer]]) -> dict[str, float]:
+    """The most frequent value of each parameter."""
+    values: dict[str, Counter[float]] = defaultdict(Counter)
+    for _, answer in answers:
+        for name, value in answer.computer.report.parameters.items() if answer.computer.report is not None else ():
+            values[name][value] += 1
+    return {name: counted.most_common(1)[0][0] for name, counted in values.items()}
+
+
+def _differ(one: float, other: float) -> bool:
+    return abs(one - other) > _SAME * max(1.0, abs(other))
 
 
 def _clock(answer: Answer) -> Cell:

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from dronedisk import BOOT_S, Drone
 from machine import Machine, lacking
+from time_teller import telling
 
 from deploy.image.compare import unpack_root
 from deploy.image.layout import LEAST_DISK_BYTES, ROOT_A
@@ -70,6 +71,22 @@ def test_a_flashed_disk_becomes_a_drone_that_waits_for_its_autopilot(image: Path
     machines[-1].wait_for(r"radron-agent: waiting: no autopilot", BOOT_S)
     assert drone.ssh("cat /var/lib/ssh/ssh_host_ed25519_key.pub") == host_key
     assert drone.ssh("cat /etc/machine-id") == machine_id == "a1b2c3d400004000800000000000d002\n"
+
+
+def test_a_dead_clock_is_set_by_the_autopilots(image: Path, drone: Drone, machines: list[Machine]) -> None:
+    drone.flash(image)
+    machines.append(drone.boot(clock="2021-03-04T05:06:07"))
+    machines[-1].wait_for(
+        r"radron-agent: waiting: clock: .* not valid before .*; the autopilot on udpin://10\.0\.2\.15:14540 tells no time yet",
+        BOOT_S,
+    )
+    assert drone.ssh("chronyc -c tracking").strip().endswith(",Not synchronised")  # so no other drone would follow it
+    with telling(drone.autopilot_port, time.time_ns, period_s=1.0):
+        machines[-1].wait_for(r"radron-clock: the clock showed 20\d\d-.*; set to the autopilot's, 20", BOOT_S)
+        machines[-1].wait_for(r'"event": "mesh is up"', BOOT_S)
+    asked_ns, shown = time.time_ns(), drone.ssh("date +%s%N; chronyc -c tracking; systemctl --failed --no-legend --plain")
+    assert asked_ns - 3_000_000_000 < int(shown.split()[0]) < time.time_ns() + 3_000_000_000
+    assert shown.strip().endswith(",Normal")  # others may follow it now; and nothing has failed
 
 
 def test_a_disk_without_a_drones_configuration_says_so(image: Path, drone: Drone, machines: list[Machine]) -> None:

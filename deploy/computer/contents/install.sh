@@ -46,7 +46,7 @@ if [ -d /etc/chrony/sources.d ]; then
     cp /etc/radron/chrony/fleet.sources /etc/chrony/sources.d/radron.sources
     { cat /etc/radron/chrony/fleet.conf; echo "local stratum 10 orphan"; } > /etc/chrony/conf.d/radron.conf
 fi
-systemctl --quiet enable radron-provision radron-agent
+systemctl --quiet enable radron-provision radron-agent radron-clock.path
 if [ ! -d /run/systemd/system ]; then
     echo "systemd does not run here: the agent starts with the next boot"
     exit 0
@@ -54,7 +54,7 @@ fi
 systemctl daemon-reload
 udevadm control --reload 2>/dev/null && udevadm trigger --subsystem-match=usb 2>/dev/null || true
 systemctl --quiet is-active chrony && systemctl restart chrony || true
-systemctl restart radron-provision
+systemctl restart radron-provision radron-clock.path
 systemctl restart --no-block radron-agent
 # What it says first: what it waits for, or that it is ready.
 for _ in $(seq 100); do

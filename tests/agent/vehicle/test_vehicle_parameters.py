@@ -101,6 +101,16 @@ def test_unanswered_names_are_asked_again_and_then_reported() -> None:
     assert set(failed(parameters)) == {rule.name for rule in RULES}
 
 
+def test_others_are_read_and_not_judged() -> None:
+    parameters = Parameters(60.0, others=("SYS_HITL", "GF_ACTION"))
+    assert parameters.due(0.0).count("GF_ACTION") == 1
+    parameters.receive(message("SYS_HITL", 1))
+    assert parameters.values == {"SYS_HITL": 1.0}
+    assert "SYS_HITL" not in {finding.name for finding in parameters.findings()}
+    assert "SYS_HITL" not in parameters.due(10 * REFRESH_S)
+    assert parameters.wrong() == {}
+
+
 def test_a_wrong_value_is_read_again_so_that_mending_it_shows() -> None:
     parameters = known(GF_ACTION=1)
     assert "GF_ACTION" not in parameters.due(REFRESH_S - 1.0)

@@ -38,13 +38,14 @@ def test_units_and_scripts_are_those_of_the_image(tmp_path: Path) -> None:
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
 def test_the_units_load_where_there_is_no_config_partition(tmp_path: Path) -> None:
     system = unpacked(tmp_path)
-    for program in ("opt/radron/bin/radron-agent", "usr/lib/radron/provision"):
+    for program in ("opt/radron/bin/radron-agent", "opt/radron/bin/radron-update", "usr/lib/radron/provision"):
         (system / program).parent.mkdir(parents=True, exist_ok=True)
         (system / program).write_text("#!/bin/sh\n")
         (system / program).chmod(0o755)
     for name in ("sysinit.target", "multi-user.target", "network.target", "basic.target", "shutdown.target"):
         (system / f"etc/systemd/system/{name}").write_text("[Unit]\nDescription=stand-in\n")
-    command = ["systemd-analyze", "verify", f"--root={system}", "--man=no", "radron-agent.service", "radron-provision.service"]
+    command = ["systemd-analyze", "verify", f"--root={system}", "--man=no", "radron-agent.service"]
+    command += ["radron-provision.service", "radron-clock.path", "radron-clock.service"]
     judged = subprocess.run(command, capture_output=True, text=True, check=False)
     if "unrecognized option" in judged.stderr:
         pytest.skip("this systemd-analyze knows no --root (before version 250)")

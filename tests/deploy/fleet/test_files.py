@@ -38,6 +38,16 @@ def test_the_agent_reads_its_drone_file(tmp_path: Path) -> None:
     assert all(place.startswith("/var/lib/radron/") for place in (drone.state, drone.recorder.folder))
 
 
+def test_a_drone_reports_the_parameters_that_the_fleet_file_judges(tmp_path: Path) -> None:
+    text = FLEET.replace("[vehicle]", '[px4]\nparameters = { SYS_HITL = 0 }\n\n[vehicle]\nparameters = ["MC_ROLL_P"]', 1)
+    fleet = load_fleet(make_fleet(tmp_path, text))
+    write_files(tmp_path / "board", files_of(fleet, fleet.drone("d1")))
+    drone, _ = load_drone(tmp_path / "board/drone.toml", {})
+    assert drone.vehicle.parameters == ("MC_ROLL_P", "SYS_HITL")
+    with pytest.raises(ConfigError, match=r"fleet\.toml: a key of px4\.parameters: expected a name of PX4's, .* COM_OF_LOSS_T"):
+        load_fleet(make_fleet(tmp_path, text.replace("SYS_HITL", "sys_hitl")))
+
+
 def test_the_computers_own_files(tmp_path: Path) -> None:
     made = texts(tmp_path, "d2")
     assert made["hostname"] == "radron-d2\n"

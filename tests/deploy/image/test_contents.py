@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from agent.clock.setting import CERTIFICATE, GIVES_TIME, TOLD
 from agent.update.records import FOLDER, REPORT
 from agent.update.slots import GRUBENV
 from deploy.fleet.files import CREDENTIALS, DATA, UPDATES
@@ -74,8 +75,9 @@ def test_grubs_scripts_are_correct(name: str) -> None:
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
-def test_the_agents_unit_is_hardened() -> None:
-    command = ["systemd-analyze", "security", "--offline=yes", "--threshold=30", "--no-pager", str(UNIT)]
+@pytest.mark.parametrize("unit", ["radron-agent.service", "radron-clock.service"])
+def test_what_reads_from_outside_is_hardened(unit: str) -> None:
+    command = ["systemd-analyze", "security", "--offline=yes", "--threshold=30", "--no-pager", str(UNIT.with_name(unit))]
     rated = subprocess.run(command, capture_output=True, text=True, check=False)
     if "unrecognized option" in rated.stderr:
         pytest.skip("this systemd-analyze cannot judge a file (before version 250)")
@@ -110,6 +112,18 @@ def test_the_unit_the_provisioning_and_the_drone_file_speak_of_the_same_places()
 def test_the_scripts_are_clean() -> None:
     scripts = [path for path in (ROOTFS / "usr/lib/radron").iterdir()] + [CONTENTS / "finish.sh"]
     subprocess.run(["shellcheck", *map(str, scripts)], check=True)
+
+
+def test_a_computer_with_a_dead_clock_gives_its_time_to_nobody_until_it_is_set() -> None:
+    line = "local stratum 10 orphan\n"
+    assert line not in text("etc/chrony/chrony.conf")
+    assert "include /run/radron/chrony/*.conf\n" in text("etc/chrony/chrony.conf")
+    assert '"$run/chrony/local.conf"' in text("usr/lib/radron/provision")
+    assert " ".join(GIVES_TIME) == f"chronyc {line.strip()}"
+    assert settings(text("etc/systemd/system/radron-clock.path"), "PathExists") == [str(TOLD)]
+    assert REPORT.parent == TOLD.parent
+    assert settings(text("etc/systemd/system/radron-clock.service"), "ExecStart") == ["/opt/radron/bin/radron-update clock"]
+    assert str(CERTIFICATE.parent) in text("usr/lib/radron/provision")
 
 
 def test_login_is_by_key_only() -> None:

@@ -102,6 +102,36 @@ def test_versions_and_parameters_are_judged_by_the_fleet_file(tmp_path) -> None:
     assert row["PX4"] == Cell("1.17.0; not 1.17.1; COM_OF_LOSS_T is 0.5, not 1", stands_out=True)
 
 
+def with_parameters(**values: float) -> Computer:
+    assert FINE.report is not None
+    return msgspec.structs.replace(FINE, report=msgspec.structs.replace(FINE.report, parameters=values))
+
+
+def test_a_parameter_that_the_fleet_file_names_and_a_drone_does_not_tell_stands_out(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    file = make_fleet(tmp_path)
+    wanted = "[px4]\nparameters = { COM_OF_LOSS_T = 0.5, SYS_HITL = 0 }\n\n[network]"
+    file.write_text(file.read_text().replace("[network]", wanted, 1))
+    fleet = load_fleet(file)
+    alike, lacking = with_parameters(COM_OF_LOSS_T=0.5, SYS_HITL=0.0), with_parameters(COM_OF_LOSS_T=0.500000001)
+    assert [row["PX4"] for row in seen(alike, lacking, alike, fleet=fleet)] == [
+        Cell("1.17.0"),
+        Cell("1.17.0; SYS_HITL is not told", stands_out=True),
+        Cell("1.17.0"),
+    ]
+    silent = msgspec.structs.replace(FINE, report=well())
+    assert seen(silent, fleet=fleet)[0]["PX4"] == Cell("?", stands_out=True)
+
+
+def test_parameters_that_no_file_names_are_compared_with_those_of_the_other_drones() -> None:
+    usual = with_parameters(COM_OF_LOSS_T=0.5, RTL_RETURN_ALT=30.0, MPC_Z_V_AUTO_UP=3.0)
+    odd = with_parameters(COM_OF_LOSS_T=1.0, RTL_RETURN_ALT=35.0)  # each drone returns in a layer of its own
+    assert [row["PX4"] for row in seen(usual, odd, usual)] == [
+        Cell("1.17.0"),
+        Cell("1.17.0; COM_OF_LOSS_T is 1, elsewhere 0.5", stands_out=True),
+        Cell("1.17.0"),
+    ]
+
+
 def test_hosts_are_addresses_or_the_fleets_drones(tmp_path) -> None:  # type: ignore[no-untyped-def]
     file = make_fleet(tmp_path)
     assert [(host.name, host.address) for host in find_hosts([], file, ())[0]] == [("d1", "10.7.1.11"), ("d2", "10.7.1.12")]

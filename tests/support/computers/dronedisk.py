@@ -24,7 +24,7 @@ class Drone:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.disk = folder, folder / "disk.img"
-        self.mesh_port, self.ssh_port = free_port(), free_port()
+        self.mesh_port, self.ssh_port, self.autopilot_port = free_port(), free_port(), free_port()
         with self.disk.open("wb") as disk:
             disk.truncate(LEAST_DISK_BYTES)
         subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / "id")], check=True)
@@ -82,9 +82,10 @@ class Drone:
             "image", "flash", str(image), str(self.disk), "--drone", "d1", "--fleet", fleet, "--pki", str(self.pki), *erase
         )
 
-    def boot(self) -> Machine:
+    def boot(self, clock: str = "utc") -> Machine:
         """Switch the computer on."""
-        return Machine(self.folder, self.disk, {self.mesh_port: "tcp:7447", self.ssh_port: "tcp:22"})
+        ports = {self.mesh_port: "tcp:7447", self.ssh_port: "tcp:22", self.autopilot_port: "udp:14540"}
+        return Machine(self.folder, self.disk, ports, clock)
 
     def ssh(self, command: str) -> str:
         """What a command on board says."""

@@ -23,9 +23,11 @@ def lacking() -> str | None:
 
 
 class Machine:
-    """One computer, switched on. ``ports``: of the host, forwarded to ports of the guest ("tcp:7447")."""
+    """One computer, switched on. ``ports``: of the host, forwarded to ports of the guest ("tcp:7447"). ``clock``: what its clock
+    shows then, ``utc`` or such as ``2021-03-04T05:06:07``.
+    """
 
-    def __init__(self, folder: Path, disk: Path, ports: Mapping[int, str]) -> None:
+    def __init__(self, folder: Path, disk: Path, ports: Mapping[int, str], clock: str = "utc") -> None:
         self.serial = folder / "serial.log"
         variables = folder / "uefi.fd"
         if not variables.exists():
@@ -41,6 +43,7 @@ class Machine:
             "smp": "2",
             "m": "2048",
             "uuid": "a1b2c3d4-0000-4000-8000-00000000d002",
+            "rtc": f"base={clock}",
             "serial": f"file:{self.serial}",
             "display": "none",
             "monitor": "none",

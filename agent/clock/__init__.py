@@ -1,0 +1,1 @@
+"""A computer whose clock has no battery gets its time from the autopilot, before anything can be encrypted."""

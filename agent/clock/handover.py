@@ -1,0 +1,64 @@
+"""A time that the agent hands over to its computer, which sets its clock by it: the agent itself must not."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+TIME_FILE = "time.json"  # in the agent's RUNTIME_DIRECTORY
+
+
+class Told(msgspec.Struct, frozen=True, kw_only=True):
+    """``utc_ns``: the time that was told at ``uptime_s`` by this computer's monotonic clock, which no setting changes."""
+
+    utc_ns: int
+    uptime_s: float
+
+    def at(self, uptime_s: float) -> int:
+        """The time when the monotonic clock shows this, UTC in nanoseconds."""
+        return self.utc_ns + round((uptime_s - self.uptime_s) * 1e9)
+
+
+class Valid(NamedTuple):
+    """Between these times a clock may be right: UTC, nanoseconds."""
+
+    begin_ns: int
+    end_ns: int
+
+    def __contains__(self, at_ns: object) -> bool:
+        """Whether a time is between them."""
+        return isinstance(at_ns, int) and self.begin_ns <= at_ns < self.end_ns
+
+
+def hand_over(folder: Path, told: Told) -> None:
+    """For radron-clock.path, which looks for the file. A reader sees all of it or nothing.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    fresh = folder / f"{TIME_FILE}.new"
+    fresh.write_bytes(msgspec.json.encode(told))
+    fresh.replace(folder / TIME_FILE)
+
+
+def taken(file: Path) -> Told | None:
+    """What was handed over, which is gone then; None: nothing that can be read."""
+    try:
+        return msgspec.json.decode(file.read_bytes(), type=Told)
+    except (OSError, msgspec.MsgspecError):
+        return None
+    finally:
+        with suppress(FileNotFoundError):
+            file.unlink()
+
+
+def text(at_ns: int) -> str:
+    """A time for people."""
+    try:
+        return time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(at_ns * 1e-9))
+    except (OverflowError, ValueError, OSError):
+        return "no time at all"
