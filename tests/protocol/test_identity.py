@@ -13,9 +13,7 @@ from typing import IO, Any
 
 import pytest
 from cryptography import x509
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from cryptography.hazmat.primitives.serialization import load_pem_private_key
-from identities import DAY_NS, Wrong, certificate, identity, new_issuer, now_ns, write_wrong
+from identities import DAY_NS, Wrong, certificate, identity, new_issuer, now_ns, private_key, write_wrong
 
 from protocol.identity import IdentityError, Role, load_identity
 from protocol.issuing import Issuer, throwaway, write_identity
@@ -230,9 +228,7 @@ def test_revoked_names_and_serials_are_read_with_the_identity(issuer: Issuer, tm
 
 def test_keys_are_never_shown(issuer: Issuer, tmp_path: Path) -> None:
     own = identity(issuer, tmp_path, "d1")
-    key = load_pem_private_key((own.folder / "key.pem").read_bytes(), None)
-    assert isinstance(key, Ed25519PrivateKey)
-    secret = key.private_bytes_raw()
+    secret = private_key(own.folder)
     for text in (repr(own), str(own), repr(own.sign), f"{own.sign}", f"{issuer}", repr(issuer.issue("d2", Role.DRONE, now_ns()))):
         assert secret.hex() not in text
         assert repr(secret)[2:-1] not in text
