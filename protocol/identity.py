@@ -25,6 +25,7 @@ from cryptography.utils import CryptographyDeprecationWarning
 from cryptography.x509.oid import NameOID, ObjectIdentifier
 from msgspec import ValidationError, convert
 
+from protocol.ed25519 import PublicKey, Signer
 from protocol.errors import ProtocolError
 from protocol.units import DroneId
 
@@ -59,7 +60,7 @@ class Peer:
 
     name: str
     role: Role
-    key: Ed25519PublicKey = field(repr=False)
+    key: PublicKey = field(repr=False)
     serial: int
     not_before_ns: int
     not_after_ns: int
@@ -68,11 +69,7 @@ class Peer:
 
     def verified(self, signature: bytes, data: bytes) -> bool:
         """Whether this member has signed these bytes."""
-        try:
-            self.key.verify(signature, data)
-        except InvalidSignature:
-            return False
-        return True
+        return self.key.verified(signature, data)
 
 
 class Authority:
@@ -136,12 +133,8 @@ class Identity:
     own: Peer
     authority: Authority = field(repr=False)
     folder: Path
-    key: Ed25519PrivateKey = field(repr=False)
+    sign: Signer = field(repr=False)
     revoked: Revoked = Revoked()
-
-    def sign(self, data: bytes) -> bytes:
-        """The 64 bytes of a signature."""
-        return self.key.sign(data)
 
 
 def leave_no_core_file() -> None:
@@ -168,13 +161,13 @@ def load_identity(folder: Path) -> Identity:
         own = authority.verify(_der(_read(certificate_file)))
     except IdentityError as error:
         raise _with(certificate_file, error, _ISSUE) from None
-    return Identity(own, authority, folder, _own_key(key_file, own), _revoked(folder / REVOKED_FILE, authority))
+    return Identity(own, authority, folder, _signer(key_file, own), _revoked(folder / REVOKED_FILE, authority))
 
 
 _ISSUE = "make one with `radron-deploy pki issue NAME --role ROLE`, and copy its folder here"
 
 
-def _own_key(file: Path, own: Peer) -> Ed25519PrivateKey:
+def _signer(file: Path, own: Peer) -> Signer:
     pem = _read(file)
     mode = stat.S_IMODE(file.stat().st_mode)
     if mode & 0o077:
@@ -185,9 +178,9 @@ def _own_key(file: Path, own: Peer) -> Ed25519PrivateKey:
         raise IdentityError(f"{file}: is encrypted, and a drone starts without a passphrase; {_ISSUE}") from None
     except _UNREADABLE:
         raise IdentityError(f"{file}: is not a private key; {_ISSUE}") from None
-    if not isinstance(key, Ed25519PrivateKey) or key.public_key() != own.key:
+    if not isinstance(key, Ed25519PrivateKey) or PublicKey(key.public_key()) != own.key:
         raise IdentityError(f"{file}: is not the key of {CERTIFICATE_FILE} ({own.name}); {_ISSUE}")
-    return key
+    return Signer(key)
 
 
 def _revoked(file: Path, authority: Authority) -> Revoked:
@@ -260,7 +253,7 @@ def _peer(certificate: x509.Certificate, der: bytes) -> Peer:
         raise IdentityError("is an authority's, or its alternative name (SAN) is another than its name (CN)")
     times = (_ns(certificate.not_valid_before_utc), _ns(certificate.not_valid_after_utc))
     may_revoke = any(extension.oid == MAY_REVOKE for extension in certificate.extensions)
-    return Peer(name, Role(role), key, certificate.serial_number, *times, der, may_revoke)
+    return Peer(name, Role(role), PublicKey(key), certificate.serial_number, *times, der, may_revoke)
 
 
 def utc(at_ns: int) -> datetime:

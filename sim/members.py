@@ -9,6 +9,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from protocol.codec import encode
+from protocol.ed25519 import Signer
 from protocol.identity import Peer, Role
 from protocol.issuing import Issuer
 from protocol.keys import command_key, key_of
@@ -32,11 +33,11 @@ class SimulatedAuthority:
     def trust(self, name: str, role: str = Role.DRONE, may_revoke: bool = False) -> Trust:
         """What a member of that name and role signs and verifies with; ``may_revoke``: with the right to revoke others."""
         issued = self._issuer.issue(name, Role(role), _BEGINS_NS, _DAYS, may_revoke, _key(self._seed, name))
-        return Trust(name, issued.key.sign, issued.peer.der, self.authority, self._pem)
+        return Trust(name, Signer(issued.key), issued.peer.der, self.authority, self._pem)
 
     def signs(self, names: Sequence[str]) -> list[Sign]:
         """What signs as each of these members."""
-        return [_key(self._seed, name).sign for name in names]
+        return [Signer(_key(self._seed, name)) for name in names]
 
     def verify(self, der: bytes) -> Peer:
         """As the authority does that the members know."""

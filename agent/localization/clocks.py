@@ -8,7 +8,8 @@ No round trip takes less than no time. Where the two delays add up to less, one 
 the larger delay is from before that. Whose larger one it is finds that its newest delay fits, and forgets the others: so a clock
 that is set is known anew after an exchange of statuses, however long delays are kept, and a forged delay alone moves nothing.
 
-Where the own clock is set, the others' are not: all that is known moves along, whether they are heard then or not.
+Where the own clock is set, the others' are not: all that is known moves along, whether they are heard then or not. Until they
+have heard a status with a new stamp, they go on to report a delay by the former clock, which moves along too.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ class Clocks:
         self._ahead_ns: dict[str, int] = {}  # how far theirs are ahead of the own clock, as last known and beyond the limit
         self._known: dict[str, float] = {}  # how far the own clock is ahead of theirs (s), as last heard
         self._set_ns = 0
+        self._since_ns: dict[str, int] = {}  # by how much the own clock was set, for who may report a delay by the former one
         self._is_outvoted = False  # others agree that the own clock is wrong, or it agreed with the only one until it was set
         # Offset of the own clock from the median of all known clocks, its own included. Where they split into halves (two drones)
         # nobody can tell which half is right: then the offset from the other half, on both sides.
@@ -59,7 +61,7 @@ class Clocks:
         heard.append((now_ns, delay_ns))
         set_anew = False
         if self._drone in status.delays_ns:
-            returned_ns = status.delays_ns[self._drone]
+            returned_ns = self._by_own_clock(name, status.delays_ns[self._drone], delay_ns)
             self._returned[name] = now_ns, returned_ns
             set_anew = heard[0][1] + returned_ns < _LEAST_TRIP_NS <= delay_ns + returned_ns
             if set_anew:
@@ -67,6 +69,18 @@ class Clocks:
                 heard.append((now_ns, delay_ns))
         self._vote(self.offsets_s(now_ns))
         return set_anew
+
+    def _by_own_clock(self, name: str, returned_ns: int, delay_ns: int) -> int:
+        """This drone's delay as another one reports it, by the own clock as it is now.
+
+        It may be by the former one: of both, that by which the round trip is possible, and the shorter one.
+        """
+        by_former_ns = returned_ns - self._since_ns.get(name, 0)
+        possible = [one_ns for one_ns in (returned_ns, by_former_ns) if one_ns + delay_ns >= _LEAST_TRIP_NS]
+        found_ns = min(possible, default=returned_ns)
+        if found_ns == returned_ns:
+            self._since_ns.pop(name, None)
+        return found_ns
 
     def keep_time(self, set_ns: int) -> None:
         """Move all that is known along with the own clock, which was set by ``set_ns`` in sum (``Peers``)."""
@@ -76,6 +90,7 @@ class Clocks:
         for name, heard in self._heard.items():
             self._heard[name] = deque((at_ns + by_ns, delay_ns + by_ns) for at_ns, delay_ns in heard)
         self._returned = {name: (at_ns + by_ns, delay_ns - by_ns) for name, (at_ns, delay_ns) in self._returned.items()}
+        self._since_ns = {name: self._since_ns.get(name, 0) + by_ns for name in self._heard}
         self._vote({name: offset_s + by_ns * 1e-9 for name, offset_s in self._known.items()})
 
     def _vote(self, known: dict[str, float]) -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 from shutil import which
 
 import pytest
+from identities import private_key
 from live_run import live_run
 
 from agent.flight.replay import replay
-from protocol.identity import load_identity
 from sim.live.world import SLIP_S
 from sim.result import RunResult
 from station.replay import Records
@@ -65,7 +65,7 @@ def _files_with_keys(folder: Path) -> list[Path]:
     """Files of a flight, besides the key files themselves, in which the key of a member is found in any usual form."""
     identities = [*folder.glob("agents/*/identity"), folder / "operator"]
     assert len(identities) == 4
-    keys = [load_identity(identity).key.private_bytes_raw() for identity in identities]
+    keys = [private_key(identity) for identity in identities]
     pem_lines = [(identity / "key.pem").read_bytes().splitlines()[1] for identity in identities]
     secrets = [*keys, *(key.hex().encode() for key in keys), *(base64.b64encode(key)[:40] for key in keys), *pem_lines]
     files = [path for path in folder.rglob("*") if path.is_file() and path.name != "key.pem"]

@@ -13,7 +13,7 @@ from typing import IO, Any
 
 import pytest
 from cryptography import x509
-from identities import DAY_NS, Wrong, certificate, identity, new_issuer, now_ns, write_wrong
+from identities import DAY_NS, Wrong, certificate, identity, new_issuer, now_ns, private_key, write_wrong
 
 from protocol.identity import IdentityError, Role, load_identity
 from protocol.issuing import Issuer, throwaway, write_identity
@@ -228,9 +228,10 @@ def test_revoked_names_and_serials_are_read_with_the_identity(issuer: Issuer, tm
 
 def test_keys_are_never_shown(issuer: Issuer, tmp_path: Path) -> None:
     own = identity(issuer, tmp_path, "d1")
-    secret = own.key.private_bytes_raw()
-    for text in (repr(own), str(own), f"{issuer}", repr(issuer.issue("d2", Role.DRONE, now_ns()))):
+    secret = private_key(own.folder)
+    for text in (repr(own), str(own), repr(own.sign), f"{own.sign}", f"{issuer}", repr(issuer.issue("d2", Role.DRONE, now_ns()))):
         assert secret.hex() not in text
+        assert repr(secret)[2:-1] not in text
         assert "Private" not in text
 
 

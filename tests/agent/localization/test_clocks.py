@@ -112,6 +112,30 @@ def test_the_common_time_goes_on_where_the_own_clock_is_set_back_while_nobody_is
     assert b.problem(true_ns) is None
 
 
+@pytest.mark.parametrize("names", [("a", "b", "c"), ("a", "b")])
+@pytest.mark.parametrize("wrong_ms", [-20_000, -3_000, -300])
+def test_the_common_time_goes_on_where_others_are_heard_that_have_not_heard_of_the_set_clock_yet(names, wrong_ms):
+    """It was lost at their next status, which reports a delay by the former clock, for up to a second."""
+    clocks, _ = exchanged({"a": 0, "b": 0, "c": 0}, names=names)
+    b, set_ms = clocks["b"], 0
+    for tick in range(5 * 20, 40 * 20):
+        true_ns = START_NS + tick * SECOND // 20
+        former_ms, set_ms = set_ms, wrong_ms if 10 * 20 <= tick < 20 * 20 or tick >= 30 * 20 else 0
+        if set_ms != former_ms:
+            b.keep_time(set_ms * MS)
+        for number, sender in enumerate(names):
+            if tick % 20 != 3 + 6 * ((number + 1) % len(names)):
+                continue
+            sent_ns = true_ns + (set_ms * MS if sender == "b" else 0)
+            status = replace(STATUS, drone=sender, stamp_ns=sent_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
+            for receiver in names:
+                if receiver != sender:
+                    clocks[receiver].hear(status, true_ns + 5 * MS + (set_ms * MS if receiver == "b" else 0))
+        now_ns = true_ns + set_ms * MS
+        assert b.common_ns(now_ns) == pytest.approx(true_ns, abs=20 * MS)
+        assert all(b.own_stamp_ns(name, true_ns) == pytest.approx(now_ns, abs=20 * MS) for name in names if name != "b")
+
+
 def test_one_other_clock_is_not_believed_for_a_small_step_of_the_own_one():
     clocks, now_ns = exchanged({"a": 0, "b": 300}, names=("a", "b"))
     now_a_ns = now_ns("a")

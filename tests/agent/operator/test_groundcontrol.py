@@ -9,13 +9,15 @@ from pathlib import Path
 import pytest
 from identities import DAY_NS, identity, new_issuer
 from live_agents import free_ports
+from meshes import until
 from msgspec.structs import replace
 
 from agent.operator import groundcontrol
-from agent.operator.groundcontrol import CommandError, Order
+from agent.operator.groundcontrol import CommandError, Order, Statuses
 from protocol.codec import decode, encode
 from protocol.identity import Identity, Role
 from protocol.keys import key_of
+from protocol.mesh.link import close_session, open_session
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Action, Command, Stage, Status, Ticket
 from protocol.signing import sign_status
@@ -173,6 +175,30 @@ def test_those_that_can_start_anyway_and_the_other_says_why_not() -> None:
     d1, d2 = Drone("d1"), Drone("d2", problems=("the vehicle is not ready to be armed",), lame=True)
     assert refused(Action.START, d1, d2, anyway=True) == "d2: the vehicle is not ready to be armed"
     assert d1.stage is Stage.TAKEOFF
+
+
+def test_a_drone_of_another_version_is_named_and_prevents_a_start_but_no_landing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(groundcontrol, "LISTEN_S", 0.0)
+    d1, d2, statuses = Drone("d1"), Drone("d2"), Statuses()
+    start, land = (Order(action, "test", (d1.endpoint, d2.endpoint), anyway=True) for action in (Action.START, Action.LAND))
+
+    async def run() -> None:
+        async with d1.running(()), AsyncExitStack() as stack:
+            former = await open_session(MeshConfig(listen=d2.endpoint), dial_all=False)
+            stack.push_async_callback(close_session, former)
+            mesh = await Mesh.open(MeshConfig(connect=start.connect), "test", None, receive=statuses.receive)
+            stack.push_async_callback(mesh.close)
+            token = former.liveliness().declare_token("radron/1/test/d2/alive")
+            await until(lambda: mesh.differing)
+            with pytest.raises(CommandError, match=r"^not started: d2 speaks version 1 of the protocol, here 2: give all"):
+                await groundcontrol.carry_out(start, mesh, None, statuses, print)
+            await groundcontrol.carry_out(land, mesh, None, statuses, print)
+            token.undeclare()
+            await until(lambda: not mesh.differing)
+            await groundcontrol.carry_out(start, mesh, None, statuses, print)
+
+    asyncio.run(run())
+    assert [command.action for command in d1.commands] == [Action.LAND, Action.START]
 
 
 def test_an_absent_drone_does_not_hold_up_the_others_if_the_operator_says_so() -> None:

@@ -11,10 +11,10 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, load_pem_private_key
 from cryptography.x509.oid import NameOID
 
-from protocol.identity import Identity, Role, load_identity, utc
+from protocol.identity import KEY_FILE, Identity, Role, load_identity, utc
 from protocol.issuing import Issuer, write_identity
 
 DAY_NS = 86_400_000_000_000
@@ -32,6 +32,13 @@ def identity(issuer: Issuer, folder: Path, name: str, role: Role = Role.DRONE, f
     """An identity on disk; ``from_ns``: from when it is valid, relative to now."""
     write_identity(folder / name, issuer.authority, issuer.issue(name, role, now_ns() + from_ns, days))
     return load_identity(folder / name)
+
+
+def private_key(folder: Path) -> bytes:
+    """The 32 bytes of an identity's key."""
+    key = load_pem_private_key((folder / KEY_FILE).read_bytes(), password=None)
+    assert isinstance(key, Ed25519PrivateKey)
+    return key.private_bytes_raw()
 
 
 @dataclass(frozen=True)
