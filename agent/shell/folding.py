@@ -21,6 +21,7 @@ from agent.fusion.deferred import Deferred, Task, Told
 from agent.fusion.estimator import Estimator
 from agent.shell.foldworker import LENGTH, Answer, Order, packed
 from agent.shell.logs import Logger
+from agent.shell.supervisor import NUMERICS
 
 LOOK_S = 0.05  # between two looks for a question
 START_S = 300.0  # for its imports: on an emulated computer these take minutes
@@ -28,7 +29,6 @@ ANSWER_S = 120.0  # for a task, of a few seconds; else it hangs
 PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0  # before it is started again: the first time, and at most
 _NOT_READY = "the process that computes the source estimate is not ready yet"
 _ENDED = "the process that computes the source estimate has ended, and starts again: until then the estimate stays as it was"
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # unless set: the same bits on any number of processors
 
 
 class Folding:
@@ -71,7 +71,7 @@ class Folding:
             OSError, EOFError: it has ended, or hangs.
         """
         command = [sys.executable, "-m", "agent.shell.foldworker", str(os.getpid())]
-        process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, env=_ONE_THREAD | os.environ)
+        process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, env=NUMERICS | os.environ)
         try:
             held, _ = await _exchanged(process, self._order, START_S)
             self._log.info("the process of the estimator is ready", pid=process.pid)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import psutil
 import pytest
 from live_run import live_run, stretched
 
@@ -32,6 +33,9 @@ def test_three_agents_fly_by_several_sources_and_their_loops_do_not_wait(tmp_pat
         run.process.wait(FLIGHT_S)
         assert run.process.returncode == 0, run.said
         run.until(lambda: not run.processes() and not run.busy_ports(), 5.0)
+    computing = [pid for drone in run.drones() for pid in folding_processes(tmp_path / "agents" / drone.id / "agent.log")]
+    assert len(computing) == 3
+    assert not [one for one in psutil.process_iter() if one.pid in computing and one.status() != psutil.STATUS_ZOMBIE]
     result = json.loads((tmp_path / "run.json").read_text())
     assert (result["estimator"], result["sources_true"]) == ("sources", 1)
     assert result["error_median_m"] < 3.5  # at which it is told
@@ -46,6 +50,12 @@ def test_three_agents_fly_by_several_sources_and_their_loops_do_not_wait(tmp_pat
         assert replayed.calls[topics.ANSWERED] > 50
         assert replayed.compared[topics.HYPOTHESIS] > 10
         assert longest_step_s(flight) < stretched(STEP_S)
+
+
+def folding_processes(log: Path) -> list[int]:
+    """Process ids of those that computed for an agent."""
+    events = [json.loads(line) for line in log.read_text().splitlines() if line.startswith("{")]
+    return [event["pid"] for event in events if event["event"] == "the process of the estimator is ready"]
 
 
 def longest_step_s(flight: Path) -> float:

@@ -7,9 +7,13 @@ import gc
 import os
 import selectors
 import signal
+import subprocess
+import sys
 import time
+from contextlib import suppress
 
 import numpy as np
+import psutil
 import pytest
 
 from agent.frames.graph import FrameGraph
@@ -127,3 +131,31 @@ def test_the_same_bits_and_a_loop_that_is_free_although_the_process_is_killed(ki
     for pid in log.pids:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+@pytest.mark.slow
+def test_the_process_ends_with_an_agent_that_is_killed():
+    parent = """
+import os, subprocess, sys, time
+command = [sys.executable, "-m", "agent.shell.foldworker", str(os.getpid())]
+print(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL).pid, flush=True)
+time.sleep(600)
+"""
+    agent = subprocess.Popen([sys.executable, "-c", parent], stdout=subprocess.PIPE, text=True)
+    try:
+        pid = int(agent.stdout.readline())
+    finally:
+        agent.kill()
+        agent.wait()
+        agent.stdout.close()
+    deadline_s = time.monotonic() + DEADLINE_S
+    while runs(pid):
+        assert time.monotonic() < deadline_s
+        time.sleep(0.02)
+
+
+def runs(pid):
+    """Whether a process is there, and no zombie that nobody has waited for."""
+    with suppress(psutil.NoSuchProcess):
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    return False
