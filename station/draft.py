@@ -15,7 +15,6 @@ from agent.config.loading import convert
 from agent.config.mission import MissionConfig
 from agent.config.writing import as_toml
 from agent.errors import ConfigError, RadronError
-from agent.fusion.registry import check_flown
 from protocol.units import DroneId
 from station.picture.frame import Checked, Editor, Field, Flaw, Launch, Point, Value
 from station.picture.picture import corners
@@ -80,7 +79,6 @@ def drafted(mission: MissionConfig, draft: Draft) -> MissionConfig | tuple[Flaw,
         changed = replace(changed, ground=replace(changed.ground, grid_data=grid_data))
         changed.check(_WHERE)
         check_launch_places(changed, _WHERE)
-        check_flown(changed.fusion.estimator, f"{_WHERE}: fusion.estimator")
         SwarmLog(changed, None)  # the estimator's own check, and that of the ground
     except RadronError as error:
         text = _bare(str(error))

@@ -42,7 +42,8 @@ class SurveyConfig(Section, frozen=True, kw_only=True):
     covers the area, at ``speed_mps`` (paper, Sec. V-A). Lanes are also flown with an estimator that gives no search posterior,
     with the flocking law ``paper``, and in areas whose bounding rectangle is larger than 9 ha.
     The search ends without a result once every source of ``least_activity_bq`` or more is excluded (none: never), or after
-    ``duration_s`` (none: no limit). ``then`` the swarm returns, or continues to search.
+    ``duration_s`` (none: no limit). ``then`` the swarm returns, or continues to search. With an estimator of several sources it
+    goes on after the first one is found, until all of the area is covered or ``duration_s`` is over.
     """
 
     height_m: Positive = 3.0
@@ -107,12 +108,19 @@ class TrackConfig(Section, frozen=True, kw_only=True):
     measurements: else it gives the track up earlier (``given_up_rms_m``), and searches from its posterior. With any other
     estimator, after ``no_cone_timeout_s`` without a cone; the swarm then searches outward from the last hypothesis on a circle
     that grows by ``widening_mps``.
+
+    Of several sources each is circled until every drone has watched it for ``each_s``; then, by the ``policy``, the
+    ``strongest``, ``each`` in turn again, or one of the nuclide named, where there is one (else the strongest).
     """
+
+    later = frozenset({"policy", "each_s"})
 
     lost_rms_m: Positive = 15.0
     no_cone_timeout_s: Positive | None = 20.0
     widening_mps: NonNegative = 0.5
     duration_s: Positive | None = None
+    policy: Annotated[str, Meta(pattern=r"^(strongest|each|[A-Z][a-z]?-[0-9]{1,3}m?)\Z")] = "strongest"
+    each_s: Positive = 30.0
 
 
 class SafetyConfig(Section, frozen=True, kw_only=True):

@@ -14,6 +14,7 @@ from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.detector.calibration import NAMES
 from agent.errors import ConfigError, FlightRecordError
+from agent.fusion.registry import deferred_named, estimator_named
 from agent.mission.memory import Memory
 from agent.mission.uploads import Origin
 from agent.pilot import Pilot
@@ -27,7 +28,8 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     """``calibration``: contents of the camera's calibration files by name, empty for the nominal camera. ``versions``: of the
     packages used. ``protocol``: version of the messages. ``certificate``: of the drone (DER), empty in a swarm without;
     ``authority``: that of the swarm (PEM). ``nonce_key``: of this boot's nonces; worthless once it has ended.
-    ``origin``: of a mission that an operator has uploaded; None: it is that of the mission file.
+    ``origin``: of a mission that an operator has uploaded; None: it is that of the mission file. ``deferred``: whether a slow
+    estimator was computed in another process.
     """
 
     mission: MissionConfig
@@ -42,6 +44,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     authority: str = ""
     nonce_key: bytes = b""
     origin: Origin | None = None
+    deferred: bool = False
 
     @classmethod
     def of(
@@ -55,6 +58,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
         origin: Origin | None = None,
         *,
         nonce_key: bytes,
+        deferred: bool = False,
     ) -> FlightHeader:
         """Header of a flight that begins at ``started_ns`` (UTC).
 
@@ -81,6 +85,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             authority=trust.authority_pem if trust is not None else "",
             nonce_key=nonce_key,
             origin=origin,
+            deferred=deferred,
         )
 
     def check_protocol(self, file: Path, do: str, known: Container[int] = (VERSION,)) -> None:
@@ -96,7 +101,8 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
         drone = msgspec.structs.replace(self.drone, calibration=str(folder) if self.calibration else None)
         for name, text in self.calibration.items():
             (folder / Path(name).name).write_text(text, encoding="utf-8")
-        return Pilot(self.mission, drone, self.boot, memory=self.memory, trust=trust, nonce_key=self.nonce_key)
+        made = deferred_named if self.deferred else estimator_named
+        return Pilot(self.mission, drone, self.boot, memory=self.memory, estimators=made, trust=trust, nonce_key=self.nonce_key)
 
 
 def _versions() -> dict[str, str]:

@@ -12,6 +12,7 @@ from agent.detector.readout import Readout
 from agent.flight import topics
 from agent.flight.topics import Sink
 from agent.frames.swarm import SwarmFrames
+from agent.fusion.deferred import Told
 from agent.fusion.estimator import Hypothesis, Outlook
 from agent.mission.commanding import Verdict
 from agent.mission.memory import Memory
@@ -151,6 +152,11 @@ class RecordedPilot:
         """See ``Pilot``."""
         self._sink.write(topics.DECLINE, msgspec.json.encode(reason))
         self._run(self._pilot.decline, reason)
+
+    def answered(self, question: int, told: Told) -> None:
+        """See ``Fusion``. When the answer was there is recorded, not what it says, which follows from the log."""
+        self._sink.write(topics.ANSWERED, msgspec.json.encode(question))
+        self._run(self._pilot.fusion.answered, question, told)
 
     def step(self, now_ns: int) -> Step:
         """See ``Pilot``."""

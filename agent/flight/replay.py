@@ -15,9 +15,12 @@ from agent.flight import topics
 from agent.flight.reader import FlightRecord, RecordedFlight
 from agent.flight.recorded import RecordedPilot
 from agent.flight.signatures import RecordedSignatures
+from agent.fusion.deferred import Deferred, Folder, Told
+from agent.pilot import Pilot
 from protocol.errors import ProtocolError
 from protocol.identity import Authority
 
+Answer = Callable[[int], Told]  # to a question of the estimator
 _SHOWN = 200  # characters of a result in a report
 
 
@@ -71,14 +74,15 @@ def replay(path: Path, progress: Callable[[float], None] | None = None) -> Repla
     with TemporaryDirectory() as folder:
         heard = _Received()
         trust = signatures.trust if signatures is not None else None
-        pilot = RecordedPilot(flight.header.pilot(Path(folder), trust), heard)
+        flown = flight.header.pilot(Path(folder), trust)
+        pilot, answer = RecordedPilot(flown, heard), _in_place(flown)
         comparison = _Comparison()
         for count, (call, results, is_last) in enumerate(flight.calls()):
             heard.results.clear()
             comparison.calls[call.topic] += 1
             if signatures is not None:
                 signatures.offer(results)
-            error = _repeat(pilot, call)
+            error = _repeat(pilot, answer, call)
             comparison.compare(call, results, heard.results, error, is_last)
             if progress is not None and count % 500 == 0:
                 progress(flight.read_bytes / max(1, flight.size_bytes))
@@ -107,6 +111,19 @@ def _signatures(flight: RecordedFlight) -> RecordedSignatures | None:
         return RecordedSignatures(header.certificate, Authority.read(header.authority.encode()))
     except ProtocolError as error:
         raise FlightRecordError(f"{flight.files[0]}: the certificate of {header.drone.id} in the record {error}") from None
+
+
+def _in_place(pilot: Pilot) -> Answer:
+    """Computes here what another process computed in flight."""
+    estimator = pilot.fusion.estimator
+    if not isinstance(estimator, Deferred):
+        return _not_asked
+    folder = Folder(estimator.estimator)
+    return lambda question: folder.answer(estimator, question)
+
+
+def _not_asked(question: int) -> Told:
+    raise ValueError(f"the estimator has not asked question {question}")
 
 
 class _Received:
@@ -172,10 +189,10 @@ class _Comparison:
             )
 
 
-def _repeat(pilot: RecordedPilot, call: FlightRecord) -> str | None:
+def _repeat(pilot: RecordedPilot, answer: Answer, call: FlightRecord) -> str | None:
     """Repeat a call. Returns why it cannot be made, or None; an exception of the pilot itself is among its results."""
     try:
-        action = _action(pilot, call)
+        action = _action(pilot, answer, call)
     except (RadronError, msgspec.MsgspecError, ValueError, TypeError) as error:
         return f"the record cannot be read: {error}"
     try:
@@ -185,7 +202,7 @@ def _repeat(pilot: RecordedPilot, call: FlightRecord) -> str | None:
     return None
 
 
-def _action(pilot: RecordedPilot, call: FlightRecord) -> Callable[[], object]:
+def _action(pilot: RecordedPilot, answer: Answer, call: FlightRecord) -> Callable[[], object]:
     """The call that a record stands for."""
     topic, data, now_ns = call.topic, call.data, call.log_ns
     match topic:
@@ -210,6 +227,10 @@ def _action(pilot: RecordedPilot, call: FlightRecord) -> Callable[[], object]:
             texts = msgspec.json.decode(data, type=tuple[str, ...])
             tell = {topics.WARN: pilot.warn, topics.BLOCK: pilot.block, topics.NOTICE: pilot.notice}[topic]
             return lambda: tell(texts)
+        case topics.ANSWERED:
+            question = msgspec.json.decode(data, type=int)
+            told = answer(question)
+            return lambda: pilot.answered(question, told)
         case topics.DECLINE:
             reason = msgspec.json.decode(data, type=str)
             return lambda: pilot.decline(reason)

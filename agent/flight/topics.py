@@ -29,6 +29,7 @@ QUERY = "in/query"  # a peer's request for missing log entries: protocol/summary
 WARN = "in/warn"  # JSON: list of texts
 BLOCK = "in/block"
 NOTICE = "in/notice"
+ANSWERED = "in/answered"  # JSON: number of a question of the estimator whose answer was there: agent/fusion/deferred.py
 DECLINE = "in/decline"  # JSON: why an uploaded mission is not taken over
 OUT = "out/"  # what the topics of results begin with
 ADVANCE = "call/advance"  # JSON: {}

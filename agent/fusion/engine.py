@@ -8,6 +8,8 @@ from typing import Any, cast
 from agent.config.mission import MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.swarm import BEFORE_START_NS
+from agent.fusion.checkpoints import thin, undo
+from agent.fusion.deferred import Deferred, Told
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.lateness import Latecomers
 from agent.fusion.log import ObservationLog, Outcome
@@ -21,7 +23,6 @@ LATE_NS = 5_000_000_000  # an entry that changes older steps than this waits for
 # A batch of late entries begins once none has come for so many calls of ``advance``, and after so many at the latest: what two
 # sides of a swarm have measured apart arrives within a second after they hear each other again, and one replay takes it all.
 _QUIET_CALLS, _MOST_CALLS = 5, 25
-_MOST_CHECKPOINTS = 12  # 0.2 MB each while `bayes` searches an area of 60 m x 60 m, up to 1.6 MB in larger ones
 _NEVER, _AFTER = -1, 2**63  # before and after every step
 
 FrameKey = tuple[str, int]  # drone and epoch
@@ -86,7 +87,8 @@ class Fusion:
     @property
     def pending(self) -> bool:
         """Whether the hypothesis lacks something of the log, or of the known frames; further calls of ``advance`` add it."""
-        return self._stale or bool(self._latecomers) or bool(self._late) or self._revision != self._frames.revision
+        waits = isinstance(self.estimator, Deferred) and self.estimator.waits
+        return waits or self._stale or bool(self._latecomers) or bool(self._late) or self._revision != self._frames.revision
 
     def begin_ns(self, now_ns: int) -> int:
         """The first of all times now that have the same due step, and with it the same hypothesis."""
@@ -150,6 +152,12 @@ class Fusion:
         """What changes earlier steps is late."""
         return self._due_step - LATE_NS // self._grid_ns
 
+    def answered(self, question: int, told: Told) -> None:
+        """Take the answer to a question of an estimator that is computed elsewhere; the next ``advance`` tells it."""
+        if isinstance(self.estimator, Deferred):
+            self.estimator.take(question, told)
+            self._current, self._stale = (None, _NEVER), True
+
     def advance(self, now_ns: int, budget: int = SLICE_UNITS) -> None:
         """Bring the hypothesis up to the grid step of ``now_ns``.
 
@@ -187,7 +195,7 @@ class Fusion:
         if self._replay is None:
             self._replay, self._replayed = dict(self._states), 0
         self._stale = True
-        _undo(self._replay, step)
+        undo(self._replay, step)
 
     def _put(self, identity: EntryId, entry: AnyEntry | None) -> int:
         """Put an entry's observation, if it has one, into the timeline, in the place of what is held of that identity.
@@ -219,9 +227,9 @@ class Fusion:
 
     def _rewind(self, step: int) -> None:
         """Discard the states from the step on."""
-        _undo(self._states, step)
+        undo(self._states, step)
         if self._replay is not None:
-            _undo(self._replay, step)
+            undo(self._replay, step)
         if step <= self._due_step:
             self._stale = True
 
@@ -247,8 +255,7 @@ class Fusion:
             observations = self._timeline.of(index)
             budget -= self.estimator.work(state, len(observations))
             state = states[index] = self.estimator.step(state, self._grid_step(index), observations)
-            if len(states) > _MOST_CHECKPOINTS:
-                _thin(states)
+            thin(states)
         return True, budget
 
     def _apply_frame_changes(self) -> None:
@@ -279,19 +286,3 @@ class Fusion:
 
     def _grid_step(self, index: int, later_ns: int = 0) -> GridStep:
         return GridStep(index, index * self._grid_ns + later_ns, (index + 1) * self._grid_ns + later_ns)
-
-
-def _undo(states: dict[int, Any], step: int) -> None:
-    """Discard the states from the step on."""
-    while states and next(reversed(states)) >= step:
-        states.popitem()
-
-
-def _thin(states: dict[int, Any]) -> None:
-    """Drop a checkpoint: the one without which replays have to begin earliest, relative to what they must compute anyway.
-
-    So the spacing grows with the age, and a late entry costs about twice the steps that it changes, however old it is.
-    """
-    held = list(states)
-    age = [held[-1] + 1 - index for index in held]
-    del states[held[min(range(1, len(held) - 1), key=lambda place: age[place - 1] / age[place + 1])]]

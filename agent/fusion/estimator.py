@@ -61,7 +61,8 @@ class Hypothesis(Struct, frozen=True, eq=False):
     evidence: log Bayes factor of a source against background alone; None if the estimator does not compute it: then
     ``covariance`` is the filter's own, and need not match the actual error.
     sights: the apparent place by drone; empty if the estimator has no pose biases. nuclide: None if the estimator takes the
-    mission's. others: further sources, which the swarm does not act on.
+    mission's. others: further sources, in the order in which they count. watched_s: live time of all cameras on or inside the
+    circle around this source; None if the estimator tells one source only.
     """
 
     stamp_ns: int
@@ -76,6 +77,7 @@ class Hypothesis(Struct, frozen=True, eq=False):
     sights: Mapping[str, Sight] = field(default_factory=lambda: MappingProxyType({}))
     nuclide: str | None = None
     others: tuple[Hypothesis, ...] = ()
+    watched_s: float | None = None
 
     def __post_init__(self) -> None:
         for array in (self.position, self.covariance, self.velocity):

@@ -47,16 +47,14 @@ def check_estimator(name: str, where: str) -> None:
         _entry_point(name, where)
 
 
-def check_flown(name: str, where: str) -> None:
-    """As ``check_estimator``, and whether a drone can fly by it: one whose steps take longer than the control loop may wait is
-    for simulations in lockstep and replays only.
-    """
-    check_estimator(name, where)
-    if name in _TOO_SLOW:
-        raise ConfigError(
-            f"{where}: estimator {name!r} computes for up to a second at a time, for which a drone's control loop cannot wait; "
-            "it is for `radron-sim run`, `campaign` and `consistency`; give another one, such as 'bayes'"
-        )
+def deferred_named(name: str, mission: MissionConfig) -> Estimator[Any]:
+    """As ``estimator_named``, for a process that cannot wait: one whose steps take long has to be computed elsewhere."""
+    estimator = estimator_named(name, mission)
+    if name not in _SLOW:
+        return estimator
+    from agent.fusion.deferred import Deferred  # noqa: PLC0415  names are checked before anything heavy is imported
+
+    return Deferred(estimator)
 
 
 def _entry_point(name: str, where: str) -> EntryPoint:
@@ -130,5 +128,5 @@ _MAKERS: dict[str, Callable[[MissionConfig], Estimator[Any]]] = {
     "sources": _sources,
     "given": _given,
 }
-_TOO_SLOW = frozenset({"sources"})
+_SLOW = frozenset({"sources"})  # a step takes up to a second
 ESTIMATORS: tuple[str, ...] = tuple(_MAKERS)  # those of this package

@@ -17,6 +17,7 @@ from agent.mission.reserve import Reserve
 from agent.mission.situation import Situation
 from agent.mission.stages import Mission
 from agent.mission.worldmodel import WorldModel
+from agent.navigation.focus import focus
 from agent.navigation.guidance import Moment
 from agent.navigation.home import NO_NEARER_S
 from agent.navigation.navigator import Navigator
@@ -186,7 +187,13 @@ class Executive:
             stranded=self._is_stranded or self._own.doubt_m > LARGEST_DOUBT_M,
             battery_low=self._battery_low,
             no_nearer=returning_s >= NO_NEARER_S and self._navigator.home.is_no_nearer,
+            searches_on=hypothesis is not None and hypothesis.watched_s is not None and not self._has_searched(now_ns),
         )
+
+    def _has_searched(self, now_ns: int) -> bool:
+        """Whether nothing is left to search: all of the area is covered, or the time for it is over."""
+        longest_s = self._config.survey.duration_s
+        return self._search.is_complete or (longest_s is not None and self._mission.searched_s(now_ns) >= longest_s)
 
     @property
     def _is_stranded(self) -> bool:
@@ -216,7 +223,7 @@ class Executive:
             self._counters["held_without_telemetry"] += 1
             self._mission.hold_asked(now_ns)
             return Decision(VehicleCommand(Request.HOLD))
-        moment = Moment(now_ns, self.stage, self._mission.since_ns, vehicle, self._world.fusion.hypothesis)
+        moment = Moment(now_ns, self.stage, self._mission.since_ns, vehicle, focus(self._world.fusion.hypothesis, self._config))
         setpoint, plan = self._navigator.step(moment, peers)
         if self._navigator.waits:
             self._counters["waited_without_frame"] += 1

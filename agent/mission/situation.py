@@ -12,6 +12,7 @@ class Situation(Struct, frozen=True):
 
     ``at_home``: the drone hovers over the place where it took off. ``problems``: those that prevent a start. ``rms_m``: of the
     source estimate, by an estimator with a posterior; else None. ``nothing_found``: the search has ended without a source.
+    ``searches_on``: for further sources, beside the one that has been found.
     ``stranded``: other drones are not heard, and the mission, or the fence, leaves this one nothing but to return; or it may be
     far from where it believes to be.
     ``battery_low``: it is this drone's turn to return for want of battery. ``no_nearer``: its return has not got on for long.
@@ -28,3 +29,9 @@ class Situation(Struct, frozen=True):
     stranded: bool = False
     battery_low: bool = False
     no_nearer: bool = False
+    searches_on: bool = False
+
+    @property
+    def is_found(self) -> bool:
+        """Whether what has been found is to be tracked now."""
+        return self.has_hypothesis and not self.searches_on

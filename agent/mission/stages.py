@@ -198,7 +198,7 @@ class Mission:
             if vehicle.in_air and vehicle.mode in MODES[Stage.TAKEOFF]:
                 self._rises = vehicle.height_m < self._floor_m  # the autopilot goes by its own height, and that drifts
                 if not self._rises:
-                    self._enter(Stage.TRACK if situation.has_hypothesis else Stage.SURVEY, now_ns)
+                    self._enter(Stage.TRACK if situation.is_found else Stage.SURVEY, now_ns)
         elif self.stage is Stage.RETURN:
             if situation.at_home or situation.no_nearer:
                 self.landed_because = self.landed_because if situation.at_home else NO_NEARER
@@ -221,7 +221,7 @@ class Mission:
             self._enter(Stage.RETURN, now_ns)
             return
         if self.stage is Stage.SURVEY:
-            if situation.has_hypothesis:
+            if situation.is_found:
                 self._enter(Stage.TRACK, now_ns)
             elif situation.nothing_found and self._gives_up:
                 self._enter(Stage.RETURN, now_ns)

@@ -47,11 +47,12 @@ class Search:
         self._follower: PathFollower | None = None
         self._progress = 0.0
         self._again = False  # the division is of less than is known by now
+        self.is_complete = False  # all of the area had been covered when it was to be divided
 
     def begin(self, started_ns: int) -> None:
         """A mission begins: only what is covered since its start counts."""
         self._covered.begin(started_ns)
-        self._follower = None
+        self._follower, self.is_complete = None, False
 
     def take(self, entry: Coverage) -> None:
         """Take a new entry of the log, in any order."""
@@ -105,6 +106,7 @@ class Search:
         spacing_m = self._survey.lane_spacing_m
         rest = left(self._area, self._covered.area, spacing_m)
         path = survey_path(self._area, rest, self._drone, active, spacing_m, ends)
+        self.is_complete = self.is_complete or rest.is_empty
         if len(path) == 0:  # all is covered and nothing was found: start again
             path = survey_path(self._area, self._area, self._drone, active, spacing_m, ends)
         return PathFollower(np.vstack([position, path]))  # the way to the first lane is part of the path

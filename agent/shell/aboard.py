@@ -12,7 +12,10 @@ from agent.errors import FlightRecordError
 from agent.flight.header import FlightHeader
 from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
+from agent.fusion.registry import deferred_named
 from agent.pilot import Pilot
+from agent.shell.folding import Folding
+from agent.shell.logs import Logger
 from agent.shell.missionstore import InForce
 from agent.shell.statestore import State
 from protocol.identity import Identity
@@ -22,25 +25,27 @@ NONCE_KEY_BYTES = 16
 
 
 class Aboard(Struct, frozen=True):
-    """The pilot, its recorder, and why there is no recorder although records are wanted."""
+    """The pilot, what computes its estimator, its recorder, and why there is none although records are wanted."""
 
     pilot: Pilot | RecordedPilot
+    folding: Folding
     recorder: FlightRecorder | None = None
     unrecorded: str | None = None
 
 
-def aboard(drone: DroneConfig, force: InForce, boot: str, saved: State, identity: Identity | None) -> Aboard:
+def aboard(drone: DroneConfig, force: InForce, boot: str, saved: State, identity: Identity | None, log: Logger) -> Aboard:
     """The pilot for the mission in force. Records that cannot be written prevent a start, but not the rejoining of a flight."""
-    trust = trust_of(identity)
-    nonce_key = secrets.token_bytes(NONCE_KEY_BYTES)
-    pilot = Pilot(force.mission, drone, boot, memory=saved.memory, trust=trust, nonce_key=nonce_key)
-    records = drone.recorder
-    if records.folder is None:
-        return Aboard(pilot)
-    now_ns = time.time_ns()
-    header = FlightHeader.of(force.mission, drone, boot, now_ns, saved.memory, trust, force.origin, nonce_key=nonce_key)
-    try:
-        recorder = FlightRecorder(records.folder, records.limit_mb, header)
-    except FlightRecordError as error:
-        return Aboard(pilot, unrecorded=str(error))
-    return Aboard(RecordedPilot(pilot, recorder), recorder)
+    trust, nonce_key = trust_of(identity), secrets.token_bytes(NONCE_KEY_BYTES)
+    flown = Pilot(force.mission, drone, boot, memory=saved.memory, estimators=deferred_named, trust=trust, nonce_key=nonce_key)
+    records, recorder, unrecorded = drone.recorder, None, None
+    if records.folder is not None:
+        inputs = force.mission, drone, boot, time.time_ns(), saved.memory, trust, force.origin
+        header = FlightHeader.of(*inputs, nonce_key=nonce_key, deferred=True)
+        try:
+            recorder = FlightRecorder(records.folder, records.limit_mb, header)
+        except FlightRecordError as error:
+            unrecorded = str(error)
+    recorded = None if recorder is None else RecordedPilot(flown, recorder)
+    answered = flown.fusion.answered if recorded is None else recorded.answered
+    folding = Folding(flown.fusion.estimator, force.mission, answered, log)
+    return Aboard(recorded or flown, folding, recorder, unrecorded)

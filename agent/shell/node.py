@@ -31,6 +31,7 @@ from agent.sensing.sighting_feed import SightingsFeed
 from agent.shell.aboard import aboard
 from agent.shell.changes import Changes
 from agent.shell.faultbarrier import FaultBarrier
+from agent.shell.folding import Folding
 from agent.shell.heartbeat import RELOADING, Heartbeat
 from agent.shell.identity import INSECURE, validity
 from agent.shell.links import mesh_config, without
@@ -83,10 +84,8 @@ class Node:
         self._drone = drone
         self._force, self._mission = force, force.mission
         self._uploaded = UploadedMission(drone, filed, log)
-        self._heartbeat = heartbeat
-        self._log = log
-        self._detector_of = detector_of
-        self._patience = patience or Patience(heartbeat)
+        self._heartbeat, self._log = heartbeat, log
+        self._detector_of, self._patience = detector_of, patience or Patience(heartbeat)
         self._barrier = FaultBarrier(log)
         self._memory = MemoryWatch()
         self._store = StateStore(drone.state, drone.id, log)
@@ -98,6 +97,7 @@ class Node:
         self._closers: list[Callable[[], Coroutine[None, None, None]]] = []
         self.counters: Counter[str] = Counter()
         self._pilot: Pilot | RecordedPilot
+        self._folding: Folding
         self._mesh: Mesh
         self._vehicle: Px4Vehicle
         self._detector: Detector | None = None
@@ -127,8 +127,8 @@ class Node:
         saved = self._store.load()
         links = mesh_config(self._drone, self._mission)
         self._identity = links.identity
-        made = aboard(self._drone, self._force, boot, saved, self._identity)
-        self._pilot, self._recorder = made.pilot, made.recorder
+        made = aboard(self._drone, self._force, boot, saved, self._identity, self._log)
+        self._pilot, self._recorder, self._folding = made.pilot, made.recorder, made.folding
         self._unrecorded = () if made.unrecorded is None else (made.unrecorded,)
         for before in self._revoked_file.passed_on(time.time_ns()):
             self._pilot.receive(key_of(self._mission.swarm, before), encode(before), before.stamp_ns)
@@ -160,6 +160,7 @@ class Node:
         if self._wants_fixes:
             self._vehicle.on_fix(contained("fixes", self._take_fix, None))
         self._start("the report", partial(self._self_report.run, partial(self._present, boot)))
+        self._start("the estimator's process", self._folding.run)
         await self._patience.until(self._vehicle.connect)  # the mesh stays up meanwhile
         self._log.info("vehicle is connected", address=self._drone.vehicle.address)
         if self._detector is not None:
@@ -322,7 +323,8 @@ class Node:
         expiry = validity(self._identity, time.time_ns()) if self._identity is not None else None
         unfit = (expiry.fault,) if expiry is not None and expiry.fault is not None else ()
         self._updates.look(self._pilot.stage)
-        others = tuple(text for text in (self._force.fault, self._updates.problem) if text is not None)
+        found = self._force.fault, self._updates.problem, self._folding.problem
+        others = tuple(text for text in found if text is not None)
         problems = self._vehicle.problems + self._unrecorded + unkept + unfit + others + self._mesh.differing
         self._blocked.tell(problems, self._pilot.block)
         security = INSECURE if expiry is None else expiry.notice

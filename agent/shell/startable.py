@@ -6,7 +6,7 @@ from agent.config.drone import DroneConfig
 from agent.config.launchplaces import check_launch_places
 from agent.config.mission import MissionConfig
 from agent.errors import ConfigError
-from agent.fusion.registry import check_flown
+from agent.fusion.registry import check_estimator
 from agent.terrain.ground import Ground
 
 
@@ -14,10 +14,10 @@ def check_for_drone(mission: MissionConfig, drone: str, where: str) -> None:
     """See that a mission can be flown, and names this drone.
 
     Raises:
-        ConfigError: an estimator that is unknown or too slow for a flight, unusable launch places or ground model, or a mission
+        ConfigError: an unknown estimator, unusable launch places or ground model, or a mission
             without this drone; names ``where``.
     """
-    check_flown(mission.fusion.estimator, f"{where}: fusion.estimator")
+    check_estimator(mission.fusion.estimator, f"{where}: fusion.estimator")
     check_launch_places(mission, where)
     Ground.from_config(mission)  # an unusable elevation grid is an error now, not when the pilot needs it
     ids = [member.id for member in mission.drones]

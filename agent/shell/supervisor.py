@@ -19,7 +19,7 @@ from agent.shell.systemd import VARIABLES, Notifier
 
 STOP_S = 1.5  # a stopping agent has this long to close everything
 _STOPS = (signal.SIGTERM, signal.SIGINT)
-_NUMERICS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # unless set: a flight is one thread with small matrices
+NUMERICS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # unless set: a flight is one thread with small matrices
 
 
 class Supervisor:
@@ -85,7 +85,7 @@ class Supervisor:
     def _start(self) -> tuple[int, int]:
         """The reading end of the heartbeat pipe, and the agent's process id."""
         reading, writing = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
-        environment = {key: value for key, value in (_NUMERICS | os.environ).items() if key not in VARIABLES}
+        environment = {key: value for key, value in (NUMERICS | os.environ).items() if key not in VARIABLES}
         if os.path.isdir(self._scratch):
             environment["TMPDIR"] = self._scratch
         child = os.posix_spawn(

@@ -16,7 +16,6 @@ import msgspec
 import typer
 
 from agent.errors import ConfigError
-from agent.fusion.registry import check_flown
 from sim.commands.flights import Drones, Estimator, Law, Settings, check_json, checked, with_drones, write_json
 from sim.runfile import make_folder, write_text
 
@@ -90,7 +89,6 @@ def live(
     from sim.console import out as stdout  # noqa: PLC0415
 
     case = checked([scenario], {}, with_drones(settings, drones), [estimator] if estimator else [], law)[0]
-    check_flown(estimator or case.scenario.mission.fusion.estimator, "radron-sim live")
     check_json(json)
     if page and any(find_spec(name) is None for name in ("station", "uvicorn", "starlette")):
         raise ConfigError("--page: the station is not installed; install radron with its extra: radron[sim,station]")

@@ -40,6 +40,7 @@ _LEAST_BIAS_M = 0.01
 _STRONGER = 2.0  # so much stronger another source has to be to become the first one
 _MARGIN_M = 10.0  # by which a source may lie outside of the area
 _BACKGROUND_SIGMA, _SCALE_SIGMA, _SCATTER_SIGMA = 0.3, 0.03, 0.15
+_BESIDE_M = 1.0  # by which a camera on the circle around a source may be farther out
 _EXPECTED = 1.5  # sources
 _REFINEMENTS = 3  # iterations
 _GRID_M, _MOST_PLACES = 2.5, 2500
@@ -81,6 +82,7 @@ class SourcesEstimator:
             raise ConfigError(f"fusion.sources.activity_bq: {least_bq:g} is not less than {most_bq:g}: the smaller one first")
         self._ground = Ground.from_config(mission)
         self._area = area
+        self._watched_m = mission.encirclement.radius_m + _BESIDE_M
         self._spectra = Spectra.of(self._config.nuclides or KNOWN)
         self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._window = mission.detection.energy_window
@@ -114,7 +116,9 @@ class SourcesEstimator:
             return None
         told = [self._told(state, state.fitted, k, step) for k in range(len(state.fitted.solution))]
         known = [one for one in told if one.rms_m <= self._config.declared_rms_m]
-        return replace(known[0], others=tuple(known[1:])) if known else None
+        if not known:
+            return None
+        return replace(known[0], evidence=state.fitted.evidence - state.none, others=tuple(known[1:]))
 
     def outlook(self, state: SourcesState, step: GridStep) -> Outlook | None:
         """None: the swarm flies lanes."""
@@ -189,9 +193,9 @@ class SourcesEstimator:
             x0_stamp_ns=state.x0_stamp_ns,
             activity_bq=activity,
             activity_sigma_bq=activity * math.sqrt(float(covariance[ACTIVITY, ACTIVITY]) + self._config.area_sigma**2),
-            evidence=fitted.evidence - state.none if k == 0 else None,
             sights=Sights(self._numbers, mean, covariance, self._ground),
             nuclide=self._spectra.nuclides[solution.nuclide[k]],
+            watched_s=float(state.rows.live_s[_away_m(state.rows, solution.place[k]) < self._watched_m].sum()),
         )
 
     def _as_of_bayes(self, fitted: Fitted, k: int) -> tuple[Array, Array]:
@@ -208,6 +212,12 @@ class SourcesEstimator:
         mean[theirs] = fitted.solution.vector[own]
         covariance[np.ix_(theirs, theirs)] = fitted.covariance[np.ix_(own, own)]
         return mean, covariance
+
+
+def _away_m(rows: Rows, place: Array) -> Array:
+    """(R,) horizontal distances from a place (2,)."""
+    away: Array = np.hypot(*(rows.place[:, :2] - place).T)
+    return away
 
 
 def _grid(area: Polygon) -> Array:

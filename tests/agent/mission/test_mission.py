@@ -123,6 +123,16 @@ def test_a_source_that_is_found_counts_more_than_that_nothing_was():
     assert mission.stage is Stage.TRACK
 
 
+def test_a_search_for_further_sources_goes_on_beside_one_that_is_found():
+    mission = surveying()
+    mission.step(at(10.0, has_hypothesis=True, searches_on=True))
+    assert mission.stage is Stage.SURVEY
+    mission.step(at(20.0, has_hypothesis=True))
+    assert mission.stage is Stage.TRACK
+    mission.step(at(30.0, has_hypothesis=True, searches_on=True))  # what is known of the area was taken back
+    assert mission.stage is Stage.TRACK
+
+
 def test_a_search_lasts_through_a_hold_and_begins_anew_after_a_source_was_tracked():
     mission = surveying()
     assert mission.searched_s(62 * SECOND) == pytest.approx(60.0)

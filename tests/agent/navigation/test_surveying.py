@@ -175,8 +175,14 @@ def test_stamps_far_away_cost_no_more(search):
 
 
 def test_it_starts_again_when_all_is_covered(search):
+    fly(search, ["a"], (0.0, 0.0), 1.0)
+    assert not search.is_complete
+    search.begin(0)
     take(search, "a", [(x, y) for k, x in enumerate(range(0, 41, 5)) for y in ((0, 40) if k % 2 == 0 else (40, 0))])
     assert unseen_m2(fly(search, ["a"], (0.0, 0.0), 60.0)) < 0.02 * 1600
+    assert search.is_complete
+    search.begin(100 * 10**9)  # another mission
+    assert not search.is_complete
 
 
 def test_coverage_is_reported_every_few_seconds_without_a_gap():

@@ -17,7 +17,6 @@ from sim.live.command import _beside
         (["nonsense"], "unknown scenario 'nonsense'"),
         (["demo", "--set", "mission.nothing=1"], "there is no 'mission.nothing' in this scenario"),
         (["demo", "--estimator", "nonsense"], "mission.fusion.estimator"),
-        (["demo", "--estimator", "sources"], "estimator 'sources' computes for up to a second at a time"),
         (["demo", "--external"], "--agent-hosts: 0 given for 3 drones"),
         (["demo", "--external", "--agent-hosts", "a,b"], "--agent-hosts: 2 given for 3 drones"),
         (["demo", "--drones", "2", "--external", "--agent-hosts", "a,b"], "--external needs --mesh"),

@@ -9,8 +9,9 @@ from msgspec.structs import replace
 from agent.errors import ConfigError
 from agent.frames.graph import FrameGraph
 from agent.fusion.engine import Fusion
+from agent.fusion.estimator import GridStep
 from agent.fusion.registry import estimator_named
-from agent.fusion.sources.estimator import _strongest_first
+from agent.fusion.sources.estimator import SourcesState, _strongest_first
 from agent.fusion.sources.fit import Fitted
 from agent.fusion.sources.solution import Solution
 
@@ -48,6 +49,7 @@ def test_two_sources_of_unknown_nuclides_are_found(kit, flight):
         assert np.all(np.abs(one.position[:2] - (x, y)) < 4.0 * sigma_m + 0.05)
         assert one.activity_bq == pytest.approx(becquerel, abs=4.0 * one.activity_sigma_bq)
         assert one.rms_m < 1.0
+        assert 0.0 < one.watched_s < 60.0  # of two cameras for half a minute, within 13 m of it
 
 
 @pytest.mark.parametrize("activity_bq", [(1e9, 1e9), (1e9, 1e6)])
@@ -119,3 +121,13 @@ def test_the_swarm_stays_with_a_source_until_another_is_twice_as_strong(second, 
     fitted = _strongest_first(Fitted(solution, 0.0, covariance, 0.0))
     assert fitted.solution.place[0, 0] == first_place
     assert fitted.covariance[0, 0] == (0.0 if first_place == 1.0 else 3.0)
+
+
+def test_a_source_that_is_told_first_because_the_strongest_is_not_known_well_has_the_evidence(kit, among):
+    """By the evidence the flight knows that the stated errors can be relied on."""
+    estimator = estimator_named("sources", among.mission_of(drones=("a",)))
+    solution = Solution((0, 1), np.array([(1.0, 1.0), (2.0, 2.0)]), np.log([2.0, 1.0]), 0.0, np.zeros((1, 3)))
+    covariance = np.diag([100.0, 100.0, *np.full(8, 0.01)])
+    state = SourcesState(fitted=Fitted(solution, 0.0, covariance, 25.0), none=5.0, x0_stamp_ns=kit.T0_NS)
+    told = estimator.hypothesis(state, GridStep(1, kit.T0_NS, kit.T0_NS + 1))
+    assert (told.position[0], told.evidence, told.others) == (2.0, 20.0, ())

@@ -1,0 +1,194 @@
+"""An estimator that computes elsewhere: its states are links of a chain, and its hypotheses come when they have been computed.
+
+An estimator's step is a pure function, so it does not matter where and when it is computed. To the engine ``Deferred`` is an
+estimator like any other, whose steps cost nothing: a state only says from which state and with which observations it follows. The
+hypothesis of a state is a question. Whoever folds for it asks for the next task, has a ``Folder`` compute it, and gives it the
+answer; until then the answer before serves. Which answer was there when is an input from outside; what it says is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from itertools import count
+from typing import Any, Generic, TypeVar
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from agent.fusion.checkpoints import thin, undo
+from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
+from agent.fusion.observation import Observation
+
+MOST_OBSERVATIONS = 100  # in a task: to hand it over takes a few milliseconds
+_WORK = 2  # of a step here, in units of ``Estimator.work``
+
+S = TypeVar("S")
+
+
+class Link(Struct, frozen=True, eq=False):
+    """A state. number: unique. origin: number of the first state of its chain, which begins at ``start_ns``. before: the state
+    that it follows from by the observations of ``step``; None: it is the first one.
+    """
+
+    number: int
+    origin: int
+    start_ns: int | None
+    before: Link | None = None
+    step: GridStep | None = None
+    observations: tuple[Observation, ...] = ()
+
+
+class Task(Struct, frozen=True, eq=False):
+    """A part of the way to an answer.
+
+    question: its number. start_ns: the mission's start. after: number of the state to go on from, which the folder holds; None:
+    from the initial state. links: number, step and observations of the states to be computed. at: the interval of which a
+    hypothesis of the last state is wanted; None: the way goes on with another task.
+    """
+
+    question: int
+    start_ns: int | None
+    after: int | None
+    links: tuple[tuple[int, GridStep, tuple[Observation, ...]], ...]
+    at: GridStep | None
+
+
+class Told(Struct, frozen=True, eq=False):
+    """An answer: the hypothesis, or else the outlook of the search."""
+
+    hypothesis: Hypothesis | None = None
+    outlook: Outlook | None = None
+
+
+class Deferred:
+    """An estimator in the place of another one, which others compute."""
+
+    def __init__(self, estimator: Estimator[Any]) -> None:
+        self.estimator = estimator
+        self.name, self.reads = estimator.name, estimator.reads
+        self.grid_s, self.hold_s = estimator.grid_s, estimator.hold_s
+        self._link_numbers, self._question_numbers = count(1), count(1)
+        self._questions: dict[int, tuple[Link, GridStep]] = {}  # without an answer, ascending
+        self._asked: tuple[Link, GridStep] | None = None  # the newest one, answered or not
+        self._told, self._told_of = Told(), 0  # the newest answer, and the origin of its chain
+
+    def initial(self, start_ns: int | None) -> Link:
+        """As ``Estimator``."""
+        number = next(self._link_numbers)
+        return Link(number, number, start_ns)
+
+    def step(self, state: Link, step: GridStep, observations: Sequence[Observation]) -> Link:
+        """As ``Estimator``, at once."""
+        return Link(next(self._link_numbers), state.origin, state.start_ns, state, step, tuple(observations))
+
+    def work(self, state: Link, observations: int) -> int:
+        """As ``Estimator``."""
+        return _WORK
+
+    def hypothesis(self, state: Link, step: GridStep) -> Hypothesis | None:
+        """The newest that is known of the state's chain: of an earlier state and step, until this question is answered."""
+        if (state, step) != self._asked:
+            self._asked = state, step
+            self._questions[next(self._question_numbers)] = self._asked
+        return self._newest(state).hypothesis
+
+    def outlook(self, state: Link, step: GridStep) -> Outlook | None:
+        """The newest that is known of the state's chain."""
+        return self._newest(state).outlook
+
+    @property
+    def waits(self) -> bool:
+        """Whether there is a question without an answer."""
+        return bool(self._questions)
+
+    def task(self, held: Collection[int], question: int | None = None) -> Task | None:
+        """What a folder that holds states of these numbers has to compute next for a question without an answer, the newest one
+        unless it is given; None where there is none. It changes nothing.
+        """
+        number = next(reversed(self._questions), None) if question is None else question
+        if number is None or number not in self._questions:
+            return None
+        link, at = self._questions[number]
+        missing: list[Link] = []
+        while link.before is not None and link.number not in held:
+            missing.append(link)
+            link = link.before
+        links, size = [], 0
+        while missing and size < MOST_OBSERVATIONS:
+            next_one = missing.pop()
+            assert next_one.step is not None  # as it has one before it
+            links.append((next_one.number, next_one.step, next_one.observations))
+            size += 1 + len(next_one.observations)
+        after = None if link.before is None else link.number
+        return Task(number, link.start_ns, after, tuple(links), None if missing else at)
+
+    def take(self, question: int, told: Told) -> None:
+        """Take an answer; one to a question that has an answer, or a newer one has, is left out."""
+        if question in self._questions:
+            self._told, self._told_of = told, self._questions[question][0].origin
+            self._questions = {number: asked for number, asked in self._questions.items() if number > question}
+
+    def _newest(self, state: Link) -> Told:
+        return self._told if self._told_of == state.origin else Told()
+
+
+class Folder(Generic[S]):
+    """Computes tasks, and holds some of the states on the way to the last one."""
+
+    def __init__(self, estimator: Estimator[S]) -> None:
+        self._estimator = estimator
+        self._states: dict[int, tuple[int, S]] = {}  # by step, ascending: number and state
+
+    @property
+    def held(self) -> frozenset[int]:
+        """Numbers of the states that it holds."""
+        return frozenset(number for number, _ in self._states.values())
+
+    def fold(self, task: Task) -> Told | None:
+        """Compute a task; the answer, or None where another task follows.
+
+        Raises:
+            KeyError: a state that is to be gone on from is not held.
+        """
+        state = self._back_to(task)
+        for number, step, observations in task.links:
+            state = self._estimator.step(state, step, observations)
+            self._states[step.index] = number, state
+            thin(self._states)
+        if task.at is None:
+            return None
+        hypothesis = self._estimator.hypothesis(state, task.at)
+        if hypothesis is not None:
+            return Told(_plain(hypothesis))
+        return Told(outlook=self._estimator.outlook(state, task.at))
+
+    def answer(self, deferred: Deferred, question: int) -> Told:
+        """Compute all tasks of a question.
+
+        Raises:
+            ValueError: there is no such question without an answer.
+        """
+        while True:
+            task = deferred.task(self.held, question)
+            if task is None:
+                raise ValueError(f"the estimator has not asked question {question}")
+            told = self.fold(task)
+            if told is not None:
+                return told
+
+    def _back_to(self, task: Task) -> S:
+        """The state to go on from; those after it are of no use any more."""
+        if task.after is None:
+            self._states.clear()
+            return self._estimator.initial(task.start_ns)
+        for step, (number, state) in self._states.items():
+            if number == task.after:
+                undo(self._states, step + 1)
+                return state
+        raise KeyError(task.after)
+
+
+def _plain(hypothesis: Hypothesis) -> Hypothesis:
+    """With its sights computed, so that it can be handed over without what they are computed from."""
+    others = tuple(_plain(other) for other in hypothesis.others)
+    return replace(hypothesis, sights=dict(hypothesis.sights), others=others)

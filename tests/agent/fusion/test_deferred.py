@@ -1,0 +1,138 @@
+"""An estimator that is computed elsewhere tells what it would have told in place, whatever was computed when."""
+
+import pickle
+import random
+
+import numpy as np
+import pytest
+
+from agent.frames.graph import FrameGraph
+from agent.fusion.deferred import MOST_OBSERVATIONS, Deferred, Folder
+from agent.fusion.engine import Fusion
+from agent.fusion.registry import deferred_named, estimator_named
+
+
+def fusion_of(mission, estimator):
+    return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator)
+
+
+def sent(thing):
+    """As it comes out on the other side of a pipe."""
+    return pickle.loads(pickle.dumps(thing, protocol=pickle.HIGHEST_PROTOCOL))
+
+
+class Elsewhere:
+    """Computes at most one task in each call."""
+
+    def __init__(self, fusion):
+        self.fusion, self.deferred = fusion, fusion.estimator
+        self.begin()
+
+    def begin(self):
+        """All that it held is gone."""
+        self.folder = Folder(self.deferred.estimator)
+        self.sizes = []
+
+    def work(self):
+        task = self.deferred.task(self.folder.held)
+        if task is not None:
+            self.sizes.append(sum(len(observations) for _, _, observations in task.links))
+            told = self.folder.fold(sent(task))
+            if told is not None:
+                self.fusion.answered(task.question, sent(told))
+
+    def settle(self, now_ns):
+        self.fusion.advance(now_ns)
+        while self.fusion.pending:
+            self.work()
+            self.fusion.advance(now_ns)
+        return self.fusion.hypothesis
+
+
+@pytest.fixture(scope="module")
+def mission(kit):
+    return kit.mission_of(initial_cones=6)
+
+
+@pytest.fixture(scope="module")
+def cones(kit, mission):
+    return kit.flight(mission, np.random.default_rng(5), 60.0, lambda _: (40.0, 60.0))
+
+
+def in_place(kit, mission, cones, now_ns):
+    fusion = fusion_of(mission, estimator_named("paper", mission))
+    kit.feed(fusion, cones)
+    return kit.settle(fusion, now_ns)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_same_bits_in_whatever_order_entries_come_and_tasks_are_computed(kit, mission, cones, seed):
+    rng = random.Random(seed)
+    fusion = fusion_of(mission, Deferred(estimator_named("paper", mission)))
+    elsewhere = Elsewhere(fusion)
+    late = [cone for cone in cones if rng.random() < 0.2]
+    for cone in sorted(cones, key=lambda cone: cone.stamp_ns + (rng.randrange(20_000_000_000) if cone in late else 0)):
+        kit.feed(fusion, [cone])
+        fusion.advance(max(cone.stamp_ns, kit.T0_NS))
+        if rng.random() < 0.3:
+            elsewhere.work()
+        if rng.random() < 0.05:
+            elsewhere.begin()
+    for after_s in (60, 75):
+        now_ns = kit.T0_NS + after_s * 1_000_000_000
+        assert kit.same_bits(elsewhere.settle(now_ns), in_place(kit, mission, cones, now_ns))
+
+
+def test_the_older_hypothesis_serves_until_the_new_one_is_there(kit, mission, cones):
+    fusion = fusion_of(mission, Deferred(estimator_named("paper", mission)))
+    elsewhere = Elsewhere(fusion)
+    half = len(cones) // 2
+    kit.feed(fusion, cones[:half])
+    older = elsewhere.settle(cones[half].stamp_ns)
+    kit.feed(fusion, cones[half:])
+    for after_s in (50, 60, 61):
+        fusion.advance(kit.T0_NS + after_s * 1_000_000_000)
+        assert fusion.hypothesis is older
+        assert fusion.pending
+    newer = elsewhere.settle(kit.T0_NS + 61_000_000_000)
+    assert newer.stamp_ns > older.stamp_ns
+    assert newer.cones > older.cones
+
+
+def test_a_long_way_is_made_in_small_tasks(kit, mission, cones):
+    fusion = fusion_of(mission, Deferred(estimator_named("paper", mission)))
+    kit.feed(fusion, cones)
+    elsewhere = Elsewhere(fusion)
+    elsewhere.settle(kit.T0_NS + 60_000_000_000)
+    assert sum(elsewhere.sizes) == len(cones) > MOST_OBSERVATIONS
+    assert len(elsewhere.sizes) > 1
+    assert max(elsewhere.sizes) <= MOST_OBSERVATIONS
+
+
+def test_a_new_mission_begins_without_the_last_ones_hypothesis(kit, mission, cones):
+    fusion = fusion_of(mission, Deferred(estimator_named("paper", mission)))
+    kit.feed(fusion, cones)
+    elsewhere = Elsewhere(fusion)
+    assert elsewhere.settle(kit.T0_NS + 60_000_000_000) is not None
+    fusion.start(kit.T0_NS + 300_000_000_000)
+    fusion.advance(kit.T0_NS + 301_000_000_000)
+    assert fusion.hypothesis is None
+    assert elsewhere.settle(kit.T0_NS + 302_000_000_000) is None
+
+
+def test_an_answer_that_comes_twice_or_too_late_changes_nothing(kit, mission, cones):
+    fusion = fusion_of(mission, Deferred(estimator_named("paper", mission)))
+    kit.feed(fusion, cones)
+    folder = Folder(fusion.estimator.estimator)
+    for after_s in (60, 61):
+        fusion.advance(kit.T0_NS + after_s * 1_000_000_000)
+    first, second = folder.answer(fusion.estimator, 1), folder.answer(fusion.estimator, 2)
+    for question, told in ((2, second), (1, first), (2, second)):
+        fusion.answered(question, told)
+        fusion.advance(kit.T0_NS + 61_000_000_000)
+        assert fusion.hypothesis is second.hypothesis
+
+
+def test_only_a_slow_estimator_is_computed_elsewhere(kit, mission):
+    assert isinstance(deferred_named("sources", mission), Deferred)
+    assert not any(isinstance(deferred_named(name, mission), Deferred) for name in ("bayes", "paper"))
