@@ -6,6 +6,7 @@ import gc
 import sys
 import types
 from collections.abc import Iterator
+from itertools import chain
 from math import hypot, inf
 
 import numpy as np
@@ -149,16 +150,11 @@ class Memory(Invariant[Moment]):
 def bytes_of(root: object) -> int:
     """Size of an object with all that it holds; classes, functions and modules do not count."""
     seen: set[int] = set()
-    waiting, size = [root], 0
-    while waiting:
-        one = waiting.pop()
-        if id(one) in seen or isinstance(one, _SHARED):
-            continue
-        seen.add(id(one))
-        size += sys.getsizeof(one)
-        if isinstance(one, np.ndarray):
-            if one.base is not None:
-                waiting.append(one.base)
-            continue
-        waiting += gc.get_referents(one)
+    found, size = {id(root): root}, 0
+    while found:  # all that is a step farther away
+        seen |= found.keys()
+        size += sum(map(sys.getsizeof, found.values()))
+        views = [one.base for one in found.values() if isinstance(one, np.ndarray) and one.base is not None]
+        held = gc.get_referents(*(one for one in found.values() if not isinstance(one, np.ndarray)))
+        found = {id(one): one for one in chain(views, held) if id(one) not in seen and not isinstance(one, _SHARED)}
     return size
