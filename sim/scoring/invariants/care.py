@@ -12,9 +12,9 @@ from math import hypot, inf
 import numpy as np
 
 from agent.pilot import Pilot
-from sim.faults.base import Fault
+from sim.faults.base import Family, Fault
 from sim.faults.machines import Battery, CameraDead, Drag, PositionJump
-from sim.scoring.invariants.base import Breach, Invariant, Setting
+from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
 from sim.scoring.moment import Moment
 from sim.sharing import Results
 
@@ -26,6 +26,7 @@ SEEN_M = 30.0  # and nobody overlooks one that is nearer
 FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b: a are the estimator's checkpoints, which are bounded, and all planners
 _SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType, Results)
 _LOOK_TICKS = 10
+_ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # who truly tells two places
 
 
 class Reserve(Invariant[Moment]):
@@ -93,6 +94,24 @@ class Named(Invariant[Moment]):
         others = [k for k, pilot in enumerate(moment.pilots) if k != drone and pilot is not None and moment.airborne(k)]
         near = [k for k in others if hypot(moment.position_m[k, 0] - x, moment.position_m[k, 1] - y) < SEEN_M]
         return len(near) >= 2 and moment.airborne(drone)
+
+
+class Accused(Invariant[Moment]):
+    """No drone is said to be two sources of news that is one: whatever others send in its name, its messages are its own.
+
+    Exempt is whose key was copied, who lies, and whose own position is faulted, until ``RECOVERY_S`` after it.
+    """
+
+    name = "accused"
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Who says it, and of whom."""
+        for drone, pilot in enumerate(moment.pilots):
+            for text in pilot.problems if pilot is not None else ():
+                name, _, said = text.partition(": two sources ")
+                if not said or self.setting.struck(_ELSEWHERE, self.setting.names.index(name), moment.time_s, RECOVERY_S):
+                    continue
+                yield Breach((drone, self.setting.names.index(name)), text)
 
 
 def _misplaced_s(fault: Fault) -> tuple[float, float] | None:

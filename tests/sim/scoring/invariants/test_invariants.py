@@ -9,7 +9,7 @@ import pytest
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
 from sim.scoring.invariants.beliefs import OwnPlace, SameLogSameHypothesis, TruthPossible
-from sim.scoring.invariants.care import Memory, Named, Reserve, Told
+from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from sim.scoring.invariants.judge import Judge
 from sim.scoring.invariants.liveness import Converged, Landed
@@ -163,6 +163,15 @@ def test_a_drone_that_is_not_where_it_says_and_nobody_suspects_it() -> None:
     assert unsuspected(suspects=("d3",)) == [("d2",)]
     assert unsuspected(suspects=("d2",)) == []
     assert unsuspected(sightings=False) == unsuspected(announced=True) == unsuspected(jump_m=3.0) == []
+
+
+def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
+    said = "d2: two sources send under its id (a copied key, or an agent started twice); both are kept clear of"
+    pilots = moments.changed(0, moments.pilot(problems=(said,)), moments.pilot)
+    for kind, when_s, accused in (("loss", 20.0, True), ("copied-key", 20.0, False), ("copied-key", 60.0, True)):
+        fault = {"kind": kind, "at_s": 10.0, "for_s": 20.0, "target": "d2"} | ({"probability": 0.1} if kind == "loss" else {})
+        seen = told(Accused(moments.setting(fault)), moments.moment(when_s, pilots=pilots))
+        assert seen == ([("d1", "d2")] if accused else [])
 
 
 def test_a_drone_that_takes_itself_to_be_elsewhere() -> None:
