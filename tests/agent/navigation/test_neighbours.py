@@ -140,6 +140,15 @@ def test_a_return_goes_around_the_homes_over_which_those_come_down_that_it_does_
         assert [one.plan.positions[0][:2] for one in found] == places
 
 
+def test_an_agent_started_in_flight_comes_home_around_the_homes_of_those_that_it_never_heard():
+    """One that was revoked before came down over its home, 1.5 m from it."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(300 * SECOND, 0, 0.1, Transform(), height_m=3.0, returning_s=20.0)
+    (other,) = hood.around(peers, replace(me, resumed=True))
+    assert other.plan.positions[0][:2] == (10.0, 0.0)
+    assert hood.around(peers, me) == hood.around(peers, replace(me, resumed=True, returning_s=None)) == []
+
+
 @pytest.mark.parametrize(("seconds", "stops"), [(5.0, [[10.0, 1.0], [10.0, 5.0]]), (14.0, [])])
 def test_where_a_vehicle_hovers_without_its_agent_is_told_until_it_has_left(seconds, stops):
     """It climbs from 3 to 13 m, slower than at 1.5 m/s never."""
