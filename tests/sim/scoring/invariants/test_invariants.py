@@ -248,6 +248,11 @@ def test_a_drone_that_does_not_come_home() -> None:
     ground = [(x, y, 0.0) for x, y, _ in moments.PLACES]
     stopped = [moments.autopilot(FlightMode.HOLD, armed=False, setpoint_age_s=None) for _ in range(3)]
     assert ending(places=ground, autopilots=stopped) == []
+    (x, y, _), *others = ground
+    elsewhere = [(x + 9.9, y + 2.0, 0.0), *others]
+    assert ending(places=elsewhere, autopilots=stopped) == ["d1"]
+    assert ending(dead, places=elsewhere, autopilots=stopped) == []
+    assert ending({"kind": "gust", "at_s": 10.0, "for_s": 5.0, "target": "d1"}, places=elsewhere, autopilots=stopped) == []
 
 
 def test_who_is_able_is_decided_by_the_faults_and_by_who_is_in_the_air_at_the_heal() -> None:
