@@ -77,7 +77,7 @@ MISLEADING: tuple[Card, ...] = (  # these do, or make vehicles stray: from then 
     ("camera-noisy", {}),
     ("camera-stuck", {}),
     ("camera-gain", {}),
-    ("satellites-lost", {}),
+    ("satellites-lost", {"for_s": 3.5}),  # for longer, and it is on the ground before they are back
     ("position-jump", {"announced": True}),
     ("position-jump", {"announced": False}),
     ("spoofed", {}),
@@ -122,5 +122,5 @@ def _fault(rng: np.random.Generator, card: Card, names: list[str], target: str, 
     if kind != "partition":
         entry["target"] = target
     if kind not in _WITHOUT_END:
-        entry["for_s"] = min(lasts_s, _LONGEST_OFFLINE_S) if KINDS[kind].family == "process" else lasts_s
+        entry.setdefault("for_s", min(lasts_s, _LONGEST_OFFLINE_S) if KINDS[kind].family == "process" else lasts_s)
     return entry

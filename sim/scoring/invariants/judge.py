@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim.scoring.invariants.base import Invariant, Setting, Violation
-from sim.scoring.invariants.beliefs import OwnPlace, SameLogSameHypothesis, TruthPossible
+from sim.scoring.invariants.beliefs import OwnPlace, Refused, SameLogSameHypothesis, TruthPossible
 from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from sim.scoring.invariants.liveness import Converged, Landed
@@ -21,7 +21,7 @@ class Judge:
         self.invariants: tuple[Invariant[Moment], ...] = (
             self.separation, Collision(setting), Fence(setting), Heights(setting),
             FreshSetpoint(setting), Finite(setting), Queues(setting),
-            TruthPossible(setting), SameLogSameHypothesis(setting), OwnPlace(setting),
+            TruthPossible(setting), SameLogSameHypothesis(setting), OwnPlace(setting), Refused(setting),
             Reserve(setting), Named(setting), Accused(setting), Told(setting), Memory(setting),
             self.converged, self.landed,
         )  # fmt: skip

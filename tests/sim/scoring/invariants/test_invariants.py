@@ -8,7 +8,7 @@ import pytest
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
-from sim.scoring.invariants.beliefs import OwnPlace, SameLogSameHypothesis, TruthPossible
+from sim.scoring.invariants.beliefs import OwnPlace, Refused, SameLogSameHypothesis, TruthPossible
 from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from sim.scoring.invariants.judge import Judge
@@ -139,6 +139,14 @@ def test_equal_logs_with_different_hypotheses() -> None:
         moments.pilot(believed=moments.hypothesis(), digest="7"),
     ):
         assert told(SameLogSameHypothesis(moments.setting()), moments.moment(10.0, pilots=[pilots[0], other, None])) == []
+
+
+def test_a_forged_entry_that_was_taken() -> None:
+    forged = {"kind": "forged", "at_s": 5.0, "target": "d1", "what": "other-mission"}
+    for number, taken in ((2**30 + 7, [("d2",)]), (7, [])):
+        pilots = moments.changed(1, moments.pilot(entries=(number,)), moments.pilot)
+        ended = Refused(moments.setting(forged)).finish(moments.moment(90.0, pilots=pilots))
+        assert [violation.drones for violation in ended] == taken
 
 
 def test_a_battery_that_is_nearly_empty_in_the_air() -> None:
