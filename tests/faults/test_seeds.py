@@ -1,5 +1,5 @@
-"""Random missions with faults: 4 short ones in ``make test``, 36 more in ``make test-slow``, so that ``.ci/run`` flies 40; whole ones:
-40 in ``make test-all``, 1,000 in ``make faults``.
+"""Random missions with faults: 4 short ones in ``make test``, 36 more in ``make test-slow``, so that ``.ci/run`` flies 40; 40
+whole ones in ``make test-all``, 1,000 in ``make faults``.
 
 The seeds are none that anything was tuned on, and are not chosen: they are the first ones.
 """
