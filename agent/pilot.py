@@ -41,7 +41,7 @@ from agent.sensing.camera import Camera
 from agent.sensing.observer import Observer
 from agent.sensing.positionsensors import PositionSensors
 from agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
-from protocol.codec import decode_from
+from protocol.codec import Read, decode_from
 from protocol.entries import Coverage, Entry
 from protocol.errors import ProtocolError
 from protocol.keys import parse_key
@@ -71,6 +71,7 @@ class Pilot:
         trust: Trust | None = None,
         *,
         nonce_key: bytes,
+        read: Read = decode_from,
     ) -> None:
         """Set up a drone.
 
@@ -80,7 +81,7 @@ class Pilot:
             boot: 16 hex digits, new at every start of the agent.
             listeners: estimators that fuse the same log without influence on the flight.
             memory: from the agent that flew this drone before; the flight continues if telemetry shows it in the air.
-            estimators: makes estimators by name; a simulation of many drones has them share what they compute.
+            estimators, read: make estimators by name; decode messages. A simulation of many drones has them share the results.
             trust: signs what it publishes, and verifies what others do; None: in a swarm without certificates.
             nonce_key: 16 random bytes, new at every start of the agent: from them follow the nonces that commands need.
 
@@ -89,7 +90,7 @@ class Pilot:
             DetectorError: its camera's calibration cannot be read.
         """
         ids, member = [member.id for member in mission.drones], mission.member(drone.id)
-        self._swarm, self._mission_id = mission.swarm, mission.mission_id
+        self._swarm, self._mission_id, self._read = mission.swarm, mission.mission_id, read
         self._id, self._boot = drone.id, boot
         self.counters: Counter[str] = Counter()
         self._world = WorldModel(mission, listeners, estimators)
@@ -255,7 +256,7 @@ class Pilot:
         """
         try:
             address = parse_key(key)  # as it is where the mesh has read it already
-            message = decode_from(address, payload)
+            message = self._read(address, payload)
         except ProtocolError:
             self.counters["rejected_malformed"] += 1
             return None
@@ -325,8 +326,7 @@ class Pilot:
             return
         self._own.take_entry(entry)
         if isinstance(entry, Coverage):
-            before_restart = entry.drone == self._id and entry.boot != self._boot
-            self._executive.take_coverage(entry, anew=before_restart)
+            self._executive.take_coverage(entry, anew=entry.drone == self._id and entry.boot != self._boot)  # before a restart
 
     def _report(self, now_ns: int) -> None:
         believed = (self.hypothesis, self.fusion.digest) if self.hypothesis is not None else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NoReturn, TypeVar, cast
 
 import msgpack
@@ -26,6 +27,7 @@ _LIMITS = {
     "max_ext_len": 0,
 }
 M = TypeVar("M", bound=Message)
+Read = Callable[[str, bytes], AnyMessage]  # as ``decode_from``
 _WRITER = msgspec.msgpack.Encoder()
 _READERS: dict[type[Message], msgspec.msgpack.Decoder[AnyMessage]] = {
     kind: msgspec.msgpack.Decoder(kind) for kind in KINDS.values()

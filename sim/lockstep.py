@@ -36,9 +36,10 @@ from sim.result import Flight
 from sim.scenario import Scenario, chosen
 from sim.scoring.aboard import Aboard
 from sim.scoring.framescore import FrameScore
+from sim.scoring.heard import KINDS
 from sim.scoring.moment import Moment, Observer
 from sim.scoring.recorder import LONGEST_START_S, Recorder
-from sim.sharing import Folds
+from sim.sharing import Folds, Readings
 from sim.streams import streams
 from sim.telemetry import Telemetry
 from sim.vehicle.autopilot import Autopilot
@@ -138,7 +139,7 @@ class _World:
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
         self._configs, self._listen, self._seed, self._make = configs, listen, seed, make or Pilot
-        self._folds = Folds(count, seed)
+        self._folds, self._read = Folds(count, seed), Readings()
         self._authority = authority = SimulatedAuthority(seed)
         self._operator = SimulatedOperator(authority, mission.swarm, mission.mission_id)
         self._terrain = Terrain(scenario.terrain)
@@ -248,7 +249,8 @@ class _World:
                 self._radio.send(drone, key, told, now_ns, to)
             for forged in self._forgers.forged(drone, key, payload):
                 self._radio.send(drone, key, forged, now_ns)
-            self.recorder.hear(drone, key, payload)
+            if key.endswith(KINDS):
+                self.recorder.take(drone, self._read(key, payload))
 
     def _sense(self, now_ns: int, sources: Sequence[Source]) -> list[list[tuple[str, bytes]]]:
         """Pass telemetry, fixes, sightings and readouts to the pilots; returns what each publishes in response."""
@@ -306,7 +308,8 @@ class _World:
         listeners = self._listen if drone == 0 else ()
         config = self._configs[drone]
         trust, nonce_key = self._authority.trust(config.id), nonce_key_of(self._seed, config.id, starts)
-        return self._make(self._mission, config, boot, listeners, memory, self._folds.of(drone), trust, nonce_key=nonce_key)
+        shared = self._folds.of(drone), trust
+        return self._make(self._mission, config, boot, listeners, memory, *shared, nonce_key=nonce_key, read=self._read)
 
     def _gone(self, drone: int) -> None:
         """An agent has died, or begins."""

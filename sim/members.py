@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import partial
 from hashlib import blake2b
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -16,9 +18,22 @@ from protocol.keys import command_key, key_of
 from protocol.messages import Action, Command, Ticket
 from protocol.revocations import Revocation
 from protocol.signing import Sign, Trust, sign_command, sign_revocation
+from sim.sharing import Results
 
 OPERATOR_NAME = "lockstep"
+MOST_SIGNED = 512  # signatures that are remembered: all drones verify them within the delay of the radio
 _BEGINS_NS, _DAYS = 1_577_836_800_000_000_000, 18_263  # 2020 to 2070
+
+
+@dataclass(frozen=True, slots=True)
+class KnownPeer(Peer):
+    """A member whose signatures are each verified once for all who ask."""
+
+    known: Results = field(kw_only=True, repr=False, compare=False)
+
+    def verified(self, signature: bytes, data: bytes) -> bool:
+        """As ``Peer``."""
+        return self.known.get(None, (self.der, signature, data), partial(Peer.verified, self, signature, data))
 
 
 class SimulatedAuthority:
@@ -28,20 +43,22 @@ class SimulatedAuthority:
         self._seed = seed
         self._issuer = Issuer.new("simulated", _BEGINS_NS, _DAYS, _key(seed, "authority"))
         self.authority = self._issuer.authority
+        self._known = Results(MOST_SIGNED)
         self._pem = self.authority.certificate.public_bytes(Encoding.PEM).decode()
 
     def trust(self, name: str, role: str = Role.DRONE, may_revoke: bool = False) -> Trust:
         """What a member of that name and role signs and verifies with; ``may_revoke``: with the right to revoke others."""
         issued = self._issuer.issue(name, Role(role), _BEGINS_NS, _DAYS, may_revoke, _key(self._seed, name))
-        return Trust(name, Signer(issued.key), issued.peer.der, self.authority, self._pem)
+        return Trust(name, Signer(issued.key), issued.peer.der, self, self._pem)
 
     def signs(self, names: Sequence[str]) -> list[Sign]:
         """What signs as each of these members."""
         return [Signer(_key(self._seed, name)) for name in names]
 
-    def verify(self, der: bytes) -> Peer:
+    def verify(self, der: bytes) -> KnownPeer:
         """As the authority does that the members know."""
-        return self.authority.verify(der)
+        peer = self.authority.verify(der)
+        return KnownPeer(**{one.name: getattr(peer, one.name) for one in fields(peer)}, known=self._known)
 
 
 def operator_of(authority: SimulatedAuthority) -> Trust:

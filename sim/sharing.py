@@ -1,4 +1,6 @@
-"""One fold for all agents with equal logs: what one has computed from a state and observations, the others need not again.
+"""What is computed once for all agents of a flight: the folds of equal logs, the messages that several receive, their signatures.
+
+What one has computed from a state and observations, the others need not again.
 
 An estimator's step is a pure function of a state that never changes and of observations (``agent.fusion.estimator``), and all
 agents of a flight begin with the same state. So agents with equal logs walk along one chain of states. Where their logs differ
@@ -12,15 +14,19 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Generic, TypeVar, cast
 
 from agent.config.mission import MissionConfig
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, Observation
 from agent.fusion.registry import Estimators, estimator_named
+from protocol.codec import decode_from
+from protocol.messages import AnyMessage
 
 MOST_STEPS = 256  # that are remembered: 25 s of a track, which agents replay side by side after a partition; up to 100 MB
 MOST_HYPOTHESES = 16  # all ask for the same ones at the same time
+MOST_READ = 512  # messages: those of a second and more of six drones, which they get within the delay of the radio
 
 S = TypeVar("S")
 R = TypeVar("R")
@@ -79,6 +85,17 @@ class SharedFold(Generic[S]):
     def outlook(self, state: S, step: GridStep) -> Outlook | None:
         """As ``Estimator``."""
         return self._estimator.outlook(state, step)
+
+
+class Readings:
+    """Decodes messages, each once for all who receive the same bytes under the same key: no message ever changes."""
+
+    def __init__(self) -> None:
+        self._read = Results(MOST_READ)
+
+    def __call__(self, key: str, payload: bytes) -> AnyMessage:
+        """As ``decode_from``; raises as it does, each time."""
+        return self._read.get(None, (key, payload), partial(decode_from, key, payload))
 
 
 class Results:

@@ -9,24 +9,29 @@ from itertools import cycle, islice
 from protocol.summary import BLOCK, HASH_BYTES, MOST_BLOCKS
 
 Publisher = tuple[str, str]  # drone, boot
-Payloads = Callable[[range], Iterable[bytes]]  # of the entries held with these numbers, in order
+Payloads = Callable[[range], Iterable[tuple[int, bytes]]]  # of the entries held with these numbers, in order, with them
 
 
 class Blocks:
-    """The blocks of which a log holds anything, with their hashes, computed when they are asked for.
+    """The blocks of which a log holds anything, with their hashes, computed when they are asked for: of one that has grown at its
+    end, only what is new.
 
     A hash over the bytes in their order, and no sum as the log's digest: of sums a publisher could find two that are equal.
     """
 
     def __init__(self) -> None:
-        self._hashes: dict[Publisher, dict[int, bytes | None]] = {}  # None: changed since it was computed
+        self._hashes: dict[Publisher, dict[int, _Hash]] = {}
 
     def change(self, publisher: Publisher, number: int, *, empty: bool = False) -> None:
         """What is held under a number has changed; ``empty``: nothing of its block is held any more."""
         blocks = self._hashes.setdefault(publisher, {})
-        blocks[number // BLOCK] = None
+        block = number // BLOCK
         if empty:
-            del blocks[number // BLOCK]
+            del blocks[block]
+        elif block not in blocks or number < blocks[block].end:
+            blocks[block] = _Hash(block)
+        else:
+            blocks[block].digest = None
 
     def held(self, publisher: Publisher, block: int) -> bool:
         """Whether anything of a block is held."""
@@ -42,10 +47,28 @@ class Blocks:
 
     def hash(self, publisher: Publisher, block: int, payloads: Payloads) -> bytes:
         """The hash of a block held."""
-        known = self._hashes[publisher][block]
-        if known is None:
-            known = self._hashes[publisher][block] = hash_of(payloads(numbers_of(block)))
-        return known
+        return self._hashes[publisher][block].extended(payloads)
+
+
+class _Hash:
+    """The hash of a block: of the entries before ``end``. ``digest``: None where there may be more."""
+
+    __slots__ = ("_last", "_whole", "digest", "end")
+
+    def __init__(self, block: int) -> None:
+        numbers = numbers_of(block)
+        self._whole = blake2b(digest_size=HASH_BYTES)
+        self.end, self._last = numbers.start, numbers.stop
+        self.digest: bytes | None = None
+
+    def extended(self, payloads: Payloads) -> bytes:
+        """The hash of all entries of the block."""
+        if self.digest is None:
+            for number, payload in payloads(range(self.end, self._last)):
+                _add(self._whole, payload)
+                self.end = number + 1
+            self.digest = self._whole.digest()
+        return self.digest
 
 
 def numbers_of(block: int) -> range:
@@ -57,6 +80,10 @@ def hash_of(payloads: Iterable[bytes]) -> bytes:
     """The hash of entries, from their bytes."""
     whole = blake2b(digest_size=HASH_BYTES)
     for payload in payloads:
-        whole.update(len(payload).to_bytes(4))  # else two entries could be cut elsewhere
-        whole.update(payload)
+        _add(whole, payload)
     return whole.digest()
+
+
+def _add(whole: blake2b, payload: bytes) -> None:
+    whole.update(len(payload).to_bytes(4))  # else two entries could be cut elsewhere
+    whole.update(payload)

@@ -262,17 +262,23 @@ class ObservationLog:
                 if not self._blocks.held(publisher, block) or hashed == self._hash_of_block(publisher, block):
                     continue
                 numbered, numbers = self._numbered[publisher], [number for number in numbers_of(block) if number in held]
-                if all(number in numbered for number in numbers) and hashed != hash_of(self._payloads_of(publisher, numbers)):
+                if all(number in numbered for number in numbers) and hashed != hash_of(
+                    self._payload(numbered[number]) for number in numbers
+                ):
                     yield from ((numbered[number], self._record(numbered[number])) for number in numbers)
 
     def _hash_of_block(self, publisher: Publisher, block: int) -> bytes:
         """The hash of what is held of a block."""
         return self._blocks.hash(publisher, block, partial(self._payloads_of, publisher))
 
-    def _payloads_of(self, publisher: Publisher, numbers: Iterable[int]) -> Iterator[bytes]:
-        """The bytes of the entries held among these numbers."""
+    def _payloads_of(self, publisher: Publisher, numbers: range) -> Iterator[tuple[int, bytes]]:
+        """The numbers of the entries held among these, with their bytes."""
         numbered = self._numbered[publisher]
-        return (self._record(numbered[number]).payload for number in numbers if number in numbered)
+        return ((number, self._payload(numbered[number])) for number in numbers if number in numbered)
+
+    def _payload(self, identity: EntryId) -> bytes:
+        """The bytes of an entry held."""
+        return next(held[identity] for held in self._payloads.values() if identity in held)
 
 
 def _hash(payload: bytes) -> int:

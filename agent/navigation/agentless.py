@@ -116,6 +116,10 @@ class Agentless:
             return "hold"
         return "hold" if name in self._homeless and self._agent_lost == "return" else self._agent_lost
 
+    def launch(self, name: str) -> Vector3:
+        """Its launch place by the mission's layout."""
+        return self._launch[name]
+
     def home(self, name: str, peer: Peer, mission_from_theirs: Transform) -> Vector3:
         """Where it returns to, with its agent or without."""
         launch, pose = peer.launch, peer.pose

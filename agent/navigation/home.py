@@ -39,6 +39,11 @@ class Home:
         self._remembered = place
 
     @property
+    def is_remembered(self) -> bool:
+        """Whether the agent was started in flight, and may never have heard some that fly."""
+        return self._remembered is not None
+
+    @property
     def in_mission(self) -> Vector3 | None:
         """The place in the mission frame; None while that is not known."""
         launch = self._launch

@@ -164,6 +164,7 @@ class Navigator:
             circles=moment.stage in CIRCLING,
             height_m=vehicle.height_m,
             returning_s=moment.stage_s if moment.stage is Stage.RETURN else None,
+            resumed=self.home.is_remembered,
         )
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]

@@ -76,7 +76,8 @@ class Self(Struct, frozen=True):
 
     ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance). ``ahead``: gives its planned positions
     (K, 3) from now on, ``step_s`` apart, local frame; ``place_at``: where it was at a stamp, mission frame; ``circles``: it
-    tracks; ``height_m``: above ground; ``returning_s``: since it began to return, None where it does not.
+    tracks; ``height_m``: above ground; ``returning_s``: since it began to return, None where it does not; ``resumed``: its agent
+    was started in flight.
     """
 
     now_ns: int
@@ -89,6 +90,7 @@ class Self(Struct, frozen=True):
     circles: bool = False
     height_m: float = 0.0
     returning_s: float | None = None
+    resumed: bool = False
 
 
 class Neighbourhood:
@@ -115,6 +117,9 @@ class Neighbourhood:
         missing = []
         for name in peers.names:
             peer = peers[name]
+            if peer.pose is None and me.resumed and me.local_from_mission is not None:
+                unknown = self._silent.unknown(name, _viewer(me, me.local_from_mission))
+                found += [Neighbour(name, plan, False) for plan in unknown]
             if peer.pose is None or peer.sources.is_on_ground(me.now_ns):
                 self._silent.heard(name)
                 continue
@@ -177,8 +182,7 @@ class Neighbourhood:
             yield Neighbour(name, replace(seen, blind=True), False)
         elif peer.status is not None and mission_from_theirs is not None and me.local_from_mission is not None:
             sigma_m = min(hypot(me.sigma_m, _sigma_m(pose, mission_from_theirs)), WORST_SIGMA_M)
-            seen_from = _bare(me.local_from_mission), me.ahead, me.place_at, me.circles, me.height_m, me.returning_s
-            viewer = Viewer(me.now_ns, me.step_s, *seen_from)
+            viewer = _viewer(me, me.local_from_mission)
             for plan in self._silent.plans(name, peer, pose, _bare(mission_from_theirs), sigma_m, viewer):
                 yield Neighbour(name, plan, False)
 
@@ -269,6 +273,11 @@ class Neighbourhood:
             return None
         state = PeerState(me.local_from_mission.apply_point(member.origin_m), age_s=(me.now_ns - pose.stamp_ns) * 1e-9)
         return _held(name, me.now_ns, state, hypot(me.sigma_m, member.origin_sigma_m, gone_m))
+
+
+def _viewer(me: Self, local_from_mission: Transform) -> Viewer:
+    seen_from = _bare(local_from_mission), me.ahead, me.place_at, me.circles, me.height_m, me.returning_s
+    return Viewer(me.now_ns, me.step_s, *seen_from)
 
 
 def _placed_by_sightings(name: str, sightings: Sequence[Sighting], pose: Pose, me: Self) -> PeerPlan | None:

@@ -39,7 +39,8 @@ LEFT_S = 15.0  # a vehicle that hovers for longer than this is flown around
 # Evaded as well, its way across the circle would keep the others from their places for a quarter of a minute.
 _ABOVE = 2.0
 # Who is not heard and flies on returns when this drone does, as its mission is the same. This long after that it has come down
-# over its home, through the layers of those that return lower. Kept clear of for longer, homes in rows would let nobody past.
+# over its home, through the layers of those that return lower; who comes down itself may meet it there whatever the layers. Kept
+# clear of for longer, homes in rows would let nobody past.
 COMING_DOWN_S = 45.0
 _BEHIND_M = 2.0  # nearest place of the other beyond the line half-way: with margins, each stays 3.6 m from it
 _SIGMA_M = 0.3  # of its way to the side
@@ -161,11 +162,21 @@ class Silent:
         crosses = me.height_m > self._is_over_m  # above all that search
         walls = [] if wall is None or crosses else [_beyond(name, wall, ahead, sigma_m, me)]
         places = [stretch.nearest(ahead) for stretch in course.stretches(times, below_m)]
-        at_once = me.returning_s is not None and me.returning_s < COMING_DOWN_S
-        if crosses and at_once and self._agentless.returns_above(name, self._id):
-            home = self._agentless.home(name, peer, mission_from_theirs)[:2]
-            walls.append(blind_plan(name, me.now_ns, me.step_s, _local(np.tile(home, (len(ahead), 1)), me)))
+        walls += self._coming_down(name, self._agentless.home(name, peer, mission_from_theirs), me)
         return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), hypot(sigma_m, _SIGMA_M)) for one in places]
+
+    def unknown(self, name: str, me: Viewer) -> list[PeerPlan]:
+        """Where one may be that an agent that was started in flight has never heard: revoked before, or out of reach."""
+        return self._coming_down(name, self._agentless.launch(name), me)
+
+    def _coming_down(self, name: str, home: Vector3, me: Viewer) -> list[PeerPlan]:
+        """Over its home while this drone returns, too, if that is low, or in a lower layer."""
+        crosses = me.height_m > self._is_over_m
+        if me.returning_s is None or me.returning_s >= COMING_DOWN_S:
+            return []
+        if crosses and not self._agentless.returns_above(name, self._id):
+            return []
+        return [blind_plan(name, me.now_ns, me.step_s, _local(np.tile(home[:2], (len(me.ahead()), 1)), me))]
 
     def _wall(self, name: str, stage: Stage, stamp_ns: int, theirs: Point2, me: Viewer) -> Wall | None:
         """The line between the two of them; None where both circled already when they last heard of each other."""

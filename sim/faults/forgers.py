@@ -19,7 +19,7 @@ from sim.geometry import Vector3
 BESIDE_M = 15.0
 AHEAD_NS = 10_000_000  # of a copied key's stamps before those of the drone
 HELD_NS, LATE_NS = 3_000_000_000, 8_000_000_000  # from the hold to the resumption, and to its copy
-_BESIDE = 2**30  # added to the number of an entry that must not be taken, so that it hides none that must
+BESIDE = 2**30  # added to the number of an entry that must not be taken, so that it hides none that must
 _SAID = ("pose", "plan", "cone", "exposure")
 _TOO_LONG = 50.0  # live time, of a duration
 _OTHER = "0123456789abcdef"  # id of another mission, or of another boot
@@ -96,9 +96,9 @@ def _impossible(message: AnyMessage) -> AnyMessage:
             return replace(message, positions_m=(first, *(_moved(place, 1000.0) for place in others)))
         case Cone():
             first_order, second_order = (replace(order, axis=(1.0, 1.0, 0.0)) for order in message.orders)
-            return replace(message, orders=(first_order, second_order), sequence=message.sequence + _BESIDE)
+            return replace(message, orders=(first_order, second_order), sequence=message.sequence + BESIDE)
         case Exposure():
-            return replace(message, live_time_s=_TOO_LONG * message.live_time_s, sequence=message.sequence + _BESIDE)
+            return replace(message, live_time_s=_TOO_LONG * message.live_time_s, sequence=message.sequence + BESIDE)
         case _:
             return message
 
@@ -111,10 +111,10 @@ def _beside(message: AnyMessage) -> AnyMessage:
         case Plan():
             return replace(message, positions_m=tuple(_moved(place, BESIDE_M) for place in message.positions_m))
         case Cone():
-            return replace(message, apex_m=_moved(message.apex_m, BESIDE_M), sequence=message.sequence + _BESIDE)
+            return replace(message, apex_m=_moved(message.apex_m, BESIDE_M), sequence=message.sequence + BESIDE)
         case Exposure():
             poses = tuple(replace(pose, position_m=_moved(pose.position_m, BESIDE_M)) for pose in message.poses)
-            return replace(message, poses=poses, sequence=message.sequence + _BESIDE)
+            return replace(message, poses=poses, sequence=message.sequence + BESIDE)
         case _:
             return message
 

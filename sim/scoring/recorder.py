@@ -10,7 +10,6 @@ import numpy as np
 from msgspec.structs import asdict
 from shapely import Polygon
 
-from protocol.codec import decode_from
 from protocol.messages import AnyMessage, Pose, Stage
 from sim.faults.told import told_faults
 from sim.geometry import Array
@@ -19,7 +18,7 @@ from sim.scenario import Scenario
 from sim.scoring.believers import Agent, Believer
 from sim.scoring.bound import Bound, bound_of
 from sim.scoring.framescore import FrameScore
-from sim.scoring.heard import KINDS, Heard
+from sim.scoring.heard import Heard
 from sim.scoring.safety import OFF_GROUND_M, Safety
 from sim.scoring.samples import TRACKING, Row
 from sim.scoring.score import Score, error_m, own_error_m
@@ -87,13 +86,8 @@ class Recorder:
             where = f", source near ({x:.1f}, {y:.1f}) m"
         return f"{first.stage}{where}"
 
-    def hear(self, drone: int, key: str, payload: bytes) -> None:
-        """Receive a payload that a drone publishes, at the time of sending."""
-        if key.endswith(KINDS):
-            self.take(drone, decode_from(key, payload))
-
     def take(self, drone: int, message: AnyMessage) -> None:
-        """Record a message of a drone."""
+        """Record a message that a drone publishes, at the time of sending."""
         judged = drone == self._first
         self._heard.take(self._time_s, drone, message, self._agents[drone].stage, judged)
         if isinstance(message, Pose) and self._known is not None:

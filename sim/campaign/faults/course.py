@@ -11,7 +11,8 @@ class Course:
 
     Safety: faults come from ``first_s`` on, and all that do not stay for good are over by ``heal_s``. Liveness: from ``heal_s``
     on. ``track_s``: range of the mission's tracking time; ``search_s``: it returns after a search of this time. ``end_s``: the
-    flight is stopped here if it has not ended. ``side_m``: range of the sides of the area; ``most_drones``: of three at least.
+    flight is stopped here if it has not ended. ``side_m``: range of the sides of the area, ``margin_m``: of the fence's margin;
+    ``most_drones``: of three at least.
     """
 
     first_s: float = 5.0
@@ -20,6 +21,7 @@ class Course:
     search_s: float = 80.0
     end_s: float = 200.0
     side_m: tuple[float, float] = (36.0, 60.0)
+    margin_m: tuple[float, float] = (15.0, 30.0)
     most_drones: int = 6
 
 
@@ -28,8 +30,15 @@ SHORT = Course(
     first_s=4.0, heal_s=12.0, track_s=(9.0, 11.0), search_s=30.0, end_s=90.0, side_m=(26.0, 34.0), most_drones=3
 )  # for the fast tests
 DEALT = Course(
-    first_s=6.0, heal_s=34.0, track_s=(26.0, 30.0), search_s=40.0, end_s=120.0, side_m=(26.0, 36.0), most_drones=4
-)  # five faults at a time
+    first_s=6.0,
+    heal_s=34.0,
+    track_s=(26.0, 30.0),
+    search_s=40.0,
+    end_s=120.0,
+    side_m=(26.0, 36.0),
+    margin_m=(6.0, 12.0),
+    most_drones=4,
+)  # five faults at a time, and a fence that circles reach
 LIVE = Course(
     first_s=10.0, heal_s=34.0, track_s=(20.0, 24.0), search_s=35.0, end_s=80.0, side_m=(26.0, 36.0), most_drones=3
 )  # in real time

@@ -24,6 +24,7 @@ HAND = 5  # faults of a mission
 LASTS_S = (8.0, 14.0)
 _LONGEST_OFFLINE_S = 7.0  # an agent that is back later may find its vehicle landed
 _WITHOUT_END = ("late", "motor", "revoked", "old-command", "camera-dead")  # a dead camera: an agent needs a while to be sure
+_UNDISTURBED = ("old-command",)  # it shows nothing on a drone whose agent is dead when the command arrives
 LIVE_DECK: tuple[Card, ...] = (
     ("kill", {}),
     ("freeze", {}),
@@ -76,7 +77,7 @@ MISLEADING: tuple[Card, ...] = (  # these do, or make vehicles stray: from then 
     ("camera-noisy", {}),
     ("camera-stuck", {}),
     ("camera-gain", {}),
-    ("satellites-lost", {}),
+    ("satellites-lost", {"for_s": 3.5}),  # for longer, and it is on the ground before they are back
     ("position-jump", {"announced": True}),
     ("position-jump", {"announced": False}),
     ("spoofed", {}),
@@ -104,7 +105,8 @@ def deal(seed: int, course: Course) -> dict[str, Any]:
     cards = [deck[place] for deck in decks for place in shuffle.permutation(len(deck)).tolist()]
     hand = cards[(turn - calm) * HAND :][:HAND]
     *whom, last = [names[place] for place in rng.permutation(len(names))]
-    faults = [_fault(rng, card, names, whom[k % len(whom)], course) for k, card in enumerate(hand)]
+    struck = [last if card[0] in _UNDISTURBED else whom[k % len(whom)] for k, card in enumerate(hand)]
+    faults = [_fault(rng, card, names, target, course) for card, target in zip(hand, struck, strict=True)]
     faults += [{"kind": "disarm", "at_s": 0.0, "target": last}] if live else []
     document["fault"] = sorted(faults, key=lambda fault: fault["at_s"])
     return document
@@ -120,5 +122,5 @@ def _fault(rng: np.random.Generator, card: Card, names: list[str], target: str, 
     if kind != "partition":
         entry["target"] = target
     if kind not in _WITHOUT_END:
-        entry["for_s"] = min(lasts_s, _LONGEST_OFFLINE_S) if KINDS[kind].family == "process" else lasts_s
+        entry.setdefault("for_s", min(lasts_s, _LONGEST_OFFLINE_S) if KINDS[kind].family == "process" else lasts_s)
     return entry

@@ -29,7 +29,7 @@ def draw_mission(rng: np.random.Generator, name: str, course: Course, *, estimat
         "mission": {
             "name": name,
             "drones": drones,
-            "area": {"polygon_m": _outline(rng, width_m, depth_m), "fence_margin_m": round(float(rng.uniform(15.0, 30.0)))},
+            "area": {"polygon_m": _outline(rng, width_m, depth_m), "fence_margin_m": round(float(rng.uniform(*course.margin_m)))},
             "survey": {"strategy": "information" if rng.random() < 0.75 else "lanes", "duration_s": course.search_s},
             "encirclement": {
                 "radius_m": round(float(rng.uniform(9.0, 13.0)), 1),

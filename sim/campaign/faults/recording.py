@@ -16,6 +16,7 @@ from agent.flight.replay import replay
 from agent.fusion.registry import Estimators, estimator_named
 from agent.mission.memory import Memory
 from agent.pilot import Pilot
+from protocol.codec import Read, decode_from
 from protocol.signing import Trust
 from sim.geometry import Vector3
 
@@ -66,9 +67,10 @@ class Recording:
         trust: Trust | None = None,
         *,
         nonce_key: bytes,
+        read: Read = decode_from,
     ) -> Pilot:
         """As ``Pilot``."""
-        pilot = Pilot(mission, drone, boot, listeners, memory, estimators, trust, nonce_key=nonce_key)
+        pilot = Pilot(mission, drone, boot, listeners, memory, estimators, trust, nonce_key=nonce_key, read=read)
         if drone.id != self._drone:
             return pilot
         folder = self._folder / boot

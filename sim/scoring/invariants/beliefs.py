@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from math import hypot, inf, sqrt
 
 from agent.pilot import Pilot
+from sim.faults.agents import Forged
 from sim.faults.base import Family
+from sim.faults.forgers import BESIDE
 from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Member, Moment, Scene
 
@@ -97,6 +99,25 @@ class SameLogSameHypothesis(Invariant[Moment]):
             other, same = first.setdefault((pilot.digest, pilot.hypothesis.stamp_ns), (drone, pilot))
             if other != drone and not _equal(pilot, same):
                 yield Breach((other, drone), "one digest, two hypotheses")
+
+
+class Refused(Invariant[Moment]):
+    """At the end no log holds anything that forgers have sent beside what was measured: each entry had a reason to be refused."""
+
+    name = "refused"
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Nothing in flight: all logs would have to be read at each tick."""
+        yield from ()
+
+    def at_end(self, moment: Moment) -> Iterator[Breach]:
+        """Drones that have taken some."""
+        if not any(isinstance(fault, Forged) for fault in self.setting.scenario.fault):
+            return
+        for drone, pilot in enumerate(moment.pilots):
+            taken = sum(record.entry.sequence >= BESIDE for record in pilot.fusion.log) if pilot is not None else 0
+            if taken:
+                yield Breach((drone,), f"{taken} forged entries in its log")
 
 
 def _equal(one: Pilot, other: Pilot) -> bool:

@@ -6,14 +6,15 @@ import gc
 import sys
 import types
 from collections.abc import Iterator
+from itertools import chain
 from math import hypot, inf
 
 import numpy as np
 
 from agent.pilot import Pilot
-from sim.faults.base import Fault
+from sim.faults.base import Family, Fault
 from sim.faults.machines import Battery, CameraDead, Drag, PositionJump
-from sim.scoring.invariants.base import Breach, Invariant, Setting
+from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
 from sim.scoring.moment import Moment
 from sim.sharing import Results
 
@@ -25,6 +26,7 @@ SEEN_M = 30.0  # and nobody overlooks one that is nearer
 FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b: a are the estimator's checkpoints, which are bounded, and all planners
 _SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType, Results)
 _LOOK_TICKS = 10
+_ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # who truly tells two places
 
 
 class Reserve(Invariant[Moment]):
@@ -94,6 +96,24 @@ class Named(Invariant[Moment]):
         return len(near) >= 2 and moment.airborne(drone)
 
 
+class Accused(Invariant[Moment]):
+    """No drone is said to be two sources of news that is one: whatever others send in its name, its messages are its own.
+
+    Exempt is whose key was copied, who lies, and whose own position is faulted, until ``RECOVERY_S`` after it.
+    """
+
+    name = "accused"
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Who says it, and of whom."""
+        for drone, pilot in enumerate(moment.pilots):
+            for text in pilot.problems if pilot is not None else ():
+                name, _, said = text.partition(": two sources ")
+                if not said or self.setting.struck(_ELSEWHERE, self.setting.names.index(name), moment.time_s, RECOVERY_S):
+                    continue
+                yield Breach((drone, self.setting.names.index(name)), text)
+
+
 def _misplaced_s(fault: Fault) -> tuple[float, float] | None:
     """From when to when the own position of a drone is wrong by much without being announced; None where it never is."""
     if isinstance(fault, PositionJump) and not fault.announced and fault.jump_m > MISPLACED_M:
@@ -149,16 +169,11 @@ class Memory(Invariant[Moment]):
 def bytes_of(root: object) -> int:
     """Size of an object with all that it holds; classes, functions and modules do not count."""
     seen: set[int] = set()
-    waiting, size = [root], 0
-    while waiting:
-        one = waiting.pop()
-        if id(one) in seen or isinstance(one, _SHARED):
-            continue
-        seen.add(id(one))
-        size += sys.getsizeof(one)
-        if isinstance(one, np.ndarray):
-            if one.base is not None:
-                waiting.append(one.base)
-            continue
-        waiting += gc.get_referents(one)
+    found, size = {id(root): root}, 0
+    while found:  # all that is a step farther away
+        seen |= found.keys()
+        size += sum(map(sys.getsizeof, found.values()))
+        views = [one.base for one in found.values() if isinstance(one, np.ndarray) and one.base is not None]
+        held = gc.get_referents(*(one for one in found.values() if not isinstance(one, np.ndarray)))
+        found = {id(one): one for one in chain(views, held) if id(one) not in seen and not isinstance(one, _SHARED)}
     return size

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from sim.scoring.invariants.base import Invariant, Setting, Violation
-from sim.scoring.invariants.beliefs import OwnPlace, SameLogSameHypothesis, TruthPossible
-from sim.scoring.invariants.care import Memory, Named, Reserve, Told
+from sim.scoring.invariants.beliefs import OwnPlace, Refused, SameLogSameHypothesis, TruthPossible
+from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from sim.scoring.invariants.liveness import Converged, Landed
 from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
@@ -21,8 +21,8 @@ class Judge:
         self.invariants: tuple[Invariant[Moment], ...] = (
             self.separation, Collision(setting), Fence(setting), Heights(setting),
             FreshSetpoint(setting), Finite(setting), Queues(setting),
-            TruthPossible(setting), SameLogSameHypothesis(setting), OwnPlace(setting),
-            Reserve(setting), Named(setting), Told(setting), Memory(setting),
+            TruthPossible(setting), SameLogSameHypothesis(setting), OwnPlace(setting), Refused(setting),
+            Reserve(setting), Named(setting), Accused(setting), Told(setting), Memory(setting),
             self.converged, self.landed,
         )  # fmt: skip
         self.violations: list[Violation] = []

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import hypot, inf
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
 from sim.faults.machines import Takeover
+from sim.geometry import Array
 from sim.scoring.invariants.able import Able
-from sim.scoring.invariants.base import Breach, Invariant, Setting
+from sim.scoring.invariants.base import OWN_FAULTS, Breach, Invariant, Setting
 from sim.scoring.moment import Scene
 
+AT_HOME_M = 10.0  # of the place of the launch: frames are good to a metre or two, and others may stand in the way
 AGREE_S = 20.0  # a log query every few seconds, and 5 s of backlog
 _COMING_HOME = (Stage.RETURN, Stage.LANDING, Stage.LANDED)
 _SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
@@ -55,17 +58,23 @@ class Converged(Invariant[Scene]):
 
 
 class Landed(Invariant[Scene]):
-    """The able drones end the mission landed; every other one has landed or returns, or its human pilot flies it."""
+    """The able drones end the mission landed, and at home; every other one has landed or returns, or its human pilot flies it.
+
+    Exempt from home is whose own position or thrust was ever faulted: it may have had to land where it was.
+    """
 
     name = "landing"
 
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         self.able = Able(setting)
+        self._launch: Array | None = None
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Nothing while it flies."""
         self.able.see(moment)
+        if self._launch is None:
+            self._launch = moment.position_m.copy()
         yield from ()
 
     def at_end(self, moment: Scene) -> Iterator[Breach]:
@@ -76,6 +85,14 @@ class Landed(Invariant[Scene]):
                 pilot, mode = moment.pilots[drone], moment.autopilots[drone].mode
                 stage = "without an agent" if pilot is None else f"in stage {pilot.stage}"
                 yield Breach((drone,), f"{moment.position_m[drone, 2]:.1f} m above ground, {stage}, mode {mode}")
+            elif drone in able and (away_m := self._away_m(moment, drone)) > AT_HOME_M:
+                yield Breach((drone,), f"landed {away_m:.1f} m from where it took off")
+
+    def _away_m(self, moment: Scene, drone: int) -> float:
+        """Horizontal distance from the place of its launch; 0 for who is exempt."""
+        if self._launch is None or self.setting.struck(OWN_FAULTS, drone, moment.time_s, inf):
+            return 0.0
+        return hypot(*(moment.position_m[drone, :2] - self._launch[drone, :2]).tolist())
 
     def is_over(self, moment: Scene) -> bool:
         """Whether nothing more is to be expected of the flight."""

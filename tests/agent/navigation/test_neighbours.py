@@ -123,17 +123,30 @@ def test_who_searched_keeps_to_its_own_side():
     assert hood.absence.walls == {"b": wall}
 
 
-@pytest.mark.parametrize(("me", "kept"), [("a", [(10.0, 0.0)]), ("b", [])])
-def test_above_those_that_it_does_not_hear_it_goes_around_the_homes_over_which_they_come_down(me, kept):
-    """b returns above a, at the same time if its agent flies on: a crossed over its home and met it there at 1.4 m."""
+@pytest.mark.parametrize(("me", "crossing", "low"), [("a", [(10.0, 0.0)], [(10.0, 0.0)]), ("b", [], [(0.0, 0.0)])])
+def test_a_return_goes_around_the_homes_over_which_those_come_down_that_it_does_not_hear(me, crossing, low):
+    """b returns above a, at the same time if its agent flies on: a crossed over its home and met it there at 1.4 m. And who came
+    down, pushed aside by a third one, met a lower one over that one's home at 1.5 m.
+    """
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), me), Peers(["a" if me == "b" else "b"])
     (other,) = peers.names
     for message in (replace(pose(), drone=other), replace(status(Stage.TRACK), drone=other)):
         assert peers.receive(message, 0) is None
-    for height_m, returning_s, places in ((3.0, 20.0, []), (20.0, 20.0, kept), (20.0, None, []), (20.0, 50.0, [])):
+    for height_m, returning_s, places in (
+        (3.0, 20.0, low), (20.0, 20.0, crossing), (3.0, None, []), (20.0, None, []), (3.0, 50.0, []), (20.0, 50.0, []),
+    ):  # fmt: skip
         myself = Self(300 * SECOND, 0, 0.1, Transform(), height_m=height_m, returning_s=returning_s)
         found = hood.around(peers, myself)
         assert [one.plan.positions[0][:2] for one in found] == places
+
+
+def test_an_agent_started_in_flight_comes_home_around_the_homes_of_those_that_it_never_heard():
+    """One that was revoked before came down over its home, 1.5 m from it."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(300 * SECOND, 0, 0.1, Transform(), height_m=3.0, returning_s=20.0)
+    (other,) = hood.around(peers, replace(me, resumed=True))
+    assert other.plan.positions[0][:2] == (10.0, 0.0)
+    assert hood.around(peers, me) == hood.around(peers, replace(me, resumed=True, returning_s=None)) == []
 
 
 @pytest.mark.parametrize(("seconds", "stops"), [(5.0, [[10.0, 1.0], [10.0, 5.0]]), (14.0, [])])

@@ -37,14 +37,16 @@ def hypothesis(x=30.0, y=30.0, sigma_m=0.5, stamp_ns=0):
     )
 
 
-def pilot(stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=(), suspects=(), own_place=None, problems=()):
+def pilot(
+    stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=(), suspects=(), own_place=None, problems=(), entries=()
+):
     return SimpleNamespace(
         stage=stage,
         hypothesis=believed,
         digest=digest,
         counters=dict.fromkeys(counters, 1),
         pending=pending,
-        fusion=SimpleNamespace(log=[]),
+        fusion=SimpleNamespace(log=[SimpleNamespace(entry=SimpleNamespace(sequence=number)) for number in entries]),
         frames=SimpleNamespace(suspects=lambda: dict.fromkeys(suspects, "")),
         own_place=own_place,
         problems=problems,

@@ -44,3 +44,11 @@ def test_of_ten_missions_two_have_no_fault_one_of_them_with_frames_to_be_estimat
     assert "fault" not in moving
     assert "sightings" in still
     assert moving["source"]["motion"] == "wander"
+
+
+def test_the_drone_to_which_an_old_command_comes_is_struck_by_nothing_else() -> None:
+    """One whose agent is dead just then, or that is revoked, would not obey it anyway."""
+    hands = [deal(seed, DEALT).get("fault", []) for seed in range(500_000, 500_100)]
+    held = [(hand, fault["target"]) for hand in hands for fault in hand if fault["kind"] == "old-command"]
+    assert len(held) == 10
+    assert all([fault.get("target") for fault in hand].count(target) == 1 for hand, target in held)

@@ -8,8 +8,8 @@ import pytest
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
-from sim.scoring.invariants.beliefs import OwnPlace, SameLogSameHypothesis, TruthPossible
-from sim.scoring.invariants.care import Memory, Named, Reserve, Told
+from sim.scoring.invariants.beliefs import OwnPlace, Refused, SameLogSameHypothesis, TruthPossible
+from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from sim.scoring.invariants.judge import Judge
 from sim.scoring.invariants.liveness import Converged, Landed
@@ -141,6 +141,14 @@ def test_equal_logs_with_different_hypotheses() -> None:
         assert told(SameLogSameHypothesis(moments.setting()), moments.moment(10.0, pilots=[pilots[0], other, None])) == []
 
 
+def test_a_forged_entry_that_was_taken() -> None:
+    forged = {"kind": "forged", "at_s": 5.0, "target": "d1", "what": "other-mission"}
+    for number, taken in ((2**30 + 7, [("d2",)]), (7, [])):
+        pilots = moments.changed(1, moments.pilot(entries=(number,)), moments.pilot)
+        ended = Refused(moments.setting(forged)).finish(moments.moment(90.0, pilots=pilots))
+        assert [violation.drones for violation in ended] == taken
+
+
 def test_a_battery_that_is_nearly_empty_in_the_air() -> None:
     empty = moments.moment(10.0, batteries=[0.8, 0.02, 0.8])
     assert told(Reserve(moments.setting()), empty) == [("d2",)]
@@ -163,6 +171,15 @@ def test_a_drone_that_is_not_where_it_says_and_nobody_suspects_it() -> None:
     assert unsuspected(suspects=("d3",)) == [("d2",)]
     assert unsuspected(suspects=("d2",)) == []
     assert unsuspected(sightings=False) == unsuspected(announced=True) == unsuspected(jump_m=3.0) == []
+
+
+def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
+    said = "d2: two sources send under its id (a copied key, or an agent started twice); both are kept clear of"
+    pilots = moments.changed(0, moments.pilot(problems=(said,)), moments.pilot)
+    for kind, when_s, accused in (("loss", 20.0, True), ("copied-key", 20.0, False), ("copied-key", 60.0, True)):
+        fault = {"kind": kind, "at_s": 10.0, "for_s": 20.0, "target": "d2"} | ({"probability": 0.1} if kind == "loss" else {})
+        seen = told(Accused(moments.setting(fault)), moments.moment(when_s, pilots=pilots))
+        assert seen == ([("d1", "d2")] if accused else [])
 
 
 def test_a_drone_that_takes_itself_to_be_elsewhere() -> None:
@@ -239,6 +256,11 @@ def test_a_drone_that_does_not_come_home() -> None:
     ground = [(x, y, 0.0) for x, y, _ in moments.PLACES]
     stopped = [moments.autopilot(FlightMode.HOLD, armed=False, setpoint_age_s=None) for _ in range(3)]
     assert ending(places=ground, autopilots=stopped) == []
+    (x, y, _), *others = ground
+    elsewhere = [(x + 9.9, y + 2.0, 0.0), *others]
+    assert ending(places=elsewhere, autopilots=stopped) == ["d1"]
+    assert ending(dead, places=elsewhere, autopilots=stopped) == []
+    assert ending({"kind": "gust", "at_s": 10.0, "for_s": 5.0, "target": "d1"}, places=elsewhere, autopilots=stopped) == []
 
 
 def test_who_is_able_is_decided_by_the_faults_and_by_who_is_in_the_air_at_the_heal() -> None:
