@@ -27,7 +27,8 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     """``calibration``: contents of the camera's calibration files by name, empty for the nominal camera. ``versions``: of the
     packages used. ``protocol``: version of the messages. ``certificate``: of the drone (DER), empty in a swarm without;
     ``authority``: that of the swarm (PEM). ``nonce_key``: of this boot's nonces; worthless once it has ended.
-    ``origin``: of a mission that an operator has uploaded; None: it is that of the mission file.
+    ``origin``: of a mission that an operator has uploaded; None: it is that of the mission file. ``tells_obeyed``: whether the
+    statuses tell which order was obeyed last; those of older records do not.
     """
 
     mission: MissionConfig
@@ -42,6 +43,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     authority: str = ""
     nonce_key: bytes = b""
     origin: Origin | None = None
+    tells_obeyed: bool = False
 
     @classmethod
     def of(
@@ -81,6 +83,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             authority=trust.authority_pem if trust is not None else "",
             nonce_key=nonce_key,
             origin=origin,
+            tells_obeyed=True,
         )
 
     def check_protocol(self, file: Path, do: str, known: Container[int] = (VERSION,)) -> None:
@@ -96,7 +99,15 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
         drone = msgspec.structs.replace(self.drone, calibration=str(folder) if self.calibration else None)
         for name, text in self.calibration.items():
             (folder / Path(name).name).write_text(text, encoding="utf-8")
-        return Pilot(self.mission, drone, self.boot, memory=self.memory, trust=trust, nonce_key=self.nonce_key)
+        return Pilot(
+            self.mission,
+            drone,
+            self.boot,
+            memory=self.memory,
+            trust=trust,
+            nonce_key=self.nonce_key,
+            tells_obeyed=self.tells_obeyed,
+        )
 
 
 def _versions() -> dict[str, str]:
