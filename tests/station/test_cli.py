@@ -92,10 +92,10 @@ def test_foxglove_connects_to_the_address_that_is_printed(tmp_path):
 
 
 @pytest.mark.parametrize(("given", "used"), [(None, "1"), ("3", "3")])
-def test_the_fold_computes_in_one_thread_unless_told_otherwise(run, monkeypatch, given, used, tmp_path):
+def test_the_fold_computes_in_one_thread_unless_told_otherwise(run, monkeypatch, given, used):
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         monkeypatch.setenv(name, given or "")
         if given is None:
             monkeypatch.delenv(name)
-    run("report", str(tmp_path))
+    run(*SERVE, "--tak", "udp://239.2.3.1:6969")
     assert {os.environ[name] for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")} == {used}
