@@ -72,6 +72,7 @@ class Pilot:
         *,
         nonce_key: bytes,
         read: Read = decode_from,
+        tells_obeyed: bool = True,
     ) -> None:
         """Set up a drone.
 
@@ -84,15 +85,15 @@ class Pilot:
             estimators, read: make estimators by name; decode messages. A simulation of many drones has them share the results.
             trust: signs what it publishes, and verifies what others do; None: in a swarm without certificates.
             nonce_key: 16 random bytes, new at every start of the agent: from them follow the nonces that commands need.
+            tells_obeyed: whether its statuses tell which order was obeyed last; False in the replay of an older record.
 
         Raises:
             ConfigError: the drone is not one of the mission's.
             DetectorError: its camera's calibration cannot be read.
         """
         ids, member = [member.id for member in mission.drones], mission.member(drone.id)
-        self._swarm, self._mission_id, self._read = mission.swarm, mission.mission_id, read
-        self._id, self._boot = drone.id, boot
-        self.counters: Counter[str] = Counter()
+        self._swarm, self._mission_id, self._id, self._boot = mission.swarm, mission.mission_id, drone.id, boot
+        self._read, self.counters = read, Counter[str]()
         self._world = WorldModel(mission, listeners, estimators)
         others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
         self._clocks = Clocks(drone.id, others)
@@ -106,15 +107,14 @@ class Pilot:
         self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory)
         self._problems = Problems(drone.id, self._mission_id)
         verifier = Verifier(trust.authority, trust.revoked) if trust is not None else None
-        self._orders = Orders(drone.id, self._mission_id, nonce_key, verifier)
+        self._orders = Orders(drone.id, self._mission_id, nonce_key, verifier, tells_obeyed)
         parts = self._executive, self._problems, self._own, self._peers, self.counters
         self._commanding = Commanding(self._mission_id, self._orders, *parts)
         self._revoking = Revoking(drone.id, verifier, self._world, self._executive, self._problems, self.counters)
         self._proofs = Proofs(ids, (drone.id, self._mission_id, boot), trust, verifier, self._revoking.leaves_out)
         self._news = News(drone.id, boot, self._peers, self._clocks, self._proofs, self._revoking, self._problems)
         self._failsafe = Failsafe(Reaction(mission.safety.agent_lost), mission.return_height_m(drone.id))
-        self._notices: tuple[str, ...] = ()
-        self._told: tuple[str, ...] = ()
+        self._notices = self._told = tuple[str, ...]()
         self._exchange = LogExchange(mission.swarm, drone.id, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
         self._reporter = Reporter(drone.id, self._mission_id, boot, mission.fusion.estimator)
@@ -330,9 +330,9 @@ class Pilot:
 
     def _report(self, now_ns: int) -> None:
         believed = (self.hypothesis, self.fusion.digest) if self.hypothesis is not None else None
-        vehicle, frame, condition = self._own.vehicle, self._own.frame, partial(self._condition, now_ns)
-        placed = frame.mission_from_local if frame is not None else None
-        for message in (*self._revoking.due(now_ns), *self._reporter.due(now_ns, vehicle, placed, believed, condition)):
+        frame, condition = self._own.frame, partial(self._condition, now_ns)
+        known = self._own.vehicle, frame.mission_from_local if frame is not None else None, believed
+        for message in (*self._revoking.due(now_ns), *self._reporter.due(now_ns, *known, condition)):
             if not isinstance(message, Status):
                 self._outbox.put(message)
             elif (status := self._outbox.sendable(message)) is not None:
@@ -346,5 +346,5 @@ class Pilot:
         problems = self._told = self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))
         delays_ns, began_ns, seen = self._clocks.delays_ns(now_ns), self._executive.started_ns, self._camera.recognised
         told = self.stage, dict(self.counters), problems, self.finding, seen, delays_ns, began_ns
-        notices = (*self._revoking.notices, *self._notices)[:MOST_NOTICES]
-        return Condition(*told, self._orders.ticket(now_ns), self._failsafe, notices, self._commanding.uploads.answer)
+        ticket, notices = self._orders.ticket(now_ns), (*self._revoking.notices, *self._notices)[:MOST_NOTICES]
+        return Condition(*told, ticket, self._failsafe, notices, self._commanding.uploads.answer, self._orders.obeyed)

@@ -17,7 +17,7 @@ import math
 from enum import StrEnum
 from typing import Annotated
 
-from msgspec import Meta, Struct, field
+from msgspec import UNSET, Meta, Struct, UnsetType, field
 
 from protocol.checks import flaw_of_covariance, is_unit
 from protocol.entries import SIGNATURE_BYTES, AnyEntry, Cone, Coverage, Credential, Exposure, Fix, Sighting
@@ -214,6 +214,20 @@ class Answer(Struct, frozen=True, array_like=True):
     refused: Text = ""
 
 
+class Obeyed(Struct, frozen=True, array_like=True):
+    """The last order that a drone has carried out since its agent's start, for stations that have no link to who gave it.
+
+    ``order``: name of the action, or ``upload``; ``station``: who signed it; ``stamp_ns``: its own; ``number``: of its ticket.
+    ``signature``: by the drone, of the whole status with this in it.
+    """
+
+    order: Identifier
+    station: Identifier
+    stamp_ns: StampNs
+    number: CommandNumber
+    signature: Signature = b""
+
+
 class Status(DroneMessage, frozen=True, kw_only=True):
     """A drone's stage, counters, problems, and the result of its search, if it has ended.
 
@@ -222,7 +236,8 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     each other. ``started_ns``: in flight, the stamp of the start command of the swarm's mission. ``ticket``: for the next
     command. ``failsafe``: None: not known, as the vehicle's own setting stays. ``notices``: what the operator should know before
     a start, and which is no obstacle to it: links that are not encrypted, a certificate that soon ends. ``upload``: the answer to
-    an upload since the agent's start; None: there was none. ``signature``: as that of a command, by the drone.
+    an upload since the agent's start; None: there was none. ``signature``: as that of a command, by the drone; of all but
+    ``obeyed``, which is left out where there is none, so that readers that do not know it can verify the rest.
     """
 
     mission: MissionId
@@ -239,6 +254,7 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     ticket: Ticket | None = None
     failsafe: Failsafe | None = None
     upload: Answer | None = None
+    obeyed: Obeyed | UnsetType = UNSET
     certificate: Certificate = b""
     signature: Signature = b""
 

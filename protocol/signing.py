@@ -13,13 +13,14 @@ from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Protocol, TypeVar
 
+from msgspec import UNSET
 from msgspec.structs import replace
 
 from protocol.codec import as_bytes, written
 from protocol.entries import SIGNATURE_BYTES, Credential, Entry
 from protocol.errors import ProtocolError
 from protocol.message import StationMessage
-from protocol.messages import Action, Command, Order, Status, Upload
+from protocol.messages import Action, Command, Obeyed, Order, Status, Upload
 from protocol.revocations import Revocation
 
 MOST_IN_BATCH = 32  # of the place in a proof, and of its length
@@ -30,6 +31,7 @@ DRONE, OPERATOR = "drone", "operator"  # as ``identity.Role``, which the pilot p
 _HASH_BYTES = 16
 # No signature counts as one of something else.
 _ENTRIES, _STATUS, _REVOCATION = b"radron 2 entries\0", b"radron 2 status\0", b"radron 2 revocation\0"
+_OBEYED = b"radron 2 obeyed\0"
 _ORDERS: dict[type[Order], bytes] = {Command: b"radron 2 command\0", Upload: b"radron 2 upload\0"}
 
 Sign = Callable[[bytes], bytes]
@@ -105,8 +107,12 @@ def sign_command(command: S, trust: Trust) -> S:
 
 def sign_status(status: Status, trust: Trust) -> Status:
     """A status, as its receivers read it (``codec.written``), with certificate and signature of its drone."""
-    bare = as_bytes(replace(status, certificate=trust.certificate, signature=b""))
-    return replace(status, certificate=trust.certificate, signature=trust.sign(_STATUS + bare))
+    bare = replace(status, certificate=trust.certificate, signature=b"")
+    signature = trust.sign(_STATUS + _without_obeyed(bare))
+    if bare.obeyed is UNSET:
+        return replace(bare, signature=signature)
+    obeyed = replace(bare.obeyed, signature=trust.sign(_OBEYED + _with_obeyed(bare, bare.obeyed)))
+    return replace(bare, obeyed=obeyed, signature=signature)
 
 
 def sign_revocation(revocation: Revocation, trust: Trust) -> Revocation:
@@ -183,7 +189,14 @@ class Verifier:
         member = self._member(status.certificate)
         if member is None or member.role != DRONE or member.name != status.drone:
             return False
-        return member.verified(status.signature, _STATUS + as_bytes(replace(status, signature=b"")))
+        return member.verified(status.signature, _STATUS + _without_obeyed(status))
+
+    def accepts_obeyed(self, status: Status) -> bool:
+        """Whether its drone has signed too which order it has obeyed. For a status that is accepted."""
+        member = self._member(status.certificate)
+        if member is None or status.obeyed is UNSET:
+            return False
+        return member.verified(status.obeyed.signature, _OBEYED + _with_obeyed(status, status.obeyed))
 
     def signer(self, order: Order) -> Member | None:
         """Whose certificate an order carries, whether valid or not; None: nobody's of this swarm."""
@@ -257,6 +270,16 @@ class Verifier:
         if len(self._read) > MOST_CERTIFICATES:
             self._read.popitem(last=False)
         return member
+
+
+def _without_obeyed(status: Status) -> bytes:
+    """What a status' signature is one of."""
+    return as_bytes(replace(status, obeyed=UNSET, signature=b""))
+
+
+def _with_obeyed(status: Status, obeyed: Obeyed) -> bytes:
+    """What the signature of the obeyed order in it is one of."""
+    return as_bytes(replace(status, obeyed=replace(obeyed, signature=b""), signature=b""))
 
 
 def _tree(leaves: list[bytes]) -> list[list[bytes]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import sys
 from collections.abc import Awaitable, Callable
 from importlib.util import find_spec
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from station.web.guard import Guard
     from station.web.serving import Doors, Place
 
+# Unless set: the log is folded in one thread with small matrices, as on board, and other threads of BLAS would only wait busily.
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _HELP = "The operator's side: the swarm in a browser, live and from its records."
 app = typer.Typer(no_args_is_help=True, add_completion=False)
 app.callback(help=_HELP)(version.options)
@@ -258,6 +261,8 @@ async def _serve(hub: Hub, place: Place, work: Callable[[], Awaitable[None]], do
 
 def main() -> None:
     """Run the command; errors that the user can fix end in one line and exit code 2."""
+    for name in _ONE_THREAD:
+        os.environ.setdefault(name, "1")
     try:
         app()
     except (RadronError, ProtocolError) as error:

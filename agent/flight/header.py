@@ -29,7 +29,8 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     packages used. ``protocol``: version of the messages. ``certificate``: of the drone (DER), empty in a swarm without;
     ``authority``: that of the swarm (PEM). ``nonce_key``: of this boot's nonces; worthless once it has ended.
     ``origin``: of a mission that an operator has uploaded; None: it is that of the mission file. ``deferred``: whether a slow
-    estimator was computed in another process.
+    estimator was computed in another process. ``tells_obeyed``: whether the statuses tell which order was obeyed last; those of
+    older records do not.
     """
 
     mission: MissionConfig
@@ -45,6 +46,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     nonce_key: bytes = b""
     origin: Origin | None = None
     deferred: bool = False
+    tells_obeyed: bool = False
 
     @classmethod
     def of(
@@ -86,6 +88,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             nonce_key=nonce_key,
             origin=origin,
             deferred=deferred,
+            tells_obeyed=True,
         )
 
     def check_protocol(self, file: Path, do: str, known: Container[int] = (VERSION,)) -> None:
@@ -102,7 +105,8 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
         for name, text in self.calibration.items():
             (folder / Path(name).name).write_text(text, encoding="utf-8")
         made = deferred_named if self.deferred else estimator_named
-        return Pilot(self.mission, drone, self.boot, memory=self.memory, estimators=made, trust=trust, nonce_key=self.nonce_key)
+        inputs = self.mission, drone, self.boot, (), self.memory, made, trust
+        return Pilot(*inputs, nonce_key=self.nonce_key, tells_obeyed=self.tells_obeyed)
 
 
 def _versions() -> dict[str, str]:

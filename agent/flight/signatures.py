@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+
+from msgspec import UNSET
 
 from agent.flight import topics
 from protocol.codec import decode_from
 from protocol.entries import SIGNATURE_BYTES, Entry
 from protocol.errors import ProtocolError
+from protocol.message import Message
 from protocol.messages import Status
 from protocol.signing import Authority, Member, Trust
 
@@ -36,9 +39,16 @@ class RecordedSignatures:
                 message = decode_from(*topics.decode_message(content))
             except (ProtocolError, ValueError):
                 continue
-            signature = message.proof[:SIGNATURE_BYTES] if isinstance(message, Entry) else b""
-            if isinstance(message, Status):
-                signature = message.signature
-            if signature and self._member.verified(signature, data):
-                return signature
+            for signature in _signatures(message):
+                if self._member.verified(signature, data):
+                    return signature
         return _NONE
+
+
+def _signatures(message: Message) -> Iterator[bytes]:
+    if isinstance(message, Entry):
+        yield message.proof[:SIGNATURE_BYTES]
+    if isinstance(message, Status):
+        yield message.signature
+        if message.obeyed is not UNSET:
+            yield message.obeyed.signature

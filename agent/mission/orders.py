@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from hashlib import blake2b
 
-from protocol.messages import Action, Command, Order, Ticket
+from protocol.messages import Action, Command, Obeyed, Order, Ticket
 from protocol.signing import Verifier
 
 NONCE_NS = 10_000_000_000  # a nonce is told for this long, and valid for as long again
@@ -22,13 +22,19 @@ MOST_AHEAD = 2**40  # of a number: a command with the largest one would leave no
 
 
 class Orders:
-    """The commands to one drone."""
+    """The commands to one drone. ``obeyed``: the last one that was carried out, for the status."""
 
-    def __init__(self, drone: str, mission_id: str, nonce_key: bytes, verifier: Verifier | None) -> None:
-        """``nonce_key``: random, up to 64 bytes. ``verifier`` None: the swarm has no certificates, and commands no signatures."""
+    def __init__(
+        self, drone: str, mission_id: str, nonce_key: bytes, verifier: Verifier | None, tells_obeyed: bool = True
+    ) -> None:
+        """``nonce_key``: random, up to 64 bytes. ``verifier`` None: the swarm has no certificates, and commands no signatures.
+        ``tells_obeyed``: whether ``obeyed`` is kept.
+        """
         self._drone, self._mission_id, self._nonce_key = drone, mission_id, nonce_key
         self._verifier = verifier
         self._last = 0  # number of the last command carried out
+        self._tells_obeyed = tells_obeyed
+        self.obeyed: Obeyed | None = None
 
     def ticket(self, now_ns: int) -> Ticket:
         """What the next command needs, as published in the status."""
@@ -60,6 +66,9 @@ class Orders:
     def note(self, command: Order) -> None:
         """A command has been carried out: no other one with its number or a lower one is."""
         self._last = command.to[self._drone].number
+        if self._tells_obeyed:
+            order = str(command.action) if isinstance(command, Command) else "upload"
+            self.obeyed = Obeyed(order, command.station, command.stamp_ns, self._last)
 
     def _nonce(self, period: int) -> str:
         return blake2b(str(period).encode(), key=self._nonce_key, digest_size=8).hexdigest()

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import TypeVar
 
-from msgspec import Struct
+from msgspec import UNSET, Struct
 
 from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis
@@ -15,7 +15,20 @@ from protocol.codec import written
 from protocol.errors import ProtocolError
 from protocol.keys import key_of
 from protocol.message import Message
-from protocol.messages import MOST_SOURCES, Answer, Estimate, Failsafe, Frame, Pose, Recognised, Source, Stage, Status, Ticket
+from protocol.messages import (
+    MOST_SOURCES,
+    Answer,
+    Estimate,
+    Failsafe,
+    Frame,
+    Obeyed,
+    Pose,
+    Recognised,
+    Source,
+    Stage,
+    Status,
+    Ticket,
+)
 
 M = TypeVar("M", bound=Message)
 _PERIODS_NS: dict[type[Message], int] = {
@@ -29,7 +42,7 @@ _PERIODS_NS: dict[type[Message], int] = {
 class Condition(Struct, frozen=True):
     """Contents of a status besides the battery: stage, counters, problems, result of a search without a source ("": none), the
     nuclide recognised in the spectrum, the delays of the others' statuses, the start of the mission, the ticket for the next
-    command, what the vehicle's failsafe does, and the answer to an upload.
+    command, what the vehicle's failsafe does, the answer to an upload, and the last order that was obeyed.
     """
 
     stage: Stage
@@ -43,6 +56,7 @@ class Condition(Struct, frozen=True):
     failsafe: Failsafe | None = None
     notices: tuple[str, ...] = ()
     upload: Answer | None = None
+    obeyed: Obeyed | None = None
 
 
 class Outbox:
@@ -142,6 +156,7 @@ class Reporter:
                 failsafe=now.failsafe,
                 notices=now.notices,
                 upload=now.upload,
+                obeyed=now.obeyed if now.obeyed is not None else UNSET,
             )
 
     def _is_due(self, kind: type[Message], now_ns: int) -> bool:

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from msgspec import Struct
+from msgspec import UNSET, Struct
 from msgspec.structs import replace
 
 from agent.config.loading import load_mission
@@ -100,7 +100,7 @@ class Overview:
         drone = self._drones.setdefault(message.drone, _Drone())
         drone.heard_s = self._clock_s()
         if isinstance(message, Status):
-            drone.status = legible(message)
+            drone.status = legible(self._known(message))
         elif isinstance(message, Estimate):
             drone.estimate = message
 
@@ -118,8 +118,13 @@ class Overview:
             return True
         return self._clock_s() - known.heard_s > STALE_S  # after a pause: the drone's clock may have been set back
 
+    def _known(self, status: Status) -> Status:
+        """A status that counts, without what in it its drone has not signed."""
+        signed = self._verifier is None or self._verifier.accepts_obeyed(status)
+        return status if signed else replace(status, obeyed=UNSET)
+
     def rows(self) -> list[tuple[str, ...]]:
-        """A row for each drone: name, stage, battery, seconds since it was heard, log, problems."""
+        """A row for each drone: name, stage, battery, seconds since it was heard, log, last order, problems."""
         return [self._row(name, self._drones[name]) for name in sorted(self._drones)]
 
     def sources(self) -> list[str]:
@@ -135,11 +140,12 @@ class Overview:
     def _row(self, name: str, drone: _Drone) -> tuple[str, ...]:
         status, age_s = drone.status, self._clock_s() - drone.heard_s
         if status is None:
-            return name, "not heard", "", "", "", ""
+            return name, "not heard", "", "", "", "", ""
         battery = "" if status.battery is None else f"{status.battery:.0%}"
         log = drone.estimate.digest[:8] if drone.estimate is not None else ""
         heard = f"{age_s:.1f} s" if age_s < STALE_S else f"NOT HEARD for {age_s:.0f} s"
-        return name, str(status.stage), battery, heard, log, "; ".join((*status.problems, *status.notices))
+        ordered = "" if status.obeyed is UNSET else f"{status.obeyed.order} by {status.obeyed.station}"
+        return name, str(status.stage), battery, heard, log, ordered, "; ".join((*status.problems, *status.notices))
 
     def _source(self, source: Source) -> str:
         x, y, z = source.position_m
@@ -197,7 +203,7 @@ def table(overview: Overview) -> RenderableType:
     from rich.markup import escape  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    drones = Table("drone", "stage", "battery", "heard", "log", "problems", box=None, pad_edge=False)
+    drones = Table("drone", "stage", "battery", "heard", "log", "last order", "problems", box=None, pad_edge=False)
     for row in overview.rows():
         drones.add_row(*map(escape, row))
     return Group(drones, *map(escape, overview.sources()))

@@ -48,9 +48,9 @@ class Child:
     """A process of this benchmark that prints JSON lines. ``said``: those so far."""
 
     def __init__(self, script: str, *arguments: str) -> None:
-        self.process = psutil.Popen(
-            [sys.executable, str(SUPPORT / script), *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
+        command = [sys.executable, str(SUPPORT / script), *arguments]
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # as radron-station sets them
+        self.process = psutil.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
         self.said: list[Any] = []
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()

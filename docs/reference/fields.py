@@ -172,6 +172,8 @@ def default_text(field: Field) -> str:
     """A field's default; ``required`` where there is none, and nothing for a table whose keys have their own."""
     if field.required:
         return "**required**"
+    if field.default is field.default_factory is msgspec.NODEFAULT:
+        return "left out"
     default = field.default if field.default is not msgspec.NODEFAULT else field.default_factory()
     if default is None:
         return "none"

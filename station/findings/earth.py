@@ -100,8 +100,8 @@ def _features(findings: Findings) -> list[Feature]:
     found: list[Feature] = [("area", {"mission": findings.mission.name}, "Polygon", list(area))]
     if findings.best is not None:
         at, alone = utc(findings.best.at_ms * 1_000_000), not findings.best.others
-        for number, source in enumerate(findings.best.sources, 1):
-            found += _source_features(source, at, "" if alone else f" {number}")
+        for source in findings.best.sources:
+            found += _source_features(source, at, "" if alone else f" {source.number}")
     for index, name in enumerate(findings.drones):
         track = [drone.place for frame in findings.frames if (drone := frame.drones[index]).place is not None]
         if len(track) > 1:

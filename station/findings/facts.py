@@ -22,6 +22,7 @@ from station.picture.orders import Heard, Orders
 from station.picture.picture import Picture
 from station.replay import Records, play
 
+BY_DRONES = "the drones that obeyed name who signed it"
 UNHEARD = "this station has not heard that it was obeyed"
 T = TypeVar("T")
 _SLICE_S = 0.02  # of work, before pages are served
@@ -127,14 +128,16 @@ def of_records(paths: Sequence[Path], records: Records) -> Source:
 def of_station(versions: dict[str, str], orders: Orders) -> Source:
     """What a station knows beside a live flight."""
     commands = ((drone, _audited(order, drone)) for order in orders.heard for drone in sorted(order.numbers))
-    return Source(versions, tuple(commands), heard=True)
+    return Source(versions, tuple(sorted(commands, key=lambda each: each[1].first_ns)), heard=True)
 
 
 def _audited(order: Heard, drone: str) -> Audited:
-    signer = order.signer or ("certificate is none of this swarm's" if order.refused else "not known here")
+    unknown = BY_DRONES if order.told else "certificate is none of this swarm's" if order.refused else "not known here"
+    signer = order.signer or unknown
     result = f"refused: {in_words(order.refused, signer)}" if order.refused else order.results.get(drone, UNHEARD)
     names = tuple(sorted(order.numbers))
-    return Audited(order.first_ns, order.last_ns, order.station, told(signer), order.action, names, result, order.copies)
+    copies = max(1, order.copies)
+    return Audited(order.first_ns, order.last_ns, order.station, told(signer), order.action, names, result, copies)
 
 
 async def facts_of(hub: Hub, source: Source) -> Findings:

@@ -80,8 +80,8 @@ def _result(findings: Findings) -> list[Row]:
         return [("Source", findings.finding or "none found")]
     best = findings.best
     rows = [("Most certain estimate", f"{_at(best)}, {f'{len(best.sources)} sources' if best.others else _cones(best.source)}")]
-    for number, source in enumerate(best.sources, 1):
-        rows += [(f"Source {number}", _cones(source))] if best.others else []
+    for source in best.sources:
+        rows += [(f"Source {source.number}", _cones(source))] if best.others else []
         rows += _source(findings, source)
     last = findings.last
     if last.at_ms != findings.best.at_ms:

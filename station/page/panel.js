@@ -8,7 +8,9 @@ const MOST_EVENTS = 200;
 export function showSource(frame) {
   const box = document.getElementById("source");
   const { source, others, search } = frame;
-  const blocks = source ? [source, ...others].map(sourceLines) : [searchLines(search, frame.finding)];
+  const sources = source ? [source, ...others] : [];
+  const titled = sources.map((one) => (others.length ? [say("source number", one), ...sourceLines(one)] : sourceLines(one)));
+  const blocks = source ? titled : [searchLines(search, frame.finding)];
   box.replaceChildren(...blocks.flatMap((lines) => lines.map((text, place) => element("p", text, place === 0 ? "what" : ""))));
 }
 

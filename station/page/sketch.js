@@ -150,7 +150,9 @@ export class Sketch {
     pen.textBaseline = "middle";
     pen.lineWidth = 1;
     pen.strokeStyle = "#111";
-    for (const { id, place, stale } of this.frame.drones) {
+    const { source, others, drones } = this.frame;
+    const sources = others.length ? [source, ...others].map(({ number, place }) => ({ id: `${number}`, place })) : [];
+    for (const { id, place, stale } of [...sources, ...drones]) {
       if (!place) continue;
       const [[x, y], text] = [pixelOf(place), stale ? `${id} ?` : id];
       if (!this.widths.has(text)) this.widths.set(text, pen.measureText(text).width);

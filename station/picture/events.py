@@ -9,10 +9,10 @@ from station.picture.orders import Heard
 
 
 def told(order: Heard, at_ms: int) -> Event:
-    """That a station has given an order."""
+    """That a station has given an order, or that drones tell so."""
     values = {"station": order.station, "action": order.action, "drones": ", ".join(order.numbers)}
     if not order.refused:
-        return Event(at_ms=at_ms, text="order", values=values)
+        return Event(at_ms=at_ms, text="order told" if order.told else "order", values=values)
     values["because"] = order.refused.replace("_", " ")
     return Event(at_ms=at_ms, text="order refused", values=values, level="warning")
 

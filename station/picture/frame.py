@@ -46,9 +46,9 @@ class DroneFrame(Struct, frozen=True, kw_only=True):
 
 
 class SourceFrame(Struct, frozen=True, kw_only=True):
-    """The hypothesis. ``covariance_m2``: xx, xy, xz, yy, yz, zz. ``region``: semi-axes (m) and direction of the long one (rad) of
-    the ellipse that holds the source with a probability of 90 %; ``dose_usvph``: ambient dose equivalent rate at 1 m, None for an
-    unknown activity or nuclide.
+    """A source of the hypothesis. ``covariance_m2``: xx, xy, xz, yy, yz, zz. ``region``: semi-axes (m) and direction of the long
+    one (rad) of the ellipse that holds the source with a probability of 90 %; ``dose_usvph``: ambient dose equivalent rate at
+    1 m, None for an unknown activity or nuclide; ``number``: by which it is named, the same from frame to frame.
     """
 
     place: tuple[float, float, float]
@@ -62,6 +62,7 @@ class SourceFrame(Struct, frozen=True, kw_only=True):
     activity_sigma_bq: float | None = None
     dose_usvph: float | None = None
     position_deg: Point | None = None  # latitude and longitude
+    number: int = 1
 
 
 class SearchFrame(Struct, frozen=True, kw_only=True):

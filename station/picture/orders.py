@@ -1,31 +1,41 @@
 """What operators have ordered, as a station hears it: who, what, and which drones have obeyed.
 
-A drone does not answer a command: its statuses tell a number above that of the last one that it has carried out. Uploads it
-answers. What a drone made of an order that it refused, only its record tells. Stations have no links to each other, so that
-another operator's order may be heard of only by these numbers.
+Stations have no links to each other, so that another operator's order comes by what the drones tell of it: a status names the
+last order that its drone has obeyed. Older drones tell only a number above that of the last one. Uploads are answered. What a
+drone made of an order that it refused, only its record tells.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 
-from protocol.messages import Command, Order, Status, Upload
+from msgspec import UNSET
+from msgspec.structs import replace
+
+from protocol.messages import Command, Obeyed, Order, Status, Upload
 from protocol.signing import Member, Verifier
 
 OBEYED, UNSURE, TAKEN = "obeyed", "obeyed, or overtaken by another order", "taken over"
+OVERTAKEN = "overtaken by another order"
 ANOTHER = "another station"
 LATE_NS = 5_000_000_000  # for so long an order may come later than the status of a drone that has carried it out
+GATHER_NS = 1_500_000_000  # in which the drones that have obeyed an order tell of it
 OPEN_NS = 30_000_000_000  # after its last copy an order is obeyed no more: the nonces in it have lapsed
 MOST_ORDERS = 1000
 MOST_REFUSED = 100
+MOST_TOLD = 100  # of which one drone alone tells, whether true or not
+
+Key = tuple[object, ...]
 
 
 @dataclass(slots=True)
 class Heard:
     """An order and its copies.
 
-    ``first_ns``, ``last_ns``: when they came. ``signer``: whose certificate they carry; None: nobody's of this swarm.
-    ``refused``: why no drone obeys it, as their counters name it. By drone: ``numbers``, of the last copy; ``results``, if known.
+    ``first_ns``, ``last_ns``: when they came. ``signer``: whose certificate they carry; None: nobody's of this swarm, or not
+    known. ``told``: it is known from drones that have obeyed it. ``refused``: why no drone obeys it, as their counters name it.
+    By drone: ``numbers``, of the last copy; ``results``, if known.
     """
 
     first_ns: int
@@ -37,20 +47,23 @@ class Heard:
     numbers: dict[str, int] = field(default_factory=dict)
     results: dict[str, str] = field(default_factory=dict)
     copies: int = 0
+    told: bool = False
 
 
 class Orders:
-    """Those of all stations that are heard, in the order of their arrival. ``own``: this station, whose orders are no news."""
+    """Those of all stations, in the order in which this one came to know of them. ``own``: itself, whose orders are no news."""
 
     def __init__(self, verifier: Verifier | None) -> None:
         """``verifier``: of their signatures; None: in a swarm without certificates, where anybody commands."""
         self.own = ""
         self._verifier = verifier
-        self._heard: dict[tuple[object, ...], Heard] = {}
+        self._heard: dict[Key, Heard] = {}
         self._uploads: dict[int, Heard] = {}  # by stamp
         self._last: dict[str, int] = {}  # number of the last order that a drone has carried out
+        self._obeyed: dict[str, Obeyed] = {}  # that order, without its signature, where the drone has told it
         self._unheard: dict[str, tuple[int, int, str]] = {}  # by drone: number of an order that was not heard, since when, stage
         self._refused = 0
+        self._told: Counter[str] = Counter()
         self._news: list[Heard] = []
 
     @property
@@ -58,34 +71,36 @@ class Orders:
         """All of them."""
         return tuple(self._heard.values())
 
-    def news(self) -> list[Heard]:
-        """Those that have come since the last call."""
+    def news(self, now_ns: int) -> list[Heard]:
+        """Those that have come since the last call; what drones tell, once all have had the time to."""
         news, self._news = self._news, []
-        return news
+        ready: list[Heard] = []
+        for one in news:
+            (self._news if one.told and 0 <= now_ns - one.last_ns < GATHER_NS else ready).append(one)
+        return ready
 
     def take(self, order: Order, now_ns: int) -> None:
         """Note an order. Of those that nobody obeys, one is noted for each station and reason, and a bounded number in all."""
         refused = self._verifier.refusal(order, now_ns) if self._verifier is not None else None
-        action = order.action if isinstance(order, Command) else f"upload {order.mission}"
-        key = (order.station, refused) if refused else (order.station, order.certificate, order.stamp_ns, action)
+        key = (order.station, refused) if refused else (order.station, order.stamp_ns, _name(order))
         known = self._heard.get(key)
         if known is None:
             if refused and self._refused >= MOST_REFUSED:
                 return
             self._refused += refused is not None
-            signer = self._verifier.signer(order) if self._verifier is not None else None
-            known = self._heard[key] = Heard(now_ns, now_ns, order.station, str(action), signer, refused or "")
-            self._news += [known] if order.station != self.own else []
-            self._forget()
+            known = Heard(now_ns, now_ns, order.station, "", None, refused or "")
+            self._add(key, known)
+        if known.copies == 0:
+            name = _name(order)
+            known.action = name if isinstance(order, Command) else f"{name} {order.mission}"
+            known.signer = self._verifier.signer(order) if self._verifier is not None else None
+            known.told = False
         known.last_ns, known.copies = now_ns, known.copies + 1
         for drone, ticket in order.to.items():
             if drone not in known.results:
                 known.numbers[drone] = ticket.number
                 if ticket.number <= self._last.get(drone, 0) and not refused:  # an old one, or its drone was faster
-                    number, _, _ = self._unheard.get(drone, (-1, 0, ""))
-                    known.results[drone] = OBEYED if ticket.number == number else UNSURE
-                    if ticket.number == number:
-                        del self._unheard[drone]
+                    known.results[drone] = self._before(drone, ticket.number)
         if isinstance(order, Upload) and not refused:
             self._uploads[order.stamp_ns] = known
 
@@ -99,12 +114,50 @@ class Orders:
         before, last = self._last.get(drone), status.ticket.number - 1
         self._last[drone] = last
         done = [one for one in self._open(drone, now_ns) if one.numbers[drone] <= last]
-        certain = [one for one in done if one.numbers[drone] == last]
+        named = self._named(status, last, before is None, now_ns)
+        certain = [named] if named is not None else [one for one in done if one.numbers[drone] == last]
         for one in done:
-            one.results[drone] = OBEYED if certain == [one] else UNSURE
+            if one is not named:
+                is_other = named is not None and one.numbers[drone] == last
+                one.results[drone] = OVERTAKEN if is_other else OBEYED if certain == [one] else UNSURE
         if before is not None and last > before and not certain:
             self._unheard[drone] = last, now_ns, str(status.stage)
         self._tell_unheard(drone, now_ns)
+
+    def _named(self, status: Status, last: int, is_first: bool, now_ns: int) -> Heard | None:
+        """The order that a status names as the last one that was obeyed, if it has not been named before.
+
+        ``is_first``: the drone has not been heard before, so that it may have obeyed long ago.
+        """
+        drone, obeyed = status.drone, status.obeyed
+        if obeyed is UNSET or obeyed.number != last:
+            self._obeyed.pop(drone, None)
+            return None
+        bare = replace(obeyed, signature=b"")
+        if self._obeyed.get(drone) == bare or (self._verifier is not None and not self._verifier.accepts_obeyed(status)):
+            return None
+        self._obeyed[drone] = bare
+        key = (obeyed.station, obeyed.stamp_ns, obeyed.order)
+        known = self._heard.get(key)
+        if known is None:
+            if self._told[drone] >= MOST_TOLD:
+                return None
+            self._told[drone] += 1
+            at_ns = min(now_ns, obeyed.stamp_ns) if is_first else now_ns
+            known = Heard(at_ns, now_ns, obeyed.station, obeyed.order, None, told=True)
+            self._add(key, known)
+        known.numbers[drone], known.results[drone] = last, OBEYED
+        return known
+
+    def _before(self, drone: str, number: int) -> str:
+        """What became of an order that comes after the status of a drone which has obeyed its number or a higher one."""
+        if drone in self._obeyed and self._obeyed[drone].number == number:
+            return OVERTAKEN
+        unheard, _, _ = self._unheard.get(drone, (-1, 0, ""))
+        if number != unheard:
+            return UNSURE
+        del self._unheard[drone]
+        return OBEYED
 
     def _tell_unheard(self, drone: str, now_ns: int) -> None:
         """Note an order of another station, of which nothing but its effect is heard."""
@@ -112,10 +165,11 @@ class Orders:
         if now_ns - since_ns < LATE_NS:
             return
         del self._unheard[drone]
-        known = Heard(since_ns, since_ns, ANOTHER, f"an order, then {stage}", None, "", {drone: number}, {drone: OBEYED}, 1)
-        self._heard[ANOTHER, drone, number, since_ns] = known
-        self._news.append(known)
-        self._forget()
+        if self._told[drone] < MOST_TOLD:
+            self._told[drone] += 1
+            action, results = f"an order, then {stage}", {drone: OBEYED}
+            known = Heard(since_ns, since_ns, ANOTHER, action, None, "", {drone: number}, results, 1)
+            self._add((ANOTHER, drone, number, since_ns), known)
 
     def _open(self, drone: str, now_ns: int) -> list[Heard]:
         """Those to a drone of which it is not known what became of them."""
@@ -125,9 +179,16 @@ class Orders:
             if now_ns - one.last_ns < OPEN_NS and not one.refused and drone in one.numbers and drone not in one.results
         ]
 
-    def _forget(self) -> None:
-        """The oldest, where there are too many."""
-        for key in list(self._heard)[: len(self._heard) - MOST_ORDERS]:
-            gone = self._heard.pop(key)
+    def _add(self, key: Key, known: Heard) -> None:
+        """A new one; the oldest is forgotten where there are too many."""
+        self._heard[key] = known
+        self._news += [known] if known.station != self.own else []
+        for old in list(self._heard)[: len(self._heard) - MOST_ORDERS]:
+            gone = self._heard.pop(old)
             self._refused -= bool(gone.refused)
             self._uploads = {stamp: one for stamp, one in self._uploads.items() if one is not gone}
+
+
+def _name(order: Order) -> str:
+    """As a status names it."""
+    return str(order.action) if isinstance(order, Command) else "upload"

@@ -40,6 +40,7 @@ from station.picture.frame import (
     Spectra,
 )
 from station.picture.member import Member
+from station.picture.numbering import Numbering
 from station.picture.orders import Orders
 from station.picture.rasters import Rasters
 from station.picture.swarmlog import SwarmLog
@@ -71,6 +72,7 @@ class Picture:
         self._ground = Ground.from_config(mission)
         self._rasters = Rasters(mission)
         self._events = Events(list(self.members))
+        self._numbering = Numbering()
         self._cones: deque[Cone] = deque(maxlen=MOST_CURVES)
         self._digests: deque[str] = deque(maxlen=64)  # of the log, the newest
         self._clocks_s: dict[str, float | None] = {}  # how far they are ahead, by drone
@@ -153,12 +155,14 @@ class Picture:
             self._clocks_s, self._clocks_ns = {name: self._clock_s(member) for name, member in self.members.items()}, now_ns
         drones = tuple(self._drone(member, now_ns) for member in self.members.values())
         hypothesis, outlook = self.log.fusion.hypothesis, self.log.fusion.outlook
+        found = (hypothesis, *hypothesis.others) if hypothesis is not None else ()
+        sources = self._numbering.numbered([self._source(one) for one in found], now_ns // 1_000_000)
         findings = {member.status.finding for member in self.members.values() if member.status is not None} - {""}
         return Frame(
             at_ms=now_ns // 1_000_000,
             drones=drones,
-            source=self._source(hypothesis) if hypothesis is not None else None,
-            others=tuple(map(self._source, hypothesis.others)) if hypothesis is not None else (),
+            source=sources[0] if sources else None,
+            others=sources[1:],
             search=SearchFrame(none=outlook.none, excluded_bq=outlook.excluded_bq) if outlook is not None else None,
             finding=min(findings, default=""),
             digest=self.log.fusion.digest,
@@ -169,7 +173,7 @@ class Picture:
 
     def events(self, frame: Frame) -> list[Event]:
         """What has happened since the last frame."""
-        return [*(told(order, frame.at_ms) for order in self.orders.news()), *self._events.since(frame)]
+        return [*(told(order, frame.at_ms) for order in self.orders.news(frame.at_ms * 1_000_000)), *self._events.since(frame)]
 
     def cones(self) -> list[ConeCurve]:
         """The cones that have come into the log since the last call, as curves on the ground, where their frames are known."""

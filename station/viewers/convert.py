@@ -149,10 +149,11 @@ def spectrum_table(exposures: Iterable[Exposure]) -> SpectrumTable:
 
 
 def source_table(source: SourceFrame) -> SourceTable:
-    """The estimate."""
+    """A source of the estimate."""
     (x, y, z), (vx, vy), (long_m, short_m, direction) = source.place, source.velocity_mps, source.region
     latitude_deg, longitude_deg = source.position_deg if source.position_deg is not None else (None, None)
     return SourceTable(
+        number=source.number,
         x_m=x,
         y_m=y,
         z_m=z,

@@ -1,4 +1,4 @@
-"""The swarm as Cursor on Target events (CoT 2.0, as TAK reads them): drones, the source with its region, the cordon.
+"""The swarm as Cursor on Target events (CoT 2.0, as TAK reads them): drones, each source with its region and its cordon.
 
 The region is drawn as a polygon ("u-d-f"): clients disagree about what the angle of an ellipse means.
 """
@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 from agent.config.mission import DatumConfig
 from agent.frames.geodesy import geodetic_from_mission
 from station.picture.frame import DroneFrame, Frame, MissionFrame, SourceFrame
+from station.picture.numbering import numbered
 from station.picture.shapes import CORDON_USVPH, cordon_radius_m, region
 
 DRONE, SPOT, POLYGON, CIRCLE = "a-f-A-M-H-Q", "b-m-p-s-m", "u-d-f", "u-d-c-c"  # friendly rotary-wing drone; marks and drawings
@@ -38,18 +39,21 @@ class CursorOnTarget:
             if drone.place is not None and not drone.stale:
                 yield self._drone(drone, drone.place, frame.at_ms)
 
-    def source(self, frame: Frame) -> Iterator[bytes]:
-        """The source, its region and its cordon; nothing where there is no estimate."""
-        source = frame.source
-        if source is None:
-            return
-        yield self._mark(source, frame.at_ms)
+    def sources(self, frame: Frame) -> Iterator[bytes]:
+        """Each source, its region and its cordon; nothing where there is no estimate."""
+        for source in (frame.source, *frame.others):
+            if source is not None:
+                yield from self._source(source, frame.at_ms)
+
+    def _source(self, source: SourceFrame, at_ms: int) -> Iterator[bytes]:
+        yield self._mark(source, at_ms)
         outline = [(x, y, source.place[2]) for x, y in region(source, REGION_POINTS)]
-        yield self._drawing("region", "90 % region of the source", POLYGON, source, frame.at_ms, outline=outline)
+        name = f"90 % region of the source{numbered(source)}"
+        yield self._drawing("region", name, POLYGON, source, at_ms, outline=outline)
         radius_m = cordon_radius_m(source.nuclide, source.activity_bq)
         if radius_m is not None:
-            name = f"cordon {CORDON_USVPH:g} µSv/h at 1 m"
-            yield self._drawing("cordon", name, CIRCLE, source, frame.at_ms, radius_m=radius_m)
+            name = f"cordon {CORDON_USVPH:g} µSv/h at 1 m{numbered(source, ', source ')}"
+            yield self._drawing("cordon", name, CIRCLE, source, at_ms, radius_m=radius_m)
 
     def _drone(self, drone: DroneFrame, place: Place, at_ms: int) -> bytes:
         event, detail = self._event(drone.id, DRONE, place, at_ms, DRONE_STALE_S, drone.sigma_m)
@@ -63,8 +67,9 @@ class CursorOnTarget:
 
     def _mark(self, source: SourceFrame, at_ms: int) -> bytes:
         height_sigma_m = math.sqrt(max(0.0, source.covariance_m2[5]))
-        event, detail = self._event("source", SPOT, source.place, at_ms, SOURCE_STALE_S, source.rms_m, height_sigma_m)
-        _child(detail, "contact", callsign=f"source {source.nuclide}")
+        uid = f"source{numbered(source, '-')}"
+        event, detail = self._event(uid, SPOT, source.place, at_ms, SOURCE_STALE_S, source.rms_m, height_sigma_m)
+        _child(detail, "contact", callsign=f"source{numbered(source)} {source.nuclide}")
         _child(detail, "color", argb=_ORANGE)
         told = [source.nuclide, f"position RMS {source.rms_m:.2f} m", f"{source.cones} cones"]
         if source.activity_bq is not None:
@@ -77,7 +82,7 @@ class CursorOnTarget:
 
     def _drawing(
         self,
-        uid: str,
+        what: str,
         name: str,
         kind: str,
         source: SourceFrame,
@@ -85,7 +90,7 @@ class CursorOnTarget:
         outline: list[Place] | None = None,
         radius_m: float = 0.0,
     ) -> bytes:
-        event, detail = self._event(uid, kind, source.place, at_ms, SOURCE_STALE_S)
+        event, detail = self._event(f"{what}{numbered(source, '-')}", kind, source.place, at_ms, SOURCE_STALE_S)
         if outline is None:
             shape = _child(detail, "shape")
             _child(shape, "ellipse", major=f"{radius_m:.2f}", minor=f"{radius_m:.2f}", angle="360")

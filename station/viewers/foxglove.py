@@ -141,16 +141,19 @@ class Foxglove:
             if recent:
                 yield Message(topics.SPECTRUM.format(drone.id), now_ns, partial(spectrum_table, recent))
         yield Message(topics.SWARM_SCENE, now_ns, partial(self._scene.drones, frame.drones, self._trails, now_ns))
-        yield Message(topics.SOURCE_SCENE, now_ns, partial(self._scene.source, frame.source, now_ns))
+        sources = [source for source in (frame.source, *frame.others) if source is not None]
+        yield Message(topics.SOURCE_SCENE, now_ns, partial(self._scene.sources, sources, now_ns))
         yield Message(topics.CONES, now_ns, partial(self._scene.cones, self._cones, self._about.drones, now_ns))
         log = partial(topics.LogTable, entries=frame.entries, digest=frame.digest, finding=frame.finding)
         yield Message(topics.LOG, now_ns, log)
         if frame.source is not None:
             yield Message(topics.SOURCE, now_ns, partial(source_table, frame.source))
+        for other in frame.others:
+            yield Message(topics.OTHERS, now_ns, partial(source_table, other))
         if frame.search is not None:
             search = partial(topics.SearchTable, none=frame.search.none, excluded_bq=frame.search.excluded_bq)
             yield Message(topics.SEARCH, now_ns, search)
         if self._earth is not None:
-            yield Message(topics.MAP, now_ns, partial(self._earth.outlines, frame.source))
+            yield Message(topics.MAP, now_ns, partial(self._earth.outlines, sources))
             if frame.source is not None:
                 yield Message(topics.SOURCE_FIX, now_ns, partial(self._earth.source_fix, frame.source, now_ns))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Sequence
 
 from foxglove.messages import GeoJson, LocationFix, LocationFixPositionCovarianceType
 
@@ -11,6 +12,7 @@ from agent.frames.geodesy import geodetic_from_mission
 from agent.frames.transform import Transform
 from protocol.messages import Pose
 from station.picture.frame import DroneFrame, MissionFrame, Point, SourceFrame
+from station.picture.numbering import numbered
 from station.picture.shapes import circle, cordon_radius_m, region
 from station.viewers.scene import colour_of, moment, shade
 from station.viewers.topics import MISSION
@@ -56,23 +58,32 @@ class OnEarth:
             position_covariance_type=LocationFixPositionCovarianceType.Known,
         )
 
-    def outlines(self, source: SourceFrame | None) -> GeoJson:
-        """Outlines of the area, and of the source's region and cordon."""
-        outlines: list[tuple[str, str, tuple[Point, ...] | list[Point]]] = [("area", _BLACK, self._about.area)]
-        if source is not None:
-            outlines.append(("region", _BLACK, region(source)))
+    def outlines(self, sources: Iterable[SourceFrame]) -> GeoJson:
+        """Outlines of the area, and each source with its region and its cordon."""
+        outlines: list[tuple[str, str, Sequence[Point]]] = [("area", _BLACK, self._about.area)]
+        for source in sources:
+            outlines.append((f"source{numbered(source)}", _BLACK, [source.place[:2]]))
+            outlines.append((f"region{numbered(source)}", _BLACK, region(source)))
             radius_m = cordon_radius_m(source.nuclide, source.activity_bq)
             if radius_m is not None:
-                outlines.append(("cordon", _RED, circle(source.place, radius_m)))
+                outlines.append((f"cordon{numbered(source)}", _RED, circle(source.place, radius_m)))
         features = [
             {
                 "type": "Feature",
                 "properties": {"name": name, "style": {"color": colour}},
-                "geometry": {"type": "LineString", "coordinates": [self._lonlat(point) for point in points]},
+                "geometry": self._geometry(points),
             }
             for name, colour, points in outlines
         ]
         return GeoJson(geojson=json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False))
+
+    def _geometry(self, points: Sequence[Point]) -> dict[str, object]:
+        coordinates = [self._lonlat(point) for point in points]
+        return (
+            {"type": "LineString", "coordinates": coordinates}
+            if len(points) > 1
+            else {"type": "Point", "coordinates": coordinates[0]}
+        )
 
     def _lonlat(self, point: Point) -> tuple[float, float]:
         latitude_deg, longitude_deg, _ = geodetic_from_mission(self._datum, (*point, 0.0))

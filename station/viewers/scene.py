@@ -4,7 +4,7 @@ can be shown without those before it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from foxglove.messages import (
     ArrowPrimitive,
@@ -27,6 +27,7 @@ from foxglove.messages import (
 from agent.geometry import Vector3 as Vector
 from agent.terrain.ground import Ground
 from station.picture.frame import ConeCurve, DroneFrame, MissionFrame, Point, SourceFrame
+from station.picture.numbering import numbered
 from station.picture.shapes import CORDON_USVPH, circle, cordon_radius_m, region
 from station.viewers.topics import BODY, MISSION
 
@@ -76,23 +77,24 @@ class Scene:
             entities.append(_lines(f"{drone.id} trail", [trails.get(drone.id, [])], colour, 2.0, at_ns))
         return _update(at_ns, entities)
 
-    def source(self, source: SourceFrame | None, at_ns: int) -> SceneUpdate:
-        """The source, the region that holds it with 90 %, and the cordon; nothing while there is no estimate."""
-        if source is None:
-            return _update(at_ns, [])
-        x, y, z = source.place
-        mark = SceneEntity(
+    def sources(self, sources: Iterable[SourceFrame], at_ns: int) -> SceneUpdate:
+        """Each source, the region that holds it with 90 %, and its cordon."""
+        return _update(at_ns, [entity for source in sources for entity in self._source(source, at_ns)])
+
+    def _source(self, source: SourceFrame, at_ns: int) -> Iterator[SceneEntity]:
+        (x, y, z), number = source.place, numbered(source)
+        yield SceneEntity(
             timestamp=moment(at_ns),
             frame_id=MISSION,
-            id="source",
+            id=f"source{number}",
             spheres=[SpherePrimitive(pose=_at(x, y, z), size=Vector3(x=0.6, y=0.6, z=0.6), color=shade(YELLOW))],
-            texts=[_text(source.nuclide, (x, y, z + 1.0), BLACK)],
+            texts=[_text(f"{source.nuclide}{number}", (x, y, z + 1.0), BLACK)],
         )
-        entities = [mark, self._outline("region", region(source), BLACK, 3.0, at_ns)]
+        yield self._outline(f"region{number}", region(source), BLACK, 3.0, at_ns)
         radius_m = cordon_radius_m(source.nuclide, source.activity_bq)
         if radius_m is not None:
-            entities.append(self._outline(f"cordon {CORDON_USVPH:g} µSv/h", circle(source.place, radius_m), RED, 4.0, at_ns))
-        return _update(at_ns, entities)
+            name = f"cordon {CORDON_USVPH:g} µSv/h{number}"
+            yield self._outline(name, circle(source.place, radius_m), RED, 4.0, at_ns)
 
     def cones(self, cones: Iterable[ConeCurve], drones: Sequence[str], at_ns: int) -> SceneUpdate:
         """Where the last seconds' cones meet the ground."""

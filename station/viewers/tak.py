@@ -107,7 +107,7 @@ class Tak:
             yield from self._cot.drones(frame)
         if frame.at_ms - self._source_ms >= SOURCE_MS and frame.source is not None:
             self._source_ms = frame.at_ms
-            yield from self._cot.source(frame)
+            yield from self._cot.sources(frame)
 
 
 async def _drain(reader: asyncio.StreamReader) -> None:

@@ -18,7 +18,7 @@ TRANSFORMS = "/tf"
 AREA, SWARM_SCENE, SOURCE_SCENE, CONES = "/scene/area", "/scene/drones", "/scene/source", "/scene/cones"
 POSTERIOR, DOSE = "/posterior", "/dose"
 SOURCE, SEARCH, LOG, EVENTS = "/source", "/search", "/log", "/events"
-SOURCE_FIX, MAP = "/source/fix", "/map"
+OTHERS, SOURCE_FIX, MAP = "/source/others", "/source/fix", "/map"
 POSE, PLAN, FIX, STATE, COUNTS, SPECTRUM = "/{}/pose", "/{}/plan", "/{}/fix", "/{}/state", "/{}/counts", "/{}/spectrum"
 
 
@@ -66,8 +66,9 @@ class SpectrumTable(Table, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class SourceTable(Table, frozen=True, kw_only=True, omit_defaults=True):
-    """The estimate, mission frame; the fields are those of ``SourceFrame``."""
+    """A source of the estimate, mission frame; the fields are those of ``SourceFrame``."""
 
+    number: int
     x_m: float
     y_m: float
     z_m: float
@@ -119,7 +120,7 @@ def topics(drones: Sequence[str], on_earth: bool) -> list[Topic]:
         DOSE: Grid.get_schema(),
         EVENTS: Log.get_schema(),
     }
-    tables: dict[str, type[Table]] = {SOURCE: SourceTable, SEARCH: SearchTable, LOG: LogTable}
+    tables: dict[str, type[Table]] = {SOURCE: SourceTable, OTHERS: SourceTable, SEARCH: SearchTable, LOG: LogTable}
     for drone in drones:
         own[POSE.format(drone)] = PoseInFrame.get_schema()
         own[PLAN.format(drone)] = PosesInFrame.get_schema()

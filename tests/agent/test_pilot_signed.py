@@ -2,6 +2,7 @@
 
 import pytest
 from members import AUTHORITY, FOREIGN, OPERATOR, cones, credential, give, order, trusting
+from msgspec import UNSET
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, messages, state
 
@@ -12,7 +13,7 @@ from protocol.entries import Credential, Entry
 from protocol.identity import Role
 from protocol.keys import key_of
 from protocol.messages import Action, Command, Stage, Status
-from protocol.signing import sign_command, sign_status
+from protocol.signing import Verifier, sign_command, sign_status
 from sim.members import OPERATOR_NAME
 
 
@@ -234,3 +235,20 @@ def test_a_start_gets_too_old_while_its_nonce_still_holds():
         one.observe_vehicle(state(begin_ns + after_ns))
         one.receive(*order(Action.START, begin_ns), begin_ns + after_ns)
         assert one.stage is stage
+
+
+def test_a_status_names_the_last_order_that_was_obeyed_and_who_signed_it():
+    one = flying()
+    now_ns = START_NS + SECOND
+    one.receive(*order(Action.HOLD, now_ns), now_ns)
+    refused_ns = now_ns + SECOND
+    one.receive(*order(Action.LAND, refused_ns, FOREIGN.trust("anna", Role.OPERATOR), station="anna"), refused_ns)
+    (status,) = messages(one.step(refused_ns), Status)
+    told = status.obeyed
+    assert (told.order, told.station, told.stamp_ns, told.number) == ("hold", OPERATOR_NAME, now_ns, status.ticket.number - 1)
+    assert Verifier(AUTHORITY).accepts_obeyed(status)
+
+
+def test_a_status_names_no_order_before_the_first_one():
+    (status,) = messages(ready().step(START_NS), Status)
+    assert status.obeyed is UNSET

@@ -6,13 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from members import AUTHORITY, FOREIGN, cones, credential
+from msgspec import UNSET, msgpack
 from msgspec.structs import replace
-from one_pilot import START_NS
+from one_pilot import MISSION, START_NS
 
-from protocol.codec import MAX_ENTRY_BYTES, encode
+from protocol.codec import MAX_ENTRY_BYTES, decode, encode
 from protocol.entries import SIGNATURE_BYTES
 from protocol.errors import ProtocolError
-from protocol.signing import MOST_IN_BATCH, Verifier, sign_entries
+from protocol.messages import Obeyed, Stage, Status, Ticket
+from protocol.signing import MOST_IN_BATCH, Verifier, sign_entries, sign_status
 
 
 def verifier(*credentials):
@@ -132,3 +134,40 @@ def test_a_proof_leaves_room_for_the_largest_entry():
     with pytest.raises(ProtocolError):
         encode(replace(cones([1])[0], proof=bytes(SIGNATURE_BYTES + 1 + 16 * 6)))
     assert len(encode(cones(range(MOST_IN_BATCH))[0])) < MAX_ENTRY_BYTES
+
+
+def status(**changes):
+    told = {"mission": MISSION.mission_id, "boot": "2" * 16, "stage": Stage.HOLD, "ticket": Ticket("0" * 16, 6), **changes}
+    return sign_status(Status(stamp_ns=START_NS, drone="d2", **told), AUTHORITY.trust("d2"))
+
+
+HOLD = Obeyed("hold", "anna", START_NS, 5)
+
+
+def test_a_status_without_an_obeyed_order_has_the_former_bytes_and_its_signature_holds():
+    """Records of older agents replay bit for bit, and their statuses count."""
+    fields = list(msgpack.decode(encode(status())))
+    assert fields[:7] == ["kind", "stamp_ns", "drone", "mission", "boot", "stage", "battery"]
+    assert fields[7:13] == ["counters", "problems", "finding", "recognised", "started_ns", "notices"]
+    assert fields[13:] == ["delays_ns", "ticket", "failsafe", "upload", "certificate", "signature"]
+    read = decode(encode(status()))
+    assert read.obeyed is UNSET
+    assert Verifier(AUTHORITY).accepts_status(read)
+    assert not Verifier(AUTHORITY).accepts_obeyed(read)
+
+
+def test_a_reader_that_does_not_know_the_obeyed_order_can_verify_the_rest():
+    fields = msgpack.decode(encode(status(obeyed=HOLD)))
+    del fields["obeyed"]  # as it is left out where it is not known
+    assert fields == msgpack.decode(encode(status()))
+
+
+def test_the_obeyed_order_is_signed_by_its_drone_with_the_status_around_it():
+    one, told = Verifier(AUTHORITY), decode(encode(status(obeyed=HOLD)))
+    assert one.accepts_status(told)
+    assert one.accepts_obeyed(told)
+    for field, value in {"order": "land", "station": "bert", "stamp_ns": 1, "number": 4, "signature": b""}.items():
+        assert not one.accepts_obeyed(replace(told, obeyed=replace(told.obeyed, **{field: value}))), field
+    later = sign_status(replace(status(), stamp_ns=START_NS + 1), AUTHORITY.trust("d2"))
+    assert not one.accepts_obeyed(replace(later, obeyed=told.obeyed))
+    assert not one.accepts_obeyed(replace(told, obeyed=replace(told.obeyed, signature=told.signature)))

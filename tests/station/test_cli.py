@@ -26,6 +26,8 @@ def run(tmp_path, monkeypatch, capsys):
     """Run a command that is refused: what it says."""
     (tmp_path / "mission.toml").write_text(MISSION)
     monkeypatch.chdir(tmp_path)
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.setenv(name, "1")  # else the command sets them for the tests that follow, too
 
     def run(*words):
         monkeypatch.setattr("sys.argv", ["radron-station", *words])
@@ -87,3 +89,13 @@ def test_foxglove_connects_to_the_address_that_is_printed(tmp_path):
     layout = json.loads((tmp_path / "layout.json").read_text())
     assert set(layout["configById"]["3D!scene"]["topics"]) <= set(topics)
     assert "map!earth" not in layout["configById"]  # this mission's frame has no place on Earth
+
+
+@pytest.mark.parametrize(("given", "used"), [(None, "1"), ("3", "3")])
+def test_the_fold_computes_in_one_thread_unless_told_otherwise(run, monkeypatch, given, used):
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.setenv(name, given or "")
+        if given is None:
+            monkeypatch.delenv(name)
+    run(*SERVE, "--tak", "udp://239.2.3.1:6969")
+    assert {os.environ[name] for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")} == {used}

@@ -4,21 +4,31 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import closing
 
+import msgspec
 import numpy as np
 import pytest
 import recorded_flights
+from msgspec import UNSET
 from msgspec.structs import replace
-from recorded_flights import HEADER, fly_recorded, rewritten, telemetry
+from one_pilot import START_NS, TICK_NS, state
+from recorded_flights import HEADER, MISSION, fly_recorded, rewritten, telemetry
 
+from agent.config.drone import DroneConfig
 from agent.errors import FlightRecordError
 from agent.flight import topics
 from agent.flight.audit import audit
 from agent.flight.command import run_replay
+from agent.flight.header import FlightHeader
 from agent.flight.reader import RecordedFlight
 from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.flight.replay import replay
+from agent.mission.commanding import Verdict
+from protocol.codec import decode_from
+from protocol.messages import Action, Status
+from sim.members import SimulatedAuthority, SimulatedOperator
 
 ZSTD_FRAME = b"\x28\xb5\x2f\xfd"  # what a compressed chunk begins with
 
@@ -202,3 +212,29 @@ def test_what_is_no_flight_says_so(tmp_path, content):
     file.write_bytes(content)
     with pytest.raises(FlightRecordError, match="not a"):
         replay(file)
+
+
+def test_a_record_from_before_statuses_named_the_obeyed_order_comes_out_identical(tmp_path):
+    authority, boot = SimulatedAuthority(1), "0" * 16
+    trust, drone = authority.trust("d1"), DroneConfig(id="d1")
+    header = FlightHeader.of(MISSION, drone, boot, START_NS, trust=trust, nonce_key=b"key")
+    former = msgspec.json.decode(msgspec.json.encode(header), type=dict)
+    del former["tells_obeyed"]
+    header = msgspec.json.decode(msgspec.json.encode(former), type=FlightHeader)
+    operator = SimulatedOperator(authority, MISSION.swarm, MISSION.mission_id)
+    with closing(FlightRecorder(tmp_path, 100, header)) as recorder:
+        pilot = RecordedPilot(header.pilot(tmp_path, trust), recorder)
+        for tick in range(50):
+            now_ns = START_NS + tick * TICK_NS
+            pilot.observe_vehicle(state(now_ns))
+            if tick == 20:
+                payload = operator.ordered(now_ns, Action.START, {"d1": pilot.ticket(now_ns)})
+                assert pilot.receive(operator.key, payload, now_ns) == Verdict()
+            pilot.step(now_ns)
+    records = [record for record in RecordedFlight(tmp_path).records() if record.topic == topics.PUBLICATION]
+    statuses = [one for record in records if isinstance(one := decode_from(*topics.decode_message(record.data)), Status)]
+    assert statuses[-1].ticket.number > statuses[0].ticket.number
+    assert all(status.obeyed is UNSET for status in statuses)
+    report = replay(tmp_path)
+    assert report.identical
+    assert report.compared["out/publication"] >= len(statuses) > 2

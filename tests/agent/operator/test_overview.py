@@ -22,7 +22,7 @@ from protocol.codec import encode
 from protocol.identity import Role
 from protocol.keys import key_of
 from protocol.mesh.session import Mesh, MeshConfig
-from protocol.messages import Estimate, Source, Stage, Status
+from protocol.messages import Estimate, Obeyed, Source, Stage, Status
 from protocol.signing import Verifier, sign_status
 from protocol.trust import trust_of
 from sim.members import SimulatedAuthority
@@ -67,6 +67,16 @@ def test_what_a_drone_has_not_signed_it_does_not_tell():
     signed = sign_status(status("d1"), authority.trust("d1"))
     seen = overview(signed, sign_status(status("d2"), authority.trust("d1")), verifier=Verifier(authority.authority))
     assert [row[:2] for row in seen.rows()] == [("d1", "track"), ("d2", "not heard")]
+
+
+def test_who_gave_the_last_order_is_told_where_its_drone_has_signed_it():
+    authority, obeyed = SimulatedAuthority(1), Obeyed("hold", "anna", 1, 5)
+    signed = sign_status(status(obeyed=obeyed), authority.trust("d1"))
+    forged = replace(signed, obeyed=replace(signed.obeyed, station="bert"))
+    verifier = Verifier(authority.authority)
+    assert overview(signed, verifier=verifier).rows()[0][5] == "hold by anna"
+    assert overview(forged, verifier=verifier).rows()[0][:6:5] == ("d1", "")
+    assert overview(status(obeyed=obeyed)).rows()[0][5] == "hold by anna"  # a swarm without certificates
 
 
 def test_an_old_status_again_changes_nothing_but_after_a_pause_a_clock_may_have_been_set_back():
@@ -125,7 +135,9 @@ def test_an_observer_that_forges_a_drones_estimate_is_not_believed(tmp_path, mon
 
 def test_each_drone_has_a_line_also_one_that_is_not_heard():
     seen = overview(status(), estimate())
-    assert seen.rows() == [("d1", "track", "90%", "0.0 s", "abababab", "the camera is cold"), ("d2", "not heard", "", "", "", "")]
+    (heard, unheard) = seen.rows()
+    assert heard == ("d1", "track", "90%", "0.0 s", "abababab", "", "the camera is cold")
+    assert unheard == ("d2", "not heard", "", "", "", "", "")
 
 
 def test_a_drone_that_falls_silent_is_told_and_its_estimate_left_out():

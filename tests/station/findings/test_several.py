@@ -20,7 +20,7 @@ MISSION = MissionConfig(
 )  # fmt: skip
 
 
-def source(x: float, y: float, nuclide: str, activity_bq: float, cones: int) -> SourceFrame:
+def source(x: float, y: float, nuclide: str, activity_bq: float, cones: int, number: int = 1) -> SourceFrame:
     return SourceFrame(
         place=(x, y, 0.0),
         covariance_m2=(0.01, 0.0, 0.0, 0.01, 0.0, 0.0),
@@ -32,10 +32,11 @@ def source(x: float, y: float, nuclide: str, activity_bq: float, cones: int) -> 
         activity_bq=activity_bq,
         activity_sigma_bq=0.1 * activity_bq,
         dose_usvph=rate_usvph(nuclide, activity_bq),
+        number=number,
     )
 
 
-ONE, OTHER = source(20.0, 30.0, "Cs-137", 3e9, 120), source(80.0, 60.0, "Co-60", 5e8, 7)
+ONE, OTHER = source(20.0, 30.0, "Cs-137", 3e9, 120), source(80.0, 60.0, "Co-60", 5e8, 7, number=2)
 BOTH = Located(60_000, ONE, (OTHER,))
 
 

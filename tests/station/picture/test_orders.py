@@ -8,10 +8,10 @@ from one_pilot import MISSION, SECOND, START_NS
 from protocol.codec import encode
 from protocol.identity import Role
 from protocol.keys import key_of
-from protocol.messages import Action, Answer, Stage, Status, Ticket, Upload
+from protocol.messages import Action, Answer, Obeyed, Stage, Status, Ticket, Upload
 from protocol.signing import Verifier, sign_command, sign_status
-from station.findings.facts import UNHEARD, of_station
-from station.picture.orders import MOST_REFUSED, OBEYED, TAKEN, UNSURE
+from station.findings.facts import BY_DRONES, UNHEARD, of_station
+from station.picture.orders import MOST_REFUSED, MOST_TOLD, OBEYED, OVERTAKEN, TAKEN, UNSURE
 from station.picture.picture import Picture
 
 D1, D2 = {"d1": Ticket("0" * 16, 5)}, {"d2": Ticket("0" * 16, 9)}
@@ -141,3 +141,71 @@ def test_a_flood_of_orders_that_nobody_obeys_is_kept_in_bounds(picture):
         picture.receive(*hold(station=f"s{number}", trust=trust), START_NS)
         picture.receive(*hold(station=f"s{number}", trust=trust, after_s=1), START_NS)
     assert len(picture.orders.heard) == MOST_REFUSED
+
+
+def obeyed(number=5, order="hold", station="bert", after_s=0):
+    return Obeyed(order, station, START_NS + after_s * SECOND, number)
+
+
+def events(picture, after_s):
+    return [event.values for event in picture.events(picture.frame(START_NS + after_s * SECOND)) if event.text == "order told"]
+
+
+def test_drones_name_the_operator_whose_station_is_not_linked_to_this_one(picture):
+    for drone, number in (("d1", 5), ("d2", 9)):
+        hear(picture, status(drone, number, 0), 0)
+    hear(picture, status("d1", 6, 2, obeyed=obeyed(5, after_s=1)), 2)
+    assert events(picture, 2) == []  # the other drones may have obeyed too
+    hear(picture, status("d2", 10, 3, obeyed=obeyed(9, after_s=1)), 3)
+    hear(picture, status("d1", 6, 3, obeyed=obeyed(5, after_s=1)), 3)
+    assert events(picture, 4) == [{"station": "bert", "action": "hold", "drones": "d1, d2"}]
+    assert events(picture, 5) == []
+    rows = of_station({}, picture.orders).commands
+    assert [(drone, row.first_ns, row.station, row.signer, row.action, row.result, row.copies) for drone, row in rows] == [
+        (drone, START_NS + 2 * SECOND, "bert", BY_DRONES, "hold", OBEYED, 1) for drone in ("d1", "d2")
+    ]
+
+
+def test_what_was_obeyed_before_the_station_came_has_the_time_of_the_order(picture):
+    hear(picture, status("d1", 6, 60, obeyed=obeyed(5, after_s=10)), 60)
+    hear(picture, status("d2", 6, 61, obeyed=obeyed(5, "land", after_s=500)), 61)  # by a wrong clock
+    assert [(one.action, one.first_ns - START_NS) for one in picture.orders.heard] == [
+        ("hold", 10 * SECOND),
+        ("land", 61 * SECOND),
+    ]
+
+
+def test_an_order_that_comes_before_or_after_what_the_drones_tell_of_it_is_one_order(picture):
+    hear(picture, status("d1", 6, 1, obeyed=obeyed(5, station="lockstep")), 1)
+    picture.receive(*hold(), START_NS + SECOND)
+    hear(picture, status("d2", 10, 2, obeyed=obeyed(9, station="lockstep")), 2)
+    (heard,) = picture.orders.heard
+    assert (heard.results, heard.copies, heard.told) == ({"d1": OBEYED, "d2": OBEYED}, 1, False)
+    assert heard.signer.name == "lockstep"
+    assert events(picture, 9) == []  # it is told as any order that is heard
+
+
+@pytest.mark.parametrize("is_late", [False, True])
+def test_of_two_orders_at_once_the_drone_names_the_one_that_it_obeys(picture, is_late):
+    picture.receive(*hold(to=D1), START_NS)
+    other = order(Action.RESUME, START_NS, TOWER, station="tower", to=D1)
+    if not is_late:
+        picture.receive(*other, START_NS)
+    hear(picture, status("d1", 6, 1, obeyed=obeyed(5, station="lockstep")), 1)
+    if is_late:
+        picture.receive(*other, START_NS + 2 * SECOND)
+    assert told(picture) == {("hold", "d1"): OBEYED, ("resume", "d1"): OVERTAKEN}
+
+
+def test_an_obeyed_order_that_its_drone_has_not_signed_or_that_does_not_fit_is_not_believed(picture):
+    hear(picture, status("d1", 5, 0), 0)
+    signed = status("d1", 6, 1, obeyed=obeyed(5))
+    hear(picture, replace(signed, obeyed=replace(signed.obeyed, station="anna")), 1)
+    hear(picture, status("d1", 6, 2, obeyed=obeyed(4)), 2)  # of another number than the status
+    assert picture.orders.heard == ()
+
+
+def test_a_drone_that_names_one_operator_after_another_is_kept_in_bounds(picture):
+    for number in range(1, MOST_TOLD + 20):
+        hear(picture, status("d1", number + 1, number, obeyed=obeyed(number, station=f"s{number}")), number)
+    assert len(picture.orders.heard) == MOST_TOLD

@@ -118,3 +118,7 @@ def test_all_sources_of_the_hypothesis_are_shown_each_with_its_own_nuclide(pictu
     assert (frame.source.place, frame.source.nuclide) == ((1.0, 0.0, 0.0), picture.mission.nuclide)
     assert [(other.place[0], other.nuclide) for other in frame.others] == [(20.0, "Co-60"), (40.0, "Ir-192")]
     assert frame.others[0].dose_usvph > 3.0 * frame.source.dose_usvph  # 0.35 against 0.09 uSv/h at 1 m from 1 MBq
+    assert [one.number for one in (frame.source, *frame.others)] == [1, 2, 3]
+    picture.log.fusion.hypothesis = hypothesis(20.0, "Co-60", (hypothesis(1.0, None),))
+    frame = picture.frame(NOW_NS + 10**9)
+    assert [one.number for one in (frame.source, *frame.others)] == [2, 1]

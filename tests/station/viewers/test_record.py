@@ -186,7 +186,7 @@ def test_places_on_earth_are_those_of_the_mission_frame(messages):
     for (_, fix), (_, table) in zip(messages["/source/fix"], messages["/source"], strict=True):
         assert (fix.latitude, fix.longitude) == pytest.approx((table["latitude_deg"], table["longitude_deg"]), abs=1e-9)
     features = json.loads(messages["/map"][-1][1].geojson)["features"]
-    assert [feature["properties"]["name"] for feature in features] == ["area", "region", "cordon"]
+    assert [feature["properties"]["name"] for feature in features] == ["area", "source", "region", "cordon"]
 
 
 def test_the_layers_are_those_of_the_page_in_their_units(messages, seen):

@@ -19,6 +19,7 @@ from station.picture.frame import DroneFrame, Frame, SourceFrame
 from station.picture.picture import Picture
 from station.picture.shapes import cordon_radius_m
 from station.viewers import tak
+from station.viewers.cot import CursorOnTarget
 from station.viewers.tak import Tak, TakError
 
 DATUM = DatumConfig(latitude_deg=-33.9, longitude_deg=18.4, altitude_m=120.0)
@@ -139,6 +140,30 @@ def test_the_source_has_its_region_and_its_cordon(events):
     radius_m = cordon_radius_m("Cs-137", SOURCE.activity_bq)
     assert float(ellipse.get("major")) == float(ellipse.get("minor")) == pytest.approx(radius_m, abs=0.005)
     assert place_of(cordon) == pytest.approx(SOURCE.place, abs=0.01)
+
+
+def test_each_of_several_sources_has_its_mark_region_and_cordon_under_a_uid_of_its_own():
+    cot = CursorOnTarget(DATUM, Picture(MISSION, None).about(replay=False))
+    other = replace(SOURCE, place=(5.0, 35.0, 0.0), nuclide="Co-60", region=(1.2, 0.4, 0.5), number=2)
+    weak = replace(SOURCE, place=(50.0, 2.0, 0.0), nuclide="Ir-192", activity_bq=None, dose_usvph=None, number=5)
+
+    def sent(frame):
+        events = [ElementTree.fromstring(event) for event in cot.sources(frame)]
+        return {event.get("uid").rpartition(".")[2]: event for event in events}
+
+    found = sent(Frame(at_ms=AT_MS, drones=(), source=SOURCE, others=(other, weak)))
+    assert set(found) == {
+        *("source", "region", "cordon", "source-2", "region-2", "cordon-2"),
+        *("source-5", "region-5"),  # nobody knows its activity
+    }
+    assert place_of(found["source-2"]) == pytest.approx(other.place, abs=0.01)
+    assert found["source-2"].find("detail/contact").get("callsign") == "source 2 Co-60"
+    corners = [link.get("point").split(",") for link in found["region-2"].findall("detail/link")]
+    places = [mission_from_geodetic(DATUM, float(lat), float(lon), DATUM.altitude_m) for lat, lon in corners]
+    reach = [math.dist(place[:2], other.place[:2]) for place in places]
+    assert (max(reach), min(reach)) == pytest.approx((1.2, 0.4), abs=0.01)
+    swapped = sent(Frame(at_ms=AT_MS, drones=(), source=other, others=(SOURCE,)))
+    assert {uid: place_of(event) for uid, event in swapped.items()} == {uid: place_of(found[uid]) for uid in swapped}
 
 
 def test_a_lost_link_is_told_once_and_made_again(monkeypatch):

@@ -1,0 +1,58 @@
+"""Numbers of the sources, by which they are named: a source keeps its own whatever its place in the estimate's list."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import dist
+
+from msgspec.structs import replace
+
+from station.picture.frame import SourceFrame
+
+KNOWN_MS = 15_000  # for so long a number is not given to another source: receivers still show the one that had it
+APART_M, APART_SIGMAS = 5.0, 3.0  # of the same source in two estimates, at most: the greater of the two counts
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    at_ms: int
+    source: SourceFrame
+
+
+def numbered(source: SourceFrame, between: str = " ") -> str:
+    """What its number adds to the name of a source; nothing to that of the first."""
+    return f"{between}{source.number}" if source.number > 1 else ""
+
+
+class Numbering:
+    """The numbers of one mission's sources, from 1. A single source stays the same wherever it goes."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, _Known] = {}
+
+    def numbered(self, sources: Sequence[SourceFrame], at_ms: int) -> tuple[SourceFrame, ...]:
+        """The sources of an estimate with their numbers, in their order."""
+        self._known = {number: one for number, one in self._known.items() if 0 <= at_ms - one.at_ms < KNOWN_MS}
+        numbers = dict(self._recognised(sources))
+        for place in range(len(sources)):
+            numbers.setdefault(place, next(n for n in range(1, 1000) if n not in self._known and n not in numbers.values()))
+        found = tuple(replace(source, number=numbers[place]) for place, source in enumerate(sources))
+        self._known |= {source.number: _Known(at_ms, source) for source in found}
+        return found
+
+    def _recognised(self, sources: Sequence[SourceFrame]) -> list[tuple[int, int]]:
+        """Places in the list with the numbers that they had: of one nuclide first, the nearest first."""
+        if len(sources) == len(self._known) == 1:
+            return [(0, number) for number in self._known]
+        pairs = sorted(
+            (one.source.nuclide != source.nuclide, dist(one.source.place, source.place), place, number)
+            for place, source in enumerate(sources)
+            for number, one in self._known.items()
+            if dist(one.source.place, source.place) <= max(APART_M, APART_SIGMAS * (one.source.rms_m + source.rms_m))
+        )
+        places: dict[int, int] = {}
+        for _, _, place, number in pairs:
+            if place not in places and number not in places.values():
+                places[place] = number
+        return list(places.items())
