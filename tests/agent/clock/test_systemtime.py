@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from threading import Event, Thread
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from meshes import free_port
 from pymavlink.dialects.v10 import common as first_version
 from pymavlink.dialects.v20 import common as mavlink
@@ -73,6 +75,11 @@ def test_a_damaged_message_tells_nothing() -> None:
     data = sent(TIME)
     for place in range(len(data)):
         assert time_in(data[:place] + bytes([data[place] ^ 0x10]) + data[place + 1 :]) is None
+
+
+@given(st.lists(st.one_of(st.binary(max_size=30), st.sampled_from([b"\xfd\x0c", b"\xfe\x0c", sent(TIME)[:20]]))).map(b"".join))
+def test_whatever_arrives_is_no_time_and_no_error(data: bytes) -> None:
+    assert time_in(data) is None
 
 
 @contextmanager

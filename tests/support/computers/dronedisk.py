@@ -16,7 +16,7 @@ from deploy.remote import Host
 
 ROOT = Path(__file__).parents[3]
 PASSPHRASE = "four quite ordinary words"
-BOOT_S = 600.0  # without hardware support, on a busy computer; 40 to 60 s on an idle one
+BOOT_S = 1200.0  # without hardware support, on a busy computer: the longest so far took 560 s, on an idle one 75 s
 
 
 class Drone:
