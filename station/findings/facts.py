@@ -9,13 +9,15 @@ from pathlib import Path
 from time import monotonic
 from typing import TypeVar
 
+from shapely import LineString, Polygon, union_all
+
 from agent.config.mission import DatumConfig, MissionConfig
 from agent.errors import RadronError
 from agent.flight.audit import Audited, audit, in_words, told
 from agent.flight.reader import RecordedFlight
 from agent.frames.geodesy import geodetic_from_mission
 from agent.fusion.observation import ConeObservation, observe
-from protocol.entries import Cone, Exposure
+from protocol.entries import Cone, Coverage, Exposure
 from station.hub import Hub
 from station.picture.frame import Frame, SourceFrame
 from station.picture.orders import Heard, Orders
@@ -64,6 +66,7 @@ class Findings:
 
     ``last``: the estimate at the end of the records, ``best``: of those with as many sources, the one in which the first has the
     smallest RMS; None where nothing was found.
+    ``surveyed``: share of the area that the swarm has covered in lanes, by its log; None where it has flown none.
     ``frames``: a second apart. ``recognised``: the nuclide by the drones' spectra, and its evidence (log likelihood ratio).
     """
 
@@ -81,6 +84,7 @@ class Findings:
     digest: str
     entries: int
     source: Source
+    surveyed: float | None = None
 
     def on_earth(self, place: Sequence[float]) -> tuple[float, float, float]:
         """Latitude and longitude (degrees) and height above the ellipsoid (m) of a place of the mission frame.
@@ -168,6 +172,7 @@ async def facts_of(hub: Hub, source: Source) -> Findings:
         digest=digest,
         entries=entries,
         source=source,
+        surveyed=_surveyed(picture),
     )
 
 
@@ -194,6 +199,16 @@ def _cones(picture: Picture, cones: Sequence[Cone]) -> Iterator[ConeObservation]
         observation = observe(cone, transform) if transform is not None else None
         if isinstance(observation, ConeObservation):
             yield observation
+
+
+def _surveyed(picture: Picture) -> float | None:
+    area, lanes = Polygon(picture.mission.area.polygon_m), []
+    for entry in picture.log.fusion.log.entries(Coverage):
+        transform = picture.log.mission_from_local(entry.drone, entry.epoch, entry.stamp_ns)
+        if transform is not None:
+            path = [(x, y) for x, y, _ in transform.apply_points([(x, y, 0.0) for x, y in entry.path_m])]
+            lanes.append(LineString(path * 2 if len(path) == 1 else path).buffer(0.5 * picture.mission.survey.lane_spacing_m))
+    return float(area.intersection(union_all(lanes)).area / area.area) if lanes else None
 
 
 def _place(picture: Picture, exposure: Exposure) -> tuple[float, float, float] | None:

@@ -19,7 +19,7 @@ h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 1.6rem; }
 table { border-collapse: collapse; width: 100%; } th, td { text-align: left; vertical-align: top; padding: .2rem .5rem; }
 th { width: 14rem; font-weight: 600; } tr { border-bottom: 1px solid #ccc; }
 svg { width: 100%; height: auto; border: 1px solid #767676; } .warning { color: #a33b00; font-weight: 600; }
-@media print { body { margin: 0; max-width: none; } h2, svg, table { break-inside: avoid; } }
+@media print { body { margin: 0; max-width: none; } h2 { break-after: avoid; } tr, figure { break-inside: avoid; } }
 """
 Row = tuple[str, str]
 
@@ -127,6 +127,8 @@ def _search(findings: Findings) -> list[Row]:
         ("Nuclide searched", findings.mission.nuclide),
         ("Excluded before a source was found", f"sources above {excluded:.3g} Bq" if excluded is not None else "nothing"),
     ]
+    if findings.surveyed is not None:
+        rows.insert(1, ("Surveyed in lanes", f"{100.0 * findings.surveyed:.0f} % of the area"))
     return [*rows, ("Finding", findings.finding)] if findings.finding else rows
 
 

@@ -15,7 +15,7 @@ const PANEL_MS = 250;  // what it says in words is read, not watched
 const MOST_ROWS = 1200;  // of a flight that is watched for long, older ones are thinned
 const by = (id) => document.getElementById(id);
 
-const state = { mission: null, map: null, rows: [], events: [], live: true, at: 0, playing: false, share: null, socket: null, frame: null, waiting: null, frames: 0, charted: 0, worded: 0, told: "", moved: false };
+const state = { mission: null, map: null, rows: [], events: [], live: true, at: 0, spectra: null, playing: false, share: null, socket: null, frame: null, waiting: null, frames: 0, charted: 0, worded: 0, told: "", moved: false };
 window.radron = state;  // for whoever tests the page
 
 function connect() {
@@ -79,7 +79,7 @@ const receive = {
   },
   at({ at_ms, without, trails }) {
     state.map.without(without.filter((kind) => kind !== "spectra"));
-    if (without.includes("spectra")) showSpectra({ drones: [] }, state.mission.energies_kev);
+    if (without.includes("spectra")) receive.spectra({ drones: [] });
     if (trails) state.map.sketch.beginAt(trails, at_ms);
   },
   frame(frame) {
@@ -96,6 +96,7 @@ const receive = {
     state.map.showRaster(raster);
   },
   spectra(spectra) {
+    state.spectra = spectra;
     showSpectra(spectra, state.mission.energies_kev);
   },
   dose(raster) {
@@ -107,7 +108,7 @@ const receive = {
 function begin(mission) {
   state.map?.remove();
   state.map = new SwarmMap(mission);
-  Object.assign(state, { rows: [], frame: null, waiting: null, at: 0, live: !mission.replay });
+  Object.assign(state, { rows: [], spectra: null, frame: null, waiting: null, at: 0, live: !mission.replay });
 }
 
 // Draw the newest frame, once for each picture of the screen; the station sends no more frames than are drawn.
@@ -201,6 +202,10 @@ function controls() {
     }
   });
   setInterval(tick, PLAY_MS);
+  addEventListener("resize", () => {  // a tablet that is turned
+    drawTimes();
+    if (state.spectra) receive.spectra(state.spectra);
+  });
 }
 
 await loadTexts();

@@ -69,7 +69,7 @@ function droneItem(drone, index, far) {
   const head = element("div");
   head.append(element("span", drone.id, "name"), element("span", ` ${say("drone line", {
     stage: drone.stage || "?",
-    height: drone.place ? drone.place[2].toFixed(1) : "?",
+    height: drone.place ? (Math.round(10 * drone.place[2]) / 10 + 0).toFixed(1) : "?",  // no minus before a zero
     speed: drone.speed_mps.toFixed(1),
   })}`));
   if (drone.stale) head.append(element("span", ` ${say("stale")}`, "mark"));

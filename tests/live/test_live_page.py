@@ -12,6 +12,7 @@ import pytest
 from browser import browsing, needs_browser, until
 from live_run import PATIENCE_S, live_run, stretched
 
+from station.findings.facts import BY_DRONES
 from station.findings.seal import verify
 
 PICTURES = Path("results/page")
@@ -48,10 +49,13 @@ def test_the_page_shows_the_flight_stops_it_and_marks_a_drone_that_is_gone_withi
             with zipfile.ZipFile(report.value.path()) as archive:
                 archive.extractall(tmp_path / "report")
             assert verify(tmp_path / "report", tmp_path / "page" / "ca.pem").signer.name == "page"
-            commands = re.findall(
-                r"<td>(d\d): (\w+) by (\w+) \(operator \w+, serial [^)]*\): (\w+)",
-                (tmp_path / "report" / "report.html").read_text(),
-            )
+            told = (tmp_path / "report" / "report.html").read_text()
+            commands = re.findall(r"<td>(d\d): (\w+) by (\w+) \(operator \w+, serial [^)]*\): (\w+)", told)
+            assert re.findall(rf"<td>(d\d): start by operator \({BY_DRONES}\): obeyed", told) == [
+                "d1",
+                "d2",
+                "d3",
+            ]  # not the page's
             assert [one for one in commands if one[1] == "hold"] == [(f"d{each}", "hold", "page", "obeyed") for each in (1, 2, 3)]
             assert "land:" not in page.locator("#events").inner_text()
             page.locator("#time").focus()
