@@ -100,8 +100,8 @@ class Named(Invariant[Moment]):
 class Accused(Invariant[Moment]):
     """No drone is said to be two sources of news that is one: whatever others send in its name, its messages are its own.
 
-    Exempt is whose key was copied, who lies, and whose own position is faulted, until ``RECOVERY_S`` after it; and everybody where bytes
-    are corrupted: a pose of which one has changed may be a pose elsewhere.
+    Exempt is whose key was copied, who lies, and whose own position is faulted, until ``RECOVERY_S`` after it; and everybody
+    where bytes are corrupted: a pose of which one has changed may be a pose elsewhere.
     """
 
     name = "accused"
