@@ -14,6 +14,7 @@ from sim.scoring.moment import Scene
 
 S_contra = TypeVar("S_contra", bound=Scene, contravariant=True)  # what an invariant needs to see
 RECOVERY_S = 15.0  # until a vehicle is back where it belongs after its own position or thrust was wrong
+FRAME_FAULTS: tuple[Family, ...] = ("pose", "liar", "clock")  # put wrong observations into every log
 OWN_FAULTS: tuple[Family, ...] = ("pose", "thrust")
 
 

@@ -9,12 +9,11 @@ from agent.pilot import Pilot
 from sim.faults.agents import Forged
 from sim.faults.base import Family
 from sim.faults.forgers import BESIDE
-from sim.scoring.invariants.base import Breach, Invariant, Setting
+from sim.scoring.invariants.base import FRAME_FAULTS, Breach, Invariant, Setting
 from sim.scoring.moment import Member, Moment, Scene
 
 EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
 MISPLACED_M = 1.0
-_FRAME_FAULTS: tuple[Family, ...] = ("pose", "liar", "clock")
 _BELIEF_FAULTS: tuple[Family, ...] = ("camera", "pose", "liar")
 
 
@@ -59,7 +58,7 @@ class OwnPlace(Invariant[Moment]):
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         estimated = not all(drone.is_exact for drone in setting.mission.drones)
-        self._until_s = setting.began_s(_FRAME_FAULTS) if estimated else inf
+        self._until_s = setting.began_s(FRAME_FAULTS) if estimated else inf
         self._since_s: list[float | None] = [None] * len(setting.names)
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:

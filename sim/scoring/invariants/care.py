@@ -12,6 +12,7 @@ from math import hypot, inf
 import numpy as np
 
 from agent.pilot import Pilot
+from sim.faults.agents import Corrupt
 from sim.faults.base import Family, Fault
 from sim.faults.machines import Battery, CameraDead, Drag, PositionJump
 from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
@@ -99,13 +100,16 @@ class Named(Invariant[Moment]):
 class Accused(Invariant[Moment]):
     """No drone is said to be two sources of news that is one: whatever others send in its name, its messages are its own.
 
-    Exempt is whose key was copied, who lies, and whose own position is faulted, until ``RECOVERY_S`` after it.
+    Exempt is whose key was copied, who lies, and whose own position is faulted, until ``RECOVERY_S`` after it; and everybody
+    where bytes are corrupted: a pose of which one has changed may be a pose elsewhere.
     """
 
     name = "accused"
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Who says it, and of whom."""
+        if any(isinstance(fault, Corrupt) and fault.at_s <= moment.time_s for fault in self.setting.scenario.fault):
+            return
         for drone, pilot in enumerate(moment.pilots):
             for text in pilot.problems if pilot is not None else ():
                 name, _, said = text.partition(": two sources ")

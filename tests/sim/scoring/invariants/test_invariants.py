@@ -180,6 +180,8 @@ def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
         fault = {"kind": kind, "at_s": 10.0, "for_s": 20.0, "target": "d2"} | ({"probability": 0.1} if kind == "loss" else {})
         seen = told(Accused(moments.setting(fault)), moments.moment(when_s, pilots=pilots))
         assert seen == ([("d1", "d2")] if accused else [])
+    corrupt = {"kind": "corrupt", "at_s": 10.0, "probability": 0.1, "target": "d3"}
+    assert told(Accused(moments.setting(corrupt)), moments.moment(20.0, pilots=pilots)) == []
 
 
 def test_a_drone_that_takes_itself_to_be_elsewhere() -> None:
