@@ -40,7 +40,7 @@ from protocol.entries import AnyEntry, Cone, Exposure
 
 _NS = 1e9
 _HOLD_S = 0.25  # in which the entries of all drones of one instant mostly arrive: a camera's readout at 5 Hz, and the radio
-_TRACK_UNITS, _SEARCH_UNITS = 8, 60  # of work for an observation
+_TRACK_UNITS, _SEARCH_UNITS = 10, 60  # of work for an observation
 _SHIELDED_UNITS = 16  # more, in a track, where buildings are known
 _SITE_SIGMA = 0.45  # of a site that replaces a cell, in cells
 _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
@@ -116,7 +116,7 @@ class BayesEstimator:
         return self._decided(state, step)
 
     def work(self, state: BayesState, observations: int) -> int:
-        """An observation costs 0.2 ms in a track, and over 1 ms on the grid of a search (benchmarks/fusion.py)."""
+        """An observation costs 0.25 ms in a track, and over 1 ms on the grid of a search (benchmarks/fusion.py)."""
         tracking = _TRACK_UNITS + (_SHIELDED_UNITS if self._scene.buildings else 0)
         return 4 + observations * (tracking if state.track is not None else _SEARCH_UNITS)
 
