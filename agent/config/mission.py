@@ -246,6 +246,11 @@ class MissionConfig(Section, frozen=True, kw_only=True):
 
     def check(self, where: str) -> None:
         """Raise ConfigError if values contradict each other; ``where`` is named in the text."""
+        if self.nuclide == "auto":
+            raise ConfigError(
+                f"{where}: nuclide: 'auto' cannot be flown, since cones are made for the lines of one nuclide; name it "
+                "(`radron-agent cones FILE --nuclide auto` recognises that of a recording)"
+            )
         outline = Polygon(self.area.polygon_m)
         if not outline.is_valid or outline.area <= 0.0:
             raise ConfigError(

@@ -47,7 +47,7 @@ STUDIES = (
     Study("biased", f"campaign {' '.join(f'biased-{kind}' for kind in KINDS)} --runs 10"),
     Study("stop", "campaign stop-and-go --runs 30"),
     Study("fast", "campaign fast-2mps fast-3mps --runs 8"),
-    Study("walls", "campaign mismatch-walls --runs 4"),
+    Study("walls", "campaign walls-unknown --runs 4"),
     Study("frames", f"campaign {' '.join(FRAMES)} --runs 3"),
 )
 PICTURES = (  # words of a command, file in its folder, file in docs
@@ -193,7 +193,7 @@ def _page(flown: dict[str, Runs]) -> str:
         "ideal": _group(flown["ideal"], [f"ideal-{kind}" for kind in KINDS], labels),
         "biased": _group(flown["biased"], [f"biased-{kind}" for kind in KINDS], labels),
         "moved": _group(flown["stop"] | flown["fast"], moved, [f"`{name}`" for name in moved]),
-        "walls": _group(flown["walls"], ["mismatch-walls"], ["`mismatch-walls`"]),
+        "walls": _group(flown["walls"], ["walls-unknown"], ["`walls-unknown`"]),
         "frames": _frames(flown["frames"]),
     }
     commands = {f"{study.name}-command": study.shown for study in STUDIES}

@@ -3,12 +3,12 @@
 It draws no random numbers. While the source is not localised, a point-mass filter runs on a grid of places, activities and motion
 modes (``search``). Once the posterior is narrow enough, a Gaussian sum of IMM filters takes over (``mixture``, ``motion``); its
 state includes the pose biases of the vehicles. ``estimator`` decides between the two, ``cones`` and ``counts`` hold the
-likelihoods, ``response`` the expected rates. docs/estimator.md derives the whole.
+likelihoods, ``response`` the expected rates, ``hidden`` what stands unknown in between. docs/estimator.md derives the whole.
 
 Notation of the docstrings: P(..) probability, p(..) density, N(z; m, V) Gaussian density, ' transpose, ~ distributed as;
 H1 a source is there, H0 none is. Sizes: S sites (components of the Gaussian sum), M motion modes, V vehicles, d = 5 + 4 V the
-state's dimension, K readings of a cone, A activity levels, B background levels, Y x X grid cells. World frame: the mission
-frame (ENU), metres.
+state's dimension, K readings of a cone, L levels of attenuation, C components of an exposure, A activity levels, B background
+levels, Y x X grid cells. World frame: the mission frame (ENU), metres.
 
 References
     [AS72] Alspach, Sorenson: Nonlinear Bayesian estimation using Gaussian sum approximations. IEEE Trans. Automatic Control 17
@@ -26,5 +26,7 @@ References
     [S90] Salmond: Mixture reduction algorithms for target tracking in clutter. Proc. SPIE 1305 (1990) 434-445.
     [R07] Runnalls: Kullback-Leibler approach to Gaussian mixture reduction. IEEE Trans. Aerospace and Electronic Systems 43
         (2007) 989-999.
+    [R89] Rabiner: A tutorial on hidden Markov models and selected applications in speech recognition. Proceedings of the IEEE
+        77 (1989) 257-286.
     [BSLK01] Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation. Wiley (2001).
 """

@@ -25,10 +25,12 @@ from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform, same
 from agent.fusion.bayes.apparent import Sights, on_ground
 from agent.fusion.bayes.cones import Orders
+from agent.fusion.bayes.exposed import Exposed, Fit
 from agent.fusion.bayes.mixture import Mixture, apparent_rms_m, with_variance
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, GAIN, Motion
 from agent.fusion.bayes.response import REFERENCE_BQ, response_of
 from agent.fusion.bayes.search import Grid, SearchState
+from agent.fusion.bayes.sight import Scene
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
 from agent.geometry import Array
@@ -38,7 +40,7 @@ from protocol.entries import AnyEntry, Cone, Exposure
 
 _NS = 1e9
 _HOLD_S = 0.25  # in which the entries of all drones of one instant mostly arrive: a camera's readout at 5 Hz, and the radio
-_TRACK_UNITS, _SEARCH_UNITS = 8, 60  # of work for an observation
+_TRACK_UNITS, _SEARCH_UNITS = 10, 60  # of work for an observation
 _SHIELDED_UNITS = 16  # more, in a track, where buildings are known
 _SITE_SIGMA = 0.45  # of a site that replaces a cell, in cells
 _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
@@ -56,6 +58,7 @@ class BayesState(Struct, frozen=True, eq=False):
     odds 1 - doubt : doubt). recent_evidence: that of the last seconds. background: E[f | H1] at the end of the search, the
     relative strength of the background; a track keeps it. bias_variance: (BIAS V,) P0 of the vehicles that made the search's
     observations; a track has its own. frames: by vehicle, epoch and estimated frame of its last observation in the track.
+    waiting: by vehicle, its last exposure if that waits for the next one (``Mixture.waits``).
     moments: mean and covariance of the track after the step, for the hypotheses until the next one.
     """
 
@@ -68,6 +71,7 @@ class BayesState(Struct, frozen=True, eq=False):
     background: float = 1.0
     bias_variance: Array | None = None
     frames: Mapping[int, tuple[int, Transform]] = {}
+    waiting: Mapping[int, Exposed] = {}
     moments: tuple[Array, Array] | None = None
 
 
@@ -94,8 +98,8 @@ class BayesEstimator:
         self.grid_s = config.grid_s
         self._ground = Ground.from_config(mission)
         self._grid = Grid(area, config, self._ground)
-        self._response = response_of(mission.nuclide)
-        self._buildings = Buildings(mission.buildings, self._response.air_per_m, self._ground)
+        response = response_of(mission.nuclide)
+        self._scene = Scene(response, self._ground, Buildings(mission.buildings, response.air_per_m, self._ground))
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._gain_variance = config.gain_sigma**2
         self._motion = _motion(config)
@@ -112,8 +116,8 @@ class BayesEstimator:
         return self._decided(state, step)
 
     def work(self, state: BayesState, observations: int) -> int:
-        """An observation costs 0.2 ms in a track, and over 1 ms on the grid of a search (benchmarks/fusion.py)."""
-        tracking = _TRACK_UNITS + (_SHIELDED_UNITS if self._buildings else 0)
+        """An observation costs 0.25 ms in a track, and over 1 ms on the grid of a search (benchmarks/fusion.py)."""
+        tracking = _TRACK_UNITS + (_SHIELDED_UNITS if self._scene.buildings else 0)
         return 4 + observations * (tracking if state.track is not None else _SEARCH_UNITS)
 
     def hypothesis(self, state: BayesState, step: GridStep) -> Hypothesis | None:
@@ -187,31 +191,41 @@ class BayesEstimator:
         vehicle, variance = self._errors_of(observation)
         change, frames = _frame_change(state.frames, vehicle, variance, observation)
         track = track.with_vehicle(vehicle, variance, change)
-        cones, recent = state.cones, state.recent_evidence
+        state = replace(state, frames=frames)
         if isinstance(observation, CountObservation):
-            recent *= math.exp(-observation.live_time_s / _EVIDENCE_FADE_S)
-            age_s = (step.start_ns - observation.middle_ns) / _NS
-            background = self._response.background_ps * (state.background * observation.live_time_s)
-            taken = track.after_counts(
-                self._response,
-                self._ground,
-                background,
-                vehicle,
-                observation.position,
-                observation.live_time_s,
-                self._response.apart(observation.counts),
-                age_s,
-                self._buildings,
-            )
-            track, gained = taken or (track, -_REJECTED_COST)
-        else:
-            age_s = (step.start_ns - observation.stamp_ns) / _NS
-            track, gained = track.after_cone(
-                self._response, self._ground, vehicle, observation.apex, Orders.of(observation), age_s, self._buildings
-            )
-            cones += 1
-        evidence, recent = state.evidence + gained, min(recent + gained, _EVIDENCE_CAP)
-        return BayesState(None, track, cones, state.x0_stamp_ns, evidence, recent, state.background, frames=frames)
+            recent = state.recent_evidence * math.exp(-observation.live_time_s / _EVIDENCE_FADE_S)
+            return self._counted(replace(state, recent_evidence=recent), track, step, self._exposed(state, vehicle, observation))
+        age_s = (step.start_ns - observation.stamp_ns) / _NS
+        after = track.after_cone(self._scene, vehicle, observation.apex, Orders.of(observation), age_s)
+        return _gained(replace(state, cones=state.cones + 1), *after)
+
+    def _exposed(self, state: BayesState, vehicle: int, observation: CountObservation) -> Exposed:
+        return Exposed(
+            vehicle,
+            observation.position,
+            observation.live_time_s,
+            self._scene.response.apart(observation.counts),
+            self._scene.response.background_ps * (state.background * observation.live_time_s),
+            observation.middle_ns,
+        )
+
+    def _counted(self, state: BayesState, track: Mixture, step: GridStep, exposed: Exposed) -> BayesState:
+        """Update with the vehicle's exposure that waited for this one, if any, and with this one, unless it is to wait itself."""
+        waiting = dict(state.waiting)
+        earlier = waiting.pop(exposed.vehicle, None)
+        fit = self._fit(track, step, exposed)
+        if earlier is not None:
+            after = track.after_counts(self._fit(track, step, earlier), track.ahead(fit))
+            track, gained = after or (track, -_REJECTED_COST)
+            state = _gained(state, track, gained)
+            fit = self._fit(track, step, exposed)
+        if track.waits(fit):
+            return replace(state, track=track, waiting={**waiting, exposed.vehicle: exposed})
+        track, gained = track.after_counts(fit) or (track, -_REJECTED_COST)
+        return _gained(replace(state, waiting=waiting), track, gained)
+
+    def _fit(self, track: Mixture, step: GridStep, exposed: Exposed) -> Fit:
+        return track.fit(self._scene, exposed, (step.start_ns - exposed.middle_ns) / _NS)
 
     def _errors_of(self, observation: Observation) -> tuple[int, tuple[float, ...]]:
         """Index of the vehicle, and the stationary variances P0 (BIAS,) of its biases as its own localisation states them.
@@ -230,13 +244,13 @@ class BayesEstimator:
         if isinstance(observation, CountObservation):
             search = search.after_counts(
                 self._grid,
-                self._response,
+                self._scene.response,
                 observation.position,
                 observation.live_time_s,
-                self._response.apart(observation.counts),
+                self._scene.response.apart(observation.counts),
             )
         else:
-            search = search.after_cone(self._grid, self._response, observation.apex, Orders.of(observation))
+            search = search.after_cone(self._grid, self._scene.response, observation.apex, Orders.of(observation))
         known = np.zeros(BIAS * len(self._vehicles)) if state.bias_variance is None else state.bias_variance
         return replace(state, search=search, cones=cones, bias_variance=with_variance(known, *self._errors_of(observation)))
 
@@ -279,6 +293,12 @@ class BayesEstimator:
             self._motion,
             bias_variance,
         ).reduced()
+
+
+def _gained(state: BayesState, track: Mixture, gained: float) -> BayesState:
+    """The state with a track that has been updated; gained: log Bayes factor of what it was updated with."""
+    recent = min(state.recent_evidence + gained, _EVIDENCE_CAP)
+    return replace(state, track=track, evidence=state.evidence + gained, recent_evidence=recent)
 
 
 def _frame_change(

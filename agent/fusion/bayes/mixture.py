@@ -5,13 +5,13 @@ motion modes. State s of dimension d = 5 + 4 V: x, y (mission frame, m), vx, vy 
 each of the V vehicles the biases, measured minus true, of its position (bx, by, m) and heading (psi, rad), and of its camera
 (g, the logarithm of how much more it counts than the others). The biases are estimated with the source (augmented state).
 
-Measurement model of vehicle i, at time t of a measurement of age T = time_s - t, with p_i its measured camera position:
+Each vehicle has a hidden Markov chain of what stands between its camera and the source (``hidden``), for each site. Measurement
+model of vehicle i, at time t of a measurement of age T = time_s - t, with p_i its measured camera position (``sight``):
 
     w = (x - T vx + bx, y - T vy + by, ground height) - p_i     line of sight from where the camera truly is
     D = |w|,   u = w / D
 
-The ground's height is that below (x - T vx, y - T vy); its slope (``rise``) enters the gradients. References:
-agent.fusion.bayes.
+References: agent.fusion.bayes.
 """
 
 from __future__ import annotations
@@ -23,42 +23,29 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from agent.fusion.bayes import hidden
 from agent.fusion.bayes.cones import OUTLIER_FRACTION, Orders
-from agent.fusion.bayes.counts import (
-    MODEL_VARIANCE,
-    TRACK_TEMPER,
-    background_log_likelihood,
-    fit_rate,
-    innovation_squared,
-)
+from agent.fusion.bayes.exposed import Exposed, Fit
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN, HEADING, Motion
 from agent.fusion.bayes.reduction import clusters, merged, moments_of
-from agent.fusion.bayes.response import NEAREST_M, Response
-from agent.fusion.bayes.shielding import Shielding
+from agent.fusion.bayes.sight import LineOfSight, Scene
 from agent.geometry import Array, Vector3
-from agent.terrain.buildings import Buildings
-from agent.terrain.ground import Ground
 
-_ITERATIONS = 6
 _MIX_S = 1.0  # the modes are mixed at this interval at least; in the textbook at each step
 _LEAST_SINE = 1e-3
+_HIDDEN_COST = 1.0  # loss of log Bayes factor by an exposure that is told by a hidden view alone: as much as by a rejected one
+_LOW_SIGMAS = 1.0  # an exposure that is lower by more waits for the next one
+_LEAST_CLEAR = 0.3  # probability of a clear view before, for it to wait
 _GATE_SIGMAS = 5.0  # an exposure whose normalised innovation is larger is rejected
 _SHORT_S = 0.6  # up to this the moments are extrapolated at constant velocity
-
-
-class _LineOfSight(Struct, frozen=True, eq=False):
-    """From a camera to each mean: way (S, M, 3) w, distance (S, M) D; rise (S, M, 2) of the ground there, None if level."""
-
-    way: Array
-    distance: Array
-    rise: Array | None
 
 
 class Mixture(Struct, frozen=True, eq=False):
     """weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d); the second index is the motion mode. time_s: of the state;
     mixed_s: when the modes were mixed last.
 
-    bias_variance: (4 V,) stationary variances P0 of the vehicles' biases; 0 of vehicles without measurements so far.
+    bias_variance: (4 V,) stationary variances P0 of the vehicles' biases; 0 of vehicles without measurements so far. hidden:
+    (S, V, L) probabilities of the levels of attenuation between source and each vehicle's camera.
     """
 
     time_s: float
@@ -67,6 +54,7 @@ class Mixture(Struct, frozen=True, eq=False):
     mean: Array
     covariance: Array
     bias_variance: Array
+    hidden: Array
 
     @staticmethod
     def of_sites(
@@ -94,7 +82,8 @@ class Mixture(Struct, frozen=True, eq=False):
         for place, bias in ((0, 0), (1, 1), (ACTIVITY, GAIN)):
             true_from_apparent[place, BIASES + bias :: BIAS] = -share
         covariance = true_from_apparent @ (variance[..., None] * np.eye(d)) @ true_from_apparent.T
-        return Mixture(time_s, time_s, weight / weight.sum(), mean, covariance, bias_variance)
+        levels = np.tile(hidden.PRIOR, (len(x), len(bias_variance) // BIAS, 1))
+        return Mixture(time_s, time_s, weight / weight.sum(), mean, covariance, bias_variance, levels)
 
     def later(self, motion: Motion, time_s: float) -> Mixture:
         """Prediction to a later time (IMM: mixing, then each mode's own prediction); a time before ``time_s`` changes nothing."""
@@ -106,7 +95,7 @@ class Mixture(Struct, frozen=True, eq=False):
             weight, mean, covariance = motion.mix(weight, mean, covariance, time_s - mixed_s)
             mixed_s = time_s
         mean, covariance = motion.predict(mean, covariance, self.bias_variance, dt_ms)
-        return Mixture(time_s, mixed_s, weight, mean, covariance, self.bias_variance)
+        return Mixture(time_s, mixed_s, weight, mean, covariance, self.bias_variance, self.hidden)
 
     def with_vehicle(self, vehicle: int, variance: tuple[float, ...], moved: tuple[float, ...] | None = None) -> Mixture:
         """Set the prior of a vehicle's biases: their stationary variances (BIAS,), as its own localisation states them.
@@ -127,56 +116,65 @@ class Mixture(Struct, frozen=True, eq=False):
             covariance[..., places, places] = variance
         return replace(self, covariance=covariance, bias_variance=priors)
 
-    def after_counts(
-        self, response: Response, ground: Ground, background: Array, vehicle: int, position: Vector3, live_time_s: float,
-        counts: Array, age_s: float, buildings: Buildings | None = None,
-    ) -> tuple[Mixture, float] | None:  # fmt: skip
+    def fit(self, scene: Scene, exposed: Exposed, age_s: float) -> Fit:
+        """What the counts of an exposure say at each Gaussian; age_s: T, of the exposure's middle."""
+        return Fit.of(self.mean, self.covariance, scene, exposed, age_s)
+
+    def waits(self, fit: Fit) -> bool:
+        """Whether an exposure is to wait for its vehicle's next one: it may be the one in which the view became hidden.
+
+        There are fewer counts than a clear view gives, and the view was clear. What a wall's edge takes off of one exposure looks
+        like a source farther away; the next exposure tells the two apart.
+        """
+        clear = float(self.weight.sum(axis=1) @ self.hidden[:, fit.exposed.vehicle, 0])
+        return clear > _LEAST_CLEAR and float((self.weight * fit.deficit).sum()) > _LOW_SIGMAS
+
+    def ahead(self, fit: Fit) -> Array:
+        """Likelihood (S, L) of an exposure given the level of attenuation before it, up to a factor for each site."""
+        most = fit.log_likelihood.max(axis=(0, 2))
+        given = np.einsum("sm,csm->sc", self.weight, np.exp(fit.log_likelihood - most[:, None]))
+        return hidden.given_level(given, fit.exposed.live_time_s)
+
+    def after_counts(self, fit: Fit, ahead: Array | None = None) -> tuple[Mixture, float] | None:
         """Measurement update with an exposure; None if the innovation gate rejects it.
 
-        The logarithm of the rate is linearised at each mean m, the Poisson likelihood is not: with
+        Conditioning of the Gaussian on the fitted logarithm of the rate, for each component c of what may stand in between
+        (``hidden``), of prior probability p_c, and moment matching over the components with g_c ~ p_c P(k | c, s) b_c, sum 1:
 
-            S = signal(flux(D) exp(a + g) live_time)                expected counts at m
-            h = d ln S / ds = -(2 / D + mu) u along x, y and bx, by;  -T times that along vx, vy;  1 along a and g
-            z = h' (s - m) + e ~ N(0, V),  V = h' P h + MODEL_VARIANCE,
+            u = sum_c g_c z^_c / V_c
+            m <- m + P h u
+            P <- P - P h h' P (sum_c g_c ((1 - v_c / V_c) / V_c - (z^_c / V_c)^2) + u^2)
+            w <- w sum_c p_c P(k | c, s) / P(k | H0), normalised.
 
-        ``counts.fit_rate`` gives z | k ~ N(z^, v), and conditioning of the Gaussian on z
+        Gate: the mean over all Gaussians of the normalised innovation squared, for whichever component it is least, is at most
+        ``_GATE_SIGMAS``^2. A noisy pixel and a burst do not pass; a dead camera does, and tells nothing, as behind a thick wall.
 
-            m <- m + P h z^ / V,   P <- P - P h h' P (1 - v / V) / V,   w <- w P(k | s) / P(k | H0), normalised.
-
-        (mu is ``air_per_m``; that scattered photons fall off less than exp(-mu D) / D^2 is left out of h, not of S.) Gate: the
-        mean over all Gaussians of ``counts.innovation_squared`` is at most ``_GATE_SIGMAS``^2. A noisy pixel, a burst and a dead
-        camera do not pass, nor do counts far from those of a wrong track.
-
-        vehicle: its index. position: p_i, mission frame. counts: (2,) k. background: (2,) expected. age_s: T, of the exposure's
-        middle. buildings: change S, and add to V what is not known of that (``shielding``); left out of h. Also returns
-        ln (sum of w P(k | s) / P(k | H0)), the log Bayes factor of the exposure.
+        ahead: of the vehicle's next exposure, b_c at the level at the end of c: one step of fixed-lag smoothing; it changes
+        neither w nor the chain, to which that exposure is still to come. Also returns ln (sum of w P(k | s) / P(k | H0)), the
+        log Bayes factor of the exposure, less the cost of a hidden view.
         """
-        sight = self._line_of_sight(ground, vehicle, position, age_s)
-        distance = sight.distance
-        slope = -(2.0 / distance + response.air_per_m) / distance
-        gradient = self._gradient(vehicle, slope[..., None] * sight.way, sight.rise, age_s)
-        gradient[..., ACTIVITY] = 1.0
-        gradient[..., BIASES + BIAS * vehicle + GAIN] = 1.0
-        gain = np.matvec(self.covariance, gradient)
-        variance = np.maximum(np.vecdot(gain, gradient), 0.0) + MODEL_VARIANCE
-        strength = np.exp(self.mean[..., ACTIVITY] + self.mean[..., BIASES + BIAS * vehicle + GAIN])
-        fluence = response.flux(distance) * strength * live_time_s
-        expected = response.signal(fluence, distance)
-        if buildings:
-            expected, hidden = self._shielding(buildings, vehicle, position, sight).counts(response, fluence, expected)
-            variance += hidden
-        if float((self.weight * innovation_squared(counts, expected, background, variance)).sum()) > _GATE_SIGMAS**2:
+        if float((self.weight * fit.innovation).sum()) > _GATE_SIGMAS**2:
             return None
-        shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TEMPER, _ITERATIONS)
-        mean = self.mean + gain * (shift / variance)[..., None]
-        shrink = (1.0 - after / variance) / variance
-        covariance = self.covariance - (shrink[..., None] * gain)[..., :, None] * gain[..., None, :]
-        return self._reweighted(likelihood - float(background_log_likelihood(counts, background, TRACK_TEMPER)), mean, covariance)
+        vehicle = fit.exposed.vehicle
+        prior = hidden.components(self.hidden[:, vehicle], fit.exposed.live_time_s)
+        joint = fit.log_likelihood + np.log(prior.T)[..., None]  # (C, S, M)
+        most = joint.max(axis=0)
+        share = np.exp(joint - most)
+        total = share.sum(axis=0)
+        smoothed = share if ahead is None else share * hidden.at_end(ahead).T[..., None]
+        smoothed = smoothed / smoothed.sum(axis=0)
+        pull = (smoothed * fit.pull).sum(axis=0)
+        mean = self.mean + fit.gain * pull[..., None]
+        wider = (smoothed * (fit.pull**2 - fit.shrink)).sum(axis=0) - pull * pull
+        covariance = self.covariance + (wider[..., None] * fit.gain)[..., :, None] * fit.gain[..., None, :]
+        after, gained = self._reweighted(most + np.log(total), mean, covariance)
+        levels = hidden.levels(np.einsum("sm,csm->sc", after.weight, share / total))
+        chain = self.hidden.copy()
+        chain[:, vehicle] = levels
+        clear = float(after.weight.sum(axis=1) @ levels[:, 0])
+        return replace(after, hidden=chain), gained - _HIDDEN_COST * (1.0 - clear)
 
-    def after_cone(
-        self, response: Response, ground: Ground, vehicle: int, apex: Vector3, orders: Orders, age_s: float,
-        buildings: Buildings | None = None,
-    ) -> tuple[Mixture, float]:  # fmt: skip
+    def after_cone(self, scene: Scene, vehicle: int, apex: Vector3, orders: Orders, age_s: float) -> tuple[Mixture, float]:
         """Measurement update with a cone: probabilistic data association [BST75] over its readings and "no information".
 
         For each reading k, its axis n_k turned by -psi about up, c = n_k . u:
@@ -185,8 +183,8 @@ class Mixture(Struct, frozen=True, eq=False):
             h_k = d delta_k / ds = (c u - n_k) / (D sin(alpha)) along x, y and bx, by;  -T times that along vx, vy;
                   (n_k x u)_z / sin(alpha) along psi;   alpha = arccos(c).
 
-        With L_kj of ``cones`` at V_kj = h_k' P h_k + (c_j sigma_k)^2, the rates R = ``cone_area_mm2`` phi(D) exp(a) of the
-        source's cones (at m, without g) and B of the background's:
+        With L_kj of ``cones`` at V_kj = h_k' P h_k + (c_j sigma_k)^2, the rates R = ``cone_area_mm2`` phi(D) exp(a) E[exp(-t)] of
+        the source's cones (at m, without g) and B of the background's:
 
             w <- w (R (rho + eps) + B) / (R + B), normalised       marginal likelihood
             gamma_kj = L_kj R / (R (rho + eps) + B)                responsibilities; what is left: no information
@@ -199,24 +197,25 @@ class Mixture(Struct, frozen=True, eq=False):
 
         Arguments and the second result as for counts.
         """
-        sight = self._line_of_sight(ground, vehicle, apex, age_s)
+        response, sight = scene.response, LineOfSight.of(self.mean, scene.ground, vehicle, apex, age_s)
         distance = sight.distance
         directions = sight.way / distance[..., None]
-        axes = self._turned(vehicle, orders.axis)  # (S, M, K, 3)
+        axes = sight.turned(orders.axis, self.mean)  # (S, M, K, 3)
         cosine = np.minimum(np.maximum(np.matvec(axes, directions), -1.0), 1.0)
         sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _LEAST_SINE)
         delta = np.arccos(cosine) - orders.theta_rad
         across = (distance[..., None] * sine)[..., None]
         slope = (cosine[..., None] * directions[..., None, :] - axes) / across  # (S, M, K, 3)
-        gradient = self._gradient(vehicle, slope, sight.rise, age_s)  # (S, M, K, d)
+        gradient = sight.gradient(slope, self.mean.shape[-1])  # (S, M, K, d)
         turn = axes[..., 0] * directions[..., None, 1] - axes[..., 1] * directions[..., None, 0]
         gradient[..., BIASES + BIAS * vehicle + HEADING] = turn / sine
         gain = gradient @ self.covariance  # (S, M, K, d)
         density, precision = orders.density(delta, np.maximum(np.vecdot(gain, gradient), 0.0))  # (S, M, K, 2)
         directed = density.sum(axis=(-2, -1))
         rate = response.cone_area_mm2 * response.flux(distance) * np.exp(self.mean[..., ACTIVITY])
-        if buildings:
-            rate *= self._shielding(buildings, vehicle, apex, sight).share
+        rate = rate * hidden.passing(self.hidden[:, vehicle])[:, None]
+        if scene.buildings:
+            rate *= sight.shielding(scene.buildings, apex, self.mean, self.covariance).share
         heard = rate * (directed + OUTLIER_FRACTION) + response.cone_background_ps
         share = density * (rate / heard)[..., None, None]  # gamma
         pull = delta[..., None] * precision
@@ -227,69 +226,25 @@ class Mixture(Struct, frozen=True, eq=False):
         likelihood = np.log(heard / (rate + response.cone_background_ps))
         return self._reweighted(likelihood, self.mean + moved, self.covariance + widened)
 
-    def _line_of_sight(self, ground: Ground, vehicle: int, position: Vector3, age_s: float) -> _LineOfSight:
-        """w and D from the camera to where each mean was age_s ago; D is at least ``NEAREST_M``."""
-        b, m = BIASES + BIAS * vehicle, self.mean
-        place = m[..., :2] - age_s * m[..., 2:4]
-        way = np.empty((*m.shape[:2], 3))
-        way[..., :2] = place + m[..., b : b + 2]
-        rise = None
-        if ground.level:
-            way[..., 2] = ground.height_m(0.0, 0.0)
-        else:
-            places = place.reshape(-1, 2)
-            way[..., 2] = ground.heights_m(places).reshape(way.shape[:2])
-            rise = ground.slopes(places).reshape(place.shape)
-        way -= position
-        return _LineOfSight(way, np.maximum(np.sqrt(np.vecdot(way, way)), NEAREST_M), rise)
-
-    def _shielding(self, buildings: Buildings, vehicle: int, position: Vector3, sight: _LineOfSight) -> Shielding:
-        b = BIASES + BIAS * vehicle
-        start = np.broadcast_to(np.array(position), sight.way.shape).copy()
-        start[..., :2] -= self.mean[..., b : b + 2]
-        return Shielding.of(buildings, start, sight.way, np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)[..., :2]))
-
-    def _turned(self, vehicle: int, axes: Array) -> Array:
-        """R_z(-psi) n_k: axes (K, 3) corrected by each Gaussian's heading bias; (S, M, K, 3)."""
-        heading = self.mean[..., BIASES + BIAS * vehicle + HEADING]
-        cos, sin = np.cos(heading), np.sin(heading)
-        turned = np.empty((*heading.shape, *axes.shape))
-        turned[..., 0] = cos[..., None] * axes[:, 0] + sin[..., None] * axes[:, 1]
-        turned[..., 1] = cos[..., None] * axes[:, 1] - sin[..., None] * axes[:, 0]
-        turned[..., 2] = axes[:, 2]
-        return turned
-
-    def _gradient(self, vehicle: int, slope: Array, rise: Array | None, age_s: float) -> Array:
-        """Gradients h (S, M, ..., d) of measurements whose derivatives along w are slope (S, M, ..., 3).
-
-        h_xy = slope_xy + slope_z rise (a source further up the hill lies higher), h_vxvy = -T h_xy, h_bxby = slope_xy.
-        rise: (S, M, 2) of the ground; None if it is level.
-        """
-        b, flat = BIASES + BIAS * vehicle, slope[..., :2]
-        gradient = np.zeros((*slope.shape[:-1], self.mean.shape[-1]))
-        gradient[..., b : b + 2] = flat
-        if rise is not None:
-            flat = flat + slope[..., 2:] * rise.reshape(*rise.shape[:2], *(1,) * (slope.ndim - 3), 2)
-        gradient[..., :2], gradient[..., 2:4] = flat, -age_s * flat
-        return gradient
-
     def _reweighted(self, log_likelihood: Array, mean: Array, covariance: Array) -> tuple[Mixture, float]:
         """Bayes' rule for the weights, given log likelihoods (S, M); also the log of the sum of weight times likelihood."""
         most = float(log_likelihood.max())
         weight = self.weight * np.exp(log_likelihood - most)
         total = float(weight.sum())
-        after = Mixture(self.time_s, self.mixed_s, weight / total, mean, covariance, self.bias_variance)
+        after = Mixture(self.time_s, self.mixed_s, weight / total, mean, covariance, self.bias_variance, self.hidden)
         return after, most + float(np.log(total))
 
     def reduced(self) -> Mixture:
-        """Mixture reduction: light sites dropped, near ones merged (``reduction``)."""
+        """Mixture reduction: light sites dropped, near ones merged (``reduction``), their chains with the mean probabilities."""
         if len(self.weight) == 1:
             return self
         groups = clusters(self.weight, self.mean, self.covariance)
         if len(groups) == len(self.weight):
             return self
+        site = self.weight.sum(axis=1)
+        levels = np.stack([np.tensordot(site[each] / site[each].sum(), self.hidden[each], 1) for each in groups])
         weight, mean, covariance = merged(groups, self.weight, self.mean, self.covariance)
-        return replace(self, weight=weight, mean=mean, covariance=covariance)
+        return replace(self, weight=weight, mean=mean, covariance=covariance, hidden=levels)
 
     def moments(self) -> tuple[Array, Array]:
         """Mean (d,) and covariance (d, d) over all sites and modes."""

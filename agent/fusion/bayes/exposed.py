@@ -1,0 +1,85 @@
+"""What an exposure's counts say of the logarithm of the source's rate, at each Gaussian of a track and for each component of what
+may stand unknown in between (``hidden``).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec import Struct
+
+from agent.fusion.bayes import hidden
+from agent.fusion.bayes.counts import MODEL_VARIANCE, TRACK_TEMPER, background_log_likelihood, fit_rate, innovation_squared
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, BIASES, GAIN
+from agent.fusion.bayes.sight import LineOfSight, Scene
+from agent.geometry import Array, Vector3
+
+_ITERATIONS = 6
+_KNOWN = 0.2  # 1 sigma of the logarithm of the rate, up to which an exposure is missed for what it lacks
+
+
+class Exposed(Struct, frozen=True, eq=False):
+    """An exposure of a vehicle (its index). position: p, mission frame. counts: (2,) k. background: (2,) expected.
+
+    middle_ns: UTC, of the exposure's middle.
+    """
+
+    vehicle: int
+    position: Vector3
+    live_time_s: float
+    counts: Array
+    background: Array
+    middle_ns: int
+
+
+class Fit(Struct, frozen=True, eq=False):
+    """The logarithm of the rate is linearised at each mean m, the Poisson likelihood is not: with
+
+        S = signal(flux(D) exp(a + g) live_time)                expected counts at m with a clear view
+        h = d ln S / ds = -(2 / D + mu) u along x, y and bx, by;  -T times that along vx, vy;  1 along a and g
+        z = h' (s - m) + e ~ N(0, V),  V = h' P h + MODEL_VARIANCE + what is not known of the component's share of S,
+
+    ``counts.fit_rate`` gives z | k ~ N(z^, v). (mu is ``air_per_m``; that scattered photons fall off less than exp(-mu D) / D^2
+    is left out of h, not of S; so is all that buildings change.)
+
+    gain: (S, M, d) P h. variance: (C, S, M) V; pull: z^ / V; shrink: (1 - v / V) / V; log_likelihood: ln P(k | component, m)
+    less ln P(k | H0). innovation: (S, M) normalised innovation squared of the component for which it is least. deficit: (S, M) by
+    how many sigmas the counts are below those of a clear view.
+    """
+
+    exposed: Exposed
+    gain: Array
+    pull: Array
+    shrink: Array
+    log_likelihood: Array
+    innovation: Array
+    deficit: Array
+
+    @staticmethod
+    def of(mean: Array, covariance: Array, scene: Scene, exposed: Exposed, age_s: float) -> Fit:
+        """mean: (S, M, d) m, covariance: (S, M, d, d) P of the track; age_s: T."""
+        response, background, counts = scene.response, exposed.background, exposed.counts
+        sight = LineOfSight.of(mean, scene.ground, exposed.vehicle, exposed.position, age_s)
+        slope = -(2.0 / sight.distance + response.air_per_m) / sight.distance
+        gradient = sight.gradient(slope[..., None] * sight.way, mean.shape[-1])
+        log_gain = BIASES + BIAS * exposed.vehicle + GAIN
+        gradient[..., ACTIVITY] = gradient[..., log_gain] = 1.0
+        gain = np.matvec(covariance, gradient)
+        spread = np.maximum(np.vecdot(gain, gradient), 0.0) + MODEL_VARIANCE
+        fluence = response.flux(sight.distance) * np.exp(mean[..., ACTIVITY] + mean[..., log_gain]) * exposed.live_time_s
+        clear = response.signal(fluence, sight.distance)
+        shielding = sight.shielding(scene.buildings, exposed.position, mean, covariance) if scene.buildings else None
+        expected, unsure = hidden.behind(response, fluence, clear, shielding)
+        variance = spread + unsure
+        shift, after, likelihood = fit_rate(counts, expected, background, variance, TRACK_TEMPER, _ITERATIONS)
+        innovation = innovation_squared(counts, expected, background, variance)
+        known = spread < _KNOWN**2
+        fewer = expected[0].sum(axis=-1) + background.sum() > counts.sum()
+        return Fit(
+            exposed=exposed,
+            gain=gain,
+            pull=shift / variance,
+            shrink=(1.0 - after / variance) / variance,
+            log_likelihood=likelihood - float(background_log_likelihood(counts, background, TRACK_TEMPER)),
+            innovation=innovation.min(axis=0),
+            deficit=np.where(known & fewer, np.sqrt(innovation[0]), 0.0),
+        )

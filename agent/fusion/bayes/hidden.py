@@ -1,0 +1,106 @@
+"""What stands unknown between the source and a camera: a hidden Markov chain [R89] over the attenuation along its flight.
+
+The optical depth t of whatever hides the source from a vehicle's camera is one of L levels ``DEPTHS``; the first is 0, a clear
+view. In an exposure of duration T the level is drawn anew with the probability 1 - exp(-r T), r = ``RATE_PS``, from ``PRIOR``:
+the chain's transition matrix is exp(-r T) I + (1 - exp(-r T)) 1 prior'. What passes in an exposure is one of C components: the
+level is the same throughout, or the view becomes hidden or clear at some instant, and any share of the direct photons may pass:
+
+    l throughout         share exp(-t_l),           1 sigma exp(-t_l) sigma_l, of the depths that a level stands for
+    clear, then l        share (1 + exp(-t_l)) / 2,  1 sigma (1 - exp(-t_l)) / sqrt(12)
+    l, then clear        the same.
+
+A change from one hidden level to another counts as if it came at the beginning.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agent.fusion.bayes.response import Response
+from agent.fusion.bayes.shielding import Shielding
+from agent.geometry import Array
+
+# By level: t, its 1 sigma, prior probability, and the share of the scattered photons that pass: they come around walls, but not
+# through a hill, or into a camera that is dead.
+_TABLE: Array = np.array(
+    [
+        (0.0, 0.00, 0.944, 1.0),
+        (0.4, 0.15, 0.010, 1.0),
+        (0.9, 0.17, 0.010, 1.0),
+        (1.6, 0.23, 0.010, 1.0),
+        (2.5, 0.30, 0.010, 1.0),
+        (4.0, 0.50, 0.010, 1.0),
+        (8.0, 1.00, 0.006, 0.01),
+    ]
+)
+DEPTHS, _SPREAD, PRIOR, _AROUND = _TABLE.T
+RATE_PS = 0.1
+_SCATTER_SIGMA = 0.3  # relative, of the scattered photons behind something unknown
+_TINY = 1e-12
+
+_LEVELS = len(DEPTHS)
+_PASSING: Array = np.exp(-DEPTHS)
+_BLOCKED: Array = 1.0 - _PASSING[1:]
+SHARE: Array = np.concatenate((_PASSING, 1.0 - _BLOCKED / 2.0, 1.0 - _BLOCKED / 2.0))  # (C,), of the direct photons
+SHARE_SIGMA: Array = np.concatenate((_PASSING * _SPREAD, _BLOCKED / 12**0.5, _BLOCKED / 12**0.5))  # (C,)
+AROUND: Array = np.concatenate((_AROUND, (1.0 + _AROUND[1:]) / 2.0, (1.0 + _AROUND[1:]) / 2.0))  # (C,), of scattered ones
+_FROM = np.concatenate((np.arange(_LEVELS), np.zeros(_LEVELS - 1, np.intp), np.arange(1, _LEVELS)))  # (C,)
+_TO = np.concatenate((np.arange(_LEVELS), np.arange(1, _LEVELS), np.zeros(_LEVELS - 1, np.intp)))
+_ENDS: Array = np.eye(_LEVELS)[_TO]  # (C, L)
+_SAME: Array = np.eye(_LEVELS, len(_TO))  # (L, C) probabilities of the components given the level before: none is drawn
+_DRAWN: Array = PRIOR[_TO] * (np.arange(_LEVELS)[:, None] == _FROM)  # one is, which may be the same
+_DRAWN[1:, 1:_LEVELS] = PRIOR[1:]
+
+
+def components(chance: Array, duration_s: float) -> Array:
+    """Probabilities (S, C) of an exposure's components, from those (S, L) of the levels before it."""
+    result: Array = np.maximum(chance @ _moves(duration_s), _TINY)
+    return result
+
+
+def levels(chance: Array) -> Array:
+    """Probabilities (S, L) of the levels after an exposure, from weights (S, C) of its components, which need not add up to 1."""
+    total = chance @ _ENDS
+    result: Array = total / np.maximum(total.sum(axis=1, keepdims=True), _TINY)
+    return result
+
+
+def given_level(likelihood: Array, duration_s: float) -> Array:
+    """Likelihood (S, L) of an exposure given the level before it, from that (S, C) given its component."""
+    result: Array = likelihood @ _moves(duration_s).T
+    return result
+
+
+def at_end(given: Array) -> Array:
+    """What is given (S, L) of the level after an exposure, for the components (S, C) of that exposure."""
+    result: Array = np.maximum(given[:, _TO], _TINY)
+    return result
+
+
+def passing(chance: Array) -> Array:
+    """E[exp(-t)], (S,), from the probabilities (S, L) of the levels."""
+    result: Array = chance @ _PASSING
+    return result
+
+
+def _moves(duration_s: float) -> Array:
+    """(L, C): probability of each component given the level before."""
+    kept = np.exp(-RATE_PS * duration_s)
+    result: Array = kept * _SAME + (1.0 - kept) * _DRAWN
+    return result
+
+
+def behind(response: Response, fluence: Array, clear: Array, known: Shielding | None) -> tuple[Array, Array]:
+    """Expected counts (C, S, M, 2), and the variance (C, S, M) of the logarithm of their sum by what is not known of them.
+
+    What stands in between takes off direct photons. Of the scattered ones, which come around it, it may change as much as
+    ``_SCATTER_SIGMA``. fluence: (S, M), clear: (S, M, 2), both without anything in between; known: walls and buildings.
+    """
+    share, sigma = SHARE[:, None, None], SHARE_SIGMA[:, None, None]
+    direct = response.direct(fluence)
+    scattered = (clear - direct) * AROUND[:, None, None, None]
+    if known is not None:
+        share, sigma = known.share * share, np.hypot(known.sigma * share, known.share * sigma)
+    expected, variance = Shielding(share, sigma).counts(response, fluence, direct + scattered)
+    unsure = _SCATTER_SIGMA * (1.0 - SHARE[:, None, None]) * scattered.sum(axis=-1) / expected.sum(axis=-1)
+    return expected, variance + unsure * unsure

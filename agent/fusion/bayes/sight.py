@@ -1,0 +1,85 @@
+"""The line of sight from a camera to where each Gaussian of a track has the source, and gradients of what is measured along it.
+
+With p the measured camera position and T the age of the measurement, w = (x - T vx + bx, y - T vy + by, ground height) - p,
+D = |w|; the ground's height is that below (x - T vx, y - T vy), its slope (``rise``) enters the gradients.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec import Struct
+
+from agent.fusion.bayes.motion import BIAS, BIASES, HEADING
+from agent.fusion.bayes.response import NEAREST_M, Response
+from agent.fusion.bayes.shielding import Shielding
+from agent.geometry import Array, Vector3
+from agent.terrain.buildings import Buildings
+from agent.terrain.ground import Ground
+
+
+class Scene(Struct, frozen=True, eq=False):
+    """What is known beforehand: what a camera counts, the ground, and walls and buildings."""
+
+    response: Response
+    ground: Ground
+    buildings: Buildings | None = None
+
+
+class LineOfSight(Struct, frozen=True, eq=False):
+    """From the camera of a vehicle (its index) to each mean, way (S, M, 3) w, distance (S, M) D, at least ``NEAREST_M``; rise
+    (S, M, 2) of the ground there, None if level. age_s: T.
+    """
+
+    vehicle: int
+    age_s: float
+    way: Array
+    distance: Array
+    rise: Array | None
+
+    @staticmethod
+    def of(mean: Array, ground: Ground, vehicle: int, position: Vector3, age_s: float) -> LineOfSight:
+        """To where each mean was age_s ago. position: p, mission frame."""
+        b = BIASES + BIAS * vehicle
+        place = mean[..., :2] - age_s * mean[..., 2:4]
+        way = np.empty((*mean.shape[:2], 3))
+        way[..., :2] = place + mean[..., b : b + 2]
+        rise = None
+        if ground.level:
+            way[..., 2] = ground.height_m(0.0, 0.0)
+        else:
+            places = place.reshape(-1, 2)
+            way[..., 2] = ground.heights_m(places).reshape(way.shape[:2])
+            rise = ground.slopes(places).reshape(place.shape)
+        way -= position
+        return LineOfSight(vehicle, age_s, way, np.maximum(np.sqrt(np.vecdot(way, way)), NEAREST_M), rise)
+
+    def gradient(self, slope: Array, dimensions: int) -> Array:
+        """Gradients h (S, M, ..., d) of measurements whose derivatives along w are slope (S, M, ..., 3).
+
+        h_xy = slope_xy + slope_z rise (a source further up the hill lies higher), h_vxvy = -T h_xy, h_bxby = slope_xy.
+        dimensions: d.
+        """
+        b, flat = BIASES + BIAS * self.vehicle, slope[..., :2]
+        gradient = np.zeros((*slope.shape[:-1], dimensions))
+        gradient[..., b : b + 2] = flat
+        if self.rise is not None:
+            flat = flat + slope[..., 2:] * self.rise.reshape(*self.rise.shape[:2], *(1,) * (slope.ndim - 3), 2)
+        gradient[..., :2], gradient[..., 2:4] = flat, -self.age_s * flat
+        return gradient
+
+    def shielding(self, buildings: Buildings, position: Vector3, mean: Array, covariance: Array) -> Shielding:
+        """What the known walls and buildings let pass. position, mean: as in ``of``; covariance: (S, M, d, d)."""
+        b = BIASES + BIAS * self.vehicle
+        start = np.broadcast_to(np.array(position), self.way.shape).copy()
+        start[..., :2] -= mean[..., b : b + 2]
+        return Shielding.of(buildings, start, self.way, np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)[..., :2]))
+
+    def turned(self, axes: Array, mean: Array) -> Array:
+        """R_z(-psi) n_k: axes (K, 3) corrected by each Gaussian's heading bias; (S, M, K, 3)."""
+        heading = mean[..., BIASES + BIAS * self.vehicle + HEADING]
+        cos, sin = np.cos(heading), np.sin(heading)
+        turned = np.empty((*heading.shape, *axes.shape))
+        turned[..., 0] = cos[..., None] * axes[:, 0] + sin[..., None] * axes[:, 1]
+        turned[..., 1] = cos[..., None] * axes[:, 1] - sin[..., None] * axes[:, 0]
+        turned[..., 2] = axes[:, 2]
+        return turned
