@@ -21,7 +21,7 @@ OPEN = {12: "frames estimated, and clocks set: the hypothesis excludes the truth
 def marks(seed: int) -> list[pytest.MarkDecorator]:
     """Most are slow; of what violates something today, the reason."""
     slow = [] if seed < 4 else [pytest.mark.slow]
-    return [*slow, pytest.mark.xfail(reason=OPEN[seed], strict=False)] if seed in OPEN else slow
+    return [*slow, pytest.mark.xfail(reason=OPEN[seed], strict=True)] if seed in OPEN else slow
 
 
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=marks(seed)) for seed in range(40)])
