@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from pathlib import Path
+from statistics import median
 
 import msgspec
 import pytest
@@ -58,7 +59,9 @@ def test_what_is_no_message_is_refused(kind: str, payload: bytes) -> None:
         read_message(f"radron/1/s/{kind}", payload)
 
 
-ROUNDING_M = 1e-9  # measured: 1.4e-11 m at most, on an AMD with AVX-512
+# The estimator has changed since the record was made (it reckons with walls that nobody knows of): measured 0.03 m in the median,
+# 1.5 m at most, in the first second, and 0.02 m at the end.
+NEAR_M, END_M = 0.1, 0.05
 
 
 def test_the_vehicles_response_is_identified() -> None:
@@ -78,13 +81,13 @@ def refolded(change: Callable[[str, bytes], bytes | None], folder: Path) -> Refo
     return refold(rewritten(LOG, folder / "changed.mcap", change))
 
 
-def test_todays_estimator_makes_the_same_hypotheses_of_its_log() -> None:
-    """Bit for bit on a processor for which numpy chooses the same code as on that of the record. (A flight recorded by the same
-    computer is replayed bit for bit on any: ``test_flight_replay.py``.)"""
+def test_todays_estimator_comes_to_nearly_the_same_hypotheses_of_its_log() -> None:
+    """(A flight recorded by the same radron is replayed bit for bit: ``test_flight_replay.py``.)"""
     found = refold(LOG)
     assert (found.recorded, found.same_log) == (250, 250)
-    assert max(found.differences_m, default=0.0) < ROUNDING_M
-    assert found.stands is (found.identical == 250)
+    assert median(found.differences_m) < NEAR_M
+    assert found.differences_m[-1] < END_M
+    assert not found.stands
     assert found.entries > 300
 
 
@@ -93,13 +96,13 @@ def test_a_hypothesis_that_differs_is_told_with_how_far_it_is_away(tmp_path: Pat
         if topic != topics.HYPOTHESIS or data == b"null":
             return data
         told = msgspec.json.decode(data)
-        told["position_m"][1] += 0.25
+        told["position_m"][1] += 500.0
         return msgspec.json.encode(told)
 
     found = refolded(moved, tmp_path)
     assert (found.same_log, found.identical, found.stands) == (250, 0, False)
-    assert found.differences_m == pytest.approx([0.25] * 250)
-    assert "250 differ: by 0.25 m in the median, 0.25 m at most" in sentence(found)
+    assert found.differences_m == pytest.approx([500.0] * 250, abs=2.0)
+    assert "250 differ: by 500 m in the median, 50" in sentence(found)
 
 
 def test_hypotheses_of_another_log_are_not_compared(tmp_path: Path) -> None:
@@ -109,8 +112,7 @@ def test_hypotheses_of_another_log_are_not_compared(tmp_path: Path) -> None:
 
     found = refolded(altered, tmp_path)
     assert not found.stands
-    assert max(found.differences_m, default=0.0) < ROUNDING_M
-    assert found.same_log < found.recorded == 250
+    assert (found.recorded, found.same_log, found.differences_m) == (250, 0, ())
 
 
 def test_the_command_folds_the_log_and_says_that_it_is_no_replay(capsys: pytest.CaptureFixture[str]) -> None:
