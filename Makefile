@@ -15,8 +15,9 @@ export OMP_NUM_THREADS = 1
 demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two minutes; results/demo/
 	$(BIN)/radron-sim live demo --seed 5 --out results/demo
 
+# Three workers on two cores: many of these tests wait for other processes.
 test: $(DEV)  ## the tests, without the slow ones
-	$(PYTEST) -n 2 -m "not slow and not long"
+	$(PYTEST) -n 3 -m "not slow and not long"
 
 test-slow: $(DEV)  ## the slow tests, of more than ten seconds each, without the longest
 	$(PYTEST) -n 2 -m "slow and not long"
