@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import msgspec
 
 TIME_FILE = "time.json"  # in the agent's RUNTIME_DIRECTORY
+_MOST_BYTES = 256
+_LONGEST_S = 1e9  # 30 years
 
 
 class Told(msgspec.Struct, frozen=True, kw_only=True):
     """``utc_ns``: the time that was told at ``uptime_s`` by this computer's monotonic clock, which no setting changes."""
 
     utc_ns: int
-    uptime_s: float
+    uptime_s: Annotated[float, msgspec.Meta(ge=0.0, le=_LONGEST_S)]
 
     def at(self, uptime_s: float) -> int:
         """The time when the monotonic clock shows this, UTC in nanoseconds."""
@@ -46,13 +49,16 @@ def hand_over(folder: Path, told: Told) -> None:
 
 
 def taken(file: Path) -> Told | None:
-    """What was handed over, which is gone then; None: nothing that can be read."""
+    """What was handed over, which is gone then; None: nothing that can be read. Whatever the agent may have put there: a link is
+    not followed, a pipe not waited for, and no more is read than a time needs.
+    """
     try:
-        return msgspec.json.decode(file.read_bytes(), type=Told)
+        with os.fdopen(os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as opened:
+            return msgspec.json.decode(opened.read(_MOST_BYTES), type=Told)
     except (OSError, msgspec.MsgspecError):
         return None
     finally:
-        with suppress(FileNotFoundError):
+        with suppress(OSError):
             file.unlink()
 
 

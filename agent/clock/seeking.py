@@ -9,6 +9,7 @@ from pathlib import Path
 from agent.clock.handover import Told, Valid, hand_over, text
 from agent.clock.systemtime import WAIT_S, overheard_time
 from agent.config.drone import VehicleConfig
+from agent.vehicle.exposure import exposure
 
 
 def seek_time(vehicle: VehicleConfig, valid: Valid, folder: Path, wait_s: float = WAIT_S) -> str:
@@ -23,10 +24,17 @@ def seek_time(vehicle: VehicleConfig, valid: Valid, folder: Path, wait_s: float 
     Raises:
         VehicleError: the link's ``source`` is no address.
     """
+    if vehicle.source is None and exposure(vehicle.address) is not None:
+        return (
+            f"no time is taken on {vehicle.address}, where anybody could tell it: set vehicle.source to the autopilot's address"
+        )
     told_ns = asyncio.run(overheard_time(vehicle.address, vehicle.system_id, vehicle.source, wait_s))
     uptime_s = time.monotonic()
     if told_ns is None:
-        return f"the autopilot on {vehicle.address} tells no time yet: it has it from satellites or a ground station"
+        return (
+            f"the autopilot on {vehicle.address} tells no time yet: it has it from satellites or a ground station "
+            "(heard on serial lines and udpin links alone)"
+        )
     if told_ns not in valid:
         return f"the autopilot's clock, {text(told_ns)}, cannot be right either"
     try:

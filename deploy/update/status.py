@@ -22,7 +22,8 @@ _SOON_DAYS = 7.0
 _LEAST_FREE_MB = 1000
 _SAME = 1e-5  # relative, of a parameter: the link has single precision
 _ALIKE = ("release", "PX4")  # of these all have the same
-_OWN = {"RTL_RETURN_ALT", "RTL_DESCEND_ALT", "GF_MAX_HOR_DIST"}  # each drone has its own layer, and its own launch place
+# Each drone has its own layer, and its own launch place; the last one is set at the takeoff.
+_OWN = {"RTL_RETURN_ALT", "RTL_DESCEND_ALT", "GF_MAX_HOR_DIST", "MIS_TAKEOFF_ALT"}
 
 
 @dataclass(frozen=True, slots=True)

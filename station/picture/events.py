@@ -9,7 +9,8 @@ from station.picture.orders import Heard
 
 
 def told(order: Heard, at_ms: int) -> Event:
-    """That a station has given an order, or that drones tell so."""
+    """That a station has given an order, or that drones tell so, which may have been long ago."""
+    at_ms = order.first_ns // 1_000_000 if order.told else at_ms
     values = {"station": order.station, "action": order.action, "drones": ", ".join(order.numbers)}
     if not order.refused:
         return Event(at_ms=at_ms, text="order told" if order.told else "order", values=values)

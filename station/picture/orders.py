@@ -76,7 +76,7 @@ class Orders:
         news, self._news = self._news, []
         ready: list[Heard] = []
         for one in news:
-            (self._news if one.told and 0 <= now_ns - one.last_ns < GATHER_NS else ready).append(one)
+            (self._news if one.told and abs(now_ns - one.last_ns) < GATHER_NS else ready).append(one)
         return ready
 
     def take(self, order: Order, now_ns: int) -> None:
@@ -106,12 +106,16 @@ class Orders:
 
     def hear(self, status: Status, now_ns: int) -> None:
         """Note what a drone tells of the orders to it."""
+        if status.ticket is not None:
+            self._hear(status, status.ticket.number - 1, now_ns)
         drone, answer = status.drone, status.upload
         if answer is not None and (asked := self._uploads.get(answer.stamp_ns)) is not None and drone in asked.numbers:
             asked.results[drone] = f"refused: {answer.refused}" if answer.refused else TAKEN
-        if status.ticket is None:
-            return
-        before, last = self._last.get(drone), status.ticket.number - 1
+
+    def _hear(self, status: Status, last: int, now_ns: int) -> None:
+        """Note what follows for the orders from the number of the ``last`` one that was obeyed, and from its name."""
+        drone = status.drone
+        before = self._last.get(drone)
         self._last[drone] = last
         done = [one for one in self._open(drone, now_ns) if one.numbers[drone] <= last]
         named = self._named(status, last, before is None, now_ns)
@@ -147,6 +151,8 @@ class Orders:
             known = Heard(at_ns, now_ns, obeyed.station, obeyed.order, None, told=True)
             self._add(key, known)
         known.numbers[drone], known.results[drone] = last, OBEYED
+        if obeyed.order == "upload":
+            self._uploads[obeyed.stamp_ns] = known  # whose mission is fetched, and may be refused, only then
         return known
 
     def _before(self, drone: str, number: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from identities import DAY_NS, identity, new_issuer
 
 from agent.clock import setting
-from agent.clock.handover import TIME_FILE, Told, Valid, hand_over
+from agent.clock.handover import TIME_FILE, Told, Valid, hand_over, taken
 from agent.clock.setting import ClockError, set_clock, validity_of, wanted
 
 BEGIN_NS = 1_800_000_000_000_000_000
@@ -64,3 +65,18 @@ def test_what_the_agent_hands_over_is_taken_once(tmp_path: Path, monkeypatch: py
         set_clock(tmp_path / TIME_FILE, valid)
     assert list(tmp_path.iterdir()) == []
     assert len(calls) == 1
+
+
+def test_whatever_the_agent_puts_there_is_no_time_and_holds_nobody_up(tmp_path: Path) -> None:
+    file = tmp_path / TIME_FILE
+    for content in (b"", b"x" * 10_000_000, b'{"utc_ns":1,"uptime_s":-1e308}', b'{"utc_ns":1,"uptime_s":1e308}'):
+        file.write_bytes(content)
+        assert taken(file) is None
+        assert not file.exists()
+    file.symlink_to("/dev/zero")
+    assert taken(file) is None
+    os.mkfifo(file)
+    assert taken(file) is None
+    assert not file.exists()
+    file.mkdir()
+    assert taken(file) is None

@@ -83,7 +83,13 @@ def test_without_a_computer_that_would_set_it_nothing_is_listened_to(
 def test_an_autopilot_that_tells_no_time_is_told(tmp_path: Path) -> None:
     valid = Valid(time.time_ns(), time.time_ns() + DAY_NS)
     said = seek_time(VehicleConfig(address=f"udpin://127.0.0.1:{free_port()}"), valid, tmp_path, wait_s=0.05)
-    assert said.endswith("tells no time yet: it has it from satellites or a ground station")
+    assert "tells no time yet: it has it from satellites or a ground station" in said
+
+
+def test_where_anybody_could_tell_a_time_none_is_taken(tmp_path: Path) -> None:
+    valid = Valid(time.time_ns(), time.time_ns() + DAY_NS)
+    said = seek_time(VehicleConfig(address=f"udpin://192.0.2.1:{free_port()}"), valid, tmp_path, wait_s=60.0)
+    assert said.endswith("where anybody could tell it: set vehicle.source to the autopilot's address")
 
 
 def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:

@@ -131,8 +131,18 @@ def test_an_upload_is_told_with_the_drones_answers(picture, refused, result):
     mission = replace(MISSION, name="other")
     bare = Upload(stamp_ns=START_NS, station="lockstep", mission=mission.mission_id, to=D1, parts=(bytes(32),))
     hear(picture, sign_command(bare, OPERATOR), 0)
-    hear(picture, status("d1", 6, 1, upload=Answer(START_NS, mission.mission_id, refused)), 1)
+    hear(picture, status("d1", 5, 0), 0)
+    answer = Answer(START_NS, mission.mission_id, refused)
+    hear(picture, status("d1", 6, 1, upload=answer, obeyed=Obeyed("upload", "lockstep", START_NS, 5)), 1)
     assert told(picture.of(mission)) == {(f"upload {mission.mission_id}", "d1"): result}
+
+
+def test_an_upload_by_another_station_that_a_drone_then_refuses_is_not_told_as_obeyed(picture):
+    hear(picture, status("d1", 5, 0), 0)
+    answer = Answer(START_NS + SECOND, MISSION.mission_id, "its parts do not come")
+    hear(picture, status("d1", 6, 1, upload=answer, obeyed=obeyed(5, "upload", after_s=1)), 1)
+    ((_, row),) = of_station({}, picture.orders).commands
+    assert (row.action, row.result) == ("upload", "refused: its parts do not come")
 
 
 def test_a_flood_of_orders_that_nobody_obeys_is_kept_in_bounds(picture):
@@ -173,6 +183,8 @@ def test_what_was_obeyed_before_the_station_came_has_the_time_of_the_order(pictu
         ("hold", 10 * SECOND),
         ("land", 61 * SECOND),
     ]
+    told_ms = [event.at_ms for event in picture.events(picture.frame(START_NS + 70 * SECOND)) if event.text == "order told"]
+    assert told_ms == [(START_NS + after_s * SECOND) // 1_000_000 for after_s in (10, 61)]
 
 
 def test_an_order_that_comes_before_or_after_what_the_drones_tell_of_it_is_one_order(picture):
