@@ -191,7 +191,9 @@ class BayesEstimator:
         vehicle, variance = self._errors_of(observation)
         change, frames = _frame_change(state.frames, vehicle, variance, observation)
         track = track.with_vehicle(vehicle, variance, change)
-        state = replace(state, frames=frames)
+        is_new_epoch = vehicle in state.frames and state.frames[vehicle][0] != observation.epoch
+        waiting = _without(state.waiting, vehicle) if is_new_epoch else state.waiting  # which has the former epoch's biases
+        state = replace(state, frames=frames, waiting=waiting)
         if isinstance(observation, CountObservation):
             recent = state.recent_evidence * math.exp(-observation.live_time_s / _EVIDENCE_FADE_S)
             return self._counted(replace(state, recent_evidence=recent), track, step, self._exposed(state, vehicle, observation))
@@ -210,11 +212,13 @@ class BayesEstimator:
         )
 
     def _counted(self, state: BayesState, track: Mixture, step: GridStep, exposed: Exposed) -> BayesState:
-        """Update with the vehicle's exposure that waited for this one, if any, and with this one, unless it is to wait itself."""
-        waiting = dict(state.waiting)
-        earlier = waiting.pop(exposed.vehicle, None)
+        """Update with the vehicle's exposure that waited for this one, if any, and with this one, unless it is to wait itself.
+
+        One that waited for too long is left out.
+        """
+        earlier, waiting = state.waiting.get(exposed.vehicle), _without(state.waiting, exposed.vehicle)
         fit = self._fit(track, step, exposed)
-        if earlier is not None:
+        if earlier is not None and exposed.follows(earlier):
             after = track.after_counts(self._fit(track, step, earlier), track.ahead(fit))
             track, gained = after or (track, -_REJECTED_COST)
             state = _gained(state, track, gained)
@@ -293,6 +297,10 @@ class BayesEstimator:
             self._motion,
             bias_variance,
         ).reduced()
+
+
+def _without(waiting: Mapping[int, Exposed], vehicle: int) -> Mapping[int, Exposed]:
+    return {other: exposed for other, exposed in waiting.items() if other != vehicle} if vehicle in waiting else waiting
 
 
 def _gained(state: BayesState, track: Mixture, gained: float) -> BayesState:

@@ -14,6 +14,8 @@ from agent.fusion.bayes.sight import LineOfSight, Scene
 from agent.geometry import Array, Vector3
 
 _ITERATIONS = 6
+_LEAST_FLUENCE = 1e-250  # from 60 km on exp(-mu D) is 0, of which no share can be taken
+_LONGEST_GAP_S = 2.0
 _KNOWN = 0.2  # 1 sigma of the logarithm of the rate, up to which an exposure is missed for what it lacks
 
 
@@ -29,6 +31,11 @@ class Exposed(Struct, frozen=True, eq=False):
     counts: Array
     background: Array
     middle_ns: int
+
+    def follows(self, earlier: Exposed) -> bool:
+        """Whether there is no long gap between the earlier exposure and this one."""
+        gap_s = (self.middle_ns - earlier.middle_ns) * 1e-9 - (self.live_time_s + earlier.live_time_s) / 2.0
+        return gap_s < _LONGEST_GAP_S
 
 
 class Fit(Struct, frozen=True, eq=False):
@@ -66,6 +73,7 @@ class Fit(Struct, frozen=True, eq=False):
         gain = np.matvec(covariance, gradient)
         spread = np.maximum(np.vecdot(gain, gradient), 0.0) + MODEL_VARIANCE
         fluence = response.flux(sight.distance) * np.exp(mean[..., ACTIVITY] + mean[..., log_gain]) * exposed.live_time_s
+        fluence = np.maximum(fluence, _LEAST_FLUENCE)
         clear = response.signal(fluence, sight.distance)
         shielding = sight.shielding(scene.buildings, exposed.position, mean, covariance) if scene.buildings else None
         expected, unsure = hidden.behind(response, fluence, clear, shielding)

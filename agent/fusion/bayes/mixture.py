@@ -153,7 +153,7 @@ class Mixture(Struct, frozen=True, eq=False):
         neither w nor the chain, to which that exposure is still to come. Also returns ln (sum of w P(k | s) / P(k | H0)), the
         log Bayes factor of the exposure, less the cost of a hidden view.
         """
-        if float((self.weight * fit.innovation).sum()) > _GATE_SIGMAS**2:
+        if not float((self.weight * fit.innovation).sum()) <= _GATE_SIGMAS**2:  # true for NaN too
             return None
         vehicle = fit.exposed.vehicle
         prior = hidden.components(self.hidden[:, vehicle], fit.exposed.live_time_s)

@@ -336,6 +336,39 @@ def test_a_wall_that_nobody_knows_of_moves_nothing(kit):
     assert errors.max() < 0.4  # 0.13 m; without the chain it is metres
 
 
+@pytest.mark.parametrize("away_m", [6e4, 9.9e4])
+def test_exposures_from_very_far_away_move_nothing(kit, away_m):
+    """A localisation that has diverged, or a member that makes it up: as far as a message may say."""
+    mission = kit.mission_of()
+    entries = entries_of(kit, mission, np.random.default_rng(16), 50.0, lambda _: (50.0, 50.0), 3e9)
+    for number in range(3):
+        far = kit.exposure_entry(mission, 40.0 + number, (away_m, 0.0, 3.0), drone="b", sequence=7000 + number, duration_s=0.5)
+        entries.append(msgspec.structs.replace(far, counts=Counts(3, 0, 0), boot="b" * 16))
+    found = hypotheses(kit, mission, entries, 50.0)
+    assert [time_s for time_s, _ in found if time_s > 39.0] == np.arange(39.5, 50.0, 0.5).tolist()
+    assert np.linalg.norm(errors_of(found[-8:], lambda _: np.array([50.0, 50.0])), axis=1).max() < 1.0
+
+
+@pytest.mark.parametrize(("later_s", "epoch"), [(0.5, 1), (5.0, 0)])
+def test_an_exposure_that_waits_is_left_out_where_the_next_one_says_nothing_of_it(kit, later_s, epoch):
+    """That of a new epoch has other biases, that after a gap another view."""
+    mission = kit.mission_of()
+    entries = entries_of(kit, mission, np.random.default_rng(17), 40.0, lambda _: (50.0, 50.0), 3e9)
+    low = kit.exposure_entry(mission, 40.0, (62.0, 50.0, 3.0), sequence=7000, duration_s=0.5)
+    lows = [msgspec.structs.replace(low, counts=Counts(hits, 0, 0)) for hits in (0, 3)]
+    last = kit.exposure_entry(mission, 40.0 + later_s, (62.0, 50.0, 3.0), sequence=7001, duration_s=0.5)
+    last = msgspec.structs.replace(last, counts=Counts(30, 5, 3), epoch=epoch)
+
+    def state(*more):
+        fusion = fusion_of(mission)
+        kit.feed(fusion, [*entries, *more])
+        fusion.advance(kit.T0_NS + 60 * 10**9, 10**6)
+        return fusion.state
+
+    assert all(0 in state(low).waiting for low in lows)
+    assert np.array_equal(*(state(low, last).track.mean for low in lows))
+
+
 @pytest.mark.parametrize("live_time_s", [5e-324, 1e-300])
 def test_an_exposure_of_no_time_says_nothing(kit, live_time_s):
     mission = kit.mission_of()
