@@ -109,8 +109,8 @@ class TrackConfig(Section, frozen=True, kw_only=True):
     estimator, after ``no_cone_timeout_s`` without a cone; the swarm then searches outward from the last hypothesis on a circle
     that grows by ``widening_mps``.
 
-    Of several sources each is circled until every drone has watched it for ``each_s``; then, by the ``policy``, the
-    ``strongest``, ``each`` in turn again, or one of the nuclide named, where there is one (else the strongest).
+    Of several sources each is circled until the drones have watched it for ``each_s`` each, together; then, by the
+    ``policy``, the ``strongest``, ``each`` in turn again, or one of the nuclide named, where there is one (else the strongest).
     """
 
     later = frozenset({"policy", "each_s"})

@@ -122,6 +122,12 @@ class Deferred:
         after = None if link.before is None else link.number
         return Task(number, link.start_ns, after, tuple(links), None if missing else at)
 
+    def next_task(self, held: Collection[int], begun: int | None) -> Task | None:
+        """As ``task``, for whoever computes one after the other: ``begun`` is the question of the last one where its answer takes
+        more. It is finished first, or late entries that keep coming could keep all answers back.
+        """
+        return (None if begun is None else self.task(held, begun)) or self.task(held)
+
     def take(self, question: int, told: Told) -> None:
         """Take an answer; one to a question that has an answer, or a newer one has, is left out."""
         if question in self._questions:

@@ -221,7 +221,8 @@ class Mission:
             self._enter(Stage.RETURN, now_ns)
             return
         if self.stage is Stage.SURVEY:
-            if situation.is_found:
+            # A hypothesis that was gone for a moment, or over a restart, begins no further search.
+            if situation.is_found or (situation.has_hypothesis and self.tracking_since_ns is not None):
                 self._enter(Stage.TRACK, now_ns)
             elif situation.nothing_found and self._gives_up:
                 self._enter(Stage.RETURN, now_ns)

@@ -19,12 +19,16 @@ _NEARER_M = 1.0
 
 
 class Home:
-    """Home of one drone, and how long the drone has been there."""
+    """Home of one drone, and how long the drone has been there.
+
+    ``is_remembered``: the agent was started in flight, and may never have heard some that fly.
+    """
 
     def __init__(self, own: OwnPose) -> None:
         self._own = own
         self._launch: VehicleState | None = None
         self._remembered: Vector3 | None = None
+        self.is_remembered = False
         self._watched_ns = 0
         self._near_since_ns: int | None = None
         self._there_since_ns: int | None = None
@@ -32,16 +36,11 @@ class Home:
 
     def took_off(self, vehicle: VehicleState) -> None:
         """The drone takes off here."""
-        self._launch = vehicle
+        self._launch, self.is_remembered = vehicle, False
 
     def remember(self, place: Vector3 | None) -> None:
-        """Take the place stored before the agent was restarted; mission frame."""
-        self._remembered = place
-
-    @property
-    def is_remembered(self) -> bool:
-        """Whether the agent was started in flight, and may never have heard some that fly."""
-        return self._remembered is not None
+        """Take the place stored before the agent was restarted; mission frame, None where that was not known."""
+        self._remembered, self.is_remembered = place, True
 
     @property
     def in_mission(self) -> Vector3 | None:

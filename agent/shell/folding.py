@@ -76,14 +76,16 @@ class Folding:
             held, _ = await _exchanged(process, self._order, START_S)
             self._log.info("the process of the estimator is ready", pid=process.pid)
             self.problem = None
+            begun: int | None = None
             while True:
-                task = deferred.task(held)
+                task = deferred.next_task(held, begun)
                 if task is None:
                     if process.returncode is not None:
                         raise EOFError
                     await asyncio.sleep(LOOK_S)
                     continue
                 held, told = await _exchanged(process, task, ANSWER_S)
+                begun = task.question if told is None else None
                 if told is not None:
                     self._answered(task.question, told)
         finally:

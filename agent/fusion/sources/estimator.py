@@ -32,6 +32,7 @@ from agent.fusion.sources.moves import Moves
 from agent.fusion.sources.solution import BIAS, SOURCE, Solution
 from agent.fusion.sources.spectra import KNOWN, REFERENCE_BQ, Spectra
 from agent.geometry import Array
+from agent.motion.orbit import ring_radius_m
 from agent.terrain.ground import Ground
 from protocol.entries import AnyEntry, Cone, Exposure
 
@@ -82,7 +83,7 @@ class SourcesEstimator:
             raise ConfigError(f"fusion.sources.activity_bq: {least_bq:g} is not less than {most_bq:g}: the smaller one first")
         self._ground = Ground.from_config(mission)
         self._area = area
-        self._watched_m = mission.encirclement.radius_m + _BESIDE_M
+        self._watched_m = ring_radius_m(mission, 0, fits_hypothesis=False) + _BESIDE_M
         self._spectra = Spectra.of(self._config.nuclides or KNOWN)
         self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._window = mission.detection.energy_window

@@ -31,14 +31,16 @@ class Elsewhere:
     def begin(self):
         """All that it held is gone."""
         self.folder = Folder(self.deferred.estimator)
-        self.sizes = []
+        self.sizes, self.answers, self.begun = [], 0, None
 
     def work(self):
-        task = self.deferred.task(self.folder.held)
+        task = self.deferred.next_task(self.folder.held, self.begun)
         if task is not None:
             self.sizes.append(sum(len(observations) for _, _, observations in task.links))
             told = self.folder.fold(sent(task))
+            self.begun = task.question if told is None else None
             if told is not None:
+                self.answers += 1
                 self.fusion.answered(task.question, sent(told))
 
     def settle(self, now_ns):
@@ -107,6 +109,23 @@ def test_a_long_way_is_made_in_small_tasks(kit, mission, cones):
     assert sum(elsewhere.sizes) == len(cones) > MOST_OBSERVATIONS
     assert len(elsewhere.sizes) > 1
     assert max(elsewhere.sizes) <= MOST_OBSERVATIONS
+
+
+def test_late_entries_that_keep_coming_keep_no_answer_back(kit, mission, cones):
+    """Each changes a way of several tasks from its beginning on, and the next one comes before that way is made."""
+    fusion = fusion_of(mission, Deferred(estimator_named("paper", mission)))
+    late, rest = cones[:20], cones[20:]
+    kit.feed(fusion, rest)
+    elsewhere = Elsewhere(fusion)
+    elsewhere.settle(kit.T0_NS + 60_000_000_000)
+    elsewhere.sizes, elsewhere.answers = [], 0
+    for number, cone in enumerate(late):
+        kit.feed(fusion, [cone])
+        for part in range(10):
+            fusion.advance(kit.T0_NS + 61_000_000_000 + number * 1_000_000_000 + part * 100_000_000)
+        elsewhere.work()
+    assert len(elsewhere.sizes) == len(late)
+    assert 5 <= elsewhere.answers < len(late)
 
 
 def test_a_new_mission_begins_without_the_last_ones_hypothesis(kit, mission, cones):

@@ -131,6 +131,10 @@ def test_a_search_for_further_sources_goes_on_beside_one_that_is_found():
     assert mission.stage is Stage.TRACK
     mission.step(at(30.0, has_hypothesis=True, searches_on=True))  # what is known of the area was taken back
     assert mission.stage is Stage.TRACK
+    mission.step(at(40.0))
+    assert mission.stage is Stage.SURVEY
+    mission.step(at(41.0, has_hypothesis=True, searches_on=True))  # it was gone for a moment
+    assert mission.stage is Stage.TRACK
 
 
 def test_a_search_lasts_through_a_hold_and_begins_anew_after_a_source_was_tracked():

@@ -63,7 +63,8 @@ def flown(
     believed: the hypothesis by the time. home_m: mission frame.
     """
     navigator, own, frames = made(mission)
-    navigator.home.remember(home_m)
+    if home_m is not None:
+        navigator.home.remember(home_m)
     mission_from_local = frames.mission_from_local("d1", 0)
     local = mission_from_local.inverse()
     position, velocity, places = local.apply_point((35.0, 25.0, height_m)), (0.0, 0.0, 0.0), []
