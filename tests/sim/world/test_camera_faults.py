@@ -6,10 +6,9 @@ from msgspec.structs import replace
 
 from agent.detector.readout import PixelHits
 from protocol.codec import decode_from
-from protocol.messages import Status
+from sim.faults.network import FaultyRadio
 from sim.lockstep import fly
 from sim.scenario import load_scenario, override
-from sim.scoring.recorder import Recorder
 from sim.world.cameras import Cameras
 
 FAULTY = 1
@@ -17,21 +16,20 @@ FAULTY = 1
 
 def flown(monkeypatch, fault, scenario, **changes):
     """The result of a flight in which each readout of one drone passes through ``fault``, and that drone's problems."""
-    read_out, hear = Cameras.read_out, Recorder.hear
+    read_out, send = Cameras.read_out, FaultyRadio.send
     problems = set()
 
     def faulty(self, drone):
         readout = read_out(self, drone)
         return fault(readout) if drone == FAULTY else readout
 
-    def listen(self, drone, key, payload):
-        message = decode_from(key, payload)
-        if isinstance(message, Status) and drone == FAULTY:
-            problems.update(message.problems)
-        hear(self, drone, key, payload)
+    def listen(self, drone, key, payload, *more):
+        if drone == FAULTY and key.endswith("/status"):
+            problems.update(decode_from(key, payload).problems)
+        return send(self, drone, key, payload, *more)
 
     monkeypatch.setattr(Cameras, "read_out", faulty)
-    monkeypatch.setattr(Recorder, "hear", listen)
+    monkeypatch.setattr(FaultyRadio, "send", listen)
     return fly(override(load_scenario(scenario), changes), seed=4).result, problems
 
 
