@@ -20,16 +20,8 @@ _MOST_BYTES = 10 + _PAYLOAD_BYTES + _CRC_BYTES
 
 
 async def overheard_time(address: str, system_id: int | None, source: str | None, wait_s: float = WAIT_S) -> int | None:
-    """UTC by the autopilot's clock when this returns, in nanoseconds; None: it has not told it. Nothing is sent.
-
-    Args:
-        address: as for MAVSDK. The port or device must be free, and is free again afterwards.
-        system_id: of the vehicle; None: any.
-        source: IP address whose packets are looked at; None: all.
-        wait_s: how long to look at most.
-
-    Raises:
-        VehicleError: ``source`` is no IPv4 address.
+    """UTC by the autopilot's clock when this returns, in nanoseconds; None: it has not told it. Nothing is sent. Arguments
+    and errors: see ``agent.vehicle.signed.first_message``.
     """
     return await overhear(address, lambda data, _: time_in(data, system_id), source, wait_s)
 
