@@ -9,47 +9,49 @@ from __future__ import annotations
 
 import struct
 
-from agent.vehicle.signed import overhear
+from agent.vehicle.mavlinkheader import AUTOPILOT, FIRST_BYTES, header_at
+from agent.vehicle.overhearing import overhear
 
 WAIT_S = 3.0  # three messages
-_FIRST, _SECOND = 0xFE, 0xFD  # versions of MAVLink, by the first byte of a message
 _SYSTEM_TIME, _CRC_EXTRA, _PAYLOAD_BYTES = 2, 137, 12
-_AUTOPILOT = 1  # component
-_CRC_BYTES = 2
-_MOST_BYTES = 10 + _PAYLOAD_BYTES + _CRC_BYTES
 
 
 async def overheard_time(address: str, system_id: int | None, source: str | None, wait_s: float = WAIT_S) -> int | None:
-    """UTC by the autopilot's clock when this returns, in nanoseconds; None: it has not told it. Nothing is sent. Arguments
-    and errors: see ``agent.vehicle.signed.first_message``.
+    """UTC by the autopilot's clock when this returns, in nanoseconds; None: it has not told it. Nothing is sent.
+
+    Args:
+        address, source, wait_s: see ``overhear``.
+        system_id: of the vehicle; None: any.
+
+    Raises:
+        VehicleError: ``source`` is no IPv4 address.
     """
     return await overhear(address, lambda data, _: time_in(data, system_id), source, wait_s)
 
 
 def time_in(data: bytes, system_id: int | None = None) -> int | None:
     """The newest time that an autopilot tells in these bytes, UTC in nanoseconds; None: it tells none. Checksums are verified."""
-    for first_byte in (_SECOND, _FIRST):
+    for first_byte in FIRST_BYTES:
         place = len(data)
         while (place := data.rfind(first_byte, 0, place)) >= 0:
-            told_ns = _told_at(data[place : place + _MOST_BYTES], system_id)
+            told_ns = _told_at(data, place, system_id)
             if told_ns is not None:
                 return told_ns
     return None
 
 
-def _told_at(data: bytes, system_id: int | None) -> int | None:
-    """The time in the SYSTEM_TIME with which these bytes begin."""
-    header = 10 if data[0] == _SECOND else 6  # bytes before the payload
-    if len(data) < header:
+def _told_at(data: bytes, place: int, system_id: int | None) -> int | None:
+    """The time in the SYSTEM_TIME that begins at this index."""
+    header = header_at(data, place)
+    if header is None or header.number != _SYSTEM_TIME:
         return None
-    end = header + data[1]
-    sender, component = data[header - 5 : header - 3] if data[0] == _SECOND else data[3:5]
-    number = int.from_bytes(data[7:10], "little") if data[0] == _SECOND else data[5]
-    if number != _SYSTEM_TIME or component != _AUTOPILOT or system_id not in (None, sender) or data[1] > _PAYLOAD_BYTES:
+    (system, component), payload = header.sender, data[header.payload]
+    if component != AUTOPILOT or system_id not in (None, system) or len(payload) > _PAYLOAD_BYTES:
         return None
-    if data[end : end + _CRC_BYTES] != struct.pack("<H", _checksum(data[1:end] + bytes([_CRC_EXTRA]))):
+    checksum = data[header.payload.stop : header.payload.stop + 2]
+    if checksum != struct.pack("<H", _checksum(data[place + 1 : header.payload.stop] + bytes([_CRC_EXTRA]))):
         return None
-    unix_us, _ = struct.unpack("<QI", data[header:end].ljust(_PAYLOAD_BYTES, b"\0"))  # zeros at the end are not sent
+    unix_us, _ = struct.unpack("<QI", payload.ljust(_PAYLOAD_BYTES, b"\0"))  # zeros at the end are not sent
     return int(unix_us) * 1000 or None
 
 

@@ -24,7 +24,8 @@ from agent.vehicle.claim import claim_port
 from agent.vehicle.device import check_device
 from agent.vehicle.exposure import exposure, take_only_from
 from agent.vehicle.messages import DECODERS, Attitude, DistanceSensor, Message, Odometry
-from agent.vehicle.signed import FIRST_S, First, first_message, listens
+from agent.vehicle.overhearing import listens
+from agent.vehicle.signed import FIRST_S, First, first_message
 
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 COMMANDS_PER_MESSAGE = 7
