@@ -5,12 +5,10 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
-from math import isfinite
 from typing import Literal
 
 from agent.config.drone import VehicleConfig
 from agent.vehicle.exposure import exposure
-from agent.vehicle.frame import ned_from_enu, ned_from_enu_position, ned_yaw
 from agent.vehicle.health import StatusMessages
 from agent.vehicle.interface import AgentLost, Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
 from agent.vehicle.link import Link, Received
@@ -29,27 +27,19 @@ from agent.vehicle.messages import (
 from agent.vehicle.modes import CUSTOM_MODES, SET_MODE_FLAGS
 from agent.vehicle.parameters import FLOAT, RETURN_ALTITUDE, TAKEOFF_ALTITUDE, Parameters, float32, rules_of, wire_value
 from agent.vehicle.requests import Act, Requests
+from agent.vehicle.setpoints import SetpointStream
 from agent.vehicle.signed import SIGNED
+from agent.vehicle.streams import GLOBAL_ORIGIN, HOME_POSITION, REQUEST, Streams
 from agent.vehicle.telemetry import Telemetry
 from agent.vehicle.vision import Vision
 
-LOCAL_NED = 1  # MAV_FRAME_LOCAL_NED
-USE_ALL = 0  # type_mask: use position, velocity, acceleration, yaw and yaw rate
-STREAM_S = 0.3  # setpoints are streamed for this long before offboard is requested
-STREAM_GAP_S = 0.5  # after a longer gap the stream starts again
 SET_UP_S = 1.0  # between requests for missing streams and values
-MOST_INTERVAL_ASKS = 5  # a slow link or simulation may never reach the rates
 REFUSAL_S = 5.0  # a refusal counts as a problem for this long
 FIX_S = 0.9  # between two fixes: the errors of those in between are strongly correlated
 
-_TAKE_OFF, _LAND, _SET_MODE, _ARM, _SET_INTERVAL, _REQUEST = 22, 21, 176, 400, 511, 512  # MAV_CMD
+_TAKE_OFF, _LAND, _SET_MODE, _ARM = 22, 21, 176, 400  # MAV_CMD
 _WATCHED = {_TAKE_OFF: "to take off", _LAND: "to land", _SET_MODE: "to change its mode", _ARM: "to arm"}
 _RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}  # MAV_RESULT
-_HOME_POSITION, _GLOBAL_ORIGIN, _VERSION = 242, 49, 148
-# Message ids and rates (Hz) that are requested; other streams are not read. (Heartbeats stay at PX4's 1 Hz.)
-_WANTED_HZ = {32: 30.0, 31: 30.0, 331: 10.0, 132: 10.0, 245: 5.0, 24: 5.0, 230: 5.0, 436: 5.0, 1: 2.0}
-_UNWANTED = (30, 33, 36, 74, 83, 85, 105, 141)
-_FEWEST_POSITIONS_PER_S = 20  # with fewer the rates are requested again
 
 
 class Px4Vehicle:
@@ -92,15 +82,13 @@ class Px4Vehicle:
         height_m = lost.return_height_m if lost is not None and config.gnss else None
         sets = lost is not None and lost.sets
         self.parameters = Parameters(mission_ceiling_m, rules, height_m, sets=sets, others=config.parameters)
-        self._requests = Requests()
+        self._requests, self._setpoints, self._streams = Requests(), SetpointStream(self._link), Streams(self._link)
         self._vision = Vision(config.vision.address, self._link.send, clock_ns) if config.vision is not None else None
         self._seeing: asyncio.Task[None] | None = None
         self._callback: Callable[[VehicleState], None] | None = None
         self._fix_callback: Callable[[GnssFix], None] | None = None
         self._fix_s = float("-inf")
-        self._positions = self._interval_asks = 0  # positions since the last check of the rates
         self._set_up_s = float("-inf")
-        self._stream_from_s = self._setpoint_s = float("-inf")
         self._refusal: tuple[str, float] | None = None
         self.counters = self._link.counters
 
@@ -197,7 +185,7 @@ class Px4Vehicle:
                 case Heartbeat() if self._telemetry.is_lost(now_s):
                     self._begin_anew()
                 case LocalPosition():
-                    self._positions += 1
+                    self._streams.positions += 1
                 case StatusText() | Event() | AutopilotVersion():
                     self._messages.receive(message, now_s)
                 case CommandAck():
@@ -226,7 +214,8 @@ class Px4Vehicle:
         """The link is up for the first time or again: the autopilot may have been restarted, or be another one."""
         self._telemetry.begin_anew()
         self.parameters.forget()
-        self._interval_asks, self._set_up_s = 0, float("-inf")
+        self._streams.begin_anew()
+        self._set_up_s = float("-inf")
 
     def _set_up(self, now_s: float) -> None:
         """Request what is missing, again and again: streams, home, origin, parameters.
@@ -242,22 +231,12 @@ class Px4Vehicle:
         elapsed_s = now_s - self._set_up_s
         if elapsed_s < SET_UP_S:
             return
-        too_few = self._positions < _FEWEST_POSITIONS_PER_S * SET_UP_S
-        if self._interval_asks == 0 or (too_few and self._interval_asks < MOST_INTERVAL_ASKS):
-            self._interval_asks += 1
-            self._ask_for_streams()
+        self._streams.check(SET_UP_S)
         if self._config.gnss and not self._telemetry.has_home:
-            self._link.send_command(_REQUEST, _HOME_POSITION)
+            self._link.send_command(REQUEST, HOME_POSITION)
         if self._config.gnss and not self._telemetry.has_origin:
-            self._link.send_command(_REQUEST, _GLOBAL_ORIGIN)
-        self._set_up_s, self._positions = now_s, 0
-
-    def _ask_for_streams(self) -> None:
-        for message, rate_hz in _WANTED_HZ.items():
-            self._link.send_command(_SET_INTERVAL, message, 1e6 / rate_hz)
-        for message in _UNWANTED:
-            self._link.send_command(_SET_INTERVAL, message, -1)
-        self._link.send_command(_REQUEST, _VERSION)
+            self._link.send_command(REQUEST, GLOBAL_ORIGIN)
+        self._set_up_s = now_s
 
     def _take_ack(self, ack: CommandAck, now_s: float) -> None:
         """Refusals are kept as a reason to report; acceptance only counts once the heartbeat shows it."""
@@ -265,7 +244,7 @@ class Px4Vehicle:
             self._refusal = f"the autopilot refuses {_WATCHED[ack.command]}: {_RESULTS[ack.result]}", now_s
 
     def _stream(self, setpoint: Setpoint | None, now_s: float) -> bool:
-        """Send the setpoint; returns whether setpoints have been streamed for long enough to request offboard.
+        """Send the setpoint; returns whether offboard mode may be requested.
 
         A setpoint planned before a jump of the frame would be wrong by as much: none is sent until the pilot knows of the new
         frame.
@@ -273,21 +252,7 @@ class Px4Vehicle:
         launch = self._telemetry.launch.place
         if setpoint is None or launch is None or self._telemetry.frame_in_doubt:
             return False
-        position, velocity = ned_from_enu_position(setpoint.position_m, launch), ned_from_enu(setpoint.velocity_mps)
-        acceleration, yaw_rad = ned_from_enu(setpoint.acceleration_mps2), ned_yaw(setpoint.yaw_rad)
-        if not isfinite(sum((*position, *velocity, *acceleration, yaw_rad, setpoint.yaw_rate_rps))):
-            self.counters["setpoints_not_finite"] += 1  # to PX4 a NaN means: do not control this
-            return False
-        x, y, z = position
-        vx, vy, vz = velocity
-        afx, afy, afz = acceleration
-        fields = {"x": x, "y": y, "z": z, "vx": vx, "vy": vy, "vz": vz, "afx": afx, "afy": afy, "afz": afz, "yaw": yaw_rad}
-        fields |= {"yaw_rate": -setpoint.yaw_rate_rps, "coordinate_frame": LOCAL_NED, "type_mask": USE_ALL}
-        self._link.send("SET_POSITION_TARGET_LOCAL_NED", fields | {"time_boot_ms": int(now_s * 1e3) % 2**32})
-        if now_s - self._setpoint_s > STREAM_GAP_S:
-            self._stream_from_s = now_s
-        self._setpoint_s = now_s
-        return now_s - self._stream_from_s >= STREAM_S
+        return self._setpoints.send(setpoint, launch, now_s)
 
     def _ask(self, act: Act, command: VehicleCommand) -> None:
         match act:
