@@ -18,6 +18,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from agent.config.estimators import FusionConfig
 from agent.config.mission import AreaConfig, DetectionConfig, DroneInMission, MissionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
@@ -122,11 +123,13 @@ def path(drone: int, sources: Sequence[Placed], circle_s: float, rng: np.random.
     return np.concatenate(places), np.concatenate(headings)
 
 
-def observed(seed: int, sources: Sequence[Placed], truth: Truth, circle_s: float, nuclide: str) -> list[Observation]:
+def observed(
+    seed: int, sources: Sequence[Placed], truth: Truth, circle_s: float, nuclide: str | tuple[str, ...]
+) -> list[Observation]:
     """What the swarm logs; ``nuclide``: the mission's, whose lines make cones."""
     rng = np.random.default_rng(seed)
     found: list[Observation] = []
-    names = sorted({source.nuclide for source in sources}) or [nuclide]
+    names = sorted({source.nuclide for source in sources}) or ["Cs-137"]
     for drone in range(DRONES):
         bias = np.append(rng.normal(0.0, truth.bias_m, 2), 0.0)
         own = int(rng.integers(1 << 30))
@@ -246,15 +249,18 @@ def main(
     alone: Annotated[bool, typer.Option("--alone")] = False,
     circle_s: Annotated[float, typer.Option(help="Time around each source.")] = 40.0,
     nuclides: Annotated[str, typer.Option(help="Of the sources.")] = "Cs-137,Ir-192",
+    sought: Annotated[str, typer.Option(help="The mission's nuclide, whose lines make cones.")] = "auto",
 ) -> None:
     truth = Truth.real() if real else Truth()
     square = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M))
     drones = tuple(DroneInMission(id=f"d{k + 1}") for k in range(DRONES))
-    mission = MissionConfig(name="several", drones=drones, area=AreaConfig(polygon_m=square))
+    fusion = FusionConfig(estimator="bayes" if alone else "sources")
+    nuclide = "Cs-137" if alone else sought
+    mission = MissionConfig(name="several", drones=drones, area=AreaConfig(polygon_m=square), nuclide=nuclide, fusion=fusion)
     tallies = {name: Tally() for name in (("sources", "bayes") if alone else ("sources",))}
     for number in range(seed, seed + flights):
         rng = np.random.default_rng([number, 1])
-        sources = [Placed(mission.nuclide, rng.uniform(10.0, 90.0, 2), 3e9)] if alone else drawn(rng, nuclides.split(","))
+        sources = [Placed(mission.named(), rng.uniform(10.0, 90.0, 2), 3e9)] if alone else drawn(rng, nuclides.split(","))
         seen = observed(number, sources, truth, circle_s, mission.nuclide)
         for name, tally in tallies.items():
             judge(sources, estimate(name, mission, seen, tally), tally)

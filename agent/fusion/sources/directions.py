@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from agent.detector.windows import Windows
 from agent.fusion.bayes.cones import OUTLIER_FRACTION
 from agent.fusion.sources.counts import parts_by_drone
 from agent.fusion.sources.data import Cones
@@ -26,15 +27,18 @@ _LEAST_SINE = 1e-3
 class ConeModel:
     """The cones with the areas for their lines."""
 
-    def __init__(self, cones: Cones, spectra: Spectra, ground: Ground, drones: int, window: float) -> None:
-        """``window``: relative half width in which the detector takes coincidences for a line's."""
+    def __init__(self, cones: Cones, spectra: Spectra, ground: Ground, drones: int, windows: Windows) -> None:
+        """``windows``: in which the detector takes coincidences for a line's."""
         self._cones, self._spectra, self._ground, self._drones = cones, spectra, ground, drones
-        lines, index = np.unique(np.round(cones.energy_kev), return_inverse=True)
-        of_lines = [spectra.cones(line, window) for line in lines.tolist()]
-        shape = len(lines), len(spectra.nuclides)
-        self._pointing = np.array([one[0] for one in of_lines]).reshape(shape)[index.ravel()]  # (C, N)
-        self._other = np.array([one[1] for one in of_lines]).reshape(shape)[index.ravel()]
-        self._background = np.array([one[2] for one in of_lines])[index.ravel()]  # (C,)
+        lines = np.array([window.energy_kev for window in windows.each])
+        index = np.abs(cones.energy_kev[:, None] - lines).argmin(axis=1)
+        of_lines = [
+            spectra.cones(window.energy_kev, windows.reach_kev(place), window.unsure_kev)
+            for place, window in enumerate(windows.each)
+        ]
+        self._pointing = np.array([one[0] for one in of_lines])[index]  # (C, N)
+        self._other = np.array([one[1] for one in of_lines])[index]
+        self._background = np.array([one[2] for one in of_lines])[index]  # (C,)
         self._precision = 1.0 / cones.variance
         self._height = cones.weight * np.sqrt(self._precision) * _PER_ROOT_TWO_PI
 

@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from shapely import Polygon, contains_xy
 
 from agent.config.mission import MissionConfig
+from agent.detector.windows import Windows, candidates_of
 from agent.errors import ConfigError
 from agent.fusion.bayes.apparent import Sights, on_ground
 from agent.fusion.bayes.motion import ACTIVITY, BIASES, GAIN
@@ -84,9 +85,9 @@ class SourcesEstimator:
         self._ground = Ground.from_config(mission)
         self._area = area
         self._watched_m = ring_radius_m(mission, 0, fits_hypothesis=False) + _BESIDE_M
-        self._spectra = Spectra.of(self._config.nuclides or KNOWN)
+        self._spectra = Spectra.of(mission.nuclide if isinstance(mission.nuclide, tuple) else KNOWN)
         self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
-        self._window = mission.detection.energy_window
+        self._windows = Windows(candidates_of(mission.nuclide), mission.detection)
         self._refined_ns, self._moved_ns = round(self._config.refined_s * 1e9), round(self._config.moved_s * 1e9)
         self._places = _grid(area)
 
@@ -154,7 +155,7 @@ class SourcesEstimator:
     def _problem(self, state: SourcesState, rows: Rows, cones: Cones) -> Problem:
         drones = len(self._numbers)
         counts = CountModel(rows, self._spectra, self._ground, drones)
-        directions = ConeModel(cones, self._spectra, self._ground, drones, self._window)
+        directions = ConeModel(cones, self._spectra, self._ground, drones, self._windows)
         return Problem(counts, directions, self._prior(state), len(self._spectra.nuclides))
 
     def _prior(self, state: SourcesState) -> Prior:

@@ -19,10 +19,12 @@ NUCLIDES = ("Cs-137", "Co-60", "Ir-192")
 
 def mission_of(kit, drones=("a", "b"), **config):
     """A small area, and few candidates: so that a test takes less than a second."""
-    config = {"nuclides": NUCLIDES, "moved_s": 5.0, **config}
+    config = {"moved_s": 5.0, **config}
+    nuclides = config.pop("nuclides", NUCLIDES)
     square = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M))
     return msgspec.structs.replace(
         kit.mission_of(drones=drones),
+        nuclide=nuclides,
         area=AreaConfig(polygon_m=square),
         fusion=FusionConfig(estimator="sources", sources=SourcesEstimatorConfig(**config)),
     )

@@ -5,6 +5,8 @@ import pytest
 from msgspec.structs import replace
 from shapely import Polygon
 
+from agent.config.mission import DetectionConfig
+from agent.detector.windows import Windows
 from agent.frames.transform import Transform
 from agent.fusion.observation import ConeObservation, observe
 from agent.fusion.sources.counts import CountModel
@@ -40,7 +42,12 @@ def problem(kit, among):
         area_m2=Polygon(mission.area.polygon_m).area,
         expected=1.5,
     )
-    return Problem(CountModel(rows, spectra, ground, 2), ConeModel(cones, spectra, ground, 2, 0.2), prior, len(spectra.nuclides))
+    return Problem(
+        CountModel(rows, spectra, ground, 2),
+        ConeModel(cones, spectra, ground, 2, Windows(among.NUCLIDES, DetectionConfig())),
+        prior,
+        len(spectra.nuclides),
+    )
 
 
 def somewhere():
