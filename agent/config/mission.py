@@ -21,6 +21,7 @@ from agent.errors import ConfigError
 from protocol.units import DroneId, Identifier, Latitude, Longitude, Nuclide
 
 Corner = tuple[Coordinate, Coordinate]
+SourceHeight = Annotated[float, Meta(ge=0.0, le=50.0)]
 AUTO = "auto"  # in the place of a nuclide: any
 _OF_ONE_NUCLIDE = frozenset({"bayes", "paper", "paper-geometric"})  # estimators that take all cones for that nuclide's
 MOST_LANES = 300  # over an area: they are planned between two steps in flight (0.2 s on a desktop), again when a drone drops out
@@ -223,12 +224,13 @@ class MissionConfig(Section, frozen=True, kw_only=True):
 
     ``nuclide``: that of the source, or a list of those that it may be of, or ``auto``: any that is known. None given: ``auto``
     with the estimator ``sources``, else Cs-137. More than one candidate needs an estimator that reads spectra, such as
-    ``sources``.
+    ``sources``. ``source_height_m``: least and greatest height of a source above the ground, which only ``sources`` estimates.
     """
 
     name: str
     swarm: Identifier = "radron"
     nuclide: str | Annotated[tuple[Nuclide, ...], Meta(min_length=1, max_length=32)] = ""
+    source_height_m: tuple[SourceHeight, SourceHeight] = (0.0, 0.0)
     drones: Annotated[tuple[DroneInMission, ...], Meta(min_length=1, max_length=64)]
     datum: DatumConfig | None = None  # none: the mission frame's place on Earth is unknown or not needed
     area: AreaConfig
@@ -242,7 +244,7 @@ class MissionConfig(Section, frozen=True, kw_only=True):
     fusion: FusionConfig = FusionConfig()
     track: TrackConfig = TrackConfig()
     safety: SafetyConfig = SafetyConfig()
-    later = frozenset({"buildings"})
+    later = frozenset({"buildings", "source_height_m"})
 
     def __post_init__(self) -> None:
         if not self.nuclide:
@@ -280,6 +282,11 @@ class MissionConfig(Section, frozen=True, kw_only=True):
         """Raise ConfigError if values contradict each other; ``where`` is named in the text."""
         if self.fusion.estimator in _OF_ONE_NUCLIDE:
             self.named(where)
+            if self.source_height_m[1] > 0.0:
+                raise ConfigError(f"{where}: source_height_m: only fusion.estimator = 'sources' knows sources above the ground")
+        low_m, high_m = self.source_height_m
+        if low_m > high_m or low_m == high_m > 0.0:
+            raise ConfigError(f"{where}: source_height_m: {low_m:g} is not below {high_m:g}; give least and greatest height")
         outline = Polygon(self.area.polygon_m)
         if not outline.is_valid or outline.area <= 0.0:
             raise ConfigError(

@@ -85,6 +85,12 @@ def test_a_mission_is_read_with_its_defaults(mission_file: Path) -> None:
         ("[100, 0]", "[100, nan]", ["area.polygon_m[1][1]"]),
         ("[area]", "[area]\nfloor_m = 70", ["area.floor_m must be below area.ceiling_m"]),
         ("[encirclement]", '[fusion]\nestimator = "given"\n[encirclement]', ["needs fusion.given.schedule"]),
+        (
+            'name = "harbour"',
+            'name = "harbour"\nsource_height_m = [0, 20]',
+            ["source_height_m: only fusion.estimator = 'sources'"],
+        ),
+        ('name = "harbour"', 'name = "harbour"\nfusion.estimator = "sources"\nsource_height_m = [9, 2]', ["9 is not below 2"]),
         ('name = "harbour"', 'name = "harbour"\nnuclide = "auto"', ["nuclide: 'auto' is more than one", "name one nuclide"]),
         ("name =", "name", ["not TOML", "line 2"]),
     ],

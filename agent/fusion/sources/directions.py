@@ -15,7 +15,7 @@ from agent.detector.windows import Windows
 from agent.fusion.bayes.cones import OUTLIER_FRACTION
 from agent.fusion.sources.counts import parts_by_drone
 from agent.fusion.sources.data import Cones
-from agent.fusion.sources.solution import SOURCE, Solution
+from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
 from agent.geometry import Array
 from agent.terrain.ground import Ground
@@ -54,7 +54,8 @@ class ConeModel:
 
     def scored(self, solution: Solution) -> tuple[float, Array, Array]:
         """As ``CountModel.scored``."""
-        size = SOURCE * len(solution) + 1
+        each, free = solution.size, [0, 1] if solution.height is None else [0, 1, 3]
+        size = each * len(solution) + 1
         if not len(self._cones) or not len(solution):
             return 0.0, np.zeros((self._drones, size)), np.zeros((self._drones, size, size))
         background = self._background * np.exp(solution.log_background)
@@ -64,18 +65,18 @@ class ConeModel:
         gradient = np.empty((len(self._cones), size))
         for k, (seen, missed, by_place, weakening) in enumerate(parts):
             share = seen / above - missed / below
-            gradient[:, SOURCE * k : SOURCE * k + 2] = by_place / above[:, None] + share[:, None] * weakening
-            gradient[:, SOURCE * k + 2] = share
+            gradient[:, [each * k + part for part in free]] = by_place / above[:, None] + share[:, None] * weakening
+            gradient[:, each * k + 2] = share
         gradient[:, -1] = background / above - background / below
         return float(np.log(above / below).sum()), *parts_by_drone(self._drones, self._cones.drone, gradient)
 
     def _source(self, solution: Solution, k: int) -> tuple[Array, Array, Array, Array]:
-        """Of source k for each cone: its terms (C,) above and below the line; w K times the derivative (C, 2) of rho by x and y;
-        the derivative (C, 2) of log w.
+        """Of source k for each cone: its terms (C,) above and below the line; w K times the derivative (C, 2) of rho by x and y,
+        or (C, 3) by x, y and height; the derivative of log w by the same.
         """
         x, y = solution.place[k].tolist()
         rise = np.array(self._ground.slope(x, y))
-        way = np.array((x, y, self._ground.height_m(x, y))) - self._cones.apex
+        way = np.array((x, y, self._ground.height_m(x, y) + solution.height_of(k))) - self._cones.apex
         way[:, :2] += solution.bias[self._cones.drone, :2]
         distance = np.maximum(np.sqrt((way**2).sum(axis=1)), NEAREST_M)
         n = solution.nuclide[k]
@@ -88,8 +89,8 @@ class ConeModel:
         return (
             pointing * (directed + OUTLIER_FRACTION) + other,
             pointing + other,
-            pointing[:, None] * (by_way[:, :2] + by_way[:, 2:] * rise),
-            weakening[:, :2] + weakening[:, 2:] * rise,
+            pointing[:, None] * _by_place(by_way, rise, solution),
+            _by_place(weakening, rise, solution),
         )
 
     def _directed(self, unit: Array, distance: Array) -> tuple[Array, Array]:
@@ -101,3 +102,9 @@ class ConeModel:
         sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _LEAST_SINE)
         turn = -(self._cones.axis - cosine[..., None] * unit[:, None, :]) / (sine * distance[:, None])[..., None]
         return density.sum(axis=(1, 2)), (slope[..., None] * turn).sum(axis=1)
+
+
+def _by_place(by_way: Array, rise: Array, solution: Solution) -> Array:
+    """Derivatives (C, 2) by a source's x and y, or (C, 3) by those and its height, from those (C, 3) by the way to it."""
+    flat = by_way[:, :2] + by_way[:, 2:] * rise
+    return flat if solution.height is None else np.column_stack((flat, by_way[:, 2]))
