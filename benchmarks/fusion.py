@@ -55,7 +55,7 @@ def main() -> None:
 def _entries(mission: MissionConfig) -> list[Entry]:
     """Cones and exposures of three drones that circle a source of 3 GBq in the middle; rates as the estimator expects them."""
     rng = np.random.default_rng(1)
-    response = response_of(mission.nuclide)
+    response = response_of(mission.named())
     entries: list[Entry] = []
     for index, drone in enumerate(DRONES):
         own = {"mission": mission.mission_id, "drone": drone, "boot": BOOT, "epoch": 0}

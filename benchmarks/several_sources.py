@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from agent.config.estimators import FusionConfig
 from agent.config.mission import AreaConfig, DetectionConfig, DroneInMission, MissionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
@@ -47,6 +48,7 @@ class Placed:
     nuclide: str
     place: Array
     activity_bq: float
+    height_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -81,18 +83,21 @@ class Tally:
     nuclides: int = 0
     false: int = 0
     error_m: list[float] = field(default_factory=list)
+    height_m: list[float] = field(default_factory=list)
     activity: list[float] = field(default_factory=list)
     inside: list[bool] = field(default_factory=list)
     refining_s: list[float] = field(default_factory=list)
     moving_s: list[float] = field(default_factory=list)
 
 
-def drawn(rng: np.random.Generator, nuclides: Sequence[str]) -> list[Placed]:
+def drawn(rng: np.random.Generator, nuclides: Sequence[str], highest_m: float = 0.0) -> list[Placed]:
     """Sources as in the module's docstring."""
-    count, found = int(rng.integers(0, 7)), list[Placed]()
+    count, found = int(rng.integers(0, 4 if highest_m > 0.0 else 7)), list[Placed]()
     while len(found) < count:
         activity = 3e8 * 20.0 ** rng.uniform()
         one = Placed(str(rng.choice(list(nuclides))), rng.uniform(5.0, SIDE_M - 5.0, 2), activity)
+        if highest_m > 0.0:
+            one = replace(one, height_m=float(rng.uniform(0.0, highest_m)))
         if all(_may_lie_beside(one, other) for other in found):
             found.append(one)
     return found
@@ -122,11 +127,13 @@ def path(drone: int, sources: Sequence[Placed], circle_s: float, rng: np.random.
     return np.concatenate(places), np.concatenate(headings)
 
 
-def observed(seed: int, sources: Sequence[Placed], truth: Truth, circle_s: float, nuclide: str) -> list[Observation]:
+def observed(
+    seed: int, sources: Sequence[Placed], truth: Truth, circle_s: float, nuclide: str | tuple[str, ...]
+) -> list[Observation]:
     """What the swarm logs; ``nuclide``: the mission's, whose lines make cones."""
     rng = np.random.default_rng(seed)
     found: list[Observation] = []
-    names = sorted({source.nuclide for source in sources}) or [nuclide]
+    names = sorted({source.nuclide for source in sources}) or ["Cs-137"]
     for drone in range(DRONES):
         bias = np.append(rng.normal(0.0, truth.bias_m, 2), 0.0)
         own = int(rng.integers(1 << 30))
@@ -158,7 +165,7 @@ def _camera_axes(heading: float, rng: np.random.Generator) -> Array:
 
 
 def _view(source: Placed, place: Array, axes: Array) -> SourceView:
-    way = np.append(source.place, 0.0) - place
+    way = np.append(source.place, source.height_m) - place
     distance = float(np.linalg.norm(way))
     x, y, z = (axes @ way / distance).tolist()
     return SourceView((x, y, z), distance, source.activity_bq)
@@ -223,6 +230,7 @@ def judge(sources: Sequence[Placed], told: Hypothesis | None, tally: Tally) -> N
         error = found.position[:2] - source.place
         tally.nuclides += found.nuclide in (source.nuclide, None)
         tally.error_m.append(off[best])
+        tally.height_m.append(abs(float(found.position[2]) - source.height_m))
         tally.activity.append(abs((found.activity_bq or 0.0) / source.activity_bq - 1.0))
         tally.inside.append(float(error @ np.linalg.solve(found.covariance[:2, :2], error)) <= IN_90)
 
@@ -230,11 +238,12 @@ def judge(sources: Sequence[Placed], told: Hypothesis | None, tally: Tally) -> N
 def told(name: str, tally: Tally) -> str:
     """The tally in a line."""
     half, most = np.quantile(tally.error_m or [math.nan], (0.5, 0.9))
+    high = np.quantile(tally.height_m or [math.nan], (0.5, 0.9))
     weak, strong = 100.0 * np.quantile(tally.activity or [math.nan], (0.5, 0.9))
     return (
         f"{name}: number right {tally.right}/{tally.flights}, sources {len(tally.error_m)}/{tally.sources}, nuclides right "
         f"{tally.nuclides}, false {tally.false}; error 50/90 % {half:.3f}/{most:.3f} m, activity {weak:.1f}/{strong:.1f} %, "
-        f"in 90 % region {np.mean(tally.inside or [math.nan]):.2f}; refinement at most {1e3 * max(tally.refining_s):.0f} ms, "
+        f"height {high[0]:.3f}/{high[1]:.3f} m, in 90 % region {np.mean(tally.inside or [math.nan]):.2f}; refinement at most {1e3 * max(tally.refining_s):.0f} ms, "
         f"with moves {1e3 * np.median(tally.moving_s):.0f} ms, at most {1e3 * max(tally.moving_s):.0f} ms"
     )
 
@@ -244,17 +253,30 @@ def main(
     seed: Annotated[int, typer.Option(help="Of the first one.")] = 1,
     real: Annotated[bool, typer.Option("--real")] = False,
     alone: Annotated[bool, typer.Option("--alone")] = False,
+    highest_m: Annotated[float, typer.Option(help="Sources are up to so high, and at most three.")] = 0.0,
     circle_s: Annotated[float, typer.Option(help="Time around each source.")] = 40.0,
     nuclides: Annotated[str, typer.Option(help="Of the sources.")] = "Cs-137,Ir-192",
+    sought: Annotated[str, typer.Option(help="The mission's nuclide, whose lines make cones.")] = "auto",
 ) -> None:
     truth = Truth.real() if real else Truth()
     square = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M))
     drones = tuple(DroneInMission(id=f"d{k + 1}") for k in range(DRONES))
-    mission = MissionConfig(name="several", drones=drones, area=AreaConfig(polygon_m=square))
+    fusion = FusionConfig(estimator="bayes" if alone else "sources")
+    nuclide = "Cs-137" if alone else sought
+    mission = MissionConfig(
+        name="several",
+        drones=drones,
+        area=AreaConfig(polygon_m=square),
+        nuclide=nuclide,
+        source_height_m=(0.0, highest_m),
+        fusion=fusion,
+    )
     tallies = {name: Tally() for name in (("sources", "bayes") if alone else ("sources",))}
     for number in range(seed, seed + flights):
         rng = np.random.default_rng([number, 1])
-        sources = [Placed(mission.nuclide, rng.uniform(10.0, 90.0, 2), 3e9)] if alone else drawn(rng, nuclides.split(","))
+        sources = (
+            [Placed(mission.named(), rng.uniform(10.0, 90.0, 2), 3e9)] if alone else drawn(rng, nuclides.split(","), highest_m)
+        )
         seen = observed(number, sources, truth, circle_s, mission.nuclide)
         for name, tally in tallies.items():
             judge(sources, estimate(name, mission, seen, tally), tally)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
-from agent.detector.recognition import CANDIDATES
+from agent.detector.lines import CANDIDATES
 from protocol.spectrum import BINS
 from sim.radiation.electronics import Electronics
 from sim.radiation.events import COMPLETE, Events, simulate

@@ -98,8 +98,9 @@ class Scenario(_Section, frozen=True, kw_only=True):
         """Raise ConfigError where values contradict each other."""
         self.mission.check(where)
         check_estimator(self.mission.fusion.estimator, f"{where}: mission.fusion.estimator")
-        if self.mission.nuclide not in NUCLIDES:
-            raise ConfigError(f"{where}: mission.nuclide: unknown nuclide {self.mission.nuclide!r}; known: {', '.join(NUCLIDES)}")
+        nuclide = self.mission.one_nuclide
+        if nuclide is not None and nuclide not in NUCLIDES:
+            raise ConfigError(f"{where}: mission.nuclide: unknown nuclide {nuclide!r}; known: {', '.join(NUCLIDES)}")
         area = Polygon(self.mission.area.polygon_m)
         named = [("source", self.source), *((f"sources[{place}]", source) for place, source in enumerate(self.sources))]
         for name, source in named:

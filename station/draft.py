@@ -117,6 +117,8 @@ def _flaw_of(content: dict[str, Any], key: str, value: object) -> Flaw | None:
 
 
 def _with(content: dict[str, Any], key: str, value: object) -> dict[str, Any]:
+    if key == "nuclide" and isinstance(value, str) and "," in value:
+        value = [name.strip() for name in value.split(",")]
     section, _, name = key.rpartition(".")
     return {**content, section: {**content[section], name: value}} if section else {**content, name: value}
 
@@ -137,7 +139,8 @@ def _field(mission: MissionConfig, key: str) -> Field:
     kind = get_type_hints(type(owner))[name]
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     choices = next((get_args(part) for part in parts if get_origin(part) is Literal), ())
-    return Field(key, getattr(owner, name), number=str not in parts and not choices, optional=_may_be_empty(key), choices=choices)
+    value = mission.nuclide_text if key == "nuclide" else getattr(owner, name)
+    return Field(key, value, number=str not in parts and not choices, optional=_may_be_empty(key), choices=choices)
 
 
 def _may_be_empty(key: str) -> bool:

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from agent.config.section import Activity, Coordinate, NonNegative, Positive, Section
-from protocol.units import Identifier, Nuclide
+from protocol.units import Identifier
 
 
 class PaperEstimatorConfig(Section, frozen=True, kw_only=True):
@@ -55,7 +55,6 @@ class BayesEstimatorConfig(Section, frozen=True, kw_only=True):
 class SourcesEstimatorConfig(Section, frozen=True, kw_only=True):
     """Parameters of the estimator of several sources at rest."""
 
-    nuclides: tuple[Nuclide, ...] = ()  # candidates; none: all that it knows
     most: Annotated[int, Meta(ge=1, le=6)] = 6  # sources
     activity_bq: tuple[Activity, Activity] = (1e6, 1e13)
     gain_sigma: Positive = 0.05  # relative sensitivity of a camera against the others, 1 sigma

@@ -18,9 +18,12 @@ from agent.config.buildings import BuildingsConfig
 from agent.config.estimators import FusionConfig
 from agent.config.section import Activity, Coordinate, Degrees, NonNegative, Positive, Section, content_of
 from agent.errors import ConfigError
-from protocol.units import DroneId, Identifier, Latitude, Longitude
+from protocol.units import DroneId, Identifier, Latitude, Longitude, Nuclide
 
 Corner = tuple[Coordinate, Coordinate]
+SourceHeight = Annotated[float, Meta(ge=0.0, le=50.0)]
+AUTO = "auto"  # in the place of a nuclide: any
+_OF_ONE_NUCLIDE = frozenset({"bayes", "paper", "paper-geometric"})  # estimators that take all cones for that nuclide's
 MOST_LANES = 300  # over an area: they are planned between two steps in flight (0.2 s on a desktop), again when a drone drops out
 _RETURN_SHARE = 0.9  # of the ceiling, for the highest return: heights above a launch place are good to a metre or two
 GRID_BYTES = 2_000_000  # limit of an elevation grid: 1 km2 at 1 m, compressed
@@ -217,11 +220,17 @@ class FramesConfig(Section, frozen=True, kw_only=True):
 
 
 class MissionConfig(Section, frozen=True, kw_only=True):
-    """What the swarm is to do. The same file on every drone."""
+    """What the swarm is to do. The same file on every drone.
+
+    ``nuclide``: that of the source, or a list of those that it may be of, or ``auto``: any that is known. None given: ``auto``
+    with the estimator ``sources``, else Cs-137. More than one candidate needs an estimator that reads spectra, such as
+    ``sources``. ``source_height_m``: least and greatest height of a source above the ground, which only ``sources`` estimates.
+    """
 
     name: str
     swarm: Identifier = "radron"
-    nuclide: str = "Cs-137"
+    nuclide: str | Annotated[tuple[Nuclide, ...], Meta(min_length=1, max_length=32)] = ""
+    source_height_m: tuple[SourceHeight, SourceHeight] = (0.0, 0.0)
     drones: Annotated[tuple[DroneInMission, ...], Meta(min_length=1, max_length=64)]
     datum: DatumConfig | None = None  # none: the mission frame's place on Earth is unknown or not needed
     area: AreaConfig
@@ -235,7 +244,32 @@ class MissionConfig(Section, frozen=True, kw_only=True):
     fusion: FusionConfig = FusionConfig()
     track: TrackConfig = TrackConfig()
     safety: SafetyConfig = SafetyConfig()
-    later = frozenset({"buildings"})
+    later = frozenset({"buildings", "source_height_m"})
+
+    def __post_init__(self) -> None:
+        if not self.nuclide:
+            msgspec.structs.force_setattr(self, "nuclide", AUTO if self.fusion.estimator == "sources" else "Cs-137")
+
+    def named(self, where: str = "mission") -> str:
+        """The one nuclide of the source; raises ConfigError, naming ``where``, where it is not known."""
+        if self.one_nuclide is None:
+            raise ConfigError(
+                f"{where}: nuclide: {self.nuclide_text!r} is more than one, and only fusion.estimator = 'sources' tells which it "
+                "is; fly that, or name one nuclide (`radron-agent cones FILE --nuclide auto` recognises that of a recording)"
+            )
+        return self.one_nuclide
+
+    @property
+    def one_nuclide(self) -> str | None:
+        """The nuclide if it is known; None where there are several candidates."""
+        if isinstance(self.nuclide, tuple):
+            return self.nuclide[0] if len(self.nuclide) == 1 else None
+        return None if self.nuclide == AUTO else self.nuclide
+
+    @property
+    def nuclide_text(self) -> str:
+        """For people: ``Cs-137``, ``Cs-137, Co-60`` or ``auto``."""
+        return ", ".join(self.nuclide) if isinstance(self.nuclide, tuple) else self.nuclide
 
     def member(self, drone: str) -> DroneInMission:
         """The drone of that id; raises ConfigError where there is none."""
@@ -246,11 +280,13 @@ class MissionConfig(Section, frozen=True, kw_only=True):
 
     def check(self, where: str) -> None:
         """Raise ConfigError if values contradict each other; ``where`` is named in the text."""
-        if self.nuclide == "auto":
-            raise ConfigError(
-                f"{where}: nuclide: 'auto' cannot be flown, since cones are made for the lines of one nuclide; name it "
-                "(`radron-agent cones FILE --nuclide auto` recognises that of a recording)"
-            )
+        if self.fusion.estimator in _OF_ONE_NUCLIDE:
+            self.named(where)
+            if self.source_height_m[1] > 0.0:
+                raise ConfigError(f"{where}: source_height_m: only fusion.estimator = 'sources' knows sources above the ground")
+        low_m, high_m = self.source_height_m
+        if low_m > high_m or low_m == high_m > 0.0:
+            raise ConfigError(f"{where}: source_height_m: {low_m:g} is not below {high_m:g}; give least and greatest height")
         outline = Polygon(self.area.polygon_m)
         if not outline.is_valid or outline.area <= 0.0:
             raise ConfigError(

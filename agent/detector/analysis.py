@@ -15,8 +15,8 @@ from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.detection import ConeEvent, Detections
 from agent.detector.imaging import Direction, DirectionScan
-from agent.detector.lines import lines_of
-from agent.detector.recognition import CANDIDATES, Recogniser, Recognition
+from agent.detector.lines import CANDIDATES, lines_of
+from agent.detector.recognition import Recogniser, Recognition
 from agent.detector.residuals import told
 from agent.detector.t3pa import T3paReader, readouts
 from agent.errors import DetectorError

@@ -28,13 +28,13 @@ class DetectorChain:
     def __init__(
         self,
         config: DetectionConfig,
-        nuclide: str | None,
+        nuclide: str | tuple[str, ...] | None,
         calibration: Calibration,
         on_energies: EnergySink | None = None,
     ) -> None:
         """Args:
             config: coincidence window, thresholds and line windows.
-            nuclide: whose lines make cones; None: hits and coincidences only.
+            nuclide: whose lines make cones, as in the mission; None: hits and coincidences only.
             calibration: of the camera.
             on_energies: receives the energies (keV) of all events.
 

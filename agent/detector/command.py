@@ -9,15 +9,13 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from agent.config.mission import DetectionConfig
+from agent.config.mission import AUTO, DetectionConfig
 from agent.detector.analysis import Summary, analyse, recognise
 from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.lines import lines_of
 from agent.detector.residuals import told
 from agent.detector.t3pa import T3paReader
 from agent.outputs import check_output
-
-AUTO = "auto"
 
 
 def run_cones(file: Path, csv: Path, nuclide: str, calibration: Path | None, toa_bits: int | None) -> None:

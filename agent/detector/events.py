@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,10 @@ from agent.detector.clustering import Cluster, Clusters
 from agent.detector.coincidence import events_of, merge_satellites
 from agent.detector.cones import Line, cone_event
 from agent.detector.detection import ConeEvent
-from agent.detector.lines import lines_of
 from agent.detector.readout import SENSOR_THICKNESS_MM, TICK_NS
 from agent.detector.sensor import MM_PER_TICK
 from agent.detector.spectrum import CoarseSpectrum
+from agent.detector.windows import Windows, candidates_of
 
 EnergySink = Callable[[Sequence[float] | NDArray[np.float64]], None]
 
@@ -36,12 +35,13 @@ class Tally:
 class EventReader:
     """Classifies events: full-energy events, coincidences, and the coincidences that make a cone."""
 
-    def __init__(self, config: DetectionConfig, nuclide: str | None, on_energies: EnergySink | None = None) -> None:
-        """``nuclide`` None: no event counts as full energy, none makes a cone. Raises ConfigError for an unknown nuclide."""
-        self._windows = tuple(
-            (energy, config.energy_window * energy, Line.of(energy, config.maximum_electron_kev, config.minimum_photon_kev))
-            for energy in (() if nuclide is None else lines_of(nuclide))
-        )
+    def __init__(
+        self, config: DetectionConfig, nuclide: str | tuple[str, ...] | None, on_energies: EnergySink | None = None
+    ) -> None:
+        """``nuclide``: as in the mission; None: no event counts as full energy, none makes a cone. Raises ConfigError for an
+        unknown nuclide.
+        """
+        self._windows = Windows(() if nuclide is None else candidates_of(nuclide), config)
         self._window_ticks = config.coincidence_window_ns / TICK_NS
         self._minimum_pixels = config.minimum_pixels
         self._on_energies = on_energies
@@ -62,8 +62,8 @@ class EventReader:
         tally = self.read_few(clusters.take(~alone).each(), clock_ns)
         energy = clusters.energy_kev[alone]
         full = np.zeros(len(energy), np.bool_)
-        for line_kev, window_kev, _ in self._windows:
-            full |= np.abs(energy - line_kev) <= window_kev
+        for window in self._windows.each:
+            full |= np.abs(energy - window.energy_kev) <= window.half_kev
         tally.hits += len(energy)
         tally.spectrum.add_singles(energy)
         tally.photopeak += int(np.count_nonzero(full))
@@ -78,7 +78,7 @@ class EventReader:
         else:
             event = merge_satellites(event)
             energy = sum(cluster.energy_kev for cluster in event)
-        line = self._line_of(energy)
+        line = self._windows.line_of(energy)
         tally.hits += len(event)
         tally.photopeak += line is not None
         if len(event) <= 2:
@@ -90,16 +90,6 @@ class EventReader:
                 if cone is not None:
                     tally.cones.append(cone)
         return energy
-
-    def _line_of(self, energy_kev: float) -> Line | None:
-        """The nearest line whose window holds the energy."""
-        best = None
-        least = inf
-        for line_kev, window_kev, line in self._windows:
-            difference = abs(energy_kev - line_kev)
-            if difference <= window_kev and difference < least:
-                best, least = line, difference
-        return best
 
     def _cone(self, first: Cluster, second: Cluster, line: Line, clock_ns: int) -> ConeEvent | None:
         """The cone of a coincidence; None where it is too small or no order has energies within the limits (paper)."""

@@ -81,6 +81,7 @@ LINES_KEV: dict[str, tuple[float, ...]] = {
     "Na-22": (511.00, 1274.54),
     "Se-75": (121.12, 136.00, 264.66, 279.54, 400.66),
 }
+CANDIDATES = tuple(name for name in LINES_KEV if name != "K-40")  # that is present everywhere
 
 
 def lines_of(nuclide: str) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""The nuclide in the spectrum of the own camera, in flight, against that of the mission."""
+"""The nuclide in the spectrum of the own camera, in flight, against the mission's: one, or several candidates."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from agent.detector.recognition import Recogniser, Recognition, prepare
 from agent.detector.residuals import told
+from agent.detector.windows import candidates_of
 from agent.geometry import Array
 from protocol.messages import Recognised
 
@@ -13,10 +14,15 @@ LOOK_NS = 10_000_000_000
 
 
 class NuclideWatch:
-    """Recognises the nuclide every LOOK_NS, and compares it with the mission's."""
+    """Recognises the nuclide every LOOK_NS, and compares it with the mission's.
 
-    def __init__(self, expected: str) -> None:
-        self._expected = expected
+    Where there are several candidates, there may be several sources, whose spectrum is that of no one nuclide; so only lines are
+    told that no mixture of candidates explains.
+    """
+
+    def __init__(self, expected: str | tuple[str, ...]) -> None:
+        """``expected``: as in the mission."""
+        self._expected = candidates_of(expected)
         self._recogniser = Recogniser()
         prepare()
         self._looked_ns: int | None = None
@@ -35,7 +41,10 @@ class NuclideWatch:
             self._looked_ns = now_ns
             found = self._recogniser.look()
             self.recognised = found if found is not None and found.certain else None
-            self._unknown_kev = self._recogniser.unknown_lines_kev(found)
+            if len(self._expected) == 1:
+                self._unknown_kev = self._recogniser.unknown_lines_kev(found)
+            else:
+                self._unknown_kev = self._recogniser.foreign_lines_kev(self._expected)
 
     @property
     def message(self) -> Recognised | None:
@@ -46,15 +55,15 @@ class NuclideWatch:
     @property
     def problems(self) -> tuple[str, ...]:
         """A line where the spectrum contradicts the mission's nuclide, or none."""
-        found = self.recognised
-        if found is not None and found.nuclide != self._expected:
+        found, expected = self.recognised, ", ".join(self._expected)
+        if found is not None and found.nuclide not in self._expected:
             return (
                 f"the camera's spectrum is that of {found.nuclide} (evidence {found.evidence:.0f}), the mission is after "
-                f"{self._expected}; set its nuclide",
+                f"{expected}; set its nuclide",
             )
-        if self._unknown_kev:
+        if self._unknown_kev and len(self._expected) == 1:
             lines = told(self._unknown_kev)
-            return (
-                f"the camera's spectrum has lines at {lines}, of no one known nuclide; the mission is after {self._expected}",
-            )
+            return (f"the camera's spectrum has lines at {lines}, of no one known nuclide; the mission is after {expected}",)
+        if self._unknown_kev:
+            return (f"unknown nuclide: the camera's spectrum has lines at {told(self._unknown_kev)}, of none of {expected}",)
         return ()

@@ -16,12 +16,11 @@ from functools import cache
 
 import numpy as np
 
-from agent.detector.lines import GAMMAS
+from agent.detector.lines import CANDIDATES, GAMMAS
 from agent.detector.residuals import contradiction, line_energies
 from agent.detector.shapes import EDGES_KEV, MIDDLES_KEV, Reading, of_nuclide, surroundings
 from agent.geometry import Array
 
-CANDIDATES = tuple(name for name in GAMMAS if name != "K-40")  # present everywhere
 LEAST_EVIDENCE = 10.0  # natural logarithm of a likelihood ratio: 4.5 standard deviations
 LEAST_SHARE = 0.01  # of the events in the peaks: below it, small calibration errors would be taken for peaks
 LEAST_EVENTS = 50
@@ -103,6 +102,14 @@ class Recogniser:
             return ()
         return line_energies(self._counts, surroundings(), fitted)
 
+    def foreign_lines_kev(self, nuclides: Sequence[str]) -> tuple[int, ...]:
+        """Energies (keV) of the peaks in the spectrum that no mixture of these nuclides explains."""
+        if self.events < LEAST_EVENTS:
+            return ()
+        parts = _mixtures(tuple(nuclides))
+        likelihood, _ = fitted(self._counts, parts, None, _ROUNDS[0])
+        return line_energies(self._counts, parts[int(likelihood.argmax())], fitted)
+
 
 def fitted(counts: Array, parts: Array, share: Array | None, rounds: int) -> tuple[Array, Array]:
     """Largest log likelihood of each candidate (C,), and the shares (C, K) of its components (C, K, B) in the counts (B,).
@@ -125,6 +132,17 @@ def fitted(counts: Array, parts: Array, share: Array | None, rounds: int) -> tup
 def prepare(candidates: tuple[str, ...] = CANDIDATES) -> None:
     """Compute the components now: at the first look it would take longer than a control step."""
     _parts(candidates)
+
+
+@cache
+def _mixtures(nuclides: tuple[str, ...]) -> Array:
+    """(G, K, B): for each reading peaks and continua of all nuclides, then the components common to all."""
+    return np.array(
+        [
+            np.concatenate((*(of_nuclide(GAMMAS[name], reading) for name in nuclides), surroundings(reading)))
+            for reading in _READINGS
+        ]
+    )
 
 
 def _even(parts: Array) -> Array:

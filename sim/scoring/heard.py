@@ -21,7 +21,7 @@ class Heard:
     their sources with its nuclide.
     """
 
-    def __init__(self, frames: LocalFrames, nuclide: str) -> None:
+    def __init__(self, frames: LocalFrames, nuclide: str | None) -> None:
         """``frames``: the vehicles' true local frames. ``nuclide``: the mission's, of estimated sources that tell none."""
         self._frames = frames
         self._nuclide = nuclide

@@ -71,7 +71,7 @@ class Recorder:
         self._excluded_bq: float | None = None  # at the end of a search of the first drone that found nothing
         self._tracking_s = 0.0
         self._sampled_s: float | None = None
-        self._heard = Heard(frames, mission.nuclide)
+        self._heard = Heard(frames, mission.one_nuclide)
         self._ticks = 0
         self._time_s = 0.0
         self._rows: list[Row] = []

@@ -20,6 +20,8 @@ from sim.world.sources import Source
 from sim.world.terrain import CONCRETE_PER_SOIL, Terrain
 from sim.world.walls import Walls
 
+_ANY = "Cs-137"  # the nuclide of cameras that see nothing but background, where the mission names none
+
 
 class Motion(Protocol):
     """The true motion of N vehicles in the world (ENU)."""
@@ -50,7 +52,7 @@ class Cameras:
         """``nuclides``: of the sources, each once. ``drones``: mounting of each camera. ``clock_ns``: UTC time at which the
         cameras' clocks were reset.
         """
-        emitted = tuple(nuclides) or (scenario.mission.nuclide,)
+        emitted = tuple(nuclides) or (scenario.mission.one_nuclide or _ANY,)
         self._walls = Walls(scenario.walls) if scenario.walls else None
         self._terrain = Terrain(scenario.terrain)
         self._mounts = [CameraMount(drone.camera_rpy_deg) for drone in drones]

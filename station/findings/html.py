@@ -124,7 +124,7 @@ def _search(findings: Findings) -> list[Row]:
     excluded = findings.excluded_bq
     rows = [
         ("Area", " ".join(f"({x:g}, {y:g})" for x, y in area.polygon_m) + " m"),
-        ("Nuclide searched", findings.mission.nuclide),
+        ("Nuclide searched", findings.mission.nuclide_text),
         ("Excluded before a source was found", f"sources above {excluded:.3g} Bq" if excluded is not None else "nothing"),
     ]
     if findings.surveyed is not None:

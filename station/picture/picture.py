@@ -87,7 +87,7 @@ class Picture:
             id=self._mission_id,
             name=mission.name,
             swarm=mission.swarm,
-            nuclide=mission.nuclide,
+            nuclide=mission.nuclide_text,
             drones=tuple(self.members),
             area=corners(area),
             fence=corners(fence),
@@ -245,7 +245,7 @@ class Picture:
         short_m, long_m = (NINETY * math.sqrt(max(0.0, variance)) for variance in variances.tolist())
         x, y, z = hypothesis.position.tolist()
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
-        nuclide, activity, datum = hypothesis.nuclide or self.mission.nuclide, hypothesis.activity_bq, self.mission.datum
+        nuclide, activity, datum = hypothesis.nuclide or self.mission.nuclide_text, hypothesis.activity_bq, self.mission.datum
         latitude_deg, longitude_deg, _ = geodetic_from_mission(datum, (x, y, z)) if datum is not None else (0.0, 0.0, 0.0)
         return SourceFrame(
             place=(x, y, z),

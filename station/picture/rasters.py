@@ -30,7 +30,7 @@ class Rasters:
         corners, margin_m = np.array(mission.area.polygon_m), mission.area.fence_margin_m
         self._low, self._high = corners.min(0) - margin_m, corners.max(0) + margin_m
         self._area_m2 = Polygon(mission.area.polygon_m).area
-        self._nuclide = mission.nuclide
+        self._nuclide = mission.nuclide_text
 
     def belief(self, posterior: Posterior, at_ms: int) -> Raster:
         """Probability density, per m2."""
@@ -54,7 +54,8 @@ class Rasters:
         else:
             return None
         places, columns, cell_m = _grid(self._low, self._high, CELLS if hypothesis is not None else SEARCH_CELLS)
-        rates = expected_usvph(self._nuclide, posterior.position, strength, places)
+        told = hypothesis.nuclide if hypothesis is not None else None
+        rates = expected_usvph(told or self._nuclide, posterior.position, strength, places)
         if rates is None:
             return None
         values = DECADE * np.log10(np.maximum(rates / LEAST_USVPH, 1.0))

@@ -85,7 +85,13 @@ def test_a_mission_is_read_with_its_defaults(mission_file: Path) -> None:
         ("[100, 0]", "[100, nan]", ["area.polygon_m[1][1]"]),
         ("[area]", "[area]\nfloor_m = 70", ["area.floor_m must be below area.ceiling_m"]),
         ("[encirclement]", '[fusion]\nestimator = "given"\n[encirclement]', ["needs fusion.given.schedule"]),
-        ('name = "harbour"', 'name = "harbour"\nnuclide = "auto"', ["nuclide: 'auto' cannot be flown", "name it"]),
+        (
+            'name = "harbour"',
+            'name = "harbour"\nsource_height_m = [0, 20]',
+            ["source_height_m: only fusion.estimator = 'sources'"],
+        ),
+        ('name = "harbour"', 'name = "harbour"\nfusion.estimator = "sources"\nsource_height_m = [9, 2]', ["9 is not below 2"]),
+        ('name = "harbour"', 'name = "harbour"\nnuclide = "auto"', ["nuclide: 'auto' is more than one", "name one nuclide"]),
         ("name =", "name", ["not TOML", "line 2"]),
     ],
 )
@@ -93,6 +99,24 @@ def test_what_is_wrong_is_said(mission_file: Path, old: str, new: str, expected:
     text = error_of(mission_file, old, new)
     for part in expected:
         assert part in text
+
+
+@pytest.mark.parametrize(
+    ("keys", "nuclide", "text"),
+    [
+        ("", "Cs-137", "Cs-137"),
+        ('nuclide = "Co-60"', "Co-60", "Co-60"),
+        ('nuclide = ["Co-60"]', ("Co-60",), "Co-60"),
+        ('fusion.estimator = "sources"', "auto", "auto"),
+        ('fusion.estimator = "sources"\nnuclide = ["Cs-137", "Co-60"]', ("Cs-137", "Co-60"), "Cs-137, Co-60"),
+    ],
+)
+def test_the_nuclide_is_named_or_one_of_several_or_any(mission_file: Path, keys: str, nuclide: object, text: str) -> None:
+    mission_file.write_text(mission_file.read_text().replace("name =", f"{keys}\nname =", 1))
+    mission = load_mission(mission_file)
+    assert (mission.nuclide, mission.nuclide_text) == (nuclide, text)
+    assert mission.one_nuclide == (text if text in ("Cs-137", "Co-60") else None)
+    assert replace(mission, nuclide="").nuclide == ("auto" if keys.startswith("fusion") else "Cs-137")
 
 
 def test_no_drones(tmp_path: Path) -> None:

@@ -18,9 +18,12 @@ class Sights(Mapping[str, Sight]):
     mean: (d,) and covariance: (d, d) of the track.
     """
 
-    def __init__(self, vehicles: Mapping[str, int], mean: Array, covariance: Array, ground: Ground) -> None:
-        """``vehicles``: index of each vehicle's biases."""
+    def __init__(
+        self, vehicles: Mapping[str, int], mean: Array, covariance: Array, ground: Ground, height_m: float = 0.0
+    ) -> None:
+        """``vehicles``: index of each vehicle's biases. ``height_m``: of the source above the ground."""
         self._vehicles, self._mean, self._covariance, self._ground = vehicles, mean, covariance, ground
+        self._height_m = height_m
         self._known: dict[str, Sight] = {}
 
     def __len__(self) -> int:
@@ -39,7 +42,7 @@ class Sights(Mapping[str, Sight]):
         mean, p = self._mean.tolist(), self._covariance
         x, y = mean[0], mean[1]
         rows = p[:2] + p[b : b + 2]
-        place = np.array((x + mean[b], y + mean[b + 1], self._ground.height_m(x, y)))
+        place = np.array((x + mean[b], y + mean[b + 1], self._ground.height_m(x, y) + self._height_m))
         return Sight(place, on_ground(rows[:, :2] + rows[:, b : b + 2], self._ground.slope(x, y)))
 
 

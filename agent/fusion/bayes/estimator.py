@@ -98,7 +98,7 @@ class BayesEstimator:
         self.grid_s = config.grid_s
         self._ground = Ground.from_config(mission)
         self._grid = Grid(area, config, self._ground)
-        response = response_of(mission.nuclide)
+        response = response_of(mission.named())
         self._scene = Scene(response, self._ground, Buildings(mission.buildings, response.air_per_m, self._ground))
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._gain_variance = config.gain_sigma**2

@@ -21,10 +21,11 @@ _AIR_PER_M = 0.009  # in the score test, for all nuclides
 
 @dataclass(frozen=True)
 class Candidate:
-    """A source that may be added. place: (2,) metres. gain: of log likelihood, as estimated."""
+    """A source that may be added. place: (2,) metres; height: above the ground. gain: of log likelihood, as estimated."""
 
     nuclide: int
     place: Array
+    height: float
     log_activity: float
     gain: float
 
@@ -33,12 +34,12 @@ class Scan:
     """The grid of places with the rows, by coarse voxels."""
 
     def __init__(self, rows: Rows, counts: CountModel, spectra: Spectra, ground: Ground, places: Array) -> None:
-        """``places``: (G, 2) metres."""
+        """``places``: (G, 3) metres, the third of each its height above the ground."""
         self._counts, self._spectra, self._places = counts, spectra, places
         self._voxel, self._voxels = rows.coarse()
         live = self._summed(counts.live_s)
         middle = self._summed(counts.place * counts.live_s[:, None]) / live[:, None]
-        at = np.column_stack((places, ground.heights_m(places)))
+        at = np.column_stack((places[:, :2], ground.heights_m(places[:, :2]) + places[:, 2]))
         square = (at**2).sum(axis=1)[:, None] + (middle**2).sum(axis=1) - 2.0 * at @ middle.T
         distance = np.sqrt(np.maximum(square, NEAREST_M**2))
         self._depth: Array = _AIR_PER_M * distance
@@ -67,8 +68,9 @@ class Scan:
             g, n = divmod(int(left.argmax()), left.shape[1])
             if left[g, n] < _LEAST_GAIN:
                 break
-            found.append(Candidate(n, self._places[g], float(np.log(activity[g, n])), float(gain[g, n])))
-            near = ((self._places - self._places[g]) ** 2).sum(axis=1) < _APART_M**2
+            place, height = self._places[g, :2], float(self._places[g, 2])
+            found.append(Candidate(n, place, height, float(np.log(activity[g, n])), float(gain[g, n])))
+            near = ((self._places[:, :2] - place) ** 2).sum(axis=1) < _APART_M**2
             left[near, n] = 0.0
         return found
 

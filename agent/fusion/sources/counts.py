@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.fusion.sources.data import Rows
-from agent.fusion.sources.solution import SOURCE, Solution
+from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
-from agent.geometry import Array
+from agent.geometry import Array, Vector3
 from agent.terrain.ground import Ground
 
 _MODEL_ERROR = 0.05  # eps
@@ -53,13 +53,22 @@ class CountModel:
         result: Array = time[:, None] * self._spectra.background_ps(solution.scale)
         return result
 
+    def camera_height_m(self, place: Array) -> float:
+        """Height above the ground at a place (2,) from which most photons of a source there are counted: the mean of the rows'
+        heights, weighted by live time over squared horizontal distance.
+        """
+        x, y = place.tolist()
+        off = self.place[:, :2] - place
+        weight = self.live_s / ((off**2).sum(axis=1) + NEAREST_M**2)
+        return float(weight @ self.place[:, 2] / weight.sum()) - self._ground.height_m(x, y)
+
     def log_likelihood(self, expected: Array) -> float:
         """Without the terms that do not depend on the sources; expected: (R, BINS) M."""
         per_row = (self.counts * np.log(expected) - expected).sum(axis=1)
         return float(self.weight @ per_row)
 
     def scored(self, solution: Solution) -> tuple[float, Array, Array]:
-        """Log likelihood; and by drone its gradient (V, p) and Fisher information (V, p, p) by the p = 3 K + 1 numbers of the
+        """Log likelihood; and by drone its gradient (V, p) and Fisher information (V, p, p) by the p = size K + 1 numbers of the
         sources and the background.
         """
         expected = self.expected(solution)
@@ -75,11 +84,11 @@ class CountModel:
         return self.log_likelihood(expected), np.array(gradients), np.array(informations)
 
     def scored_alone(self, solution: Solution, sources: Sequence[int], others: Array) -> tuple[float, Array, Array]:
-        """Log likelihood, its gradient (p,) and Fisher information (p, p) by the p numbers of these sources alone, 3 of each,
+        """Log likelihood, its gradient (p,) and Fisher information (p, p) by the p numbers of these sources alone,
         given ``others``, M without them (R, BINS).
         """
         jacobian = np.stack([part for k in sources for part in self._by_source(solution, k)])
-        expected = np.maximum(others + jacobian[2::SOURCE].sum(axis=0), _LEAST_SHARE * others)
+        expected = np.maximum(others + jacobian[2 :: solution.size].sum(axis=0), _LEAST_SHARE * others)
         size = len(jacobian)
         scaled = (jacobian * np.sqrt(self.weight[:, None] / expected)).reshape(size, -1)
         excess = self.weight[:, None] * (self.counts / expected - 1.0)
@@ -92,32 +101,40 @@ class CountModel:
         yield self.background(solution)
 
     def _by_source(self, solution: Solution, k: int) -> Iterator[Array]:
-        """(R, BINS) derivatives of M by x, y and log activity of source k; the last is what the source itself adds to M."""
+        """(R, BINS) derivatives of M by x, y, log activity and, where it may be above the ground, height of source k; that by log
+        activity is what the source itself adds to M.
+        """
         n = solution.nuclide[k]
         near, far = (of_all[n] for of_all in self._spectra.templates(solution.scale, solution.scatter))
-        strength, depth, distance, east, north = self._arriving(solution, k)
+        strength, depth, distance, east, north, up = self._arriving(solution, k)
         air = self._spectra.air_per_m[n]
         by_distance = _mixed(-strength * (2.0 / distance + air), -strength * (1.0 + depth) * air, near, far)
         yield by_distance * east[:, None]
         yield by_distance * north[:, None]
         yield _mixed(strength, strength * depth, near, far)
+        if solution.height is not None:
+            yield by_distance * up[:, None]
 
-    def _arriving(self, solution: Solution, k: int) -> tuple[Array, Array, Array, Array, Array]:
-        """(R,) each of source k: w times live time and sensitivity, mu d, d, and the derivatives of d by x and y."""
-        distance, east, north = ways(self._ground, solution.place[k], self.place, solution.bias[self.drone])
+    def _arriving(self, solution: Solution, k: int) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """(R,) each of source k: w times live time and sensitivity, mu d, d, and the derivatives of d by x, y and height."""
+        x, y = solution.place[k].tolist()
+        distance, east, north, up = ways(self._ground, (x, y, solution.height_of(k)), self.place, solution.bias[self.drone])
         depth = self._spectra.air_per_m[solution.nuclide[k]] * distance
         logarithm = solution.log_activity[k] + solution.bias[self.drone, 2] - depth
-        return PER_MM2 * self.live_s * np.exp(logarithm) / distance**2, depth, distance, east, north
+        return PER_MM2 * self.live_s * np.exp(logarithm) / distance**2, depth, distance, east, north, up
 
 
-def ways(ground: Ground, source: Array, places: Array, bias: Array) -> tuple[Array, Array, Array]:
-    """Distances (N,) from measured places (N, 3) with biases (N, 3) to a source (2,), and their derivatives by its x and y."""
-    x, y = source.tolist()
+def ways(ground: Ground, source: Vector3, places: Array, bias: Array) -> tuple[Array, Array, Array, Array]:
+    """Distances (N,) from measured places (N, 3) with biases (N, 3) to a source (x, y, height above the ground), and their
+    derivatives by its three numbers.
+    """
+    x, y, height = source
     rise = ground.slope(x, y)
-    way = np.array((x, y, ground.height_m(x, y))) - places
+    way = np.array((x, y, ground.height_m(x, y) + height)) - places
     way[:, :2] += bias[:, :2]
     distance = np.maximum(np.sqrt((way**2).sum(axis=1)), NEAREST_M)
-    return distance, (way[:, 0] + rise[0] * way[:, 2]) / distance, (way[:, 1] + rise[1] * way[:, 2]) / distance
+    east, north, up = way.T
+    return distance, (east + rise[0] * up) / distance, (north + rise[1] * up) / distance, up / distance
 
 
 def _mixed(first: Array, second: Array, near: Array, far: Array) -> Array:

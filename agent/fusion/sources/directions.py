@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from agent.detector.windows import Windows
 from agent.fusion.bayes.cones import OUTLIER_FRACTION
 from agent.fusion.sources.counts import parts_by_drone
 from agent.fusion.sources.data import Cones
-from agent.fusion.sources.solution import SOURCE, Solution
+from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
 from agent.geometry import Array
 from agent.terrain.ground import Ground
@@ -26,15 +27,18 @@ _LEAST_SINE = 1e-3
 class ConeModel:
     """The cones with the areas for their lines."""
 
-    def __init__(self, cones: Cones, spectra: Spectra, ground: Ground, drones: int, window: float) -> None:
-        """``window``: relative half width in which the detector takes coincidences for a line's."""
+    def __init__(self, cones: Cones, spectra: Spectra, ground: Ground, drones: int, windows: Windows) -> None:
+        """``windows``: in which the detector takes coincidences for a line's."""
         self._cones, self._spectra, self._ground, self._drones = cones, spectra, ground, drones
-        lines, index = np.unique(np.round(cones.energy_kev), return_inverse=True)
-        of_lines = [spectra.cones(line, window) for line in lines.tolist()]
-        shape = len(lines), len(spectra.nuclides)
-        self._pointing = np.array([one[0] for one in of_lines]).reshape(shape)[index.ravel()]  # (C, N)
-        self._other = np.array([one[1] for one in of_lines]).reshape(shape)[index.ravel()]
-        self._background = np.array([one[2] for one in of_lines])[index.ravel()]  # (C,)
+        lines = np.array([window.energy_kev for window in windows.each])
+        index = np.abs(cones.energy_kev[:, None] - lines).argmin(axis=1)
+        of_lines = [
+            spectra.cones(window.energy_kev, windows.reach_kev(place), window.unsure_kev)
+            for place, window in enumerate(windows.each)
+        ]
+        self._pointing = np.array([one[0] for one in of_lines])[index]  # (C, N)
+        self._other = np.array([one[1] for one in of_lines])[index]
+        self._background = np.array([one[2] for one in of_lines])[index]  # (C,)
         self._precision = 1.0 / cones.variance
         self._height = cones.weight * np.sqrt(self._precision) * _PER_ROOT_TWO_PI
 
@@ -50,7 +54,8 @@ class ConeModel:
 
     def scored(self, solution: Solution) -> tuple[float, Array, Array]:
         """As ``CountModel.scored``."""
-        size = SOURCE * len(solution) + 1
+        each, free = solution.size, [0, 1] if solution.height is None else [0, 1, 3]
+        size = each * len(solution) + 1
         if not len(self._cones) or not len(solution):
             return 0.0, np.zeros((self._drones, size)), np.zeros((self._drones, size, size))
         background = self._background * np.exp(solution.log_background)
@@ -60,18 +65,18 @@ class ConeModel:
         gradient = np.empty((len(self._cones), size))
         for k, (seen, missed, by_place, weakening) in enumerate(parts):
             share = seen / above - missed / below
-            gradient[:, SOURCE * k : SOURCE * k + 2] = by_place / above[:, None] + share[:, None] * weakening
-            gradient[:, SOURCE * k + 2] = share
+            gradient[:, [each * k + part for part in free]] = by_place / above[:, None] + share[:, None] * weakening
+            gradient[:, each * k + 2] = share
         gradient[:, -1] = background / above - background / below
         return float(np.log(above / below).sum()), *parts_by_drone(self._drones, self._cones.drone, gradient)
 
     def _source(self, solution: Solution, k: int) -> tuple[Array, Array, Array, Array]:
-        """Of source k for each cone: its terms (C,) above and below the line; w K times the derivative (C, 2) of rho by x and y;
-        the derivative (C, 2) of log w.
+        """Of source k for each cone: its terms (C,) above and below the line; w K times the derivative (C, 2) of rho by x and y,
+        or (C, 3) by x, y and height; the derivative of log w by the same.
         """
         x, y = solution.place[k].tolist()
         rise = np.array(self._ground.slope(x, y))
-        way = np.array((x, y, self._ground.height_m(x, y))) - self._cones.apex
+        way = np.array((x, y, self._ground.height_m(x, y) + solution.height_of(k))) - self._cones.apex
         way[:, :2] += solution.bias[self._cones.drone, :2]
         distance = np.maximum(np.sqrt((way**2).sum(axis=1)), NEAREST_M)
         n = solution.nuclide[k]
@@ -84,8 +89,8 @@ class ConeModel:
         return (
             pointing * (directed + OUTLIER_FRACTION) + other,
             pointing + other,
-            pointing[:, None] * (by_way[:, :2] + by_way[:, 2:] * rise),
-            weakening[:, :2] + weakening[:, 2:] * rise,
+            pointing[:, None] * _by_place(by_way, rise, solution),
+            _by_place(weakening, rise, solution),
         )
 
     def _directed(self, unit: Array, distance: Array) -> tuple[Array, Array]:
@@ -97,3 +102,9 @@ class ConeModel:
         sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _LEAST_SINE)
         turn = -(self._cones.axis - cosine[..., None] * unit[:, None, :]) / (sine * distance[:, None])[..., None]
         return density.sum(axis=(1, 2)), (slope[..., None] * turn).sum(axis=1)
+
+
+def _by_place(by_way: Array, rise: Array, solution: Solution) -> Array:
+    """Derivatives (C, 2) by a source's x and y, or (C, 3) by those and its height, from those (C, 3) by the way to it."""
+    flat = by_way[:, :2] + by_way[:, 2:] * rise
+    return flat if solution.height is None else np.column_stack((flat, by_way[:, 2]))

@@ -17,8 +17,9 @@ from msgspec.structs import replace
 from shapely import Polygon, contains_xy
 
 from agent.config.mission import MissionConfig
+from agent.detector.windows import Windows, candidates_of
 from agent.errors import ConfigError
-from agent.fusion.bayes.apparent import Sights, on_ground
+from agent.fusion.bayes.apparent import Sights
 from agent.fusion.bayes.motion import ACTIVITY, BIASES, GAIN
 from agent.fusion.bayes.motion import BIAS as ERRORS
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
@@ -29,7 +30,7 @@ from agent.fusion.sources.data import Cones, Rows
 from agent.fusion.sources.directions import ConeModel
 from agent.fusion.sources.fit import Fitted, Prior, Problem
 from agent.fusion.sources.moves import Moves
-from agent.fusion.sources.solution import BIAS, SOURCE, Solution
+from agent.fusion.sources.solution import BIAS, Solution
 from agent.fusion.sources.spectra import KNOWN, REFERENCE_BQ, Spectra
 from agent.geometry import Array
 from agent.motion.orbit import ring_radius_m
@@ -45,6 +46,7 @@ _BESIDE_M = 1.0  # by which a camera on the circle around a source may be farthe
 _EXPECTED = 1.5  # sources
 _REFINEMENTS = 3  # iterations
 _GRID_M, _MOST_PLACES = 2.5, 2500
+_LEVEL_M = 5.0  # of heights above the ground
 
 
 class SourcesState(Struct, frozen=True, eq=False):
@@ -84,11 +86,13 @@ class SourcesEstimator:
         self._ground = Ground.from_config(mission)
         self._area = area
         self._watched_m = ring_radius_m(mission, 0, fits_hypothesis=False) + _BESIDE_M
-        self._spectra = Spectra.of(self._config.nuclides or KNOWN)
+        self._spectra = Spectra.of(mission.nuclide if isinstance(mission.nuclide, tuple) else KNOWN)
         self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
-        self._window = mission.detection.energy_window
+        self._windows = Windows(candidates_of(mission.nuclide), mission.detection)
         self._refined_ns, self._moved_ns = round(self._config.refined_s * 1e9), round(self._config.moved_s * 1e9)
-        self._places = _grid(area)
+        self._height_m = mission.source_height_m
+        self._raised = self._height_m[1] > self._height_m[0]
+        self._places = _grid(area, *self._height_m)
 
     def initial(self, start_ns: int | None) -> SourcesState:
         """Nothing measured; it does not depend on the mission's start."""
@@ -132,13 +136,14 @@ class SourcesEstimator:
         if not len(rows):
             return replace(state, pending=(), rows=rows, cones=cone_table)
         problem = self._problem(state, rows, cone_table)
-        solution = Solution.nothing(len(self._numbers)) if state.fitted is None else state.fitted.solution
+        nothing = Solution.nothing(len(self._numbers), raised=self._raised)
+        solution = nothing if state.fitted is None else state.fitted.solution
         none = state.none
         if moves:
             scan = Scan(rows, problem.counts, self._spectra, self._ground, self._places)
             moving = Moves(problem, scan, self._spectra, self._config.most, self._config.least_gain)
             fitted = moving.improved(solution, state.moved)
-            none = problem.fitted(Solution.nothing(len(self._numbers)), _REFINEMENTS).evidence
+            none = problem.fitted(nothing, _REFINEMENTS).evidence
         else:
             fitted = problem.fitted(solution, _REFINEMENTS)
         fitted = _strongest_first(fitted)
@@ -154,7 +159,7 @@ class SourcesEstimator:
     def _problem(self, state: SourcesState, rows: Rows, cones: Cones) -> Problem:
         drones = len(self._numbers)
         counts = CountModel(rows, self._spectra, self._ground, drones)
-        directions = ConeModel(cones, self._spectra, self._ground, drones, self._window)
+        directions = ConeModel(cones, self._spectra, self._ground, drones, self._windows)
         return Problem(counts, directions, self._prior(state), len(self._spectra.nuclides))
 
     def _prior(self, state: SourcesState) -> Prior:
@@ -175,6 +180,7 @@ class SourcesEstimator:
             log_activity=(least, greatest),
             area_m2=self._area.area,
             expected=_EXPECTED,
+            height=self._height_m,
         )
 
     def _is_declared(self, fitted: Fitted) -> bool:
@@ -183,33 +189,43 @@ class SourcesEstimator:
     def _told(self, state: SourcesState, fitted: Fitted, k: int, step: GridStep) -> Hypothesis:
         solution = fitted.solution
         mean, covariance = self._as_of_bayes(fitted, k)
-        x, y = solution.place[k].tolist()
+        (x, y), height_m = solution.place[k].tolist(), solution.height_of(k)
         activity = math.exp(solution.log_activity[k]) * REFERENCE_BQ
         return Hypothesis(
             stamp_ns=step.middle_ns,
-            position=np.array((x, y, self._ground.height_m(x, y))),
-            covariance=on_ground(covariance[:2, :2], self._ground.slope(x, y)),
+            position=np.array((x, y, self._ground.height_m(x, y) + height_m)),
+            covariance=self._of_place(fitted, k),
             velocity=np.zeros(3),
             cones=len(state.cones),
             x0_stamp_ns=state.x0_stamp_ns,
             activity_bq=activity,
             activity_sigma_bq=activity * math.sqrt(float(covariance[ACTIVITY, ACTIVITY]) + self._config.area_sigma**2),
-            sights=Sights(self._numbers, mean, covariance, self._ground),
+            sights=Sights(self._numbers, mean, covariance, self._ground, height_m),
             nuclide=self._spectra.nuclides[solution.nuclide[k]],
             watched_s=float(state.rows.live_s[_away_m(state.rows, solution.place[k]) < self._watched_m].sum()),
         )
+
+    def _of_place(self, fitted: Fitted, k: int) -> Array:
+        """(3, 3) covariance of the place of source k: J P J', with the height above the ground, where it is estimated, in P."""
+        size = fitted.solution.size
+        own = [size * k, size * k + 1, size * k + 3][: size - 1]
+        jacobian = np.eye(3)[:, : size - 1]
+        jacobian[2, :2] = self._ground.slope(*fitted.solution.place[k].tolist())
+        result: Array = jacobian @ fitted.covariance[np.ix_(own, own)] @ jacobian.T
+        return result
 
     def _as_of_bayes(self, fitted: Fitted, k: int) -> tuple[Array, Array]:
         """Mean and covariance of source k and the biases in the order of ``bayes``: x, y, velocity, log activity, and of each
         drone x, y, heading, sensitivity; velocity and headings are 0.
         """
-        own = [SOURCE * k, SOURCE * k + 1, SOURCE * k + 2]
-        theirs, first = [0, 1, ACTIVITY], SOURCE * len(fitted.solution) + 1
+        size = fitted.solution.size
+        own = [size * k, size * k + 1, size * k + 2]
+        theirs, first = [0, 1, ACTIVITY], size * len(fitted.solution) + 1
         for number in range(len(self._numbers)):
             own += [first + BIAS * number + part for part in range(BIAS)]
             theirs += [BIASES + ERRORS * number + part for part in (0, 1, GAIN)]
-        size = BIASES + ERRORS * len(self._numbers)
-        mean, covariance = np.zeros(size), np.zeros((size, size))
+        whole = BIASES + ERRORS * len(self._numbers)
+        mean, covariance = np.zeros(whole), np.zeros((whole, whole))
         mean[theirs] = fitted.solution.vector[own]
         covariance[np.ix_(theirs, theirs)] = fitted.covariance[np.ix_(own, own)]
         return mean, covariance
@@ -221,14 +237,22 @@ def _away_m(rows: Rows, place: Array) -> Array:
     return away
 
 
-def _grid(area: Polygon) -> Array:
-    """(G, 2) places of the area ``_GRID_M`` apart, or further where that would be too many."""
+def _grid(area: Polygon, lowest_m: float, highest_m: float) -> Array:
+    """(G, 3) places of the area with heights above the ground: on the lowest level ``_GRID_M`` apart, or further where that would
+    be too many; on the others, ``_LEVEL_M`` above each other, twice as far.
+    """
+    levels = np.linspace(lowest_m, highest_m, 1 + math.ceil((highest_m - lowest_m) / _LEVEL_M)).tolist()
+    return np.vstack([_level(area, _GRID_M * (1.0 + (level > lowest_m)), level) for level in levels])
+
+
+def _level(area: Polygon, spacing_m: float, height_m: float) -> Array:
     west, south, east, north = area.bounds
-    spacing = max(_GRID_M, math.sqrt((east - west) * (north - south) / _MOST_PLACES))
+    spacing = max(spacing_m, spacing_m / _GRID_M * math.sqrt((east - west) * (north - south) / _MOST_PLACES))
     x, y = np.meshgrid(np.arange(west + spacing / 2, east, spacing), np.arange(south + spacing / 2, north, spacing))
     places = np.column_stack((x.ravel(), y.ravel()))
     inside: Array = places[contains_xy(area, places[:, 0], places[:, 1])]
-    return inside if len(inside) else np.array([[area.centroid.x, area.centroid.y]])
+    inside = inside if len(inside) else np.array([[area.centroid.x, area.centroid.y]])
+    return np.column_stack((inside, np.full(len(inside), height_m)))
 
 
 def _strongest_first(fitted: Fitted) -> Fitted:
@@ -240,6 +264,7 @@ def _strongest_first(fitted: Fitted) -> Fitted:
     if k == 0 or solution.log_activity[k] < solution.log_activity[0] + math.log(_STRONGER):
         return fitted
     order = [k, *(other for other in range(len(solution)) if other != k)]
-    numbers = [SOURCE * one + part for one in order for part in range(SOURCE)]
-    numbers += range(SOURCE * len(solution), len(fitted.covariance))
+    size = solution.size
+    numbers = [size * one + part for one in order for part in range(size)]
+    numbers += range(size * len(solution), len(fitted.covariance))
     return replace(fitted, solution=solution.only(order), covariance=fitted.covariance[np.ix_(numbers, numbers)])

@@ -11,10 +11,10 @@ from msgspec.structs import replace
 
 from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.directions import ConeModel
-from agent.fusion.sources.solution import BIAS, SOURCE, Solution
+from agent.fusion.sources.solution import BIAS, Solution
 from agent.geometry import Array
 
-_MOST_STEP = np.array([2.0, 2.0, 1.0])  # of one iteration
+_MOST_STEP = np.array([2.0, 2.0, 1.0, 2.0])  # of one iteration
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)  # Levenberg and Marquardt's, tried in turn until the fit improves
 _CONVERGED = 2e-3  # of the improvement that the next iteration promises
 
@@ -25,6 +25,7 @@ class Prior:
 
     bias: (V, BIAS) of the drones. background, scale, scatter: of the nuisances of those names. low, high: (2,) corners of the
     region of sources, metres. log_activity: least and greatest. area_m2: of the region. expected: number of sources expected.
+    height: least and greatest above the ground, metres.
     """
 
     bias: Array
@@ -36,23 +37,27 @@ class Prior:
     log_activity: tuple[float, float]
     area_m2: float
     expected: float
+    height: tuple[float, float] = (0.0, 0.0)
 
     def log_density(self, solution: Solution) -> float:
         """Of the nuisances, up to a constant."""
         squares = float(((solution.bias / self.bias) ** 2).sum()) + (solution.log_background / self.background) ** 2
         return -0.5 * (squares + (solution.scale / self.scale) ** 2 + (solution.scatter / self.scatter) ** 2)
 
-    def precision(self, sources: int) -> Array:
+    def precision(self, solution: Solution) -> Array:
         """(d,) of all numbers of ``Solution.vector``; those of a source are of uniform distributions of the same variance."""
         least, greatest = self.log_activity
         source = [12.0 / self.area_m2, 12.0 / self.area_m2, 12.0 / (greatest - least) ** 2]
-        return np.concatenate((source * sources, [self.background**-2], (self.bias**-2.0).ravel()))
+        if solution.height is not None:
+            source.append(12.0 / (self.height[1] - self.height[0]) ** 2)
+        return np.concatenate((source * len(solution), [self.background**-2], (self.bias**-2.0).ravel()))
 
     def inside(self, solution: Solution) -> Solution:
         """The solution with all sources within the limits."""
         place = np.minimum(np.maximum(solution.place, self.low), self.high)
         activity = np.clip(solution.log_activity, *self.log_activity)
-        return replace(solution, place=place, log_activity=activity)
+        height = None if solution.height is None else np.clip(solution.height, *self.height)
+        return replace(solution, place=place, log_activity=activity, height=height)
 
 
 class Fitted(Struct, frozen=True, eq=False):
@@ -64,8 +69,9 @@ class Fitted(Struct, frozen=True, eq=False):
     evidence: float
 
     def sigma_of(self, k: int) -> Array:
-        """1-sigma errors (3,) of x, y (m) and log activity of source k."""
-        result: Array = np.sqrt(np.diag(self.covariance)[SOURCE * k : SOURCE * (k + 1)])
+        """1-sigma errors of x, y (m), log activity and, if it is one of the numbers, height (m) of source k."""
+        size = self.solution.size
+        result: Array = np.sqrt(np.diag(self.covariance)[size * k : size * (k + 1)])
         return result
 
 
@@ -101,12 +107,12 @@ class Problem:
         rest = solution.only([k for k in range(len(solution)) if k not in sources])
         others = self.counts.expected(rest)
         solution = self.prior.inside(solution)
-        numbers = [SOURCE * k + part for k in sources for part in range(SOURCE)]
-        prior = np.diag(self.prior.precision(len(solution))[numbers])
+        numbers = [solution.size * k + part for k in sources for part in range(solution.size)]
+        prior = np.diag(self.prior.precision(solution)[numbers])
         value, gradient, information = self.counts.scored_alone(solution, sources, others)
         for _ in range(iterations):
             vector = solution.vector
-            vector[numbers] += _limited(solved(information + prior, gradient), len(sources))
+            vector[numbers] += _limited(solved(information + prior, gradient), len(sources), solution.size)
             new = self.prior.inside(solution.moved(vector))
             scored = self.counts.scored_alone(new, sources, others)
             if scored[0] < value + _CONVERGED:
@@ -123,7 +129,7 @@ class Problem:
             step = solved(information + damping * diagonal, gradient)
             if float(gradient @ step) < _CONVERGED:
                 return None
-            new = self.prior.inside(solution.moved(solution.vector + _limited(step, len(solution))))
+            new = self.prior.inside(solution.moved(solution.vector + _limited(step, len(solution), solution.size)))
             scored = self._scored(new)
             if scored[0] > value:
                 return new, *scored
@@ -134,12 +140,12 @@ class Problem:
         value, gradients, informations = self.counts.scored(solution)
         cone_value, cone_gradients, cone_informations = self.cones.scored(solution)
         gradients, informations = gradients + cone_gradients, informations + cone_informations
-        precision = self.prior.precision(len(solution))
-        count = SOURCE * len(solution) + 1
+        precision = self.prior.precision(solution)
+        count = solution.size * len(solution) + 1
         gradient = np.zeros(len(precision))
         information = np.diag(precision)
         gradient[count - 1 :] -= (precision * solution.vector)[count - 1 :]
-        shift = _by_bias(len(solution))
+        shift = _by_bias(solution)
         for drone, (g, h) in enumerate(zip(gradients, informations, strict=True)):
             own = slice(count + BIAS * drone, count + BIAS * (drone + 1))
             gradient[:count] += g
@@ -155,7 +161,7 @@ class Problem:
 
         value + K log(expected / candidates) + 1/2 log |prior's information| - 1/2 log |information|.
         """
-        precision = self.prior.precision(len(solution))
+        precision = self.prior.precision(solution)
         _, logarithm = np.linalg.slogdet(information)
         occam = 0.5 * (float(np.log(precision).sum()) - float(logarithm))
         prior = len(solution) * float(np.log(self.prior.expected / self._candidates))
@@ -168,17 +174,20 @@ def solved(matrix: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(matrix, right), np.float64)
 
 
-def _by_bias(sources: int) -> Array:
-    """(3 K + 1, BIAS): a drone's bias shifts all sources as it sees them, its sensitivity strengthens them and the background."""
-    shift = np.zeros((SOURCE * sources + 1, BIAS))
-    for k in range(sources):
-        shift[SOURCE * k : SOURCE * (k + 1)] = np.eye(SOURCE)
+def _by_bias(solution: Solution) -> Array:
+    """(size K + 1, BIAS): a drone's bias shifts all sources as it sees them, its sensitivity strengthens them and the
+    background.
+    """
+    size = solution.size
+    shift = np.zeros((size * len(solution) + 1, BIAS))
+    for k in range(len(solution)):
+        shift[size * k : size * (k + 1)] = np.eye(size, BIAS)
     shift[-1, 2] = 1.0
     return shift
 
 
-def _limited(step: Array, sources: int) -> Array:
+def _limited(step: Array, sources: int, size: int) -> Array:
     """The step with those of the sources shortened, each by itself, so that none moves or changes too far at once."""
-    each = step[: SOURCE * sources].reshape(-1, SOURCE)
-    excess = np.maximum((np.abs(each) / _MOST_STEP).max(axis=1, initial=0.0), 1.0)
-    return np.concatenate(((each / excess[:, None]).ravel(), step[SOURCE * sources :]))
+    each = step[: size * sources].reshape(-1, size)
+    excess = np.maximum((np.abs(each) / _MOST_STEP[:size]).max(axis=1, initial=0.0), 1.0)
+    return np.concatenate(((each / excess[:, None]).ravel(), step[size * sources :]))

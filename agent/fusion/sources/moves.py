@@ -93,7 +93,7 @@ class Moves:
         alone = []
         for one in self.scan.candidates(fitted.solution):
             grown, value = self.problem.fitted_alone(
-                fitted.solution.plus(one.nuclide, one.place, one.log_activity), [own], _ITERATIONS
+                fitted.solution.plus(one.nuclide, one.place, one.log_activity, one.height), [own], _ITERATIONS
             )
             if value > before + self.least_gain + _LEAST_COST:
                 alone.append((value, grown))
@@ -106,7 +106,7 @@ class Moves:
 
     def _reshaped(self, fitted: Fitted, k: int) -> Fitted:
         """With source k of another nuclide, or two in its place, if that is better."""
-        best = self._swapped(fitted, k)
+        best = self._mirrored(self._swapped(fitted, k), k)
         if len(best.solution) < self.most:
             own = [k, len(best.solution)]
             pairs = [self.problem.fitted_alone(one, own, _ITERATIONS) for one in _split(best.solution, k)]
@@ -139,6 +139,20 @@ class Moves:
         swapped = self.problem.fitted(best, _ITERATIONS)
         return swapped if swapped.evidence > fitted.evidence else fitted
 
+    def _mirrored(self, fitted: Fitted, k: int) -> Fitted:
+        """With source k as much below the cameras that count it most as it is above them, or the reverse, if that is better: from
+        one height the counts are the same.
+        """
+        height = fitted.solution.height
+        if height is None:
+            return fitted
+        mirrored = height.copy()
+        mirrored[k] = 2.0 * self.problem.counts.camera_height_m(fitted.solution.place[k]) - height[k]
+        if not self.problem.prior.height[0] <= mirrored[k] <= self.problem.prior.height[1]:
+            return fitted
+        other = self.problem.fitted(replace(fitted.solution, height=mirrored), _ITERATIONS)
+        return other if other.evidence > fitted.evidence else fitted
+
     def _merged(self, fitted: Fitted) -> Fitted:
         """With one source in the place of two that are near each other, wherever that is no worse."""
         for first in range(len(fitted.solution)):
@@ -162,7 +176,7 @@ def _split(solution: Solution, k: int) -> list[Solution]:
         place[k] += off
         activity[k] -= np.log(2.0)
         moved = replace(solution, place=place, log_activity=activity)
-        pairs.append(moved.plus(solution.nuclide[k], solution.place[k] - off, float(activity[k])))
+        pairs.append(moved.plus(solution.nuclide[k], solution.place[k] - off, float(activity[k]), solution.height_of(k)))
     return pairs
 
 

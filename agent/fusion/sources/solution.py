@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from agent.geometry import Array
 
-SOURCE = 3  # numbers of each source: x, y (m), logarithm of the activity / REFERENCE_BQ
+SOURCE = 3  # numbers of each source on the ground: x, y (m), log (activity / REFERENCE_BQ); above it, also its height (m)
 BIAS = 3  # of each drone: x, y (m), measured minus true; logarithm of its camera's sensitivity
 
 
@@ -17,6 +17,7 @@ class Solution(Struct, frozen=True, eq=False):
 
     nuclide: indices among the candidates. place: (K, 2) metres, mission frame. log_activity: (K,). log_background: of the ratio
     between actual and assumed background. bias: (V, BIAS). scale: error of the energies; scatter: excess of scattered photons.
+    height: (K,) metres above the ground; None: all are known to lie on it.
     """
 
     nuclide: tuple[int, ...]
@@ -26,40 +27,52 @@ class Solution(Struct, frozen=True, eq=False):
     bias: Array
     scale: float = 0.0
     scatter: float = 0.0
+    height: Array | None = None
 
     @classmethod
-    def nothing(cls, drones: int) -> Solution:
-        """No source, no errors."""
-        return cls((), np.zeros((0, 2)), np.zeros(0), 0.0, np.zeros((drones, BIAS)))
+    def nothing(cls, drones: int, *, raised: bool = False) -> Solution:
+        """No source, no errors. ``raised``: sources may be above the ground."""
+        return cls((), np.zeros((0, 2)), np.zeros(0), 0.0, np.zeros((drones, BIAS)), height=np.zeros(0) if raised else None)
 
     def __len__(self) -> int:
         return len(self.nuclide)
 
     @property
+    def size(self) -> int:
+        """Numbers of each source: ``SOURCE``, and one more where its height is one of them."""
+        return SOURCE if self.height is None else SOURCE + 1
+
+    def height_of(self, k: int) -> float:
+        """Height of source k above the ground, metres."""
+        return 0.0 if self.height is None else float(self.height[k])
+
+    @property
     def vector(self) -> Array:
-        """(3 K + 1 + 3 V,) all but scale and scatter."""
-        sources = np.column_stack((self.place, self.log_activity)).ravel()
-        return np.concatenate((sources, [self.log_background], self.bias.ravel()))
+        """(size K + 1 + 3 V,) all but scale and scatter."""
+        columns = (self.place, self.log_activity) if self.height is None else (self.place, self.log_activity, self.height)
+        return np.concatenate((np.column_stack(columns).ravel(), [self.log_background], self.bias.ravel()))
 
     def moved(self, vector: Array) -> Solution:
         """With these values in the place of ``vector``."""
-        count = SOURCE * len(self)
-        sources = vector[:count].reshape(-1, SOURCE)
+        count = self.size * len(self)
+        sources = vector[:count].reshape(-1, self.size)
         return replace(
             self,
             place=sources[:, :2],
             log_activity=sources[:, 2],
             log_background=float(vector[count]),
             bias=vector[count + 1 :].reshape(-1, BIAS),
+            height=None if self.height is None else sources[:, 3],
         )
 
-    def plus(self, nuclide: int, place: Array, log_activity: float) -> Solution:
+    def plus(self, nuclide: int, place: Array, log_activity: float, height: float = 0.0) -> Solution:
         """With a further source at the end."""
         return replace(
             self,
             nuclide=(*self.nuclide, nuclide),
             place=np.vstack((self.place, place)),
             log_activity=np.append(self.log_activity, log_activity),
+            height=None if self.height is None else np.append(self.height, height),
         )
 
     def only(self, kept: list[int]) -> Solution:
@@ -69,6 +82,7 @@ class Solution(Struct, frozen=True, eq=False):
             nuclide=tuple(self.nuclide[k] for k in kept),
             place=self.place[kept],
             log_activity=self.log_activity[kept],
+            height=None if self.height is None else self.height[kept],
         )
 
     def without(self, gone: int) -> Solution:

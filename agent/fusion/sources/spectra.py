@@ -35,7 +35,6 @@ KNOWN = tuple(name for name in TABLES if name != "background")
 _LEAST_PS = 1e-6  # of background in a bin, so that an event there is never impossible
 _LEAST_MM2 = 1e-9
 _MOST_CHANGE = 2.5  # of the logarithm of a bin
-_SAME_LINE = 0.03  # relative distance within which a line of another nuclide makes cones of the same energy
 
 
 @dataclass(frozen=True)
@@ -80,14 +79,14 @@ class Spectra:
         result: Array = np.maximum(_scaled(self.background, self.background_by_scale, scale), _LEAST_PS)
         return result
 
-    def cones(self, line_kev: float, window: float) -> tuple[Array, Array, float]:
+    def cones(self, line_kev: float, reach_kev: tuple[float, float], unsure_kev: float) -> tuple[Array, Array, float]:
         """Of cones of one line: areas (N,) of those that point to the source, and of the others; and the background's per second.
 
-        A coincidence of a photon's whole energy points to its source; one of less, whose sum is within the window by chance, does
-        not. ``window``: relative half width in which the detector takes a coincidence for the line's.
+        A coincidence of a photon's whole energy points to its source if that has a line within ``unsure_kev``; one of less, whose
+        sum is within reach by chance, does not. ``reach_kev``: least and greatest sum that the detector takes for the line's.
         """
-        share = _overlap(line_kev * (1.0 - window), line_kev * (1.0 + window))
-        own = [any(abs(kev / line_kev - 1.0) < _SAME_LINE for kev, _ in GAMMAS[name]) for name in self.nuclides]
+        share = _overlap(*reach_kev)
+        own = [any(abs(kev - line_kev) < unsure_kev for kev, _ in GAMMAS[name]) for name in self.nuclides]
         whole, part = self.complete @ share, self.partial @ share
         pointing = np.where(own, whole, 0.0)
         return pointing, whole - pointing + part, float(self.background_pairs @ share)

@@ -30,8 +30,8 @@ def test_many_are_read_like_few():
 def test_the_nearest_of_several_lines_counts():
     reader = EventReader(DetectionConfig(energy_window=0.2), "Co-60")
     for energy, line in ((1170.0, 1173.23), (1260.0, 1332.49), (1245.0, 1173.23), (1590.0, 1332.49)):
-        found = reader._line_of(energy)
+        found = reader._windows.line_of(energy)
         assert found is not None
         assert found.energy_kev == line
-    assert reader._line_of(930.0) is None
-    assert reader._line_of(1605.0) is None
+    assert reader._windows.line_of(930.0) is None
+    assert reader._windows.line_of(1605.0) is None

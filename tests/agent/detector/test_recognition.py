@@ -197,3 +197,36 @@ def test_the_watch_tells_lines_that_no_known_nuclide_has():
 def test_the_lines_in_use_are_among_the_gammas():
     for name, used in LINES_KEV.items():
         assert set(used) <= {energy for energy, _ in GAMMAS[name]}
+
+
+@pytest.mark.parametrize("gain", [0.98, 1.0, 1.02])
+def test_several_known_sources_at_once_have_no_unknown_lines(gain):
+    several = Recogniser()
+    for name in ("Cs-137", "Ir-192", "Co-60"):
+        several.add(gain * pool(name)[:3000])
+    assert several.foreign_lines_kev(CANDIDATES) == ()
+
+
+@pytest.mark.parametrize("nuclide", ["Co-57", "Se-75", "I-131"])
+def test_lines_that_no_mixture_of_the_candidates_has_are_told(nuclide):
+    count, lines_kev = UNKNOWN[nuclide]
+    fed = recogniser(1, **{nuclide: 3 * count, "Cs-137": count, "background": count // 5})
+    foreign = fed.foreign_lines_kev(("Cs-137", "Co-60", "Na-22"))
+    for line in lines_kev:
+        assert min(abs(line - energy) for energy in foreign) < 0.04 * line
+
+
+def test_a_watch_with_candidates_takes_any_of_them_and_tells_of_all_else():
+    several, other, unknown = NuclideWatch("auto"), NuclideWatch(("Cs-137", "Co-60")), NuclideWatch(("Cs-137", "Co-60"))
+    several.add(np.concatenate((pool("Cs-137")[:3000], pool("Ir-192")[:3000])))
+    other.add(pool("Ir-192")[:1000])
+    unknown.add(np.concatenate((pool("Cs-137")[:1000], pool("Co-57")[:3000])))
+    for watch in (several, other, unknown):
+        watch.look(0)
+        watch.look(LOOK_NS)
+    assert several.problems == ()
+    (problem,) = other.problems
+    assert "Ir-192" in problem
+    assert "the mission is after Cs-137, Co-60" in problem
+    (problem,) = unknown.problems
+    assert problem.startswith("unknown nuclide: the camera's spectrum has lines at 12")

@@ -6,10 +6,22 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 import pytest
+from shapely import Polygon
 
 from agent.config.estimators import FusionConfig, SourcesEstimatorConfig
-from agent.config.mission import AreaConfig
+from agent.config.mission import AreaConfig, DetectionConfig
+from agent.detector.windows import Windows
+from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.fusion.engine import Fusion
+from agent.fusion.observation import ConeObservation, observe
+from agent.fusion.registry import estimator_named
+from agent.fusion.sources.counts import CountModel
+from agent.fusion.sources.data import Cones, Rows
+from agent.fusion.sources.directions import ConeModel
+from agent.fusion.sources.fit import Prior, Problem
 from agent.fusion.sources.spectra import Spectra
+from agent.terrain.ground import Ground
 from protocol.entries import Counts
 from protocol.spectrum import SpectrumBin
 
@@ -19,10 +31,13 @@ NUCLIDES = ("Cs-137", "Co-60", "Ir-192")
 
 def mission_of(kit, drones=("a", "b"), **config):
     """A small area, and few candidates: so that a test takes less than a second."""
-    config = {"nuclides": NUCLIDES, "moved_s": 5.0, **config}
+    config = {"moved_s": 5.0, **config}
+    nuclides, source_height_m = config.pop("nuclides", NUCLIDES), config.pop("source_height_m", (0.0, 0.0))
     square = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M))
     return msgspec.structs.replace(
         kit.mission_of(drones=drones),
+        nuclide=nuclides,
+        source_height_m=source_height_m,
         area=AreaConfig(polygon_m=square),
         fusion=FusionConfig(estimator="sources", sources=SourcesEstimatorConfig(**config)),
     )
@@ -37,7 +52,7 @@ def place_of(time_s, index, drones):
 
 
 def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True):
-    """Exposures, and cones of Cs-137; sources: (nuclide, x, y, Bq); bias: by drone, measured minus true."""
+    """Exposures, and cones of Cs-137; sources: (nuclide, x, y, Bq), or with their height; bias: by drone, measured minus true."""
     entries = []
     drones = [drone.id for drone in mission.drones]
     spectra = Spectra.of(NUCLIDES)
@@ -48,14 +63,15 @@ def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True):
             true = place_of(time_s + 0.25, index, len(drones))
             measured = true + (0.0 if bias is None else np.array([*bias[index], 0.0]))
             expected = spectra.background_ps(0.0).copy()
-            for nuclide, x, y, becquerel in sources:
+            for nuclide, x, y, becquerel, *high in sources:
+                z = high[0] if high else 0.0
                 n = NUCLIDES.index(nuclide)
-                square = (x - true[0]) ** 2 + (y - true[1]) ** 2 + true[2] ** 2
+                square = (x - true[0]) ** 2 + (y - true[1]) ** 2 + (z - true[2]) ** 2
                 depth = spectra.air_per_m[n] * math.sqrt(square)
                 per_mm2 = becquerel * 1e-6 / (4.0 * math.pi * square) * math.exp(-depth)
                 expected += per_mm2 * (near[n] + depth * far[n])
                 if cones and nuclide == "Cs-137":
-                    entries += _cones(kit, mission, rng, time_s, (true, measured), (x, y), per_mm2, drone, 20 * number)
+                    entries += _cones(kit, mission, rng, time_s, (true, measured), (x, y, z), per_mm2, drone, 20 * number)
             counts = rng.poisson(0.5 * expected).tolist()
             exposure = kit.exposure_entry(mission, time_s, measured, drone=drone, sequence=20 * number, duration_s=0.5)
             spectrum = tuple(SpectrumBin(e, count, 0) for e, count in enumerate(counts) if count)
@@ -67,10 +83,35 @@ def _cones(kit, mission, rng, time_s, places, source, per_mm2, drone, sequence):
     true, measured = places
     cones = []
     for k in range(min(int(rng.poisson(0.5 * 0.8 * per_mm2)), 18)):
-        axis, theta = kit.cone_towards(rng, true, (*source, 0.0), 0.1)
+        axis, theta = kit.cone_towards(rng, true, source, 0.1)
         cone = kit.cone_entry(mission, time_s + 0.01 * k, measured, axis, theta, drone=drone, sequence=sequence + 1 + k)
         cones.append(msgspec.structs.replace(cone, energies_kev=(200.0, 461.66)))
     return cones
+
+
+def problem_of(mission, entries, **prior):
+    """What a fit of drones a and b is judged by, with cones enough."""
+    seen = [observe(entry, Transform()) for entry in sorted(entries, key=lambda entry: entry.entry_id)]
+    drones = {"a": 0, "b": 1}
+    rows = Rows.none().plus([one for one in seen if not isinstance(one, ConeObservation)], drones)
+    cones = Cones.none().plus([one for one in seen if isinstance(one, ConeObservation)], drones)
+    assert len(cones) > 50
+    spectra, ground = Spectra.of(NUCLIDES), Ground.from_config(mission)
+    assumed = Prior(
+        bias=np.array([(0.3, 0.3, 0.05)] * 2),
+        background=0.3,
+        scale=0.03,
+        scatter=0.15,
+        low=np.zeros(2),
+        high=np.full(2, 40.0),
+        log_activity=(-7.0, 7.0),
+        area_m2=Polygon(mission.area.polygon_m).area,
+        expected=1.5,
+        **prior,
+    )
+    windows = Windows(NUCLIDES, DetectionConfig())
+    counts, directions = CountModel(rows, spectra, ground, 2), ConeModel(cones, spectra, ground, 2, windows)
+    return Problem(counts, directions, assumed, len(spectra.nuclides))
 
 
 @pytest.fixture(scope="session")
@@ -83,4 +124,16 @@ def among(kit):
     def entries(*arguments, **settings):
         return entries_of(kit, *arguments, **settings)
 
-    return SimpleNamespace(NUCLIDES=NUCLIDES, mission_of=mission, entries_of=entries)
+    return SimpleNamespace(NUCLIDES=NUCLIDES, mission_of=mission, entries_of=entries, problem_of=problem_of)
+
+
+@pytest.fixture(scope="session")
+def estimated(kit):
+    """The hypothesis after so many seconds of a mission with these entries."""
+
+    def hypothesis(mission, entries, seconds):
+        fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("sources", mission))
+        assert all(kit.feed(fusion, entries))
+        return kit.settle(fusion, kit.T0_NS + round(seconds * 1e9))
+
+    return hypothesis

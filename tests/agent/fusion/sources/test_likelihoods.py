@@ -3,44 +3,18 @@
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from shapely import Polygon
 
-from agent.frames.transform import Transform
-from agent.fusion.observation import ConeObservation, observe
-from agent.fusion.sources.counts import CountModel
-from agent.fusion.sources.data import Cones, Rows
-from agent.fusion.sources.directions import ConeModel
-from agent.fusion.sources.fit import Prior, Problem
 from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import Spectra
-from agent.terrain.ground import Ground
 
 SOURCES = [("Cs-137", 12.0, 20.0, 3e9), ("Ir-192", 30.0, 15.0, 5e8)]
 
 
 @pytest.fixture(scope="module")
-def problem(kit, among):
+def problem(among):
     """Two drones of which the second is off by (0.3, -0.2) m."""
     mission = among.mission_of()
     entries = among.entries_of(mission, np.random.default_rng(1), 30.0, SOURCES, bias=((0.0, 0.0), (0.3, -0.2)))
-    seen = [observe(entry, Transform()) for entry in sorted(entries, key=lambda entry: entry.entry_id)]
-    drones = {"a": 0, "b": 1}
-    rows = Rows.none().plus([one for one in seen if not isinstance(one, ConeObservation)], drones)
-    cones = Cones.none().plus([one for one in seen if isinstance(one, ConeObservation)], drones)
-    assert len(cones) > 50
-    spectra, ground = Spectra.of(among.NUCLIDES), Ground.from_config(mission)
-    prior = Prior(
-        bias=np.array([(0.3, 0.3, 0.05)] * 2),
-        background=0.3,
-        scale=0.03,
-        scatter=0.15,
-        low=np.zeros(2),
-        high=np.full(2, 40.0),
-        log_activity=(-7.0, 7.0),
-        area_m2=Polygon(mission.area.polygon_m).area,
-        expected=1.5,
-    )
-    return Problem(CountModel(rows, spectra, ground, 2), ConeModel(cones, spectra, ground, 2, 0.2), prior, len(spectra.nuclides))
+    return among.problem_of(mission, entries)
 
 
 def somewhere():

@@ -70,7 +70,7 @@ def test_more_scatter_is_more_of_everything():
 
 
 def test_cones_point_to_the_nuclide_whose_line_they_have():
-    pointing, other, background_ps = Spectra.of(("Cs-137", "Co-60", "Na-22")).cones(661.66, 0.2)
+    pointing, other, background_ps = Spectra.of(("Cs-137", "Co-60", "Na-22")).cones(661.66, (529.3, 794.0), 20.0)
     assert pointing[0] > 5.0 * other[0]
     assert pointing[1] == pointing[2] == 0.0
     assert (other > 0.0).all()

@@ -1,0 +1,84 @@
+"""Which events may be of a gamma line: the windows around the lines of the nuclides that are looked for.
+
+The total energy of a coincidence says which line its cone is made for. Of one nuclide that is named, the window is the mission's
+(the paper's 20 %). Where the nuclide is not known, the lines of all candidates are looked for, and such windows would overlap and
+take in the whole spectrum: each then reaches as far as the resolution puts a line's events, and the nearest line counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from agent.config.mission import AUTO, DetectionConfig
+from agent.detector.cones import Line
+from agent.detector.lines import CANDIDATES, lines_of
+from agent.detector.sensor import energy_variance
+
+_REACH = 3.0  # sigmas of the resolution
+_SAME_LINE = 0.03  # relative distance within which a line of another nuclide makes cones of the same energy
+
+
+def candidates_of(nuclide: str | tuple[str, ...]) -> tuple[str, ...]:
+    """The nuclides that a mission's ``nuclide`` names: of ``auto`` all that are known."""
+    if isinstance(nuclide, tuple):
+        return nuclide
+    return CANDIDATES if nuclide == AUTO else (nuclide,)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Of one line: its events have energies within ``half_kev`` of it. A cone's source has a line within ``unsure_kev``."""
+
+    line: Line
+    half_kev: float
+    unsure_kev: float
+
+    @property
+    def energy_kev(self) -> float:
+        """The line's energy."""
+        return self.line.energy_kev
+
+
+class Windows:
+    """The windows of all lines, ascending."""
+
+    def __init__(self, nuclides: Iterable[str], config: DetectionConfig) -> None:
+        """Raises ConfigError for an unknown nuclide."""
+        names = tuple(dict.fromkeys(nuclides))
+        lines = sorted({energy for name in names for energy in lines_of(name)})
+        self.each = tuple((_named if len(names) == 1 else _one_of_many)(energy, config) for energy in lines)
+
+    def line_of(self, energy_kev: float) -> Line | None:
+        """The nearest line whose window holds the energy."""
+        best = None
+        least = math.inf
+        for window in self.each:
+            difference = abs(energy_kev - window.line.energy_kev)
+            if difference <= window.half_kev and difference < least:
+                best, least = window.line, difference
+        return best
+
+    def reach_kev(self, place: int) -> tuple[float, float]:
+        """Least and greatest energy of the events that count for the line at a place of ``each``."""
+        own = self.each[place]
+        low, high = own.energy_kev - own.half_kev, own.energy_kev + own.half_kev
+        if place > 0:
+            below = self.each[place - 1]
+            low = max(low, min((below.energy_kev + own.energy_kev) / 2.0, below.energy_kev + below.half_kev))
+        if place + 1 < len(self.each):
+            above = self.each[place + 1]
+            high = min(high, max((own.energy_kev + above.energy_kev) / 2.0, above.energy_kev - above.half_kev))
+        return low, high
+
+
+def _named(energy_kev: float, config: DetectionConfig) -> Window:
+    line = Line.of(energy_kev, config.maximum_electron_kev, config.minimum_photon_kev)
+    return Window(line, config.energy_window * energy_kev, _SAME_LINE * energy_kev)
+
+
+def _one_of_many(energy_kev: float, config: DetectionConfig) -> Window:
+    """The mission's limits of electron and photon are those of one line, so here each line has the kinematic ones."""
+    half_kev = min(_REACH * math.sqrt(energy_variance(energy_kev)), config.energy_window * energy_kev)
+    return Window(Line.of(energy_kev), half_kev, half_kev)
