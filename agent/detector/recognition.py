@@ -17,7 +17,7 @@ from functools import cache
 import numpy as np
 
 from agent.detector.lines import GAMMAS
-from agent.detector.residuals import contradiction, line_energies
+from agent.detector.residuals import contradiction, line_energies, single_lines
 from agent.detector.shapes import EDGES_KEV, MIDDLES_KEV, Reading, of_nuclide, surroundings
 from agent.geometry import Array
 
@@ -123,8 +123,9 @@ def fitted(counts: Array, parts: Array, share: Array | None, rounds: int) -> tup
 
 
 def prepare(candidates: tuple[str, ...] = CANDIDATES) -> None:
-    """Compute the components now: at the first look it would take longer than a control step."""
+    """Compute now what all looks need: at the first one it would take longer than a control step."""
     _parts(candidates)
+    single_lines()
 
 
 def _even(parts: Array) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from agent.config.mission import DetectionConfig
+from agent.detector import recognition, residuals
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.lines import GAMMAS, LINES_KEV
@@ -197,3 +198,20 @@ def test_the_watch_tells_lines_that_no_known_nuclide_has():
 def test_the_lines_in_use_are_among_the_gammas():
     for name, used in LINES_KEV.items():
         assert set(used) <= {energy for energy, _ in GAMMAS[name]}
+
+
+def test_what_all_looks_need_is_computed_before_the_flight(monkeypatch) -> None:
+    """All agents of a swarm look at the same time: where they share a computer, what a first look costs adds up."""
+    residuals.single_lines.cache_clear()
+    recognition._parts.cache_clear()
+    watch = NuclideWatch("Cs-137")
+
+    def late(*_):
+        raise AssertionError("a shape is computed in flight")
+
+    for module, name in ((residuals, "peaks"), (recognition, "of_nuclide"), (recognition, "surroundings")):
+        monkeypatch.setattr(module, name, late)
+    watch.add(pool("Cs-137")[:300])
+    watch.look(0)
+    watch.look(LOOK_NS)
+    assert watch.recognised is not None
