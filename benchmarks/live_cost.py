@@ -15,7 +15,6 @@ import argparse
 import json
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import product
@@ -29,7 +28,7 @@ from rich.table import Table
 sys.path.append(str(Path(__file__).parent / "support"))
 
 from goals import Goal, show
-from live_flight import Seen, cone_delays_ms, flights, fly, messages, tracking
+from live_flight import Seen, all_tracking, cone_delays_ms, flight_folder, flights, fly, messages
 
 from agent.flight import topics
 from agent.flight.reader import RecordedFlight
@@ -53,11 +52,11 @@ def main() -> None:
     rows = []
     links = (True, False) if options.compare else (True,)
     for drones, _, secured in product(options.drones, range(options.runs), links):
-        with tempfile.TemporaryDirectory(prefix="radron-cost-") as folder, _busy(options.busy):
+        with flight_folder() as folder, _busy(options.busy):
             arguments = [options.scenario, "--seed", str(options.seed), "--drones", str(drones)]
             arguments += [] if secured else ["--insecure"]
-            seen = fly(Path(folder), [*arguments, "--set", f"mission.track.duration_s={options.seconds:g}"])
-            rows.append({"drones": drones, "secured": secured, **_cost(Path(folder), seen)})
+            seen = fly(folder, [*arguments, "--set", f"mission.track.duration_s={options.seconds:g}"])
+            rows.append({"drones": drones, "secured": secured, **_cost(folder, seen)})
     medians = [
         _median([row for row in rows if (row["drones"], row["secured"]) == kind]) for kind in product(options.drones, links)
     ]
@@ -99,9 +98,7 @@ def _busy(number: int) -> Iterator[None]:
 def _cost(folder: Path, seen: dict[int, Seen]) -> dict[str, float]:
     """CPU in percent of a core over the end of tracking, peak memory in MB."""
     found = flights(folder)
-    stretches = [stretch for flight in found.values() if (stretch := tracking(flight)) is not None]
-    if len(stretches) < len(found):
-        sys.exit(f"only {len(stretches)} of {len(found)} agents tracked; see {folder}/live.log")
+    stretches = all_tracking(folder, found)
     end_s = min(end for _, end in stretches)
     start_s = max(end_s - WINDOW_S, *(start for start, _ in stretches))
     agents = {pid: one for pid, one in seen.items() if one.kind == "agent"}

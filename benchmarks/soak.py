@@ -32,7 +32,7 @@ from rich.table import Table
 
 sys.path.append(str(Path(__file__).parent / "support"))
 
-from live_flight import Seen, flights, fly, messages, tracking
+from live_flight import Seen, all_tracking, flights, fly, messages
 
 from agent.flight import topics
 from agent.flight.reader import RecordedFlight
@@ -174,9 +174,7 @@ def live(folder: Path, drones: int, seed: int, seconds: float) -> list[Series]:
     seen = fly(folder, arguments, limit_s=seconds + 900.0)
     left = [one for one in psutil.process_iter() if one.pid in seen and one.create_time() == seen[one.pid].began_s]
     found = flights(folder)
-    stretches = [stretch for flight in found.values() if (stretch := tracking(flight)) is not None]
-    if len(stretches) < len(found):
-        sys.exit(f"only {len(stretches)} of {len(found)} agents tracked; see {folder}/live.log")
+    stretches = all_tracking(folder, found)
     tracked = max(start for start, _ in stretches), min(end for _, end in stretches)
     made_s = np.sort([stamp_s for flight in found.values() for stamp_s in _own_entries(flight)])
     tasks = dict(_tasks(path) for path in sorted(folder.glob("agents/*/agent.log")))

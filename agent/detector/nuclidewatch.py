@@ -24,7 +24,7 @@ class NuclideWatch:
         """``expected``: as in the mission."""
         self._expected = candidates_of(expected)
         self._recogniser = Recogniser()
-        prepare()
+        prepare(self._expected)
         self._looked_ns: int | None = None
         self.recognised: Recognition | None = None
         self._unknown_kev: tuple[int, ...] = ()

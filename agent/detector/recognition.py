@@ -17,7 +17,7 @@ from functools import cache
 import numpy as np
 
 from agent.detector.lines import CANDIDATES, GAMMAS
-from agent.detector.residuals import contradiction, line_energies
+from agent.detector.residuals import contradiction, line_energies, single_lines
 from agent.detector.shapes import EDGES_KEV, MIDDLES_KEV, Reading, of_nuclide, surroundings
 from agent.geometry import Array
 
@@ -129,9 +129,14 @@ def fitted(counts: Array, parts: Array, share: Array | None, rounds: int) -> tup
     return (counts * np.log(mixed)).sum(axis=1), share
 
 
-def prepare(candidates: tuple[str, ...] = CANDIDATES) -> None:
-    """Compute the components now: at the first look it would take longer than a control step."""
-    _parts(candidates)
+def prepare(expected: Sequence[str]) -> None:
+    """Compute now what all looks need where these nuclides are expected: at the first look it would take longer than a control
+    step.
+    """
+    _parts(CANDIDATES)
+    single_lines()
+    if len(expected) > 1:
+        _mixtures(tuple(expected))
 
 
 @cache

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from agent.detector.shapes import MIDDLES_KEV, of_nuclide
+from agent.detector.shapes import MIDDLES_KEV, of_nuclide, peaks
 from agent.geometry import Array
 
 _MODEL_ERROR = 0.2  # relative, of each bin: shapes of peaks, humps in the place of scattered photons
@@ -61,12 +61,12 @@ def told(lines_kev: Iterable[int]) -> str:
 def _sigmas(counts: Array, expected: Array) -> Array:
     """(B,) significance of a line at the energy of each bin."""
     variance = expected + (_MODEL_ERROR * expected) ** 2 + 1e-9
-    lines = _single_lines()
+    lines = single_lines()
     result: Array = (lines @ ((counts - expected) / variance)) / np.sqrt(lines**2 @ (1.0 / variance))
     return result
 
 
 @cache
-def _single_lines() -> Array:
-    """(B, B): for each bin the peak of a line in its middle."""
-    return np.array([of_nuclide(((energy, 1.0),))[0] for energy in MIDDLES_KEV.tolist()])
+def single_lines() -> Array:
+    """(B, B): for each bin the peak of a line in its middle. Computed at the first call."""
+    return np.array([peaks(((energy, 1.0),)) for energy in MIDDLES_KEV.tolist()])

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -55,6 +58,14 @@ class Seen:
         if len(inside) < 2:
             return 0.0
         return (inside[-1][1] - inside[0][1]) / (inside[-1][0] - inside[0][0])
+
+
+@contextmanager
+def flight_folder() -> Iterator[Path]:
+    """A folder for a flight, which stays where the flight failed: what went wrong is in it."""
+    folder = Path(tempfile.mkdtemp(prefix="radron-flight-"))
+    yield folder
+    shutil.rmtree(folder)
 
 
 def fly(folder: Path, arguments: list[str], limit_s: float = LIMIT_S) -> dict[int, Seen]:
@@ -145,10 +156,39 @@ def cone_delays_ms(found: dict[str, RecordedFlight]) -> list[float]:
 
 def tracking(flight: RecordedFlight) -> tuple[float, float] | None:
     """Wall times, s, between which this agent said that it was tracking."""
-    times = []
+    times = [at_s for at_s, status in _statuses(flight) if status.stage is Stage.TRACK]
+    return (times[0], times[-1]) if times else None
+
+
+def all_tracking(folder: Path, found: dict[str, RecordedFlight]) -> list[tuple[float, float]]:
+    """``tracking`` of all agents of a flight.
+
+    Raises:
+        SystemExit: not all tracked; tells what each of the others said of itself.
+    """
+    stretches = {drone: tracking(flight) for drone, flight in found.items()}
+    missing = [f"{drone}: {_course(found[drone])}" for drone, stretch in stretches.items() if stretch is None]
+    if missing:
+        tracked = len(found) - len(missing)
+        sys.exit("\n".join([f"only {tracked} of {len(found)} agents tracked; see {folder}/live.log", *missing]))
+    return [stretch for stretch in stretches.values() if stretch is not None]
+
+
+def _statuses(flight: RecordedFlight) -> Iterator[tuple[float, Status]]:
+    """The statuses that this agent published, with their wall times, s."""
     for record, sender, kind, payload in messages(flight, topics.PUBLICATION):
         if kind == "status":
             status = decode_from(f"radron/2/{flight.header.mission.swarm}/{sender}/{kind}", payload)
-            if isinstance(status, Status) and status.stage is Stage.TRACK:
-                times.append(record.publish_ns * 1e-9)
-    return (times[0], times[-1]) if times else None
+            if isinstance(status, Status):
+                yield record.publish_ns * 1e-9, status
+
+
+def _course(flight: RecordedFlight) -> str:
+    """The stages that an agent went through, with its first status's problems in each."""
+    told: list[str] = []
+    stage = None
+    for at_s, status in _statuses(flight):
+        if status.stage is not stage:
+            stage = status.stage
+            told.append(f"{at_s:.1f} {stage.value}" + (f" ({'; '.join(status.problems)})" if status.problems else ""))
+    return ", ".join(told) or "no status"

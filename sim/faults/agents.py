@@ -98,6 +98,16 @@ class Lag(LinkFault, frozen=True, kw_only=True, tag="delay"):
         return "delay_s, jitter_s: give at least one above 0" if self.delay_s + self.jitter_s == 0.0 else None
 
 
+class Stall(LinkFault, frozen=True, kw_only=True, tag="stall"):
+    """Links stand still: what is sent arrives when it is over, all at once, as where TCP repeats it; live flights only."""
+
+
+class Throttle(LinkFault, frozen=True, kw_only=True, tag="throttle"):
+    """Links carry ``rate_kbps`` (kilobytes a second) at most; live flights only."""
+
+    rate_kbps: Annotated[float, Meta(gt=0.0, le=1e6)]
+
+
 class Reorder(LinkFault, frozen=True, kw_only=True, tag="reorder"):
     """Messages are held back for ``held_s`` and so overtaken by later ones."""
 

@@ -14,6 +14,7 @@ Family = Literal["process", "network", "liar", "camera", "clock", "pose", "thrus
 Second = Annotated[float, Meta(ge=0.0, le=36_000.0)]
 Duration = Annotated[float, Meta(gt=0.0, le=36_000.0)]
 Probability = Annotated[float, Meta(gt=0.0, le=1.0)]
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 Delay = Annotated[float, Meta(ge=0.0, le=60.0)]
 Metres = Annotated[float, Meta(gt=0.0, le=1000.0)]
 Drones = (

@@ -28,6 +28,8 @@ from sim.faults.agents import (
     Reorder,
     Revoked,
     SlowCpu,
+    Stall,
+    Throttle,
 )
 from sim.faults.base import Fault
 from sim.faults.machines import (
@@ -40,6 +42,7 @@ from sim.faults.machines import (
     Disarm,
     Drag,
     Gust,
+    MavlinkImpaired,
     MavlinkLoss,
     MotorFailure,
     PositionJump,
@@ -51,14 +54,14 @@ from sim.faults.machines import (
 
 AnyFault = (
     Kill | Freeze | Late | SlowCpu | Revoked | Disk
-    | Partition | Cut | Loss | Lag | Reorder | Duplicate | Corrupt | RadioRange | Flood
+    | Partition | Cut | Loss | Lag | Stall | Throttle | Reorder | Duplicate | Corrupt | RadioRange | Flood
     | Lie | Equivocating | Forged | CopiedKey | OldCommand
     | CameraDead | CameraNoisy | CameraStuck | CameraGain | Clock
     | SatellitesLost | PositionJump | Drag | Gust | MotorFailure | Battery
-    | MavlinkLoss | StreamLost | Takeover | Disarm | Refusal
+    | MavlinkLoss | MavlinkImpaired | StreamLost | Takeover | Disarm | Refusal
 )  # fmt: skip
 
-LIVE_ONLY = (StreamLost, Disarm)  # kinds that need the real MAVLink
+LIVE_ONLY = (StreamLost, Disarm, MavlinkImpaired, Stall, Throttle)  # kinds that need the real MAVLink, or TCP
 DEALT_ONLY = (*LIVE_ONLY, Forged, CopiedKey, OldCommand)  # those that random missions leave out: their seeds would draw others
 
 KINDS: dict[str, type[Fault]] = {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
-from sim.faults.base import Family, Fault, Metres, Probability
+from sim.faults.base import Delay, Family, Fault, Metres, Probability, Share
 
 EMPTY_MPS = 3.0  # sink rate of a vehicle whose battery is empty
 
@@ -128,6 +128,30 @@ class MavlinkLoss(Fault, frozen=True, kw_only=True, tag="mavlink-loss"):
 
     family: ClassVar[Family] = "vehicle"
     probability: Probability
+
+
+class MavlinkImpaired(Fault, frozen=True, kw_only=True, tag="mavlink-impaired"):
+    """The link between agent and autopilot is bad, by packets; live flights only.
+
+    ``cut``: nothing gets through. Packets take ``delay_s`` longer, and up to ``jitter_s`` more; ``reorder``, ``duplicate``,
+    ``corrupt``: probabilities to be held back for ``held_s``, to arrive twice within ``within_s``, to have wrong bytes.
+    """
+
+    family: ClassVar[Family] = "vehicle"
+    direction: Literal["both", "to-agent", "to-vehicle"] = "both"
+    cut: bool = False
+    delay_s: Delay = 0.0
+    jitter_s: Delay = 0.0
+    reorder: Share = 0.0
+    held_s: Delay = 0.1
+    duplicate: Share = 0.0
+    within_s: Delay = 0.1
+    corrupt: Share = 0.0
+
+    def check(self) -> str | None:
+        """Something must be wrong with it."""
+        wrong = self.cut or self.delay_s + self.jitter_s + self.reorder + self.duplicate + self.corrupt > 0.0
+        return None if wrong else "cut, delay_s, jitter_s, reorder, duplicate, corrupt: give at least one"
 
 
 class StreamLost(Fault, frozen=True, kw_only=True, tag="stream-lost"):

@@ -127,6 +127,15 @@ STRENGTHS: dict[str, Callable[[Strike], Numbers]] = {
     "stream-lost": lambda strike: {
         "message": strike.one("ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GPS_RAW_INT", "HEARTBEAT")
     },
+    "mavlink-impaired": lambda strike: {
+        "delay_s": strike.uniform(0.0, 0.1),
+        "jitter_s": strike.uniform(0.0, 0.1),
+        "reorder": strike.uniform(0.0, 0.3),
+        "duplicate": strike.uniform(0.0, 0.5),
+        "corrupt": strike.uniform(0.0, 0.2),
+    },
+    "stall": lambda strike: {"direction": strike.one("both", "send", "receive")},
+    "throttle": lambda strike: {"rate_kbps": strike.scale(1.0, 50.0)},
     "disarm": _none,
     "forged": lambda strike: {"what": strike.one("impossible", "impersonated", "other-mission", "two-versions")},
     "copied-key": lambda strike: {"beside_m": strike.scale(5.0, 50.0)},

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from sim.faults.agents import Cut, Lag, Partition, RadioRange
+from sim.faults.agents import Cut, Lag, LinkFault, Partition, RadioRange, Stall, Throttle
+from sim.faults.machines import MavlinkImpaired, MavlinkLoss
 from sim.faults.schedule import Schedule
 from sim.live.relays.linkstate import LinkState
 
@@ -23,11 +24,35 @@ def impairments(schedule: Schedule, drones: Sequence[str], sender: str, receiver
     for lag, _ in schedule.active(Lag):
         if _concerns(lag, drones, sender, receiver):
             yield LinkState(delay_s=lag.delay_s, jitter_s=lag.jitter_s)
+    for stall, _ in schedule.active(Stall):
+        if _concerns(stall, drones, sender, receiver):
+            yield LinkState(frozen=True)
+    for throttle, _ in schedule.active(Throttle):
+        if _concerns(throttle, drones, sender, receiver):
+            yield LinkState(rate_bytes_ps=throttle.rate_kbps * 1e3)
     if away_m > min((fault.range_m for fault, _ in schedule.active(RadioRange)), default=math.inf):
         yield CUT
 
 
-def _concerns(fault: Cut | Lag, drones: Sequence[str], sender: str, receiver: str) -> bool:
+def vehicle_impairments(schedule: Schedule, index: int, *, to_agent: bool) -> Iterator[LinkState]:
+    """What the active faults do to one direction of the MAVLink of a drone, by its index."""
+    for loss, _ in schedule.active(MavlinkLoss, index):
+        yield LinkState(loss=loss.probability)
+    for bad, _ in schedule.active(MavlinkImpaired, index):
+        if bad.direction != ("to-vehicle" if to_agent else "to-agent"):
+            yield LinkState(
+                cut=bad.cut,
+                delay_s=bad.delay_s,
+                jitter_s=bad.jitter_s,
+                reorder=bad.reorder,
+                held_s=bad.held_s,
+                duplicate=bad.duplicate,
+                within_s=bad.within_s,
+                corrupt=bad.corrupt,
+            )
+
+
+def _concerns(fault: LinkFault, drones: Sequence[str], sender: str, receiver: str) -> bool:
     """Whether a fault of links concerns what ``sender`` sends to ``receiver``."""
     targets = fault.strikes(drones)
     peers = drones if fault.peers is None else fault.names_of_peers()

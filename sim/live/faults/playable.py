@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from typing import get_args
 
 from agent.errors import ConfigError
-from sim.faults.agents import Cut, Disk, Flood, Freeze, Kill, Lag, Late, Partition, RadioRange, SlowCpu
+from sim.faults.agents import Cut, Disk, Flood, Freeze, Kill, Lag, Late, Partition, RadioRange, SlowCpu, Stall, Throttle
 from sim.faults.base import Fault
 from sim.faults.kinds import kind_of
-from sim.faults.machines import CameraDead, MavlinkLoss, PositionJump, SatellitesLost, Takeover
+from sim.faults.machines import CameraDead, MavlinkImpaired, MavlinkLoss, PositionJump, SatellitesLost, Takeover
 from sim.scenario import Scenario
 from sim.vehicle.px4.faults import VehicleFault
 
-ON_LINKS = (Partition, Cut, Lag, RadioRange)
-_RELAYED = (*ON_LINKS, MavlinkLoss)
+ON_LINKS = (Partition, Cut, Lag, Stall, Throttle, RadioRange)
+_RELAYED = (*ON_LINKS, MavlinkLoss, MavlinkImpaired)
 PLAYABLE = (Kill, Freeze, Late, SlowCpu, Disk, *_RELAYED, Flood, CameraDead, SatellitesLost, Takeover, *get_args(VehicleFault))
 _DISKS = ("state-torn", "state-flipped", "record-torn", "record-removed")
 

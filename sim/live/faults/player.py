@@ -18,6 +18,7 @@ from sim.faults.base import Fault
 from sim.faults.kinds import kind_of
 from sim.faults.machines import (
     CameraDead,
+    MavlinkImpaired,
     MavlinkLoss,
     SatellitesLost,
     Takeover,
@@ -26,13 +27,13 @@ from sim.faults.schedule import Active, Schedule
 from sim.live.agents import Agents
 from sim.live.faults.damage import damage
 from sim.live.faults.flooding import FloodPlan
-from sim.live.faults.links import impairments
+from sim.live.faults.links import impairments, vehicle_impairments
 from sim.live.faults.playable import ON_LINKS, late_drones
-from sim.live.faults.told import links_told, vehicle_told
+from sim.live.faults.told import links_told, mavlink_told, vehicle_told
 from sim.live.places import Places
 from sim.live.processes import Child
 from sim.live.relays.launcher import RelayProcess
-from sim.live.relays.linkstate import LinkState, combined
+from sim.live.relays.linkstate import combined
 from sim.live.relays.plan import vehicle_of
 from sim.live.view import View
 from sim.live.worldlink import Order, Truth
@@ -126,6 +127,8 @@ class FaultPlayer:
                 return f"floods the mesh, {fault.rate_mbps:g} MB/s in messages of {fault.message_bytes} bytes"
             case MavlinkLoss():
                 return f"{100.0 * fault.probability:g} % of the MAVLink messages are lost"
+            case MavlinkImpaired():
+                return mavlink_told(fault)
             case Disk():
                 return damage(self._agents.folder(drone), fault.how, self._random)
         return self._begin_in_the_world(fault, self._drones.index(drone))
@@ -161,7 +164,7 @@ class FaultPlayer:
                 self._agents.signal_agent(drone, signal.SIGCONT)
                 self._go(fault, drone, self._start_if_ended(drone))
                 return "the agent is not stopped any more"
-            case SlowCpu() | Flood():
+            case SlowCpu() | Flood() | MavlinkImpaired():
                 return f"{kind_of(fault)} is over"
             case CameraDead():
                 self._world.order(Order.CAMERA_ON, index)
@@ -228,6 +231,5 @@ class FaultPlayer:
             away_m = dist(position[sender], position[receiver])
             relays.impair(sender, receiver, combined(impairments(self._schedule, self._drones, sender, receiver, away_m)))
         for index, drone in enumerate(self._drones):
-            state = combined(LinkState(loss=fault.probability) for fault, _ in self._schedule.active(MavlinkLoss, index))
-            relays.impair(vehicle_of(drone), drone, state)
-            relays.impair(drone, vehicle_of(drone), state)
+            relays.impair(vehicle_of(drone), drone, combined(vehicle_impairments(self._schedule, index, to_agent=True)))
+            relays.impair(drone, vehicle_of(drone), combined(vehicle_impairments(self._schedule, index, to_agent=False)))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from sim.faults.agents import Lag, Partition, RadioRange
+from sim.faults.agents import Lag, Partition, RadioRange, Throttle
 from sim.faults.base import Fault
 from sim.faults.kinds import kind_of
-from sim.faults.machines import Battery, Disarm, Gust, MotorFailure, PositionJump, StreamLost
+from sim.faults.machines import Battery, Disarm, Gust, MavlinkImpaired, MotorFailure, PositionJump, StreamLost
 from sim.vehicle.px4.faults import VehicleFault
 
 
@@ -36,4 +36,17 @@ def links_told(fault: Fault) -> str:
             return f"drones further apart than {fault.range_m:g} m do not hear each other"
         case Lag():
             return f"delay of {fault.delay_s:g} s, and up to {fault.jitter_s:g} s more"
+        case Throttle():
+            return f"links carry {fault.rate_kbps:g} kB/s at most"
     return f"{kind_of(fault)} of links"
+
+
+def mavlink_told(fault: MavlinkImpaired) -> str:
+    """A bad MAVLink, as a sentence of the report."""
+    told = ["nothing gets through"] if fault.cut else []
+    if fault.delay_s + fault.jitter_s > 0.0:
+        told.append(f"packets take {fault.delay_s:g} s, and up to {fault.jitter_s:g} s more")
+    shares = ((fault.reorder, "are overtaken"), (fault.duplicate, "arrive twice"), (fault.corrupt, "are corrupt"))
+    told += [f"{100.0 * share:g} % {what}" for share, what in shares if share > 0.0]
+    where = {"both": "", "to-agent": " to the agent", "to-vehicle": " to the vehicle"}[fault.direction]
+    return f"MAVLink{where}: {', '.join(told)}"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from agent.config.mission import DetectionConfig
+from agent.detector import recognition, residuals
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.lines import GAMMAS, LINES_KEV
@@ -230,3 +231,22 @@ def test_a_watch_with_candidates_takes_any_of_them_and_tells_of_all_else():
     assert "the mission is after Cs-137, Co-60" in problem
     (problem,) = unknown.problems
     assert problem.startswith("unknown nuclide: the camera's spectrum has lines at 12")
+
+
+@pytest.mark.parametrize("expected", ["Cs-137", ("Cs-137", "Co-60")])
+def test_what_all_looks_need_is_computed_before_the_flight(monkeypatch, expected) -> None:
+    """All agents of a swarm look at the same time: where they share a computer, what a first look costs adds up."""
+    residuals.single_lines.cache_clear()
+    recognition._parts.cache_clear()
+    recognition._mixtures.cache_clear()
+    watch = NuclideWatch(expected)
+
+    def late(*_):
+        raise AssertionError("a shape is computed in flight")
+
+    for module, name in ((residuals, "peaks"), (recognition, "of_nuclide"), (recognition, "surroundings")):
+        monkeypatch.setattr(module, name, late)
+    watch.add(pool("Cs-137")[:300])
+    watch.look(0)
+    watch.look(LOOK_NS)
+    assert watch.recognised is not None

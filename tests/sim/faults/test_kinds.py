@@ -39,6 +39,10 @@ def scenario_with(folder: Path, *entries: str) -> Path:
             "fault[0] (partition): groups: d1 in more than one group; give each drone once",
         ),
         ('kind = "cut"\nat_s = 3\npeers = "d7"', "fault[0] (cut): no drone 'd7' in the mission"),
+        (
+            'kind = "mavlink-impaired"\nat_s = 3',
+            "fault[0] (mavlink-impaired): cut, delay_s, jitter_s, reorder, duplicate, corrupt: give at least one",
+        ),
         ('kind = "cut"\nat_s = 3\ndirection = "up"', "fault[0] (cut): direction: invalid enum value 'up' (allowed: "),
     ],
 )
@@ -69,6 +73,8 @@ def test_every_kind_can_be_written_and_read(kind: str) -> None:
         "clock": {"jump_s": 0.5},
         "disk": {"how": "full"},
         "stream-lost": {"message": "HEARTBEAT"},
+        "mavlink-impaired": {"corrupt": 0.1},
+        "throttle": {"rate_kbps": 5.0},
         "forged": {"what": "impossible"},
         **{name: {"probability": 0.5} for name in ("loss", "reorder", "duplicate", "corrupt", "mavlink-loss")},
     }.get(kind, {})

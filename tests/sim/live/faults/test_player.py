@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from agent.errors import ConfigError
 from protocol.codec import decode, encode
 from protocol.messages import Pose
-from sim.faults.agents import Cut, Disk, Freeze, Kill, Lag, Late, Partition, RadioRange
+from sim.faults.agents import Cut, Disk, Freeze, Kill, Lag, Late, Partition, RadioRange, Stall, Throttle
 from sim.faults.kinds import AnyFault
 from sim.faults.machines import (
     Battery,
@@ -23,6 +23,7 @@ from sim.faults.machines import (
     CameraNoisy,
     Disarm,
     Gust,
+    MavlinkImpaired,
     MavlinkLoss,
     MotorFailure,
     PositionJump,
@@ -180,6 +181,28 @@ def test_links_are_cut_as_the_groups_the_direction_or_the_distance_say(tmp_path:
         ("vehicle of d2", "d2"),
         ("d2", "vehicle of d2"),
     }
+
+
+def test_links_stand_still_or_carry_little_one_way(tmp_path: Path) -> None:
+    slow = played(tmp_path, Throttle(target="d1", rate_kbps=5.0, at_s=0.0), Stall(target="d1", direction="send", at_s=1.0)).links
+    assert slow["d1", "d2"] == LinkState(rate_bytes_ps=5000.0, frozen=True)
+    assert slow["d2", "d1"] == LinkState(rate_bytes_ps=5000.0)
+    assert slow["d2", "d3"] == PASSING
+
+
+def test_the_mavlink_of_a_drone_is_impaired_one_way_or_both(tmp_path: Path) -> None:
+    numbers = {"delay_s": 0.1, "jitter_s": 0.2, "reorder": 0.1, "held_s": 0.3, "duplicate": 0.2, "within_s": 0.4, "corrupt": 0.05}
+    both = MavlinkImpaired(target="d2", at_s=0.0, **numbers)
+    there, back = ("vehicle of d2", "d2"), ("d2", "vehicle of d2")
+    links = played(tmp_path, both).links
+    expected = {name: pytest.approx(value) for name, value in numbers.items()}
+    assert msgspec.structs.asdict(links[there]) == {**msgspec.structs.asdict(PASSING), **expected}
+    assert links[there] == links[back]
+    assert links["vehicle of d1", "d1"] == PASSING
+    deaf = played(tmp_path, MavlinkImpaired(target="d2", direction="to-agent", cut=True, at_s=0.0)).links
+    assert (deaf[there].cut, deaf[back]) == (True, PASSING)
+    mute = played(tmp_path, MavlinkImpaired(target="d2", direction="to-vehicle", cut=True, at_s=0.0)).links
+    assert (mute[there], mute[back].cut) == (PASSING, True)
 
 
 def test_files_are_torn_or_removed(tmp_path: Path) -> None:
