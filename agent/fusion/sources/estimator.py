@@ -1,15 +1,17 @@
 """The estimator ``sources``: what is fitted when, and what is told of it.
 
-The measurements are summed as they come. At the fixed times k ``refined_s`` a fit with what was measured before is refined, and
-at k ``moved_s`` sources may also come and go; in between the solution stays as it is. Both happen with the first measurement from
-that time on, and so depend on nothing but the log. The first source is the one that the swarm acts on: the strongest, until
-another is twice as strong.
+At the fixed times k ``moved_s`` sources may come and go in a fit with what was measured before. At k ``refined_s`` that fit is
+refined with what has come since. Both happen with the first measurement from that time on, and so depend on nothing but the log.
+A refinement begins with the last moves and nothing follows from it, so it is computed only where it is asked for: an agent that
+catches up computes the moves and one refinement. The first source is the one that the swarm acts on: the strongest, until another
+is twice as strong.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 from msgspec import Struct
@@ -50,8 +52,9 @@ _LEVEL_M = 5.0  # of heights above the ground
 
 
 class SourcesState(Struct, frozen=True, eq=False):
-    """pending: observations that no fit has used yet. rows, cones: the others. position_sigma_m: by drone, as last told.
-    refined, moved: numbers of the last times of either kind that are past. none: log evidence of no source.
+    """pending: observations that no moves have used yet. rows, cones: the others. position_sigma_m: by drone, as last told.
+    refined, moved: numbers of the last times of either kind that are past. none: log evidence of no source. refinement: of this
+    state, if there has been one since the moves.
     """
 
     pending: tuple[Observation, ...] = ()
@@ -63,6 +66,19 @@ class SourcesState(Struct, frozen=True, eq=False):
     fitted: Fitted | None = None
     none: float = 0.0
     x0_stamp_ns: int = 0
+    refinement: Refinement | None = None
+
+
+class Refinement:
+    """The state after a refinement, computed when it is first asked for."""
+
+    def __init__(self, compute: Callable[[], SourcesState]) -> None:
+        self._compute = compute
+
+    @cached_property
+    def state(self) -> SourcesState:
+        """The same for whoever asks."""
+        return self._compute()
 
 
 class SourcesEstimator:
@@ -101,9 +117,11 @@ class SourcesEstimator:
     def step(self, state: SourcesState, step: GridStep, observations: Sequence[Observation]) -> SourcesState:
         """Fit what was measured before the step where it is time, then take the step's observations."""
         refined, moved = step.start_ns // self._refined_ns, step.start_ns // self._moved_ns
-        if refined > state.refined or moved > state.moved:
-            state = self._fitted(state, step, moves=moved > state.moved)
-            state = replace(state, refined=refined, moved=moved)
+        if moved > state.moved:
+            state = replace(self._moved(state, step), refined=refined, moved=moved)
+        elif refined > state.refined:
+            before = replace(state, refinement=None)
+            state = replace(state, refined=refined, refinement=Refinement(lambda: self._refined(before)))
         sigmas = {one.identity.drone: one.position_sigma_m for one in observations}
         return replace(
             state,
@@ -117,6 +135,8 @@ class SourcesEstimator:
 
     def hypothesis(self, state: SourcesState, step: GridStep) -> Hypothesis | None:
         """The first source with those beside it in ``others``; None while its place is not known to ``declared_rms_m``."""
+        if state.refinement is not None and state.x0_stamp_ns:
+            state = state.refinement.state
         if state.x0_stamp_ns == 0 or state.fitted is None:
             return None
         told = [self._told(state, state.fitted, k, step) for k in range(len(state.fitted.solution))]
@@ -129,37 +149,42 @@ class SourcesEstimator:
         """None: the swarm flies lanes."""
         return None
 
-    def _fitted(self, state: SourcesState, step: GridStep, *, moves: bool) -> SourcesState:
-        counts = [one for one in state.pending if isinstance(one, CountObservation)]
-        cones = [one for one in state.pending if isinstance(one, ConeObservation)]
-        rows, cone_table = state.rows.plus(counts, self._numbers), state.cones.plus(cones, self._numbers)
-        if not len(rows):
-            return replace(state, pending=(), rows=rows, cones=cone_table)
-        problem = self._problem(state, rows, cone_table)
-        nothing = Solution.nothing(len(self._numbers), raised=self._raised)
-        solution = nothing if state.fitted is None else state.fitted.solution
-        none = state.none
-        if moves:
-            scan = Scan(rows, problem.counts, self._spectra, self._ground, self._places)
-            moving = Moves(problem, scan, self._spectra, self._config.most, self._config.least_gain)
-            fitted = moving.improved(solution, state.moved)
-            none = problem.fitted(nothing, _REFINEMENTS).evidence
-        else:
-            fitted = problem.fitted(solution, _REFINEMENTS)
+    def _moved(self, state: SourcesState, step: GridStep) -> SourcesState:
+        """With all measurements in a fit in which sources may come and go."""
+        state = self._summed(state)
+        if not len(state.rows):
+            return state
+        problem, nothing = self._problem(state), Solution.nothing(len(self._numbers), raised=self._raised)
+        scan = Scan(state.rows, problem.counts, self._spectra, self._ground, self._places)
+        moves = Moves(problem, scan, self._spectra, self._config.most, self._config.least_gain)
+        fitted = moves.improved(nothing if state.fitted is None else state.fitted.solution, state.moved)
         fitted = _strongest_first(fitted)
-        return SourcesState(
-            rows=rows,
-            cones=cone_table,
-            position_sigma_m=state.position_sigma_m,
+        return replace(
+            state,
             fitted=fitted,
-            none=none,
+            none=problem.fitted(nothing, _REFINEMENTS).evidence,
             x0_stamp_ns=state.x0_stamp_ns or (step.start_ns if self._is_declared(fitted) else 0),
         )
 
-    def _problem(self, state: SourcesState, rows: Rows, cones: Cones) -> Problem:
+    def _refined(self, state: SourcesState) -> SourcesState:
+        """With all measurements in the fit of the last moves, if there is one."""
+        if state.fitted is None:
+            return state
+        start, state = state.fitted.solution, self._summed(state)
+        fitted = self._problem(state).fitted(start, _REFINEMENTS)
+        return replace(state, fitted=_strongest_first(fitted))
+
+    def _summed(self, state: SourcesState) -> SourcesState:
+        """With no observation pending."""
+        counts = [one for one in state.pending if isinstance(one, CountObservation)]
+        cones = [one for one in state.pending if isinstance(one, ConeObservation)]
+        rows, cone_table = state.rows.plus(counts, self._numbers), state.cones.plus(cones, self._numbers)
+        return replace(state, pending=(), rows=rows, cones=cone_table, refinement=None)
+
+    def _problem(self, state: SourcesState) -> Problem:
         drones = len(self._numbers)
-        counts = CountModel(rows, self._spectra, self._ground, drones)
-        directions = ConeModel(cones, self._spectra, self._ground, drones, self._windows)
+        counts = CountModel(state.rows, self._spectra, self._ground, drones)
+        directions = ConeModel(state.cones, self._spectra, self._ground, drones, self._windows)
         return Problem(counts, directions, self._prior(state), len(self._spectra.nuclides))
 
     def _prior(self, state: SourcesState) -> Prior:

@@ -131,3 +131,30 @@ def test_a_source_that_is_told_first_because_the_strongest_is_not_known_well_has
     state = SourcesState(fitted=Fitted(solution, 0.0, covariance, 25.0), none=5.0, x0_stamp_ns=kit.T0_NS)
     told = estimator.hypothesis(state, GridStep(1, kit.T0_NS, kit.T0_NS + 1))
     assert (told.position[0], told.evidence, told.others) == (2.0, 20.0, ())
+
+
+def test_an_agent_that_catches_up_refines_once_and_tells_the_same(kit, flight):
+    """One is asked at every step, the other only at the end."""
+    mission, entries = flight
+    asked, late = Asked(estimator_named("sources", mission)), Asked(estimator_named("sources", mission))
+    always, once = (Fusion(mission, FrameGraph.from_launch_layout(mission), one.estimator) for one in (asked, late))
+    in_time = sorted(entries, key=lambda entry: entry.stamp_ns)
+    for half_s in range(58):  # the last moves at 25 s, refinements at 26 and 28
+        now_ns = kit.T0_NS + half_s * 500_000_000
+        kit.feed(always, [entry for entry in in_time if now_ns - 500_000_000 < entry.stamp_ns <= now_ns])
+        told = kit.settle(always, now_ns)
+    kit.feed(once, [entry for entry in in_time if entry.stamp_ns <= now_ns])
+    assert all(kit.same_bits(*both) for both in zip(sources_of(told), sources_of(kit.settle(once, now_ns)), strict=True))
+    assert (asked.refinements > 5, late.refinements) == (True, 1)
+
+
+class Asked:
+    """Counts the refinements of an estimator."""
+
+    def __init__(self, estimator):
+        self.estimator, self.refinements = estimator, 0
+        self._refined, estimator._refined = estimator._refined, self.refined
+
+    def refined(self, state):
+        self.refinements += 1
+        return self._refined(state)
