@@ -59,7 +59,9 @@ class RunResult(Struct, frozen=True, kw_only=True):
         nothing_found: the mission's result: no source, or none that is strong enough (for an estimator that only
             listened: it excludes the activities that the mission searches for).
         excluded_bq: a source of this activity or more would have been found anywhere in the area, at the time of that result,
-            else at the end; None with a hypothesis, or where nothing is excluded.
+            else at the end; None with a hypothesis of one source, or where nothing is excluded. Of a search for several sources
+            of unknown nuclides, for the one that hides best, beside those that were found.
+        excluded_nuclides_bq: the same at the end by nuclide, of such a search; without nuclides of which nothing is excluded.
         false_hypothesis: there was a hypothesis although there is no source.
 
     ``wall_s`` and ``realtime_factor`` are the only fields that differ between two runs of one seed.
@@ -93,6 +95,7 @@ class RunResult(Struct, frozen=True, kw_only=True):
     bound_relative_median_m: float | None = None
     nothing_found: bool = False
     excluded_bq: float | None = None
+    excluded_nuclides_bq: dict[str, float] | None = None
     false_hypothesis: bool = False
     best_position_error_m: float | None = None
     frames_known_s: float | None = None

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol
 
 from protocol.messages import Stage
 from sim.scoring.score import Belief
 
 
+class ByNuclide(Protocol):
+    """What a search for several sources has excluded."""
+
+    @property
+    def known_bq(self) -> Mapping[str, float]:
+        """By nuclide, the activity from which on further sources are excluded; without nuclides of which none is."""
+
+
 class Excluding(Protocol):
-    """Search result without a hypothesis."""
+    """Search result without a hypothesis, or beside one of several sources."""
 
     @property
     def excluded_bq(self) -> float | None:
         """Activity from which on a source would have been found; None: nothing is excluded yet."""
+
+    @property
+    def exclusion(self) -> ByNuclide | None:
+        """Of a search for several sources; else None."""
 
 
 class Believer(Protocol):
@@ -25,7 +38,7 @@ class Believer(Protocol):
 
     @property
     def outlook(self) -> Excluding | None:
-        """Its search state without a hypothesis; None with one, or where that is unknown."""
+        """Its search state without a hypothesis, or beside one of several sources; None else, or where that is unknown."""
 
 
 class Agent(Believer, Protocol):

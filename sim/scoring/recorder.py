@@ -199,7 +199,8 @@ class Recorder:
         """The result of the swarm's own estimator."""
         first = self._agents[self._first]
         excluded_bq = self._excluded_bq or _excluded_bq(first)
-        return self._result(self._score, first.finding != "", excluded_bq, seed, wall_s, self._source_score())
+        by_nuclide = _excluded_nuclides_bq(first)
+        return self._result(self._score, first.finding != "", excluded_bq, seed, wall_s, self._source_score(), by_nuclide)
 
     def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
         """The results of the listening estimators."""
@@ -222,7 +223,7 @@ class Recorder:
 
     def _result(
         self, score: Score, nothing_found: bool, excluded_bq: float | None, seed: int, wall_s: float,
-        sources: SourceScore = NOT_SCORED,
+        sources: SourceScore = NOT_SCORED, excluded_nuclides_bq: dict[str, float] | None = None,
     ) -> RunResult:  # fmt: skip
         errors = np.array(score.errors_m)
         bound_m, bound_relative_m = self._bounds_m()
@@ -260,6 +261,7 @@ class Recorder:
             bound_relative_median_m=bound_relative_m,
             nothing_found=nothing_found,
             excluded_bq=excluded_bq,
+            excluded_nuclides_bq=excluded_nuclides_bq,
             false_hypothesis=not self._sources and score.x0_s is not None,
             best_position_error_m=self._known.best_position_error_m if self._known is not None else None,
             frames_known_s=self._known.known_s if self._known is not None else None,
@@ -334,3 +336,8 @@ class Recorder:
 def _excluded_bq(believer: Believer) -> float | None:
     outlook = believer.outlook
     return outlook.excluded_bq if outlook is not None else None
+
+
+def _excluded_nuclides_bq(believer: Believer) -> dict[str, float] | None:
+    outlook = believer.outlook
+    return dict(outlook.exclusion.known_bq) if outlook is not None and outlook.exclusion is not None else None

@@ -16,6 +16,7 @@ from agent.config.mission import MissionConfig
 from agent.frames.geodesy import geodetic_from_mission
 from agent.fusion.estimator import Hypothesis
 from agent.fusion.observation import ConeObservation, observe
+from agent.fusion.registry import Estimators, estimator_named
 from agent.terrain.ground import Ground
 from protocol.codec import decode_from
 from protocol.entries import Cone, Entry, Exposure
@@ -58,17 +59,17 @@ class Picture:
     they agree. ``link_problems``: of the station's own link.
     """
 
-    def __init__(self, mission: MissionConfig, verifier: Verifier | None) -> None:
-        """``verifier``: of the log's signatures; None: in a swarm without certificates."""
+    def __init__(self, mission: MissionConfig, verifier: Verifier | None, estimators: Estimators = estimator_named) -> None:
+        """``verifier``: of the log's signatures; None: in a swarm without certificates. ``estimators``: what makes them."""
         self.mission = mission
         self._mission_id = mission.mission_id
-        self.log = SwarmLog(mission, verifier)
+        self.log = SwarmLog(mission, verifier, estimators)
         self.orders = Orders(verifier)
         self.members = {drone.id: Member(drone.id, drone.localization) for drone in mission.drones}
         self.counters: Counter[str] = Counter()
         self.on_entry: list[Callable[[Entry], None]] = []  # called with each entry that comes into the log
         self.link_problems: tuple[str, ...] = ()
-        self._verifier = verifier
+        self._verifier, self._estimators = verifier, estimators
         self._ground = Ground.from_config(mission)
         self._rasters = Rasters(mission)
         self._events = Events(list(self.members))
@@ -99,7 +100,7 @@ class Picture:
 
     def of(self, mission: MissionConfig) -> Picture:
         """The same swarm with another mission, before anything but the orders so far is heard."""
-        picture = Picture(mission, self._verifier)
+        picture = Picture(mission, self._verifier, self._estimators)
         picture.orders = self.orders
         return picture
 

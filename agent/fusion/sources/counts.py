@@ -63,7 +63,7 @@ class CountModel:
         sources and the background.
         """
         expected = self.expected(solution)
-        jacobian = np.stack(list(self._derivatives(solution)))  # (p, R, BINS)
+        jacobian = np.stack(list(self.derivatives(solution)))  # (p, R, BINS)
         excess = self.weight[:, None] * (self.counts / expected - 1.0)
         jacobian_scaled = jacobian * np.sqrt(self.weight[:, None] / expected)
         size = len(jacobian)
@@ -85,7 +85,7 @@ class CountModel:
         excess = self.weight[:, None] * (self.counts / expected - 1.0)
         return self.log_likelihood(expected), jacobian.reshape(size, -1) @ excess.ravel(), scaled @ scaled.T
 
-    def _derivatives(self, solution: Solution) -> Iterator[Array]:
+    def derivatives(self, solution: Solution) -> Iterator[Array]:
         """(R, BINS) derivatives of M, in the order of ``Solution.vector``."""
         for k in range(len(solution)):
             yield from self._by_source(solution, k)

@@ -28,6 +28,7 @@ from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.data import Cones, Rows
 from agent.fusion.sources.directions import ConeModel
 from agent.fusion.sources.fit import Fitted, Prior, Problem
+from agent.fusion.sources.hiding import Hiding, Target
 from agent.fusion.sources.moves import Moves
 from agent.fusion.sources.solution import BIAS, SOURCE, Solution
 from agent.fusion.sources.spectra import KNOWN, REFERENCE_BQ, Spectra
@@ -44,12 +45,14 @@ _BACKGROUND_SIGMA, _SCALE_SIGMA, _SCATTER_SIGMA = 0.3, 0.03, 0.15
 _BESIDE_M = 1.0  # by which a camera on the circle around a source may be farther out
 _EXPECTED = 1.5  # sources
 _REFINEMENTS = 3  # iterations
-_GRID_M, _MOST_PLACES = 2.5, 2500
+_GRID_M, _MOST_PLACES = 2.5, 2500  # where births are tried
+_HIDDEN_M, _MOST_HIDDEN = 5.0, 900  # where a further source may hide
 
 
 class SourcesState(Struct, frozen=True, eq=False):
     """pending: observations that no fit has used yet. rows, cones: the others. position_sigma_m: by drone, as last told.
-    refined, moved: numbers of the last times of either kind that are past. none: log evidence of no source.
+    refined, moved: numbers of the last times of either kind that are past. none: log evidence of no source. hiding: where further
+    ones may hide, at the last time at which sources could come and go; None: nobody searches for them.
     """
 
     pending: tuple[Observation, ...] = ()
@@ -60,6 +63,7 @@ class SourcesState(Struct, frozen=True, eq=False):
     moved: int = 0
     fitted: Fitted | None = None
     none: float = 0.0
+    hiding: Hiding | None = None
     x0_stamp_ns: int = 0
 
 
@@ -83,12 +87,15 @@ class SourcesEstimator:
             raise ConfigError(f"fusion.sources.activity_bq: {least_bq:g} is not less than {most_bq:g}: the smaller one first")
         self._ground = Ground.from_config(mission)
         self._area = area
-        self._watched_m = ring_radius_m(mission, 0, fits_hypothesis=False) + _BESIDE_M
+        outermost, fits = len(mission.drones) - 1, mission.encirclement.law == "smooth"
+        self._circle_m = ring_radius_m(mission, 0, fits_hypothesis=False) + _BESIDE_M
+        self._outermost_m = max(ring_radius_m(mission, outermost, fits) + _BESIDE_M, self._circle_m)
         self._spectra = Spectra.of(self._config.nuclides or KNOWN)
         self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._window = mission.detection.energy_window
         self._refined_ns, self._moved_ns = round(self._config.refined_s * 1e9), round(self._config.moved_s * 1e9)
-        self._places = _grid(area)
+        self._places = _grid(area, _GRID_M, _MOST_PLACES)
+        self._target = self._searched(mission)
 
     def initial(self, start_ns: int | None) -> SourcesState:
         """Nothing measured; it does not depend on the mission's start."""
@@ -122,8 +129,17 @@ class SourcesEstimator:
         return replace(known[0], evidence=state.fitted.evidence - state.none, others=tuple(known[1:]))
 
     def outlook(self, state: SourcesState, step: GridStep) -> Outlook | None:
-        """None: the swarm flies lanes."""
-        return None
+        """Where further sources may hide; None before the first measurements, and where the mission names no least activity."""
+        if state.hiding is None or self._target is None:
+            return None
+        return state.hiding.outlook(self._target, self._spectra.nuclides)
+
+    def _searched(self, mission: MissionConfig) -> Target | None:
+        least_bq, height_m = mission.survey.least_activity_bq, mission.survey.height_m
+        if least_bq is None:
+            return None
+        most_bq = max(self._config.activity_bq[1], least_bq)
+        return Target(_grid(self._area, _HIDDEN_M, _MOST_HIDDEN), least_bq / REFERENCE_BQ, most_bq / REFERENCE_BQ, height_m)
 
     def _fitted(self, state: SourcesState, step: GridStep, *, moves: bool) -> SourcesState:
         counts = [one for one in state.pending if isinstance(one, CountObservation)]
@@ -133,12 +149,14 @@ class SourcesEstimator:
             return replace(state, pending=(), rows=rows, cones=cone_table)
         problem = self._problem(state, rows, cone_table)
         solution = Solution.nothing(len(self._numbers)) if state.fitted is None else state.fitted.solution
-        none = state.none
+        none, hiding = state.none, state.hiding
         if moves:
             scan = Scan(rows, problem.counts, self._spectra, self._ground, self._places)
             moving = Moves(problem, scan, self._spectra, self._config.most, self._config.least_gain)
             fitted = moving.improved(solution, state.moved)
             none = problem.fitted(Solution.nothing(len(self._numbers)), _REFINEMENTS).evidence
+            if self._target is not None:
+                hiding = self._target.hiding(rows, problem.counts, self._spectra, self._ground, fitted)
         else:
             fitted = problem.fitted(solution, _REFINEMENTS)
         fitted = _strongest_first(fitted)
@@ -148,6 +166,7 @@ class SourcesEstimator:
             position_sigma_m=state.position_sigma_m,
             fitted=fitted,
             none=none,
+            hiding=hiding,
             x0_stamp_ns=state.x0_stamp_ns or (step.start_ns if self._is_declared(fitted) else 0),
         )
 
@@ -196,8 +215,16 @@ class SourcesEstimator:
             activity_sigma_bq=activity * math.sqrt(float(covariance[ACTIVITY, ACTIVITY]) + self._config.area_sigma**2),
             sights=Sights(self._numbers, mean, covariance, self._ground),
             nuclide=self._spectra.nuclides[solution.nuclide[k]],
-            watched_s=float(state.rows.live_s[_away_m(state.rows, solution.place[k]) < self._watched_m].sum()),
+            watched_s=self._watched_s(state.rows, solution.place[k]),
         )
+
+    def _watched_s(self, rows: Rows, place: Array) -> float:
+        """Live time of all cameras near a source: on the circle and inside in full; farther out, up to the outermost ring of
+        drones that do not hear each other, by the square of the distance.
+        """
+        away_m = np.hypot(*(rows.place[:, :2] - place).T)
+        share = np.where(away_m < self._outermost_m, (self._circle_m / np.maximum(away_m, self._circle_m)) ** 2, 0.0)
+        return float(rows.live_s @ share)
 
     def _as_of_bayes(self, fitted: Fitted, k: int) -> tuple[Array, Array]:
         """Mean and covariance of source k and the biases in the order of ``bayes``: x, y, velocity, log activity, and of each
@@ -215,16 +242,10 @@ class SourcesEstimator:
         return mean, covariance
 
 
-def _away_m(rows: Rows, place: Array) -> Array:
-    """(R,) horizontal distances from a place (2,)."""
-    away: Array = np.hypot(*(rows.place[:, :2] - place).T)
-    return away
-
-
-def _grid(area: Polygon) -> Array:
-    """(G, 2) places of the area ``_GRID_M`` apart, or further where that would be too many."""
+def _grid(area: Polygon, apart_m: float, most: int) -> Array:
+    """(G, 2) places of the area so far apart, or further where that would be too many."""
     west, south, east, north = area.bounds
-    spacing = max(_GRID_M, math.sqrt((east - west) * (north - south) / _MOST_PLACES))
+    spacing = max(apart_m, math.sqrt((east - west) * (north - south) / most))
     x, y = np.meshgrid(np.arange(west + spacing / 2, east, spacing), np.arange(south + spacing / 2, north, spacing))
     places = np.column_stack((x.ravel(), y.ravel()))
     inside: Array = places[contains_xy(area, places[:, 0], places[:, 1])]
