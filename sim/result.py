@@ -1,8 +1,8 @@
-"""Results of a simulated flight: one flat record for the statistics, and a trace for the figures."""
+"""Results of a simulated flight: one record for the statistics, and a trace for the figures."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from msgspec import Struct
@@ -169,7 +169,8 @@ class Trace:
     end, None without one. spacing_error_deg: (T, N), signed deviation from 360/N of the gap to the next drone, counter-clockwise
     around the hypothesis; NaN before tracking. judged: (T,) index of the drone that is called the first one above: drone 0 as
     long as its agent lives, then the first one whose agent does. truths: all true sources. estimates: as the first drone
-    published them, each source with its nuclide.
+    published them, each source with its nuclide. left_m, glare_m: (C, 2) places where a search for several sources has not
+    excluded a further one at the end: those where it would have gone on, and those beside sources that outshine it.
     """
 
     time_s: NDArray[np.float64]
@@ -195,6 +196,8 @@ class Trace:
     source_bq: float | None = None
     truths: tuple[SourceTrace, ...] = ()
     estimates: tuple[EstimateTrace, ...] = ()
+    left_m: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
+    glare_m: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
 
     @property
     def estimate_m(self) -> NDArray[np.float64]:

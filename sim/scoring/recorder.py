@@ -15,7 +15,7 @@ from sim.faults.told import told_faults
 from sim.geometry import Array
 from sim.result import RunResult, SourceTrace, Trace
 from sim.scenario import Scenario
-from sim.scoring.believers import Agent, Believer
+from sim.scoring.believers import Agent, Believer, excluded_nuclides_bq, open_places
 from sim.scoring.bound import Bound, bound_of
 from sim.scoring.framescore import FrameScore
 from sim.scoring.heard import Heard
@@ -199,7 +199,7 @@ class Recorder:
         """The result of the swarm's own estimator."""
         first = self._agents[self._first]
         excluded_bq = self._excluded_bq or _excluded_bq(first)
-        by_nuclide = _excluded_nuclides_bq(first)
+        by_nuclide = excluded_nuclides_bq(first)
         return self._result(self._score, first.finding != "", excluded_bq, seed, wall_s, self._source_score(), by_nuclide)
 
     def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
@@ -330,14 +330,10 @@ class Recorder:
             source_bq=None if source is None else source.activity_bq,
             truths=tuple(SourceTrace(each.nuclide, each.activity_bq, each.place_m) for each in self._sources),
             estimates=tuple(self._heard.estimates),
+            **open_places(self._agents[self._first]),
         )
 
 
 def _excluded_bq(believer: Believer) -> float | None:
     outlook = believer.outlook
     return outlook.excluded_bq if outlook is not None else None
-
-
-def _excluded_nuclides_bq(believer: Believer) -> dict[str, float] | None:
-    outlook = believer.outlook
-    return dict(outlook.exclusion.known_bq) if outlook is not None and outlook.exclusion is not None else None

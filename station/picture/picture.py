@@ -14,7 +14,7 @@ from shapely import Polygon
 
 from agent.config.mission import MissionConfig
 from agent.frames.geodesy import geodetic_from_mission
-from agent.fusion.estimator import Hypothesis
+from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, observe
 from agent.fusion.registry import Estimators, estimator_named
 from agent.terrain.ground import Ground
@@ -164,7 +164,7 @@ class Picture:
             drones=drones,
             source=sources[0] if sources else None,
             others=sources[1:],
-            search=SearchFrame(none=outlook.none, excluded_bq=outlook.excluded_bq) if outlook is not None else None,
+            search=_search(outlook) if outlook is not None else None,
             finding=min(findings, default=""),
             digest=self.log.fusion.digest,
             entries=len(self.log.fusion.log),
@@ -261,6 +261,14 @@ class Picture:
             dose_usvph=rate_usvph(nuclide, activity) if activity is not None else None,
             position_deg=(latitude_deg, longitude_deg) if datum is not None else None,
         )
+
+
+def _search(outlook: Outlook) -> SearchFrame:
+    found, exclusion = SearchFrame(none=outlook.none, excluded_bq=outlook.excluded_bq), outlook.exclusion
+    if exclusion is None:
+        return found
+    left, glare = float(exclusion.left.mean()), float(exclusion.glare.mean())
+    return replace(found, nuclides_bq=exclusion.known_bq, left=left, glare=glare)
 
 
 def corners(polygon: Polygon) -> tuple[Point, ...]:
