@@ -32,7 +32,7 @@ from agent.mission.memory import Memory
 from agent.mission.news import News
 from agent.mission.orders import Orders
 from agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, Problems
-from agent.mission.reporter import Condition, Outbox, Reporter
+from agent.mission.reporter import Believed, Condition, Outbox, Reporter
 from agent.mission.revoking import Revoking
 from agent.mission.stages import FLYING
 from agent.mission.worldmodel import WorldModel
@@ -151,7 +151,7 @@ class Pilot:
 
     @property
     def outlook(self) -> Outlook | None:
-        """The posterior of the search while there is no hypothesis."""
+        """The posterior of the search: see ``Outlook``."""
         return self.fusion.outlook
 
     def posteriors(self, now_ns: int) -> dict[str, Posterior]:
@@ -329,9 +329,8 @@ class Pilot:
             self._executive.take_coverage(entry, anew=entry.drone == self._id and entry.boot != self._boot)  # before a restart
 
     def _report(self, now_ns: int) -> None:
-        believed = (self.hypothesis, self.fusion.digest) if self.hypothesis is not None else None
         frame, condition = self._own.frame, partial(self._condition, now_ns)
-        known = self._own.vehicle, frame.mission_from_local if frame is not None else None, believed
+        known = self._own.vehicle, frame.mission_from_local if frame is not None else None, Believed.of(self.fusion)
         for message in (*self._revoking.due(now_ns), *self._reporter.due(now_ns, *known, condition)):
             if not isinstance(message, Status):
                 self._outbox.put(message)

@@ -244,7 +244,8 @@ def told(name: str, tally: Tally) -> str:
         f"{name}: number right {tally.right}/{tally.flights}, sources {len(tally.error_m)}/{tally.sources}, nuclides right "
         f"{tally.nuclides}, false {tally.false}; error 50/90 % {half:.3f}/{most:.3f} m, activity {weak:.1f}/{strong:.1f} %, "
         f"height {high[0]:.3f}/{high[1]:.3f} m, in 90 % region {np.mean(tally.inside or [math.nan]):.2f}; "
-        f"refinement at most {1e3 * max(tally.refining_s):.0f} ms, with moves {1e3 * np.median(tally.moving_s):.0f} ms, at most {1e3 * max(tally.moving_s):.0f} ms"
+        f"refinement at most {1e3 * max(tally.refining_s):.0f} ms, "
+        f"with moves {1e3 * np.median(tally.moving_s):.0f} ms, at most {1e3 * max(tally.moving_s):.0f} ms"
     )
 
 

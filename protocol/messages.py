@@ -55,6 +55,8 @@ _FASTEST_MPS = 200.0
 PART_BYTES = 256 * 1024  # of a mission that is uploaded, at most
 MOST_PARTS = 12
 MOST_SOURCES = 8  # of an estimate
+MOST_EXCLUDED = 64  # nuclides of an estimate
+Becquerels = Annotated[float, Meta(ge=0.0, le=1e18)]
 DelayNs = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 Signature = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)]
 
@@ -145,19 +147,24 @@ class Source(Struct, frozen=True, kw_only=True):
     covariance_m2: Covariance3
     velocity_mps: Velocity = (0.0, 0.0, 0.0)
     nuclide: Nuclide | None = None
-    activity_bq: Annotated[float, Meta(ge=0.0, le=1e18)] | None = None
-    activity_sigma_bq: Annotated[float, Meta(ge=0.0, le=1e18)] | None = None
+    activity_bq: Becquerels | None = None
+    activity_sigma_bq: Becquerels | None = None
     evidence: Annotated[float, Meta(ge=-1e9, le=1e9)] | None = None
     cones: Count = 0
 
 
 class Estimate(DroneMessage, frozen=True, kw_only=True):
-    """The hypothesis: all sources that the swarm knows of, and the digest of the log that they were computed from."""
+    """The hypothesis: all sources that the swarm knows of, and the digest of the log that they were computed from.
+
+    ``excluded_bq``: by nuclide, the activity from which on further sources are excluded in the area, but for what is outshone by
+    those that are known; without nuclides of which none is excluded. Of an estimator of several sources only.
+    """
 
     mission: MissionId
     estimator: Identifier
     digest: Digest
     sources: Annotated[tuple[Source, ...], Meta(min_length=1, max_length=MOST_SOURCES)]  # the one that is tracked first
+    excluded_bq: Annotated[dict[Nuclide, Becquerels], Meta(max_length=MOST_EXCLUDED)] | UnsetType = UNSET
 
     def flaw(self) -> str | None:
         """The covariances must be valid."""

@@ -1,8 +1,8 @@
-"""Results of a simulated flight: one flat record for the statistics, and a trace for the figures."""
+"""Results of a simulated flight: one record for the statistics, and a trace for the figures."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from msgspec import Struct
@@ -59,7 +59,9 @@ class RunResult(Struct, frozen=True, kw_only=True):
         nothing_found: the mission's result: no source, or none that is strong enough (for an estimator that only
             listened: it excludes the activities that the mission searches for).
         excluded_bq: a source of this activity or more would have been found anywhere in the area, at the time of that result,
-            else at the end; None with a hypothesis, or where nothing is excluded.
+            else at the end; None with a hypothesis of one source, or where nothing is excluded. Of a search for several sources
+            of unknown nuclides, for the one that hides best, beside those that were found.
+        excluded_nuclides_bq: the same at the end by nuclide, of such a search; without nuclides of which nothing is excluded.
         false_hypothesis: there was a hypothesis although there is no source.
 
     ``wall_s`` and ``realtime_factor`` are the only fields that differ between two runs of one seed.
@@ -93,6 +95,7 @@ class RunResult(Struct, frozen=True, kw_only=True):
     bound_relative_median_m: float | None = None
     nothing_found: bool = False
     excluded_bq: float | None = None
+    excluded_nuclides_bq: dict[str, float] | None = None
     false_hypothesis: bool = False
     best_position_error_m: float | None = None
     frames_known_s: float | None = None
@@ -166,7 +169,8 @@ class Trace:
     end, None without one. spacing_error_deg: (T, N), signed deviation from 360/N of the gap to the next drone, counter-clockwise
     around the hypothesis; NaN before tracking. judged: (T,) index of the drone that is called the first one above: drone 0 as
     long as its agent lives, then the first one whose agent does. truths: all true sources. estimates: as the first drone
-    published them, each source with its nuclide.
+    published them, each source with its nuclide. left_m, glare_m: (C, 2) places where a search for several sources has not
+    excluded a further one at the end: those where it would have gone on, and those beside sources that outshine it.
     """
 
     time_s: NDArray[np.float64]
@@ -192,6 +196,8 @@ class Trace:
     source_bq: float | None = None
     truths: tuple[SourceTrace, ...] = ()
     estimates: tuple[EstimateTrace, ...] = ()
+    left_m: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
+    glare_m: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
 
     @property
     def estimate_m(self) -> NDArray[np.float64]:

@@ -243,10 +243,11 @@ def _tak(hub: Hub, url: str) -> Tak:
 
 
 def _hub(mission: MissionConfig, verifier: Verifier | None, replay: bool) -> Hub:
+    from agent.fusion.registry import deferred_named, estimator_named  # noqa: PLC0415
     from station.hub import Hub  # noqa: PLC0415
     from station.picture.picture import Picture  # noqa: PLC0415
 
-    return Hub(Picture(mission, verifier), replay)
+    return Hub(Picture(mission, verifier, estimator_named if replay else deferred_named), replay)
 
 
 async def _serve(hub: Hub, place: Place, work: Callable[[], Awaitable[None]], doors: Doors | None = None) -> None:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+import sys
 import time
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 
+import structlog
+
+from agent.shell.folding import Folding
 from protocol.mesh.recovery import recover
 from protocol.mesh.session import Mesh, MeshConfig
 from station.commander import Commander, may_command
 from station.hub import Hub
+from station.picture.picture import Picture
 
 SHOW_S = 0.1  # interval of the frames
 
@@ -45,15 +51,55 @@ async def follow(hub: Hub, config: MeshConfig) -> None:
         recovering = asyncio.create_task(recover(lambda: mesh.alive, summary, mesh.ask, phase=0.0))
         stack.callback(recovering.cancel)
         loop = asyncio.get_running_loop()
-        due_s = loop.time()
+        due_s, slow = loop.time(), SlowEstimates()
+        stack.push_async_callback(slow.end)
         while True:
             picture = hub.picture  # another one after an upload
+            await slow.follow(picture)
             picture.advance(time.time_ns())
             if loop.time() >= due_s:  # not more often either while there is work left: a frame costs as much as a slice of it
                 due_s = max(due_s + SHOW_S, loop.time())
                 picture.appear(mesh.alive)
-                picture.link_problems = (*mesh.problems, *mesh.differing)
+                picture.link_problems = (*mesh.problems, *mesh.differing, *slow.problems)
                 hub.show(time.time_ns())
             if recovering.done():
                 recovering.result()
             await asyncio.sleep(due_s - loop.time() if not picture.log.pending else 0.0)
+
+
+class SlowEstimates:
+    """A slow estimator's process, as on board, so that the page does not stand still for its steps."""
+
+    def __init__(self) -> None:
+        self._picture: Picture | None = None
+        self._folding: Folding | None = None
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Why the estimate is not a new one."""
+        problem = self._folding.problem if self._folding is not None else None
+        return () if problem is None else (problem,)
+
+    async def follow(self, picture: Picture) -> None:
+        """Compute for this picture, and for no other one any more."""
+        if picture is self._picture:
+            return
+        await self.end()
+        fusion, self._picture = picture.log.fusion, picture
+        self._folding = Folding(fusion.estimator, picture.mission, fusion.answered, _errors_only())
+        self._task = asyncio.create_task(self._folding.run())
+
+    async def end(self) -> None:
+        """End the process."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+
+
+def _errors_only() -> structlog.typing.FilteringBoundLogger:
+    """A log on the error stream."""
+    log: structlog.typing.FilteringBoundLogger = structlog.wrap_logger(
+        structlog.PrintLogger(sys.stderr), wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR)
+    )
+    return log

@@ -46,7 +46,8 @@ class SurveyConfig(Section, frozen=True, kw_only=True):
     with the flocking law ``paper``, and in areas whose bounding rectangle is larger than 9 ha.
     The search ends without a result once every source of ``least_activity_bq`` or more is excluded (none: never), or after
     ``duration_s`` (none: no limit). ``then`` the swarm returns, or continues to search. With an estimator of several sources it
-    goes on after the first one is found, until all of the area is covered or ``duration_s`` is over.
+    goes on after the first one is found, until all of the area is covered, and again when each has been circled, until nothing
+    of ``least_activity_bq`` may hide any more, or ``duration_s`` is over.
     """
 
     height_m: Positive = 3.0

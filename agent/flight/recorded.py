@@ -204,4 +204,6 @@ class RecordedPilot:
         hypothesis = self._pilot.hypothesis
         if hypothesis is not self._told:
             self._told = hypothesis
-            self._sink.write(topics.HYPOTHESIS, topics.encode_hypothesis(hypothesis, self._pilot.digest), now_ns)
+            self._sink.write(
+                topics.HYPOTHESIS, topics.encode_hypothesis(hypothesis, self._pilot.fusion.hypothesis_digest), now_ns
+            )

@@ -54,7 +54,7 @@ class Task(Struct, frozen=True, eq=False):
 
 
 class Told(Struct, frozen=True, eq=False):
-    """An answer: the hypothesis, or else the outlook of the search."""
+    """An answer: the hypothesis, and the outlook of the search."""
 
     hypothesis: Hypothesis | None = None
     outlook: Outlook | None = None
@@ -68,7 +68,10 @@ class Deferred:
         self.name, self.reads = estimator.name, estimator.reads
         self.grid_s, self.hold_s = estimator.grid_s, estimator.hold_s
         self._link_numbers, self._question_numbers = count(1), count(1)
+        self.digest = ""  # of the log, at the next question
+        self.answered_digest = ""  # of the log that the newest answer follows from
         self._questions: dict[int, tuple[Link, GridStep]] = {}  # without an answer, ascending
+        self._digests: dict[int, str] = {}  # of the log, by question
         self._asked: tuple[Link, GridStep] | None = None  # the newest one, answered or not
         self._told, self._told_of = Told(), 0  # the newest answer, and the origin of its chain
 
@@ -89,7 +92,8 @@ class Deferred:
         """The newest that is known of the state's chain: of an earlier state and step, until this question is answered."""
         if (state, step) != self._asked:
             self._asked = state, step
-            self._questions[next(self._question_numbers)] = self._asked
+            number = next(self._question_numbers)
+            self._questions[number], self._digests[number] = self._asked, self.digest
         return self._newest(state).hypothesis
 
     def outlook(self, state: Link, step: GridStep) -> Outlook | None:
@@ -132,7 +136,9 @@ class Deferred:
         """Take an answer; one to a question that has an answer, or a newer one has, is left out."""
         if question in self._questions:
             self._told, self._told_of = told, self._questions[question][0].origin
+            self.answered_digest = self._digests[question]
             self._questions = {number: asked for number, asked in self._questions.items() if number > question}
+            self._digests = {number: self._digests[number] for number in self._questions}
 
     def _newest(self, state: Link) -> Told:
         return self._told if self._told_of == state.origin else Told()
@@ -164,9 +170,8 @@ class Folder(Generic[S]):
         if task.at is None:
             return None
         hypothesis = self._estimator.hypothesis(state, task.at)
-        if hypothesis is not None:
-            return Told(_plain(hypothesis))
-        return Told(outlook=self._estimator.outlook(state, task.at))
+        outlook = self._estimator.outlook(state, task.at)
+        return Told(None if hypothesis is None else _plain(hypothesis), outlook)
 
     def answer(self, deferred: Deferred, question: int) -> Told:
         """Compute all tasks of a question.

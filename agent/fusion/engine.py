@@ -85,10 +85,19 @@ class Fusion:
         return self.log.digest
 
     @property
+    def hypothesis_digest(self) -> str:
+        """Digest of the log that the hypothesis follows from: an earlier one than now where another process computes it."""
+        return self.estimator.answered_digest if isinstance(self.estimator, Deferred) else self.digest
+
+    @property
     def pending(self) -> bool:
         """Whether the hypothesis lacks something of the log, or of the known frames; further calls of ``advance`` add it."""
-        waits = isinstance(self.estimator, Deferred) and self.estimator.waits
-        return waits or self._stale or bool(self._latecomers) or bool(self._late) or self._revision != self._frames.revision
+        return self.is_behind or (isinstance(self.estimator, Deferred) and self.estimator.waits)
+
+    @property
+    def is_behind(self) -> bool:
+        """As ``pending``, but for what another process has to compute first."""
+        return self._stale or bool(self._latecomers) or bool(self._late) or self._revision != self._frames.revision
 
     def begin_ns(self, now_ns: int) -> int:
         """The first of all times now that have the same due step, and with it the same hypothesis."""
@@ -96,8 +105,9 @@ class Fusion:
 
     @property
     def outlook(self) -> Outlook | None:
-        """The posterior of a search; None while there is a hypothesis, or if the estimator has no such posterior."""
-        if self.hypothesis is not None or self._due_step == _NEVER:
+        """The posterior of a search; None while there is a hypothesis of one source, or if the estimator has none."""
+        found = self.hypothesis is not None and self.hypothesis.watched_s is None
+        if found or self._due_step == _NEVER:
             return None
         return self.estimator.outlook(self.state, self._now_step)
 
@@ -244,6 +254,8 @@ class Fusion:
         state = self.state
         if complete and (state is not self._current[0] or self._due_step != self._current[1]):
             self._current = state, self._due_step
+            if isinstance(self.estimator, Deferred):
+                self.estimator.digest = self.digest
             self.hypothesis = self.estimator.hypothesis(state, self._now_step)
 
     def _extend(self, states: dict[int, Any], budget: int) -> tuple[bool, int]:

@@ -62,7 +62,7 @@ class Hypothesis(Struct, frozen=True, eq=False):
     ``covariance`` is the filter's own, and need not match the actual error.
     sights: the apparent place by drone; empty if the estimator has no pose biases. nuclide: None if the estimator takes the
     mission's. others: further sources, in the order in which they count. watched_s: live time of all cameras on or inside the
-    circle around this source; None if the estimator tells one source only.
+    circle around this source, with a share of it farther out; None if the estimator tells one source only.
     """
 
     stamp_ns: int
@@ -94,13 +94,34 @@ class Hypothesis(Struct, frozen=True, eq=False):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Exclusion:
+    """What a search for several sources has excluded beside those that it has found.
+
+    limits_bq: by nuclide, the activity from which on sources are excluded in all of the area but the glare; None: nothing is yet.
+    left: (C,) the cells where a source of the least activity that is searched for may hide, and more measurements would tell.
+    glare: (C,) those near found sources, which outshine it.
+    """
+
+    limits_bq: Mapping[str, float | None]
+    left: NDArray[np.bool_]
+    glare: NDArray[np.bool_]
+
+    @property
+    def known_bq(self) -> dict[str, float]:
+        """The limits of those nuclides that have one."""
+        return {nuclide: limit_bq for nuclide, limit_bq in self.limits_bq.items() if limit_bq is not None}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Outlook:
-    """The posterior of a search, while no hypothesis is declared. Mission frame.
+    """The posterior of a search, while no hypothesis is declared; of a search for several sources, which goes on, also beside
+    those that are: of one more of the least activity that is searched for. Mission frame.
 
     places: (C, 2) centres of the cells, metres. weight: (C,) P(source in the cell), adding up to 1 - ``none``. activity_bq: (C,)
     geometric mean of the activity given a source in the cell. none: P(no source).
     excluded_bq: sources of this activity or more are excluded, in the mean over the places where they may have been; None:
-    nothing is excluded yet.
+    nothing is excluded yet. exclusion: where the estimator is one of several sources; then ``excluded_bq`` is the largest of its
+    limits.
     """
 
     places: NDArray[np.float64]
@@ -108,6 +129,7 @@ class Outlook:
     activity_bq: NDArray[np.float64]
     none: float
     excluded_bq: float | None
+    exclusion: Exclusion | None = None
 
 
 class Estimator(Protocol, Generic[S]):
@@ -141,4 +163,4 @@ class Estimator(Protocol, Generic[S]):
         """
 
     def outlook(self, state: S, step: GridStep) -> Outlook | None:
-        """The posterior of a search; None if the state has a hypothesis, or the estimator has no such posterior."""
+        """The posterior of a search; None if the state has a hypothesis (but see ``Outlook``), or the estimator has none."""

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
+from agent.fusion.estimator import Hypothesis
 from agent.localization.ownpose import LARGEST_DOUBT_M, OwnPose
 from agent.mission.memory import Memory
 from agent.mission.problems import TELEMETRY_AGE_NS
@@ -17,7 +18,7 @@ from agent.mission.reserve import Reserve
 from agent.mission.situation import Situation
 from agent.mission.stages import Mission
 from agent.mission.worldmodel import WorldModel
-from agent.navigation.focus import focus
+from agent.navigation.focus import focus, have_had_turns
 from agent.navigation.guidance import Moment
 from agent.navigation.home import NO_NEARER_S
 from agent.navigation.navigator import Navigator
@@ -187,13 +188,25 @@ class Executive:
             stranded=self._is_stranded or self._own.doubt_m > LARGEST_DOUBT_M,
             battery_low=self._battery_low,
             no_nearer=returning_s >= NO_NEARER_S and self._navigator.home.is_no_nearer,
-            searches_on=hypothesis is not None and hypothesis.watched_s is not None and not self._has_searched(now_ns),
+            searches_on=self._searches_on(hypothesis, now_ns),
         )
 
-    def _has_searched(self, now_ns: int) -> bool:
-        """Whether nothing is left to search: all of the area is covered, or the time for it is over."""
+    def _searches_on(self, hypothesis: Hypothesis | None, now_ns: int) -> bool:
+        """Whether to search for more beside several sources: until all of the area is covered, and again once each source has had
+        its turn, while anything may hide; neither when the time for it is over.
+        """
+        if hypothesis is None or hypothesis.watched_s is None:
+            return False
         longest_s = self._config.survey.duration_s
-        return self._search.is_complete or (longest_s is not None and self._mission.searched_s(now_ns) >= longest_s)
+        began = self._mission.tracking_since_ns is not None
+        searched_s = (now_ns - self._mission.started_ns) * 1e-9 if began else self._mission.searched_s(now_ns)
+        if longest_s is not None and searched_s >= longest_s:
+            return False
+        if not began:
+            return not self._search.is_complete
+        outlook = self._prospect.at(now_ns)
+        hides = outlook is not None and outlook.exclusion is not None and bool(outlook.exclusion.left.any())
+        return hides and have_had_turns(hypothesis, self._config)
 
     @property
     def _is_stranded(self) -> bool:

@@ -9,7 +9,8 @@ from typing import TypeVar
 from msgspec import UNSET, Struct
 
 from agent.frames.transform import Transform
-from agent.fusion.estimator import Hypothesis
+from agent.fusion.engine import Fusion
+from agent.fusion.estimator import Exclusion, Hypothesis
 from agent.vehicle.interface import FlightMode, VehicleState
 from protocol.codec import written
 from protocol.errors import ProtocolError
@@ -57,6 +58,22 @@ class Condition(Struct, frozen=True):
     notices: tuple[str, ...] = ()
     upload: Answer | None = None
     obeyed: Obeyed | None = None
+
+
+class Believed(Struct, frozen=True, eq=False):
+    """The hypothesis, the digest of the log that it follows from, and what is excluded beside it, if that is known."""
+
+    hypothesis: Hypothesis
+    digest: str
+    exclusion: Exclusion | None = None
+
+    @classmethod
+    def of(cls, fusion: Fusion) -> Believed | None:
+        """What a fusion tells now; None without a hypothesis."""
+        if fusion.hypothesis is None:
+            return None
+        outlook = fusion.outlook
+        return cls(fusion.hypothesis, fusion.hypothesis_digest, outlook.exclusion if outlook is not None else None)
 
 
 class Outbox:
@@ -112,7 +129,7 @@ class Reporter:
         now_ns: int,
         vehicle: VehicleState | None,
         frame: Transform | None,
-        believed: tuple[Hypothesis, str] | None,
+        believed: Believed | None,
         condition: Callable[[], Condition],
     ) -> Iterator[Message]:
         """The messages that are due now.
@@ -121,7 +138,7 @@ class Reporter:
             now_ns: UTC.
             vehicle: newest telemetry.
             frame: mission <- local of its epoch; published where it is estimated, for operators (agents have it from their logs).
-            believed: the hypothesis, and the digest of the log that it follows from.
+            believed: what the source estimate is.
             condition: called only when a status is due.
         """
         if vehicle is not None and self._is_due(Pose, now_ns):
@@ -136,7 +153,7 @@ class Reporter:
                 covariance=tuple(frame.covariance.ravel().tolist()),
             )
         if believed is not None and self._is_due(Estimate, now_ns):
-            yield self._estimate(now_ns, *believed)
+            yield self._estimate(now_ns, believed)
         if self._is_due(Status, now_ns):
             now = condition()
             yield Status(
@@ -180,14 +197,16 @@ class Reporter:
             steered=vehicle.mode is FlightMode.OFFBOARD,
         )
 
-    def _estimate(self, now_ns: int, hypothesis: Hypothesis, digest: str) -> Estimate:
+    def _estimate(self, now_ns: int, believed: Believed) -> Estimate:
+        hypothesis, exclusion = believed.hypothesis, believed.exclusion
         return Estimate(
             stamp_ns=now_ns,
             drone=self._drone,
             mission=self._mission_id,
             estimator=self._estimator,
-            digest=digest,
+            digest=believed.digest,
             sources=tuple(_source(one) for one in (hypothesis, *hypothesis.others)[:MOST_SOURCES]),
+            excluded_bq=exclusion.known_bq if exclusion is not None else UNSET,
         )
 
 

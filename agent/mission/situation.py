@@ -12,7 +12,7 @@ class Situation(Struct, frozen=True):
 
     ``at_home``: the drone hovers over the place where it took off. ``problems``: those that prevent a start. ``rms_m``: of the
     source estimate, by an estimator with a posterior; else None. ``nothing_found``: the search has ended without a source.
-    ``searches_on``: for further sources, beside the one that has been found.
+    ``searches_on``: for further sources, beside those that have been found.
     ``stranded``: other drones are not heard, and the mission, or the fence, leaves this one nothing but to return; or it may be
     far from where it believes to be.
     ``battery_low``: it is this drone's turn to return for want of battery. ``no_nearer``: its return has not got on for long.

@@ -221,23 +221,28 @@ class Mission:
             self._enter(Stage.RETURN, now_ns)
             return
         if self.stage is Stage.SURVEY:
-            # A hypothesis that was gone for a moment, or over a restart, begins no further search.
-            if situation.is_found or (situation.has_hypothesis and self.tracking_since_ns is not None):
+            if situation.is_found:
                 self._enter(Stage.TRACK, now_ns)
-            elif situation.nothing_found and self._gives_up:
+            elif (situation.nothing_found and self._gives_up) or (situation.has_hypothesis and self._is_over(now_ns)):
                 self._enter(Stage.RETURN, now_ns)
             return
         if not situation.has_hypothesis:  # a late entry can remove the hypothesis
             self._enter(Stage.SURVEY, now_ns)
             return
-        assert self.tracking_since_ns is not None
-        duration_s = self._track.duration_s
-        if duration_s is not None and now_ns - self.tracking_since_ns > duration_s * 1e9:
+        if self._is_over(now_ns):
             self._enter(Stage.RETURN, now_ns)
+            return
+        if situation.searches_on:
+            self._enter(Stage.SURVEY, now_ns)
             return
         stage = Stage.REACQUIRE if self._is_lost(situation) else Stage.TRACK
         if stage is not self.stage:
             self._enter(stage, now_ns)
+
+    def _is_over(self, now_ns: int) -> bool:
+        """Whether the time for what has been found is over."""
+        since_ns, duration_s = self.tracking_since_ns, self._track.duration_s
+        return since_ns is not None and duration_s is not None and now_ns - since_ns > duration_s * 1e9
 
     def _is_lost(self, situation: Situation) -> bool:
         """By the posterior's RMS where there is one, otherwise by the time without a cone."""

@@ -36,7 +36,12 @@ class WorldModel:
         """Whether frames or hypothesis lack something of the log. Where they do not, they are a function of the log and of the
         hypothesis's stamp.
         """
-        return bool(self._forgotten) or self.frames.pending or self.fusion.pending
+        return self.is_behind or self.fusion.pending
+
+    @property
+    def is_behind(self) -> bool:
+        """As ``pending``, but for what another process has to compute first."""
+        return bool(self._forgotten) or self.frames.pending or self.fusion.is_behind
 
     def posteriors(self, now_ns: int) -> dict[str, Posterior]:
         """What each estimator holds possible, by name; without those that tell nothing yet."""

@@ -16,9 +16,7 @@ def focus(hypothesis: Hypothesis | None, mission: MissionConfig) -> Hypothesis |
     """
     if hypothesis is None or not hypothesis.others:
         return hypothesis
-    track, sources = mission.track, (hypothesis, *hypothesis.others)
-    turn_s = track.each_s * len(mission.drones)
-    turns = [int((one.watched_s or 0.0) / turn_s) for one in sources]
+    track, sources, turns = mission.track, (hypothesis, *hypothesis.others), _turns(hypothesis, mission)
     least = min(turns)
     if least == 0 or track.policy == "each":
         waiting = [one for one, had in zip(sources, turns, strict=True) if had == least]
@@ -26,3 +24,14 @@ def focus(hypothesis: Hypothesis | None, mission: MissionConfig) -> Hypothesis |
     else:
         chosen = next((one for one in sources if one.nuclide == track.policy), hypothesis)
     return replace(chosen, evidence=hypothesis.evidence, others=())
+
+
+def have_had_turns(hypothesis: Hypothesis, mission: MissionConfig) -> bool:
+    """Whether each source has had a turn."""
+    return min(_turns(hypothesis, mission)) > 0
+
+
+def _turns(hypothesis: Hypothesis, mission: MissionConfig) -> list[int]:
+    """That the hypothesis and the other sources have had."""
+    turn_s = mission.track.each_s * len(mission.drones)
+    return [int((one.watched_s or 0.0) / turn_s) for one in (hypothesis, *hypothesis.others)]

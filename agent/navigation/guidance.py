@@ -180,7 +180,7 @@ class Guidance:
         moves = to_mission.rotate_direction(state.velocity)[:2]
         others = [to_mission.apply_point(partner.plan.state(moment.now_ns).position)[:2] for partner in partners]
         walls = tuple(self._absence.walls.values()) if self._absence is not None else ()
-        found = self._informed.reference(moment.now_ns, here, moves, others, HORIZON, STEP_S, walls)
+        found = self._informed.reference(moment.now_ns, here, moves, others, HORIZON, STEP_S, walls, self._search.is_complete)
         if found is None:
             searching = (
                 self._absence.missing if self._absence is not None and walls else ()

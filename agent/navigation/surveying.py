@@ -121,7 +121,7 @@ class Prospect:
         self._due_ns = 0
 
     def at(self, now_ns: int) -> Outlook | None:
-        """The present outlook; None where there is a hypothesis, or the estimator has no outlook."""
+        """The present outlook; None where there is a hypothesis of one source, or the estimator has no outlook."""
         if now_ns >= self._due_ns or self._due_ns - now_ns > LOOK_NS:
             self._due_ns = now_ns + LOOK_NS
             self._known = self._outlook()
@@ -157,6 +157,7 @@ class InformedSearch:
         steps: int,
         step_s: float,
         walls: Sequence[Wall] = (),
+        covered: bool = False,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Positions and velocities (steps + 1, 2) to follow from here; None: fly lanes instead.
 
@@ -168,8 +169,12 @@ class InformedSearch:
             steps: of the reference.
             step_s: between its points.
             walls: what this drone keeps behind, away from drones that it does not hear.
+            covered: all of the area has been covered by lanes: these come first with an estimator of several sources, whose
+                outlook follows the flight too slowly to lead it from place to place.
         """
         outlook = self._prospect.at(now_ns) if self._waypoints is not None else None
+        if outlook is not None and outlook.exclusion is not None and not (covered and outlook.exclusion.left.any()):
+            outlook = None
         if outlook is None or self._waypoints is None:
             self._follower = None
             return None
@@ -191,7 +196,8 @@ class InformedSearch:
         others: Sequence[Point2],
         walls: Sequence[Wall],
     ) -> PathFollower:
-        belief = Belief(outlook.places, outlook.weight, outlook.activity_bq, outlook.none)
+        weight = outlook.weight if outlook.exclusion is None else outlook.weight * outlook.exclusion.left
+        belief = Belief(outlook.places, weight, outlook.activity_bq, outlook.none)
         behind = [(*wall.normal, wall.offset + KEPT_M) for wall in walls]
         start, end = np.array(position), np.array(waypoints.choose(belief, position, velocity, others, behind))
         return PathFollower(np.vstack([start, self._detours.between(start, end), end]))
@@ -201,7 +207,10 @@ def conclusion(survey: SurveyConfig, searched_s: float, outlook: Outlook | None)
     """The result of the search: "" while it goes on, else that nothing was found, and the activity that is excluded."""
     excluded_bq = outlook.excluded_bq if outlook is not None else None
     least_bq = survey.least_activity_bq
-    enough = excluded_bq is not None and least_bq is not None and excluded_bq <= least_bq
+    if outlook is not None and outlook.exclusion is not None:
+        enough = not outlook.exclusion.left.any()
+    else:
+        enough = excluded_bq is not None and least_bq is not None and excluded_bq <= least_bq
     if not enough and (survey.duration_s is None or searched_s < survey.duration_s):
         return ""
     if excluded_bq is None:

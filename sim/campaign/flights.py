@@ -1,6 +1,6 @@
 """Campaigns: every case with every seed, resumable; the result does not depend on which executor flies them.
 
-A campaign's folder: ``campaign.json`` (its definition), ``runs.jsonl`` (one flat object per run: the fields of ``RunResult`` and
+A campaign's folder: ``campaign.json`` (its definition), ``runs.jsonl`` (one object per run: the fields of ``RunResult`` and
 the parameters of the sweep), ``failures.jsonl`` (errors of failed flights, if there are any).
 """
 

@@ -47,7 +47,14 @@ def _all_sources(result: RunResult) -> str:
     if max(true, found) <= 1:
         return ""
     told = f" {found - false} of {true} sources found, {result.nuclides_right or 0} with the right nuclide"
-    return f"{told}; {false} false." if false else f"{told}."
+    return f"{told}; {false} false.{_excluded(result)}" if false else f"{told}.{_excluded(result)}"
+
+
+def _excluded(result: RunResult) -> str:
+    """What a search for several sources has excluded beside those it found, as a further sentence; empty of another one."""
+    if result.excluded_nuclides_bq is None or result.excluded_bq is None:
+        return ""
+    return f" Further ones of {becquerels(result.excluded_bq)} or more, of whichever nuclide, are excluded."
 
 
 def _without_estimate(result: RunResult, there: bool) -> str:

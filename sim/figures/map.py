@@ -19,6 +19,7 @@ from sim.result import Trace
 CONES_SHOWN = 20  # more would cover the map
 _INSET_BELOW = 0.04  # share of the map's width: a smaller 90 % region is also shown enlarged
 _INSET_SIZE = 0.32  # share of the map's width
+_OPEN = "#8a8a8a"
 _TRACKING = ("track", "reacquire")
 
 
@@ -42,6 +43,7 @@ def map_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
         axes.plot(circling[:, 0], circling[:, 1], color=colour, linewidth=1.3, alpha=0.8)
         axes.plot(*track[0, :2], marker="^", color=colour, markersize=8, markeredgecolor="white", linestyle="")
         axes.plot(*track[end, :2], marker="o", color=colour, markersize=8, markeredgecolor="white", label=name, linestyle="")
+    _draw_open(axes, trace)
     _draw_source(axes, trace, end)
     fault_places(axes, trace)
     axes.set_aspect("equal")
@@ -51,6 +53,18 @@ def map_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
     dress(axes, wrapped(title, 76), "east of the mission's origin (m)", "north of the mission's origin (m)")
     _legend(axes, trace)
     return figure
+
+
+def _draw_open(axes: Axes, trace: Trace) -> None:
+    """Where further sources are not excluded."""
+    for places, marker, text in _open(trace):
+        axes.plot(*places.T, marker=marker, color=_OPEN, markersize=3.5, linestyle="", alpha=0.7, label=text)
+
+
+def _open(trace: Trace) -> list[tuple[NDArray[np.float64], str, str]]:
+    """Places, marker and name of each kind that there is."""
+    kinds = (trace.left_m, "s", "more may hide"), (trace.glare_m, "+", "not excluded: outshone")
+    return [kind for kind in kinds if len(kind[0])]
 
 
 def last_tracking(trace: Trace) -> int:
@@ -100,17 +114,19 @@ def _draw_inset(axes: Axes, trace: Trace, end: int) -> None:
 
 
 def _free_corner(axes: Axes, trace: Trace) -> tuple[float, float]:
-    """Lower left corner of an inset, in axes coordinates (0 to 1), that hides the fewest points of the tracks."""
+    """Lower left corner of an inset, in axes coordinates (0 to 1), that hides the fewest sources, and points of the tracks."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    shares = (trace.position_m[:, :, :2].reshape(-1, 2) - (left, bottom)) / (right - left, top - bottom)
+    sources = np.array([truth.place_m[:2] for truth in trace.truths]).reshape(-1, 2)
+    shown = sources, trace.position_m[:, :, :2].reshape(-1, 2)
+    sources, tracks = ((points - (left, bottom)) / (right - left, top - bottom) for points in shown)
     far = 0.98 - _INSET_SIZE
     corners = [(x, y) for y in (far - 0.02, 0.02) for x in (far, 0.02)]  # at the top there must be room for its title
 
-    def hidden(corner: tuple[float, float]) -> int:
-        inside = (shares >= corner) & (shares <= (corner[0] + _INSET_SIZE, corner[1] + _INSET_SIZE))
+    def hidden(corner: tuple[float, float], points: NDArray[np.float64]) -> int:
+        inside = (points >= corner) & (points <= (corner[0] + _INSET_SIZE, corner[1] + _INSET_SIZE))
         return int(np.count_nonzero(inside.all(axis=1)))
 
-    return min(corners, key=hidden)
+    return min(corners, key=lambda corner: (hidden(corner, sources), hidden(corner, tracks)))
 
 
 def _draw_cones(axes: Axes, trace: Trace, end: int, reach_m: float) -> None:
@@ -186,5 +202,8 @@ def _legend(axes: Axes, trace: Trace) -> None:
     if trace.cones:
         entries.append(Line2D([], [], color=CONE, linewidth=0.8, label=f"newest {CONES_SHOWN} cones on the ground"))
     entries.append(Line2D([], [], color="#444444", linestyle=(0, (6, 3)), label="searched area"))
+    entries += [
+        Line2D([], [], color=_OPEN, marker=marker, markersize=4, linestyle="", label=text) for _, marker, text in _open(trace)
+    ]
     entries += fault_entries(trace)
     axes.legend(handles=entries, loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4, fontsize=8, frameon=False)

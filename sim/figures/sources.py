@@ -34,6 +34,8 @@ def sources_figure(trace: Trace, title: tuple[str, ...]) -> Figure:
     _numbers(panels[0], trace, colours)
     for axes, truth in zip(panels[1:], trace.truths, strict=True):
         _course(axes, trace, truth, colours)
+    if rows:
+        _explain(panels[1])
     for place, axes in enumerate(panels):
         stage_bands(axes, trace.time_s, trace.swarm_stage, named=place == 0)
         axes.set_xlim(float(trace.time_s[0]), float(trace.time_s[-1]))
@@ -67,15 +69,19 @@ def _course(axes: Axes, trace: Trace, truth: SourceTrace, colours: dict[str, str
         mine = [(time_s, source) for time_s, source in shown if source.nuclide == name]
         times = [time_s for time_s, _ in mine]
         apart = [max(math.dist(source.position_m[:2], truth.place_m[:2]), _LEAST_M) for _, source in mine]
-        axes.plot(times, apart, color=colour, marker=".", markersize=2.5, linestyle="")
-        axes.plot(times, [max(_radius_m(source), _LEAST_M) for _, source in mine], color=colour, linewidth=0.9, alpha=0.7)
+        axes.plot(times, apart, color=colour, marker=".", markersize=2.5, linestyle="", alpha=0.5)
+        axes.plot(times, [max(_radius_m(source), _LEAST_M) for _, source in mine], color=colour, linewidth=1.5)
     axes.set_yscale("log")
     axes.set_ylim(_LEAST_M, _SHOWN_M)
     plain_log(axes.yaxis, _LEAST_M, _SHOWN_M)
     dress(axes, "", "", "m")
     axes.set_title(text if shown else f"{text}: not found", fontsize=9, loc="left")
+
+
+def _explain(axes: Axes) -> None:
+    """The legend of all lower panels, beside the first one."""
     dots = Line2D([], [], color="#555555", marker=".", linestyle="", label="error")
-    entries = [dots, Line2D([], [], color="#555555", label="90 % region")]
+    entries = [dots, Line2D([], [], color="#555555", linewidth=1.5, label="90 % region")]
     axes.legend(handles=entries, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
 
 

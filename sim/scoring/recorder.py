@@ -15,7 +15,7 @@ from sim.faults.told import told_faults
 from sim.geometry import Array
 from sim.result import RunResult, SourceTrace, Trace
 from sim.scenario import Scenario
-from sim.scoring.believers import Agent, Believer
+from sim.scoring.believers import Agent, Believer, excluded_nuclides_bq, open_places
 from sim.scoring.bound import Bound, bound_of
 from sim.scoring.framescore import FrameScore
 from sim.scoring.heard import Heard
@@ -199,7 +199,8 @@ class Recorder:
         """The result of the swarm's own estimator."""
         first = self._agents[self._first]
         excluded_bq = self._excluded_bq or _excluded_bq(first)
-        return self._result(self._score, first.finding != "", excluded_bq, seed, wall_s, self._source_score())
+        by_nuclide = excluded_nuclides_bq(first)
+        return self._result(self._score, first.finding != "", excluded_bq, seed, wall_s, self._source_score(), by_nuclide)
 
     def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
         """The results of the listening estimators."""
@@ -222,7 +223,7 @@ class Recorder:
 
     def _result(
         self, score: Score, nothing_found: bool, excluded_bq: float | None, seed: int, wall_s: float,
-        sources: SourceScore = NOT_SCORED,
+        sources: SourceScore = NOT_SCORED, excluded_nuclides_bq: dict[str, float] | None = None,
     ) -> RunResult:  # fmt: skip
         errors = np.array(score.errors_m)
         bound_m, bound_relative_m = self._bounds_m()
@@ -260,6 +261,7 @@ class Recorder:
             bound_relative_median_m=bound_relative_m,
             nothing_found=nothing_found,
             excluded_bq=excluded_bq,
+            excluded_nuclides_bq=excluded_nuclides_bq,
             false_hypothesis=not self._sources and score.x0_s is not None,
             best_position_error_m=self._known.best_position_error_m if self._known is not None else None,
             frames_known_s=self._known.known_s if self._known is not None else None,
@@ -328,6 +330,7 @@ class Recorder:
             source_bq=None if source is None else source.activity_bq,
             truths=tuple(SourceTrace(each.nuclide, each.activity_bq, each.place_m) for each in self._sources),
             estimates=tuple(self._heard.estimates),
+            **open_places(self._agents[self._first]),
         )
 
 

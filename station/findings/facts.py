@@ -19,7 +19,7 @@ from agent.frames.geodesy import geodetic_from_mission
 from agent.fusion.observation import ConeObservation, observe
 from protocol.entries import Cone, Coverage, Exposure
 from station.hub import Hub
-from station.picture.frame import Frame, SourceFrame
+from station.picture.frame import Frame, SearchFrame, SourceFrame
 from station.picture.orders import Heard, Orders
 from station.picture.picture import Picture
 from station.replay import Records, play
@@ -67,7 +67,8 @@ class Findings:
     ``last``: the estimate at the end of the records, ``best``: of those with as many sources, the one in which the first has the
     smallest RMS; None where nothing was found.
     ``surveyed``: share of the area that the swarm has covered in lanes, by its log; None where it has flown none.
-    ``frames``: a second apart. ``recognised``: the nuclide by the drones' spectra, and its evidence (log likelihood ratio).
+    ``search``: for further sources, at the end; None of an estimator of one source. ``frames``: a second apart. ``recognised``:
+    the nuclide by the drones' spectra, and its evidence (log likelihood ratio).
     """
 
     mission: MissionConfig
@@ -85,6 +86,7 @@ class Findings:
     entries: int
     source: Source
     surveyed: float | None = None
+    search: SearchFrame | None = None
 
     def on_earth(self, place: Sequence[float]) -> tuple[float, float, float]:
         """Latitude and longitude (degrees) and height above the ellipsoid (m) of a place of the mission frame.
@@ -150,7 +152,8 @@ async def facts_of(hub: Hub, source: Source) -> Findings:
     fusion = picture.log.fusion
     located = [Located(frame.at_ms, frame.source, frame.others) for frame in frames if frame.source is not None]
     complete = [each for each in located if len(each.others) == len(located[-1].others)]
-    searches = [frame.search.excluded_bq for frame in frames if frame.search is not None]
+    searched = [frame.search for frame in frames if frame.search is not None]
+    searches = [each.excluded_bq for each in searched]
     exposures, cones, digest, entries = (
         tuple(fusion.log.entries(Exposure)),
         fusion.log.entries(Cone),
@@ -173,6 +176,7 @@ async def facts_of(hub: Hub, source: Source) -> Findings:
         entries=entries,
         source=source,
         surveyed=_surveyed(picture),
+        search=next((each for each in reversed(searched) if each.nuclides_bq is not None), None),
     )
 
 

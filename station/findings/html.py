@@ -121,15 +121,28 @@ def _source(findings: Findings, source: SourceFrame) -> list[Row]:
 
 def _search(findings: Findings) -> list[Row]:
     area = findings.mission.area
-    excluded = findings.excluded_bq
     rows = [
         ("Area", " ".join(f"({x:g}, {y:g})" for x, y in area.polygon_m) + " m"),
         ("Nuclide searched", findings.mission.nuclide_text),
-        ("Excluded before a source was found", f"sources above {excluded:.3g} Bq" if excluded is not None else "nothing"),
+        *_excluded(findings),
     ]
     if findings.surveyed is not None:
         rows.insert(1, ("Surveyed in lanes", f"{100.0 * findings.surveyed:.0f} % of the area"))
     return [*rows, ("Finding", findings.finding)] if findings.finding else rows
+
+
+def _excluded(findings: Findings) -> list[Row]:
+    search, excluded = findings.search, findings.excluded_bq
+    if search is None or search.nuclides_bq is None:
+        text = f"sources above {excluded:.3g} Bq" if excluded is not None else "nothing"
+        return [("Excluded before a source was found", text)]
+    limits = ", ".join(f"{nuclide} {limit_bq:.3g} Bq" for nuclide, limit_bq in search.nuclides_bq.items())
+    rows = [("Further sources excluded from these activities on", limits or "none")]
+    if search.glare:
+        rows.append(("But not beside those found", f"{100.0 * search.glare:.0f} % of the area"))
+    if search.left:
+        rows.append(("Not searched to the end", f"{100.0 * search.left:.0f} % of the area"))
+    return rows
 
 
 def _section(title: str, rows: Iterable[Row]) -> str:

@@ -10,7 +10,7 @@ export function showSource(frame) {
   const { source, others, search } = frame;
   const sources = source ? [source, ...others] : [];
   const titled = sources.map((one) => (others.length ? [say("source number", one), ...sourceLines(one)] : sourceLines(one)));
-  const blocks = source ? titled : [searchLines(search, frame.finding)];
+  const blocks = source ? [...titled, ...(search ? [furtherLines(search)] : [])] : [searchLines(search, frame.finding)];
   box.replaceChildren(...blocks.flatMap((lines) => lines.map((text, place) => element("p", text, place === 0 ? "what" : ""))));
 }
 
@@ -41,9 +41,25 @@ function searchLines(search, finding) {
   const lines = [finding ? say("finding", { finding }) : say("no source")];
   if (search) {
     lines.push(say("none", { percent: (100 * search.none).toFixed(0) }));
-    if (search.excluded_bq !== null) lines.push(say("excluded", { activity: becquerel(search.excluded_bq) }));
+    if (search.nuclides_bq) lines.push(...excludedLines(search));
+    else if (search.excluded_bq !== null) lines.push(say("excluded", { activity: becquerel(search.excluded_bq) }));
   }
   return lines;
+}
+
+function furtherLines(search) {
+  return [say("further"), ...excludedLines(search)];
+}
+
+// Of a search for several sources: what is excluded of each nuclide, and of which parts of the area that does not hold.
+function excludedLines({ nuclides_bq, left, glare }) {
+  const nuclides = Object.entries(nuclides_bq).map(([nuclide, limit]) => `${nuclide} ${becquerel(limit)}`).join(", ");
+  const percent = (share) => ({ percent: (100 * share).toFixed(0) });
+  return [
+    nuclides ? say("excluded nuclides", { nuclides }) : say("nothing excluded"),
+    ...(left ? [say("left", percent(left))] : []),
+    ...(glare ? [say("glare", percent(glare))] : []),
+  ];
 }
 
 export function showDrones({ drones, source, warnings, revoked }) {

@@ -68,10 +68,16 @@ class SourceFrame(Struct, frozen=True, kw_only=True):
 class SearchFrame(Struct, frozen=True, kw_only=True):
     """The search before there is a hypothesis. ``none``: probability that there is no source; ``excluded_bq``: stronger ones are
     excluded.
+
+    Of a search for several sources also beside those that are found, and of a further one: ``nuclides_bq``: by nuclide, the
+    activity from which on it is excluded; ``left``, ``glare``: shares of the area where it may hide, and where those outshine it.
     """
 
     none: float
     excluded_bq: float | None
+    nuclides_bq: dict[str, float] | None = None
+    left: float = 0.0
+    glare: float = 0.0
 
 
 class Frame(Struct, frozen=True, kw_only=True):

@@ -14,8 +14,9 @@ from shapely import Polygon
 
 from agent.config.mission import MissionConfig
 from agent.frames.geodesy import geodetic_from_mission
-from agent.fusion.estimator import Hypothesis
+from agent.fusion.estimator import Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, observe
+from agent.fusion.registry import Estimators, estimator_named
 from agent.terrain.ground import Ground
 from protocol.codec import decode_from
 from protocol.entries import Cone, Entry, Exposure
@@ -58,17 +59,17 @@ class Picture:
     they agree. ``link_problems``: of the station's own link.
     """
 
-    def __init__(self, mission: MissionConfig, verifier: Verifier | None) -> None:
-        """``verifier``: of the log's signatures; None: in a swarm without certificates."""
+    def __init__(self, mission: MissionConfig, verifier: Verifier | None, estimators: Estimators = estimator_named) -> None:
+        """``verifier``: of the log's signatures; None: in a swarm without certificates. ``estimators``: what makes them."""
         self.mission = mission
         self._mission_id = mission.mission_id
-        self.log = SwarmLog(mission, verifier)
+        self.log = SwarmLog(mission, verifier, estimators)
         self.orders = Orders(verifier)
         self.members = {drone.id: Member(drone.id, drone.localization) for drone in mission.drones}
         self.counters: Counter[str] = Counter()
         self.on_entry: list[Callable[[Entry], None]] = []  # called with each entry that comes into the log
         self.link_problems: tuple[str, ...] = ()
-        self._verifier = verifier
+        self._verifier, self._estimators = verifier, estimators
         self._ground = Ground.from_config(mission)
         self._rasters = Rasters(mission)
         self._events = Events(list(self.members))
@@ -99,7 +100,7 @@ class Picture:
 
     def of(self, mission: MissionConfig) -> Picture:
         """The same swarm with another mission, before anything but the orders so far is heard."""
-        picture = Picture(mission, self._verifier)
+        picture = Picture(mission, self._verifier, self._estimators)
         picture.orders = self.orders
         return picture
 
@@ -163,7 +164,7 @@ class Picture:
             drones=drones,
             source=sources[0] if sources else None,
             others=sources[1:],
-            search=SearchFrame(none=outlook.none, excluded_bq=outlook.excluded_bq) if outlook is not None else None,
+            search=_search(outlook) if outlook is not None else None,
             finding=min(findings, default=""),
             digest=self.log.fusion.digest,
             entries=len(self.log.fusion.log),
@@ -260,6 +261,14 @@ class Picture:
             dose_usvph=rate_usvph(nuclide, activity) if activity is not None else None,
             position_deg=(latitude_deg, longitude_deg) if datum is not None else None,
         )
+
+
+def _search(outlook: Outlook) -> SearchFrame:
+    found, exclusion = SearchFrame(none=outlook.none, excluded_bq=outlook.excluded_bq), outlook.exclusion
+    if exclusion is None:
+        return found
+    left, glare = float(exclusion.left.mean()), float(exclusion.glare.mean())
+    return replace(found, nuclides_bq=exclusion.known_bq, left=left, glare=glare)
 
 
 def corners(polygon: Polygon) -> tuple[Point, ...]:

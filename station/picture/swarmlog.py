@@ -11,7 +11,7 @@ from agent.fusion.engine import Fusion
 from agent.fusion.exchange import LogExchange
 from agent.fusion.posterior import Posterior, posterior_of
 from agent.fusion.proofs import Proofs
-from agent.fusion.registry import estimator_named
+from agent.fusion.registry import Estimators, estimator_named
 from agent.fusion.revocations import Revocations
 from agent.mission.worldmodel import WorldModel
 from protocol.entries import Entry
@@ -23,10 +23,10 @@ from protocol.signing import Verifier
 class SwarmLog:
     """``counters``: of log queries that could not be answered, and revocations that were refused."""
 
-    def __init__(self, mission: MissionConfig, verifier: Verifier | None) -> None:
-        """``verifier``: of the entries' signatures; None: in a swarm without certificates."""
+    def __init__(self, mission: MissionConfig, verifier: Verifier | None, estimators: Estimators = estimator_named) -> None:
+        """``verifier``: of the entries' signatures; None: in a swarm without certificates. ``estimators``: what makes them."""
         self.counters: Counter[str] = Counter()
-        self._world = WorldModel(mission, (), estimator_named)
+        self._world = WorldModel(mission, (), estimators)
         drones = [drone.id for drone in mission.drones]
         self._revocations = Revocations(verifier, self.counters)
         self._proofs = Proofs(drones, ("", mission.mission_id, ""), None, verifier, self._revocations.leaves_out)
@@ -70,8 +70,8 @@ class SwarmLog:
 
     @property
     def pending(self) -> bool:
-        """Whether work is left."""
-        return self._world.pending
+        """Whether work is left for ``advance``."""
+        return self._world.is_behind
 
     def mission_from_local(self, drone: str, epoch: int, at_ns: int | None = None) -> Transform | None:
         """Where a drone's local frame lies, as estimated from the log; None where that is not known."""

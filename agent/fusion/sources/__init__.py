@@ -3,5 +3,5 @@
 Greedy search with continuous point sources, joint Fisher scoring, evidence by Laplace's method. Modules: what a camera counts of
 a nuclide (``spectra``, ``tables``); the measurements (``data``); the likelihoods of counts (``counts``) and cones
 (``directions``); the sources and nuisances that are fitted (``solution``); the fit (``fit``); how sources come and go
-(``candidates``, ``moves``); the estimator (``estimator``).
+(``candidates``, ``moves``); where more may hide (``hiding``); the estimator (``estimator``).
 """

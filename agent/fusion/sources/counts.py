@@ -9,7 +9,7 @@ the share eps, by which the model may be wrong.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 
@@ -113,6 +113,14 @@ class CountModel:
         expected = _floored(others + mixture.counts, others)
         gradients, informations = self._derived(mixture, expected, [slice(None)])
         return self.log_likelihood(expected), gradients[0], informations[0]
+
+    def derivatives(self, solution: Solution) -> Iterator[Array]:
+        """(R, BINS) derivatives of M, in the order of ``Solution.vector``."""
+        near, far = self._spectra.templates(solution.scale, solution.scatter)
+        for k, n in enumerate(solution.nuclide):
+            shapes = np.stack((near[n], far[n]))
+            yield from (by.T @ shapes for by in self._by_source(solution, k).swapaxes(0, 1))
+        yield self.background(solution)
 
     def _background_s(self, solution: Solution) -> Array:
         """(R,) live times for the background, with its own strength and the cameras' sensitivities."""

@@ -31,6 +31,7 @@ from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.data import Cones, Rows
 from agent.fusion.sources.directions import ConeModel
 from agent.fusion.sources.fit import Fitted, Prior, Problem
+from agent.fusion.sources.hiding import Hiding, Target
 from agent.fusion.sources.moves import Moves
 from agent.fusion.sources.solution import BIAS, Solution
 from agent.fusion.sources.spectra import KNOWN, REFERENCE_BQ, Spectra
@@ -47,14 +48,16 @@ _BACKGROUND_SIGMA, _SCALE_SIGMA, _SCATTER_SIGMA = 0.3, 0.03, 0.15
 _BESIDE_M = 1.0  # by which a camera on the circle around a source may be farther out
 _EXPECTED = 1.5  # sources
 _REFINEMENTS = 3  # iterations
-_GRID_M, _MOST_PLACES = 2.5, 2500
+_GRID_M, _MOST_PLACES = 2.5, 2500  # where births are tried
 _LEVEL_M = 5.0  # of heights above the ground
+_HIDDEN_M, _MOST_HIDDEN = 5.0, 900  # where a further source may hide
 
 
 class SourcesState(Struct, frozen=True, eq=False):
     """pending: observations that no moves have used yet. rows, cones: the others. position_sigma_m: by drone, as last told.
-    refined, moved: numbers of the last times of either kind that are past. none: log evidence of no source. refinement: of this
-    state, if there has been one since the moves.
+    refined, moved: numbers of the last times of either kind that are past. none: log evidence of no source. hiding: where further
+    ones may hide, at the last moves; None: nobody searches for them. refinement: of this state, if there has been one since the
+    moves.
     """
 
     pending: tuple[Observation, ...] = ()
@@ -65,6 +68,7 @@ class SourcesState(Struct, frozen=True, eq=False):
     moved: int = 0
     fitted: Fitted | None = None
     none: float = 0.0
+    hiding: Hiding | None = None
     x0_stamp_ns: int = 0
     refinement: Refinement | None = None
 
@@ -101,14 +105,17 @@ class SourcesEstimator:
             raise ConfigError(f"fusion.sources.activity_bq: {least_bq:g} is not less than {most_bq:g}: the smaller one first")
         self._ground = Ground.from_config(mission)
         self._area = area
-        self._watched_m = ring_radius_m(mission, 0, fits_hypothesis=False) + _BESIDE_M
+        outermost, fits = len(mission.drones) - 1, mission.encirclement.law == "smooth"
+        self._circle_m = ring_radius_m(mission, 0, fits_hypothesis=False) + _BESIDE_M
+        self._outermost_m = max(ring_radius_m(mission, outermost, fits) + _BESIDE_M, self._circle_m)
         self._spectra = Spectra.of(mission.nuclide if isinstance(mission.nuclide, tuple) else KNOWN)
         self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._windows = Windows(candidates_of(mission.nuclide), mission.detection)
         self._refined_ns, self._moved_ns = round(self._config.refined_s * 1e9), round(self._config.moved_s * 1e9)
         self._height_m = mission.source_height_m
         self._raised = self._height_m[1] > self._height_m[0]
-        self._places = _grid(area, *self._height_m)
+        self._places = _raised_grid(area, *self._height_m)
+        self._target = self._searched(mission)
 
     def initial(self, start_ns: int | None) -> SourcesState:
         """Nothing measured; it does not depend on the mission's start."""
@@ -146,8 +153,17 @@ class SourcesEstimator:
         return replace(known[0], evidence=state.fitted.evidence - state.none, others=tuple(known[1:]))
 
     def outlook(self, state: SourcesState, step: GridStep) -> Outlook | None:
-        """None: the swarm flies lanes."""
-        return None
+        """Where further sources may hide; None before the first measurements, and where the mission names no least activity."""
+        if state.hiding is None or self._target is None:
+            return None
+        return state.hiding.outlook(self._target, self._spectra.nuclides)
+
+    def _searched(self, mission: MissionConfig) -> Target | None:
+        least_bq, height_m = mission.survey.least_activity_bq, mission.survey.height_m
+        if least_bq is None:
+            return None
+        most_bq = max(self._config.activity_bq[1], least_bq)
+        return Target(_grid(self._area, _HIDDEN_M, _MOST_HIDDEN), least_bq / REFERENCE_BQ, most_bq / REFERENCE_BQ, height_m)
 
     def _moved(self, state: SourcesState, step: GridStep) -> SourcesState:
         """With all measurements in a fit in which sources may come and go."""
@@ -158,11 +174,15 @@ class SourcesEstimator:
         scan = Scan(state.rows, problem.counts, self._spectra, self._ground, self._places)
         moves = Moves(problem, scan, self._spectra, self._config.most, self._config.least_gain)
         fitted = moves.improved(nothing if state.fitted is None else state.fitted.solution, state.moved)
+        hiding = None
+        if self._target is not None:
+            hiding = self._target.hiding(state.rows, problem.counts, self._spectra, self._ground, fitted)
         fitted = _strongest_first(fitted)
         return replace(
             state,
             fitted=fitted,
             none=problem.fitted(nothing, _REFINEMENTS).evidence,
+            hiding=hiding,
             x0_stamp_ns=state.x0_stamp_ns or (step.start_ns if self._is_declared(fitted) else 0),
         )
 
@@ -227,7 +247,7 @@ class SourcesEstimator:
             activity_sigma_bq=activity * math.sqrt(float(covariance[ACTIVITY, ACTIVITY]) + self._config.area_sigma**2),
             sights=Sights(self._numbers, mean, covariance, self._ground, height_m),
             nuclide=self._spectra.nuclides[solution.nuclide[k]],
-            watched_s=float(state.rows.live_s[_away_m(state.rows, solution.place[k]) < self._watched_m].sum()),
+            watched_s=self._watched_s(state.rows, solution.place[k]),
         )
 
     def _of_place(self, fitted: Fitted, k: int) -> Array:
@@ -238,6 +258,14 @@ class SourcesEstimator:
         jacobian[2, :2] = self._ground.slope(*fitted.solution.place[k].tolist())
         result: Array = jacobian @ fitted.covariance[np.ix_(own, own)] @ jacobian.T
         return result
+
+    def _watched_s(self, rows: Rows, place: Array) -> float:
+        """Live time of all cameras near a source: on the circle and inside in full; farther out, up to the outermost ring of
+        drones that do not hear each other, by the square of the distance.
+        """
+        away_m = np.hypot(*(rows.place[:, :2] - place).T)
+        share = np.where(away_m < self._outermost_m, (self._circle_m / np.maximum(away_m, self._circle_m)) ** 2, 0.0)
+        return float(rows.live_s @ share)
 
     def _as_of_bayes(self, fitted: Fitted, k: int) -> tuple[Array, Array]:
         """Mean and covariance of source k and the biases in the order of ``bayes``: x, y, velocity, log activity, and of each
@@ -256,28 +284,24 @@ class SourcesEstimator:
         return mean, covariance
 
 
-def _away_m(rows: Rows, place: Array) -> Array:
-    """(R,) horizontal distances from a place (2,)."""
-    away: Array = np.hypot(*(rows.place[:, :2] - place).T)
-    return away
-
-
-def _grid(area: Polygon, lowest_m: float, highest_m: float) -> Array:
+def _raised_grid(area: Polygon, lowest_m: float, highest_m: float) -> Array:
     """(G, 3) places of the area with heights above the ground: on the lowest level ``_GRID_M`` apart, or further where that would
     be too many; on the others, ``_LEVEL_M`` above each other, twice as far.
     """
     levels = np.linspace(lowest_m, highest_m, 1 + math.ceil((highest_m - lowest_m) / _LEVEL_M)).tolist()
-    return np.vstack([_level(area, _GRID_M * (1.0 + (level > lowest_m)), level) for level in levels])
+    places = [_grid(area, _GRID_M, _MOST_PLACES), *[_grid(area, 2.0 * _GRID_M, _MOST_PLACES // 4)] * (len(levels) - 1)]
+    return np.vstack([np.column_stack((at, np.full(len(at), level))) for at, level in zip(places, levels, strict=True)])
 
 
-def _level(area: Polygon, spacing_m: float, height_m: float) -> Array:
+def _grid(area: Polygon, apart_m: float, most: int) -> Array:
+    """(G, 2) places of the area so far apart, or further where that would be too many."""
     west, south, east, north = area.bounds
-    spacing = max(spacing_m, spacing_m / _GRID_M * math.sqrt((east - west) * (north - south) / _MOST_PLACES))
+    spacing = max(apart_m, math.sqrt((east - west) * (north - south) / most))
     x, y = np.meshgrid(np.arange(west + spacing / 2, east, spacing), np.arange(south + spacing / 2, north, spacing))
     places = np.column_stack((x.ravel(), y.ravel()))
     inside: Array = places[contains_xy(area, places[:, 0], places[:, 1])]
     inside = inside if len(inside) else np.array([[area.centroid.x, area.centroid.y]])
-    return np.column_stack((inside, np.full(len(inside), height_m)))
+    return inside
 
 
 def _strongest_first(fitted: Fitted) -> Fitted:

@@ -101,6 +101,21 @@ def test_the_older_hypothesis_serves_until_the_new_one_is_there(kit, mission, co
     assert newer.cones > older.cones
 
 
+def test_the_hypothesis_is_told_with_the_digest_of_the_log_that_it_follows_from(kit, mission, cones):
+    fusion = fusion_of(mission, Deferred(estimator_named("paper", mission)))
+    elsewhere = Elsewhere(fusion)
+    half = len(cones) // 2
+    kit.feed(fusion, cones[:half])
+    elsewhere.settle(cones[half].stamp_ns)
+    digest = fusion.digest
+    assert fusion.hypothesis_digest == digest
+    kit.feed(fusion, cones[half:])
+    fusion.advance(kit.T0_NS + 60_000_000_000)
+    assert fusion.hypothesis_digest == digest != fusion.digest
+    elsewhere.settle(kit.T0_NS + 60_000_000_000)
+    assert fusion.hypothesis_digest == fusion.digest
+
+
 def test_a_long_way_is_made_in_small_tasks(kit, mission, cones):
     fusion = fusion_of(mission, Deferred(estimator_named("paper", mission)))
     kit.feed(fusion, cones)

@@ -129,12 +129,23 @@ def test_a_search_for_further_sources_goes_on_beside_one_that_is_found():
     assert mission.stage is Stage.SURVEY
     mission.step(at(20.0, has_hypothesis=True))
     assert mission.stage is Stage.TRACK
-    mission.step(at(30.0, has_hypothesis=True, searches_on=True))  # what is known of the area was taken back
-    assert mission.stage is Stage.TRACK
     mission.step(at(40.0))
     assert mission.stage is Stage.SURVEY
-    mission.step(at(41.0, has_hypothesis=True, searches_on=True))  # it was gone for a moment
+    mission.step(at(41.0, has_hypothesis=True))  # it was gone for a moment
     assert mission.stage is Stage.TRACK
+
+
+def test_it_begins_again_once_all_that_were_found_have_had_their_turns_and_ends_with_the_mission():
+    mission = surveying(duration_s=60.0)
+    mission.step(at(20.0, has_hypothesis=True))
+    mission.step(at(50.0, has_hypothesis=True, searches_on=True))
+    assert mission.stage is Stage.SURVEY
+    mission.step(at(55.0, has_hypothesis=True))  # a further one is found: its turn comes at once
+    assert mission.stage is Stage.TRACK
+    mission.step(at(70.0, has_hypothesis=True, searches_on=True))
+    assert mission.stage is Stage.SURVEY
+    mission.step(at(81.0, has_hypothesis=True, searches_on=True))
+    assert mission.stage is Stage.RETURN
 
 
 def test_a_search_lasts_through_a_hold_and_begins_anew_after_a_source_was_tracked():

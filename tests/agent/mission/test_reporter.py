@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agent.fusion.estimator import Hypothesis
-from agent.mission.reporter import Condition, Reporter
+from agent.fusion.estimator import Exclusion, Hypothesis
+from agent.mission.reporter import Believed, Condition, Reporter
 from protocol.messages import Estimate, Stage, Status
 
 SECOND = 1_000_000_000
@@ -35,9 +35,10 @@ def test_all_sources_of_an_estimate_are_published_with_their_nuclides() -> None:
     reporter = Reporter("d1", "m" * 16, "0" * 16, "sources")
     condition = Condition(Stage.TRACK, {}, (), "", None, {}, None)
     first = source(1.0, "Cs-137", source(5.0, "Co-60"))
-    (estimate,) = [
-        one for one in reporter.due(NOW_NS, None, None, (first, "0" * 32), lambda: condition) if isinstance(one, Estimate)
-    ]
+    cells = np.zeros(3, np.bool_)
+    believed = Believed(first, "0" * 32, Exclusion({"Cs-137": 2e8, "Co-60": None}, cells, cells))
+    (estimate,) = [one for one in reporter.due(NOW_NS, None, None, believed, lambda: condition) if isinstance(one, Estimate)]
+    assert estimate.excluded_bq == {"Cs-137": 2e8}
     assert [(one.position_m[0], one.nuclide) for one in estimate.sources] == [(1.0, "Cs-137"), (5.0, "Co-60")]
     assert estimate.sources[1].covariance_m2 == (0.04, 0.0, 0.0, 0.09, 0.0, 0.0)
     assert estimate.flaw() is None

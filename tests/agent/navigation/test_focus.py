@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig, TrackConfig
 from agent.fusion.estimator import Hypothesis
-from agent.navigation.focus import focus
+from agent.navigation.focus import focus, have_had_turns
 
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0)))
 
@@ -52,3 +52,14 @@ def test_then_the_policy_decides() -> None:
     assert circled("Ir-192", *watched) == 1.0
     assert circled("each", *watched) == 1.0
     assert circled("each", source(1.0, 130.0), *watched[1:]) == 2.0
+
+
+def test_all_have_had_their_turns_when_the_last_one_has() -> None:
+    def had(*watched_s: float) -> bool:
+        first, *others = (source(1.0, each_s) for each_s in watched_s)
+        return have_had_turns(replace(first, others=tuple(others)), mission())
+
+    assert had(60.0)
+    assert not had(59.0)
+    assert had(70.0, 61.0)
+    assert not had(300.0, 20.0)

@@ -7,7 +7,7 @@ from shapely import LineString, Polygon
 
 from agent.config.mission import AreaConfig, DroneInMission, EncirclementConfig, MissionConfig, SurveyConfig
 from agent.frames.graph import FrameGraph
-from agent.fusion.estimator import Outlook
+from agent.fusion.estimator import Exclusion, Outlook
 from agent.navigation import covered as covered_module
 from agent.navigation.covered import MOST_ENTRIES, MOST_WINDOWS
 from agent.navigation.surveying import _PORTION, COVERAGE_S, CoverageLog, InformedSearch, Prospect, Search, conclusion
@@ -214,9 +214,11 @@ X, Y = np.meshgrid(np.arange(1.0, 40.0, 2.0), np.arange(1.0, 40.0, 2.0))
 PLACES = np.column_stack((X.ravel(), Y.ravel()))
 
 
-def outlook(weight=None, none=0.5, excluded_bq=None):
+def outlook(weight=None, none=0.5, excluded_bq=None, left=None):
+    """``left``: where more may hide, of an estimator of several sources."""
     weight = np.ones(len(PLACES)) if weight is None else weight
-    return Outlook(PLACES, (1.0 - none) * weight / weight.sum(), np.full(len(PLACES), 1e9), none, excluded_bq)
+    exclusion = None if left is None else Exclusion({"Cs-137": excluded_bq}, left, np.zeros(len(PLACES), np.bool_))
+    return Outlook(PLACES, (1.0 - none) * weight / weight.sum(), np.full(len(PLACES), 1e9), none, excluded_bq, exclusion)
 
 
 def informed(known, mission=MISSION):
@@ -260,6 +262,18 @@ def test_lanes_are_flown_without_an_outlook():
     assert informed(None).reference(0, (1.0, 1.0), (0.0, 0.0), [], 20, STEP_S) is None
 
 
+def test_a_search_for_several_sources_flies_lanes_first_and_then_where_more_may_hide():
+    left = (PLACES[:, 0] > 28.0) & (PLACES[:, 1] > 28.0)
+    search = informed(outlook(left=left))
+    assert search.reference(0, (1.0, 1.0), (0.0, 0.0), [], 20, STEP_S) is None
+    found = search.reference(0, (1.0, 1.0), (0.0, 0.0), [], 20, STEP_S, covered=True)
+    assert found is not None
+    velocities = found[1]
+    assert min(velocities[1]) > 0.0
+    nothing = informed(outlook(left=np.zeros(len(PLACES), np.bool_)))
+    assert nothing.reference(0, (1.0, 1.0), (0.0, 0.0), [], 20, STEP_S, covered=True) is None
+
+
 def test_its_way_goes_around_the_corner_of_an_area():
     corner = ((0.0, 0.0), (40.0, 0.0), (40.0, 12.0), (12.0, 12.0), (12.0, 40.0), (0.0, 40.0))
     mission = replace(MISSION, area=AreaConfig(polygon_m=corner))
@@ -291,6 +305,8 @@ def test_the_outlook_is_asked_for_once_a_second():
         (SurveyConfig(least_activity_bq=None), 1e6, outlook(excluded_bq=3e7), ""),
         (SurveyConfig(duration_s=300.0), 299.0, outlook(excluded_bq=8e8), ""),
         (SurveyConfig(duration_s=300.0), 300.0, outlook(excluded_bq=8e8), "a source of 8e+08 Bq or more is excluded"),
+        (SurveyConfig(), 60.0, outlook(excluded_bq=4e7, left=np.ones(len(PLACES), np.bool_)), ""),
+        (SurveyConfig(), 60.0, outlook(excluded_bq=6e7, left=np.zeros(len(PLACES), np.bool_)), "6e+07 Bq or more is excluded"),
         (SurveyConfig(duration_s=300.0), 300.0, None, "nothing found in 300 s; no activity can be excluded"),
     ],
 )

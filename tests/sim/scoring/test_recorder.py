@@ -53,11 +53,13 @@ def without_source(estimator="bayes"):
 
 def test_without_a_source_the_result_says_what_would_have_been_found():
     agent, recorder = without_source()
-    agent.outlook = SimpleNamespace(excluded_bq=None)
+    agent.outlook = SimpleNamespace(excluded_bq=None, exclusion=None)
     assert not flown(agent, recorder, 1.0).nothing_found
-    agent.outlook, agent.finding = SimpleNamespace(excluded_bq=4e7), "nothing found"
+    exclusion = SimpleNamespace(known_bq={"Cs-137": 4e7, "Co-60": 2e7})
+    agent.outlook, agent.finding = SimpleNamespace(excluded_bq=4e7, exclusion=exclusion), "nothing found"
     result = flown(agent, recorder, 2.0)
     assert (result.nothing_found, result.excluded_bq, result.false_hypothesis) == (True, 4e7, False)
+    assert result.excluded_nuclides_bq == {"Cs-137": 4e7, "Co-60": 2e7}
     assert (result.time_to_x0_s, result.error_median_m, result.region) == (None, None, None)
 
 
@@ -65,7 +67,7 @@ def test_a_hypothesis_without_a_source_is_a_false_one_even_when_it_is_taken_back
     agent, recorder = without_source()
     agent.hypothesis = Belief(np.zeros(3), np.eye(3))
     flown(agent, recorder, 1.0)
-    agent.hypothesis, agent.outlook = None, SimpleNamespace(excluded_bq=4e7)
+    agent.hypothesis, agent.outlook = None, SimpleNamespace(excluded_bq=4e7, exclusion=None)
     result = flown(agent, recorder, 2.0)
     assert result.false_hypothesis
     assert result.x0_rms_m == pytest.approx(2.0**0.5)
@@ -74,7 +76,7 @@ def test_a_hypothesis_without_a_source_is_a_false_one_even_when_it_is_taken_back
 
 def test_an_estimator_that_only_listened_finds_nothing_once_it_excludes_what_the_mission_is_after():
     scenario = replace(override(load_scenario("demo"), {"drones": 1, "mission.survey.least_activity_bq": 1e8}), source=None)
-    agent, listener = Watched(), SimpleNamespace(hypothesis=None, outlook=SimpleNamespace(excluded_bq=2e8))
+    agent, listener = Watched(), SimpleNamespace(hypothesis=None, outlook=SimpleNamespace(excluded_bq=2e8, exclusion=None))
     recorder = Recorder(scenario, [agent], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05, {"bayes": listener})
     flown(agent, recorder, 1.0)
     assert not recorder.listened(1, 1.0)["bayes"].nothing_found

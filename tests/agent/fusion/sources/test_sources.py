@@ -11,6 +11,7 @@ from agent.frames.graph import FrameGraph
 from agent.fusion.engine import Fusion
 from agent.fusion.estimator import GridStep
 from agent.fusion.registry import estimator_named
+from agent.fusion.sources.data import Rows
 from agent.fusion.sources.estimator import SourcesState, _strongest_first
 from agent.fusion.sources.fit import Fitted
 from agent.fusion.sources.solution import Solution
@@ -158,3 +159,17 @@ class Asked:
     def refined(self, state):
         self.refinements += 1
         return self._refined(state)
+
+
+def test_a_drone_alone_on_the_outermost_ring_watches_a_source_too(among):
+    """Of three drones, which do not hear each other: 18 m away; a lane farther out is no watch."""
+    estimator = estimator_named("sources", among.mission_of(drones=("a", "b", "c")))
+
+    def watched_s(away_m):
+        table = np.zeros((1, 40), np.int64)
+        table[0, 4:8] = 10 * 10**9, round(1e3 * away_m) * 10 * 10**9, 0, 0
+        return estimator._watched_s(Rows(table), np.zeros(2))
+
+    assert watched_s(6.0) == watched_s(12.5) == pytest.approx(10.0)
+    assert 3.0 < watched_s(18.0) < 10.0
+    assert watched_s(25.0) == 0.0

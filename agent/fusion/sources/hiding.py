@@ -1,0 +1,208 @@
+"""Where a further source may still hide beside those that are fitted, of each nuclide; and from which activity on it cannot.
+
+For a source of activity A at a place, which adds s to the expectation M of a voxel of 2 m and an energy bin, the log likelihood
+changes by
+
+    D(A) = sum (k - M) log(1 + s / M) - q Q(A),    Q(A) = sum [s - M log(1 + s / M)],    q = 1 - c' C c / I.
+
+Q is what it is expected to lose where there is no source. q is the share of that which background and fitted sources cannot make
+good by a change: I the Fisher information of A, c its cross information with theirs, C their covariance. A is excluded where
+exp(D) is at most ``EXCLUDED``, as in ``bayes``; as D is concave in A, so are all greater activities.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from agent.fusion.estimator import Exclusion, Outlook
+from agent.fusion.sources.counts import CountModel
+from agent.fusion.sources.data import Rows
+from agent.fusion.sources.fit import Fitted
+from agent.fusion.sources.solution import Solution
+from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, REFERENCE_BQ, Spectra
+from agent.geometry import Array
+from agent.terrain.ground import Ground
+
+EXCLUDED = 0.05  # odds of a source against none, relative to the prior ones
+_LOG_EXCLUDED = float(np.log(EXCLUDED))
+_REACH_M = 15.0  # within which measurements count for a place
+_NO_NEWS = 20.0  # Q from which on a place is left although it is not excluded: more of the same would not decide it
+_GLARE = 0.2  # least share that a source has to add to the spectrum above it, where the fitted ones outshine the background
+_KEPT = 0.2  # least q: nearer to a fitted source than that one cannot be told from it
+_LEAST_SHARE = 1e-3  # of a nuclide's strongest bin; weaker ones are left out
+_WORST = 12  # places where the excluded activity is computed, of each nuclide: those where it is greatest
+_FAINT = 1e-3  # of the least activity: where that search begins
+_HALVINGS = 14
+_TINY = 1e-9
+
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+
+class Hiding(Struct, frozen=True, eq=False):
+    """What is not excluded. log_odds: (G,) D of the least activity, of the nuclide that hides best. left: (G,) where it may hide,
+    and further measurements would tell. glare: (G,) where the fitted sources outshine it. limits: (N,) activities (in
+    REFERENCE_BQ) that are excluded everywhere else; infinite where none is.
+    """
+
+    log_odds: Array
+    left: Flags
+    glare: Flags
+    limits: Array
+
+    def outlook(self, target: Target, nuclides: tuple[str, ...]) -> Outlook:
+        """As it is told. The weights are those of one source of the least activity, with prior odds of 1."""
+        count = len(target.places)
+        odds = np.exp(np.minimum(self.log_odds, -_LOG_EXCLUDED)) / count
+        none = 1.0 / (1.0 + float(odds.sum()))
+        limits = [limit * REFERENCE_BQ if np.isfinite(limit) else None for limit in self.limits.tolist()]
+        known = [limit for limit in limits if limit is not None]
+        return Outlook(
+            places=target.places,
+            weight=odds * none,
+            activity_bq=np.full(count, target.least * REFERENCE_BQ),
+            none=none,
+            excluded_bq=max(known) if len(known) == len(limits) else None,
+            exclusion=Exclusion(dict(zip(nuclides, limits, strict=True)), self.left, self.glare),
+        )
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is searched for: sources of ``least`` to ``most`` (in REFERENCE_BQ) at ``places`` (G, 2), from ``height_m`` above."""
+
+    places: Array
+    least: float
+    most: float
+    height_m: float
+
+    def hiding(self, rows: Rows, counts: CountModel, spectra: Spectra, ground: Ground, fitted: Fitted) -> Hiding:
+        """After a fit to these rows, of which there has to be one at least."""
+        at = np.column_stack((self.places, ground.heights_m(self.places)))
+        seen = _Seen(rows, counts, spectra, at, fitted)
+        glare = _glare(at, self, spectra, ground, fitted.solution)
+        log_odds, left = np.full(len(at), -np.inf), np.zeros(len(at), np.bool_)
+        limits = np.empty(len(spectra.nuclides))
+        for n in range(len(limits)):
+            signal = seen.signal(n)
+            glare[n] |= signal.kept < _KEPT
+            change, expected = signal.change(np.full(len(at), self.least))
+            log_odds = np.maximum(log_odds, np.where(glare[n], -np.inf, change))
+            left |= (change > _LOG_EXCLUDED) & (expected < _NO_NEWS) & ~glare[n]
+            worst = np.argsort(np.where(glare[n], -np.inf, change), kind="stable")[-min(_WORST, int((~glare[n]).sum())) :]
+            limits[n] = self._limit(signal.only(worst))
+        return Hiding(log_odds, left, np.asarray(glare.any(axis=0)), limits)
+
+    def _limit(self, signal: _Signal) -> float:
+        """The activity from which on sources are excluded at all places of a signal; infinite if there is none."""
+        low, high = np.full(signal.places, np.log(_FAINT * self.least)), np.full(signal.places, np.log(self.most))
+        if (signal.change(np.exp(high))[0] > _LOG_EXCLUDED).any():
+            return float("inf")
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            may = signal.change(np.exp(middle))[0] > _LOG_EXCLUDED
+            low, high = np.where(may, middle, low), np.where(may, high, middle)
+        return float(np.exp(high.max()))
+
+
+class _Seen:
+    """The measurements by voxels, and the P pairs of a place and a voxel within reach of it."""
+
+    def __init__(self, rows: Rows, counts: CountModel, spectra: Spectra, at: Array, fitted: Fitted) -> None:
+        """``at``: (G, 3) the places."""
+        solution = fitted.solution
+        self._near, self._far = spectra.templates(solution.scale, solution.scatter)
+        self._air_per_m, self._places = spectra.air_per_m, len(at)
+        self._voxel, self._voxels = rows.coarse()
+        weight = counts.weight[:, None]
+        self._counted: Array = self._summed(weight * counts.counts)
+        self._expected: Array = self._summed(weight * counts.expected(solution))
+        live = counts.live_s * counts.weight * np.exp(solution.bias[counts.drone, 2])
+        self._live_s: Array = self._summed(live)
+        middle = self._summed(live[:, None] * counts.place) / self._live_s[:, None]
+        square = (at**2).sum(axis=1)[:, None] + (middle**2).sum(axis=1) - 2.0 * at @ middle.T
+        self._place, self._of = np.nonzero(square < _REACH_M**2)
+        self._distance: Array = np.sqrt(np.maximum(square[self._place, self._of], NEAREST_M**2))
+        relative = [self._summed(weight * part) / self._expected for part in counts.derivatives(solution)]
+        self._relative: Array = np.stack(relative)  # (p, voxels, BINS), of the numbers with which M changes
+        self._covariance: Array = fitted.covariance[: len(relative), : len(relative)]
+
+    def signal(self, n: int) -> _Signal:
+        """What a source of nuclide n adds."""
+        bins = self._near[n] > _LEAST_SHARE * self._near[n].max()
+        near, far = self._near[n, bins], self._far[n, bins]
+        depth = self._air_per_m[n] * self._distance
+        strength = PER_MM2 * np.exp(-depth) / self._distance**2 * self._live_s[self._of]
+        added = np.maximum(strength[:, None] * (near + depth[:, None] * far), 0.0)
+        expected = self._expected[self._of][:, bins]
+        own = np.bincount(self._place, (added**2 / expected).sum(axis=1), self._places)
+        straight, scattered = self._relative[..., bins] @ near, self._relative[..., bins] @ far  # (p, voxels)
+        crossed = strength * (straight[:, self._of] + depth * scattered[:, self._of])
+        cross = np.stack([np.bincount(self._place, one, self._places) for one in crossed])  # (p, G)
+        made_good = np.einsum("ig,ij,jg->g", cross, self._covariance, cross) / np.maximum(own, _TINY)
+        return _Signal(self._place, added, self._counted[self._of][:, bins], expected, 1.0 - np.clip(made_good, 0.0, 1.0))
+
+    def _summed(self, by_row: Array) -> Array:
+        """Sums over the rows of each voxel."""
+        total = np.zeros((self._voxels, *by_row.shape[1:]))
+        np.add.at(total, self._voxel, by_row)
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class _Signal:
+    """Of one nuclide. place: (P,) of each pair. added, counted, expected: (P, bins), the first of a source of REFERENCE_BQ.
+    kept: (G,) q.
+    """
+
+    place: Indices
+    added: Array
+    counted: Array
+    expected: Array
+    kept: Array
+
+    @property
+    def places(self) -> int:
+        """G."""
+        return len(self.kept)
+
+    def change(self, activity: Array) -> tuple[Array, Array]:
+        """D and Q, (G,) each, of sources of these activities (G,), in REFERENCE_BQ."""
+        added = activity[self.place, None] * self.added
+        logarithm = np.log1p(added / self.expected)
+        news = ((self.counted - self.expected) * logarithm).sum(axis=1)
+        loss = (added - self.expected * logarithm).sum(axis=1)
+        gained, lost = (np.bincount(self.place, part, self.places).astype(np.float64) for part in (news, loss))
+        return gained - self.kept * lost, lost
+
+    def only(self, places: Indices) -> _Signal:
+        """At some of the places."""
+        number = np.full(self.places, -1)
+        number[places] = np.arange(len(places))
+        kept = number[self.place] >= 0
+        added, counted, expected = (part[kept] for part in (self.added, self.counted, self.expected))
+        return _Signal(number[self.place[kept]], added, counted, expected, self.kept[places])
+
+
+def _glare(at: Array, target: Target, spectra: Spectra, ground: Ground, solution: Solution) -> Flags:
+    """(N, G) where a source of nuclide n would add less than ``_GLARE`` to the spectrum M that is measured above it, the root of
+    sum s^2 / M relative to sum M, of which most is of fitted sources.
+    """
+    near, far = spectra.templates(solution.scale, solution.scatter)
+    fitted = np.zeros((len(at), near.shape[1]))
+    above = at + np.array((0.0, 0.0, target.height_m))
+    for k, (n, (x, y)) in enumerate(zip(solution.nuclide, solution.place.tolist(), strict=True)):
+        at_source, log_activity = (x, y, ground.height_m(x, y) + solution.height_of(k)), float(solution.log_activity[k])
+        distance = np.sqrt(((above - at_source) ** 2).sum(axis=1))[:, None]
+        depth = spectra.air_per_m[n] * distance
+        fitted += PER_MM2 * np.exp(log_activity - depth) / distance**2 * np.maximum(near[n] + depth * far[n], 0.0)
+    background = spectra.background_ps(solution.scale) * np.exp(solution.log_background)
+    expected = fitted + background
+    own = target.least * PER_MM2 / target.height_m**2 * near  # (N, BINS)
+    squared: Array = own**2 @ (1.0 / expected).T / expected.sum(axis=1)
+    glare: Flags = (squared < _GLARE**2) & (fitted.sum(axis=1) > background.sum())
+    return glare

@@ -1,0 +1,58 @@
+"""Flights among several sources in a small area, by the estimator that is told neither number nor nuclides."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from sim import api
+from sim.world.sourcetruth import SourceTruth
+
+SIDE_M = 44.0
+STRONG = SourceTruth(activity_bq=2e9, start_m=(12.0, 20.0))
+WEAK = SourceTruth(activity_bq=2e8, nuclide="Cs-137", start_m=(32.0, 20.0))
+OUTSIDE = SourceTruth(activity_bq=1e8, nuclide="Co-60", start_m=(100.0, 20.0))
+
+
+def flown(sources, seconds, **settings):
+    """Three drones; sources of 0.1 GBq are searched for."""
+    changes = {"mission.survey.least_activity_bq": 1e8, "end.after_s": seconds, **settings}
+    scenario = api.load("many-ideal", changes)
+    square = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M))
+    mission = replace(scenario.mission, area=replace(scenario.mission.area, polygon_m=square))
+    return api.fly(replace(scenario, mission=mission, random_sources=None, sources=sources), seed=1, estimator="sources")
+
+
+def away_m(trace, source, since_s, until_s):
+    """(samples, 3) horizontal distances of the drones from a source."""
+    times = (trace.time_s >= since_s) & (trace.time_s < until_s)
+    return np.hypot(*np.moveaxis(trace.position_m[times, :, :2] - source.start_m, -1, 0))
+
+
+@pytest.mark.slow
+def test_a_weak_source_beside_a_strong_one_is_found_and_the_named_one_circled_until_nothing_is_left_to_search():
+    """2 GBq and 0.2 GBq, 20 m apart, and a third source, which nobody is promised, 56 m outside the area.
+
+    The weak one shows after the strong one; then each is circled, what may hide is searched, and the policy decides.
+    """
+    flight = flown((STRONG, replace(WEAK, nuclide="Co-60"), OUTSIDE), 150.0, **{"mission.track.policy": "Co-60"})
+    trace, result = flight.trace, flight.result
+    first_s = {
+        name: min(e.time_s for e in trace.estimates if name in [s.nuclide for s in e.sources]) for name in ("Cs-137", "Co-60")
+    }
+    assert first_s["Cs-137"] < first_s["Co-60"]
+    assert (result.sources_found, result.false_sources, result.nuclides_right) == (2, 0, 2)
+    stages = trace.swarm_stage
+    assert {"survey", "track"} <= set(stages[trace.time_s > first_s["Co-60"]])
+    assert stages[-1] == "track"
+    assert len(trace.left_m) == 0
+    assert 0.0 < max(result.excluded_nuclides_bq.values()) == result.excluded_bq
+    assert np.median(away_m(trace, WEAK, trace.time_s[-1] - 10.0, np.inf)) < 13.0
+
+
+@pytest.mark.slow
+def test_a_search_where_nothing_is_ends_when_everything_is_excluded():
+    flight = flown((), 150.0)
+    assert flight.result.nothing_found
+    assert set(flight.trace.stage[-1]) <= {"return", "landing", "landed"}
+    assert flight.result.excluded_bq < 2e8
+    assert flight.result.sources_found == 0
