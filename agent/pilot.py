@@ -228,8 +228,7 @@ class Pilot:
 
     def observe_vehicle(self, state: VehicleState) -> None:
         """Take the newest telemetry. What is not newer than known, not finite or out of range is counted and dropped."""
-        vehicle = self._own.take(state)
-        if vehicle is not None:
+        if (vehicle := self._own.take(state)) is not None:
             self._executive.follow(vehicle)
 
     def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
@@ -297,9 +296,9 @@ class Pilot:
             self._reporter.hurry(now_ns)
         if act.plan is not None:
             self._outbox.put(act.plan)
-        entries: list[Entry] = []
-        if act.searched is not None:
-            entries.append(self._observer.coverage(*act.searched, self._executive.swath_m))
+        entries: list[Entry] = (
+            [self._observer.coverage(*act.searched, self._executive.swath_m)] if act.searched is not None else []
+        )
         if self._own.is_estimated:
             entries += self._observer.unseen(now_ns)
         self._record(entries, now_ns)
@@ -320,8 +319,7 @@ class Pilot:
         """Sign entries of this drone, publish them, and log them, from the same bytes that the others get."""
         sendable = [read for entry in entries if (read := self._outbox.sendable(entry)) is not None]
         for entry in self._proofs.signed(sendable, now_ns):
-            payload = self._outbox.put(entry)
-            if payload is not None:
+            if (payload := self._outbox.put(entry)) is not None:
                 self._fold(entry, payload, now_ns)
 
     def _fold(self, entry: Entry, payload: bytes, now_ns: int) -> None:

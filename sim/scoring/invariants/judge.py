@@ -43,6 +43,7 @@ class Judge:
             if found:
                 self.violations += found
         if self._until is not None and any(self._until in (violation.invariant, ANY) for violation in self.violations):
+            self._last = None  # it has not ended: nothing to be judged by that
             return True
         return moment.time_s >= self._setting.end_s or self.landed.is_over(moment)
 
