@@ -296,9 +296,7 @@ class Pilot:
             self._reporter.hurry(now_ns)
         if act.plan is not None:
             self._outbox.put(act.plan)
-        entries: list[Entry] = (
-            [self._observer.coverage(*act.searched, self._executive.swath_m)] if act.searched is not None else []
-        )
+        entries: list[Entry] = [self._observer.coverage(*act.searched, self._executive.swath_m)] if act.searched else []
         if self._own.is_estimated:
             entries += self._observer.unseen(now_ns)
         self._record(entries, now_ns)

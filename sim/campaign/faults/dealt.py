@@ -84,7 +84,7 @@ MISLEADING: tuple[Card, ...] = (  # these do, or make vehicles stray: from then 
     ("camera-noisy", {}),
     ("camera-stuck", {}),
     ("camera-gain", {}),
-    ("satellites-lost", {"for_s": 3.5}),  # for longer, and it is on the ground before they are back
+    ("satellites-lost", {"for_s": 1.8}),  # for longer, and its autopilot has landed it before its position is confirmed
     ("position-jump", {"announced": True}),
     ("position-jump", {"announced": False}),
     ("spoofed", {}),

@@ -15,14 +15,15 @@ SEEN_M = 30.0  # sightings reach as far
 CALIBRATED = 9.0  # mean squared error over variance; 1 is expected, and the errors of a flight are hardly independent
 CALIBRATED_S = 20.0  # a mean over less says nothing
 FLOOR_M = 0.3  # smaller errors of a vehicle's own localisation are no errors of its frame
+HEARS_S = 0.5  # telemetry comes 20 times a second
 _LOOK_TICKS = 10
 
 
 class _Placed(Invariant[Moment]):
     """An invariant of drones in the air whose own positions can be known.
 
-    Exempt is a drone whose own position is faulted; and where frames are estimated, everybody from the first fault on that puts
-    wrong observations into every log.
+    Exempt is a drone whose own position is faulted, or that does not hear its vehicle; and where frames are estimated, everybody
+    from the first fault on that puts wrong observations into every log.
     """
 
     def __init__(self, setting: Setting) -> None:
@@ -34,7 +35,8 @@ class _Placed(Invariant[Moment]):
         """The drones that are not exempt."""
         if moment.time_s < self._until_s:
             for drone in range(len(moment.pilots)):
-                if moment.airborne(drone) and not self.setting.struck_unannounced(drone, moment.time_s, RECOVERY_S):
+                hears = moment.time_s - moment.told_s[drone] < HEARS_S
+                if hears and moment.airborne(drone) and not self.setting.struck_unannounced(drone, moment.time_s, RECOVERY_S):
                     yield drone
 
 

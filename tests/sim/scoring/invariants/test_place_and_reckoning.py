@@ -36,6 +36,7 @@ def test_a_drone_that_takes_itself_to_be_elsewhere() -> None:
     assert seen(OwnPlace(moments.setting()), placed(x=10.9)) == []
     assert seen(OwnPlace(moments.setting()), placed(x=11.5), seconds=4.9) == []
     assert seen(OwnPlace(moments.setting(JUMP | {"target": "d1", "for_s": 9.0})), placed(x=11.5)) == []
+    assert seen(OwnPlace(moments.setting()), placed(x=11.5), told_s=[9.0, 10.0, 10.0]) == []  # it does not hear its vehicle
 
 
 def test_a_drone_that_takes_itself_to_point_elsewhere() -> None:
