@@ -28,7 +28,8 @@ class Reckoned(Invariant[Moment]):
     """No drone that flies by setpoints takes another one for farther away than it is, whether it hears that one or not.
 
     By 3 m and 3 sigma, for 1.5 s, of vehicles less than 15 m away and at its height. Exempt is whose own position or thrust is
-    faulted or who lies; and an agent that was started late, or again: it may never have heard others, nor they it.
+    faulted or who lies; an agent that was started late, or again: it may never have heard others, nor they it; and a drone that
+    does not know where it is: what the others tell of themselves means nothing to it until it has seen them.
     """
 
     name = "reckoned"
@@ -65,7 +66,7 @@ class Reckoned(Invariant[Moment]):
 
     def _farther_m(self, moment: Moment, drone: int, other: int, pilot: Pilot | None) -> float:
         """How much farther away a drone takes another to be than allowed."""
-        if pilot is None or self._is_new(drone, pilot) or self._is_new(other, moment.pilots[other]):
+        if pilot is None or pilot.whereabouts is None or self._is_new(drone, pilot) or self._is_new(other, moment.pilots[other]):
             return 0.0
         reckoning, (mine, theirs) = pilot.reckoning, moment.position_m[[drone, other], 2].tolist()
         if (

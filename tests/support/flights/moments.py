@@ -73,6 +73,9 @@ def reckoning(other=(20.0, 10.0, 3.0), sigma_m=0.0, room=20.0, name="d2", away=N
     return Reckoning(0, (10.0, 10.0, 3.0), [plan], box(0.0, 0.0, 40.0, 40.0).buffer(room), Transform())
 
 
+SOMEWHERE = whereabouts()
+
+
 def pilot(
     stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=(), suspects=(), placed=None, problems=(), entries=(),
     told=(), reckons=None,

@@ -75,8 +75,8 @@ def test_a_drone_among_others_that_does_not_get_to_know_where_it_is() -> None:
         ] == expected
 
 
-def reckons(**of):
-    return moments.pilot(reckons=moments.reckoning(**of))
+def reckons(placed=moments.SOMEWHERE, **of):
+    return moments.pilot(reckons=moments.reckoning(**of), placed=placed)
 
 
 def test_another_drone_that_is_nearer_than_believed() -> None:
@@ -91,7 +91,8 @@ def test_another_drone_that_is_nearer_than_believed() -> None:
     assert told(reckons(other=(24.0, 10.0, 3.0), sigma_m=0.5)) == []
     assert told(reckons(other=(13.0, 10.0, 3.0))) == []
     assert told(reckons(other=(24.0, 10.0, 3.0)), seconds=1.0) == []
-    assert told(moments.pilot()) == []  # somebody else flies it
+    assert told(moments.pilot(placed=moments.SOMEWHERE)) == []  # somebody else flies it
+    assert told(reckons(name="d3", placed=None)) == []
     assert told(reckons(name="d3"), JUMP) == []
     assert told(reckons(name="d3"), {"kind": "late", "at_s": 5.0, "target": "d1"}) == []
     held = moments.changed(0, moments.autopilot(FlightMode.HOLD, setpoint_age_s=None), moments.autopilot)
