@@ -17,7 +17,7 @@ from flown import STAGES, Flights, Stage  # noqa: E402
 
 BUGS = load_bugs()
 BY_ID = {bug.id: bug for bug in BUGS}
-FOUND, UNSEEN, FATAL = "fusion-order-of-arrival", "log-summary-without-gaps", "log-last-of-range-not-sent"
+FOUND, UNSEEN, FATAL = "fusion-order-of-arrival", "log-last-of-range-not-sent", "drawn-13"  # none says what reaches it
 
 # In the place of `radron-sim faults`: sees the first bug from the third seed on, the control breaks an invariant of its own.
 STANDIN = f"""
@@ -68,13 +68,13 @@ def test_the_hunt_stops_at_the_first_find_and_an_interrupted_one_goes_on(tmp_pat
     flown, standin = tmp_path / "flown", tmp_path / "standin.py"
     standin.write_text(STANDIN.replace("COUNT", repr(str(flown))))
     first = _hunt(tmp_path, standin, FOUND, UNSEEN, FATAL)
-    assert first.returncode == 1  # two of three are less than 85 %
+    assert first.returncode == 1  # one of two written ones is less than 85 %
     assert f"| `{FOUND}` | fusion | " in first.stdout
     assert "| beliefs | dealt | 500002 | 3 |" in first.stdout
     assert "| **not found** |  |  | 3 |" in first.stdout  # its violation of `battery` is one of the control too
     assert "| no result | dealt | 500000 | 1 |" in first.stdout
     assert "the log is full of old entries" in first.stderr
-    assert "Written: 2 of 3 found (67%)" in first.stdout
+    assert "Written: 1 of 2 found (50%)" in first.stdout
     number = Counter(flown.read_text().split())  # by seed; the control flies those only in which a bug violated anything
     assert number == {
         "500000": 6,
