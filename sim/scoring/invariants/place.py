@@ -10,7 +10,7 @@ from sim.scoring.moment import Moment
 
 EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
 MISPLACED_M, MISTURNED_RAD = 1.0, 0.15
-UNPLACED_S = 30.0  # a drone among others has been seen many times by then
+UNPLACED_S = 40.0  # a drone among others has been seen many times by then
 SEEN_M = 30.0  # sightings reach as far
 CALIBRATED = 9.0  # mean squared error over variance; 1 is expected, and the errors of a flight are hardly independent
 CALIBRATED_S = 20.0  # a mean over less says nothing
@@ -93,7 +93,7 @@ class Calibrated(_Placed):
 
 
 class KnowsItsPlace(_Placed):
-    """A drone in the air that two others have been near for 30 s knows where it is, and does not wait for ever."""
+    """A drone in the air that two others have been near for 40 s knows where it is, and does not wait for ever."""
 
     name = "placed"
 
