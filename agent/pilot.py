@@ -22,9 +22,8 @@ from agent.fusion.exchange import LogExchange
 from agent.fusion.posterior import Posterior
 from agent.fusion.proofs import Proofs
 from agent.fusion.registry import Estimators, estimator_named
-from agent.geometry import Vector3
 from agent.localization.clocks import Clocks
-from agent.localization.ownpose import OwnPose
+from agent.localization.ownpose import OwnPose, Whereabouts
 from agent.localization.poseproblems import pose_problems
 from agent.mission.commanding import Commanding, Verdict
 from agent.mission.executive import Executive
@@ -36,6 +35,7 @@ from agent.mission.reporter import Believed, Condition, Outbox, Reporter
 from agent.mission.revoking import Revoking
 from agent.mission.stages import FLYING
 from agent.mission.worldmodel import WorldModel
+from agent.navigation.navigator import Reckoning
 from agent.navigation.peers import Peers
 from agent.sensing.camera import Camera
 from agent.sensing.observer import Observer
@@ -184,10 +184,14 @@ class Pilot:
         return self._told
 
     @property
-    def own_place(self) -> tuple[Vector3, float] | None:
-        """Where this drone takes itself to be, mission frame, and 1 sigma of it, horizontal; None where it does not know."""
-        place_m = self._own.place_m
-        return None if place_m is None else (place_m, self._own.sigma_m)
+    def whereabouts(self) -> Whereabouts | None:
+        """Where this drone takes itself to be; None where it does not know."""
+        return self._own.whereabouts
+
+    @property
+    def reckoning(self) -> Reckoning | None:
+        """What the last plan was made with; None where somebody else flies."""
+        return self._executive.reckoning
 
     def warn(self, problems: tuple[str, ...]) -> None:
         """Set the warnings that the shell has for the operator; replaces the previous ones."""
@@ -224,8 +228,7 @@ class Pilot:
 
     def observe_vehicle(self, state: VehicleState) -> None:
         """Take the newest telemetry. What is not newer than known, not finite or out of range is counted and dropped."""
-        vehicle = self._own.take(state)
-        if vehicle is not None:
+        if (vehicle := self._own.take(state)) is not None:
             self._executive.follow(vehicle)
 
     def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
@@ -293,9 +296,7 @@ class Pilot:
             self._reporter.hurry(now_ns)
         if act.plan is not None:
             self._outbox.put(act.plan)
-        entries: list[Entry] = []
-        if act.searched is not None:
-            entries.append(self._observer.coverage(*act.searched, self._executive.swath_m))
+        entries: list[Entry] = [self._observer.coverage(*act.searched, self._executive.swath_m)] if act.searched else []
         if self._own.is_estimated:
             entries += self._observer.unseen(now_ns)
         self._record(entries, now_ns)
@@ -316,8 +317,7 @@ class Pilot:
         """Sign entries of this drone, publish them, and log them, from the same bytes that the others get."""
         sendable = [read for entry in entries if (read := self._outbox.sendable(entry)) is not None]
         for entry in self._proofs.signed(sendable, now_ns):
-            payload = self._outbox.put(entry)
-            if payload is not None:
+            if (payload := self._outbox.put(entry)) is not None:
                 self._fold(entry, payload, now_ns)
 
     def _fold(self, entry: Entry, payload: bytes, now_ns: int) -> None:

@@ -151,7 +151,7 @@ class _World:
         self._autopilots = [Autopilot(home, -yaw, TICK_NS * 1e-9, height_m) for home, yaw, height_m in places]
         world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
-        self._telemetry = Telemetry(self._multirotors, self._localization, self._frames, self._terrain, self._onboard)
+        self._telemetry = Telemetry(self._multirotors, self._localization, self._frames, self._terrain, self._onboard, EPOCH_NS)
         self._radio = FaultyRadio(scenario.radio, names, random.radio, self._faults, TICK_NS * 1e-9)
         self._tellers = Tellers(scenario.fault, self._faults, names, authority.signs(names))
         self._forgers = Forgers(self._faults, names, [authority.trust(name) for name in names])
@@ -187,6 +187,7 @@ class _World:
             time_s=self.time_s,
             position_m=self._terrain.above_ground(motion.position_m),
             velocity_mps=motion.velocity_mps,
+            heading_rad=motion.yaw_rad,
             source=place_of(self._sources_now),
             pilots=[agent.pilot if agent.life is Life.RUNNING else None for agent in agents],
             commands=[agent.command for agent in agents],
@@ -194,6 +195,7 @@ class _World:
             sent=[agent.sent for agent in agents],
             inboxes=self._radio.waiting,
             batteries=self._onboard.vehicles.levels,
+            told_s=self._telemetry.told_s,
         )
 
     def describe(self) -> str:

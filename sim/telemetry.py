@@ -20,7 +20,8 @@ from sim.world.terrain import Terrain
 class Telemetry:
     """The autopilots' estimates, and what the agents hear of them.
 
-    estimated_m, velocity_mps: of each vehicle in its local frame, by the last ``tell``; the autopilots fly by them.
+    estimated_m, velocity_mps: of each vehicle in its local frame, by the last ``tell``; the autopilots fly by them. told_s: when
+    each agent has last heard of its vehicle, since the start of the simulation.
     """
 
     def __init__(
@@ -30,10 +31,13 @@ class Telemetry:
         frames: MovingFrames,
         terrain: Terrain,
         onboard: OnboardFaults,
+        start_ns: int,
     ) -> None:
+        """``start_ns``: UTC time at the start of the simulation."""
         self._motion, self._errors, self._frames = motion, errors, frames
-        self._terrain, self._onboard = terrain, onboard
+        self._terrain, self._onboard, self._start_ns = terrain, onboard, start_ns
         self.estimated_m: list[Vector3] = frames.local(motion.position_m)
+        self.told_s = [0.0] * len(motion.position_m)
         self.velocity_mps: list[Vector3] = [(0.0, 0.0, 0.0)] * len(motion.position_m)
 
     def tell(self, now_ns: int, pilots: Sequence[Pilot], autopilots: Sequence[Autopilot]) -> None:
@@ -49,6 +53,7 @@ class Telemetry:
         for drone, (pilot, autopilot) in enumerate(zip(pilots, autopilots, strict=True)):
             if not onboard.vehicles.hears(drone):
                 continue
+            self.told_s[drone] = (now_ns - self._start_ns) * 1e-9
             pilot.observe_vehicle(
                 VehicleState(
                     stamp_ns=onboard.clocks.own_ns(drone, now_ns),

@@ -16,7 +16,7 @@ from agent.config.mission import DroneInMission
 from agent.frames.carried import told
 from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
 from agent.frames.transform import Transform
-from agent.geometry import Vector3
+from agent.geometry import Vector3, yaw_of
 from agent.localization.clocks import Clocks
 from agent.localization.continuity import carried_on
 from agent.localization.history import PoseHistory
@@ -38,6 +38,17 @@ class LocalFrame(Struct, frozen=True):
 
     mission_from_local: Transform
     local_from_mission: Transform
+
+
+class Whereabouts(Struct, frozen=True):
+    """Where a drone takes itself to be, mission frame: place and heading (of its body, from east), each with 1 sigma; that of the
+    place is of the horizontal distance.
+    """
+
+    place_m: Vector3
+    sigma_m: float
+    yaw_rad: float
+    yaw_sigma_rad: float
 
 
 class OwnPose:
@@ -162,6 +173,16 @@ class OwnPose:
         by_frame_m = frame.mission_from_local.sigmas_at(vehicle.position_m)[0]
         doubted = self.otherwise is not None or not vehicle.position_trusted
         return max(by_frame_m, vehicle.position_sigma_m) if doubted else by_frame_m
+
+    @property
+    def whereabouts(self) -> Whereabouts | None:
+        """Place and heading in the mission frame, with their errors; None where they are not known."""
+        vehicle, frame, place_m = self.vehicle, self.frame, self.place_m
+        if vehicle is None or frame is None or place_m is None:
+            return None
+        transform = frame.mission_from_local
+        yaw_sigma_rad = max(transform.sigmas_at(vehicle.position_m)[1], vehicle.yaw_sigma_rad)
+        return Whereabouts(place_m, self.sigma_m, yaw_of(vehicle.quaternion) + transform.yaw_rad, yaw_sigma_rad)
 
     @property
     def otherwise(self) -> Transform | None:

@@ -21,7 +21,7 @@ from agent.mission.worldmodel import WorldModel
 from agent.navigation.focus import focus, have_had_turns
 from agent.navigation.guidance import Moment
 from agent.navigation.home import NO_NEARER_S
-from agent.navigation.navigator import Navigator
+from agent.navigation.navigator import Navigator, Reckoning
 from agent.navigation.peers import Peers
 from agent.navigation.surveying import CoverageLog, InformedSearch, Prospect, Search, conclusion
 from agent.vehicle.interface import Request, VehicleCommand, VehicleState
@@ -75,6 +75,11 @@ class Executive:
     def stage(self) -> Stage:
         """The present stage."""
         return self._mission.stage
+
+    @property
+    def reckoning(self) -> Reckoning | None:
+        """What the last plan was made with; None where somebody else flies."""
+        return self._navigator.reckoning
 
     @property
     def swath_m(self) -> float:

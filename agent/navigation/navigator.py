@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
+from math import hypot, inf
+
+import numpy as np
+from msgspec import Struct
+from shapely import Polygon
 
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.geometry import Array, Vector3
 from agent.localization.ownpose import OwnPose
 from agent.motion.reference import PeerState
+from agent.motion.separation import PeerPlan
 from agent.motion.tracker import Tracker
 from agent.navigation.agentless import CIRCLING
 from agent.navigation.guidance import HORIZON, STEP_S, Centre, Guidance, Moment
@@ -29,10 +38,36 @@ REPLAN_NS = 200_000_000  # 5 Hz
 _TAKEN_UP_NS = 2_000_000_000  # the autopilot is in offboard, and shows it, this long after the first setpoint
 
 
+class Reckoning(Struct, frozen=True):
+    """What a plan was made with, own local frame: where the drone was, where others are expected, the room it flies in.
+
+    ``mission_from_local``: None while that frame is not known; then the room is a circle around the waiting drone.
+    """
+
+    stamp_ns: int
+    position_m: Vector3
+    others: Sequence[PeerPlan]
+    room: Polygon
+    mission_from_local: Transform | None
+
+    def distance_m(self, drone: str, sigmas: float) -> float:
+        """How near another drone may be, horizontally: where it is expected, less so many sigmas; infinite if it is not."""
+        expected = (one for one in self.others if one.id == drone)
+        return min((_distance_m(self.position_m, one, self.stamp_ns, sigmas) for one in expected), default=inf)
+
+    @property
+    def corners_m(self) -> Array | None:
+        """Corners (N, 2) of the room in the mission frame; None while that is not known."""
+        corners = np.asarray(self.room.exterior.coords)
+        known = self.mission_from_local
+        return None if known is None else known.apply(np.column_stack((corners, np.zeros(len(corners)))))[:, :2]
+
+
 class Navigator:
     """Plans one drone's flight while it searches, tracks or returns.
 
-    ``home``: where a return leads; ``response``: the identified response of the vehicle to setpoints.
+    ``home``: where a return leads; ``response``: the identified response of the vehicle to setpoints; ``reckoning``: what the
+    last plan was made with, None where somebody else flies.
     """
 
     def __init__(
@@ -55,6 +90,8 @@ class Navigator:
         self._guidance = Guidance(mission, drone, self._own, self._ground, self.home, search, informed)
         self._neighbourhood = Neighbourhood(mission, frames, drone.id)
         self._tracker: Tracker | None = None
+        self._room = Polygon()
+        self.reckoning: Reckoning | None = None
         self._virtual = PeerState((0.0, 0.0, 0.0))  # the tracker's own state; at its start the vehicle's
         self._epoch = -1
         self._due_ns = 0
@@ -92,7 +129,7 @@ class Navigator:
 
     def rest(self, now_ns: int, peers: Peers) -> None:
         """The vehicle is under other control; the next step starts from its position then."""
-        self._tracker, self._was_steered = None, False
+        self._tracker, self._was_steered, self.reckoning = None, False, None
         self._neighbourhood.absence = None
         if not 0 <= self._due_ns - now_ns <= REPLAN_NS:  # or the clock was set back
             self._due_ns = now_ns + REPLAN_NS
@@ -123,6 +160,7 @@ class Navigator:
             fence = self._fence.moved(moment.vehicle)
             if fence is not None:
                 self._tracker.confine(fence)
+                self._room = fence.outline
         centre = self._guidance.centre(moment)
         if moment.now_ns >= self._due_ns:
             self._due_ns = moment.now_ns + REPLAN_NS
@@ -142,6 +180,7 @@ class Navigator:
         """A tracker that starts where the vehicle is; also after a jump of the localisation, which has not moved the vehicle."""
         self._guidance.begin()
         fence = self._fence.put(vehicle, self._ground.level_m(vehicle))
+        self._room = fence.outline
         tracker = Tracker(self._limits, fence, STEP_S, HORIZON, response=self.response.response, drone_id=self._id)
         tracker.reset(vehicle.position_m, vehicle.velocity_mps)
         self._virtual = PeerState(vehicle.position_m, vehicle.velocity_mps)
@@ -169,13 +208,12 @@ class Navigator:
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]
         deviation_m = self.response.response.tracking_error_m
-        made = tracker.plan(
-            moment.now_ns,
-            PeerState(vehicle.position_m, vehicle.velocity_mps),
-            self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self._neighbourhood.absence),
-            [*(other.plan for other in others), *self._guidance.circles_of_others(moment, centre, self.absence, ahead)],
-            self._ground.relief(vehicle),
-        )
+        reference = self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self._neighbourhood.absence)
+        kept_from = [*(other.plan for other in others), *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
+        mission_from_local = frame.mission_from_local if frame is not None else None
+        self.reckoning = Reckoning(moment.now_ns, vehicle.position_m, kept_from, self._room, mission_from_local)
+        here = PeerState(vehicle.position_m, vehicle.velocity_mps)
+        made = tracker.plan(moment.now_ns, here, reference, kept_from, self._ground.relief(vehicle))
         return Plan(
             stamp_ns=made.stamp_ns,
             drone=self._id,
@@ -183,3 +221,13 @@ class Navigator:
             step_ns=round(made.step_s * 1e9),
             positions_m=tuple(map(tuple, made.positions.tolist())),
         )
+
+
+def _distance_m(place: Vector3, plan: PeerPlan, now_ns: int, sigmas: float) -> float:
+    """Distance from a place to where a plan expects another drone, or to the line that it is beyond, less its doubt."""
+    x, y = plan.at(now_ns, np.zeros(1))[0].tolist()
+    from_x, from_y = place[0] - float(x), place[1] - float(y)
+    if plan.away is None:
+        return hypot(from_x, from_y) - sigmas * plan.sigma_m
+    away_x, away_y = float(plan.away[0, 0]), float(plan.away[0, 1])
+    return max(0.0, from_x * away_x + from_y * away_y) - sigmas * plan.sigma_m

@@ -23,6 +23,7 @@ def faults(
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for missions and summary; rerun to resume.")] = None,
     dealt: Annotated[bool, typer.Option("--dealt", help="Ten successive seeds have every kind of fault, and none.")] = False,
     short: Annotated[bool, typer.Option("--short", help="Short missions, as in the fast tests.")] = False,
+    first: Annotated[bool, typer.Option("--first", help="End each mission at its first violation.")] = False,
     show: Annotated[int | None, typer.Option(metavar="SEED", help="Print this seed's mission as a scenario file.")] = None,
     minimise: Annotated[
         int | None, typer.Option(metavar="SEED", help="Print the smallest scenario that violates what this seed violates.")
@@ -52,7 +53,7 @@ def faults(
         from sim.campaign.faults.campaign import FaultCampaign  # noqa: PLC0415
         from sim.campaign.faults.mission import fly_mission  # noqa: PLC0415
 
-        fly_and_tell(FaultCampaign(runs, seed, course), fly_mission, out, executor(workers, dask))
+        fly_and_tell(FaultCampaign(runs, seed, course, first), fly_mission, out, executor(workers, dask))
 
 
 def fly_and_tell(campaign: FaultCampaign, fly: Fly, out: Path | None, execute: Executor) -> None:

@@ -82,18 +82,20 @@ class Scene:
 class Moment(Scene):
     """The world after one tick of a flight in lockstep.
 
-    velocity_mps: (N, 3) true, mission frame. commands: of this tick; None where there was no step. sent: messages that
-    each agent has published in this tick. inboxes: messages on their way to each agent.
-    batteries: true levels, 0 .. 1.
+    velocity_mps: (N, 3) true, mission frame. heading_rad: (N,) true, from east. commands: of this
+    tick; None where there was no step. sent: messages that each agent has published in this tick. inboxes: messages on their way
+    to each agent. batteries: true levels, 0 .. 1. told_s: when telemetry of each vehicle has last arrived at its agent.
     """
 
     pilots: Sequence[Pilot | None]
     autopilots: Sequence[Autopilot]
     velocity_mps: Array
+    heading_rad: Array
     commands: Sequence[VehicleCommand | None]
     sent: Sequence[int]
     inboxes: Sequence[int]
     batteries: Sequence[float]
+    told_s: Sequence[float]
 
 
 Observer = Callable[[Moment], bool]  # called after every tick; True ends the flight

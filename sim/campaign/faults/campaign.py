@@ -16,6 +16,7 @@ from sim.campaign.faults.mission import Mission, Verdict, fly_mission
 from sim.campaign.flights import Watch, claim
 from sim.campaign.workers import Executor, Outcome
 from sim.runfile import RunFile, make_folder
+from sim.scoring.invariants.judge import ANY
 
 RUNS = "missions.jsonl"
 Fly = Callable[[Mission], Verdict]
@@ -23,11 +24,12 @@ Fly = Callable[[Mission], Verdict]
 
 @dataclass(frozen=True, slots=True)
 class FaultCampaign:
-    """``runs`` missions with the seeds ``seed``, ``seed + 1``, ..."""
+    """``runs`` missions with the seeds ``seed``, ``seed + 1``, ...; ``first``: each ends when it violates anything."""
 
     runs: int
     seed: int = 0
     course: Course = FULL
+    first: bool = False
 
     def __post_init__(self) -> None:
         if self.runs < 1:
@@ -37,7 +39,8 @@ class FaultCampaign:
 
     def missions(self) -> list[Mission]:
         """All of them, in order."""
-        return [Mission(seed, self.course) for seed in range(self.seed, self.seed + self.runs)]
+        until = ANY if self.first else None
+        return [Mission(seed, self.course, until=until) for seed in range(self.seed, self.seed + self.runs)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +107,7 @@ def _runs(campaign: FaultCampaign, folder: Path) -> RunFile:
         "radron": version("radron"),
         "seed": campaign.seed,
         "course": msgspec.json.decode(msgspec.json.encode(campaign.course)),  # as it is read back
-    }
+    } | ({"first": True} if campaign.first else {})
     claim(folder / "campaign.json", manifest, RUNS)
     return RunFile(folder / RUNS)
 

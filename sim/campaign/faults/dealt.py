@@ -2,12 +2,15 @@
 
 Some successive seeds have each fault of a deck once, five in each mission; times, targets and numbers are random, and so are the
 swarm, its area and the source, as in the missions of ``draw``. Two of ten have no fault at all, which would hide what goes wrong
-without any: in one the frames have to be estimated, in the other one the source moves as fast as any. Live missions, which take
-two minutes of real time each, have a deck of their own, and in each of them somebody disarms a drone.
+without any: in one the frames have to be estimated, in the other one the source moves as fast as any. Where a localisation jumps
+or a clock is wrong, frames have to be estimated, too, by all kinds of localisation; and where a clock is wrong, the source moves,
+and the autopilot's link is down while it is set: else hardly anything follows from them. Live missions, which take two minutes of
+real time each, have a deck of their own, and in each of them somebody disarms a drone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +27,10 @@ HAND = 5  # faults of a mission
 LASTS_S = (8.0, 14.0)
 _LONGEST_OFFLINE_S = 7.0  # an agent that is back later may find its vehicle landed
 _WITHOUT_END = ("late", "motor", "revoked", "old-command", "camera-dead")  # a dead camera: an agent needs a while to be sure
+_SEEN_BY_FRAMES = {"position-jump", "clock"}  # they matter most where frames are estimated
+_SEEN_BY_TIME = {"clock"}  # and these where the source moves
+_UNHEARD_S = (1.5, 3.0)  # before and after the jump of a clock
+_OF_SATELLITES = ("position-jump", "satellites-lost", "spoofed")  # these strike a drone that flies by satellites
 _UNDISTURBED = ("old-command",)  # it shows nothing on a drone whose agent is dead when the command arrives
 LIVE_DECK: tuple[Card, ...] = (
     ("kill", {}),
@@ -50,7 +57,6 @@ DECK: tuple[Card, ...] = (  # these put nothing wrong into the logs of those who
     ("slow-cpu", {}),
     ("disk", {}),
     ("partition", {}),
-    ("partition", {}),
     ("cut", {}),
     ("delay", {}),
     ("reorder", {}),
@@ -66,6 +72,7 @@ DECK: tuple[Card, ...] = (  # these put nothing wrong into the logs of those who
     ("old-command", {}),
     ("clock", {"jump_s": 20.0}),
     ("clock", {"jump_s": -20.0}),
+    ("position-jump", {"announced": True, "jump_m": 2.0, "turn_deg": 45.0}),  # as of a filter whose heading is reset
     ("battery", {"at_s": 0.0, "level": 0.15}),
     ("mavlink-loss", {}),
 )
@@ -77,7 +84,7 @@ MISLEADING: tuple[Card, ...] = (  # these do, or make vehicles stray: from then 
     ("camera-noisy", {}),
     ("camera-stuck", {}),
     ("camera-gain", {}),
-    ("satellites-lost", {"for_s": 3.5}),  # for longer, and it is on the ground before they are back
+    ("satellites-lost", {"for_s": 1.8}),  # for longer, and its autopilot has landed it before its position is confirmed
     ("position-jump", {"announced": True}),
     ("position-jump", {"announced": False}),
     ("spoofed", {}),
@@ -95,21 +102,43 @@ def deal(seed: int, course: Course) -> dict[str, Any]:
     missions = calm + sum(map(len, decks)) // HAND
     turn = seed % missions
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
-    document = draw_mission(rng, f"dealt-faults-{seed}", course, estimated=False if live else True if turn == 0 else None)
-    if turn < calm:
-        if turn == 1:
-            document["source"] |= {"motion": "wander", "speed_mps": PACE_MPS}
+    hand = _hand(decks, seed // missions, turn - calm) if turn >= calm else []
+    kinds = {kind for kind, _ in hand}
+    estimated = False if live else True if turn == 0 or kinds & _SEEN_BY_FRAMES else None
+    document = draw_mission(rng, f"dealt-faults-{seed}", course, estimated=estimated, dealt=True)
+    if turn == 1 or (kinds & _SEEN_BY_TIME and not live):
+        document["source"] |= {"motion": "wander", "speed_mps": PACE_MPS}
+    if not hand:
         return document
-    names = [drone["id"] for drone in document["mission"]["drones"]]
-    shuffle = np.random.default_rng(np.random.SeedSequence(seed // missions, spawn_key=(_DECK_STREAM,)))
-    cards = [deck[place] for deck in decks for place in shuffle.permutation(len(deck)).tolist()]
-    hand = cards[(turn - calm) * HAND :][:HAND]
+    drones = document["mission"]["drones"]
+    names = [drone["id"] for drone in drones]
     *whom, last = [names[place] for place in rng.permutation(len(names))]
-    struck = [last if card[0] in _UNDISTURBED else whom[k % len(whom)] for k, card in enumerate(hand)]
+    follow = [drone["id"] for drone in drones if drone.get("localization") != "slam"]
+    struck = [last if card[0] in _UNDISTURBED else _target(card[0], k, whom, follow) for k, card in enumerate(hand)]
     faults = [_fault(rng, card, names, target, course) for card, target in zip(hand, struck, strict=True)]
     faults += [{"kind": "disarm", "at_s": 0.0, "target": last}] if live else []
+    faults += [_unheard(fault) for fault in faults if fault["kind"] == "clock"]
     document["fault"] = sorted(faults, key=lambda fault: fault["at_s"])
     return document
+
+
+def _hand(decks: Sequence[Sequence[Card]], shuffled: int, turn: int) -> list[Card]:
+    """The cards of a turn, of decks that are shuffled anew each time."""
+    rng = np.random.default_rng(np.random.SeedSequence(shuffled, spawn_key=(_DECK_STREAM,)))
+    cards = [deck[place] for deck in decks for place in rng.permutation(len(deck)).tolist()]
+    return cards[turn * HAND :][:HAND]
+
+
+def _target(kind: str, place: int, whom: Sequence[str], follow: Sequence[str]) -> str:
+    """The drone that a card strikes: one after the other; ``follow``: those whose vehicles follow satellites."""
+    turns = [whom[(place + k) % len(whom)] for k in range(len(whom))]
+    return next(name for name in turns if kind not in _OF_SATELLITES or name in follow)
+
+
+def _unheard(clock: dict[str, Any]) -> dict[str, Any]:
+    """The autopilot's link is down while a clock is set: what is known of the vehicle must not seem to be new."""
+    at_s = round(clock["at_s"] - _UNHEARD_S[0], 2)
+    return {"kind": "mavlink-loss", "at_s": at_s, "for_s": sum(_UNHEARD_S), "probability": 1.0, "target": clock["target"]}
 
 
 def _fault(rng: np.random.Generator, card: Card, names: list[str], target: str, course: Course) -> dict[str, Any]:

@@ -12,11 +12,18 @@ from sim.campaign.faults.course import Course
 _DATUM = {"latitude_deg": 47.397742, "longitude_deg": 8.545594, "altitude_m": 488.0}
 PACE_MPS = 0.8  # of the fastest source: the swarm circles at 3 m/s
 _APART_M = (5.0, 7.0)  # between the launch places
+_DEALT = (("gnss", False), ("slam", True))  # kinds of localisation after the first one's, and whether the heading is unknown
 _IDEAL = ("horizontal_m", "vertical_m", "height_m", "yaw_deg", "tilt_deg", "velocity_mps", "climb_mps", "drift_m")
 
 
-def draw_mission(rng: np.random.Generator, name: str, course: Course, *, estimated: bool | None = None) -> dict[str, Any]:
-    """A scenario document without faults. ``estimated``: whether the drones' frames have to be estimated; None: drawn, too."""
+def draw_mission(
+    rng: np.random.Generator, name: str, course: Course, *, estimated: bool | None = None, dealt: bool = False
+) -> dict[str, Any]:
+    """A scenario document without faults.
+
+    ``estimated``: whether the drones' frames have to be estimated; None: drawn, too. ``dealt``: then each kind of localisation is
+    there, also one that does not know its heading.
+    """
     width_m, depth_m = (round(float(side)) for side in rng.uniform(*course.side_m, 2))
     count = int(rng.integers(3, course.most_drones + 1))
     places = _launch_places(rng, count, width_m, depth_m)
@@ -44,7 +51,7 @@ def draw_mission(rng: np.random.Generator, name: str, course: Course, *, estimat
         "end": {"search_s": course.end_s, "track_s": course.end_s},
     }
     if estimated:
-        _estimate_frames(rng, document)
+        _estimate_frames(rng, document, dealt=dealt)
     elif rng.random() < 0.6:
         document["localization"] = dict.fromkeys(_IDEAL, 0.0)
     return document
@@ -79,12 +86,15 @@ def _source(rng: np.random.Generator, width_m: float, depth_m: float) -> dict[st
     return source
 
 
-def _estimate_frames(rng: np.random.Generator, document: dict[str, Any]) -> None:
+def _estimate_frames(rng: np.random.Generator, document: dict[str, Any], *, dealt: bool) -> None:
     """Each drone localises itself in its own way, and sees the others."""
     vehicles = {}
     for k, drone in enumerate(document["mission"]["drones"]):
         kind = "rtk" if k == 0 else str(rng.choice(["gnss", "rtk", "slam"], p=[0.2, 0.5, 0.3]))
-        heading_deg = 180.0 if kind == "slam" and rng.random() < 0.5 else 5.0
+        lost = bool(kind == "slam" and rng.random() < 0.5)
+        if dealt and 0 < k <= len(_DEALT):
+            kind, lost = _DEALT[k - 1]
+        heading_deg = 180.0 if lost else 5.0
         drone |= {"localization": kind, "origin_sigma_m": 2.0, "yaw_sigma_deg": heading_deg}
         vehicles[drone["id"]] = {"kind": kind, "origin_m": 1.0} | ({"yaw_deg": heading_deg} if kind == "slam" else {})
     document["mission"]["datum"] = _DATUM

@@ -14,11 +14,12 @@ from agent.flight.recorded import RecordedPilot
 from agent.flight.recorder import FlightRecorder
 from agent.flight.replay import replay
 from agent.fusion.registry import Estimators, estimator_named
+from agent.localization.ownpose import Whereabouts
 from agent.mission.memory import Memory
+from agent.navigation.navigator import Reckoning
 from agent.pilot import Pilot
 from protocol.codec import Read, decode_from
 from protocol.signing import Trust
-from sim.geometry import Vector3
 
 _LIMIT_MB = 1000  # far beyond a random mission
 
@@ -38,9 +39,14 @@ class _Recorded(RecordedPilot):
         self.fusion, self.listeners = pilot.fusion, pilot.listeners
 
     @property
-    def own_place(self) -> tuple[Vector3, float] | None:
+    def whereabouts(self) -> Whereabouts | None:
         """See ``Pilot``."""
-        return self._pilot.own_place
+        return self._pilot.whereabouts
+
+    @property
+    def reckoning(self) -> Reckoning | None:
+        """See ``Pilot``."""
+        return self._pilot.reckoning
 
     @property
     def problems(self) -> tuple[str, ...]:

@@ -8,7 +8,8 @@ from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 from msgspec import Struct
 
-from sim.faults.base import Family
+from sim.faults.base import Family, Fault
+from sim.faults.machines import PositionJump
 from sim.scenario import Scenario
 from sim.scoring.moment import Scene
 
@@ -60,6 +61,23 @@ class Setting:
         """When the first fault of these families begins, on any drone; infinite without one."""
         return min((at_s for family, _, at_s, _ in self._spans if family in families), default=float("inf"))
 
+    @property
+    def misled_s(self) -> float:
+        """When the first fault begins that puts wrong observations into every log; infinite without one."""
+        return min((fault.at_s for fault in self.scenario.fault if _misleads(fault)), default=float("inf"))
+
+    def struck_unannounced(self, drone: int, time_s: float, after_s: float) -> bool:
+        """Whether the own position or thrust of a drone is faulted, or was less than ``after_s`` ago. Of a jump that it knows of,
+        only that time counts, after the jump and after the one back.
+        """
+        mine = (one for one in self.scenario.fault if one.family in OWN_FAULTS and self.names[drone] in one.strikes(self.names))
+        spans = [
+            span
+            for one in mine
+            for span in (((one.at_s, one.at_s), (one.end_s, one.end_s)) if _is_announced(one) else ((one.at_s, one.end_s),))
+        ]
+        return any(begin_s <= time_s <= end_s + after_s for begin_s, end_s in spans)
+
     def lost_itself(self, drone: int, time_s: float) -> bool:
         """Whether a vehicle's own position or thrust is faulted, or was until ``RECOVERY_S`` ago."""
         return self.struck(OWN_FAULTS, drone, time_s, RECOVERY_S)
@@ -102,3 +120,12 @@ class Invariant(ABC, Generic[S_contra]):
     def _told(self, breach: Breach, time_s: float) -> Violation:
         drones = self.setting.named(*breach.drones)
         return Violation(invariant=self.name, time_s=round(time_s, 3), drones=drones, text=breach.text)
+
+
+def _is_announced(fault: Fault) -> bool:
+    """Whether a fault of an own position is known to its drone, which begins a new epoch then."""
+    return isinstance(fault, PositionJump) and fault.announced
+
+
+def _misleads(fault: Fault) -> bool:
+    return fault.family in FRAME_FAULTS and not _is_announced(fault)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import hypot, inf, sqrt
+from math import sqrt
 
 from agent.pilot import Pilot
+from protocol.messages import Stage
 from sim.faults.agents import Forged
 from sim.faults.base import Family
 from sim.faults.forgers import BESIDE
-from sim.scoring.invariants.base import FRAME_FAULTS, Breach, Invariant, Setting
+from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Member, Moment, Scene
 
 EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
-MISPLACED_M = 1.0
+MEAN_SQUARE = 12.0
+_LOOK_TICKS, _LEAST = 10, 20
+_SUMMARY_TICKS = 100
+_SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 _BELIEF_FAULTS: tuple[Family, ...] = ("camera", "pose", "liar")
 
 
@@ -45,40 +49,34 @@ class TruthPossible(Invariant[Scene]):
                 yield Breach((drone,), f"the truth is {sigmas:.1f} sigma away for {EXCLUDED_S:g} s")
 
 
-class OwnPlace(Invariant[Moment]):
-    """No drone excludes its own true place at 6 sigma, and by a metre, for 5 s: separation, fence, and the meaning of all that it
-    measures rest on it.
-
-    Exempt is a drone whose own position is faulted; and where frames are estimated, everybody from the first fault of an own
-    position, of a liar or of a clock on: these put wrong observations into every log.
+class SourceCalibrated(Invariant[Scene]):
+    """Over a flight, the error of a hypothesis is not much more than it states: the mean squared Mahalanobis distance of the
+    truth, 2 by expectation, is 12 at most. Exempt as in ``six-sigma``.
     """
 
-    name = "own-place"
+    name = "six-sigma-mean"
 
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
-        estimated = not all(drone.is_exact for drone in setting.mission.drones)
-        self._until_s = setting.began_s(FRAME_FAULTS) if estimated else inf
-        self._since_s: list[float | None] = [None] * len(setting.names)
+        self._until_s = setting.began_s(_BELIEF_FAULTS)
+        self.sums, self.counts = [0.0] * len(setting.names), [0] * len(setting.names)
+        self._ticks = 0
 
-    def breaches(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that have been wrong for too long."""
-        if moment.time_s >= self._until_s:
-            return
-        for drone, pilot in enumerate(moment.pilots):
-            place = pilot.own_place if pilot is not None else None
-            if place is None or not moment.airborne(drone) or self.setting.lost_itself(drone, moment.time_s):
-                self._since_s[drone] = None
-                continue
-            (x, y, _), sigma_m = place
-            off_m = hypot(x - moment.position_m[drone, 0], y - moment.position_m[drone, 1])
-            since_s = self._since_s[drone]
-            if off_m <= max(MISPLACED_M, EXCLUDED_SIGMAS * sigma_m):
-                self._since_s[drone] = None
-            elif since_s is None:
-                self._since_s[drone] = moment.time_s
-            elif moment.time_s - since_s > EXCLUDED_S:
-                yield Breach((drone,), f"{off_m:.1f} m from where it takes itself to be, sigma {sigma_m:.2f} m")
+    def breaches(self, moment: Scene) -> Iterator[Breach]:
+        """Nothing in flight; counted twice a second."""
+        self._ticks += 1
+        if self._ticks % _LOOK_TICKS == 0 and moment.source is not None and moment.time_s < self._until_s:
+            for drone, pilot in enumerate(moment.pilots):
+                if pilot is not None and pilot.hypothesis is not None and pilot.stage in _SEARCHING:
+                    self.sums[drone] += _sigmas(pilot, moment.source) ** 2
+                    self.counts[drone] += 1
+        yield from ()
+
+    def at_end(self, moment: Scene) -> Iterator[Breach]:
+        """Drones that were too sure of the source."""
+        for drone, (total, count) in enumerate(zip(self.sums, self.counts, strict=True)):
+            if count >= _LEAST and total / count > MEAN_SQUARE:
+                yield Breach((drone,), f"the mean square of its normalised error is {total / count:.0f}, 2 are expected")
 
 
 class SameLogSameHypothesis(Invariant[Moment]):
@@ -100,6 +98,27 @@ class SameLogSameHypothesis(Invariant[Moment]):
                 yield Breach((other, drone), "one digest, two hypotheses")
 
 
+class Summarised(Invariant[Moment]):
+    """What an agent tells the others that its log holds, it holds: what it lacks and does not say so, nobody sends. Looked at
+    every 5 s.
+    """
+
+    name = "summary"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self._ticks = 0
+        self._found: list[Breach] = []
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Drones that claim more, or less."""
+        self._ticks += 1
+        if self._ticks % _SUMMARY_TICKS == 0:
+            pilots = enumerate(moment.pilots)
+            self._found = [Breach((drone,), text) for drone, pilot in pilots if pilot is not None and (text := _unheld(pilot))]
+        yield from self._found
+
+
 class Refused(Invariant[Moment]):
     """At the end no log holds anything that forgers have sent beside what was measured: each entry had a reason to be refused."""
 
@@ -117,6 +136,16 @@ class Refused(Invariant[Moment]):
             taken = sum(record.entry.sequence >= BESIDE for record in pilot.fusion.log) if pilot is not None else 0
             if taken:
                 yield Breach((drone,), f"{taken} forged entries in its log")
+
+
+def _unheld(pilot: Pilot) -> str:
+    """Of which publisher the summary of a log names other numbers than it holds; empty where of none."""
+    log = pilot.fusion.log
+    for (drone, boot), told in log.summary().items():
+        held = {one.sequence for one in log.beyond(drone, lambda _: -1) if one.boot == boot}
+        if held != {number for first, last in told.ranges for number in range(first, last + 1)}:
+            return f"its summary tells other entries of {drone} than the {len(held)} that it holds"
+    return ""
 
 
 def _equal(one: Pilot, other: Pilot) -> bool:

@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 from sim.scoring.invariants.base import Invariant, Setting, Violation
-from sim.scoring.invariants.beliefs import OwnPlace, Refused, SameLogSameHypothesis, TruthPossible
+from sim.scoring.invariants.beliefs import Refused, SameLogSameHypothesis, SourceCalibrated, Summarised, TruthPossible
 from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from sim.scoring.invariants.liveness import Converged, Landed
+from sim.scoring.invariants.place import Calibrated, KnowsItsPlace, OwnPlace
+from sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
 from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
 from sim.scoring.moment import Moment
+
+ANY = "any"  # invariant
 
 
 class Judge:
     """The observer of a flight (``sim.lockstep.fly(watch=...)``). ``violations``: in order of time."""
 
     def __init__(self, setting: Setting, until: str | None = None) -> None:
-        """``until``: the flight ends as soon as the invariant of this name is violated."""
+        """``until``: the flight ends as soon as the invariant of this name is violated, or ``ANY``."""
         self._setting, self._until = setting, until
         self.separation, self.converged, self.landed = Separation(setting), Converged(setting), Landed(setting)
         self.invariants: tuple[Invariant[Moment], ...] = (
             self.separation, Collision(setting), Fence(setting), Heights(setting),
             FreshSetpoint(setting), Finite(setting), Queues(setting),
-            TruthPossible(setting), SameLogSameHypothesis(setting), OwnPlace(setting), Refused(setting),
+            TruthPossible(setting), SourceCalibrated(setting), SameLogSameHypothesis(setting),
+            Summarised(setting), Refused(setting),
+            OwnPlace(setting), Calibrated(setting), KnowsItsPlace(setting),
+            Reckoned(setting), Confined(setting), FreshTelemetry(setting),
             Reserve(setting), Named(setting), Accused(setting), Told(setting), Memory(setting),
             self.converged, self.landed,
         )  # fmt: skip
@@ -35,7 +42,8 @@ class Judge:
             found = invariant.look(moment)
             if found:
                 self.violations += found
-        if self._until is not None and any(violation.invariant == self._until for violation in self.violations):
+        if self._until is not None and any(self._until in (violation.invariant, ANY) for violation in self.violations):
+            self._last = None  # it has not ended: nothing to be judged by that
             return True
         return moment.time_s >= self._setting.end_s or self.landed.is_over(moment)
 

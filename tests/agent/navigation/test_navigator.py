@@ -77,6 +77,26 @@ def flown(
     return np.array(places)
 
 
+def test_what_a_plan_was_made_with_is_known_until_somebody_else_flies():
+    navigator, own, frames = made()
+    local = frames.mission_from_local("d1", 0).inverse()
+    assert navigator.reckoning is None
+    vehicle = own.take(state(START_NS, FlightMode.OFFBOARD, local.apply_point((35.0, 25.0, 3.0))))
+    peers = Peers(["d2"])
+    there = frames.mission_from_local("d2", 0).inverse().apply_point((25.0, 25.0, 3.0))
+    seen = state(START_NS, position=there)
+    told = {"position_m": there, "velocity_mps": seen.velocity_mps, "quaternion": seen.quaternion, "epoch": 0}
+    peers.receive(Pose(stamp_ns=START_NS, drone="d2", position_sigma_m=0.1, yaw_sigma_rad=0.01, **told), START_NS)
+    navigator.step(Moment(START_NS, Stage.TRACK, START_NS, vehicle, hypothesis(START_NS)), peers)
+    reckoning = navigator.reckoning
+    assert reckoning.distance_m("d2", 0.0) == pytest.approx(10.0, abs=0.1)
+    assert reckoning.distance_m("d3", 0.0) == np.inf
+    area = MISSION.area
+    assert reckoning.corners_m[:, 0].max() == pytest.approx(max(x for x, _ in area.polygon_m) + area.fence_margin_m, abs=0.5)
+    navigator.rest(START_NS + SECOND, peers)
+    assert navigator.reckoning is None
+
+
 def radii(places, centre=PLACE):
     return np.hypot(*(places[:, :2] - np.asarray(centre)[..., :2]).T)
 

@@ -29,6 +29,7 @@ class Bug:
     """A mistake: in ``file`` (from the root of the repository) the text ``old``, which occurs there once, becomes ``new``.
 
     ``origin``: written or drawn. ``live``: code of the processes around the pilot program, which lockstep does not run.
+    ``reach``: what a mission has in which that code decides anything: kinds of faults, "estimated" frames, a "moving" source.
     """
 
     id: str
@@ -40,6 +41,7 @@ class Bug:
     new: str
     harm: str = ""
     live: bool = False
+    reach: tuple[str, ...] = ()
 
     def changed(self, text: str) -> str:
         """The file's text with the bug.
@@ -87,7 +89,10 @@ def fingerprint(root: Path) -> str:
 
 def _read(path: Path, origin: str) -> list[Bug]:
     try:
-        return [Bug(origin=origin, **entry) for entry in tomllib.loads(path.read_text(encoding="utf-8")).get("bug", [])]
+        return [
+            Bug(origin=origin, **(entry | {"reach": tuple(entry.get("reach", ()))}))
+            for entry in tomllib.loads(path.read_text(encoding="utf-8")).get("bug", [])
+        ]
     except (TypeError, tomllib.TOMLDecodeError) as error:
         raise BugError(f"{path.name}: {error}") from None
 

@@ -3,7 +3,13 @@
 from types import SimpleNamespace
 
 import numpy as np
+from msgspec.structs import replace
+from shapely import box
 
+from agent.frames.transform import Transform
+from agent.localization.ownpose import Whereabouts
+from agent.motion.separation import PeerPlan
+from agent.navigation.navigator import Reckoning
 from agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
 from protocol.messages import Stage
 from sim.campaign.faults.draw import draw
@@ -37,18 +43,53 @@ def hypothesis(x=30.0, y=30.0, sigma_m=0.5, stamp_ns=0):
     )
 
 
+class Log:
+    """Numbers of the entries held of d2's first boot, and the ranges that the summary tells."""
+
+    def __init__(self, entries=(), told=()):
+        self.entries, self.told = entries, told
+
+    def __iter__(self):
+        return (SimpleNamespace(entry=SimpleNamespace(sequence=number)) for number in self.entries)
+
+    def __len__(self):
+        return len(self.entries)
+
+    def summary(self):
+        return {("d2", "boot"): SimpleNamespace(ranges=self.told)} if self.told else {}
+
+    def beyond(self, drone, last):
+        return [SimpleNamespace(boot="boot", sequence=number) for number in self.entries if number > last("boot")]
+
+
+def whereabouts(x=10.0, sigma_m=0.1, yaw_rad=0.0, yaw_sigma_rad=0.02):
+    """Of the first drone, which is at x = 10 and points east."""
+    return Whereabouts((x, 10.0, 3.0), sigma_m, yaw_rad, yaw_sigma_rad)
+
+
+def reckoning(other=(20.0, 10.0, 3.0), sigma_m=0.0, room=20.0, name="d2", away=None):
+    """Of the first drone, with another one expected at a place; ``room``: margin around the area."""
+    plan = PeerPlan(name, 0, 0.2, [other], sigma_m, away=away)
+    return Reckoning(0, (10.0, 10.0, 3.0), [plan], box(0.0, 0.0, 40.0, 40.0).buffer(room), Transform())
+
+
+SOMEWHERE = whereabouts()
+
+
 def pilot(
-    stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=(), suspects=(), own_place=None, problems=(), entries=()
-):
+    stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=(), suspects=(), placed=None, problems=(), entries=(),
+    told=(), reckons=None,
+):  # fmt: skip
     return SimpleNamespace(
         stage=stage,
         hypothesis=believed,
         digest=digest,
         counters=dict.fromkeys(counters, 1),
         pending=pending,
-        fusion=SimpleNamespace(log=[SimpleNamespace(entry=SimpleNamespace(sequence=number)) for number in entries]),
+        fusion=SimpleNamespace(log=Log(entries, told)),
         frames=SimpleNamespace(suspects=lambda: dict.fromkeys(suspects, "")),
-        own_place=own_place,
+        whereabouts=placed,
+        reckoning=reckons,
         problems=problems,
     )
 
@@ -65,6 +106,7 @@ def moment(time_s, places=PLACES, **changes):
     """Three healthy drones that fly at ``places``, unless changed."""
     given = {
         "velocity_mps": np.zeros((3, 3)),
+        "heading_rad": np.zeros(3),
         "source": (30.0, 30.0),
         "pilots": [pilot() for _ in range(3)],
         "commands": [command() for _ in range(3)],
@@ -72,6 +114,7 @@ def moment(time_s, places=PLACES, **changes):
         "sent": [3] * 3,
         "inboxes": [5] * 3,
         "batteries": [0.8] * 3,
+        "told_s": [time_s] * 3,
     }
     return Moment(time_s=time_s, position_m=np.array(places, dtype=np.float64), **(given | changes))
 
@@ -79,3 +122,8 @@ def moment(time_s, places=PLACES, **changes):
 def changed(drone, one, other):
     """``one`` at a drone's place, ``other`` at the others'."""
     return [one if k == drone else other() for k in range(3)]
+
+
+def with_estimated_frames(mission):
+    """The mission with drones that localise themselves each in its own way."""
+    return replace(mission, drones=[replace(drone, localization="gnss") for drone in mission.drones])

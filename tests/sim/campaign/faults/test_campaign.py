@@ -12,6 +12,7 @@ from sim.campaign.faults.mission import Mission, Verdict
 from sim.campaign.faults.summary import summarise, table, told, write_summary
 from sim.campaign.workers import attempt
 from sim.scoring.invariants.base import Violation
+from sim.scoring.invariants.judge import ANY
 
 
 def verdict(mission: Mission) -> Verdict:
@@ -77,9 +78,16 @@ def test_a_folder_holds_one_campaign_and_nothing_else(tmp_path: Path) -> None:
     fly_faults(FaultCampaign(2, 10), tmp_path, in_line, verdict)
     with pytest.raises(ConfigError, match="holds another campaign"):
         fly_faults(FaultCampaign(2, 11), tmp_path, in_line, verdict)
+    with pytest.raises(ConfigError, match="holds another campaign"):
+        fly_faults(FaultCampaign(2, 10, first=True), tmp_path, in_line, verdict)
     (tmp_path / "missions.jsonl").write_text('{"seed": 10}\n')
     with pytest.raises(ConfigError, match=r"missions.jsonl:1: not a mission"):
         fly_faults(FaultCampaign(2, 10), tmp_path, in_line, verdict)
+
+
+def test_missions_that_end_at_their_first_violation() -> None:
+    assert [mission.until for mission in FaultCampaign(2, first=True).missions()] == [ANY, ANY]
+    assert [mission.until for mission in FaultCampaign(1).missions()] == [None]
 
 
 @pytest.mark.parametrize(("runs", "seed", "text"), [(0, 0, "--runs 0"), (1, -1, "--seed -1")])

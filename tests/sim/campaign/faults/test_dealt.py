@@ -16,7 +16,8 @@ def kinds(first: int, course) -> Counter[str]:
 
 def test_successive_seeds_have_the_whole_deck_and_live_ones_a_disarmed_drone_each() -> None:
     for first in (0, 500_000):
-        assert kinds(first, DEALT) == Counter(kind for kind, _ in DECK + MISLEADING)
+        unheard = {"mavlink-loss": sum(kind == "clock" for kind, _ in DECK)}
+        assert kinds(first, DEALT) == Counter(kind for kind, _ in DECK + MISLEADING) + Counter(unheard)
     assert kinds(600_000, LIVE) == Counter(kind for kind, _ in LIVE_DECK) + Counter(disarm=3)
 
 
@@ -34,7 +35,8 @@ def test_every_mission_can_be_flown_and_its_faults_are_over_at_the_heal() -> Non
         for seed in range(60):
             scenario = parse_scenario(deal(seed, course), f"seed {seed}")
             check(scenario)
-            assert len(scenario.fault) in (0, HAND, HAND + 1)
+            clocks = sum(fault.family == "clock" for fault in scenario.fault)
+            assert len(scenario.fault) in (0, HAND + clocks, HAND + 1)
             assert all(fault.end_s <= course.heal_s or fault.for_s is None for fault in scenario.fault)
 
 
@@ -52,3 +54,31 @@ def test_the_drone_to_which_an_old_command_comes_is_struck_by_nothing_else() -> 
     held = [(hand, fault["target"]) for hand in hands for fault in hand if fault["kind"] == "old-command"]
     assert len(held) == 10
     assert all([fault.get("target") for fault in hand].count(target) == 1 for hand, target in held)
+
+
+def test_where_a_localisation_jumps_or_a_clock_is_wrong_frames_are_estimated_of_all_kinds() -> None:
+    dealt = [deal(seed, DEALT) for seed in range(500_000, 500_050)]
+    held = [document for document in dealt if {"position-jump", "clock"} & {fault["kind"] for fault in document.get("fault", [])}]
+    assert len(held) >= 10
+    for document in held:
+        drones = document["mission"]["drones"]
+        assert {drone["localization"] for drone in drones} == {"rtk", "gnss", "slam"}
+        assert any(drone["yaw_sigma_deg"] == 180.0 for drone in drones)
+
+
+def test_what_is_wrong_with_satellites_strikes_a_drone_that_follows_them() -> None:
+    for document in (deal(seed, DEALT) for seed in range(500_000, 500_050)):
+        by_slam = {drone["id"] for drone in document["mission"]["drones"] if drone.get("localization") == "slam"}
+        struck = [one for one in document.get("fault", []) if one["kind"] in ("position-jump", "satellites-lost", "spoofed")]
+        assert not any(fault["target"] in by_slam for fault in struck)
+
+
+def test_an_autopilot_is_not_heard_while_the_clock_of_its_drone_is_set() -> None:
+    clocks = 0
+    for document in (deal(seed, DEALT) for seed in range(500_000, 500_020)):
+        faults = document.get("fault", [])
+        for clock in (fault for fault in faults if fault["kind"] == "clock"):
+            silent = [one for one in faults if one["kind"] == "mavlink-loss" and one["target"] == clock["target"]]
+            assert any(one["at_s"] < clock["at_s"] - 1.0 and one["at_s"] + one["for_s"] > clock["at_s"] + 2.0 for one in silent)
+            clocks += 1
+    assert clocks == 4

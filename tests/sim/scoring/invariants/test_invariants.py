@@ -8,10 +8,10 @@ import pytest
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
-from sim.scoring.invariants.beliefs import OwnPlace, Refused, SameLogSameHypothesis, TruthPossible
+from sim.scoring.invariants.beliefs import Refused, SameLogSameHypothesis, SourceCalibrated, Summarised, TruthPossible
 from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
-from sim.scoring.invariants.judge import Judge
+from sim.scoring.invariants.judge import ANY, Judge
 from sim.scoring.invariants.liveness import Converged, Landed
 from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
 
@@ -184,18 +184,30 @@ def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
     assert told(Accused(moments.setting(corrupt)), moments.moment(20.0, pilots=pilots)) == []
 
 
-def test_a_drone_that_takes_itself_to_be_elsewhere() -> None:
-    def seen(off_m, sigma_m, times_s=range(10, 17), **of):
-        pilots = moments.changed(0, moments.pilot(own_place=((10.0 + off_m, 10.0, 3.0), sigma_m)), moments.pilot)
-        return told(
-            OwnPlace(moments.setting(*of.get("faults", ()))), *(moments.moment(time_s, pilots=pilots) for time_s in times_s)
-        )
+def too_sure(*faults, off_m=2.0, seconds=30.0):
+    """What is told of a drone whose hypothesis, of 0.5 m on each axis, is wrong by so much all the time."""
+    pilots = moments.changed(1, moments.pilot(believed=moments.hypothesis(x=30.0 + off_m)), moments.pilot)
+    invariant = SourceCalibrated(moments.setting(*faults))
+    seen = [moments.moment(float(time_s), pilots=pilots) for time_s in np.arange(10.0, 10.0 + seconds, 0.05)]
+    assert told(invariant, *seen) == []
+    return [violation.drones for violation in invariant.finish(seen[-1])]
 
-    assert seen(1.5, 0.1) == [("d1",)]
-    assert seen(1.5, 0.3) == []
-    assert seen(0.9, 0.1) == []
-    assert seen(1.5, 0.1, range(10, 15)) == []
-    assert seen(1.5, 0.1, faults=[{"kind": "position-jump", "at_s": 9.0, "target": "d1"}]) == []
+
+def test_a_hypothesis_that_is_too_sure_of_itself_over_a_flight() -> None:
+    assert too_sure() == [("d2",)]
+    assert too_sure(off_m=1.5) == []
+    assert too_sure(seconds=9.0) == []
+    assert too_sure({"kind": "camera-gain", "at_s": 12.0, "target": "d3"}) == []
+
+
+def test_a_log_that_tells_others_that_it_holds_what_it_lacks() -> None:
+    def seen(*ranges):
+        pilots = moments.changed(2, moments.pilot(entries=(1, 2, 4), told=ranges), moments.pilot)
+        return told(Summarised(moments.setting()), *(moments.moment(10.0 + 0.05 * k, pilots=pilots) for k in range(101)))
+
+    assert seen((1, 4)) == [("d3",)]
+    assert seen((1, 2)) == [("d3",)]
+    assert seen((1, 2), (4, 4)) == []
 
 
 def test_a_blind_camera_of_which_nobody_is_told() -> None:
@@ -304,3 +316,7 @@ def test_the_judge_ends_a_flight_at_the_violation_that_is_looked_for() -> None:
     near = moments.moment(10.0, places(1, 11.0, 10.0, 3.0))
     assert Judge(moments.setting(), until="collision")(near)
     assert not Judge(moments.setting(), until="fence")(near)
+    judge = Judge(moments.setting(), until=ANY)
+    assert judge(near)
+    judge.finish()
+    assert {violation.invariant for violation in judge.violations} == {"separation", "collision"}  # and not "landing"

@@ -1,0 +1,148 @@
+"""Where drones take themselves to be: separation, fence, and the meaning of all that they measure rest on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import degrees, hypot, inf, remainder, tau
+
+from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
+from sim.scoring.moment import Moment
+
+EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
+MISPLACED_M, MISTURNED_RAD = 1.0, 0.15
+UNPLACED_S = 40.0  # a drone among others has been seen many times by then
+SEEN_M = 30.0  # sightings reach as far
+CALIBRATED = 9.0  # mean squared error over variance; 1 is expected, and the errors of a flight are hardly independent
+CALIBRATED_S = 20.0  # a mean over less says nothing
+FLOOR_M = 0.3  # smaller errors of a vehicle's own localisation are no errors of its frame
+HEARS_S = 0.5  # telemetry comes 20 times a second
+_LOOK_TICKS = 10
+
+
+class _Placed(Invariant[Moment]):
+    """An invariant of drones in the air whose own positions can be known.
+
+    Exempt is a drone whose own position is faulted, or that does not hear its vehicle; and where frames are estimated, everybody
+    from the first fault on that puts wrong observations into every log.
+    """
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self.estimated = not all(drone.is_exact for drone in setting.mission.drones)
+        self._until_s = setting.misled_s if self.estimated else inf
+
+    def placeable(self, moment: Moment) -> Iterator[int]:
+        """The drones that are not exempt."""
+        if moment.time_s < self._until_s:
+            for drone in range(len(moment.pilots)):
+                hears = moment.time_s - moment.told_s[drone] < HEARS_S
+                if hears and moment.airborne(drone) and not self.setting.struck_unannounced(drone, moment.time_s, RECOVERY_S):
+                    yield drone
+
+
+class OwnPlace(_Placed):
+    """No drone excludes its own true place at 6 sigma, and by a metre, for 5 s; nor its own heading, and by 0.15 rad."""
+
+    name = "own-place"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self._since_s: dict[int, float] = {}
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Drones that have been wrong for too long."""
+        wrong = {drone: text for drone in self.placeable(moment) if (text := _excluded(moment, drone))}
+        self._since_s = {drone: self._since_s.get(drone, moment.time_s) for drone in wrong}
+        for drone, since_s in self._since_s.items():
+            if moment.time_s - since_s > EXCLUDED_S:
+                yield Breach((drone,), wrong[drone])
+
+
+class Calibrated(_Placed):
+    """Over a flight, the mean square of a drone's position error is no more than 9 times the variance that it states.
+
+    A frame that follows one receiver's error closely, with a sigma of a fraction of it, excludes the truth too seldom at 6 sigma.
+    """
+
+    name = "calibrated"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self.sums = [0.0] * len(setting.names)
+        self.counts = [0] * len(setting.names)
+        self._ticks = 0
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Nothing in flight; counted twice a second."""
+        self._ticks += 1
+        if self.estimated and self._ticks % _LOOK_TICKS == 0:
+            for drone in self.placeable(moment):
+                pilot = moment.pilots[drone]
+                placed = pilot.whereabouts if pilot is not None else None
+                if placed is not None and placed.sigma_m > 0.0:
+                    off_m = max(0.0, _off_m(moment, drone, placed.place_m) - FLOOR_M)
+                    self.sums[drone] += (off_m / placed.sigma_m) ** 2
+                    self.counts[drone] += 1
+        yield from ()
+
+    def at_end(self, moment: Moment) -> Iterator[Breach]:
+        """Drones that were too sure of where they were."""
+        for drone, (total, count) in enumerate(zip(self.sums, self.counts, strict=True)):
+            if count >= CALIBRATED_S * 20 / _LOOK_TICKS and total / count > CALIBRATED:
+                yield Breach((drone,), f"its squared position error is {total / count:.0f} times the variance that it states")
+
+
+class KnowsItsPlace(_Placed):
+    """A drone in the air that two others have been near for 40 s knows where it is, and does not wait for ever."""
+
+    name = "placed"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self._unplaced_s = [0.0] * len(setting.names)
+        self._last_s = 0.0
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Drones that do not know it."""
+        step_s, self._last_s = moment.time_s - self._last_s, moment.time_s
+        for drone in self.placeable(moment) if self.estimated else ():
+            pilot = moment.pilots[drone]
+            if pilot is None or pilot.whereabouts is not None:
+                self._unplaced_s[drone] = 0.0
+            elif self._is_seen(moment, drone):
+                self._unplaced_s[drone] += step_s
+            if self._unplaced_s[drone] > UNPLACED_S:
+                yield Breach((drone,), f"it does not know where it is, {UNPLACED_S:g} s among others")
+
+    def _is_seen(self, moment: Moment, drone: int) -> bool:
+        x, y, _ = moment.position_m[drone].tolist()
+        near = [
+            other
+            for other, pilot in enumerate(moment.pilots)
+            if other != drone
+            and pilot is not None
+            and moment.airborne(other)
+            and hypot(moment.position_m[other, 0] - x, moment.position_m[other, 1] - y) < SEEN_M
+        ]
+        return len(near) >= 2
+
+
+def _excluded(moment: Moment, drone: int) -> str:
+    """How a drone excludes where it is, or where it points; empty where it does not."""
+    pilot = moment.pilots[drone]
+    placed = pilot.whereabouts if pilot is not None else None
+    if placed is None:
+        return ""
+    off_m = _off_m(moment, drone, placed.place_m)
+    if off_m > max(MISPLACED_M, EXCLUDED_SIGMAS * placed.sigma_m):
+        return f"{off_m:.1f} m from where it takes itself to be, sigma {placed.sigma_m:.2f} m"
+    off_rad = abs(remainder(placed.yaw_rad - float(moment.heading_rad[drone]), tau))
+    if off_rad > max(MISTURNED_RAD, EXCLUDED_SIGMAS * placed.yaw_sigma_rad):
+        sigma_deg = degrees(placed.yaw_sigma_rad)
+        return f"{degrees(off_rad):.0f} degrees from where it takes itself to point, sigma {sigma_deg:.1f}"
+    return ""
+
+
+def _off_m(moment: Moment, drone: int, place_m: tuple[float, float, float]) -> float:
+    x, y, _ = moment.position_m[drone].tolist()
+    return hypot(place_m[0] - x, place_m[1] - y)

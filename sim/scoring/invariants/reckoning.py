@@ -1,0 +1,137 @@
+"""What drones reckon with while they fly: where the others are, the room that is theirs, and news of their own vehicles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import dist, inf
+
+import shapely
+from shapely import Polygon
+
+from agent.pilot import Pilot
+from sim.faults.agents import Late
+from sim.faults.base import Family
+from sim.scoring.invariants.base import Breach, Invariant, Setting
+from sim.scoring.moment import Moment
+
+NEAR_M = 12.0  # others that are farther away need not be reckoned with yet
+LAYER_M = 2.5  # who flies so much higher or lower may be passed
+FARTHER_M, SIGMAS = 4.0, 3.0  # by how much another may be nearer than it is believed to be: twice the margin of plans, and its doubt
+UNRECKONED_S = 3.0  # one that falls silent is reckoned with after a second, and ways around others change
+ROOM_M, WIDE_S = 1.0, 1.0  # the room follows the estimated frame in steps of 0.3 m
+UNTOLD_S = 1.5  # agents fly by telemetry that is up to a second old
+_ELSEWHERE: tuple[Family, ...] = ("liar", "pose", "thrust")  # who tells that it is where it is not
+_LOW_M = 1.5  # one that is lower may take itself to have landed
+
+
+class Reckoned(Invariant[Moment]):
+    """No drone that flies by setpoints takes another one for farther away than it is, whether it hears that one or not.
+
+    By 4 m and 3 sigma, for 3 s, of vehicles less than 12 m away and at its height. Exempt is whose own position or thrust is
+    faulted or who lies; an agent that was started late, or again: it may never have heard others, nor they it; and a drone that
+    does not know where it is: what the others tell of themselves means nothing to it until it has seen them.
+    """
+
+    name = "reckoned"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        late = [fault for fault in setting.scenario.fault if isinstance(fault, Late)]
+        self._late = {setting.names.index(name) for fault in late for name in fault.strikes(setting.names)}
+        self._first: list[Pilot | None] = [None] * len(setting.names)
+        self._since_s: dict[tuple[int, int], float] = {}
+        self._found: dict[tuple[int, int], str] = {}
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Pairs: who does not reckon with whom."""
+        for drone, pilot in enumerate(moment.pilots):
+            if self._first[drone] is None:
+                self._first[drone] = pilot
+            for other in range(len(moment.pilots)):
+                if other != drone:
+                    self._note(moment, drone, other, pilot)
+        for pair, since_s in self._since_s.items():
+            if moment.time_s - since_s > UNRECKONED_S:
+                yield Breach(pair, self._found[pair])
+
+    def _note(self, moment: Moment, drone: int, other: int, pilot: Pilot | None) -> None:
+        farther_m = self._farther_m(moment, drone, other, pilot)
+        if farther_m <= 0.0:
+            self._since_s.pop((drone, other), None)
+            return
+        self._since_s.setdefault((drone, other), moment.time_s)
+        apart_m = _apart_m(moment, drone, other)
+        taken = "does not reckon with it" if farther_m == inf else f"takes it for {farther_m:.1f} m farther away"
+        self._found[drone, other] = f"{apart_m:.1f} m from the other, and {taken}"
+
+    def _farther_m(self, moment: Moment, drone: int, other: int, pilot: Pilot | None) -> float:
+        """How much farther away a drone takes another to be than allowed."""
+        if pilot is None or pilot.whereabouts is None or self._is_new(drone, pilot) or self._is_new(other, moment.pilots[other]):
+            return 0.0
+        reckoning, (mine, theirs) = pilot.reckoning, moment.position_m[[drone, other], 2].tolist()
+        if (
+            reckoning is None
+            or moment.autopilots[drone].setpoint_age_s is None
+            or abs(mine - theirs) > LAYER_M
+            or theirs < _LOW_M
+        ):
+            return 0.0
+        apart_m = _apart_m(moment, drone, other)
+        if apart_m > NEAR_M or any(self.setting.struck(_ELSEWHERE, one, moment.time_s, 15.0) for one in (drone, other)):
+            return 0.0
+        believed_m = reckoning.distance_m(self.setting.names[other], SIGMAS)
+        return believed_m - apart_m - FARTHER_M
+
+    def _is_new(self, drone: int, pilot: Pilot | None) -> bool:
+        return drone in self._late or (pilot is not None and pilot is not self._first[drone])
+
+
+class Confined(Invariant[Moment]):
+    """The room in which a drone lets itself fly lies inside the mission's fence, by a metre, as that drone knows its frame."""
+
+    name = "confined"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        area = setting.mission.area
+        self._fence = Polygon(area.polygon_m).buffer(area.fence_margin_m + ROOM_M)
+        shapely.prepare(self._fence)
+        self._since_s: dict[int, float] = {}
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Drones whose room is too wide."""
+        outside = {
+            drone: over_m
+            for drone, pilot in enumerate(moment.pilots)
+            if pilot is not None and (over_m := self._over_m(pilot)) > 0.0
+        }
+        self._since_s = {drone: self._since_s.get(drone, moment.time_s) for drone in outside}
+        for drone, since_s in self._since_s.items():
+            if moment.time_s - since_s > WIDE_S:
+                yield Breach((drone,), f"it may fly {outside[drone] + ROOM_M:.1f} m beyond the fence")
+
+    def _over_m(self, pilot: Pilot) -> float:
+        """How far the room reaches beyond what is allowed."""
+        corners = pilot.reckoning.corners_m if pilot.reckoning is not None else None
+        if corners is None:
+            return 0.0
+        if shapely.contains_xy(self._fence, corners).all():
+            return 0.0
+        return float(shapely.distance(self._fence, shapely.points(corners)).max())
+
+
+class FreshTelemetry(Invariant[Moment]):
+    """No agent gives a setpoint by telemetry that has not come for 1.5 s: the vehicle may be anywhere."""
+
+    name = "telemetry-age"
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Drones that are flown blind."""
+        for drone, (command, told_s) in enumerate(zip(moment.commands, moment.told_s, strict=True)):
+            if command is not None and command.setpoint is not None and moment.time_s - told_s > UNTOLD_S:
+                yield Breach((drone,), f"flown by telemetry of {moment.time_s - told_s:.1f} s ago")
+
+
+def _apart_m(moment: Moment, drone: int, other: int) -> float:
+    """True horizontal distance."""
+    return dist(moment.position_m[drone, :2].tolist(), moment.position_m[other, :2].tolist())

@@ -1,0 +1,135 @@
+"""Where drones take themselves and others to be: each invariant is shown what it must not accept, and beside it what it must."""
+
+import moments
+import numpy as np
+
+from agent.vehicle.interface import FlightMode
+from sim.scoring.invariants.place import Calibrated, KnowsItsPlace, OwnPlace
+from sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
+
+JUMP = {"kind": "position-jump", "at_s": 5.0, "for_s": 2.0, "target": "d2", "turn_deg": 45.0}
+
+
+def estimated(*faults):
+    """A setting in which frames are estimated."""
+    found = moments.setting(*faults)
+    found.mission = moments.with_estimated_frames(found.mission)
+    return found
+
+
+def seen(invariant, one, *, seconds=7.0, **changes):
+    """Who violates it while the first drone's pilot is this one; in flight and at the end."""
+    pilots = moments.changed(0, one, moments.pilot)
+    times_s = np.arange(10.0, 10.0 + seconds, 0.05)
+    found = [one for time_s in times_s for one in invariant.look(moments.moment(float(time_s), pilots=pilots, **changes))]
+    found += invariant.finish(moments.moment(float(times_s[-1]), pilots=pilots, **changes))
+    return [violation.drones for violation in found]
+
+
+def placed(**at):
+    return moments.pilot(placed=moments.whereabouts(**at))
+
+
+def test_a_drone_that_takes_itself_to_be_elsewhere() -> None:
+    assert seen(OwnPlace(moments.setting()), placed(x=11.5)) == [("d1",)]
+    assert seen(OwnPlace(moments.setting()), placed(x=11.5, sigma_m=0.3)) == []
+    assert seen(OwnPlace(moments.setting()), placed(x=10.9)) == []
+    assert seen(OwnPlace(moments.setting()), placed(x=11.5), seconds=4.9) == []
+    assert seen(OwnPlace(moments.setting(JUMP | {"target": "d1", "for_s": 9.0})), placed(x=11.5)) == []
+    assert seen(OwnPlace(moments.setting()), placed(x=11.5), told_s=[9.0, 10.0, 10.0]) == []  # it does not hear its vehicle
+
+
+def test_a_drone_that_takes_itself_to_point_elsewhere() -> None:
+    assert seen(OwnPlace(moments.setting()), placed(yaw_rad=0.2)) == [("d1",)]
+    assert seen(OwnPlace(moments.setting()), placed(yaw_rad=0.2 - 2.0 * np.pi)) == [("d1",)]
+    assert seen(OwnPlace(moments.setting()), placed(yaw_rad=0.2, yaw_sigma_rad=0.05)) == []
+    assert seen(OwnPlace(moments.setting()), placed(yaw_rad=2.0 * np.pi + 0.1)) == []
+
+
+def test_a_jump_that_is_announced_exempts_nobody_else_and_its_drone_for_a_while() -> None:
+    wrong, announced = placed(x=11.5), JUMP | {"announced": True}
+    assert seen(OwnPlace(estimated(JUMP)), wrong) == []
+    assert seen(OwnPlace(estimated(announced)), wrong) == [("d1",)]
+    assert seen(OwnPlace(estimated(announced | {"target": "d1"})), wrong) == []
+    assert seen(OwnPlace(estimated(announced | {"target": "d1"})), wrong, seconds=20.0) == [("d1",)]
+    assert seen(OwnPlace(estimated(announced | {"target": "d1", "for_s": 40.0})), wrong, seconds=20.0) == [("d1",)]
+
+
+def test_a_drone_that_is_too_sure_of_where_it_is_over_a_flight() -> None:
+    assert seen(Calibrated(estimated()), placed(x=10.8), seconds=30.0) == [("d1",)]
+    assert seen(Calibrated(estimated()), placed(x=10.8, sigma_m=0.2), seconds=30.0) == []
+    assert seen(Calibrated(estimated()), placed(x=10.8), seconds=15.0) == []
+    assert seen(Calibrated(moments.setting()), placed(x=10.8), seconds=30.0) == []
+
+
+def test_a_drone_among_others_that_does_not_get_to_know_where_it_is() -> None:
+    assert seen(KnowsItsPlace(estimated()), moments.pilot(), seconds=41.0)[0] == ("d1",)
+    others = moments.pilot(placed=moments.whereabouts())
+    pilots = [moments.pilot(), others, others]
+    alone = [(200.0, 10.0, 3.0), *moments.PLACES[1:]]
+    for where, expected in ((moments.PLACES, [("d1",)]), (alone, [])):
+        invariant = KnowsItsPlace(estimated())
+        times_s = np.arange(0.0, 41.0, 0.05)
+        assert [
+            one.drones for time_s in times_s for one in invariant.look(moments.moment(float(time_s), where, pilots=pilots))
+        ] == expected
+
+
+def reckons(placed=moments.SOMEWHERE, **of):
+    return moments.pilot(reckons=moments.reckoning(**of), placed=placed)
+
+
+def test_another_drone_that_is_nearer_than_believed() -> None:
+    """The other one is 10 m away, d3 too; who reckons with nobody is told of once for each."""
+
+    def told(one, *faults, **changes):
+        return [drones for drones in seen(Reckoned(moments.setting(*faults)), one, **changes) if drones[1] == "d2"]
+
+    assert told(reckons(other=(25.0, 10.0, 3.0))) == [("d1", "d2")]
+    assert told(reckons(name="d3")) == [("d1", "d2")]
+    assert told(reckons(other=(23.5, 10.0, 3.0))) == []
+    assert told(reckons(other=(25.0, 10.0, 3.0), sigma_m=0.5)) == []
+    assert told(reckons(other=(13.0, 10.0, 3.0))) == []
+    assert told(reckons(other=(25.0, 10.0, 3.0)), seconds=2.5) == []
+    assert told(moments.pilot(placed=moments.SOMEWHERE)) == []  # somebody else flies it
+    assert told(reckons(name="d3", placed=None)) == []
+    assert told(reckons(name="d3"), JUMP) == []
+    assert told(reckons(name="d3"), {"kind": "late", "at_s": 5.0, "target": "d1"}) == []
+    held = moments.changed(0, moments.autopilot(FlightMode.HOLD, setpoint_age_s=None), moments.autopilot)
+    assert told(reckons(name="d3"), autopilots=held) == []
+    above = [moments.PLACES[0], (20.0, 10.0, 6.0), moments.PLACES[2]]
+    assert told(reckons(name="d3"), places=above) == []
+
+
+def test_a_line_that_another_one_is_beyond_is_reckoned_with() -> None:
+    def told(x):
+        behind = reckons(other=(x, 10.0, 3.0), away=np.array([[-1.0, 0.0]]))
+        return [drones for drones in seen(Reckoned(moments.setting()), behind) if drones[1] == "d2"]
+
+    assert told(15.0) == []
+    assert told(25.0) == [("d1", "d2")]
+
+
+def test_an_agent_that_was_started_again_may_not_know_of_others() -> None:
+    invariant = Reckoned(moments.setting())
+    first, again = reckons(), reckons(name="d3")
+    pilots = [moments.changed(0, one, moments.pilot) for one in (first, again)]
+    assert invariant.look(moments.moment(10.0, pilots=pilots[0])) == []
+    later = [invariant.look(moments.moment(10.0 + 0.5 * k, pilots=pilots[1])) for k in range(1, 12)]
+    assert not any("d2" in violation.drones for found in later for violation in found)
+
+
+def test_room_beyond_the_fence() -> None:
+    assert seen(Confined(moments.setting()), reckons(room=22.0)) == [("d1",)]
+    assert seen(Confined(moments.setting()), reckons(room=19.0)) == []
+    assert seen(Confined(moments.setting()), reckons(room=22.0), seconds=0.9) == []
+
+
+def test_a_setpoint_without_news_of_the_vehicle() -> None:
+    def told(age_s, **changes):
+        found = FreshTelemetry(moments.setting()).look(moments.moment(10.0, told_s=[10.0, 10.0 - age_s, 10.0], **changes))
+        return [violation.drones for violation in found]
+
+    assert told(1.6) == [("d2",)]
+    assert told(1.4) == []
+    assert told(5.0, commands=[moments.command(), None, moments.command()]) == []
