@@ -121,14 +121,16 @@ def release_name(wheels: Iterable[Path], computer: Computer) -> str:
 
 
 def drone_files(order: Order, computer: Computer, issue: Callable[[Path], None], work: Path, now_ns: int) -> bytes:
-    """The drone's files as a tar archive; with a new identity, unless the one that is there is good for longer."""
+    """The drone's files as a tar archive; with a new identity, unless the one that is there is good for longer. Their date is
+    that of now: by it the computer sees whether its own clock is dead.
+    """
     made = {name: data for name, data in files_of(order.fleet, order.drone).items() if name.parts[0] not in _NOT_ITS_OWN}
     if not keeps_certificate(order, computer, now_ns):
         issue(work / "identity")
         made |= {PurePosixPath("identity") / file.name: file.read_bytes() for file in (work / "identity").iterdir()}
     elif (revoked := order.pki.folder / REVOKED_FILE).is_file():
         made[PurePosixPath(REVOKED_FILE)] = revoked.read_bytes()
-    return _tar({str(name): (data, 0o600) for name, data in made.items()})
+    return _tar({str(name): (data, 0o600) for name, data in made.items()}, now_ns // 1_000_000_000)
 
 
 def keeps_certificate(order: Order, computer: Computer, now_ns: int) -> bool:
@@ -175,11 +177,11 @@ async def _send_packages(host: Host, wheels: list[Path], release: str, work: Pat
     await send(host, archive, place, progress)
 
 
-def _tar(made: dict[str, tuple[bytes, int]]) -> bytes:
+def _tar(made: dict[str, tuple[bytes, int]], epoch: int = 0) -> bytes:
     out = io.BytesIO()
     with tarfile.open(fileobj=out, mode="w") as archive:
         for name, (data, mode) in sorted(made.items()):
             entry = tarfile.TarInfo(name)
-            entry.size, entry.mode = len(data), mode
+            entry.size, entry.mode, entry.mtime = len(data), mode, epoch
             archive.addfile(entry, io.BytesIO(data))
     return out.getvalue()
