@@ -98,20 +98,30 @@ def make_packages(order: Order, platform: Platform, work: Path) -> list[Path]:
     Raises:
         ImageError: one cannot be fetched or built.
     """
+    if not order.online:
+        return collect(order.source, order.cache, platform)
+    log = order.cache / "install.log"
     order.cache.mkdir(parents=True, exist_ok=True)
-    epoch, log, cache = release_of(order.source).epoch, order.cache / "install.log", order.cache / "wheels"
-    log.write_text("")
-    try:
-        if not order.online:
-            return make_wheels(order.source, cache, epoch, log, platform, ("pip",))
-        run_here([sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(work / "pip"), "pip"], log)
-        make_own_wheel(order.source, work, work / "pip", epoch, log)
-    except ImageError as error:
-        kind = f"Python {platform.python} on {MACHINES[platform.machine]}"
-        raise ImageError(f"the packages for {kind}: {error}") from None
+    run_here([sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(work / "pip"), "pip"], log)
+    make_own_wheel(order.source, work, work / "pip", release_of(order.source).epoch, log)
     constraints = work / "pip/constraints.txt"
     constraints.write_bytes((order.source / "constraints.txt").read_bytes())
     return sorted((work / "pip").iterdir())
+
+
+def collect(source: Path, cache: Path, platform: Platform) -> list[Path]:
+    """All wheels for a kind of computer, and pip's own, fetched or from the cache.
+
+    Raises:
+        ImageError: one cannot be fetched or built; it names the package.
+    """
+    cache.mkdir(parents=True, exist_ok=True)
+    log = cache / "install.log"
+    log.write_text("")
+    try:
+        return make_wheels(source, cache / "wheels", release_of(source).epoch, log, platform, ("pip",))
+    except ImageError as error:
+        raise ImageError(f"the packages for Python {platform.python} on {MACHINES[platform.machine]}: {error}") from None
 
 
 def release_name(wheels: Iterable[Path], computer: Computer) -> str:

@@ -42,6 +42,8 @@ drones = [{{ id = "d1", address = "127.0.0.11" }}, {{ id = "d2", address = "127.
 """
 
 
+_CHRONY = "/etc/chrony"
+_OTHERS = "server 127.0.0.12 iburst minpoll 2 maxpoll 5"
 _ESTIMATOR = f"""
 for process in $(pgrep --full '[ ]{foldworker.__name__}'); do
     limit=$(sed -n 's/^Max data size *\\([0-9a-z]*\\) .*/\\1/p' /proc/$process/limits)
@@ -61,7 +63,7 @@ class Bench:
 
     def deploy(self, what: str, *options: str) -> subprocess.CompletedProcess[str]:
         """A command of radron-deploy for that computer."""
-        ssh = [part for option in self.host.options for part in ("--ssh-option", option)]
+        ssh = [part for option in self.host.options for part in ("--ssh", option)]
         command = [DEPLOY, what, f"{self.host.address}:{self.host.port}", *options, *ssh]
         environment = {**os.environ, "RADRON_PKI_PASSPHRASE": "four words are enough", "COLUMNS": "250"}
         return subprocess.run(
@@ -109,6 +111,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 def test_from_an_empty_computer_to_a_drone_and_back(bench: Bench) -> None:
     assert bench.there("ls -d /opt/radron*") == ""
+    bench.there(f"mkdir -p {_CHRONY}/conf.d {_CHRONY}/sources.d")  # as where chrony is installed
     first = bench.install()
     assert first.returncode == 0, first.stderr
     assert "is d1 now" in first.stdout
@@ -132,6 +135,10 @@ def test_from_an_empty_computer_to_a_drone_and_back(bench: Bench) -> None:
     assert "d1, drone, until " in examined.stdout
     bad = examined.stdout.rstrip().splitlines()[-1].partition(": ")[2].split(", ")
     assert set(bad) <= {"chrony", "d2"}  # there is no d2; chrony is not everywhere
+
+    assert bench.there(f"cat {_CHRONY}/*/radron.*") == "allow 127.0.0.0/8\nlocal stratum 10 orphan\n" + _OTHERS
+    bench.there("touch -d 2100-01-01 /etc/radron/identity/certificate.pem; systemctl restart radron-provision")  # a dead clock
+    assert bench.there(f"cat {_CHRONY}/*/radron.*") == "allow 127.0.0.0/8\n" + _OTHERS
 
     before = bench.there("readlink -f /opt/radron; sha256sum /etc/radron/identity/*; stat -c %i /opt/radron/complete")
     (bench.folder / "mission.toml").write_text(MISSION.replace('"yard"', '"meadow"'))
