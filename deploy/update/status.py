@@ -119,7 +119,7 @@ def _release(told: Computer, fleet: Fleet | None) -> Cell:
 def _slot(told: Computer) -> Cell:
     if told.trial is not None and told.trial.slot == told.slot:
         return Cell(f"{told.slot}, on trial, attempt {told.attempts} of {MOST_ATTEMPTS}", stands_out=True)
-    return Cell(told.slot)
+    return Cell(told.slot or "none")
 
 
 def _outcome(told: Computer) -> Cell:

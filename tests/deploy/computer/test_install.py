@@ -67,7 +67,7 @@ class Bench:
         command = [DEPLOY, what, f"{self.host.address}:{self.host.port}", *options, *ssh]
         environment = {**os.environ, "RADRON_PKI_PASSPHRASE": "four words are enough", "COLUMNS": "250"}
         return subprocess.run(
-            command, capture_output=True, text=True, check=False, cwd=self.folder, env=environment, timeout=600.0
+            command, capture_output=True, text=True, check=False, cwd=self.folder, env=environment, timeout=1500.0
         )
 
     def install(self, *options: str) -> subprocess.CompletedProcess[str]:
@@ -134,7 +134,7 @@ def test_from_an_empty_computer_to_a_drone_and_back(bench: Bench) -> None:
     assert "sees background: " in examined.stdout
     assert "d1, drone, until " in examined.stdout
     bad = examined.stdout.rstrip().splitlines()[-1].partition(": ")[2].split(", ")
-    assert set(bad) <= {"chrony", "d2"}  # there is no d2; chrony is not everywhere
+    assert set(bad) <= {"chrony", "d2", "reach d2"}  # there is no d2; chrony and ping are not everywhere
 
     assert bench.there(f"cat {_CHRONY}/*/radron.*") == "allow 127.0.0.0/8\nlocal stratum 10 orphan\n" + _OTHERS
     bench.there("touch -d 2100-01-01 /etc/radron/identity/certificate.pem; systemctl restart radron-provision")  # a dead clock

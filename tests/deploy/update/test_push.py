@@ -18,7 +18,7 @@ from deploy.remote import Host, RemoteError
 from deploy.update import hosts, push
 from deploy.update.errors import UpdateError
 from protocol.messages import Stage
-from protocol.onboard import Needs, Outcome, Release, Trial
+from protocol.onboard import Computer, Needs, Outcome, Release, Trial
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKING is not None, reason=LACKING or "")]
 
@@ -138,6 +138,20 @@ def test_a_computer_that_does_not_answer_does_not_keep_the_others_from_it(fleet:
     done = fleet.push("d2", "d1", bundle=fleet.bundle())
     assert str(done[0]).startswith("d2 (127.0.0.1): answers, but has no SSH server at this port")
     assert isinstance(done[1], Outcome)
+
+
+def test_a_computer_that_the_agent_was_installed_on_gets_no_bundle(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
+    installed = msgspec.structs.replace(fleet.computer("d1").status(), slot="", slots={})
+
+    async def ask(_: Host) -> Computer:
+        return installed
+
+    monkeypatch.setattr(push, "ask", ask)
+    done = fleet.push("d1", bundle=fleet.bundle())
+    assert str(done[0]).endswith(
+        "it does not run the onboard image, and has no slots: `radron-deploy install` brings it up to date"
+    )
+    assert not (fleet.folder / "d1/incoming").exists()
 
 
 def test_a_computer_without_our_image_is_told_so(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
