@@ -91,7 +91,7 @@ class Host:
         for sign, meaning in _CAUSES:
             if sign in said:
                 return self.error(meaning.format(known=known, destination=f"{self.user}@{self.address}"))
-        return self.error(f"the connection was lost: {_last_line(said) or 'no reason given'}; run this again")
+        return self.error(f"the connection was lost: {_last_line(said) or 'it no longer answers'}; run this again")
 
 
 async def run(host: Host, command: str, given: bytes = b"", tell: Callable[[str], None] | None = None) -> str:
@@ -138,9 +138,12 @@ async def send(host: Host, file: Path, target: str, progress: Progress) -> None:
         return progress(total, total)
     done = int(found or 0)
     if done > total:
+        await run(host, f"rm -f {part}")
         done = 0
     progress(done, total)
-    async with _started(host, f"cat {'>>' if done else '>'} {part}") as (process, errors):
+    # To its place, not to the end: what a lost connection had under way may still arrive, and is the same there.
+    write = f"dd bs={_CHUNK_BYTES} of={part} seek={done} oflag=seek_bytes conv=notrunc status=none"
+    async with _started(host, write) as (process, errors):
         assert process.stdin is not None
         with file.open("rb") as source, suppress(BrokenPipeError, ConnectionResetError):  # why is in its exit code
             source.seek(done)
@@ -151,7 +154,8 @@ async def send(host: Host, file: Path, target: str, progress: Progress) -> None:
                 progress(done, total)
             process.stdin.close()
         await _ended(host, process, errors, [])
-    done_there = await run(host, f"if {whole}; then sync {part} && mv {part} {place}; echo whole; else rm -f {part}; fi")
+    kept = f"if {whole}; then sync {part} && mv {part} {place}; echo whole; elif {there}; then echo whole; else rm -f {part}; fi"
+    done_there = await run(host, kept)
     if done_there.strip() != "whole":
         raise host.error(f"the copy of {file.name} differs from the file, and was removed; run this again")
 

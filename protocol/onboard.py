@@ -110,8 +110,9 @@ class Outcome(Struct, frozen=True, kw_only=True):
 class Computer(Struct, frozen=True, kw_only=True):
     """One onboard computer, as ``radron-update status`` tells it.
 
-    ``slots``: releases in them, as far as known; ``attempts``: boots of the present slot since it was last confirmed; ``busy``:
-    an update is being installed; ``clock_ns``: UTC; ``clock_offset_s``: from its time servers, None: none is reached;
+    ``slot``: it runs from; empty: it has none, as the agent was installed on another system. ``slots``: releases in them, as far
+    as known; ``attempts``: boots of the present slot since it was last confirmed; ``busy``: an update is being installed;
+    ``clock_ns``: UTC; ``clock_offset_s``: from its time servers, None: none is reached;
     ``certificate_ns``: end of the drone's certificate.
     """
 

@@ -7,31 +7,32 @@ import shutil
 import subprocess
 import time
 from contextlib import suppress
+from importlib.metadata import version
 from pathlib import Path
 
 from agent.update.records import REPORT, Records, own_release, read_report
 from agent.update.slots import Slots
-from protocol.onboard import Computer
+from protocol.onboard import Computer, Release
 
-CERTIFICATE = Path("/config/identity/certificate.pem")
+CERTIFICATE = Path("/run/credstore/certificate.pem")
 _UNIT = "radron-agent"
 
 
 def look(slots: Slots, records: Records) -> Computer:
-    """This computer at present.
+    """This computer at present, also one without slots.
 
     Raises:
-        UpdateError: it was not started from a slot.
+        UpdateError: the boot loader's variables cannot be read.
     """
-    disk, slot = shutil.disk_usage(records.folder if records.folder.exists() else "/"), slots.booted
+    disk, slot = shutil.disk_usage(records.folder if records.folder.exists() else "/"), slots.found
     return Computer(
         name=os.uname().nodename,
-        release=own_release(),
-        slot=slot,
+        release=own_release() if slot is not None else Release(version=version("radron")),
+        slot=slot or "",
         slots=records.slots,
-        attempts=slots.attempts(slot),
+        attempts=slots.attempts(slot) if slot is not None else 0,
         trial=records.trial,
-        busy=records.busy,
+        busy=slot is not None and records.busy,
         outcome=records.outcome,
         report=read_report(REPORT, time.monotonic()),
         agent=agent_state(),

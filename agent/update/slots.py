@@ -34,10 +34,16 @@ class Slots:
         Raises:
             UpdateError: it runs from none.
         """
-        found = re.search(r"\brauc\.slot=([AB])\b", self._cmdline.read_text())
-        if found is None:
+        slot = self.found
+        if slot is None:
             raise UpdateError("this computer was not started from one of radron's slots: it cannot be updated; flash its disk")
-        return found[1]
+        return slot
+
+    @property
+    def found(self) -> str | None:
+        """The slot that this system runs from; None on a computer that has none, as after ``radron-deploy install``."""
+        found = re.search(r"\brauc\.slot=([AB])\b", self._cmdline.read_text())
+        return None if found is None else found[1]
 
     @property
     def primary(self) -> str:

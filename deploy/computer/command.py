@@ -1,4 +1,4 @@
-"""``radron-deploy install``, ``uninstall`` and ``doctor``: one onboard computer over SSH."""
+"""``radron-deploy install``, ``packages``, ``uninstall`` and ``doctor``: one onboard computer over SSH."""
 
 from __future__ import annotations
 
@@ -6,20 +6,19 @@ import asyncio
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from deploy.image.command import CACHE, CacheOption
+from deploy.image.wheels import IMAGE, Platform
 from deploy.pki.command import KeyOption, PkiOption, passphrase
+from deploy.update.command import SshOption
 
 if TYPE_CHECKING:
     from deploy.remote import Progress
 
 HostArgument = Annotated[str, typer.Argument(metavar="HOST", help="[USER@]ADDRESS[:PORT], as for ssh; by default root.")]
-SshOption = Annotated[
-    list[str] | None, typer.Option("--ssh-option", metavar="NAME=VALUE", help="For ssh, such as IdentityFile=key.")
-]
 
 
 def install(
@@ -54,6 +53,23 @@ def install(
     place = Host.parse(host, ssh or ())
     asyncio.run(install_there(place, order, issue, time.time_ns(), _say, _quarters()))
     print(f"{host}: is {drone} now; examine it with `radron-deploy doctor {host}`")
+
+
+def packages(
+    machine: Annotated[Literal["amd64", "arm64"], typer.Option(help="Its processor.")] = "arm64",
+    python: Annotated[str, typer.Option(metavar="VERSION", help="Its Python: 3.11 of Debian 12, 3.12 of Ubuntu 24.04.")] = "3.11",
+    glibc: Annotated[int, typer.Option(metavar="MINOR", help="Its C library: 36 of 2.36, Debian 12.")] = IMAGE.glibc,
+    source: Annotated[Path, typer.Option(metavar="FOLDER", help="The checkout.")] = Path(),
+    cache: CacheOption = CACHE,
+) -> None:
+    """Collect the packages that `install` takes to a kind of computer, without one: is there a wheel of each for it?"""
+    from deploy.computer.host import MACHINES  # noqa: PLC0415
+    from deploy.computer.install import collect  # noqa: PLC0415
+
+    name = next(name for name, debian in MACHINES.items() if debian == machine)
+    found = collect(source.resolve(), cache.resolve(), Platform(python, name, glibc))
+    size = sum(wheel.stat().st_size for wheel in found) / 1e6
+    print(f"Python {python} on {machine}: all {len(found)} packages, {size:.0f} MB")
 
 
 def uninstall(
@@ -122,4 +138,4 @@ def _quarters() -> Progress:
     return progress
 
 
-COMMANDS: tuple[Callable[..., None], ...] = (install, uninstall, doctor)
+COMMANDS: tuple[Callable[..., None], ...] = (install, packages, uninstall, doctor)

@@ -15,7 +15,7 @@ from deploy.remote import Host, run
 MACHINES = {"x86_64": "amd64", "aarch64": "arm64"}
 LEAST_FREE_MB = 1500
 _OLDEST_PYTHON, _OLDEST_SYSTEMD, _OLDEST_GLIBC = (3, 11), 250, 28
-_ON_GROUND = ("preflight", "landed")  # stages of an agent that does not fly
+_ON_GROUND = ("", "starting", "preflight", "landed")  # what an agent that does not fly says; one in flight starts in no time
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def check_alone(host: Host, values: dict[str, list[str]]) -> None:
     stage = next(iter(values.get("stage", ())), "")
     if "image" in values:
         raise host.error("it runs the onboard image; its disk is written with `radron-deploy image flash`")
-    if "armed" in values or (stage and stage not in _ON_GROUND and not stage.startswith("waiting:")):
+    if "armed" in values or (stage not in _ON_GROUND and not stage.startswith("waiting:")):
         raise host.error(f"the drone is in flight or armed ({stage or 'armed'}): nothing was done")
 
 

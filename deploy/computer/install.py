@@ -98,20 +98,30 @@ def make_packages(order: Order, platform: Platform, work: Path) -> list[Path]:
     Raises:
         ImageError: one cannot be fetched or built.
     """
+    if not order.online:
+        return collect(order.source, order.cache, platform)
+    log = order.cache / "install.log"
     order.cache.mkdir(parents=True, exist_ok=True)
-    epoch, log, cache = release_of(order.source).epoch, order.cache / "install.log", order.cache / "wheels"
-    log.write_text("")
-    try:
-        if not order.online:
-            return make_wheels(order.source, cache, epoch, log, platform, ("pip",))
-        run_here([sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(work / "pip"), "pip"], log)
-        make_own_wheel(order.source, work, work / "pip", epoch, log)
-    except ImageError as error:
-        kind = f"Python {platform.python} on {MACHINES[platform.machine]}"
-        raise ImageError(f"the packages for {kind}: {error}") from None
+    run_here([sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(work / "pip"), "pip"], log)
+    make_own_wheel(order.source, work, work / "pip", release_of(order.source).epoch, log)
     constraints = work / "pip/constraints.txt"
     constraints.write_bytes((order.source / "constraints.txt").read_bytes())
     return sorted((work / "pip").iterdir())
+
+
+def collect(source: Path, cache: Path, platform: Platform) -> list[Path]:
+    """All wheels for a kind of computer, and pip's own, fetched or from the cache.
+
+    Raises:
+        ImageError: one cannot be fetched or built; it names the package.
+    """
+    cache.mkdir(parents=True, exist_ok=True)
+    log = cache / "install.log"
+    log.write_text("")
+    try:
+        return make_wheels(source, cache / "wheels", release_of(source).epoch, log, platform, ("pip",))
+    except ImageError as error:
+        raise ImageError(f"the packages for Python {platform.python} on {MACHINES[platform.machine]}: {error}") from None
 
 
 def release_name(wheels: Iterable[Path], computer: Computer) -> str:
@@ -121,14 +131,16 @@ def release_name(wheels: Iterable[Path], computer: Computer) -> str:
 
 
 def drone_files(order: Order, computer: Computer, issue: Callable[[Path], None], work: Path, now_ns: int) -> bytes:
-    """The drone's files as a tar archive; with a new identity, unless the one that is there is good for longer."""
+    """The drone's files as a tar archive; with a new identity, unless the one that is there is good for longer. Their date is
+    that of now: by it the computer sees whether its own clock is dead.
+    """
     made = {name: data for name, data in files_of(order.fleet, order.drone).items() if name.parts[0] not in _NOT_ITS_OWN}
     if not keeps_certificate(order, computer, now_ns):
         issue(work / "identity")
         made |= {PurePosixPath("identity") / file.name: file.read_bytes() for file in (work / "identity").iterdir()}
     elif (revoked := order.pki.folder / REVOKED_FILE).is_file():
         made[PurePosixPath(REVOKED_FILE)] = revoked.read_bytes()
-    return _tar({str(name): (data, 0o600) for name, data in made.items()})
+    return _tar({str(name): (data, 0o600) for name, data in made.items()}, now_ns // 1_000_000_000)
 
 
 def keeps_certificate(order: Order, computer: Computer, now_ns: int) -> bool:
@@ -175,11 +187,11 @@ async def _send_packages(host: Host, wheels: list[Path], release: str, work: Pat
     await send(host, archive, place, progress)
 
 
-def _tar(made: dict[str, tuple[bytes, int]]) -> bytes:
+def _tar(made: dict[str, tuple[bytes, int]], epoch: int = 0) -> bytes:
     out = io.BytesIO()
     with tarfile.open(fileobj=out, mode="w") as archive:
         for name, (data, mode) in sorted(made.items()):
             entry = tarfile.TarInfo(name)
-            entry.size, entry.mode = len(data), mode
+            entry.size, entry.mode, entry.mtime = len(data), mode, epoch
             archive.addfile(entry, io.BytesIO(data))
     return out.getvalue()

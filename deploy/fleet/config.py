@@ -28,6 +28,15 @@ class NetworkConfig(Section, frozen=True, kw_only=True):
     ntp: tuple[str, ...] = ()
 
 
+class Px4Config(Section, frozen=True, kw_only=True):
+    """What the autopilots should be, by which ``radron-deploy status`` judges: ``version``, such as "1.15.4" (none: any), and
+    ``parameters``, such as ``{COM_OF_LOSS_T = 0.5}``. A drone reports those that were here when its files were made.
+    """
+
+    version: str | None = None
+    parameters: dict[ParameterName, float] = field(default_factory=dict)
+
+
 class FleetDrone(Section, frozen=True, kw_only=True):
     """One drone. Tables of its own, such as ``[drones.vehicle]``, replace single keys of those at the top level.
 
@@ -41,15 +50,7 @@ class FleetDrone(Section, frozen=True, kw_only=True):
     vehicle: VehicleConfig = VehicleConfig()
     detector: DetectorConfig = DetectorConfig()
     sightings: SightingsConfig = SightingsConfig()
-
-
-class Px4Config(Section, frozen=True, kw_only=True):
-    """What all autopilots should be, by which ``radron-deploy status`` judges: ``version``, such as "1.15.4" (none: any), and
-    ``parameters``, such as ``{COM_OF_LOSS_T = 0.5}``. A drone reports those that were here when its files were made.
-    """
-
-    version: str | None = None
-    parameters: dict[ParameterName, float] = field(default_factory=dict)
+    px4: Px4Config = Px4Config()
 
 
 class FleetConfig(Section, frozen=True, kw_only=True):
@@ -58,8 +59,8 @@ class FleetConfig(Section, frozen=True, kw_only=True):
     ``version``: of radron; an image of another one is refused (none: any). ``mission``: the mission file. ``ssh_keys``: public
     keys of those who may log in on the drones, as root. ``certificate_days``: how long a drone's certificate is valid.
     ``others``: who may join the mesh besides the drones (none: everybody with a certificate of the swarm). ``records_mb``: limit
-    of a drone's flight records. ``px4``: what all autopilots should be. ``camera_rpy_deg``, ``vehicle``, ``detector`` and
-    ``sightings``: as in the drone file, for all drones.
+    of a drone's flight records. ``px4``: what the autopilots should be, on all drones. ``camera_rpy_deg``, ``vehicle``,
+    ``detector`` and ``sightings``: as in the drone file, for all drones.
     """
 
     mission: str
@@ -69,7 +70,7 @@ class FleetConfig(Section, frozen=True, kw_only=True):
     certificate_days: Annotated[int, Meta(ge=1, le=3650)] = 30
     others: tuple[Identifier, ...] | None = None
     records_mb: Annotated[int, Meta(ge=16, le=1_000_000)] = 4096
-    px4: Px4Config | None = None
+    px4: Px4Config = Px4Config()
     camera_rpy_deg: tuple[Degrees, Degrees, Degrees] = (90.0, 0.0, 90.0)
     vehicle: VehicleConfig = VehicleConfig()
     detector: DetectorConfig = DetectorConfig()

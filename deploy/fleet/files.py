@@ -74,17 +74,17 @@ def drone_file(fleet: Fleet, drone: FleetDrone) -> DroneConfig:
         camera_rpy_deg=drone.camera_rpy_deg,
         calibration=None if drone.calibration is None else "calibration",
         mesh=PeerMeshConfig(endpoints=endpoints, identity=CREDENTIALS, others=fleet.config.others),
-        vehicle=_watching(fleet, drone.vehicle),
+        vehicle=_watching(drone),
         detector=drone.detector,
         sightings=drone.sightings,
         recorder=RecorderConfig(folder=f"{DATA}/flights", limit_mb=fleet.config.records_mb),
     )
 
 
-def _watching(fleet: Fleet, vehicle: VehicleConfig) -> VehicleConfig:
+def _watching(drone: FleetDrone) -> VehicleConfig:
     """It also reports the parameters that the fleet file judges."""
-    judged = () if fleet.config.px4 is None else fleet.config.px4.parameters
-    return msgspec.structs.replace(vehicle, parameters=tuple(dict.fromkeys((*vehicle.parameters, *judged))))
+    names = dict.fromkeys((*drone.vehicle.parameters, *drone.px4.parameters))
+    return msgspec.structs.replace(drone.vehicle, parameters=tuple(names))
 
 
 def _mission(fleet: Fleet) -> dict[PurePosixPath, bytes]:

@@ -18,7 +18,7 @@ from deploy.fleet.config import FleetConfig, FleetDrone
 
 CALIBRATION_FILES = ("a.txt", "b.txt", "c.txt", "t.txt")
 T = TypeVar("T")
-_SHARED = ("vehicle", "detector", "sightings", "camera_rpy_deg")  # keys at the top level that hold for all drones
+_SHARED = ("vehicle", "detector", "sightings", "camera_rpy_deg", "px4")  # keys at the top level that hold for all drones
 _KEY_TYPES = ("ssh-ed25519", "ssh-rsa", "ecdsa-sha2-nistp256", "sk-ssh-ed25519@openssh.com", "sk-ecdsa-sha2-nistp256@openssh.com")
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from deploy.image.target import Target
 
 app = typer.Typer(no_args_is_help=True, help="The onboard computer's disk (docs/nuc.md).")
-CACHE = Path(os.environ.get("XDGCACHE_HOME", "~/.cache")).expanduser() / "radron/image"
+CACHE = Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser() / "radron/image"
 SnapshotOption = Annotated[
     str | None, typer.Option(metavar="TIME", help="Debian's archive as it was then, such as 20261101T000000Z.")
 ]

@@ -104,8 +104,9 @@ def check_device(path: Path, device: Device, internal: bool, writable: bool = Tr
     if device.type not in ("disk", "loop"):
         raise ImageError(f"{path}: is a {device.type}, not a whole disk; give the disk that it is on")
     used = [(one.name, place) for one in device.all for place in one.mountpoints if place is not None]
-    if any(place == "/" or place.startswith(("/boot", "/usr", "/efi")) for _, place in used):
-        raise ImageError(f"{path}: this computer runs from it ({used[0][0]} is {used[0][1]}); give another disk")
+    for name, place in used:
+        if place == "/" or place.startswith(("/boot", "/usr", "/efi")):
+            raise ImageError(f"{path}: this computer runs from it ({name} is {place}); give another disk")
     if used:
         name, place = used[0]
         what = f"`swapoff {name}`" if place == "[SWAP]" else f"`umount {name}`"

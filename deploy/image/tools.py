@@ -56,7 +56,7 @@ def run(command: Sequence[str], log: Path | None = None, env: Mapping[str, str] 
     if code != 0:
         said = [line for line in text.splitlines() if line.strip()]
         where = f" (all of it: {log})" if log is not None else ""
-        raise ImageError(f"{command[0]} failed: {said[-1].strip() if said else f'exit code {code}'}{where}")
+        raise ImageError(f"{Path(command[0]).name} failed: {said[-1].strip() if said else f'exit code {code}'}{where}")
     return text
 
 

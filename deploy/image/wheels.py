@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 import tempfile
@@ -58,17 +59,28 @@ def make_wheels(
     with tempfile.TemporaryDirectory(prefix="radron-wheels-") as name:
         work = Path(name)
         report = work / "wheels"
-        run(
-            [sys.executable, "-m", "pip", "download", "--dest", str(report), "--find-links", str(folder), "--only-binary=:all:"]
-            + ["--python-version", platform.python, "--implementation", "cp"]
-            + [part for tag in platform.tags for part in ("--platform", tag)]
-            + ["--constraint", str(source / "constraints.txt"), *needed, *besides],
-            log,
-        )
+        command = [sys.executable, "-m", "pip", "download", "--dest", str(report), "--find-links", str(folder)]
+        command += ["--only-binary=:all:", "--python-version", platform.python, "--implementation", "cp"]
+        command += [part for tag in platform.tags for part in ("--platform", tag)]
+        try:
+            run([*command, "--constraint", str(source / "constraints.txt"), *needed, *besides], log)
+        except ImageError as error:
+            raise ImageError(_missing(log) or str(error)) from None
         make_own_wheel(source, work, report, epoch, log)
         for wheel in report.iterdir():
             shutil.copyfile(wheel, folder / wheel.name)
         return sorted(folder / wheel.name for wheel in report.iterdir())
+
+
+def _missing(log: Path) -> str | None:
+    """Of which package pip has found no wheel, by its log; its last line does not tell."""
+    said = log.read_text(encoding="utf-8", errors="replace").rpartition("\n$ ")[2]
+    found = re.search(r"^ERROR: (?:Cannot install|No matching distribution found for) ([A-Za-z0-9._-]+)", said, re.MULTILINE)
+    if found is None:
+        return None
+    return (
+        f"there is no wheel of {found[1]} in the pinned version, or the package index is not reached (all that pip said: {log})"
+    )
 
 
 def make_own_wheel(source: Path, work: Path, out: Path, epoch: int, log: Path) -> None:

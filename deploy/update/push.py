@@ -59,6 +59,8 @@ async def push(hosts: Sequence[Host], order: Push) -> list[Outcome | RemoteError
 
 
 async def _update(host: Host, before: Computer, order: Push) -> Outcome:
+    if not before.slot:
+        raise host.error("it does not run the onboard image, and has no slots: `radron-deploy install` brings it up to date")
     trial, wanted = before.trial, order.manifest.release if order.manifest is not None else None
     under_way = trial is not None and trial.release == wanted and (before.busy or trial.slot == before.slot)
     if not under_way:  # else this push goes on where an earlier one has lost its connection

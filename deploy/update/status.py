@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from deploy.fleet.config import Px4Config
+from deploy.fleet.config import FleetDrone, Px4Config
 from deploy.fleet.loading import Fleet
 from deploy.remote import Host
 from protocol.onboard import MOST_ATTEMPTS, Computer
@@ -21,9 +21,9 @@ _CLOCK_S = 0.5  # between a computer and this one; drones whose clocks differ by
 _SOON_DAYS = 7.0
 _LEAST_FREE_MB = 1000
 _SAME = 1e-5  # relative, of a parameter: the link has single precision
-_ALIKE = ("release", "PX4")  # of these all have the same
 # Each drone has its own layer, and its own launch place; the last one is set at the takeoff.
 _OWN = {"RTL_RETURN_ALT", "RTL_DESCEND_ALT", "GF_MAX_HOR_DIST", "MIS_TAKEOFF_ALT"}
+Kind = tuple[bool, bool]  # whether an autopilot localises itself by satellites, and by vision
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +48,14 @@ class Answer:
 
 
 def rows(answers: Sequence[tuple[Host, Answer]], fleet: Fleet | None) -> list[dict[str, Cell]]:
-    """A row for each computer, by column."""
-    usual = _usual(answers)
-    made = [_row(host, answer, fleet, usual) for host, answer in answers]
-    for column in _ALIKE:
-        (most, _), *_ = Counter(row[column].text for row in made).most_common(1)
-        for row in made:
-            if row[column].text != most:
-                row[column] = Cell(row[column].text, stands_out=True)
+    """A row for each computer, by column. What ``fleet`` says of a drone counts; in what it leaves open, all should be alike:
+    in the release, in the version of PX4, and in the parameters of autopilots that localise themselves in the same way.
+    """
+    drones = [_drone(host, fleet) for host, _ in answers]
+    usual = _usual(answers, drones)
+    made = [_row(host, answer, fleet, drone, usual[_kind(drone)]) for (host, answer), drone in zip(answers, drones, strict=True)]
+    _mark_other(made, "release", [None] * len(made))
+    _mark_other(made, "PX4", [None if drone is None else drone.px4.version for drone in drones])
     return made
 
 
@@ -70,7 +70,28 @@ def table(made: Sequence[dict[str, Cell]]) -> Table:
     return drawn
 
 
-def _row(host: Host, answer: Answer, fleet: Fleet | None, usual: Mapping[str, float]) -> dict[str, Cell]:
+def _drone(host: Host, fleet: Fleet | None) -> FleetDrone | None:
+    """What the fleet file says of a computer."""
+    drones = fleet.config.drones if fleet is not None else ()
+    return next((drone for drone in drones if drone.id == host.name or drone.address == host.address), None)
+
+
+def _kind(drone: FleetDrone | None) -> Kind:
+    """How a drone's autopilot localises itself: for each kind other parameters are right."""
+    return (True, False) if drone is None else (drone.vehicle.gnss, drone.vehicle.vision is not None)
+
+
+def _mark_other(made: Sequence[dict[str, Cell]], column: str, given: Sequence[str | None]) -> None:
+    """Mark what most drones have otherwise, except where the fleet file gives it."""
+    (most, _), *_ = Counter(row[column].text for row in made).most_common(1)
+    for row, wanted in zip(made, given, strict=True):
+        if wanted is None and row[column].text != most:
+            row[column] = Cell(row[column].text, stands_out=True)
+
+
+def _row(
+    host: Host, answer: Answer, fleet: Fleet | None, drone: FleetDrone | None, usual: Mapping[str, float]
+) -> dict[str, Cell]:
     told = answer.computer
     return {
         "drone": Cell(host.name),
@@ -80,8 +101,8 @@ def _row(host: Host, answer: Answer, fleet: Fleet | None, usual: Mapping[str, fl
         "agent": _agent(told),
         "mesh": _mesh(told),
         "autopilot": _answers(told, lambda report: report.autopilot),
-        "camera": _answers(told, lambda report: report.camera),
-        "PX4": _px4(told, fleet, usual),
+        "camera": _camera(told, drone),
+        "PX4": _px4(told, Px4Config() if drone is None else drone.px4, usual),
         "disk": Cell(f"{told.disk_free_mb / 1000:.1f} of {told.disk_mb / 1000:.1f} GB free", told.disk_free_mb < _LEAST_FREE_MB),
         "clock": _clock(answer),
         "certificate": _certificate(told, answer.told_ns),
@@ -98,7 +119,7 @@ def _release(told: Computer, fleet: Fleet | None) -> Cell:
 def _slot(told: Computer) -> Cell:
     if told.trial is not None and told.trial.slot == told.slot:
         return Cell(f"{told.slot}, on trial, attempt {told.attempts} of {MOST_ATTEMPTS}", stands_out=True)
-    return Cell(told.slot)
+    return Cell(told.slot or "none")
 
 
 def _outcome(told: Computer) -> Cell:
@@ -129,9 +150,14 @@ def _answers(told: Computer, which: Callable[..., bool]) -> Cell:
     return Cell("answers") if which(told.report) else Cell("no answer", stands_out=True)
 
 
-def _px4(told: Computer, fleet: Fleet | None, usual: Mapping[str, float]) -> Cell:
+def _camera(told: Computer, drone: FleetDrone | None) -> Cell:
+    if drone is not None and drone.detector.driver == "none":
+        return Cell("none")
+    return _answers(told, lambda report: report.camera)
+
+
+def _px4(told: Computer, judged: Px4Config, usual: Mapping[str, float]) -> Cell:
     """Version, and the parameters that differ from the fleet file's; of those that it does not name, from most drones'."""
-    judged = fleet.config.px4 if fleet is not None and fleet.config.px4 is not None else Px4Config()
     if told.report is None or told.report.px4 is None:
         return Cell("?", stands_out=judged != Px4Config())
     found = told.report.parameters
@@ -147,13 +173,14 @@ def _px4(told: Computer, fleet: Fleet | None, usual: Mapping[str, float]) -> Cel
     return Cell("; ".join((told.report.px4, *wrong)), stands_out=bool(wrong))
 
 
-def _usual(answers: Sequence[tuple[Host, Answer]]) -> dict[str, float]:
-    """The most frequent value of each parameter."""
-    values: dict[str, Counter[float]] = defaultdict(Counter)
-    for _, answer in answers:
+def _usual(answers: Sequence[tuple[Host, Answer]], drones: Sequence[FleetDrone | None]) -> dict[Kind, dict[str, float]]:
+    """The most frequent value of each parameter, among the drones of each kind."""
+    values: dict[Kind, dict[str, Counter[float]]] = defaultdict(lambda: defaultdict(Counter))
+    for (_, answer), drone in zip(answers, drones, strict=True):
+        counted = values[_kind(drone)]
         for name, value in answer.computer.report.parameters.items() if answer.computer.report is not None else ():
-            values[name][value] += 1
-    return {name: counted.most_common(1)[0][0] for name, counted in values.items()}
+            counted[name][value] += 1
+    return {kind: {name: found.most_common(1)[0][0] for name, found in counted.items()} for kind, counted in values.items()}
 
 
 def _differ(one: float, other: float) -> bool:

@@ -42,8 +42,8 @@ _FLEET = """# Fleet file
 
 A TOML file for all drones of a fleet, from which `radron-deploy` makes each drone's files. Relative paths in it start from the
 file's own folder. The tables `[vehicle]`, `[detector]` and `[sightings]` are those of the [drone file](drone.md), for all
-drones; each entry of `[[drones]]` may have its own, which replace single keys. A key that is not listed here is an error. A
-complete example is in [The onboard computer](../nuc.md).
+drones; each entry of `[[drones]]` may have its own, also a `[drones.px4]`, which replace single keys. A key that is not listed
+here is an error. A complete example is in [The onboard computer](../nuc.md).
 
 This page is generated from `{type}` and the types within it.
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import shlex
+import socket
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -56,6 +57,22 @@ def test_an_interrupted_copy_is_completed_and_not_begun_anew(host: Host, tmp_pat
     assert [path.name for path in target.parent.iterdir()] == ["a bundle"]
 
 
+def test_two_copies_at_once_make_one_whole_file(host: Host, tmp_path: Path) -> None:
+    file, target = tmp_path / "bundle", tmp_path / "target"
+    file.write_bytes(some_bytes(8_000_000))
+    target.with_name("target.part").write_bytes(some_bytes(8_000_000)[:100_000])
+
+    async def both() -> None:
+        await asyncio.gather(*(send(host, file, str(target), nothing) for _ in range(2)))
+
+    asyncio.run(both())
+    assert target.read_bytes() == file.read_bytes()
+    target.with_name("target.part").write_bytes(b"longer" * 2_000_000)
+    target.unlink()
+    asyncio.run(send(host, file, str(target), nothing))
+    assert target.read_bytes() == file.read_bytes()
+
+
 def test_a_copy_onto_something_else_is_refused_and_removed(host: Host, tmp_path: Path) -> None:
     file, target = tmp_path / "bundle", tmp_path / "target"
     file.write_bytes(some_bytes(2000))
@@ -93,6 +110,15 @@ def test_each_failure_of_the_connection_is_one_line_that_says_what_to_do(host: H
         asyncio.run(run(replace(host, options=(f"UserKnownHostsFile={tmp_path / 'known'}", *host.options)), "true"))
     with pytest.raises(RemoteError, match=r"the connection was lost: .*; run this again"):
         asyncio.run(run(host, "kill -9 $PPID"))
+
+
+def test_a_computer_that_says_nothing_is_given_up(host: Host) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # the kernel takes the connection, and nobody answers
+        mute = replace(host, port=silent.getsockname()[1], options=("ConnectTimeout=1", *host.options))
+        with pytest.raises(
+            RemoteError, match=r"^d1 \(127\.0\.0\.1\): does not answer: is it switched on, and in this network\?$"
+        ):
+            asyncio.run(run(mute, "true"))
 
 
 def test_one_computer_that_fails_does_not_keep_the_others_waiting(host: Host) -> None:

@@ -27,7 +27,7 @@ echo "the drone's files"
 rm -rf /etc/radron.new
 mkdir -m 0700 /etc/radron.new
 tar -xf - -C /etc/radron.new
-if [ ! -d /etc/radron.new/identity ]; then cp -r /etc/radron/identity /etc/radron.new/; fi # its certificate is still good
+if [ ! -d /etc/radron.new/identity ]; then cp -rp /etc/radron/identity /etc/radron.new/; fi # its certificate is still good
 if [ -e /etc/radron.new/revoked.crl ]; then mv /etc/radron.new/revoked.crl /etc/radron.new/identity/; fi
 chmod -R go= /etc/radron.new
 rm -rf /etc/radron.old
@@ -42,10 +42,7 @@ systemd-sysusers /etc/sysusers.d/radron.conf
 ln -sfn "$place" /opt/radron.new
 mv -T /opt/radron.new /opt/radron
 for old in /opt/radron-*; do [ "$old" = "$place" ] || rm -rf "$old"; done
-if [ -d /etc/chrony/sources.d ]; then
-    cp /etc/radron/chrony/fleet.sources /etc/chrony/sources.d/radron.sources
-    { cat /etc/radron/chrony/fleet.conf; echo "local stratum 10 orphan"; } > /etc/chrony/conf.d/radron.conf
-fi
+[ -d /etc/chrony/sources.d ] || echo "there is no chrony, so its clock follows no other drone's: apt-get install chrony, and run this again"
 systemctl --quiet enable radron-provision radron-agent radron-clock.path
 if [ ! -d /run/systemd/system ]; then
     echo "systemd does not run here: the agent starts with the next boot"
@@ -53,13 +50,12 @@ if [ ! -d /run/systemd/system ]; then
 fi
 systemctl daemon-reload
 udevadm control --reload 2>/dev/null && udevadm trigger --subsystem-match=usb 2>/dev/null || true
-systemctl --quiet is-active chrony && systemctl restart chrony || true
 systemctl restart radron-provision radron-clock.path
+systemctl --quiet is-active chrony && systemctl restart chrony || true
 systemctl restart --no-block radron-agent
 # What it says first: what it waits for, or that it is ready.
-for _ in $(seq 100); do
+for _ in $(seq 300); do
     status=$(systemctl show --property=StatusText --value radron-agent)
-    [ -z "$status" ] || break
-    sleep 0.2
+    case $status in '' | starting) sleep 0.2 ;; *) break ;; esac
 done
 echo "the agent runs: ${status:-it has said nothing yet; see journalctl -u radron-agent}"

@@ -18,11 +18,10 @@ echo "systemd=$(systemctl --version 2>/dev/null | sed -n '1s/^systemd \([0-9]*\)
 echo "free_mb=$(df -Pm /opt 2>/dev/null | awk 'NR == 2 { print $4 }')"
 [ ! -e /opt/radron/complete ] || echo "release=$(basename "$(readlink -f /opt/radron)" | sed 's/^radron-//')"
 if [ -d /run/systemd/system ]; then
-    for _ in $(seq 40); do # an agent that has just been restarted, perhaps in flight, tells its stage within seconds
-        case $(systemctl is-active radron-agent) in active | activating) ;; *) break ;; esac
+    for _ in $(seq 60); do # an agent that has just been restarted, perhaps in flight, tells its stage within seconds
+        case $(systemctl is-active radron-agent) in active | activating) ;; *) stage= && break ;; esac
         stage=$(systemctl show --property=StatusText --value radron-agent)
-        [ -z "$stage" ] || break
-        sleep 0.5
+        case $stage in '' | starting) sleep 0.5 ;; *) break ;; esac
     done
     echo "stage=${stage:-}"
 fi

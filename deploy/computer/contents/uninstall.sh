@@ -5,7 +5,10 @@ systemctl --quiet disable radron-provision radron-agent radron-clock.path 2>/dev
 rm -rf /etc/systemd/system/radron-agent.service /etc/systemd/system/radron-clock.path /etc/systemd/system/radron-clock.service
 rm -rf /etc/systemd/system/radron-provision.service /etc/systemd/system/radron-provision.service.d
 rm -rf /usr/lib/radron /run/radron /etc/udev/rules.d/60-radron.rules /etc/sysusers.d/radron.conf
-rm -f /etc/chrony/sources.d/radron.sources /etc/chrony/conf.d/radron.conf
+if [ -e /etc/chrony/conf.d/radron.conf ]; then
+    rm -f /etc/chrony/sources.d/radron.sources /etc/chrony/conf.d/radron.conf
+    if [ -d /run/systemd/system ]; then systemctl try-restart chrony || true; fi
+fi
 rm -rf /etc/radron /etc/radron.new /etc/radron.old /var/tmp/radron-install
 for name in ca.pem certificate.pem key.pem revoked.crl; do rm -f "/run/credstore/$name"; done
 rm -rf /opt/radron /opt/radron.new /opt/radron-*

@@ -6,7 +6,7 @@ export PYTHONHASHSEED=0 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ign
 python3 -m venv /opt/radron
 /opt/radron/bin/pip install --quiet --no-index --no-deps --no-compile /tmp/wheels/*.whl
 sh /tmp/prune.sh
-rm -f /opt/radron/bin/radron-sim /opt/radron/bin/radron-deploy
+rm -f /opt/radron/bin/radron-sim /opt/radron/bin/radron-deploy /opt/radron/bin/radron-station
 # The slot cannot be written: bytecode is made now, and without dates.
 /opt/radron/bin/python -m compileall -q -j 1 --invalidation-mode unchecked-hash /opt/radron/lib
 /opt/radron/bin/python -P -c 'import agent.shell.node, agent.shell.supervisor, agent.update.command'

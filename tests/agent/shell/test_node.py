@@ -75,6 +75,23 @@ def test_what_is_wrong_is_in_the_status_and_stands_against_a_start(tmp_path: Pat
 
 
 @pytest.mark.slow
+def test_links_that_are_not_encrypted_show_in_the_status(tmp_path: Path, vehicles: Vehicles) -> None:
+    file = tmp_path / "d1.toml"
+    file.write_text(file.read_text().replace('identity = "identity/d1"', "insecure = true").replace("tls/", "tcp/"))
+    tool, links = str(Path(sys.executable).parent / "radron-agent"), ("--connect", station_endpoint(tmp_path), "--insecure")
+
+    def status() -> str:
+        told = subprocess.run(
+            [tool, "status", "--swarm", "radron", *links],
+            capture_output=True, text=True, timeout=60.0, check=False, env={**os.environ, "COLUMNS": "500"},
+        )  # fmt: skip
+        return told.stdout
+
+    with closing(Agent(tmp_path, "d1")):
+        until(lambda: "links are not encrypted (mesh.insecure = true)" in status(), SAID_S + BUSY_S, "the notice")
+
+
+@pytest.mark.slow
 def test_two_agents_with_one_id_both_say_so(tmp_path: Path, vehicles: Vehicles) -> None:
     first = Agent(tmp_path, "d1")
     listen = f"tls/127.0.0.1:{free_ports(1)[0]}"

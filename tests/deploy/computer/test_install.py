@@ -16,6 +16,7 @@ from fleets import KEY
 from live_agents import Vehicles, closing, free_ports, until
 from systemd_machine import lacking, systemd_machine
 
+from agent.shell import foldworker
 from deploy.remote import Host
 
 pytestmark = [pytest.mark.long, pytest.mark.skipif(lacking() is not None, reason=str(lacking()))]
@@ -25,6 +26,7 @@ MISSION = """
 name = "yard"
 drones = [{ id = "d1", origin_m = [5, 5, 0] }, { id = "d2", origin_m = [16, 2, 0] }]
 area = { polygon_m = [[0, 0], [50, 0], [50, 50], [0, 50]] }
+fusion = { estimator = "sources" }
 """
 
 
@@ -40,6 +42,16 @@ drones = [{{ id = "d1", address = "127.0.0.11" }}, {{ id = "d2", address = "127.
 """
 
 
+_CHRONY = "/etc/chrony"
+_OTHERS = "server 127.0.0.12 iburst minpoll 2 maxpoll 5"
+_ESTIMATOR = f"""
+for process in $(pgrep --full '[ ]{foldworker.__name__}'); do
+    limit=$(sed -n 's/^Max data size *\\([0-9a-z]*\\) .*/\\1/p' /proc/$process/limits)
+    echo $(ps -o ni= -p $process) $limit $(cat /proc/$process/oom_score_adj)
+done
+"""
+
+
 @dataclass
 class Bench:
     """A computer to install on, and the laptop's folder."""
@@ -51,11 +63,11 @@ class Bench:
 
     def deploy(self, what: str, *options: str) -> subprocess.CompletedProcess[str]:
         """A command of radron-deploy for that computer."""
-        ssh = [part for option in self.host.options for part in ("--ssh-option", option)]
+        ssh = [part for option in self.host.options for part in ("--ssh", option)]
         command = [DEPLOY, what, f"{self.host.address}:{self.host.port}", *options, *ssh]
         environment = {**os.environ, "RADRON_PKI_PASSPHRASE": "four words are enough", "COLUMNS": "250"}
         return subprocess.run(
-            command, capture_output=True, text=True, check=False, cwd=self.folder, env=environment, timeout=600.0
+            command, capture_output=True, text=True, check=False, cwd=self.folder, env=environment, timeout=1500.0
         )
 
     def install(self, *options: str) -> subprocess.CompletedProcess[str]:
@@ -66,9 +78,24 @@ class Bench:
         """What a command says there."""
         return subprocess.run(self.host.command(command), capture_output=True, text=True, check=False).stdout.strip()
 
+    def shown(self, name: str) -> str:
+        """A property of the agent's unit."""
+        return self.there(f"systemctl show --property={name} --value radron-agent")
+
+    def niceness(self) -> int:
+        """That of the agent's supervisor."""
+        return int(self.there(f"ps -o ni= -p {self.shown('MainPID')}"))
+
+    def estimator(self) -> list[tuple[int, str, str]]:
+        """The process of the estimator: niceness, most memory, score for the kernel that ends processes when memory runs out."""
+        return [
+            (int(niceness), limit, score)
+            for niceness, limit, score in (line.split() for line in self.there(_ESTIMATOR).splitlines())
+        ]
+
     def status(self) -> str:
         """What the agent tells the service manager."""
-        return self.there("systemctl show -p StatusText --value radron-agent")
+        return self.shown("StatusText")
 
 
 @pytest.fixture
@@ -84,16 +111,22 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 def test_from_an_empty_computer_to_a_drone_and_back(bench: Bench) -> None:
     assert bench.there("ls -d /opt/radron*") == ""
+    bench.there(f"mkdir -p {_CHRONY}/conf.d {_CHRONY}/sources.d")  # as where chrony is installed
     first = bench.install()
     assert first.returncode == 0, first.stderr
     assert "is d1 now" in first.stdout
     assert re.search(r"the agent runs: waiting: .*udpin://127.0.0.1", first.stderr), first.stderr
     assert bench.there("systemctl is-enabled radron-agent") == "enabled"
+    assert bench.shown("NRestarts") == "0"  # it waits, and is not started again and again
+    assert "radron-agent: waiting: " in bench.there("journalctl --output=cat --unit=radron-agent")
     assert bench.there("stat -c %U:%a /etc/radron/identity/key.pem") == "root:600"
     assert bench.there("ls -d /var/tmp/radron*") == ""
 
     with closing(Vehicles([bench.vehicle_port])), bench_camera(bench.camera_port):
         until(lambda: bench.status() == "preflight", 120.0, "an agent that is ready")
+        until(lambda: bench.estimator() == [(bench.niceness() + 5, "1500000000", "900")], 60.0, "an estimator that goes behind")
+        assert bench.shown("NRestarts") == "0"
+        assert bench.shown("OOMPolicy") == "continue"
         examined = bench.deploy("doctor", "--wait", "60")
         # It was stopped meanwhile, and runs again, with the autopilot for itself.
         until(lambda: bench.status() == "preflight", 120.0, "the agent again")
@@ -101,7 +134,11 @@ def test_from_an_empty_computer_to_a_drone_and_back(bench: Bench) -> None:
     assert "sees background: " in examined.stdout
     assert "d1, drone, until " in examined.stdout
     bad = examined.stdout.rstrip().splitlines()[-1].partition(": ")[2].split(", ")
-    assert set(bad) <= {"chrony", "d2"}  # there is no d2; chrony is not everywhere
+    assert set(bad) <= {"chrony", "d2", "reach d2"}  # there is no d2; chrony and ping are not everywhere
+
+    assert bench.there(f"cat {_CHRONY}/*/radron.*") == "allow 127.0.0.0/8\nlocal stratum 10 orphan\n" + _OTHERS
+    bench.there("touch -d 2100-01-01 /etc/radron/identity/certificate.pem; systemctl restart radron-provision")  # a dead clock
+    assert bench.there(f"cat {_CHRONY}/*/radron.*") == "allow 127.0.0.0/8\n" + _OTHERS
 
     before = bench.there("readlink -f /opt/radron; sha256sum /etc/radron/identity/*; stat -c %i /opt/radron/complete")
     (bench.folder / "mission.toml").write_text(MISSION.replace('"yard"', '"meadow"'))

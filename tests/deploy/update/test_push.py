@@ -3,76 +3,30 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import shlex
-import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import pytest
-from computer import VirtualComputer
+from cable import cable_to
 from meshes import free_port
 from onboard import NEW, OLD, well
 from sshserver import LACKING, ssh_server
+from updatable import Fleet
 
-from deploy.remote import Host, RemoteError, digest
+from deploy.remote import Host, RemoteError
 from deploy.update import hosts, push
-from deploy.update.bundle import BundleManifest
 from deploy.update.errors import UpdateError
-from deploy.update.push import Push
 from protocol.messages import Stage
-from protocol.onboard import Needs, Outcome, Release, Trial
+from protocol.onboard import Computer, Needs, Outcome, Release, Trial
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKING is not None, reason=LACKING or "")]
-SCRIPT = Path(__file__).parents[2] / "support/computers/computer.py"
 
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
     with ssh_server(tmp_path_factory.mktemp("ssh")) as found:
         yield found
-
-
-class Fleet:
-    """Computers behind one SSH server, each with a user's name for it; what was told of each."""
-
-    def __init__(self, folder: Path, server: Host, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.folder, self._server = folder, server
-        self.told: list[str] = []
-        program = folder / "radron-update"
-        program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {SCRIPT} . "$@"\n')
-        program.chmod(0o755)
-        for module in (hosts, push):
-            monkeypatch.setattr(module, "PROGRAM", f"/usr/bin/env {program}")
-        monkeypatch.setattr(push, "INCOMING", "incoming")  # in each computer's own folder
-        command = Host.command
-        begin = f"mkdir -p {folder}/$0; cd {folder}/$0"
-        monkeypatch.setattr(Host, "command", lambda host, text: command(host, f"{begin}; {text}".replace("$0", host.name)))
-
-    def host(self, name: str) -> Host:
-        return replace(self._server, name=name)
-
-    def computer(self, name: str) -> VirtualComputer:
-        return VirtualComputer(self.folder / name)
-
-    def bundle(self, release: Release = NEW, **also: object) -> tuple[Path, BundleManifest]:
-        file = self.folder / f"{release.version}.raucb"
-        content = {"version": release.version, "build": release.build, "padding": "x" * 1_000_000} | also
-        file.write_text(json.dumps(content))
-        return file, BundleManifest(release=release, sha256=digest(file), size=file.stat().st_size)
-
-    def push(self, *names: str, bundle: tuple[Path, BundleManifest] | None, older: bool = False) -> list[Outcome | RemoteError]:
-        return asyncio.run(push.push([self.host(name) for name in names], self.order(bundle, older)))
-
-    def order(self, bundle: tuple[Path, BundleManifest] | None, older: bool = False) -> Push:
-        file, manifest = bundle if bundle is not None else (None, None)
-
-        def tell(host: Host, what: str, done: int, total: int) -> None:
-            self.told.append(f"{host.name}: {what} {done}/{total}")
-
-        return Push(file, manifest, older, tell, poll_s=0.05, decided_s=60.0)
 
 
 @pytest.fixture
@@ -105,6 +59,28 @@ def test_an_interrupted_push_goes_on_where_it_was(fleet: Fleet) -> None:
     done = fleet.push("d1", bundle=(file, manifest))
     assert isinstance(done[0], Outcome)
     assert next(line for line in fleet.told if "copying" in line) == f"d1: copying 400000/{manifest.size}"
+
+
+def test_a_push_whose_link_is_lost_is_one_line_and_is_completed_by_the_next(fleet: Fleet, server: Host) -> None:
+    """What is under way when the link is lost arrives while the next copy has begun already."""
+    assert server.port is not None
+    file, manifest = fleet.bundle(size=20_000_000)
+    part = fleet.folder / f"d1/incoming/{manifest.sha256[:16]}.raucb.part"
+    with cable_to(server.port) as cable:
+        fleet.ports["d1"] = cable.port
+        fleet.options = ("ServerAliveInterval=1", "ServerAliveCountMax=1")  # not the 15 s of a flight field
+        cable.pull_after(5_000_000)
+        lost = fleet.push("d1", bundle=(file, manifest))
+        assert str(lost[0]) == "d1 (127.0.0.1): the connection was lost: it no longer answers; run this again"
+        assert 0 < part.stat().st_size < manifest.size
+        assert fleet.computer("d1").status().trial is None
+        cable.plug()
+        fleet.told.clear()
+        done = fleet.push("d1", bundle=(file, manifest))
+    assert isinstance(done[0], Outcome), done[0]
+    assert done[0].kind == "good"
+    begun = next(line for line in fleet.told if "copying" in line)
+    assert not begun.startswith("d1: copying 0/")
 
 
 def test_a_push_goes_on_with_an_update_that_an_earlier_one_has_begun(fleet: Fleet) -> None:
@@ -157,13 +133,25 @@ def test_each_refusal_is_one_line_and_changes_nothing(fleet: Fleet) -> None:
     assert fleet.computer("d1").files.records.outcome is None
 
 
-def test_a_computer_that_does_not_answer_does_not_keep_the_others_from_it(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
-    dead = free_port()
-    host = fleet.host
-    monkeypatch.setattr(fleet, "host", lambda name: replace(host(name), port=dead) if name == "d2" else host(name))
+def test_a_computer_that_does_not_answer_does_not_keep_the_others_from_it(fleet: Fleet) -> None:
+    fleet.ports["d2"] = free_port()
     done = fleet.push("d2", "d1", bundle=fleet.bundle())
     assert str(done[0]).startswith("d2 (127.0.0.1): answers, but has no SSH server at this port")
     assert isinstance(done[1], Outcome)
+
+
+def test_a_computer_that_the_agent_was_installed_on_gets_no_bundle(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
+    installed = msgspec.structs.replace(fleet.computer("d1").status(), slot="", slots={})
+
+    async def ask(_: Host) -> Computer:
+        return installed
+
+    monkeypatch.setattr(push, "ask", ask)
+    done = fleet.push("d1", bundle=fleet.bundle())
+    assert str(done[0]).endswith(
+        "it does not run the onboard image, and has no slots: `radron-deploy install` brings it up to date"
+    )
+    assert not (fleet.folder / "d1/incoming").exists()
 
 
 def test_a_computer_without_our_image_is_told_so(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import msgspec
 import pytest
-from fleets import make_fleet
+from fleets import KEY, MISSION, make_fleet
 from onboard import NEW, OLD, well
 from rich.console import Console
 
@@ -130,6 +132,55 @@ def test_parameters_that_no_file_names_are_compared_with_those_of_the_other_dron
         Cell("1.17.0; COM_OF_LOSS_T is 1, elsewhere 0.5", stands_out=True),
         Cell("1.17.0"),
     ]
+
+
+MIXED = """
+mission = "mission.toml"
+ssh_keys = ["KEY"]
+network = { subnet = "10.7.1.0/24" }
+px4 = { parameters = { COM_OF_LOSS_T = 0.5 } }
+detector = { driver = "t3pa", file = "events.t3pa" }
+
+[[drones]]
+id = "d1"
+address = "10.7.1.1"
+
+[[drones]]
+id = "d2"
+address = "10.7.1.2"
+
+[[drones]]
+id = "d3"
+address = "10.7.1.3"
+detector = { driver = "none" }
+vehicle = { gnss = false }
+px4 = { version = "1.16.0", parameters = { SENS_EXTERNAL = 3 } }
+"""
+
+
+def test_a_drone_that_the_fleet_file_has_otherwise_is_right_as_it_is(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    drones = [f'{{ id = "d{number}", origin_m = [{6 * number}, 2, 0] }}' for number in (1, 2, 3)]
+    mission = re.sub(r"drones = .*", f"drones = [{', '.join(drones)}]", MISSION)
+    fleet = load_fleet(make_fleet(tmp_path, MIXED.replace("KEY", KEY), mission))
+    satellites = with_parameters(COM_OF_LOSS_T=0.5, NAV_RCL_ACT=2.0)
+    vision = with_parameters(COM_OF_LOSS_T=0.5, NAV_RCL_ACT=3.0, EKF2_GPS_CTRL=0.0, SENS_EXTERNAL=3.0)
+    assert vision.report is not None
+    vision = msgspec.structs.replace(vision, report=msgspec.structs.replace(vision.report, px4="1.16.0"))
+    blind = msgspec.structs.replace(vision, report=msgspec.structs.replace(vision.report, camera=False))
+    found = seen(satellites, satellites, blind, fleet=fleet)
+    assert [marked(row) for row in found] == [set()] * 3
+    assert found[2]["camera"] == Cell("none")
+    assert [row["PX4"] for row in found] == [
+        Cell("1.17.0"),
+        Cell("1.17.0"),
+        Cell("1.16.0"),
+    ]
+    assert seen(satellites, vision, satellites, fleet=fleet)[1]["PX4"] == Cell(
+        "1.16.0; NAV_RCL_ACT is 3, elsewhere 2", stands_out=True
+    )
+    assert seen(satellites, satellites, satellites, fleet=fleet)[2]["PX4"] == Cell(
+        "1.17.0; not 1.16.0; SENS_EXTERNAL is not told", stands_out=True
+    )
 
 
 def test_hosts_are_addresses_or_the_fleets_drones(tmp_path) -> None:  # type: ignore[no-untyped-def]
