@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-com
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/pytest
 export OMP_NUM_THREADS = 1
 
-.PHONY: demo docs test test-slow test-all faults planted fuzz soak px4-test docker-test image-test bench table figures lint clean
+.PHONY: demo docs test test-slow test-all faults planted fuzz soak px4-test docker-test image-test image-smoke bench table figures lint clean
 
 demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two minutes; results/demo/
 	$(BIN)/radron-sim live demo --seed 5 --out results/demo
@@ -45,8 +45,11 @@ docker-test: $(DEV)  ## the swarm in containers; needs a docker engine, or root 
 	deploy/docker/test.sh
 
 # IMAGE=nuc.img: an image that is there already. Needs root or user namespaces, and the programs that its reason for skipping names.
-image-test: $(DEV)  ## builds the onboard computer's image and boots it in qemu, ten minutes on an idle computer
-	IMAGE_TEST=1 $(PYTEST) tests/image -rs -s
+image-test: $(DEV)  ## builds the onboard computer's image, and boots, updates and breaks it in qemu: hours; docs/nuc.md
+	IMAGE_TEST=1 $(PYTEST) tests/image -rs -s --durations=0
+
+image-smoke: $(DEV)  ## of that, a build, a boot, an update and two power cuts
+	IMAGE_TEST=1 $(PYTEST) tests/image -rs -s -m smoke
 
 bench: $(SIM)  ## all benchmarks, one after another
 	@set -e; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file; done

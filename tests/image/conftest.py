@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from dronedisk import ROOT, Drone
+from cutbench import IN_MESH, ON_TRIAL, UPDATED, Bench, Push
+from cutdisk import Content
+from dronedisk import BOOT_S, ROOT, Drone
 from machine import Machine
 
 from deploy.image.build import build_image
+from deploy.image.layout import ROOT_B
+from deploy.update.bundle import build_bundle
 
 
 @pytest.fixture(scope="session")
@@ -22,6 +27,69 @@ def image(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("image") / "nuc.img"
     build_image(out, ROOT, cache, None, print)
     return out
+
+
+@pytest.fixture(scope="session")
+def fresh(image: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    """A computer with a flashed disk, and a bundle for it."""
+    drone = Drone(tmp_path_factory.mktemp("bench"))
+    drone.flash(image)
+    bundle = drone.folder / "new.raucb"
+    build_bundle(image, drone.folder / "builder", bundle, print)
+    bench = Bench(drone, image, bundle)
+    yield bench
+    bench.close()
+
+
+@pytest.fixture(scope="session")
+def bench(fresh: Bench) -> Bench:
+    """The computer after its update by a push, kept at moments of that."""
+    run, begun_s = fresh.run("flashed"), time.monotonic()
+
+    def now(what: str) -> None:
+        print(f"{what}: {time.monotonic() - begun_s:.0f} s after switching on")
+
+    run.machine.wait_for(IN_MESH, BOOT_S)
+    now("in the mesh")
+    run.machine.wait_for(r"radron-settle.service: Deactivated", BOOT_S)
+    assert fresh.drone.status().slot == "A"
+    run.keep("in service")
+    with Push(fresh.drone, fresh.bundle) as push:
+        for percent in (30, 80):
+            push.wait_for(f"copying, {percent} %")
+            run.keep(f"copied {percent} %")
+        push.wait_for("writing")
+        now("copied")
+        run.keep("writing")
+        last = ROOT_B.start + fresh.root_bytes
+        run.disk.watch(range(last - (1 << 20), last), any)
+        assert run.disk.met.wait(BOOT_S), push.said
+        run.keep("written")
+        run.machine.wait_for(r"radron: booting slot B, attempt 1", BOOT_S)
+        now("written")
+        content = run.disk.content()
+        run.keep("to be booted", uncounted(content, fresh.variables))
+        run.machine.wait_for(ON_TRIAL, BOOT_S)
+        run.keep("on trial")
+        run.machine.wait_for(rf"{ON_TRIAL}[\s\S]*{IN_MESH}", BOOT_S)
+        run.keep("in the mesh")
+        run.machine.wait_for(UPDATED, BOOT_S)
+        now("updated")
+        assert push.ended() == 0, push.said
+        assert "slot B" in push.said
+    run.keep("updated")
+    return fresh
+
+
+def uncounted(content: Content, variables: range) -> Content:
+    """As before the boot loader has counted its first attempt at slot B."""
+    number, offset = divmod(variables.start, 4096)
+    block = content.cached.get(number, content.stored.get(number))
+    assert block is not None
+    assert b"ORDER=B A\n" in block[offset:]
+    changed = block.replace(b"B_TRY=1", b"B_TRY=0")
+    cached = {at: data for at, data in content.cached.items() if at != number}
+    return Content(content.stored | {number: changed}, cached)
 
 
 @pytest.fixture

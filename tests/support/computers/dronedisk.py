@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import msgspec
 from fleets import FLEET, KEY, make_fleet
 from machine import Machine
 from meshes import free_port
 
 from deploy.image.layout import LEAST_DISK_BYTES
 from deploy.remote import Host
+from protocol.onboard import Computer
 
 ROOT = Path(__file__).parents[3]
 PASSPHRASE = "four quite ordinary words"
@@ -82,10 +85,28 @@ class Drone:
             "image", "flash", str(image), str(self.disk), "--drone", "d1", "--fleet", fleet, "--pki", str(self.pki), *erase
         )
 
-    def boot(self, clock: str = "utc") -> Machine:
-        """Switch the computer on."""
+    def boot(
+        self, folder: Path | None = None, drive: str | None = None, clock: str = "utc", state: Path | None = None
+    ) -> Machine:
+        """Switch the computer on. ``folder``: for its serial log; ``drive``: another disk; ``state``: kept of a running one."""
         ports = {self.mesh_port: "tcp:7447", self.ssh_port: "tcp:22", self.autopilot_port: "udp:14540"}
-        return Machine(self.folder, self.disk, ports, clock)
+        return Machine(folder or self.folder, drive or self.disk, ports, clock, state)
+
+    def status(self, within_s: float = BOOT_S) -> Computer:
+        """What ``radron-update status`` tells; waits for the SSH server."""
+        deadline_s = time.monotonic() + within_s
+        while True:
+            said = self.ssh("/opt/radron/bin/radron-update status")
+            if said.startswith("{"):
+                return msgspec.json.decode(said, type=Computer)
+            assert time.monotonic() < deadline_s, said
+            time.sleep(1.0)
+
+    def push(self, *arguments: str) -> subprocess.Popen[str]:
+        """``radron-deploy push`` in the background."""
+        pipe = subprocess.PIPE
+        command = self.at_host("push", *arguments)
+        return subprocess.Popen(command, env=self.environment, cwd=ROOT, stdout=pipe, stderr=subprocess.STDOUT, text=True)
 
     def ssh(self, command: str) -> str:
         """What a command on board says."""

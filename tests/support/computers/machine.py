@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import re
+import shlex
 import shutil
+import socket
 import subprocess
+import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 _FIRMWARE = Path("/usr/share/OVMF")
@@ -23,12 +28,17 @@ def lacking() -> str | None:
 
 
 class Machine:
-    """One computer, switched on. ``ports``: of the host, forwarded to ports of the guest ("tcp:7447"). ``clock``: what its clock
-    shows then, ``utc`` or such as ``2021-03-04T05:06:07``.
+    """One computer, switched on.
+
+    ``drive``: a file or what else QEMU takes for a disk; ``ports``: of the host, forwarded to ports of the guest ("tcp:7447");
+    ``clock``: what its clock shows then, ``utc`` or such as ``2021-03-04T05:06:07``; ``state``: where ``saved`` has kept a
+    running computer, which goes on.
     """
 
-    def __init__(self, folder: Path, disk: Path, ports: Mapping[int, str], clock: str = "utc") -> None:
-        self.serial = folder / "serial.log"
+    def __init__(
+        self, folder: Path, drive: Path | str, ports: Mapping[int, str], clock: str = "utc", state: Path | None = None
+    ) -> None:
+        self.serial, self._control = folder / "serial.log", folder / "qmp"
         variables = folder / "uefi.fd"
         if not variables.exists():
             shutil.copyfile(VARIABLES, variables)
@@ -47,11 +57,14 @@ class Machine:
             "serial": f"file:{self.serial}",
             "display": "none",
             "monitor": "none",
+            "qmp": f"unix:{self._control},server=on,wait=off",
             "device": "i6300esb",  # a hardware watchdog
             "action": "watchdog=reset",
             "nic": "user,model=virtio-net-pci" + "".join(forwards),
         }
-        drives = (f"if=pflash,readonly=on,file={CODE}", f"if=pflash,file={variables}", f"if=virtio,file={disk}")
+        if state is not None:
+            options["incoming"] = f"exec:cat {shlex.quote(str(state))}"
+        drives = (f"if=pflash,readonly=on,file={CODE}", f"if=pflash,file={variables}", f"if=virtio,file={drive}")
         command = ["qemu-system-x86_64", *(part for name, value in options.items() for part in (f"-{name}", value))]
         self._process = subprocess.Popen(
             [*command, *(part for drive in drives for part in ("-drive", f"format=raw,{drive}"))],
@@ -59,12 +72,57 @@ class Machine:
             stdout=(folder / "qemu.log").open("ab"),
             stderr=subprocess.STDOUT,
         )
+        if state is not None:
+            self._migrated()
+            self._tell("cont")
+
+    @contextmanager
+    def saved(self, state: Path) -> Iterator[Path]:
+        """Stop for the block, with all but the disk's content kept in a file."""
+        self._tell("stop")
+        self._tell("migrate-set-parameters", {"max-bandwidth": 1 << 40})
+        self._tell("migrate", {"uri": f"exec:cat > {shlex.quote(str(state))}"})
+        self._migrated()
+        yield state
+        self._tell("cont")
+
+    def _migrated(self, timeout_s: float = 120.0) -> None:
+        deadline_s = time.monotonic() + timeout_s
+        while (status := self._tell("query-migrate").get("status")) != "completed":
+            assert status != "failed", self._tell("query-migrate")
+            assert time.monotonic() < deadline_s, status
+            time.sleep(0.1)
+
+    def _tell(self, command: str, arguments: Mapping[str, object] | None = None, timeout_s: float = 30.0) -> dict[str, object]:
+        """A command for QEMU itself, by its machine protocol; returns its answer."""
+        with socket.socket(socket.AF_UNIX) as line:
+            line.settimeout(timeout_s)
+            deadline_s = time.monotonic() + timeout_s
+            while line.connect_ex(str(self._control)) != 0:
+                assert self._process.poll() is None, "qemu has ended"
+                assert time.monotonic() < deadline_s, "qemu does not listen"
+                time.sleep(0.05)
+            with line.makefile("rw") as stream:
+                stream.readline()  # its greeting
+                for name, given in (("qmp_capabilities", {}), (command, arguments or {})):
+                    stream.write(json.dumps({"execute": name, "arguments": given}) + "\n")
+                    stream.flush()
+                    answer: dict[str, dict[str, object]] = {}
+                    while not {"return", "error"} & answer.keys():
+                        answer = json.loads(stream.readline())
+                    assert "return" in answer, answer
+        return answer["return"]
+
+    @property
+    def text(self) -> str:
+        """What the serial line has said."""
+        return self.serial.read_text(errors="replace") if self.serial.exists() else ""
 
     def wait_for(self, pattern: str, timeout_s: float) -> re.Match[str]:
         """Wait until the serial line has said this; fails with its last lines otherwise."""
         deadline_s = time.monotonic() + timeout_s
         while True:
-            text = self.serial.read_text(errors="replace") if self.serial.exists() else ""
+            text = self.text
             found = re.search(pattern, text)
             if found is not None:
                 return found
@@ -78,3 +136,7 @@ class Machine:
         """As by pulling the plug."""
         self._process.kill()
         self._process.wait()
+
+
+if __name__ == "__main__":
+    sys.exit(lacking())
