@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from msgspec import Struct
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from agent.frames.transform import Transform
 from agent.geometry import Vector3
 from protocol.entries import Cone, Entry, EntryId, Exposure, PoseSample
-from protocol.spectrum import Spectrum
+from protocol.spectrum import Spectrum, SpectrumBin
 
 _SHORTEST_LIVE_S = 1e-3  # exposures shorter than this hold no information
 _SHORTEST_AXIS = 0.5  # a shorter "unit vector" is no direction
@@ -128,8 +129,14 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform, identity:
         mission_from_local,
         identity,
         exposure.epoch,
-        exposure.spectrum,
+        tuple(map(_alike, exposure.spectrum)),
     )
+
+
+@lru_cache(maxsize=4096)
+def _alike(one: SpectrumBin) -> SpectrumBin:
+    """The bin of the same content that is held already: most hold one event or two, and each log thousands of them."""
+    return one
 
 
 def _sigmas(entry: Cone | Exposure, mission_from_local: Transform, place: Vector3, told_m: float) -> tuple[float, float]:

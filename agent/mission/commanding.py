@@ -14,8 +14,6 @@ from agent.mission.uploads import Ground, Uploads
 from agent.navigation.peers import Peers
 from protocol.messages import AnyOrder, Command, Upload
 
-LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
-
 
 class Verdict(Struct, frozen=True):
     """What became of a command. ``refused``: why it was not carried out, as the counters name it; empty: it was. ``because``: the
@@ -82,6 +80,5 @@ class Commanding:
         """Start of the swarm's mission for a drone that is started by a command of that stamp: that of the drones that fly it
         already, so that all ignore the same earlier measurements.
         """
-        statuses = self._peers.statuses(now_ns).values()
-        begun = (status.started_ns for status in statuses if status.mission == self._mission_id)
-        return min((stamp_ns, *(began for began in begun if began is not None and now_ns - began < LONGEST_MISSION_NS)))
+        begun_ns = self._peers.begun_ns(self._mission_id, now_ns)
+        return stamp_ns if begun_ns is None else min(stamp_ns, begun_ns)

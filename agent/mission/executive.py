@@ -12,6 +12,7 @@ from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.fusion.estimator import Hypothesis
 from agent.localization.ownpose import LARGEST_DOUBT_M, OwnPose
+from agent.mission.aloft import Aloft
 from agent.mission.memory import Memory
 from agent.mission.problems import TELEMETRY_AGE_NS
 from agent.mission.reserve import Reserve
@@ -29,6 +30,7 @@ from protocol.entries import Coverage
 from protocol.messages import Action, Plan, Stage
 
 Searched = tuple[int, int, tuple[tuple[float, float], ...]]
+_ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
 
 
 class Decision(Struct, frozen=True):
@@ -60,7 +62,7 @@ class Executive:
         self._id, self._mission_id = drone.id, mission.mission_id
         self._world, self._own, self._counters = world, own, counters
         can_lose = mission.fusion.estimator != "given"
-        self._mission = Mission(mission.track, mission.survey, can_lose, mission.area.floor_m)
+        self._mission, self._aloft = Mission(mission.track, mission.survey, can_lose, mission.area.floor_m), Aloft()
         frames, fusion = world.frames.graph, world.fusion
         self._search = Search(mission, drone.id, frames)
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
@@ -89,13 +91,16 @@ class Executive:
     def follow(self, vehicle: VehicleState) -> None:
         """Take telemetry, each once."""
         self._navigator.follow(vehicle)
+        self._aloft.take(vehicle)
         if self._remembered is not None:
             self._rejoin(self._remembered, vehicle)
 
     @property
     def started_ns(self) -> int | None:
-        """Stamp of the start command with which the swarm's mission began; None while this drone does not fly it."""
-        return self._mission.started_ns if self.stage not in (Stage.PREFLIGHT, Stage.LANDED) else None
+        """Stamp of the start command with which the swarm's mission began; None while this drone does not fly it, or does not
+        know.
+        """
+        return None if self.stage in _ON_GROUND or self._mission.started_ns == 0 else self._mission.started_ns
 
     def obey(self, action: Action, stamp_ns: int, started_ns: int, now_ns: int, problems: tuple[str, ...]) -> str | None:
         """Carry out an operator's command of that stamp. Returns why it was refused, or None.
@@ -108,15 +113,16 @@ class Executive:
             return refused
         if action is Action.START and self._own.vehicle is not None:
             self._navigator.home.took_off(self._own.vehicle)
-            self._world.start(started_ns)
             self._coverage, self.finding = CoverageLog(self._coverage.swath_m), ""
-            self._search.begin(started_ns)
+            self._begin(started_ns)
+        elif self._mission.started_ns == 0:
+            self._begin(started_ns)
         return None
 
     def passing(self, now_ns: int, peers: Peers) -> tuple[str, ...]:
         """Ids of drones that fly past this one, on the ground, so near that it must not take off."""
         vehicle = self._own.vehicle
-        if vehicle is None or vehicle.in_air or self.stage not in (Stage.PREFLIGHT, Stage.LANDED):
+        if vehicle is None or vehicle.in_air or self.stage not in _ON_GROUND:
             return ()
         return self._navigator.passing(now_ns, vehicle, peers)
 
@@ -142,6 +148,7 @@ class Executive:
 
     def step(self, now_ns: int, peers: Peers) -> Decision:
         """Advance the mission, and plan."""
+        self._look_up(now_ns, peers)
         self._conclude(now_ns)
         if self.stage is Stage.RETURN and self._own.vehicle is not None:
             self._navigator.home.watch(self._own.vehicle)
@@ -166,8 +173,28 @@ class Executive:
         self._navigator.home.remember(memory.home_m)
         if memory.response is not None:
             self._navigator.response.remember(memory.response)
-        self._world.start(memory.started_ns)
-        self._search.begin(memory.started_ns)
+        if memory.started_ns != 0:
+            self._begin(memory.started_ns)
+
+    def _look_up(self, now_ns: int, peers: Peers) -> None:
+        """Where the vehicle flies although this agent has not started it, the others have to know, and an operator may command.
+
+        Home is its launch place by the mission, and the mission began when the others say.
+        """
+        if self._aloft.shown and self.stage in _ON_GROUND and self._own.vehicle is not None:
+            self._counters["found_flying"] += 1
+            self._mission.find_flying(self._own.vehicle, now_ns)
+            self._navigator.home.remember(self._config.member(self._id).origin_m)
+        if self.stage not in _ON_GROUND and self._mission.started_ns == 0:
+            begun_ns = peers.begun_ns(self._mission_id, now_ns)
+            if begun_ns is not None:
+                self._begin(begun_ns)
+
+    def _begin(self, started_ns: int) -> None:
+        """What was measured and searched before counts no more."""
+        self._mission.started_ns = started_ns
+        self._world.start(started_ns)
+        self._search.begin(started_ns)
 
     def _remember(self, now_ns: int) -> None:
         if self._remembered is None:

@@ -17,7 +17,7 @@ _FROM_THE_GROUND = (Stage.TAKEOFF, Stage.LANDING, Stage.ABORT)
 class Memory(Struct, frozen=True, kw_only=True):
     """A drone that flies the mission, as of ``stamp_ns`` (UTC, in whole ``REFRESH_NS``: equal states are not written again).
 
-    ``started_ns``: stamp of the start command. ``home_m``: where a return leads, mission frame; None if it is not known.
+    ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if it is not known.
     ``resume``: the stage after a hold. ``released``: somebody else has taken over the vehicle. ``epoch_offset``: the number of
     epochs added to the vehicle's own. ``response``: the identified response of the vehicle.
     """

@@ -49,7 +49,7 @@ class Mission:
         """
         self.stage = Stage.PREFLIGHT
         self.since_ns = 0  # when the present stage began
-        self.started_ns = 0  # stamp of the start command with which the swarm's mission began
+        self.started_ns = 0  # stamp of the start command with which the swarm's mission began; 0: not known
         self.tracking_since_ns: int | None = None
         self._track = track
         self._gives_up = survey is not None and survey.then == "return"
@@ -152,6 +152,14 @@ class Mission:
             home_m=home_m,
             epoch_offset=epoch_offset,
         )
+
+    def find_flying(self, vehicle: VehicleState, now_ns: int) -> None:
+        """The vehicle flies, and this agent has not started it, or knows nothing of that any more. Who does so now goes on, a
+        human pilot or its failsafe, until an operator commands otherwise. When the swarm's mission began is not known yet.
+        """
+        self._begin_anew()
+        self.started_ns = 0
+        self._release(vehicle.mode, now_ns)
 
     def rejoin(self, memory: Memory, vehicle: VehicleState, now_ns: int) -> None:
         """Continue a flight in which this agent was restarted. A vehicle that somebody else flies is left alone."""
@@ -287,7 +295,7 @@ class Mission:
         self.released = True
 
     def _hold(self, now_ns: int) -> None:
-        self.resume = Stage.SURVEY if self.stage is Stage.TAKEOFF else self.stage
+        self.resume = self.stage if self.stage in STEERED else Stage.SURVEY
         self._enter(Stage.HOLD, now_ns)
 
     def _enter(self, stage: Stage, now_ns: int) -> None:

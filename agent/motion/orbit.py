@@ -21,7 +21,7 @@ _CLEAR_OF_BACKGROUND = 4.0  # least signal of the source, in multiples of the ba
 
 def ring_radius_m(mission: MissionConfig, ring: int, fits_hypothesis: bool) -> float:
     """Radius of one of the circles around the same centre for drones that do not hear each other: they are apart by twice the
-    separation, so that neither the vehicles' deviations nor different hypotheses bring drones on two of them together.
+    separation, so that the vehicles' deviations do not bring drones on two of them together; see ``ring_lift_m``.
 
     ``ring``: from 0 on; ``fits_hypothesis``: the radius of the shared circle follows the hypothesis' RMS.
     """
@@ -29,6 +29,13 @@ def ring_radius_m(mission: MissionConfig, ring: int, fits_hypothesis: bool) -> f
     shared_m = min(config.nearest_m, config.radius_m) if fits_hypothesis else config.radius_m
     room_m = minimum_radius(len(mission.drones), limits.separation_m + MARGIN_M)
     return max(shared_m, room_m) + 2.0 * limits.separation_m * ring
+
+
+def ring_lift_m(mission: MissionConfig, ring: int) -> float:
+    """By how much such a circle is higher than the shared one: every other one by the separation. Sides that do not hear each
+    other have different hypotheses, several metres apart where one has few cameras, so that their circles may cross.
+    """
+    return mission.limits.separation_m * (ring % 2)
 
 
 class Orbit:
@@ -43,7 +50,13 @@ class Orbit:
         self._stamp_ns: int | None = None
 
     def update(
-        self, now_ns: int, rms_m: float, activity_bq: float | None, lost: bool = False, ring_m: float | None = None
+        self,
+        now_ns: int,
+        rms_m: float,
+        activity_bq: float | None,
+        lost: bool = False,
+        ring_m: float | None = None,
+        lift_m: float = 0.0,
     ) -> None:
         """Approach the circle that is best now.
 
@@ -53,13 +66,14 @@ class Orbit:
             activity_bq: of the source, where known.
             lost: the circle may be wider than configured: all that is known is that the source is within ``rms_m``.
             ring_m: the radius that it has to be, whatever the accuracy.
+            lift_m: by how much it has to be higher than is best.
         """
         elapsed_s = 0.0 if self._stamp_ns is None else min((now_ns - self._stamp_ns) * 1e-9, _LONGEST_S)
         self._stamp_ns = now_ns
         radius_m = ring_m or self._wanted(rms_m, activity_bq, lost)
         height_m = max(self._lowest_m, self._config.height_m * min(radius_m / self._config.radius_m, 1.0))
         self.radius_m += _step(radius_m - self.radius_m, _RADIUS_MPS, elapsed_s)
-        self.height_m += _step(height_m - self.height_m, _HEIGHT_MPS, elapsed_s)
+        self.height_m += _step(height_m + lift_m - self.height_m, _HEIGHT_MPS, elapsed_s)
 
     def _wanted(self, rms_m: float, activity_bq: float | None, lost: bool) -> float:
         return min(max(rms_m, self._nearest_m), _WIDEST_M) if lost else self._radius(rms_m, activity_bq)

@@ -202,14 +202,16 @@ class Guidance:
         Otherwise the configured circle, growing while the source has to be found again.
         """
         config, hypothesis = self._config.encirclement, moment.hypothesis
-        radius_m, height_m, doubt_m = config.radius_m, config.height_m, 0.0
+        lift_m = self._shared.lift_m(self._absence)
+        radius_m, height_m, doubt_m = config.radius_m, config.height_m + lift_m, 0.0
         fits = self._fits(moment)
         x, y, _ = centre.position
         far_m = hypot(state.position[0] - x, state.position[1] - y)
         ring_m, over_m = self._shared.course(self._absence, self._in_mission(centre), far_m, moment.vehicle.height_m, fits)
         if fits and hypothesis is not None:
             rms_m = hypothesis.sight_of(self._id).rms_m
-            self._orbit.update(moment.now_ns, rms_m, hypothesis.activity_bq, moment.stage is Stage.REACQUIRE, ring_m)
+            lost = moment.stage is Stage.REACQUIRE
+            self._orbit.update(moment.now_ns, rms_m, hypothesis.activity_bq, lost, ring_m, lift_m)
             radius_m, height_m = self._orbit.radius_m, self._orbit.height_m
             doubt_m = DOUBT_SIGMAS * max((partner.plan.sigma_m for partner in partners), default=0.0)
         elif ring_m is not None:

@@ -20,6 +20,7 @@ RECENT_NS = 3_000_000_000  # poses and sightings are kept for this long
 _AT_LAUNCH = (Stage.PREFLIGHT, Stage.TAKEOFF)
 _MOST_SIGHTINGS = 256  # kept, whatever their stamps
 FUTURE_NS = 100_000_000  # a stamp further ahead than this is forged, or of a clock that is not known yet to be wrong
+_LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
 _LONGEST_STEP_NS = 2_000_000_000  # of a clock that was not set: the watchdog ends an agent that stands still for as long
 
 
@@ -134,3 +135,8 @@ class Peers:
             for name, peer in self._peers.items()
             if peer.status is not None and now_ns - peer.status.stamp_ns < STATUS_AGE_NS
         }
+
+    def begun_ns(self, mission: str, now_ns: int) -> int | None:
+        """When that mission began: the earliest stamp of a start command that one of those that fly it tells; None: nobody."""
+        told = (status.started_ns for status in self.statuses(now_ns).values() if status.mission == mission)
+        return min((began for began in told if began is not None and now_ns - began < _LONGEST_MISSION_NS), default=None)

@@ -12,7 +12,7 @@ from shapely import Point, Polygon
 
 from agent.config.mission import MissionConfig
 from agent.geometry import Array, Point2, Vector3
-from agent.motion.orbit import ring_radius_m
+from agent.motion.orbit import ring_lift_m, ring_radius_m
 from agent.motion.reference import PeerState
 from agent.motion.separation import LEAST_MARGIN_M, PeerPlan
 from agent.navigation.crossing import Crossing
@@ -105,6 +105,10 @@ class SharedCircle:
             return None, None
         taken_m = [circle.radius_m for circle in self._circles(absence, fits_hypothesis, kept=False)]
         return self._crossing.course(far_m, height_m, radius_m, taken_m)
+
+    def lift_m(self, absence: Absence | None) -> float:
+        """By how much to fly higher than on the circle that is shared by all."""
+        return 0.0 if absence is None else ring_lift_m(self._mission, absence.ring)
 
     def _ring_m(self, absence: Absence | None, centre: Point2, fits_hypothesis: bool) -> float | None:
         """The radius that keeps clear of those that are not heard; None while all are heard. ``centre``: mission frame."""

@@ -5,7 +5,7 @@ Nobody can tell which of two things has happened:
 - its agent is gone, and its autopilot flies (``agentless``).
 - only the radio is. It flies on, and cannot hear this drone either. While it searched, both keep to their own side of the line
   half-way between the places where they last heard of each other; while it tracked, both leave for circles of different radius
-  (``agent.motion.rings``).
+  and height (``agent.motion.orbit``).
 
 Positions are horizontal, mission frame.
 """

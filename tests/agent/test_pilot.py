@@ -47,7 +47,7 @@ def test_reports_pose_at_10_hz_and_status_at_1_hz():
     one, poses, statuses = pilot(), 0, 0
     for tick in range(100):
         now_ns = START_NS + tick * TICK_NS
-        one.observe_vehicle(state(now_ns))
+        one.observe_vehicle(state(now_ns, armed=False, in_air=False))
         step = one.step(now_ns)
         poses += len(messages(step, Pose))
         statuses += len(messages(step, Status))

@@ -15,7 +15,7 @@ def after_30_s(hits_of):
     for k in range(150):
         start_ns = START_NS + k * SECOND // 5
         now_ns = start_ns + SECOND // 5
-        one.observe_vehicle(state(now_ns - TICK_NS))
+        one.observe_vehicle(state(now_ns - TICK_NS, armed=False, in_air=False))
         published = one.observe_detector(Readout(start_ns, now_ns, start_ns, 0.2, hits_of(k)))
         exposures += [decode_from(key, payload) for key, payload in published]
         step = one.step(now_ns)

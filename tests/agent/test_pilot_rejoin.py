@@ -197,11 +197,53 @@ def test_goes_on_with_what_it_was_doing(stage, mode, request_):
         (None, {}),
     ],
 )
-def test_what_does_not_fit_is_forgotten(memory, vehicle):
+def test_what_does_not_fit_is_forgotten_and_nothing_is_done_to_the_vehicle(memory, vehicle):
     one, step = back(memory, **vehicle)
     assert (one.stage, step.command.request) == (Stage.PREFLIGHT, Request.STAY)
     assert one.memory is None
-    assert fly(one, BACK_NS, 2.0, FlightMode.OFFBOARD)[-1] is Request.STAY  # for good
+    assert fly(one, BACK_NS, 2.0, FlightMode.RETURN, healthy=False, **vehicle)[-1] in (Request.STAY, Request.RELEASE)
+
+
+@pytest.mark.parametrize(
+    ("mode", "stage"),
+    [
+        (FlightMode.RETURN, Stage.RETURN),
+        (FlightMode.LAND, Stage.LANDING),
+        (FlightMode.HOLD, Stage.HOLD),
+        (FlightMode.MANUAL, Stage.HOLD),
+    ],
+)
+def test_a_flight_that_it_knows_nothing_of_is_told_and_left_to_whoever_flies_it(mode, stage):
+    one, _ = back(memory=None)
+    assert set(fly(one, BACK_NS, 0.4, mode, healthy=False)) == {Request.STAY}  # not by one packet
+    assert set(fly(one, BACK_NS + 2 * SECOND // 5, 5.0, mode, healthy=False)[5:]) == {Request.RELEASE}
+    assert one.stage is stage
+    now_ns = BACK_NS + 6 * SECOND
+    one.observe_vehicle(state(now_ns, mode, armed=False, in_air=False, position=(0.0, 0.0, 0.1)))
+    assert fly(one, now_ns, 3.0, FlightMode.HOLD, armed=False, in_air=False, position=(0.0, 0.0, 0.1))[-1] is Request.STAY
+    assert one.stage is Stage.LANDED
+
+
+@pytest.mark.parametrize("vehicle", [{"position": (0.0, 0.0, 0.4)}, {"in_air": False}, {"armed": False}])
+def test_what_only_one_report_says_is_no_flight(vehicle):
+    one, _ = back(memory=None, **vehicle)
+    assert set(fly(one, BACK_NS, 3.0, FlightMode.HOLD, **vehicle)) == {Request.STAY}
+    assert one.stage is Stage.PREFLIGHT
+
+
+def test_an_operator_resumes_a_flight_that_it_knows_nothing_of_as_the_others_fly_it():
+    one, _ = back(memory=None)
+    began_ns = START_NS + 3 * SECOND
+    told = Status(stamp_ns=BACK_NS, drone="d2", mission=MISSION.mission_id, boot="2" * 16, stage=Stage.TRACK, started_ns=began_ns)
+    fly(one, BACK_NS, 1.0, FlightMode.HOLD)
+    assert one.memory.started_ns == 0  # nobody has been heard yet
+    one.receive(key_of("radron", told), encode(told), BACK_NS + SECOND)
+    fly(one, BACK_NS + SECOND, 1.0, FlightMode.HOLD)
+    assert (one.memory.started_ns, one.memory.home_m) == (began_ns, MISSION.member("d1").origin_m)
+    now_ns = BACK_NS + 2 * SECOND
+    one.receive(*command(Action.RESUME, stamp_ns=now_ns, boot=NEW_BOOT), now_ns)
+    assert fly(one, now_ns, 1.0, FlightMode.HOLD)[-1] is Request.OFFBOARD
+    assert one.stage is Stage.SURVEY
 
 
 def test_armed_on_the_ground_waits_for_the_truth():

@@ -45,7 +45,8 @@ def test_stamps_far_away_break_nothing(mission, first_s):
             for number, stamp_ns in enumerate(STAMPS):
                 for entry in entries(mission, stamp_ns, 10 * number):
                     one.receive(key_of(mission.swarm, entry), encode(entry), now_ns)
-        one.observe_vehicle(state(now_ns, FlightMode.HOLD if tick < 25 else FlightMode.OFFBOARD))
+        mode = FlightMode.HOLD if tick < 25 else FlightMode.OFFBOARD
+        one.observe_vehicle(state(now_ns, mode, armed=tick >= 20, in_air=tick >= 20))
         if tick == 20:
             one.receive(*command(mission=mission, stamp_ns=now_ns), now_ns)
         one.step(now_ns)

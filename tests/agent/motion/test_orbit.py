@@ -5,9 +5,11 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
+from msgspec.structs import replace
+from one_pilot import MISSION
 
 from agent.config.mission import EncirclementConfig
-from agent.motion.orbit import Orbit
+from agent.motion.orbit import Orbit, ring_lift_m
 
 SECOND = 1_000_000_000
 CONFIG = EncirclementConfig(radius_m=12.0, nearest_m=5.0, height_m=3.0)
@@ -72,3 +74,12 @@ def test_a_nearest_distance_beyond_the_configured_radius_changes_nothing() -> No
     for tick in range(100):
         orbit.update(tick * SECOND, 10.0, STRONG_BQ)
     assert orbit.radius_m == 4.0
+
+
+def test_circles_next_to_each_other_are_the_separation_apart_in_height_too() -> None:
+    mission = replace(MISSION, encirclement=CONFIG)
+    assert [ring_lift_m(mission, ring) for ring in range(4)] == [0.0, 3.0, 0.0, 3.0]
+    orbit = Orbit(CONFIG, 1.0)
+    for tick in range(200):
+        orbit.update(tick * SECOND // 5, 0.0, STRONG_BQ, ring_m=18.0, lift_m=3.0)
+    assert orbit.height_m == pytest.approx(CONFIG.height_m + 3.0, abs=1e-3)
