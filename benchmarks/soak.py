@@ -39,6 +39,7 @@ from agent.flight.reader import RecordedFlight
 from protocol.entries import Entry
 from protocol.messages import DRONE_KINDS
 from sim.figures.style import DRONES, dress, new_figure, save
+from sim.scoring.moment import Moment
 
 MOST_BYTES = 2000.0  # by which a process may grow for each entry of each log in it
 FEWEST_ENTRIES = 3000  # by which a log must have grown for that to be judged
@@ -109,12 +110,13 @@ def long_mission(pipe: Connection, drones: int, seed: int, seconds: float) -> No
 
     series, due_s = Series("lockstep, one mission"), 0.0
 
-    def watch(time_s: float, pilots: Sequence[Any]) -> None:
+    def watch(moment: Moment) -> bool:
         nonlocal due_s
-        if time_s >= due_s:
-            due_s = time_s + SAMPLE_S
-            series.add(time_s, sum(len(pilot.fusion.log) for pilot in pilots), *_held())
-            pipe.send(time_s)
+        if moment.time_s >= due_s:
+            due_s = moment.time_s + SAMPLE_S
+            series.add(moment.time_s, sum(len(pilot.fusion.log) for pilot in moment.pilots if pilot is not None), *_held())
+            pipe.send(moment.time_s)
+        return False
 
     fly_lockstep(_scenario(drones, seconds), seed, watch=watch)
     pipe.send(series)
