@@ -86,6 +86,8 @@ def test_a_mission_is_read_with_its_defaults(mission_file: Path) -> None:
         ("[area]", "[area]\nfloor_m = 70", ["area.floor_m must be below area.ceiling_m"]),
         ("[encirclement]", '[fusion]\nestimator = "given"\n[encirclement]', ["needs fusion.given.schedule"]),
         ('name = "harbour"', 'name = "harbour"\nnuclide = "auto"', ["nuclide: 'auto' cannot be flown", "name it"]),
+        ("[area]", '[ground]\ngrid = "\\n"\n[area]', ["ground.grid"]),
+        ("[area]", '[buildings]\nfile = "a\\u0000b"\n[area]', ["buildings.file"]),
         ("name =", "name", ["not TOML", "line 2"]),
     ],
 )
