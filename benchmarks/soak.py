@@ -76,10 +76,12 @@ class Series:
         return float(np.polyfit(entries, rss_mb, 1)[0]) * 1e6
 
     def growth(self, name: str) -> int:
-        """By how much the largest count of the last third is above that of the third before."""
+        """By how much the smallest count of the last third is above that of the third before: what is left over stays, while a
+        task or socket that is there for a moment only does not count.
+        """
         counts = _warm(self.counts[name])
         middle = max(1, len(counts) // 2)
-        return max(counts[middle:], default=0) - max(counts[:middle], default=0)
+        return min(counts[middle:], default=0) - min(counts[:middle], default=0)
 
     @property
     def flaws(self) -> list[str]:
