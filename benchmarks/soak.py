@@ -39,6 +39,7 @@ from agent.flight.reader import RecordedFlight
 from protocol.entries import Entry
 from protocol.messages import DRONE_KINDS
 from sim.figures.style import DRONES, dress, new_figure, save
+from sim.scoring.moment import Moment
 
 MOST_BYTES = 2000.0  # by which a process may grow for each entry of each log in it
 FEWEST_ENTRIES = 3000  # by which a log must have grown for that to be judged
@@ -75,10 +76,12 @@ class Series:
         return float(np.polyfit(entries, rss_mb, 1)[0]) * 1e6
 
     def growth(self, name: str) -> int:
-        """By how much the largest count of the last third is above that of the third before."""
+        """By how much the smallest count of the last third is above that of the third before: what is left over stays, while a
+        task or socket that is there for a moment only does not count.
+        """
         counts = _warm(self.counts[name])
         middle = max(1, len(counts) // 2)
-        return max(counts[middle:], default=0) - max(counts[:middle], default=0)
+        return min(counts[middle:], default=0) - min(counts[:middle], default=0)
 
     @property
     def flaws(self) -> list[str]:
@@ -109,12 +112,13 @@ def long_mission(pipe: Connection, drones: int, seed: int, seconds: float) -> No
 
     series, due_s = Series("lockstep, one mission"), 0.0
 
-    def watch(time_s: float, pilots: Sequence[Any]) -> None:
+    def watch(moment: Moment) -> bool:
         nonlocal due_s
-        if time_s >= due_s:
-            due_s = time_s + SAMPLE_S
-            series.add(time_s, sum(len(pilot.fusion.log) for pilot in pilots), *_held())
-            pipe.send(time_s)
+        if moment.time_s >= due_s:
+            due_s = moment.time_s + SAMPLE_S
+            series.add(moment.time_s, sum(len(pilot.fusion.log) for pilot in moment.pilots if pilot is not None), *_held())
+            pipe.send(moment.time_s)
+        return False
 
     fly_lockstep(_scenario(drones, seconds), seed, watch=watch)
     pipe.send(series)

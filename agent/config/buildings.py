@@ -11,7 +11,7 @@ from msgspec import Meta, Struct
 from shapely import Polygon
 from shapely.validation import explain_validity
 
-from agent.config.section import Coordinate, NonNegative, Positive, Section
+from agent.config.section import Coordinate, FileName, NonNegative, Positive, Section
 from agent.errors import ConfigError
 from protocol.units import Latitude, Longitude
 
@@ -49,7 +49,7 @@ class BuildingsConfig(Section, frozen=True, kw_only=True):
     mission's ``datum``), or ``mission`` (metres of the mission frame). On load its buildings are added to ``known``.
     """
 
-    file: str | None = None
+    file: FileName | None = None
     crs: Literal["EPSG:4326", "mission"] = "EPSG:4326"
     known: tuple[BuildingConfig, ...] = ()
 

@@ -16,7 +16,7 @@ from shapely.validation import explain_validity
 
 from agent.config.buildings import BuildingsConfig
 from agent.config.estimators import FusionConfig
-from agent.config.section import Activity, Coordinate, Degrees, NonNegative, Positive, Section, content_of
+from agent.config.section import Activity, Coordinate, Degrees, FileName, NonNegative, Positive, Section, content_of
 from agent.errors import ConfigError
 from protocol.units import DroneId, Identifier, Latitude, Longitude, Nuclide
 
@@ -187,7 +187,7 @@ class GroundConfig(Section, frozen=True, kw_only=True):
 
     height_m: Coordinate = 0.0
     slope: tuple[Annotated[float, Meta(ge=-2.0, le=2.0)], Annotated[float, Meta(ge=-2.0, le=2.0)]] = (0.0, 0.0)
-    grid: str | None = None
+    grid: FileName | None = None
     grid_crs: Annotated[str, Meta(pattern=r"^(mission|EPSG:(4326|32[67](0[1-9]|[1-5][0-9]|60)))$")] | None = None
     geoid_m: Annotated[float, Meta(ge=-200.0, le=200.0)] = 0.0
     grid_data: Annotated[bytes, Meta(max_length=GRID_BYTES)] | None = None

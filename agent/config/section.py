@@ -12,6 +12,7 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 Activity = Annotated[float, Meta(gt=0.0, le=1e15)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Coordinate = Annotated[float, Meta(ge=-1e5, le=1e5)]
+FileName = Annotated[str, Meta(pattern=r"\A[^\x00-\x1f\x7f]+\Z")]  # no control characters: errors name it in one line
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 
 

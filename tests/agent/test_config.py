@@ -92,6 +92,8 @@ def test_a_mission_is_read_with_its_defaults(mission_file: Path) -> None:
         ),
         ('name = "harbour"', 'name = "harbour"\nfusion.estimator = "sources"\nsource_height_m = [9, 2]', ["9 is not below 2"]),
         ('name = "harbour"', 'name = "harbour"\nnuclide = "auto"', ["nuclide: 'auto' is more than one", "name one nuclide"]),
+        ("[area]", '[ground]\ngrid = "\\n"\n[area]', ["ground.grid"]),
+        ("[area]", '[buildings]\nfile = "a\\u0000b"\n[area]', ["buildings.file"]),
         ("name =", "name", ["not TOML", "line 2"]),
     ],
 )

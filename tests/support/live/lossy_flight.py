@@ -28,7 +28,6 @@ from packet_network import HUB, address, packet_network
 
 AGENT = Path(sysconfig.get_path("scripts")) / "radron-agent"
 READY_S, FLIGHT_S = 240.0, 300.0  # of which a minute is flown; the machine is shared
-TRACK_S = 20.0
 LACKING = "network namespaces and TUN devices need root, /dev/net/tun and iproute2"
 
 
@@ -51,12 +50,12 @@ def can_lose_packets() -> bool:
     return os.geteuid() == 0 and os.access("/dev/net/tun", os.W_OK) and shutil.which("ip") is not None
 
 
-def fly_over(folder: Path, drones: int, loss: float, seed: int = 1) -> Flown:
+def fly_over(folder: Path, drones: int, loss: float, track_s: float, seed: int = 1) -> Flown:
     """Fly it; ``loss``: probability for a packet between two agents to be lost, once all agents are ready."""
     with packet_network(drones, seed) as (hosts, inside, impair), ExitStack() as agents:
         mesh = {f"d{number + 1}": f"tls/{host}:7447" for number, host in enumerate(hosts)}
         links = ("--agent-hosts", ",".join(hosts), "--mesh", ",".join(mesh.values()), "--bind", address(HUB))
-        options = ("--drones", str(drones), "--seed", str(seed), "--set", f"mission.track.duration_s={TRACK_S:g}")
+        options = ("--drones", str(drones), "--seed", str(seed), "--set", f"mission.track.duration_s={track_s:g}")
         with live_run(folder, "demo", *options, "--json", str(folder / "run.json"), "--external", *links) as run:
             run.until(lambda: "the agents are expected at" in run.said, 120.0)
             children: dict[str, subprocess.Popen[bytes]] = {}
