@@ -4,7 +4,7 @@
 
 T_r live time, p_r the measured position, b and g the drone's position bias and the logarithm of its camera's sensitivity, v that
 of the background. A row's log likelihood is weighted by 1 / (1 + eps^2 k_r), k_r its events: no row tells its rate better than to
-the share eps, by which the model may be wrong.
+the share eps, by which the model may be wrong. That is with a clear view; what may hide the sources is in ``hidden``.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.fusion.sources.data import Rows
+from agent.fusion.sources.hidden import Cells, Expected, Views
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
 from agent.geometry import Array, Vector3
@@ -34,18 +35,18 @@ class CountModel:
         self.live_s = rows.live_s
         self.weight: Array = 1.0 / (1.0 + _MODEL_ERROR**2 * self.counts.sum(axis=1))
         self.drone = rows.drone
+        self._cells = Cells(rows)
         edges = np.searchsorted(self.drone, np.arange(drones + 1))
         self._of_drone = [slice(start, end) for start, end in pairwise(edges.tolist())]
 
-    def expected(self, solution: Solution) -> Array:
-        """M, (R, BINS)."""
-        near, far = self._spectra.templates(solution.scale, solution.scatter)
-        total = least = self.background(solution)
+    def expected(self, solution: Solution) -> Expected:
+        """M, and the direct photons in it."""
+        background = self.background(solution)
+        clear, direct = background, np.zeros_like(background)
         for k in range(len(solution)):
-            strength, depth, *_ = self._arriving(solution, k)
-            total = total + _mixed(strength, strength * depth, near[solution.nuclide[k]], far[solution.nuclide[k]])
-        result: Array = np.maximum(total, _LEAST_SHARE * least)
-        return result
+            own, straight = self._added(solution, k)
+            clear, direct = clear + own, direct + straight
+        return _limited(clear, direct, background)
 
     def background(self, solution: Solution) -> Array:
         """M without any source, (R, BINS)."""
@@ -62,56 +63,81 @@ class CountModel:
         weight = self.live_s / ((off**2).sum(axis=1) + NEAREST_M**2)
         return float(weight @ self.place[:, 2] / weight.sum()) - self._ground.height_m(x, y)
 
-    def log_likelihood(self, expected: Array) -> float:
-        """Without the terms that do not depend on the sources; expected: (R, BINS) M."""
-        per_row = (self.counts * np.log(expected) - expected).sum(axis=1)
-        return float(self.weight @ per_row)
+    def views(self, expected: Expected) -> Views:
+        """What the counts say of what is expected of a solution."""
+        return self._cells.views(self.counts, self.weight, expected)
+
+    def log_likelihood(self, expected: Expected) -> float:
+        """Without the terms that do not depend on the sources."""
+        return self.views(expected).log_likelihood
 
     def scored(self, solution: Solution) -> tuple[float, Array, Array]:
         """Log likelihood; and by drone its gradient (V, p) and Fisher information (V, p, p) by the p = size K + 1 numbers of the
         sources and the background.
         """
-        expected = self.expected(solution)
-        jacobian = np.stack(list(self._derivatives(solution)))  # (p, R, BINS)
-        excess = self.weight[:, None] * (self.counts / expected - 1.0)
-        jacobian_scaled = jacobian * np.sqrt(self.weight[:, None] / expected)
-        size = len(jacobian)
+        expected, background = self.expected(solution), self.background(solution)
+        seen = self.views(expected)
+        pulled, jacobian = self._seen(solution, range(len(solution)), seen)
+        pulled = np.concatenate((pulled, np.vecdot(seen.excess, background)[None]))
+        scaled = np.concatenate((jacobian, background[None])) * np.sqrt(seen.information[:, None] / expected.clear)
         gradients, informations = [], []
         for rows in self._of_drone:
-            gradients.append(jacobian[:, rows].reshape(size, -1) @ excess[rows].ravel())
-            part = jacobian_scaled[:, rows].reshape(size, -1)
+            gradients.append(pulled[:, rows].sum(axis=1))
+            part = scaled[:, rows].reshape(len(scaled), -1)
             informations.append(part @ part.T)
-        return self.log_likelihood(expected), np.array(gradients), np.array(informations)
+        return seen.log_likelihood, np.array(gradients), np.array(informations)
 
-    def scored_alone(self, solution: Solution, sources: Sequence[int], others: Array) -> tuple[float, Array, Array]:
+    def scored_alone(self, solution: Solution, sources: Sequence[int], others: Expected) -> tuple[float, Array, Array]:
         """Log likelihood, its gradient (p,) and Fisher information (p, p) by the p numbers of these sources alone,
-        given ``others``, M without them (R, BINS).
+        given ``others``, what is expected without them.
         """
-        jacobian = np.stack([part for k in sources for part in self._by_source(solution, k)])
-        expected = np.maximum(others + jacobian[2 :: solution.size].sum(axis=0), _LEAST_SHARE * others)
-        size = len(jacobian)
-        scaled = (jacobian * np.sqrt(self.weight[:, None] / expected)).reshape(size, -1)
-        excess = self.weight[:, None] * (self.counts / expected - 1.0)
-        return self.log_likelihood(expected), jacobian.reshape(size, -1) @ excess.ravel(), scaled @ scaled.T
+        clear, direct = others.clear, others.direct
+        for k in sources:
+            own, straight = self._added(solution, k)
+            clear, direct = clear + own, direct + straight
+        expected = Expected(np.maximum(clear, others.least), direct, others.least)
+        seen = self.views(expected)
+        pulled, jacobian = self._seen(solution, sources, seen)
+        scaled = (jacobian * np.sqrt(seen.information[:, None] / expected.clear)).reshape(len(jacobian), -1)
+        return seen.log_likelihood, pulled.sum(axis=1), scaled @ scaled.T
 
-    def _derivatives(self, solution: Solution) -> Iterator[Array]:
-        """(R, BINS) derivatives of M, in the order of ``Solution.vector``."""
-        for k in range(len(solution)):
-            yield from self._by_source(solution, k)
-        yield self.background(solution)
+    def _seen(self, solution: Solution, sources: Sequence[int], seen: Views) -> tuple[Array, Array]:
+        """By the numbers of these sources: the rows' parts (p, R) of the gradient, and the derivatives (p, R, BINS) of M."""
+        pulled, jacobian = [], []
+        for k in sources:
+            shapes = self._shapes(solution, k)
+            pull = seen.excess @ shapes[:2].T - seen.blocked @ shapes[2:].T
+            for coefficients in self._by_source(solution, k):
+                pulled.append(np.vecdot(coefficients, pull))
+                jacobian.append(coefficients @ shapes[:2])
+        if not jacobian:
+            return np.zeros((0, len(self.counts))), np.zeros((0, *self.counts.shape))
+        return np.stack(pulled), np.stack(jacobian)
+
+    def _shapes(self, solution: Solution, k: int) -> Array:
+        """(4, BINS) of source k: N and F, and the direct photons in them."""
+        n = solution.nuclide[k]
+        clear = self._spectra.templates(solution.scale, solution.scatter)
+        direct = self._spectra.direct_templates(solution.scale)
+        return np.stack([of_all[n] for of_all in (*clear, *direct)])
+
+    def _added(self, solution: Solution, k: int) -> tuple[Array, Array]:
+        """(R, BINS) what source k adds to M, and to the direct photons in it."""
+        shapes = self._shapes(solution, k)
+        strength, depth, *_ = self._arriving(solution, k)
+        coefficients = np.column_stack((strength, strength * depth))
+        return coefficients @ shapes[:2], coefficients @ shapes[2:]
 
     def _by_source(self, solution: Solution, k: int) -> Iterator[Array]:
-        """(R, BINS) derivatives of M by x, y, log activity and, where it may be above the ground, height of source k; that by log
-        activity is what the source itself adds to M.
+        """(R, 2) coefficients of N and F in the derivatives by x, y, log activity and, where it may be above the ground, height
+        of source k.
         """
-        n = solution.nuclide[k]
-        near, far = (of_all[n] for of_all in self._spectra.templates(solution.scale, solution.scatter))
         strength, depth, distance, east, north, up = self._arriving(solution, k)
-        air = self._spectra.air_per_m[n]
-        by_distance = _mixed(-strength * (2.0 / distance + air), -strength * (1.0 + depth) * air, near, far)
+        air = self._spectra.air_per_m[solution.nuclide[k]]
+        by_distance = np.column_stack((-strength * (2.0 / distance + air), -strength * (1.0 + depth) * air))
         yield by_distance * east[:, None]
         yield by_distance * north[:, None]
-        yield _mixed(strength, strength * depth, near, far)
+        yield np.column_stack((strength, strength * depth))
         if solution.height is not None:
             yield by_distance * up[:, None]
 
@@ -122,6 +148,12 @@ class CountModel:
         depth = self._spectra.air_per_m[solution.nuclide[k]] * distance
         logarithm = solution.log_activity[k] + solution.bias[self.drone, 2] - depth
         return PER_MM2 * self.live_s * np.exp(logarithm) / distance**2, depth, distance, east, north, up
+
+
+def _limited(clear: Array, direct: Array, background: Array) -> Expected:
+    """With expectations that are never less than a share of the background's."""
+    least = _LEAST_SHARE * background
+    return Expected(np.maximum(clear, least), direct, least)
 
 
 def ways(ground: Ground, source: Vector3, places: Array, bias: Array) -> tuple[Array, Array, Array, Array]:
@@ -135,12 +167,6 @@ def ways(ground: Ground, source: Vector3, places: Array, bias: Array) -> tuple[A
     distance = np.maximum(np.sqrt((way**2).sum(axis=1)), NEAREST_M)
     east, north, up = way.T
     return distance, (east + rise[0] * up) / distance, (north + rise[1] * up) / distance, up / distance
-
-
-def _mixed(first: Array, second: Array, near: Array, far: Array) -> Array:
-    """first near' + second far', (R, BINS); first, second: (R,)."""
-    result: Array = np.column_stack((first, second)) @ np.stack((near, far))
-    return result
 
 
 def parts_by_drone(drones: int, drone: NDArray[np.int64], gradient: Array) -> tuple[Array, Array]:
