@@ -92,6 +92,7 @@ def test_a_mission_is_read_with_its_defaults(mission_file: Path) -> None:
         ),
         ('name = "harbour"', 'name = "harbour"\nfusion.estimator = "sources"\nsource_height_m = [9, 2]', ["9 is not below 2"]),
         ('name = "harbour"', 'name = "harbour"\nnuclide = "auto"', ["nuclide: 'auto' is more than one", "name one nuclide"]),
+        ('name = "harbour"', 'name = "harbour"\nnuclide = ["Cs137"]', ["nuclide[0]: expected a nuclide, such as Cs-137"]),
         ("name =", "name", ["not TOML", "line 2"]),
     ],
 )
