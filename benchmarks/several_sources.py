@@ -4,6 +4,7 @@ Three simulated cameras fly lanes of 11 m over 100 x 100 m for 110 s and then ci
 high at 3 m/s. Number (0 to 6), nuclides (those named), places and activities (0.3 to 6 GBq, log uniform) are drawn from the seed,
 same-named ones at least 5 m apart, or 20 m if one is ten times as strong. ``--real``: positions off by 0.15 m along each axis,
 sensitivities by 5 %, energy scales by 0.5 %, background x 1.2. ``--alone``: one source of 3 GBq, beside ``bayes``.
+``--walls``: behind the walls of the scenario ``mismatch-walls``, of which no estimator is told.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ from protocol.entries import EntryId
 from protocol.spectrum import SpectrumBin
 from sim.radiation.camera import Camera, SourceView
 from sim.radiation.truth import CameraTruth
+from sim.scenario import load_scenario
+from sim.world.walls import Walls
 
 Array = NDArray[np.float64]
 SIDE_M, LANE_M, HEIGHT_M, SPEED_MPS, RADIUS_M = 100.0, 11.0, 3.0, 3.0, 6.0
@@ -57,6 +60,7 @@ class Truth:
 
     bias_m: float = 0.0
     camera: CameraTruth = ASSUMED
+    walls: Walls | None = None
 
     @classmethod
     def real(cls) -> Truth:
@@ -147,7 +151,7 @@ def observed(
             axes = _camera_axes(heading, rng)
             parts = []
             for name, camera, chain in zip(names, cameras, chains, strict=True):
-                views = [_view(source, place, axes) for source in sources if source.nuclide == name]
+                views = [_view(source, place, axes, truth.walls) for source in sources if source.nuclide == name]
                 parts.append(chain.process(camera.expose(start_ns, start_ns + round(STEP_S * NS), views)))
             found += _told(parts, place + bias, axes, truth.bias_m, f"d{drone + 1}", start_ns)
     return sorted(found, key=lambda one: (one.stamp_ns, one.identity))
@@ -164,11 +168,12 @@ def _camera_axes(heading: float, rng: np.random.Generator) -> Array:
     return np.array([left, np.cross(forward, left), forward])
 
 
-def _view(source: Placed, place: Array, axes: Array) -> SourceView:
+def _view(source: Placed, place: Array, axes: Array, walls: Walls | None) -> SourceView:
     way = np.append(source.place, source.height_m) - place
     distance = float(np.linalg.norm(way))
     x, y, z = (axes @ way / distance).tolist()
-    return SourceView((x, y, z), distance, source.activity_bq)
+    concrete_m = 0.0 if walls is None else walls.concrete_m(place, place + way)
+    return SourceView((x, y, z), distance, source.activity_bq, concrete_m)
 
 
 def _told(parts: list[Detections], place: Array, axes: Array, sigma_m: float, drone: str, start_ns: int) -> Iterator[Observation]:
@@ -254,12 +259,15 @@ def main(
     seed: Annotated[int, typer.Option(help="Of the first one.")] = 1,
     real: Annotated[bool, typer.Option("--real")] = False,
     alone: Annotated[bool, typer.Option("--alone")] = False,
+    walls: Annotated[bool, typer.Option("--walls")] = False,
     highest_m: Annotated[float, typer.Option(help="Sources are up to so high, and at most three.")] = 0.0,
     circle_s: Annotated[float, typer.Option(help="Time around each source.")] = 40.0,
     nuclides: Annotated[str, typer.Option(help="Of the sources.")] = "Cs-137,Ir-192",
     sought: Annotated[str, typer.Option(help="The mission's nuclide, whose lines make cones.")] = "auto",
 ) -> None:
     truth = Truth.real() if real else Truth()
+    if walls:
+        truth = replace(truth, walls=Walls(load_scenario("mismatch-walls").walls))
     square = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M))
     drones = tuple(DroneInMission(id=f"d{k + 1}") for k in range(DRONES))
     fusion = FusionConfig(estimator="bayes" if alone else "sources")
@@ -275,9 +283,11 @@ def main(
     tallies = {name: Tally() for name in (("sources", "bayes") if alone else ("sources",))}
     for number in range(seed, seed + flights):
         rng = np.random.default_rng([number, 1])
-        sources = (
-            [Placed(mission.named(), rng.uniform(10.0, 90.0, 2), 3e9)] if alone else drawn(rng, nuclides.split(","), highest_m)
-        )
+        alone_at = rng.uniform(10.0, 90.0, 2) if alone else None
+        if alone_at is None:
+            sources = drawn(rng, nuclides.split(","), highest_m)
+        else:
+            sources = [Placed(mission.named(), alone_at, 3e9)]
         seen = observed(number, sources, truth, circle_s, mission.nuclide)
         for name, tally in tallies.items():
             judge(sources, estimate(name, mission, seen, tally), tally)

@@ -124,6 +124,8 @@ def _explain(text: str, kind: type) -> str:
         return f"the key {_join(path, missing.group(1))!r} is missing"
     if PARAMETER in message:
         return f"{path}: expected a name of PX4's, of up to 16 of A-Z, 0-9 and '_', such as COM_OF_LOSS_T"
+    if "[A-Z][a-z]?-" in message and path.startswith("nuclide"):
+        return f"{path}: expected a nuclide, such as Cs-137"
     if "matching regex" in message:
         return f"{path}: expected a name of up to 32 of a-z, 0-9 and '-' (for a drone not {STATION!r})"
     choice = _type_at(kind, path)

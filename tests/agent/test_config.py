@@ -94,6 +94,7 @@ def test_a_mission_is_read_with_its_defaults(mission_file: Path) -> None:
         ('name = "harbour"', 'name = "harbour"\nnuclide = "auto"', ["nuclide: 'auto' is more than one", "name one nuclide"]),
         ("[area]", '[ground]\ngrid = "\\n"\n[area]', ["ground.grid"]),
         ("[area]", '[buildings]\nfile = "a\\u0000b"\n[area]', ["buildings.file"]),
+        ('name = "harbour"', 'name = "harbour"\nnuclide = ["Cs137"]', ["nuclide[0]: expected a nuclide, such as Cs-137"]),
         ("name =", "name", ["not TOML", "line 2"]),
     ],
 )

@@ -1,7 +1,7 @@
 """The estimator ``sources``: number, nuclide, place and activity of sources at rest, from coarse spectra and cones.
 
 Greedy search with continuous point sources, joint Fisher scoring, evidence by Laplace's method. Modules: what a camera counts of
-a nuclide (``spectra``, ``tables``); the measurements (``data``); the likelihoods of counts (``counts``) and cones
-(``directions``); the sources and nuisances that are fitted (``solution``); the fit (``fit``); how sources come and go
-(``candidates``, ``moves``); where more may hide (``hiding``); the estimator (``estimator``).
+a nuclide (``spectra``, ``tables``); the measurements (``data``); the likelihoods of counts (``counts``), also behind what nobody
+knows of (``hidden``), and of cones (``directions``); the sources and nuisances that are fitted (``solution``); the fit (``fit``);
+how sources come and go (``candidates``, ``moves``); where more may hide (``hiding``); the estimator (``estimator``).
 """

@@ -51,7 +51,8 @@ class Scan:
         The score s of an activity that is small, and its variance h: the test s^2 / 2 h estimates the gain of log likelihood, and
         s / h the activity.
         """
-        counts, expected = self._counts, self._counts.expected(solution)
+        counts = self._counts
+        expected = counts.views(counts.expected(solution)).mean  # what is hidden is not missed
         near, far = self._spectra.templates(solution.scale, solution.scatter)
         weighted = (counts.live_s * counts.weight)[:, None]
         excess = self._summed(weighted * (counts.counts / expected - 1.0))

@@ -4,7 +4,7 @@
 
 T_r live time, p_r the measured position, b and g the drone's position bias and the logarithm of its camera's sensitivity, v that
 of the background. A row's log likelihood is weighted by 1 / (1 + eps^2 k_r), k_r its events: no row tells its rate better than to
-the share eps, by which the model may be wrong.
+the share eps, by which the model may be wrong. That is with a clear view; what may hide the sources is in ``hidden``.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.fusion.sources.data import Rows
+from agent.fusion.sources.hidden import Cells, Expected, Views
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
 from agent.geometry import Array, Vector3
@@ -39,18 +40,32 @@ class Part:
 
 @dataclass(frozen=True)
 class Mixture:
-    """Spectra that are sums of few shapes (Q, BINS) of different strength in each row, (R, BINS) ``counts``. As all derivatives
-    are such sums too, gradient and information follow from products of the few shapes.
+    """Spectra that are sums of few shapes (Q, BINS) with strengths (Q, R) of their own in each row; direct: the direct photons in
+    the shapes, (Q, BINS). As all derivatives are such sums too, gradient and information follow from products of the few shapes.
     """
 
     shapes: Array
+    direct: Array
     parts: list[Part]
-    counts: Array
+    strengths: Array
+
+    @property
+    def counts(self) -> Array:
+        """(R, BINS)."""
+        result: Array = self.strengths.T @ self.shapes
+        return result
+
+    @property
+    def straight(self) -> Array:
+        """(R, BINS) the direct photons among the counts."""
+        result: Array = self.strengths.T @ self.direct
+        return result
 
     def plus(self, shape: Array, strength: Array) -> Mixture:
-        """With a further shape (BINS,), and a number that is the logarithm of its strength (R,)."""
+        """With a further shape (BINS,), without direct photons, and a number that is the logarithm of its strength (R,)."""
         part = Part(slice(len(self.shapes), len(self.shapes) + 1), strength[None, None])
-        return Mixture(np.vstack((self.shapes, shape)), [*self.parts, part], self.counts + strength[:, None] * shape)
+        shapes, direct = np.vstack((self.shapes, shape)), np.vstack((self.direct, np.zeros_like(shape)))
+        return Mixture(shapes, direct, [*self.parts, part], np.vstack((self.strengths, strength)))
 
     @property
     def ends(self) -> list[int]:
@@ -67,14 +82,17 @@ class CountModel:
         self.live_s = rows.live_s
         self.weight: Array = 1.0 / (1.0 + _MODEL_ERROR**2 * self.counts.sum(axis=1))
         self.drone = rows.drone
+        self._cells = Cells(rows)
         edges = np.searchsorted(self.drone, np.arange(drones + 1))
         self._of_drone = [slice(start, end) for start, end in pairwise(edges.tolist())]
 
-    def expected(self, solution: Solution) -> Array:
-        """M, (R, BINS)."""
-        least = self.background(solution)
-        sources = range(len(solution))
-        return _floored(least + self._mixture(solution, sources).counts, least) if sources else least
+    def expected(self, solution: Solution) -> Expected:
+        """M, and the direct photons in it."""
+        background = self.background(solution)
+        if not len(solution):
+            return _limited(background, np.zeros_like(background), background)
+        sources = self._mixture(solution, range(len(solution)))
+        return _limited(background + sources.counts, sources.straight, background)
 
     def background(self, solution: Solution) -> Array:
         """M without any source, (R, BINS)."""
@@ -90,10 +108,13 @@ class CountModel:
         weight = self.live_s / ((off**2).sum(axis=1) + NEAREST_M**2)
         return float(weight @ self.place[:, 2] / weight.sum()) - self._ground.height_m(x, y)
 
-    def log_likelihood(self, expected: Array) -> float:
-        """Without the terms that do not depend on the sources; expected: (R, BINS) M."""
-        per_row = (self.counts * np.log(expected) - expected).sum(axis=1)
-        return float(self.weight @ per_row)
+    def views(self, expected: Expected) -> Views:
+        """What the counts say of what is expected of a solution."""
+        return self._cells.views(self.counts, self.weight, expected)
+
+    def log_likelihood(self, expected: Expected) -> float:
+        """Without the terms that do not depend on the sources."""
+        return self.views(expected).log_likelihood
 
     def scored(self, solution: Solution) -> tuple[float, Array, Array]:
         """Log likelihood; and by drone its gradient (V, p) and Fisher information (V, p, p) by the p = size K + 1 numbers of the
@@ -101,18 +122,21 @@ class CountModel:
         """
         sources = self._mixture(solution, range(len(solution)))
         time, spectrum = self._background_s(solution), self._spectra.background_ps(solution.scale)
-        least: Array = time[:, None] * spectrum
-        expected = _floored(least + sources.counts, least)
-        return self.log_likelihood(expected), *self._derived(sources.plus(spectrum, time), expected, self._of_drone)
+        background: Array = time[:, None] * spectrum
+        expected = _limited(background + sources.counts, sources.straight, background)
+        seen = self.views(expected)
+        return seen.log_likelihood, *self._derived(sources.plus(spectrum, time), expected, seen, self._of_drone)
 
-    def scored_alone(self, solution: Solution, sources: Sequence[int], others: Array) -> tuple[float, Array, Array]:
+    def scored_alone(self, solution: Solution, sources: Sequence[int], others: Expected) -> tuple[float, Array, Array]:
         """Log likelihood, its gradient (p,) and Fisher information (p, p) by the p numbers of these sources alone,
-        given ``others``, M without them (R, BINS).
+        given ``others``, what is expected without them.
         """
         mixture = self._mixture(solution, sources)
-        expected = _floored(others + mixture.counts, others)
-        gradients, informations = self._derived(mixture, expected, [slice(None)])
-        return self.log_likelihood(expected), gradients[0], informations[0]
+        clear = np.maximum(others.clear + mixture.counts, others.least)
+        expected = Expected(clear, others.direct + mixture.straight, others.least)
+        seen = self.views(expected)
+        gradients, informations = self._derived(mixture, expected, seen, [slice(None)])
+        return seen.log_likelihood, gradients[0], informations[0]
 
     def derivatives(self, solution: Solution) -> Iterator[Array]:
         """(R, BINS) derivatives of M, in the order of ``Solution.vector``."""
@@ -127,11 +151,10 @@ class CountModel:
         time: Array = self.live_s * np.exp(solution.log_background + solution.bias[self.drone, 2])
         return time
 
-    def _derived(self, mixture: Mixture, expected: Array, groups: Sequence[slice]) -> tuple[Array, Array]:
+    def _derived(self, mixture: Mixture, expected: Expected, seen: Views, groups: Sequence[slice]) -> tuple[Array, Array]:
         """Gradient (G, p) and Fisher information (G, p, p) of each group of rows, by the p numbers of a mixture."""
-        weight = self.weight[:, None]
-        towards = ((weight * (self.counts / expected - 1.0)) @ mixture.shapes.T).T  # (Q, R)
-        between, pairs = _products(mixture.shapes, weight / expected)
+        towards = (seen.excess @ mixture.shapes.T - seen.blocked @ mixture.direct.T).T  # (Q, R)
+        between, pairs = _products(mixture.shapes, seen.information[:, None] / expected.clear)
         size = mixture.ends[-1]
         gradients, informations = np.empty((len(groups), size)), np.empty((len(groups), size, size))
         for place, part in enumerate(mixture.parts):
@@ -151,9 +174,9 @@ class CountModel:
 
     def _mixture(self, solution: Solution, sources: Sequence[int]) -> Mixture:
         """What these sources add to M."""
-        both = self._spectra.templates(solution.scale, solution.scatter)
         nuclides = sorted({solution.nuclide[k] for k in sources})
-        shapes = np.array([part[n] for n in nuclides for part in both]).reshape(-1, BINS)
+        both = self._spectra.templates(solution.scale, solution.scatter), self._spectra.direct_templates(solution.scale)
+        shapes, direct = (np.array([part[n] for n in nuclides for part in one]).reshape(-1, BINS) for one in both)
         parts = []
         for k in sources:
             first = 2 * nuclides.index(solution.nuclide[k])
@@ -161,7 +184,7 @@ class CountModel:
         strengths = np.zeros((len(shapes), len(self.live_s)))
         for part in parts:
             strengths[part.of] += part.by[:, 2]
-        return Mixture(shapes, parts, strengths.T @ shapes)
+        return Mixture(shapes, direct, parts, strengths)
 
     def _by_source(self, solution: Solution, k: int) -> Array:
         """(2, size, R) derivatives of the strengths of N and F by x, y, log activity and, where it may be above the ground,
@@ -182,6 +205,12 @@ class CountModel:
         return np.array(rows)
 
 
+def _limited(clear: Array, direct: Array, background: Array) -> Expected:
+    """With expectations that are never less than a share of the background's."""
+    least = _LEAST_SHARE * background
+    return Expected(np.maximum(clear, least), direct, least)
+
+
 def ways(ground: Ground, source: Vector3, places: Array, bias: Array) -> tuple[Array, Array, Array, Array]:
     """Distances (N,) from measured places (N, 3) with biases (N, 3) to a source (x, y, height above the ground), and their
     derivatives by its three numbers.
@@ -193,12 +222,6 @@ def ways(ground: Ground, source: Vector3, places: Array, bias: Array) -> tuple[A
     distance = np.maximum(np.sqrt((way**2).sum(axis=1)), NEAREST_M)
     east, north, up = way.T
     return distance, (east + rise[0] * up) / distance, (north + rise[1] * up) / distance, up / distance
-
-
-def _floored(total: Array, least: Array) -> Array:
-    """Expectations, nowhere less than a share of what is there without these sources."""
-    result: Array = np.maximum(total, _LEAST_SHARE * least)
-    return result
 
 
 def _products(shapes: Array, weight: Array) -> tuple[Array, NDArray[np.int64]]:

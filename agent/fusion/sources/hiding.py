@@ -118,10 +118,11 @@ class _Seen:
         self._near, self._far = spectra.templates(solution.scale, solution.scatter)
         self._air_per_m, self._places = spectra.air_per_m, len(at)
         self._voxel, self._voxels = rows.coarse()
-        weight = counts.weight[:, None]
+        views = counts.views(counts.expected(solution))
+        weight = views.information[:, None]
         self._counted: Array = self._summed(weight * counts.counts)
-        self._expected: Array = self._summed(weight * counts.expected(solution))
-        live = counts.live_s * counts.weight * np.exp(solution.bias[counts.drone, 2])
+        self._expected: Array = self._summed(weight * views.mean)
+        live = counts.live_s * views.information * np.exp(solution.bias[counts.drone, 2])
         self._live_s: Array = self._summed(live)
         middle = self._summed(live[:, None] * counts.place) / self._live_s[:, None]
         square = (at**2).sum(axis=1)[:, None] + (middle**2).sum(axis=1) - 2.0 * at @ middle.T

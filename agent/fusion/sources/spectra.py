@@ -74,6 +74,10 @@ class Spectra:
         near = _scaled(self.direct, self.direct_by_scale, scale) + NEAR * around
         return near, AIR * around - self.softer
 
+    def direct_templates(self, scale: float) -> tuple[Array, Array]:
+        """The parts of N and F, (N, BINS) each, that are photons straight from the source: P_s and -L."""
+        return _scaled(self.direct, self.direct_by_scale, scale), -self.softer
+
     def background_ps(self, scale: float) -> Array:
         """B (BINS,) per second."""
         result: Array = np.maximum(_scaled(self.background, self.background_by_scale, scale), _LEAST_PS)

@@ -51,12 +51,16 @@ def place_of(time_s, index, drones):
     return np.array([x, along if lane % 2 == 0 else SIDE_M - along, 3.0])
 
 
-def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True):
-    """Exposures, and cones of Cs-137; sources: (nuclide, x, y, Bq), or with their height; bias: by drone, measured minus true."""
+def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True, passing=None):
+    """Exposures, and cones of Cs-137; sources: (nuclide, x, y, Bq), or with their height; bias: by drone, measured minus true.
+
+    passing: share of the direct photons between two places (3,).
+    """
     entries = []
     drones = [drone.id for drone in mission.drones]
     spectra = Spectra.of(NUCLIDES)
     near, far = spectra.templates(0.0, 0.0)
+    direct, softer = spectra.direct_templates(0.0)
     for index, drone in enumerate(drones):
         for number in range(int(seconds / 0.5)):
             time_s = number * 0.5
@@ -69,7 +73,8 @@ def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True):
                 square = (x - true[0]) ** 2 + (y - true[1]) ** 2 + (z - true[2]) ** 2
                 depth = spectra.air_per_m[n] * math.sqrt(square)
                 per_mm2 = becquerel * 1e-6 / (4.0 * math.pi * square) * math.exp(-depth)
-                expected += per_mm2 * (near[n] + depth * far[n])
+                stopped = 0.0 if passing is None else 1.0 - passing(true, np.array([x, y, z]))
+                expected += per_mm2 * (near[n] - stopped * direct[n] + depth * (far[n] - stopped * softer[n]))
                 if cones and nuclide == "Cs-137":
                     entries += _cones(kit, mission, rng, time_s, (true, measured), (x, y, z), per_mm2, drone, 20 * number)
             counts = rng.poisson(0.5 * expected).tolist()

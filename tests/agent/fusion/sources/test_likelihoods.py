@@ -70,4 +70,4 @@ def test_what_is_left_is_fitted_as_alone(problem):
 
 def test_expectations_stay_positive_at_any_scale(problem):
     for scale in (-0.1, 0.1):
-        assert problem.counts.expected(replace(somewhere(), scale=scale)).min() > 0.0
+        assert problem.counts.expected(replace(somewhere(), scale=scale)).clear.min() > 0.0

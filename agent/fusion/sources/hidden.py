@@ -1,0 +1,135 @@
+"""What stands unknown between sources and cameras: the view from a place may be hidden, by something that nobody knows.
+
+With M the counts that are expected in a clear view and D those of them that come straight from the sources, a cell is either
+clear, or hidden with the probability ``_HIDDEN``. A cell is a row with ``_ALONE`` events or more; of rows with fewer, all within
+6 m, for they can only tell together. What a hidden cell counts altogether, K, may be anything up to what a clear one does:
+log-uniform, so that it tells nothing of how much there would be without the wall. Its spectrum is that of M_h = M - (1 - s) D,
+with s = ``_SHARE``. In groups g of energy bins, w the mean of the rows' weights, the log likelihoods of the two are
+
+    clear     w sum_g k_g log (M_g / M)    + w [K log (M / K) - M + K]
+    hidden    w sum_g k_g log (M_hg / M_h) + log [sqrt(2 pi K / w) / (L (K + 1))] + log Phi((M - K) sqrt(w / M)),
+
+Phi the normal distribution, exp(L) the ratio of the greatest to the least counts. Within the groups, and from row to row, counts
+are those of a clear view. So a cell far below its expectation neither pulls sources away nor makes them weaker. Its information
+is that of a clear one times the probability of that, less the variance of the gradient (Louis's formula), by the rate of the
+direct photons.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from agent.fusion.sources.data import Rows
+from agent.geometry import Array
+
+_HIDDEN = 0.056  # as in fusion.bayes.hidden
+_SHARE = 0.1
+_DECADES = np.log(1e3)  # L
+# Squared sigmas by which the direct photons show in a cell: below the first nothing can be told, and the prior holds from the
+# second on.
+_NOTICED = 1.0, 3.0
+_GROUP = 4  # energy bins
+_ALONE = 20  # events
+_SIDE = 12  # voxels, of a cell of several rows
+_LEAST_LEFT = 0.01  # share of a cell's information that is left at least
+_TINY = 1e-300
+
+
+class Expected(NamedTuple):
+    """Of a solution, (R, BINS) each. clear: M. direct: D. least: M is never less, however much is hidden."""
+
+    clear: Array
+    direct: Array
+    least: Array
+
+
+class Views(NamedTuple):
+    """What the counts of R rows say.
+
+    log_likelihood: of all. excess: (R, BINS) its derivative by M; blocked: (R, BINS) that by -D. mean: (R, BINS) expected counts,
+    mean of both views. hidden: (R,) probability. information: (R,) weights of the rows in the Fisher information.
+    """
+
+    log_likelihood: float
+    excess: Array
+    blocked: Array
+    mean: Array
+    hidden: Array
+    information: Array
+
+
+class Cells:
+    """The rows by cells, which follow from the measurements alone."""
+
+    def __init__(self, rows: Rows) -> None:
+        alone = rows.counts.sum(axis=1) >= _ALONE
+        _, self._cell = np.unique(
+            np.column_stack((np.where(alone, 1 + np.arange(len(rows)), 0), rows.table[:, 1:4] // _SIDE)),
+            axis=0,
+            return_inverse=True,
+        )
+        self._cell = self._cell.ravel()
+        self._order = np.argsort(self._cell, kind="stable")
+        self._starts = np.searchsorted(self._cell[self._order], np.arange(self._cell.max(initial=-1) + 1))
+
+    def sums(self, by_row: Array) -> Array:
+        """(N, ...) of (R, ...)."""
+        result: Array = np.add.reduceat(by_row[self._order], self._starts, axis=0)
+        return result
+
+    def each(self, by_cell: Array) -> Array:
+        """(R, ...) of (N, ...)."""
+        result: Array = by_cell[self._cell]
+        return result
+
+    def views(self, counts: Array, weight: Array, expected: Expected) -> Views:
+        """Of counts (R, BINS) with weights (R,)."""
+        clear, direct, least = expected
+        k, m, d, floor = (self.sums(_grouped(part)) for part in (counts, clear, direct, least))  # (N, G) each
+        w = self.sums(weight) / self.sums(np.ones(len(weight)))
+        h = np.maximum(m - (1.0 - _SHARE) * d, floor)
+        events, whole, rest = k.sum(axis=1), m.sum(axis=1), h.sum(axis=1)
+        some = np.maximum(events, 1.0)
+        above = (whole - events) * np.sqrt(w / whole)
+        log_below = log_ndtr(above)
+        spectrum = w * ((k * np.log(h / m)).sum(axis=1) + events * np.log(whole / rest))  # log likelihoods, hidden less clear
+        total = 0.5 * np.log(2.0 * np.pi * some / w) - np.log(_DECADES * (events + 1.0)) + log_below
+        more = spectrum + total - w * (events * np.log(whole / some) - whole + events)
+        shown = w * (d * d / m).sum(axis=1)
+        prior = _HIDDEN * np.clip((shown - _NOTICED[0]) / (_NOTICED[1] - _NOTICED[0]), 0.0, 1.0)
+        more = np.where(prior > 0.0, more, 0.0)
+        top = np.maximum(more, 0.0)
+        both = (1.0 - prior) * np.exp(-top) + prior * np.exp(more - top)
+        hidden = prior * np.exp(more - top) / both
+
+        off = w[:, None] * (k / m - 1.0)  # derivatives by M: in a clear view
+        shape = w[:, None] * (k / h - (events / rest)[:, None])  # and in a hidden one, by M_h and by M
+        density = np.exp(-0.5 * above * above - log_below) / np.sqrt(2.0 * np.pi)
+        limit = density * np.sqrt(w / whole) * (whole + events) / (2.0 * whole)
+        pull, other = (off * d).sum(axis=1), _SHARE * (shape * d).sum(axis=1) + limit * d.sum(axis=1)
+        spread = hidden * (1.0 - hidden) * (pull - other) ** 2 / np.maximum(shown, _TINY)
+        left = np.clip(1.0 - hidden - spread, _LEAST_LEFT, 1.0)
+        counted = h / m * (np.minimum(events, whole) / rest)[:, None]  # share of what a clear view would count
+        return Views(
+            log_likelihood=float(weight @ (counts * np.log(clear) - clear).sum(axis=1) + (top + np.log(both)).sum()),
+            excess=weight[:, None] * (counts / clear - 1.0)
+            + _ungrouped(self.each(hidden[:, None] * (shape + limit[:, None] - off))),
+            blocked=_ungrouped(self.each(hidden[:, None] * (1.0 - _SHARE) * shape)),
+            mean=clear * _ungrouped(self.each(1.0 - hidden[:, None] * (1.0 - counted))),
+            hidden=self.each(hidden),
+            information=weight * self.each(left),
+        )
+
+
+def _grouped(by_bin: Array) -> Array:
+    """(R, G) sums of (R, BINS)."""
+    result: Array = by_bin.reshape(len(by_bin), by_bin.shape[1] // _GROUP, _GROUP).sum(axis=2)
+    return result
+
+
+def _ungrouped(by_group: Array) -> Array:
+    """(R, BINS) of (R, G)."""
+    return np.repeat(by_group, _GROUP, axis=1)
