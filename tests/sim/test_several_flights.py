@@ -32,17 +32,14 @@ def away_m(trace, source, since_s, until_s):
 def test_a_weak_source_beside_a_strong_one_is_found_and_the_named_one_circled_until_nothing_is_left_to_search():
     """2 GBq and 0.2 GBq, 20 m apart, and a third source, which nobody is promised, 56 m outside the area.
 
-    The weak one shows after the strong one; then each is circled, what may hide is searched, and the policy decides.
+    Each is circled, what more may hide is searched for, and then the policy decides.
     """
     flight = flown((STRONG, replace(WEAK, nuclide="Co-60"), OUTSIDE), 150.0, **{"mission.track.policy": "Co-60"})
     trace, result = flight.trace, flight.result
-    first_s = {
-        name: min(e.time_s for e in trace.estimates if name in [s.nuclide for s in e.sources]) for name in ("Cs-137", "Co-60")
-    }
-    assert first_s["Cs-137"] < first_s["Co-60"]
+    found_s = min(estimate.time_s for estimate in trace.estimates if len(estimate.sources) == 2)
     assert (result.sources_found, result.false_sources, result.nuclides_right) == (2, 0, 2)
     stages = trace.swarm_stage
-    assert {"survey", "track"} <= set(stages[trace.time_s > first_s["Co-60"]])
+    assert {"survey", "track"} <= set(stages[trace.time_s > found_s])
     assert stages[-1] == "track"
     assert len(trace.left_m) == 0
     assert 0.0 < max(result.excluded_nuclides_bq.values()) == result.excluded_bq
