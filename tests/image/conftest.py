@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +18,8 @@ from deploy.image.build import build_image
 from deploy.image.layout import ROOT_B
 from deploy.update.bundle import build_bundle
 
+_KEPT = "bench.pickle"
+
 
 @pytest.fixture(scope="session")
 def image(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -30,13 +33,17 @@ def image(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def fresh(image: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    """A computer with a flashed disk, and a bundle for it."""
-    drone = Drone(tmp_path_factory.mktemp("bench"))
-    drone.flash(image)
-    bundle = drone.folder / "new.raucb"
-    build_bundle(image, drone.folder / "builder", bundle, print)
-    bench = Bench(drone, image, bundle)
+def fresh(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    """A computer with a flashed disk, and a bundle for it; with BENCH=FOLDER that of an earlier run."""
+    folder = Path(os.environ["BENCH"]).resolve() if "BENCH" in os.environ else tmp_path_factory.mktemp("bench")
+    folder.mkdir(parents=True, exist_ok=True)
+    if (folder / _KEPT).exists():
+        bench: Bench = pickle.loads((folder / _KEPT).read_bytes())
+    else:
+        image, drone, bundle = request.getfixturevalue("image"), Drone(folder), folder / "new.raucb"
+        drone.flash(image)
+        build_bundle(image, folder / "builder", bundle, print)
+        bench = Bench(drone, image, bundle)
     yield bench
     bench.close()
 
@@ -44,6 +51,15 @@ def fresh(image: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ben
 @pytest.fixture(scope="session")
 def bench(fresh: Bench) -> Bench:
     """The computer after its update by a push, kept at moments of that."""
+    if "updated" not in fresh.kept:
+        update(fresh)
+        fresh.close()
+        (fresh.drone.folder / _KEPT).write_bytes(pickle.dumps(fresh))
+    return fresh
+
+
+def update(fresh: Bench) -> None:
+    """From a flashed disk to a confirmed update."""
     run, begun_s = fresh.run("flashed"), time.monotonic()
 
     def now(what: str) -> None:
@@ -78,7 +94,6 @@ def bench(fresh: Bench) -> Bench:
         assert push.ended() == 0, push.said
         assert "slot B" in push.said
     run.keep("updated")
-    return fresh
 
 
 def uncounted(content: Content, variables: range) -> Content:
@@ -86,7 +101,7 @@ def uncounted(content: Content, variables: range) -> Content:
     number, offset = divmod(variables.start, 4096)
     block = content.cached.get(number, content.stored.get(number))
     assert block is not None
-    assert b"ORDER=B A\n" in block[offset:]
+    assert b"ORDER=B A" in block[offset:]
     changed = block.replace(b"B_TRY=1", b"B_TRY=0")
     cached = {at: data for at, data in content.cached.items() if at != number}
     return Content(content.stored | {number: changed}, cached)

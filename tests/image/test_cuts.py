@@ -46,10 +46,10 @@ def test_a_cut_while_the_slot_is_written_leaves_the_old_release_in_service(bench
 @pytest.mark.parametrize(
     ("begin", "variables", "moment", "slots"),
     [
-        ("writing", b"ORDER=A B\n", Moment.CACHED, "A"),  # the slot that is going to be written is marked bad
-        pytest.param("written", b"ORDER=B A\n", Moment.BEFORE, "A", marks=pytest.mark.smoke),  # it is to be booted
-        ("written", b"ORDER=B A\n", Moment.CACHED, "AB"),
-        ("written", b"ORDER=B A\n", Moment.FLUSHED, "B"),
+        ("writing", b"ORDER=A B", Moment.CACHED, "A"),  # the slot that is going to be written is marked bad
+        pytest.param("written", b"ORDER=B A", Moment.BEFORE, "A", marks=pytest.mark.smoke),  # it is to be booted
+        ("written", b"ORDER=B A", Moment.CACHED, "AB"),
+        ("written", b"ORDER=B A", Moment.FLUSHED, "B"),
     ],
 )
 def test_a_cut_at_the_write_of_the_boot_variables(bench: Bench, begin: str, variables: bytes, moment: Moment, slots: str) -> None:

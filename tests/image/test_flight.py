@@ -32,11 +32,11 @@ CONTAINER = """
 set -eu
 root=$1 folder=$2; shift 2
 mount --make-rprivate /
+mount -t tmpfs tmpfs "$root/tmp"
 mkdir -p "$root$folder"
 mount --bind "$folder" "$root$folder"
 mount -t proc proc "$root/proc"
 mount --rbind /dev "$root/dev"
-mount -t tmpfs tmpfs "$root/tmp"
 exec env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin OMP_NUM_THREADS=1 chroot "$root" /opt/radron/bin/radron-agent "$@"
 """
 

@@ -38,7 +38,6 @@ class Bench:
     def __init__(self, drone: Drone, image: Path, bundle: Path) -> None:
         self.drone, self.image, self.bundle = drone, image, bundle
         self.kept: dict[str, Kept] = {"flashed": Kept(Content())}
-        self._numbers = itertools.count()
         self._on: Run | None = None
         with drone.disk.open("rb") as content:
             content.seek(ESP.start)
@@ -51,7 +50,7 @@ class Bench:
     def run(self, name: str) -> Run:
         """A computer from a kept moment on; only one is on at a time."""
         self.close()
-        folder = self.drone.folder / f"run-{next(self._numbers):02d}"
+        folder = self.drone.folder / f"run-{len([*self.drone.folder.glob('run-*')]):02d}"
         folder.mkdir()
         self._on = Run(self, folder, self.kept[name])
         return self._on
