@@ -1,10 +1,10 @@
 """The likelihood of the counts: Poisson in every energy bin of every row, with the expectation of ``spectra``.
 
-    M_re = T_r exp(g) [exp(v) B_e + sum_k S_ke(d_rk)],    d_rk = |x_k + b - p_r|
+    M_re = T_r exp(g) [exp(v) B_e + sum_k S_ke(d_rk, f_rk)],    d_rk = |x_k + b - p_r|
 
-T_r live time, p_r the measured position, b and g the drone's position bias and the logarithm of its camera's sensitivity, v that
-of the background. A row's log likelihood is weighted by 1 / (1 + eps^2 k_r), k_r its events: no row tells its rate better than to
-the share eps, by which the model may be wrong.
+T_r live time, p_r the measured position, f_rk from the mean heading (the camera looks along the drone's x axis), b and g the
+drone's position bias and the logarithm of its camera's sensitivity, v that of the background. A row's log likelihood is weighted
+by 1 / (1 + eps^2 k_r), k_r its events: no row tells its rate better than to the share eps, by which the model may be wrong.
 """
 
 from __future__ import annotations
@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 
 from agent.fusion.sources.data import Rows
 from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
+from agent.fusion.sources.spectra import MEAN_FACING, NEAREST_M, PER_MM2, Spectra
 from agent.geometry import Array
 from agent.terrain.ground import Ground
 from protocol.spectrum import BINS
 
 _MODEL_ERROR = 0.05  # eps
+_EDGE_ON = 0.05  # f of a camera with its edge towards the source, which counts by its sides
 _LEAST_SHARE = 0.3  # of the background: expectations are never less, where attenuation beyond the model's reach would make them
 
 
@@ -65,6 +66,7 @@ class CountModel:
         self._spectra, self._ground = spectra, ground
         self.place, self.counts = rows.place, rows.counts
         self.live_s = rows.live_s
+        self._facing = rows.facing
         self.weight: Array = 1.0 / (1.0 + _MODEL_ERROR**2 * self.counts.sum(axis=1))
         self.drone = rows.drone
         edges = np.searchsorted(self.drone, np.arange(drones + 1))
@@ -134,32 +136,51 @@ class CountModel:
 
     def _mixture(self, solution: Solution, sources: Sequence[int]) -> Mixture:
         """What these sources add to M."""
-        both = self._spectra.templates(solution.scale, solution.scatter)
+        three = *self._spectra.templates(solution.scale, solution.scatter), self._spectra.facing(solution.scale)
         nuclides = sorted({solution.nuclide[k] for k in sources})
-        shapes = np.array([part[n] for n in nuclides for part in both]).reshape(-1, BINS)
+        shapes = np.array([part[n] for n in nuclides for part in three]).reshape(-1, BINS)
         parts = []
         for k in sources:
-            first = 2 * nuclides.index(solution.nuclide[k])
-            parts.append(Part(slice(first, first + 2), self._by_source(solution, k)))
+            first = 3 * nuclides.index(solution.nuclide[k])
+            parts.append(Part(slice(first, first + 3), self._by_source(solution, k)))
         strengths = np.zeros((len(shapes), len(self.live_s)))
         for part in parts:
             strengths[part.of] += part.by[:, 2]
         return Mixture(shapes, parts, strengths.T @ shapes)
 
     def _by_source(self, solution: Solution, k: int) -> Array:
-        """(2, 3, R) derivatives of the strengths of N and F by x, y and log activity of source k; the last are the strengths."""
+        """(3, 3, R) derivatives of the strengths of N, F and G by x, y and log activity of source k; the last: the strengths."""
         distance, east, north = ways(self._ground, solution.place[k], self.place, solution.bias[self.drone])
         air = self._spectra.air_per_m[solution.nuclide[k]]
         depth = air * distance
         logarithm = solution.log_activity[k] + solution.bias[self.drone, 2] - depth
         near = PER_MM2 * self.live_s * np.exp(logarithm) / distance**2
         near_by_distance, far_by_distance = -near * (2.0 / distance + air), -near * (1.0 + depth) * air
+        facing, by_x, by_y = self._faced(solution, k, distance, (east, north))
         return np.array(
             (
                 (near_by_distance * east, near_by_distance * north, near),
                 (far_by_distance * east, far_by_distance * north, near * depth),
+                (near_by_distance * east * facing + near * by_x, near_by_distance * north * facing + near * by_y, near * facing),
             )
         )
+
+    def _faced(self, solution: Solution, k: int, distance: Array, by_place: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+        """(R,) each: f - ``MEAN_FACING`` of source k and its derivatives by x and y; ``by_place``: those of the distance.
+
+        With the way (x, y, z) to the source, f^2 = (x^2 + y^2 + C (x^2 - y^2) + 2 S x y) / 2 d^2, of a level camera whose heading
+        stays; C and S are the row's means.
+        """
+        x, y = (solution.place[k] + solution.bias[self.drone, :2] - self.place[:, :2]).T
+        twice_cos, twice_sin = self._facing.T
+        ahead, aside = x + twice_cos * x + twice_sin * y, y - twice_cos * y + twice_sin * x
+        square = 0.5 * (x * ahead + y * aside) / distance**2
+        facing = np.sqrt(np.maximum(square, 0.0) + _EDGE_ON**2)
+        by_x, by_y = (
+            (0.5 * along / distance**2 - square * by / distance) / facing
+            for along, by in zip((ahead, aside), by_place, strict=True)
+        )
+        return facing - MEAN_FACING, by_x, by_y
 
 
 def ways(ground: Ground, source: Array, places: Array, bias: Array) -> tuple[Array, Array, Array]:

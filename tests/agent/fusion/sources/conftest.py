@@ -9,7 +9,7 @@ import pytest
 
 from agent.config.estimators import FusionConfig, SourcesEstimatorConfig
 from agent.config.mission import AreaConfig
-from agent.fusion.sources.spectra import Spectra
+from agent.fusion.sources.spectra import MEAN_FACING, Spectra
 from protocol.entries import Counts
 from protocol.spectrum import SpectrumBin
 
@@ -41,7 +41,7 @@ def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True):
     entries = []
     drones = [drone.id for drone in mission.drones]
     spectra = Spectra.of(NUCLIDES)
-    near, far = spectra.templates(0.0, 0.0)
+    (near, far), by_facing = spectra.templates(0.0, 0.0), spectra.facing(0.0)
     for index, drone in enumerate(drones):
         for number in range(int(seconds / 0.5)):
             time_s = number * 0.5
@@ -53,7 +53,8 @@ def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True):
                 square = (x - true[0]) ** 2 + (y - true[1]) ** 2 + true[2] ** 2
                 depth = spectra.air_per_m[n] * math.sqrt(square)
                 per_mm2 = becquerel * 1e-6 / (4.0 * math.pi * square) * math.exp(-depth)
-                expected += per_mm2 * (near[n] + depth * far[n])
+                facing = abs(x - true[0]) / math.sqrt(square) - MEAN_FACING  # all drones look to the east
+                expected += per_mm2 * (near[n] + depth * far[n] + facing * by_facing[n])
                 if cones and nuclide == "Cs-137":
                     entries += _cones(kit, mission, rng, time_s, (true, measured), (x, y), per_mm2, drone, 20 * number)
             counts = rng.poisson(0.5 * expected).tolist()
