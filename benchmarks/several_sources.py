@@ -203,6 +203,7 @@ def estimate(name: str, mission: MissionConfig, seen: Sequence[Observation], tal
         step = GridStep(index, index * grid_ns, (index + 1) * grid_ns)
         start = time.process_time()
         state = estimator.step(state, step, by_step[index])
+        estimator.hypothesis(state, step)  # for which a refinement is computed
         took, now = time.process_time() - start, step.start_ns // period
         (tally.moving_s if now > before else tally.refining_s).append(took)
         before = now

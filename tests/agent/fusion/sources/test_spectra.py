@@ -29,8 +29,8 @@ def test_the_spectrum_is_that_of_a_camera_beside_a_source(nuclide):
     assert (np.abs(counted - expected) < allowed).all()
     assert counted.sum() == pytest.approx(expected.sum(), rel=0.05)
     counted, expected = compared(nuclide, np.linspace(-0.2, 0.2, 12))
-    # The back, taken for like the front, counts fewer of the photons that lose charge to below the threshold: 8 % at 60 keV. Without
-    # f the front would be up to 50 % off.
+    # The back, taken for like the front, counts fewer of the photons that lose charge to below the threshold: 8 % at 60 keV.
+    # Without f the front would be up to 50 % off.
     assert counted.sum() == pytest.approx(expected.sum(), rel=0.1 if nuclide == "Am-241" else 0.05)
 
 
