@@ -102,12 +102,13 @@ def drawn(rng: np.random.Generator, nuclides: Sequence[str], highest_m: float = 
         one = Placed(str(rng.choice(list(nuclides))), rng.uniform(5.0, SIDE_M - 5.0, 2), activity)
         if highest_m > 0.0:
             one = replace(one, height_m=float(rng.uniform(0.0, highest_m)))
-        if all(_may_lie_beside(one, other) for other in found):
+        if all(may_lie_beside(one, other) for other in found):
             found.append(one)
     return found
 
 
-def _may_lie_beside(one: Placed, other: Placed) -> bool:
+def may_lie_beside(one: Placed, other: Placed) -> bool:
+    """Whether they are of different nuclides, or far enough apart."""
     ratio = one.activity_bq / other.activity_bq
     least_m = 5.0 if 0.1 < ratio < 10.0 else 20.0
     return one.nuclide != other.nuclide or float(np.hypot(*(one.place - other.place))) > least_m
@@ -194,8 +195,9 @@ def _told(parts: list[Detections], place: Array, axes: Array, sigma_m: float, dr
             yield ConeObservation(cone.stamp_ns, readings, *errors, identity, 0, sum(cone.energies_kev))
     spectrum = tuple(SpectrumBin(e, count, 0) for e, count in enumerate(bins.tolist()) if count)
     end_ns = start_ns + round(STEP_S * NS)
-    identity = EntryId("m", start_ns, drone, "b", 0)
-    yield CountObservation(end_ns, (start_ns + end_ns) // 2, (x, y, z), STEP_S, counts, *errors, identity, 0, spectrum)
+    identity, twice = EntryId("m", start_ns, drone, "b", 0), 2.0 * math.atan2(axes[2, 1], axes[2, 0])
+    facing = math.cos(twice), math.sin(twice)
+    yield CountObservation(end_ns, (start_ns + end_ns) // 2, (x, y, z), STEP_S, counts, *errors, identity, 0, spectrum, facing)
 
 
 def estimate(name: str, mission: MissionConfig, seen: Sequence[Observation], tally: Tally) -> Hypothesis | None:
@@ -213,6 +215,7 @@ def estimate(name: str, mission: MissionConfig, seen: Sequence[Observation], tal
         step = GridStep(index, index * grid_ns, (index + 1) * grid_ns)
         start = time.process_time()
         state = estimator.step(state, step, by_step[index])
+        estimator.hypothesis(state, step)  # for which a refinement is computed
         took, now = time.process_time() - start, step.start_ns // period
         (tally.moving_s if now > before else tally.refining_s).append(took)
         before = now

@@ -23,6 +23,7 @@ from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.lines import CANDIDATES
+from agent.fusion.sources.spectra import MEAN_FACING
 from protocol.spectrum import BINS
 from sim.radiation.electronics import Electronics
 from sim.radiation.events import COMPLETE, Events, simulate
@@ -92,15 +93,24 @@ def areas(events: Events) -> Areas:
     )
 
 
-def direct(line: tuple[float, float], events: int, seed: int) -> tuple[Areas, float]:
-    """The areas of one line, mean of all views, and that of all its interactions."""
+def direct(line: tuple[float, float], events: int, seed: int) -> tuple[Areas, Array, float]:
+    """The areas of one line, mean of all views; the derivative (BINS,) of all events by f, see agent.fusion.sources.spectra; and
+    the area of all its interactions. All events are those at f = ``MEAN_FACING``, whatever the mean of the views that are drawn.
+    """
     rng = np.random.default_rng(seed)
     parts, total = [], 0.0
-    for view in directions(VIEWS, rng):
+    views = directions(VIEWS, rng)
+    for view in views:
         found = simulate((line,), events // VIEWS, response(TRUTH), rng, direction=view)
         parts.append(areas(found))
         total += float(found.area_mm2.sum()) / VIEWS
-    return Areas(*(np.mean([getattr(p, f) for p in parts], axis=0) for f in Areas.__dataclass_fields__)), total
+    facing = np.abs([ahead for _, _, ahead in views])
+    every = np.array([part.every for part in parts])
+    off = facing - facing.mean()
+    by_facing: Array = off @ every / (off @ off)
+    means = {name: np.mean([getattr(part, name) for part in parts], axis=0) for name in Areas.__dataclass_fields__}
+    means["every"] = np.maximum(means["every"] + (MEAN_FACING - facing.mean()) * by_facing, 0.0)
+    return Areas(**means), by_facing, total
 
 
 def of_nuclide(source: Nuclide, events: int) -> Iterator[tuple[str, Array]]:
@@ -111,19 +121,20 @@ def of_nuclide(source: Nuclide, events: int) -> Iterator[tuple[str, Array]]:
     lines = [
         direct(line, max(VIEWS * 200, round(events * math.sqrt(line[1] / share))), 7 + k) for k, line in enumerate(source.lines)
     ]
-    total = sum(interacting for _, interacting in lines)
+    total = sum(interacting for *_, interacting in lines)
     around = simulate(scattered_lines(source), events, response(TRUTH), np.random.default_rng(5))
     scattered = areas(around)
     scale = total / float(around.area_mm2.sum())
     yield "air_per_m", np.array([least])
-    yield "direct", sum((one.every for one, _ in lines), np.zeros(BINS))
-    absorbed = ((mu - least) / least * one.every for mu, (one, _) in zip(attenuation, lines, strict=True))
+    yield "direct", sum((one.every for one, *_ in lines), np.zeros(BINS))
+    absorbed = ((mu - least) / least * one.every for mu, (one, *_) in zip(attenuation, lines, strict=True))
     yield "softer", sum(absorbed, np.zeros(BINS))
-    yield "direct_by_scale", sum((one.by_scale for one, _ in lines), np.zeros(BINS))
+    yield "direct_by_scale", sum((one.by_scale for one, *_ in lines), np.zeros(BINS))
+    yield "by_facing", sum((by_facing for _, by_facing, _ in lines), np.zeros(BINS))
     yield "scattered", scale * scattered.every
     yield "scattered_by_scale", scale * scattered.by_scale
-    yield "complete", sum((one.complete for one, _ in lines), np.zeros(BINS))
-    yield "partial", sum((one.partial for one, _ in lines), np.zeros(BINS))
+    yield "complete", sum((one.complete for one, *_ in lines), np.zeros(BINS))
+    yield "partial", sum((one.partial for one, *_ in lines), np.zeros(BINS))
     yield "scattered_pairs", scale * (scattered.complete + scattered.partial)
 
 

@@ -11,7 +11,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from agent.frames.transform import Transform
-from agent.geometry import Vector3
+from agent.geometry import Vector3, yaw_of
 from protocol.entries import Cone, Entry, EntryId, Exposure, PoseSample
 from protocol.spectrum import Spectrum, SpectrumBin
 
@@ -70,7 +70,8 @@ class ConeObservation(Struct, frozen=True):
 class CountObservation(Struct, frozen=True):
     """The counts of an exposure, and the camera's position in the middle of it, mission frame, metres.
 
-    ``stamp_ns``: the exposure's end, before which it is not known. The other fields as for a cone.
+    ``stamp_ns``: the exposure's end, before which it is not known. ``facing``: means of cos 2 psi and sin 2 psi, psi the drone's
+    heading from east; 0, 0 tells nothing of it. The other fields as for a cone.
     """
 
     stamp_ns: int
@@ -84,6 +85,7 @@ class CountObservation(Struct, frozen=True):
     identity: EntryId
     epoch: int
     spectrum: Spectrum = ()
+    facing: tuple[float, float] = (0.0, 0.0)
 
 
 Observation = ConeObservation | CountObservation
@@ -130,6 +132,7 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform, identity:
         identity,
         exposure.epoch,
         tuple(map(_alike, exposure.spectrum)),
+        _facing(exposure.poses, mission_from_local.yaw_rad),
     )
 
 
@@ -159,6 +162,12 @@ def _position(poses: Sequence[PoseSample], offset_ns: int) -> Vector3:
     part = (late.offset_ns - offset_ns) / span_ns
     (x, y, z), (u, v, w) = late.position_m, early.position_m
     return (x + part * (u - x), y + part * (v - y), z + part * (w - z))
+
+
+def _facing(poses: Sequence[PoseSample], turned_rad: float) -> tuple[float, float]:
+    """See ``CountObservation``; ``turned_rad``: of the local frame in the mission frame."""
+    doubled = [2.0 * (yaw_of(sample.quaternion) + turned_rad) for sample in poses]
+    return sum(map(math.cos, doubled)) / len(doubled), sum(map(math.sin, doubled)) / len(doubled)
 
 
 def _observe_cone(cone: Cone, mission_from_local: Transform, identity: EntryId) -> ConeObservation | None:

@@ -1,10 +1,11 @@
 """The likelihood of the counts: Poisson in every energy bin of every row, with the expectation of ``spectra``.
 
-    M_re = T_r exp(g) [exp(v) B_e + sum_k S_ke(d_rk)],    d_rk = |x_k + b - p_r|
+    M_re = T_r exp(g) [exp(v) B_e + sum_k S_ke(d_rk, f_rk)],    d_rk = |x_k + b - p_r|
 
-T_r live time, p_r the measured position, b and g the drone's position bias and the logarithm of its camera's sensitivity, v that
-of the background. A row's log likelihood is weighted by 1 / (1 + eps^2 k_r), k_r its events: no row tells its rate better than to
-the share eps, by which the model may be wrong. That is with a clear view; what may hide the sources is in ``hidden``.
+T_r live time, p_r the measured position, f_rk from the mean heading (the camera looks along the drone's x axis), b and g the
+drone's position bias and the logarithm of its camera's sensitivity, v that of the background. A row's log likelihood is weighted
+by 1 / (1 + eps^2 k_r), k_r its events: no row tells its rate better than to the share eps, by which the model may be wrong. That
+is with a clear view; what may hide the sources is in ``hidden``.
 """
 
 from __future__ import annotations
@@ -19,12 +20,13 @@ from numpy.typing import NDArray
 from agent.fusion.sources.data import Rows
 from agent.fusion.sources.hidden import Cells, Expected, Views
 from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
+from agent.fusion.sources.spectra import MEAN_FACING, NEAREST_M, PER_MM2, Spectra
 from agent.geometry import Array, Vector3
 from agent.terrain.ground import Ground
 from protocol.spectrum import BINS
 
 _MODEL_ERROR = 0.05  # eps
+_EDGE_ON = 0.05  # f of a camera with its edge towards the source, which counts by its sides
 _LEAST_SHARE = 0.3  # of the background: expectations are never less, where attenuation beyond the model's reach would make them
 
 
@@ -80,6 +82,7 @@ class CountModel:
         self._spectra, self._ground = spectra, ground
         self.place, self.counts = rows.place, rows.counts
         self.live_s = rows.live_s
+        self._facing = rows.facing
         self.weight: Array = 1.0 / (1.0 + _MODEL_ERROR**2 * self.counts.sum(axis=1))
         self.drone = rows.drone
         self._cells = Cells(rows)
@@ -140,9 +143,9 @@ class CountModel:
 
     def derivatives(self, solution: Solution) -> Iterator[Array]:
         """(R, BINS) derivatives of M, in the order of ``Solution.vector``."""
-        near, far = self._spectra.templates(solution.scale, solution.scatter)
+        three = *self._spectra.templates(solution.scale, solution.scatter), self._spectra.facing(solution.scale)
         for k, n in enumerate(solution.nuclide):
-            shapes = np.stack((near[n], far[n]))
+            shapes = np.stack([part[n] for part in three])
             yield from (by.T @ shapes for by in self._by_source(solution, k).swapaxes(0, 1))
         yield self.background(solution)
 
@@ -175,19 +178,21 @@ class CountModel:
     def _mixture(self, solution: Solution, sources: Sequence[int]) -> Mixture:
         """What these sources add to M."""
         nuclides = sorted({solution.nuclide[k] for k in sources})
-        both = self._spectra.templates(solution.scale, solution.scatter), self._spectra.direct_templates(solution.scale)
-        shapes, direct = (np.array([part[n] for n in nuclides for part in one]).reshape(-1, BINS) for one in both)
+        facing = self._spectra.facing(solution.scale)
+        three = *self._spectra.templates(solution.scale, solution.scatter), facing
+        straight = *self._spectra.direct_templates(solution.scale), facing
+        shapes, direct = (np.array([part[n] for n in nuclides for part in one]).reshape(-1, BINS) for one in (three, straight))
         parts = []
         for k in sources:
-            first = 2 * nuclides.index(solution.nuclide[k])
-            parts.append(Part(slice(first, first + 2), self._by_source(solution, k)))
+            first = 3 * nuclides.index(solution.nuclide[k])
+            parts.append(Part(slice(first, first + 3), self._by_source(solution, k)))
         strengths = np.zeros((len(shapes), len(self.live_s)))
         for part in parts:
             strengths[part.of] += part.by[:, 2]
         return Mixture(shapes, direct, parts, strengths)
 
     def _by_source(self, solution: Solution, k: int) -> Array:
-        """(2, size, R) derivatives of the strengths of N and F by x, y, log activity and, where it may be above the ground,
+        """(3, size, R) derivatives of the strengths of N, F and G by x, y, log activity and, where it may be above the ground,
         height of source k; those by log activity are the strengths.
         """
         x, y = solution.place[k].tolist()
@@ -196,13 +201,33 @@ class CountModel:
         depth = air * distance
         logarithm = solution.log_activity[k] + solution.bias[self.drone, 2] - depth
         near = PER_MM2 * self.live_s * np.exp(logarithm) / distance**2
-        by_distance = -near * (2.0 / distance + air), -near * (1.0 + depth) * air
-        upwards = () if solution.height is None else (up,)
-        rows = [
-            (change * east, change * north, strength, *(change * part for part in upwards))
-            for strength, change in zip((near, near * depth), by_distance, strict=True)
-        ]
-        return np.array(rows)
+        ways_m = (east, north) if solution.height is None else (east, north, up)
+        facing, turns = self._faced(solution, k, distance, ways_m)
+        nearer, farther = -near * (2.0 / distance + air), -near * (1.0 + depth) * air
+        by_place = (
+            [nearer * way for way in ways_m],
+            [farther * way for way in ways_m],
+            [nearer * way * facing + near * turn for way, turn in zip(ways_m, turns, strict=True)],
+        )
+        strengths = near, near * depth, near * facing
+        return np.array(
+            [(x, y, strength, *height) for (x, y, *height), strength in zip(by_place, strengths, strict=True)],
+        )
+
+    def _faced(self, solution: Solution, k: int, distance: Array, by_place: Sequence[Array]) -> tuple[Array, list[Array]]:
+        """(R,) each: f - ``MEAN_FACING`` of source k and its derivatives by x, y and height; ``by_place``: those of the distance.
+
+        With the way (x, y, z) to the source, f^2 = (x^2 + y^2 + C (x^2 - y^2) + 2 S x y) / 2 d^2, of a level camera whose heading
+        stays; C and S are the row's means.
+        """
+        x, y = (solution.place[k] + solution.bias[self.drone, :2] - self.place[:, :2]).T
+        twice_cos, twice_sin = self._facing.T
+        ahead, aside = x + twice_cos * x + twice_sin * y, y - twice_cos * y + twice_sin * x
+        square = 0.5 * (x * ahead + y * aside) / distance**2
+        facing = np.sqrt(np.maximum(square, 0.0) + _EDGE_ON**2)
+        along = (ahead, aside, np.zeros_like(ahead))
+        turns = [(0.5 * one / distance**2 - square * by / distance) / facing for one, by in zip(along, by_place, strict=False)]
+        return facing - MEAN_FACING, turns
 
 
 def _limited(clear: Array, direct: Array, background: Array) -> Expected:

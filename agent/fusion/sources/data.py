@@ -18,8 +18,9 @@ from protocol.spectrum import BINS
 
 _VOXEL_MM = 500
 _COARSE = 4  # voxels on a side of a coarse one
-_KEY, _LIVE, _PLACE, _COUNTS = slice(0, 4), 4, slice(5, 8), slice(8, 8 + BINS)
-_COLUMNS = 8 + BINS
+_KEY, _LIVE, _PLACE, _FACING, _COUNTS = slice(0, 4), 4, slice(5, 8), slice(8, 10), slice(10, 10 + BINS)
+_COLUMNS = 10 + BINS
+_FINE = 1_000_000  # units of facing
 _UNTOLD_HITS = 5  # an exposure of so many hits without any spectrum is of a program that publishes none
 
 Integers = NDArray[np.int64]
@@ -29,7 +30,8 @@ Integers = NDArray[np.int64]
 class Rows:
     """R sums over exposures, ascending by drone and voxel.
 
-    table: (R, 40) drone's number, voxel (3), live time (ns), sum of position times live time (mm ns, 3), counts by bin.
+    table: (R, 42) drone's number, voxel (3), live time (ns), sums of position (mm, 3) and facing (1e-6, 2) times live time (ns),
+    counts by bin.
     """
 
     table: Integers
@@ -70,6 +72,11 @@ class Rows:
         return np.asarray(self.table[:, _PLACE] / self.table[:, _LIVE, None] * 1e-3, np.float64)
 
     @property
+    def facing(self) -> Array:
+        """(R, 2) means of cos 2 psi and sin 2 psi, psi the heading."""
+        return np.asarray(self.table[:, _FACING] / self.table[:, _LIVE, None] / _FINE, np.float64)
+
+    @property
     def counts(self) -> Array:
         """(R, BINS) events."""
         return self.table[:, _COUNTS].astype(np.float64)
@@ -90,7 +97,8 @@ def _row(observation: CountObservation, number: int) -> list[int] | None:
     counts = [0] * BINS
     for one in observation.spectrum:
         counts[one.place] = one.singles + one.coincidences
-    return [number, *(part // _VOXEL_MM for part in mm), live_ns, *(part * live_ns for part in mm), *counts]
+    facing = [round(_FINE * part) for part in observation.facing]
+    return [number, *(part // _VOXEL_MM for part in mm), live_ns, *(part * live_ns for part in (*mm, *facing)), *counts]
 
 
 @dataclass(frozen=True, eq=False)

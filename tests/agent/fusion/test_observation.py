@@ -94,3 +94,13 @@ def test_the_errors_of_an_estimated_frame_count_instead_of_what_the_drone_tells(
     assert late.position_sigma_m == pytest.approx(math.hypot(seen.position_sigma_m, 2.0))
     exposure = kit.exposure_entry(kit.mission_of(), 0.0, (30.0, 40.0, 3.0))
     assert observe(exposure, Transform(0.3, (5.0, 0.0, 0.0), covariance)).position_sigma_m == pytest.approx(seen.position_sigma_m)
+
+
+def test_the_heading_of_an_exposure_is_that_of_the_mission_frame(kit):
+    """Twice the angle: a flat sensor counts the same from in front and from behind."""
+    exposure = kit.exposure_entry(kit.mission_of(), 0.0, (1.0, 0.0, 3.0))
+    turned = (math.cos(0.4), 0.0, 0.0, math.sin(0.4))  # by 0.8 rad
+    poses = tuple(msgspec.structs.replace(pose, quaternion=turned) for pose in exposure.poses)
+    for half_turns in (0.0, math.pi):
+        seen = observe(msgspec.structs.replace(exposure, poses=poses), Transform(0.3 + half_turns, (5.0, 0.0, 0.0)))
+        assert seen.facing == pytest.approx((math.cos(2.2), math.sin(2.2)))

@@ -20,7 +20,7 @@ from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.data import Cones, Rows
 from agent.fusion.sources.directions import ConeModel
 from agent.fusion.sources.fit import Prior, Problem
-from agent.fusion.sources.spectra import Spectra
+from agent.fusion.sources.spectra import MEAN_FACING, Spectra
 from agent.terrain.ground import Ground
 from protocol.entries import Counts
 from protocol.spectrum import SpectrumBin
@@ -59,7 +59,7 @@ def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True, passi
     entries = []
     drones = [drone.id for drone in mission.drones]
     spectra = Spectra.of(NUCLIDES)
-    near, far = spectra.templates(0.0, 0.0)
+    (near, far), by_facing = spectra.templates(0.0, 0.0), spectra.facing(0.0)
     direct, softer = spectra.direct_templates(0.0)
     for index, drone in enumerate(drones):
         for number in range(int(seconds / 0.5)):
@@ -74,7 +74,9 @@ def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True, passi
                 depth = spectra.air_per_m[n] * math.sqrt(square)
                 per_mm2 = becquerel * 1e-6 / (4.0 * math.pi * square) * math.exp(-depth)
                 stopped = 0.0 if passing is None else 1.0 - passing(true, np.array([x, y, z]))
-                expected += per_mm2 * (near[n] - stopped * direct[n] + depth * (far[n] - stopped * softer[n]))
+                facing = abs(x - true[0]) / math.sqrt(square) - MEAN_FACING  # all drones look to the east
+                clear = near[n] + depth * far[n] + facing * by_facing[n]
+                expected += per_mm2 * (clear - stopped * (direct[n] + depth * softer[n] + facing * by_facing[n]))
                 if cones and nuclide == "Cs-137":
                     entries += _cones(kit, mission, rng, time_s, (true, measured), (x, y, z), per_mm2, drone, 20 * number)
             counts = rng.poisson(0.5 * expected).tolist()

@@ -1,5 +1,7 @@
 """Sums over exposures: of whatever parts and in whatever order they are made, they are the same."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,11 +17,12 @@ DRONES = {"a": 0, "b": 1}
 NS = 1_000_000_000
 
 
-def exposure(number, drone="a", place=(1.2345, 2.0, 3.0), live_s=0.5, bins=((3, 2, 1),), hits=4):
+def exposure(number, drone="a", place=(1.2345, 2.0, 3.0), live_s=0.5, bins=((3, 2, 1),), hits=4, facing=(0.28, 0.96)):
     spectrum = tuple(SpectrumBin(*one) for one in bins)
     counts = np.array([hits, 0.0, 0.0])
     identity = EntryId("m", number, drone, "boot", number)
-    return CountObservation(number * NS, number * NS, place, live_s, counts, 0.1, 0.01, Transform(), identity, 0, spectrum)
+    sigmas, stamps = (0.1, 0.01), (number * NS, number * NS)
+    return CountObservation(*stamps, place, live_s, counts, *sigmas, Transform(), identity, 0, spectrum, facing)
 
 
 EXPOSURES = st.lists(
@@ -31,6 +34,7 @@ EXPOSURES = st.lists(
         live_s=st.floats(0.01, 60.0),
         bins=st.lists(st.tuples(st.integers(0, 31), st.integers(0, 99), st.integers(0, 9)), max_size=2, unique_by=lambda b: b[0]),
         hits=st.just(0),
+        facing=st.floats(-np.pi, np.pi).map(lambda angle: (math.cos(angle), math.sin(angle))),
     ),
     min_size=1,
     max_size=12,
@@ -52,6 +56,11 @@ def test_a_voxel_holds_what_its_exposures_told():
     assert rows.live_s.tolist() == [1.0]
     assert rows.place[0] == pytest.approx((1.317, 2.15, 3.1), abs=1e-3)  # rounded to millimetres
     assert (rows.counts[0, 3], rows.counts[0, 31], rows.counts.sum()) == (4.0, 5.0, 9.0)
+
+
+def test_the_headings_of_a_voxel_count_by_live_time():
+    rows = Rows.none().plus([exposure(1, facing=(1.0, 0.0)), exposure(2, facing=(0.0, -1.0), live_s=1.5)], DRONES)
+    assert rows.facing[0] == pytest.approx((0.25, -0.75), abs=1e-6)
 
 
 def test_drones_and_voxels_are_kept_apart():

@@ -1,0 +1,81 @@
+"""What the estimator ``sources`` costs an agent that joins late: ``python -m benchmarks.catching_up``.
+
+Six sources of five nuclides, measured as in ``several_sources --real`` for ten minutes, are folded as by an agent that gets the
+whole log at once: all moves, and one refinement at the end. Processor time.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from shapely import Polygon
+
+from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from agent.fusion.estimator import GridStep, Hypothesis
+from agent.fusion.observation import Observation
+from agent.fusion.sources.estimator import SourcesEstimator
+
+sys.path.append(str(Path(__file__).parent))
+
+from several_sources import DRONES, LANES_S, NS, SIDE_M, Placed, Tally, Truth, judge, may_lie_beside, observed
+
+NUCLIDES = ("Cs-137", "Ir-192", "Co-60", "I-131", "Na-22", "Cs-137")
+
+
+def placed(seed: int) -> list[Placed]:
+    """A source of each of NUCLIDES, 0.3 to 6 GBq."""
+    rng, found = np.random.default_rng(seed), list[Placed]()
+    while len(found) < len(NUCLIDES):
+        one = Placed(NUCLIDES[len(found)], rng.uniform(5.0, SIDE_M - 5.0, 2), 3e8 * 20.0 ** rng.uniform())
+        if all(may_lie_beside(one, other) for other in found):
+            found.append(one)
+    return found
+
+
+def fold(estimator: SourcesEstimator, grid_ns: int, seen: Sequence[Observation]) -> tuple[Hypothesis | None, list[float], float]:
+    """What is told at the end; the times of all moves, and of the refinement at the end."""
+    by_step: dict[int, list[Observation]] = {}
+    for one in seen:
+        by_step.setdefault(one.stamp_ns // grid_ns, []).append(one)
+    state, moving_s = estimator.initial(None), list[float]()
+    for index, observations in sorted(by_step.items()):
+        step = GridStep(index, index * grid_ns, (index + 1) * grid_ns)
+        before, start = state.moved, time.process_time()
+        state = estimator.step(state, step, observations)
+        if state.moved > before:
+            moving_s.append(time.process_time() - start)
+    start = time.process_time()
+    told = estimator.hypothesis(state, step)
+    return told, moving_s, time.process_time() - start
+
+
+def main(
+    seconds: Annotated[float, typer.Option(help="Length of the flight.")] = 600.0,
+    seed: Annotated[int, typer.Option(help="Of places and activities.")] = 911001,
+) -> None:
+    square = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M))
+    drones = tuple(DroneInMission(id=f"d{k + 1}") for k in range(DRONES))
+    mission = MissionConfig(name="several", drones=drones, area=AreaConfig(polygon_m=square))
+    sources, tally = placed(seed), Tally()
+    seen = observed(seed, sources, Truth.real(), (seconds - LANES_S) / len(sources), mission.nuclide)
+    start = time.process_time()
+    estimate, moving_s, refining_s = fold(SourcesEstimator(mission, Polygon(square)), round(mission.fusion.grid_s * NS), seen)
+    took_s = time.process_time() - start
+    judge(sources, estimate, tally)
+    half_s = np.median(moving_s)
+    print(
+        f"{len(seen)} observations in {took_s:.1f} s: {len(moving_s)} times with moves, {half_s:.2f} s in the median, "
+        f"{max(moving_s):.2f} s at most, and a refinement, {1e3 * refining_s:.0f} ms\n"
+        f"{len(sources)} sources, found {len(tally.error_m)}, of the right nuclide {tally.nuclides}, false {tally.false}, "
+        f"error {np.median(tally.error_m):.2f} m in the median and {max(tally.error_m):.2f} m at most"
+    )
+
+
+if __name__ == "__main__":
+    typer.run(main)
