@@ -134,6 +134,8 @@ class Guidance:
         circles = centre is not None and moment.stage is not Stage.SURVEY
         if not moment.vehicle.position_trusted or (self._holds and not circles and moment.stage is not Stage.RETURN):
             return self._stay(state)
+        if circles and moment.stage in CIRCLING and self._is_without_room:
+            return self._stay(state)
         if moment.stage is Stage.TAKEOFF:
             return self._rise(moment, state)
         self._stays, frame = None, self._own.frame
@@ -152,6 +154,13 @@ class Guidance:
     def has_room(self) -> bool:
         """Whether the circle that is this drone's while others are not heard lies inside the fence."""
         return self._shared.has_room
+
+    @property
+    def _is_without_room(self) -> bool:
+        """Whether the circle apart from those that are not heard leaves the fence. It stops, as a vehicle without its agent does,
+        of whose place the others keep clear, and will return. On its way to that circle it would flee those inside of it.
+        """
+        return self._absence is not None and not self._shared.has_room
 
     @property
     def _holds(self) -> bool:
@@ -244,6 +253,8 @@ class Guidance:
         """
         climbs = moment.stage is Stage.RETURN and self._way.climbs
         if absence is None or centre is None or (moment.stage not in CIRCLING and not climbs):
+            return []
+        if self._is_without_room and not climbs:
             return []
         return self._shared.others(absence, moment.now_ns, centre.position, ahead(), STEP_S, self._fits(moment), climbs=climbs)
 
