@@ -99,11 +99,14 @@ class Cells:
         total = 0.5 * np.log(2.0 * np.pi * some / w) - np.log(_DECADES * (events + 1.0)) + log_below
         more = spectrum + total - w * (events * np.log(whole / some) - whole + events)
         shown = w * (d * d / m).sum(axis=1)
-        prior = _HIDDEN * np.clip((shown - _NOTICED[0]) / (_NOTICED[1] - _NOTICED[0]), 0.0, 1.0)
+        noticed = (shown - _NOTICED[0]) / (_NOTICED[1] - _NOTICED[0])
+        prior = _HIDDEN * np.clip(noticed, 0.0, 1.0)
         more = np.where(prior > 0.0, more, 0.0)
         top = np.maximum(more, 0.0)
         both = (1.0 - prior) * np.exp(-top) + prior * np.exp(more - top)
         hidden = prior * np.exp(more - top) / both
+        rises = _HIDDEN / (_NOTICED[1] - _NOTICED[0]) * ((noticed > 0.0) & (noticed < 1.0))
+        by_shown = rises * (np.exp(more - top) - np.exp(-top)) / both * w  # through the prior
 
         off = w[:, None] * (k / m - 1.0)  # derivatives by M: in a clear view
         shape = w[:, None] * (k / h - (events / rest)[:, None])  # and in a hidden one, by M_h and by M
@@ -116,8 +119,8 @@ class Cells:
         return Views(
             log_likelihood=float(weight @ (counts * np.log(clear) - clear).sum(axis=1) + (top + np.log(both)).sum()),
             excess=weight[:, None] * (counts / clear - 1.0)
-            + _ungrouped(self.each(hidden[:, None] * (shape + limit[:, None] - off))),
-            blocked=_ungrouped(self.each(hidden[:, None] * (1.0 - _SHARE) * shape)),
+            + _ungrouped(self.each(hidden[:, None] * (shape + limit[:, None] - off) - by_shown[:, None] * (d / m) ** 2)),
+            blocked=_ungrouped(self.each(hidden[:, None] * (1.0 - _SHARE) * shape - 2.0 * by_shown[:, None] * d / m)),
             mean=clear * _ungrouped(self.each(1.0 - hidden[:, None] * (1.0 - counted))),
             hidden=self.each(hidden),
             information=weight * self.each(left),
