@@ -226,7 +226,7 @@ def test_a_record_from_before_statuses_named_the_obeyed_order_comes_out_identica
         pilot = RecordedPilot(header.pilot(tmp_path, trust), recorder)
         for tick in range(50):
             now_ns = START_NS + tick * TICK_NS
-            pilot.observe_vehicle(state(now_ns))
+            pilot.observe_vehicle(state(now_ns, armed=tick > 20))
             if tick == 20:
                 payload = operator.ordered(now_ns, Action.START, {"d1": pilot.ticket(now_ns)})
                 assert pilot.receive(operator.key, payload, now_ns) == Verdict()

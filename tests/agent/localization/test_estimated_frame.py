@@ -85,7 +85,7 @@ def test_a_drone_with_an_uncertain_position_reports_it():
 def test_a_start_without_a_heading_needs_a_sight_and_then_the_drone_waits_for_its_frame():
     lost = replace(LAYOUT, localization="slam", yaw_sigma_deg=180.0)
     one = pilot(mission=mission_of(lost))
-    last = flown(one, mission=mission_of(lost))
+    last = flown(one, mission=mission_of(lost), armed=False)
     assert one.stage is Stage.PREFLIGHT
     assert "its heading is not known, and it has neither seen another drone nor been seen by one yet" in last[Status].problems
     seen = SeenDrone(stamp_ns=START_NS + 3 * SECOND, target="d2", range_m=6.0, range_sigma_m=0.1)
