@@ -1,7 +1,7 @@
 """What lost packets between the agents cost: live flights whose agents are on hosts of their own, with and without loss, in turn.
 
 Needs root, /dev/net/tun and iproute2: the hosts are network namespaces, the packets between which pass through a relay.
-Exit code 1 where an agent was ended, logs differ at the end, or the mean of the errors is more than 1.2 times the clean one.
+Exit code 1 where an agent was ended, logs differ at the end, or a drone did not land.
 
 Run: python benchmarks/packet_loss.py [--drones 3] [--loss 0.05] [--seconds 60] [--runs 6] [--json OUT]
 About two minutes for each flight. Single flights differ by half of their error: it takes some tens to tell 1.2 from 1.
@@ -23,8 +23,6 @@ from rich.table import Table
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/live"))
 
 from lossy_flight import LACKING, Flown, can_lose_packets, fly_over
-
-MOST_RATIO = 1.2
 
 
 def main() -> int:
@@ -48,10 +46,7 @@ def main() -> int:
                 told = {str(loss): [asdict(one) for one in flights] for loss, flights in flown.items()}
                 options.json.write_text(json.dumps({"packet_loss": told}, indent=1) + "\n")
     _print(flown)
-    clean_m = mean(one.error_m for one in flown[0.0])
-    wrong = [one for flights in flown.values() for one in flights if one.ended or not one.agreed or not one.landed]
-    worse = [loss for loss, flights in flown.items() if mean(one.error_m for one in flights) > MOST_RATIO * clean_m]
-    return 1 if wrong or worse else 0
+    return int(any(one.ended or not one.agreed or not one.landed for flights in flown.values() for one in flights))
 
 
 def _print(flown: dict[float, list[Flown]]) -> None:

@@ -154,7 +154,8 @@ async def send(host: Host, file: Path, target: str, progress: Progress) -> None:
                 progress(done, total)
             process.stdin.close()
         await _ended(host, process, errors, [])
-    kept = f"if {whole}; then sync {part} && mv {part} {place}; echo whole; elif {there}; then echo whole; else rm -f {part}; fi"
+    moved, left = f"sync {part} && mv {part} {place}; echo whole", f"rm -f {part}; echo whole"
+    kept = f"if {whole}; then {moved}; elif {there}; then {left}; else rm -f {part}; fi"
     done_there = await run(host, kept)
     if done_there.strip() != "whole":
         raise host.error(f"the copy of {file.name} differs from the file, and was removed; run this again")

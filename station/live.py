@@ -84,6 +84,8 @@ class SlowEstimates:
     async def follow(self, picture: Picture) -> None:
         """Compute for this picture, and for no other one any more."""
         if picture is self._picture:
+            if self._task is not None and self._task.done():
+                self._task.result()  # it ends by a mistake in this program only, which has to show
             return
         await self.end()
         fusion, self._picture = picture.log.fusion, picture

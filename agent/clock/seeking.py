@@ -9,7 +9,7 @@ from pathlib import Path
 from agent.clock.handover import Told, Valid, hand_over, text
 from agent.clock.systemtime import WAIT_S, overheard_time
 from agent.config.drone import VehicleConfig
-from agent.vehicle.exposure import exposure
+from agent.vehicle.mavlink.exposure import exposure
 
 
 def seek_time(vehicle: VehicleConfig, valid: Valid, folder: Path, wait_s: float = WAIT_S) -> str:

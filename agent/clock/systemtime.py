@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import struct
 
-from agent.vehicle.mavlinkheader import AUTOPILOT, FIRST_BYTES, header_at
-from agent.vehicle.overhearing import overhear
+from agent.vehicle.mavlink.header import AUTOPILOT, FIRST_BYTES, header_at
+from agent.vehicle.mavlink.overhearing import overhear
 
 WAIT_S = 3.0  # three messages
 _SYSTEM_TIME, _CRC_EXTRA, _PAYLOAD_BYTES = 2, 137, 12

@@ -6,7 +6,7 @@ from collections import deque
 
 from agent.vehicle.events import FAILSAFE, REPORT_BEGINS, REPORT_ENDS, FailedCheck, failed_check, severity, text_of
 from agent.vehicle.interface import FlightMode
-from agent.vehicle.messages import AutopilotVersion, Event, StatusText, SystemStatus
+from agent.vehicle.mavlink.messages import AutopilotVersion, Event, StatusText, SystemStatus
 
 # MAV_SYS_STATUS_SENSOR; they tell what is missing.
 _SENSORS = {

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from agent.geometry import Vector3
 from agent.vehicle.interface import LaunchPlace, Origin
-from agent.vehicle.messages import GlobalOrigin
+from agent.vehicle.mavlink.messages import GlobalOrigin
 
 WINDOW_S = 5.0
 SHORTEST_S = 1.0  # standing still before the mean is used

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from msgspec import Struct
 
 from agent.vehicle.interface import Finding
-from agent.vehicle.messages import ParameterError, ParameterValue
+from agent.vehicle.mavlink.messages import ParameterError, ParameterValue
 from agent.vehicle.trust import drift_m
 
 TAKEOFF_ALTITUDE = "MIS_TAKEOFF_ALT"

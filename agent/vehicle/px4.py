@@ -8,11 +8,11 @@ from collections.abc import Callable
 from typing import Literal
 
 from agent.config.drone import VehicleConfig
-from agent.vehicle.exposure import exposure
 from agent.vehicle.health import StatusMessages
 from agent.vehicle.interface import AgentLost, Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
-from agent.vehicle.link import Link, Received
-from agent.vehicle.messages import (
+from agent.vehicle.mavlink.exposure import exposure
+from agent.vehicle.mavlink.link import Link, Received
+from agent.vehicle.mavlink.messages import (
     AutopilotVersion,
     CommandAck,
     Event,
@@ -24,11 +24,11 @@ from agent.vehicle.messages import (
     StatusText,
     TimeSync,
 )
+from agent.vehicle.mavlink.signed import SIGNED
 from agent.vehicle.modes import CUSTOM_MODES, SET_MODE_FLAGS
 from agent.vehicle.parameters import FLOAT, RETURN_ALTITUDE, TAKEOFF_ALTITUDE, Parameters, float32, rules_of, wire_value
 from agent.vehicle.requests import Act, Requests
 from agent.vehicle.setpoints import SetpointStream
-from agent.vehicle.signed import SIGNED
 from agent.vehicle.streams import GLOBAL_ORIGIN, HOME_POSITION, REQUEST, Streams
 from agent.vehicle.telemetry import Telemetry
 from agent.vehicle.vision import Vision

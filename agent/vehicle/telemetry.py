@@ -20,7 +20,7 @@ from agent.vehicle.frame import (
 from agent.vehicle.health import not_ready
 from agent.vehicle.interface import FlightMode, GnssFix, LaunchPlace, VehicleState
 from agent.vehicle.launch import LaunchSurvey
-from agent.vehicle.messages import (
+from agent.vehicle.mavlink.messages import (
     Attitude,
     Battery,
     CurrentMode,

@@ -83,7 +83,10 @@ def _kind(drone: FleetDrone | None) -> Kind:
 
 def _mark_other(made: Sequence[dict[str, Cell]], column: str, given: Sequence[str | None]) -> None:
     """Mark what most drones have otherwise, except where the fleet file gives it."""
-    (most, _), *_ = Counter(row[column].text for row in made).most_common(1)
+    usual = Counter(row[column].text for row, wanted in zip(made, given, strict=True) if wanted is None)
+    if not usual:
+        return
+    (most, _), *_ = usual.most_common(1)
     for row, wanted in zip(made, given, strict=True):
         if wanted is None and row[column].text != most:
             row[column] = Cell(row[column].text, stands_out=True)

@@ -103,9 +103,9 @@ class Stall(LinkFault, frozen=True, kw_only=True, tag="stall"):
 
 
 class Throttle(LinkFault, frozen=True, kw_only=True, tag="throttle"):
-    """Links carry ``rate_kbps`` (kilobytes a second) at most; live flights only."""
+    """Links carry ``rate_kilobytes_ps`` (kilobytes a second) at most; live flights only."""
 
-    rate_kbps: Annotated[float, Meta(gt=0.0, le=1e6)]
+    rate_kilobytes_ps: Annotated[float, Meta(gt=0.0, le=1e6)]
 
 
 class Reorder(LinkFault, frozen=True, kw_only=True, tag="reorder"):

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from one_pilot import MISSION
 
 from agent.vehicle.interface import FlightMode
-from agent.vehicle.messages import ExtendedState, Heartbeat
+from agent.vehicle.mavlink.messages import ExtendedState, Heartbeat
 from protocol.messages import Action, Stage
 
 SEEDS = range(30)  # each with other phases of all streams of telemetry

@@ -20,8 +20,8 @@ from agent.config.drone import DroneConfig, VehicleConfig
 from agent.config.mission import DatumConfig, DroneInMission
 from agent.pilot import Pilot
 from agent.vehicle.interface import GnssFix, Request, Setpoint, VehicleCommand, VehicleState
-from agent.vehicle.link import Link
-from agent.vehicle.messages import DECODERS
+from agent.vehicle.mavlink.link import Link
+from agent.vehicle.mavlink.messages import DECODERS
 from agent.vehicle.px4 import Px4Vehicle
 from sim.vehicle.multirotor import Multirotors, MultirotorTruth
 from sim.vehicle.px4.config import Px4Config

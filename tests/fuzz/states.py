@@ -15,7 +15,7 @@ from agent.navigation.identification import FoundResponse
 from agent.pilot import Pilot
 from agent.shell.statestore import State, StateStore
 from agent.vehicle.interface import FlightMode, LaunchPlace
-from agent.vehicle.messages import Attitude, ExtendedState, GlobalOrigin, Heartbeat, LocalPosition, SystemStatus
+from agent.vehicle.mavlink.messages import Attitude, ExtendedState, GlobalOrigin, Heartbeat, LocalPosition, SystemStatus
 from agent.vehicle.telemetry import Telemetry
 from protocol.messages import Stage
 from tests.fuzz.mutation import HOSTILE_NUMBERS, HOSTILE_TEXTS, broken_text, mutated

@@ -261,7 +261,6 @@ def test_a_flood_in_a_members_name_delays_no_setpoint_and_none_of_the_others_mes
             others = (agents[0], agents[2])
             assert await operator.until(lambda: tell("d2 floods", *others), PATIENCE_S)
             await case.until_s(struck_s + lasts_s)
-            print([problem for agent in others for problem in agent.problems if "floods" in problem])
             assert all((now.stages[0], now.stages[2]) == (Stage.TRACK, Stage.TRACK) for now in witness.since(struck_s))
             assert not any(tell(f"d{k} floods", agent) for k in (1, 3) for agent in agents)
             return began_ns, time.time_ns(), case.late_s

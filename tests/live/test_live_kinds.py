@@ -1,4 +1,4 @@
-"""The faults of live flights that are not dealt to live missions: on links, the mesh and files, in one flight."""
+"""Faults of live flights that are not dealt to live missions, in one flight: bad links, a flood, a lost record."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FAULTS = (
     {"kind": "disk", "target": "d3", "how": "record-removed", "at_s": 12.0},
     {"kind": "stall", "target": "d2", "at_s": 14.0, "for_s": 6.0},
     {"kind": "mavlink-impaired", "target": "d3", "direction": "to-vehicle", "cut": True, "at_s": 18.0, "for_s": 3.0},
-    {"kind": "throttle", "target": "d1", "rate_kbps": 20.0, "at_s": 21.0, "for_s": 6.0},
+    {"kind": "throttle", "target": "d1", "rate_kilobytes_ps": 20.0, "at_s": 21.0, "for_s": 6.0},
     {"kind": "flood", "target": "d2", "rate_mbps": 1.0, "message_bytes": 200, "at_s": 24.0, "for_s": 6.0},
 )  # fmt: skip
 

@@ -135,7 +135,7 @@ STRENGTHS: dict[str, Callable[[Strike], Numbers]] = {
         "corrupt": strike.uniform(0.0, 0.2),
     },
     "stall": lambda strike: {"direction": strike.one("both", "send", "receive")},
-    "throttle": lambda strike: {"rate_kbps": strike.scale(1.0, 50.0)},
+    "throttle": lambda strike: {"rate_kilobytes_ps": strike.scale(1.0, 50.0)},
     "disarm": _none,
     "forged": lambda strike: {"what": strike.one("impossible", "impersonated", "other-mission", "two-versions")},
     "copied-key": lambda strike: {"beside_m": strike.scale(5.0, 50.0)},

@@ -29,7 +29,7 @@ def impairments(schedule: Schedule, drones: Sequence[str], sender: str, receiver
             yield LinkState(frozen=True)
     for throttle, _ in schedule.active(Throttle):
         if _concerns(throttle, drones, sender, receiver):
-            yield LinkState(rate_bytes_ps=throttle.rate_kbps * 1e3)
+            yield LinkState(rate_bytes_ps=throttle.rate_kilobytes_ps * 1e3)
     if away_m > min((fault.range_m for fault, _ in schedule.active(RadioRange)), default=math.inf):
         yield CUT
 

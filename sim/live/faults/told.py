@@ -37,7 +37,7 @@ def links_told(fault: Fault) -> str:
         case Lag():
             return f"delay of {fault.delay_s:g} s, and up to {fault.jitter_s:g} s more"
         case Throttle():
-            return f"links carry {fault.rate_kbps:g} kB/s at most"
+            return f"links carry {fault.rate_kilobytes_ps:g} kB/s at most"
     return f"{kind_of(fault)} of links"
 
 

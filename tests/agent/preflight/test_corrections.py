@@ -12,7 +12,7 @@ from agent.config.drone import DroneConfig, VehicleConfig, VisionConfig
 from agent.config.loading import convert
 from agent.config.mission import MissionConfig
 from agent.preflight.corrections import correction
-from agent.vehicle.messages import ParameterValue
+from agent.vehicle.mavlink.messages import ParameterValue
 from agent.vehicle.parameters import FLOAT, INT32, rules_of, value_of, wire_value
 
 DRONES = [{"id": "d1", "origin_m": [5, 5, 0]}, {"id": "d2", "origin_m": [9, 5, 0]}]

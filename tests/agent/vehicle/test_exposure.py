@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from agent.config.drone import VehicleConfig
 from agent.errors import VehicleError
-from agent.vehicle.exposure import exposure, take_only_from
+from agent.vehicle.mavlink.exposure import exposure, take_only_from
 from agent.vehicle.px4 import Px4Vehicle
 
 

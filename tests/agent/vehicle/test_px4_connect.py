@@ -10,8 +10,8 @@ import pytest
 
 from agent.config.drone import VehicleConfig
 from agent.errors import VehicleError
-from agent.vehicle.claim import claim_port
 from agent.vehicle.interface import Request, VehicleCommand
+from agent.vehicle.mavlink.claim import claim_port
 from agent.vehicle.px4 import Px4Vehicle
 
 
@@ -44,7 +44,7 @@ def test_nobody_there_is_told_within_the_configured_time() -> None:
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """A port in use is waited for; here not for long."""
-    monkeypatch.setattr("agent.vehicle.link.claim_port", partial(claim_port, patience_s=0.3))
+    monkeypatch.setattr("agent.vehicle.mavlink.link.claim_port", partial(claim_port, patience_s=0.3))
 
 
 def test_a_port_in_use_is_told() -> None:

@@ -14,8 +14,8 @@ from recorded_px4 import packets
 
 from agent.config.drone import VehicleConfig
 from agent.errors import VehicleError
-from agent.vehicle.claim import claim_port, holders
 from agent.vehicle.interface import FlightMode, VehicleState
+from agent.vehicle.mavlink.claim import claim_port, holders
 from agent.vehicle.px4 import Px4Vehicle
 
 GLOBAL_ORIGIN = 49  # message id

@@ -12,7 +12,7 @@ from px4_sky import STAY, TAKEOFF, sky
 from pymavlink.dialects.v10 import common as first_version
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent.vehicle.signed import First, first_message, first_of
+from agent.vehicle.mavlink.signed import First, first_message, first_of
 from sim.vehicle.px4.mavlink.link import Link
 
 KEY = bytes(range(32))

@@ -3,7 +3,7 @@
 from agent.vehicle.events import number_of
 from agent.vehicle.health import TEXT_AGE_S, StatusMessages, not_ready
 from agent.vehicle.interface import FlightMode
-from agent.vehicle.messages import Event, StatusText, SystemStatus
+from agent.vehicle.mavlink.messages import Event, StatusText, SystemStatus
 
 GPS, BATTERY = 0x20, 0x0200_0000
 PRESENT, ENABLED = 0x0300_402F, 0x0301_402F  # as a real PX4 tells them; the prearm check is never among them

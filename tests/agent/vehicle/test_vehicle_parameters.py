@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from agent.vehicle.messages import ParameterValue
+from agent.vehicle.mavlink.messages import ParameterValue
 from agent.vehicle.parameters import (
     ASK_AGAIN_S,
     FLOAT,

@@ -6,7 +6,7 @@ import pytest
 
 from agent.config.drone import VehicleConfig
 from agent.vehicle.interface import FlightMode, VehicleState
-from agent.vehicle.messages import (
+from agent.vehicle.mavlink.messages import (
     Attitude,
     Battery,
     DistanceSensor,

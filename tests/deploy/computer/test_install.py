@@ -137,7 +137,7 @@ def test_from_an_empty_computer_to_a_drone_and_back(bench: Bench) -> None:
     assert set(bad) <= {"chrony", "d2", "reach d2"}  # there is no d2; chrony and ping are not everywhere
 
     assert bench.there(f"cat {_CHRONY}/*/radron.*") == "allow 127.0.0.0/8\nlocal stratum 10 orphan\n" + _OTHERS
-    bench.there("touch -d 2100-01-01 /etc/radron/identity/certificate.pem; systemctl restart radron-provision")  # a dead clock
+    bench.there("touch -d 2100-01-01 /etc/radron/hostname; systemctl restart radron-provision")  # a dead clock
     assert bench.there(f"cat {_CHRONY}/*/radron.*") == "allow 127.0.0.0/8\n" + _OTHERS
 
     before = bench.there("readlink -f /opt/radron; sha256sum /etc/radron/identity/*; stat -c %i /opt/radron/complete")

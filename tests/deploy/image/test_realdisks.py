@@ -86,7 +86,7 @@ def test_a_mounted_disk_is_refused_and_not_written_even_if_it_is_mounted_after_t
 def test_the_disk_that_this_computer_runs_from_is_refused(tmp_path: Path) -> None:
     part = told("findmnt", "--noheadings", "--output", "SOURCE", "--target", "/")
     disk = told("lsblk", "--noheadings", "--paths", "--nodeps", "--output", "PKNAME", part) or part
-    if not Path(disk).is_block_device() or not told("lsblk", disk) or not os.access(disk, os.R_OK):
+    if not Path(disk).is_block_device() or told("lsblk", "-dno", "TYPE", disk) != "disk" or not os.access(disk, os.R_OK):
         pytest.skip("this computer runs from no disk that it can see")
-    with pytest.raises(ImageError, match=rf"^{disk}: this computer runs from it \({part} is /\); give another disk$"):
+    with pytest.raises(ImageError, match=rf"^{disk}: this computer runs from it \(.* is /.*\); give another disk$"):
         find_target(Path(disk), internal=True)

@@ -75,6 +75,7 @@ def test_a_push_whose_link_is_lost_is_one_line_and_is_completed_by_the_next(flee
         assert 0 < part.stat().st_size < manifest.size
         assert fleet.computer("d1").status().trial is None
         cable.plug()
+        fleet.options = ()
         fleet.told.clear()
         done = fleet.push("d1", bundle=(file, manifest))
     assert isinstance(done[0], Outcome), done[0]

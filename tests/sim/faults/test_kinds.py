@@ -74,7 +74,7 @@ def test_every_kind_can_be_written_and_read(kind: str) -> None:
         "disk": {"how": "full"},
         "stream-lost": {"message": "HEARTBEAT"},
         "mavlink-impaired": {"corrupt": 0.1},
-        "throttle": {"rate_kbps": 5.0},
+        "throttle": {"rate_kilobytes_ps": 5.0},
         "forged": {"what": "impossible"},
         **{name: {"probability": 0.5} for name in ("loss", "reorder", "duplicate", "corrupt", "mavlink-loss")},
     }.get(kind, {})

@@ -32,11 +32,6 @@ class Cable:
             self._left = None
         self._plugged.set()
 
-    @property
-    def pulled(self) -> bool:
-        """Whether nothing passes."""
-        return not self._plugged.is_set()
-
     def close(self) -> None:
         """No more connections."""
         self._listener.close()

@@ -18,8 +18,8 @@ from agent.config.drone import DroneConfig, VehicleConfig
 from agent.config.mission import MissionConfig
 from agent.pilot import Pilot
 from agent.vehicle.interface import VehicleState
-from agent.vehicle.link import Received
-from agent.vehicle.messages import DECODERS, ExtendedState, Heartbeat
+from agent.vehicle.mavlink.link import Received
+from agent.vehicle.mavlink.messages import DECODERS, ExtendedState, Heartbeat
 from agent.vehicle.px4 import Px4Vehicle
 from protocol.codec import decode_from
 from protocol.messages import Action, Stage, Status

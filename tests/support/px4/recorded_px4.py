@@ -13,8 +13,8 @@ from mavsdk_json import fields_of
 
 from agent.config.drone import VehicleConfig
 from agent.vehicle.interface import GnssFix, LaunchPlace, VehicleCommand, VehicleState
-from agent.vehicle.link import AUTOPILOT_COMPONENT, Received
-from agent.vehicle.messages import DECODERS
+from agent.vehicle.mavlink.link import AUTOPILOT_COMPONENT, Received
+from agent.vehicle.mavlink.messages import DECODERS
 from agent.vehicle.px4 import Px4Vehicle
 
 FOLDER = Path(__file__).parents[2] / "contract" / "recordings" / "messages"

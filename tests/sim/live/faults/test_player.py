@@ -184,7 +184,9 @@ def test_links_are_cut_as_the_groups_the_direction_or_the_distance_say(tmp_path:
 
 
 def test_links_stand_still_or_carry_little_one_way(tmp_path: Path) -> None:
-    slow = played(tmp_path, Throttle(target="d1", rate_kbps=5.0, at_s=0.0), Stall(target="d1", direction="send", at_s=1.0)).links
+    slow = played(
+        tmp_path, Throttle(target="d1", rate_kilobytes_ps=5.0, at_s=0.0), Stall(target="d1", direction="send", at_s=1.0)
+    ).links
     assert slow["d1", "d2"] == LinkState(rate_bytes_ps=5000.0, frozen=True)
     assert slow["d2", "d1"] == LinkState(rate_bytes_ps=5000.0)
     assert slow["d2", "d3"] == PASSING

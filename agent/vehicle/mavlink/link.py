@@ -20,12 +20,12 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, Mav
 from msgspec import Struct
 
 from agent.errors import VehicleError
-from agent.vehicle.claim import claim_port
-from agent.vehicle.device import check_device
-from agent.vehicle.exposure import exposure, take_only_from
-from agent.vehicle.messages import DECODERS, Attitude, DistanceSensor, Message, Odometry
-from agent.vehicle.overhearing import listens
-from agent.vehicle.signed import FIRST_S, First, first_message
+from agent.vehicle.mavlink.claim import claim_port
+from agent.vehicle.mavlink.device import check_device
+from agent.vehicle.mavlink.exposure import exposure, take_only_from
+from agent.vehicle.mavlink.messages import DECODERS, Attitude, DistanceSensor, Message, Odometry
+from agent.vehicle.mavlink.overhearing import listens
+from agent.vehicle.mavlink.signed import FIRST_S, First, first_message
 
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 COMMANDS_PER_MESSAGE = 7
