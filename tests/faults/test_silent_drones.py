@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from protocol.messages import Stage
-from sim.faults.agents import Kill, Partition
+from sim.faults.agents import Disk, Kill, Partition
 from sim.faults.machines import Takeover
 from sim.lockstep import fly, watched
 from sim.scenario import load_scenario, override
@@ -166,6 +166,23 @@ def test_an_agent_that_is_there_again_goes_on_if_its_vehicle_flies(down_s):
     time_s, stage = flight.trace.time_s, flight.trace.stage[:, 1]
     assert time_s[-1] > 23.7 + down_s + 17.0
     assert (stage[time_s > 23.7 + down_s + 15.0] == Stage.TRACK).all()
+    assert closest.least_m >= LEAST_M
+
+
+@pytest.mark.parametrize(("drone", "down_s"), [("d2", 0.6), pytest.param("d3", 6.0, marks=pytest.mark.slow)])
+def test_the_others_keep_clear_of_a_vehicle_in_its_failsafe_whose_agent_has_lost_its_state(drone, down_s):
+    """The agent took it for one on the ground, and the others its word for that."""
+    faults = Disk(at_s=23.8, how="state-torn", target=drone), Kill(at_s=23.7, for_s=down_s, target=drone)
+    index, told, closest = int(drone[1]) - 1, set(), Closest()
+
+    def watch(moment):
+        if moment.time_s > 23.7 + down_s + 1.0 and moment.airborne(index):
+            told.add(moment.pilots[index].stage)
+        return closest(moment)
+
+    fly(circling(4, *faults, until_s=38.0), seed=1, watch=watch)
+    assert told
+    assert told <= {Stage.HOLD, Stage.RETURN, Stage.LANDING}
     assert closest.least_m >= LEAST_M
 
 

@@ -86,7 +86,7 @@ class Refinement:
 
 
 class SourcesEstimator:
-    """Sources at rest on the ground. A pure function of the observations and their grid steps."""
+    """Sources at rest. A pure function of the observations and their grid steps."""
 
     name = "sources"
     reads: tuple[type[AnyEntry], ...] = (Cone, Exposure)
@@ -177,6 +177,8 @@ class SourcesEstimator:
         hiding = None
         if self._target is not None:
             hiding = self._target.hiding(state.rows, problem.counts, self._spectra, self._ground, fitted)
+            if not all(self._is_located(fitted, k) for k in range(len(fitted.solution))):
+                hiding = replace(hiding, left=hiding.left | hiding.glare)  # more measurements there would locate what is fitted
         fitted = _strongest_first(fitted)
         return replace(
             state,
@@ -229,7 +231,10 @@ class SourcesEstimator:
         )
 
     def _is_declared(self, fitted: Fitted) -> bool:
-        return len(fitted.solution) > 0 and math.hypot(*fitted.sigma_of(0)[:2].tolist()) <= self._config.declared_rms_m
+        return len(fitted.solution) > 0 and self._is_located(fitted, 0)
+
+    def _is_located(self, fitted: Fitted, k: int) -> bool:
+        return math.hypot(*fitted.sigma_of(k)[:2].tolist()) <= self._config.declared_rms_m
 
     def _told(self, state: SourcesState, fitted: Fitted, k: int, step: GridStep) -> Hypothesis:
         solution = fitted.solution

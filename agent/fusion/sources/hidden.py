@@ -115,7 +115,7 @@ class Cells:
         pull, other = (off * d).sum(axis=1), _SHARE * (shape * d).sum(axis=1) + limit * d.sum(axis=1)
         spread = hidden * (1.0 - hidden) * (pull - other) ** 2 / np.maximum(shown, _TINY)
         left = np.clip(1.0 - hidden - spread, _LEAST_LEFT, 1.0)
-        counted = h / m * (np.minimum(events, whole) / rest)[:, None]  # share of what a clear view would count
+        counted = h / m * (np.minimum(some, whole) / rest)[:, None]  # share of what a clear view would count
         return Views(
             log_likelihood=float(weight @ (counts * np.log(clear) - clear).sum(axis=1) + (top + np.log(both)).sum()),
             excess=weight[:, None] * (counts / clear - 1.0)

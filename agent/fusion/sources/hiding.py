@@ -44,9 +44,11 @@ Indices = NDArray[np.intp]
 
 
 class Hiding(Struct, frozen=True, eq=False):
-    """What is not excluded. log_odds: (G,) D of the least activity, of the nuclide that hides best. left: (G,) where it may hide,
-    and further measurements would tell. glare: (G,) where the fitted sources outshine it. limits: (N,) activities (in
-    REFERENCE_BQ) that are excluded everywhere else; infinite where none is.
+    """What is not excluded, of sources on the ground.
+
+    log_odds: (G,) D of the least activity, of the nuclide that hides best. left: (G,) where it may hide, and further measurements
+    would tell. glare: (G,) where the fitted sources outshine it. limits: (N,) activities (in REFERENCE_BQ) that are excluded
+    everywhere else; infinite where none is.
     """
 
     log_odds: Array
@@ -93,6 +95,9 @@ class Target:
             change, expected = signal.change(np.full(len(at), self.least))
             log_odds = np.maximum(log_odds, np.where(glare[n], -np.inf, change))
             left |= (change > _LOG_EXCLUDED) & (expected < _NO_NEWS) & ~glare[n]
+            if glare[n].all():
+                limits[n] = np.inf
+                continue
             worst = np.argsort(np.where(glare[n], -np.inf, change), kind="stable")[-min(_WORST, int((~glare[n]).sum())) :]
             limits[n] = self._limit(signal.only(worst))
         return Hiding(log_odds, left, np.asarray(glare.any(axis=0)), limits)

@@ -34,9 +34,9 @@ def seen(*rows, apart=0, of=1.0):
     apart: voxels between two rows.
     """
     counts = np.array([np.repeat(row, 16) for row in rows]) / 16.0
-    table = np.zeros((len(rows), 40), np.int64)
+    table = np.zeros((len(rows), 42), np.int64)
     table[:, 1] = apart * np.arange(len(rows))
-    table[:, 8] = counts.sum(axis=1)
+    table[:, 10] = counts.sum(axis=1)
     clear, direct = (np.repeat(of * part, len(rows), axis=0) for part in (CLEAR, DIRECT))
     return Cells(Rows(table)).views(counts, np.ones(len(rows)), Expected(clear, direct, 0.1 * clear))
 
@@ -55,6 +55,15 @@ def test_a_row_far_below_pulls_no_more_and_tells_little():
     assert abs(pull) < 2.0  # by the logarithm of the rate; with a clear view -33
     assert one.information[0] < 0.05
     assert one.mean.sum() == pytest.approx(33.0, rel=0.05)
+
+
+def test_a_row_without_any_count_is_hidden_and_still_expects_some():
+    """A camera that is blind, or right behind a wall: what is expected of it divides in births and in what is excluded."""
+    one = seen((0.0, 0.0))
+    assert one.hidden[0] > 0.99
+    assert one.mean.min() > 0.0
+    assert one.mean.sum() < 5.0
+    assert np.isfinite(one.excess).all()
 
 
 def test_too_many_counts_are_not_hidden():
