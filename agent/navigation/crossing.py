@@ -25,7 +25,7 @@ def is_over_m(mission: MissionConfig, drone: str) -> float:
 def crossing_height_m(mission: MissionConfig, drone: str) -> float:
     """Height (m) above the ground at which a drone crosses."""
     highest_m = mission.encirclement.height_m + mission.limits.separation_m  # of circles, ``ring_lift_m``
-    return max(mission.return_height_m(drone), highest_m + 2.0 * mission.limits.separation_m)
+    return max(mission.return_height_m(drone), highest_m + mission.limits.separation_m + _NEAR_M)
 
 
 class Crossing:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import degrees, hypot, inf, remainder, tau
 
+from sim.faults.agents import Revoked
 from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
 from sim.scoring.moment import Moment
 
@@ -93,13 +94,17 @@ class Calibrated(_Placed):
 
 
 class KnowsItsPlace(_Placed):
-    """A drone in the air that two others have been near for 40 s knows where it is, and does not wait for ever."""
+    """A drone in the air that two others have been near for 40 s knows where it is, and does not wait for ever. Revoked drones
+    and the others do not hear each other.
+    """
 
     name = "placed"
 
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         self._unplaced_s = [0.0] * len(setting.names)
+        revoked = (one for one in setting.scenario.fault if isinstance(one, Revoked))
+        self._revoked_s = {setting.names.index(name): one.at_s for one in revoked for name in one.strikes(setting.names)}
         self._last_s = 0.0
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
@@ -109,10 +114,13 @@ class KnowsItsPlace(_Placed):
             pilot = moment.pilots[drone]
             if pilot is None or pilot.whereabouts is not None:
                 self._unplaced_s[drone] = 0.0
-            elif self._is_seen(moment, drone):
+            elif not self._is_revoked(moment, drone) and self._is_seen(moment, drone):
                 self._unplaced_s[drone] += step_s
             if self._unplaced_s[drone] > UNPLACED_S:
                 yield Breach((drone,), f"it does not know where it is, {UNPLACED_S:g} s among others")
+
+    def _is_revoked(self, moment: Moment, drone: int) -> bool:
+        return moment.time_s >= self._revoked_s.get(drone, inf)
 
     def _is_seen(self, moment: Moment, drone: int) -> bool:
         x, y, _ = moment.position_m[drone].tolist()
@@ -121,6 +129,7 @@ class KnowsItsPlace(_Placed):
             for other, pilot in enumerate(moment.pilots)
             if other != drone
             and pilot is not None
+            and not self._is_revoked(moment, other)
             and moment.airborne(other)
             and hypot(moment.position_m[other, 0] - x, moment.position_m[other, 1] - y) < SEEN_M
         ]

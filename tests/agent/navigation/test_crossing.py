@@ -44,7 +44,7 @@ def test_it_crosses_well_above_the_circles_even_where_returns_are_lower():
     """Of these every second is higher by the separation."""
     low = replace(THREE, encirclement=EncirclementConfig(height_m=15.0))
     highest_m = 15.0 + max(ring_lift_m(low, ring) for ring in range(3))
-    assert Crossing(low, "d3").course(9.0, 15.0, 21.0, [15.0]) == (9.0, highest_m + 2.0 * THREE.limits.separation_m)
+    assert Crossing(low, "d3").course(9.0, 15.0, 21.0, [15.0]) == (9.0, highest_m + THREE.limits.separation_m + 1.0)
 
 
 def test_it_goes_home_above_those_that_it_does_not_hear_and_comes_down_there():

@@ -67,8 +67,15 @@ def test_a_drone_among_others_that_does_not_get_to_know_where_it_is() -> None:
     others = moments.pilot(placed=moments.whereabouts())
     pilots = [moments.pilot(), others, others]
     alone = [(200.0, 10.0, 3.0), *moments.PLACES[1:]]
-    for where, expected in ((moments.PLACES, [("d1",)]), (alone, [])):
-        invariant = KnowsItsPlace(estimated())
+    own, of_another = ({"kind": "revoked", "at_s": 0.5, "target": name} for name in ("d1", "d2"))  # neither hears the rest
+    cases = (
+        (moments.PLACES, (), [("d1",)]),
+        (alone, (), []),
+        (moments.PLACES, (own,), []),
+        (moments.PLACES, (of_another,), []),
+    )
+    for where, faults, expected in cases:
+        invariant = KnowsItsPlace(estimated(*faults))
         times_s = np.arange(0.0, 41.0, 0.05)
         assert [
             one.drones for time_s in times_s for one in invariant.look(moments.moment(float(time_s), where, pilots=pilots))
