@@ -62,7 +62,7 @@ def try_folder(folder: Path) -> None:
 
 
 def write_durably(path: Path, content: bytes) -> None:
-    """Replace a file atomically: a power cut leaves the older or the newer one. Raises OSError."""
+    """Replace a file atomically: a power cut leaves the older or the newer one, and once this returns the newer. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     fresh = path.with_suffix(".new")
     with fresh.open("wb") as file:
@@ -70,6 +70,11 @@ def write_durably(path: Path, content: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     fresh.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)  # else the name of the file may still lead to the older one after a power cut
+    finally:
+        os.close(folder)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from agent.errors import OutputError
-from agent.outputs import check_output, replacing
+from agent.outputs import check_output, replacing, write_durably
 
 
 def test_a_file_is_written_as_a_whole_or_not_at_all(tmp_path: Path) -> None:
@@ -93,3 +93,16 @@ def test_a_protected_file_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(os, "access", lambda place, mode: place != path)  # root may write anything
     with pytest.raises(OutputError, match="no permission to overwrite it"):
         check_output(path)
+
+
+def test_a_file_that_is_written_durably_has_its_name_on_the_disk_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The new content is on the disk before it gets the name, and the folder with the name before the call returns."""
+    path, synced = tmp_path / "trial.json", []
+
+    def fsync(file: int) -> None:
+        synced.append((Path(f"/proc/self/fd/{file}").readlink().name, path.exists() and path.read_text()))
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    for content in (b"old", b"new"):
+        write_durably(path, content)
+    assert synced == [("trial.new", False), (tmp_path.name, "old"), ("trial.new", "old"), (tmp_path.name, "new")]
