@@ -62,7 +62,11 @@ def try_folder(folder: Path) -> None:
 
 
 def write_durably(path: Path, content: bytes) -> None:
-    """Replace a file atomically: a power cut leaves the older or the newer one, and once this returns the newer. Raises OSError."""
+    """Replace a file atomically: a power cut leaves the older or the newer one; the newer one once this has returned.
+
+    Raises:
+        OSError: it cannot be written.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     fresh = path.with_suffix(".new")
     with fresh.open("wb") as file:
