@@ -11,6 +11,7 @@ from math import dist
 
 from agent.config.mission import MissionConfig
 from agent.geometry import Point2
+from agent.motion.orbit import ring_lift_m
 
 _NEAR_M = 1.0  # so near to its height or its circle it has arrived
 _OVER_HOME_M = 2.0
@@ -24,7 +25,7 @@ def is_over_m(mission: MissionConfig, drone: str) -> float:
 
 def crossing_height_m(mission: MissionConfig, drone: str) -> float:
     """Height (m) above the ground at which a drone crosses."""
-    highest_m = mission.encirclement.height_m + mission.limits.separation_m  # of circles, ``ring_lift_m``
+    highest_m = mission.encirclement.height_m + ring_lift_m(mission, 1)  # of circles: every second one is lifted
     return max(mission.return_height_m(drone), highest_m + mission.limits.separation_m + _NEAR_M)
 
 

@@ -257,9 +257,3 @@ def _products(shapes: Array, weight: Array) -> tuple[Array, NDArray[np.int64]]:
     pairs = np.empty((len(shapes), len(shapes)), np.int64)
     pairs[first, second] = pairs[second, first] = np.arange(len(first))
     return np.ascontiguousarray((weight @ (shapes[first] * shapes[second]).T).T), pairs
-
-
-def parts_by_drone(drones: int, drone: NDArray[np.int64], gradient: Array) -> tuple[Array, Array]:
-    """Sums (V, p) of gradients (N, p), and (V, p, p) of their outer products, by drone (N,)."""
-    chosen = [gradient[drone == number] for number in range(drones)]
-    return np.array([part.sum(axis=0) for part in chosen]), np.array([part.T @ part for part in chosen])

@@ -10,10 +10,10 @@ spectrum. The information is estimated by the outer products of the cones' gradi
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agent.detector.windows import Windows
 from agent.fusion.bayes.cones import OUTLIER_FRACTION
-from agent.fusion.sources.counts import parts_by_drone
 from agent.fusion.sources.data import Cones
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
@@ -68,7 +68,7 @@ class ConeModel:
             gradient[:, [each * k + part for part in free]] = by_place / above[:, None] + share[:, None] * weakening
             gradient[:, each * k + 2] = share
         gradient[:, -1] = background / above - background / below
-        return float(np.log(above / below).sum()), *parts_by_drone(self._drones, self._cones.drone, gradient)
+        return float(np.log(above / below).sum()), *_parts_by_drone(self._drones, self._cones.drone, gradient)
 
     def _source(self, solution: Solution, k: int) -> tuple[Array, Array, Array, Array]:
         """Of source k for each cone: its terms (C,) above and below the line; w K times the derivative (C, 2) of rho by x and y,
@@ -108,3 +108,9 @@ def _by_place(by_way: Array, rise: Array, solution: Solution) -> Array:
     """Derivatives (C, 2) by a source's x and y, or (C, 3) by those and its height, from those (C, 3) by the way to it."""
     flat = by_way[:, :2] + by_way[:, 2:] * rise
     return flat if solution.height is None else np.column_stack((flat, by_way[:, 2]))
+
+
+def _parts_by_drone(drones: int, drone: NDArray[np.int64], gradient: Array) -> tuple[Array, Array]:
+    """Sums (V, p) of gradients (N, p), and (V, p, p) of their outer products, by drone (N,)."""
+    chosen = [gradient[drone == number] for number in range(drones)]
+    return np.array([part.sum(axis=0) for part in chosen]), np.array([part.T @ part for part in chosen])
