@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from agent.config.mission import MissionConfig
+from agent.frames.clockerrors import ClockErrors
 from agent.frames.geodesy import mission_from_geodetic
 from agent.frames.residuals import Fixes, Sightings
 from agent.frames.tracks import Sample, Track
@@ -21,6 +22,9 @@ from protocol.entries import LONGEST_EXPOSURE_NS, Entry, EntryId, Exposure, Fix,
 E = TypeVar("E", bound=Entry)
 _OUTAGE_NS = 5_000_000_000  # after so long without a fix, an autopilot is assumed to navigate by other means
 _ATTITUDE_VAR = math.radians(0.5) ** 2  # of the observer's roll and pitch, which the sightings' sigmas do not include
+# Of the other drone, if the clock of one of the two is wrong. Where that may be farther away than it can be seen, a sighting says
+# nothing, and would be taken for a contradiction.
+_SPEED_MPS, _FARTHEST_OFF_M = 3.0, 10.0
 
 
 @dataclass(slots=True)
@@ -50,6 +54,7 @@ class Intake:
         self._correlation_ns = round(mission.frames.gnss_correlation_s * 1e9)
         self.grid_ns = round(mission.frames.keyframe_s * 1e9)
         self.tracks = [Track() for _ in mission.drones]
+        self._clock_errors = [ClockErrors() for _ in mission.drones]
         self.indices: list[int] = []
         self.dirty: int | None = None
         self._buckets: dict[int, _Bucket] = {}
@@ -69,6 +74,7 @@ class Intake:
         if isinstance(entry, Exposure):
             self._exposures[identity] = payload
             insort(self._exposed[number], identity)
+            self._clock_errors[number].add(entry)
             self._add_samples(number, entry)
         elif entry.stamp_ns < self._earliest_ns:
             return
@@ -96,8 +102,9 @@ class Intake:
         del self.indices[:first]
         for stamps in self._fix_stamps:
             del stamps[: bisect_left(stamps, stamp_ns)]
-        for track in self.tracks:
+        for track, clock in zip(self.tracks, self._clock_errors, strict=True):
             track.drop_before(stamp_ns)
+            clock.drop_before(stamp_ns)
         self._touch(0)
 
     def sightings(self, first: int, last: int) -> Sightings:
@@ -153,6 +160,7 @@ class Intake:
             return
         del self._exposed[number][bisect_left(self._exposed[number], identity)]
         exposure = _decoded(Exposure, payload)
+        self._clock_errors[number].remove(exposure)
         for sample in _samples(exposure):
             before_ns = self.tracks[number].remove(sample)
             if before_ns is not None:
@@ -203,8 +211,11 @@ class Intake:
         return bucket.seen
 
     def _sighting(self, entry: Sighting) -> tuple[object, ...] | None:
-        """One row of ``Sightings``; None while a track is unknown at its time."""
+        """One row of ``Sightings``; None while a track is unknown at its time, or where wrong clocks leave nothing of it."""
         observer, target = self._number[entry.drone], self._number[entry.target]
+        off_m = _SPEED_MPS * sum(self._clock_errors[drone].at(entry.stamp_ns) for drone in (observer, target))
+        if off_m > _FARTHEST_OFF_M:
+            return None
         joined = self.tracks[observer].joined(entry.epoch, entry.stamp_ns)
         at_target = self.tracks[target].at(entry.stamp_ns)
         if joined is None or at_target is None or self.tracks[observer].at(entry.stamp_ns) is None:
@@ -218,7 +229,7 @@ class Intake:
         if entry.range_m is not None and entry.range_sigma_m is not None:
             range_m, range_var = entry.range_m, entry.range_sigma_m**2
         own = joined.apply_point(entry.position_m)
-        return observer, target, entry.stamp_ns, own, at_target, direction, direction_var, range_m, range_var
+        return observer, target, entry.stamp_ns, own, at_target, direction, direction_var, range_m, range_var, off_m**2
 
     def _fixed(self, index: int) -> Fixes:
         bucket = self._buckets[index]

@@ -61,10 +61,12 @@ class Keyframe:
         return self._jumped(drone) or not self.intake.has_recent_fix(drone, self.stamp_ns)
 
     def older_var(self, seen: Sightings) -> Array:
-        """Drift variance (M,), m^2, of the two drones between a sighting and the middle of the interval (see ``placement``)."""
+        """Variance (M,), m^2, of the way between the two drones of a sighting: by their drift from then to the middle of the
+        interval (see ``placement``), and by their clocks.
+        """
         seconds = np.abs(1e-9 * (self.stamp_ns - seen.stamp_ns) - 0.5 * self.seconds)
         older: Array = self.drift.since(seen.observer, seconds, SPEED_MPS) + self.drift.since(seen.target, seconds, SPEED_MPS)
-        return older
+        return older + seen.clock_var
 
     def placement(self, drone: int) -> Placement:
         """Present placement of a drone's frame. The joint estimate is about as good as if all sightings of the interval had been

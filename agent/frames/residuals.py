@@ -60,7 +60,7 @@ class Sightings(_Columns):
 
     observer, target: (M,). stamp_ns: (M,). at_observer, at_target: (M, 3) positions of the two. direction: (M, 3), of the target
     in the observer's frame; direction_var: (M,) rad^2 of each of its two axes. range_m, range_var: (M,). An infinite variance
-    means that there is no such measurement.
+    means that there is no such measurement. clock_var: (M,) m^2 of where the other drone was, by the clocks of the two.
     """
 
     observer: Ints
@@ -72,12 +72,13 @@ class Sightings(_Columns):
     direction_var: Array
     range_m: Array
     range_var: Array
+    clock_var: Array
 
     @classmethod
     def empty(cls) -> Sightings:
         """No sightings."""
         none, ints = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
-        return cls(ints, ints, ints, none, none, none, np.zeros(0), np.zeros(0), np.zeros(0))
+        return cls(ints, ints, ints, none, none, none, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True)

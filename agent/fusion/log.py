@@ -117,6 +117,11 @@ class ObservationLog:
         """The first contradiction of each publisher that has contradicted itself."""
         return self._contradictions
 
+    @property
+    def drones(self) -> frozenset[str]:
+        """The drones of which entries were taken."""
+        return frozenset(self._boots)
+
     def last_counted(self, drone: str, boot: str) -> int:
         """The last sequence number that a contradiction leaves; without one, more than any number."""
         found = self._contradictions.get((drone, boot))
@@ -176,7 +181,7 @@ class ObservationLog:
         """The entries held of a drone whose numbers are greater than ``last`` of their boot, in the order of their identities."""
         return sorted(
             identity
-            for boot in self._boots[drone]
+            for boot in self._boots.get(drone, ())
             for sequence, identity in self._numbered[drone, boot].items()
             if sequence > last(boot)
         )

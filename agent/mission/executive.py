@@ -67,7 +67,8 @@ class Executive:
         self._search = Search(mission, drone.id, frames)
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
         self._prospect = Prospect(lambda: fusion.outlook)
-        self._navigator = Navigator(mission, drone, own, frames, self._search, InformedSearch(mission, self._prospect))
+        informed = InformedSearch(mission, self._prospect)
+        self._navigator = Navigator(mission, drone, own, frames, self._search, informed, lambda: fusion.log.drones)
         self._reserve, self._battery_low = Reserve(drone.id, mission.safety.battery_reserve), False
         self.finding = ""
         self.memory = memory

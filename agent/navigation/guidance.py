@@ -62,7 +62,12 @@ class Centre(Struct, frozen=True):
 
 
 class Guidance:
-    """References and headings of one drone."""
+    """References and headings of one drone.
+
+    ``has_room``: the circle that is its own while others are not heard lies inside the fence, or is not flown on. One without
+    room stops, as a vehicle without its agent does, of whose place the others keep clear, and will return: on its way to that
+    circle it would flee those inside of it.
+    """
 
     def __init__(
         self,
@@ -85,6 +90,7 @@ class Guidance:
         self._shared = SharedCircle(mission, drone.id)
         self._way = WayHome(mission, drone.id)
         self._absence: Absence | None = None
+        self.has_room = True
         self._yaw_rad = 0.0
         self._stays: Vector3 | None = None  # the place held while the position cannot be trusted, local
         self._waits: tuple[int, float, float] | None = None  # since when and where it waits for its frame, local
@@ -132,9 +138,10 @@ class Guidance:
         """
         self._absence = absence
         circles = centre is not None and moment.stage is not Stage.SURVEY
+        self.has_room = centre is None or moment.stage not in CIRCLING or self._fits_in(moment, centre)
         if not moment.vehicle.position_trusted or (self._holds and not circles and moment.stage is not Stage.RETURN):
             return self._stay(state)
-        if circles and moment.stage in CIRCLING and self._is_without_room:
+        if not self.has_room:
             return self._stay(state)
         if moment.stage is Stage.TAKEOFF:
             return self._rise(moment, state)
@@ -150,17 +157,8 @@ class Guidance:
             return self._survey(moment, state, partners, frame)
         return self._circle(moment, state, centre, partners, deviation_m)
 
-    @property
-    def has_room(self) -> bool:
-        """Whether the circle that is this drone's while others are not heard lies inside the fence."""
-        return self._shared.has_room
-
-    @property
-    def _is_without_room(self) -> bool:
-        """Whether the circle apart from those that are not heard leaves the fence. It stops, as a vehicle without its agent does,
-        of whose place the others keep clear, and will return. On its way to that circle it would flee those inside of it.
-        """
-        return self._absence is not None and not self._shared.has_room
+    def _fits_in(self, moment: Moment, centre: Centre) -> bool:
+        return self._shared.has_room(self._absence, self._in_mission(centre), self._fits(moment))
 
     @property
     def _holds(self) -> bool:
@@ -254,7 +252,7 @@ class Guidance:
         climbs = moment.stage is Stage.RETURN and self._way.climbs
         if absence is None or centre is None or (moment.stage not in CIRCLING and not climbs):
             return []
-        if self._is_without_room and not climbs:
+        if not self.has_room:
             return []
         return self._shared.others(absence, moment.now_ns, centre.position, ahead(), STEP_S, self._fits(moment), climbs=climbs)
 

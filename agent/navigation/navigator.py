@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from math import hypot, inf
 
@@ -50,9 +50,14 @@ class Reckoning(Struct, frozen=True):
     room: Polygon
     mission_from_local: Transform | None
 
-    def distance_m(self, drone: str, sigmas: float) -> float:
-        """How near another drone may be, horizontally: where it is expected, less so many sigmas; infinite if it is not."""
-        expected = (one for one in self.others if one.id == drone)
+    def distance_m(self, drone: str, sigmas: float, place_m: Vector3) -> float:
+        """How near another drone may be, horizontally: where it is expected, less so many sigmas; infinite if it is not.
+
+        ``place_m``: where it really is, mission frame. A line that is kept from for the sake of one keeps from all beyond it.
+        """
+        frame = self.mission_from_local
+        place = None if frame is None else frame.inverse().apply_point(place_m)
+        expected = (one for one in self.others if one.id == drone or _is_beyond(place, one, self.stamp_ns))
         return min((_distance_m(self.position_m, one, self.stamp_ns, sigmas) for one in expected), default=inf)
 
     @property
@@ -78,12 +83,15 @@ class Navigator:
         frames: FrameGraph,
         search: Search,
         informed: InformedSearch,
+        measured: Callable[[], Collection[str]] = frozenset,
     ) -> None:
-        """``frames``: of all drones; ``search``, ``informed``: the survey by lanes, and by the expected information."""
+        """``frames``: of all drones; ``search``, ``informed``: the survey by lanes, and by the expected information;
+        ``measured``: tells the drones whose measurements are in the log.
+        """
         self._limits = mission.limits
         self._id = drone.id
         self.response = ResponseEstimator(drone.vehicle.response)
-        self._own = own
+        self._own, self._measured = own, measured
         self.home = Home(self._own)
         self._ground = OwnGround(Ground.from_config(mission), self._own)
         self._fence = OwnFence(mission.area, self._own)
@@ -110,7 +118,7 @@ class Navigator:
 
     @property
     def absence(self) -> Absence | None:
-        """The drones that took part and are not heard any more, as of the last step."""
+        """The drones that took part, or may do so, and are not heard, as of the last step."""
         return self._neighbourhood.absence
 
     @property
@@ -204,6 +212,7 @@ class Navigator:
             height_m=vehicle.height_m,
             returning_s=moment.stage_s if moment.stage is Stage.RETURN else None,
             resumed=self.home.is_remembered,
+            measured=self._measured(),
         )
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]
@@ -225,9 +234,19 @@ class Navigator:
 
 def _distance_m(place: Vector3, plan: PeerPlan, now_ns: int, sigmas: float) -> float:
     """Distance from a place to where a plan expects another drone, or to the line that it is beyond, less its doubt."""
+    if plan.away is not None:
+        return max(0.0, _in_front_m(place, plan, plan.away, now_ns)) - sigmas * plan.sigma_m
     x, y = plan.at(now_ns, np.zeros(1))[0].tolist()
-    from_x, from_y = place[0] - float(x), place[1] - float(y)
-    if plan.away is None:
-        return hypot(from_x, from_y) - sigmas * plan.sigma_m
-    away_x, away_y = float(plan.away[0, 0]), float(plan.away[0, 1])
-    return max(0.0, from_x * away_x + from_y * away_y) - sigmas * plan.sigma_m
+    return hypot(place[0] - x, place[1] - y) - sigmas * plan.sigma_m
+
+
+def _is_beyond(place: Vector3 | None, plan: PeerPlan, now_ns: int) -> bool:
+    """Whether a place, where it is known, lies beyond the line of a plan that has one."""
+    return place is not None and plan.away is not None and _in_front_m(place, plan, plan.away, now_ns) <= 0.0
+
+
+def _in_front_m(place: Vector3, plan: PeerPlan, away: Array, now_ns: int) -> float:
+    """How far a place lies in front of the line of a plan."""
+    x, y = plan.at(now_ns, np.zeros(1))[0].tolist()
+    away_x, away_y = float(away[0, 0]), float(away[0, 1])
+    return (place[0] - float(x)) * away_x + (place[1] - float(y)) * away_y

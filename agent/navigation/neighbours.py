@@ -4,7 +4,7 @@ A drone that is heard is never left out because its frame is not known. Its posi
 
 1. its frame is known exactly: its poses and plans;
 2. its frame is estimated: the same, corrected by this drone's sightings of it, which determine the distance between the two
-   better than two estimates in the mission frame do;
+   better than two estimates in the mission frame do; where a wrong heading leaves nothing to correct, by sightings alone;
 3. its localisation has jumped: a frame that continues its motion (``carried_on``), until the log yields a better one;
 4. its frame, or the own one, is not known: this drone's sightings alone;
 5. it is not seen either, but still near its launch place: the mission's launch layout.
@@ -13,6 +13,9 @@ A drone goes where its plan says only as long as its agent steers it, which its 
 that departs from it by more than separation allows for is flown by somebody else. It is placed by its pose, as one that
 publishes plans no more, and never gives way.
 
+One that was never heard may fly, too, where this agent was started in flight, or after that one had measured something: it was
+revoked before, or is out of reach. It is missed like one that is not heard any more.
+
 One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both.
 
 From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``).
@@ -20,8 +23,7 @@ From a flying drone that is not heard any more separation is kept where it is se
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from math import hypot
 
@@ -39,20 +41,27 @@ from agent.motion.feedforward import Deviation
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan, margin_m
 from agent.navigation.peers import Peer, Peers
-from agent.navigation.relative import offset, placed_alone, places
+from agent.navigation.placing import (
+    SIGMAS,
+    WORST_SIGMA_M,
+    bare,
+    blind,
+    contradicts,
+    doubt_m,
+    expected,
+    held,
+    placed_by_sightings,
+    sigma_of_m,
+)
+from agent.navigation.relative import offset, places
 from agent.navigation.silent import SILENT_NS, TAKING_PART, Absence, Silent, Viewer
-from protocol.entries import Sighting
 from protocol.messages import Pose
 
-WORST_SIGMA_M = 5.0  # separation grows no further: a drone with a larger sigma could drive the swarm off its circle
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
 PLAN_AGE_NS = 1_000_000_000  # an older plan is stale
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
-_SIGMAS = 3.0
-_DOUBT_SIGMAS, _MOST_DOUBT_M = 2.0, 1.0  # growth of the minimum separation where frames are estimated
 _STOPPED_NS = 2_000_000_000  # after this long without its agent a drone has stopped: older sightings show where it still flew
 _EXPECTED_M = ResponseConfig().tracking_error_m  # prior of a drone's deviation from its plans
-_POSE_GAP_NS = 500_000_000  # no position is interpolated over a longer gap between poses
 
 
 class Neighbour(Struct, frozen=True):
@@ -77,7 +86,7 @@ class Self(Struct, frozen=True):
     ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance). ``ahead``: gives its planned positions
     (K, 3) from now on, ``step_s`` apart, local frame; ``place_at``: where it was at a stamp, mission frame; ``circles``: it
     tracks; ``height_m``: above ground; ``returning_s``: since it began to return, None where it does not; ``resumed``: its agent
-    was started in flight.
+    was started in flight; ``measured``: the drones whose measurements are in its log.
     """
 
     now_ns: int
@@ -91,12 +100,14 @@ class Self(Struct, frozen=True):
     height_m: float = 0.0
     returning_s: float | None = None
     resumed: bool = False
+    measured: Collection[str] = ()
 
 
 class Neighbourhood:
     """The drones that fly around one drone.
 
-    ``absence``: of those that took part and are not heard any more, as of the last call of ``around``; None where there are none.
+    ``absence``: of those that took part, or may do so, and are not heard, as of the last call of ``around``; None where there are
+    none.
     """
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
@@ -108,6 +119,7 @@ class Neighbourhood:
         self._deviations: dict[str, Deviation] = {}
         self._departed: set[str] = set()  # whose poses do not follow their plans
         self._silent = Silent(mission, drone)
+        self._began_ns: int | None = None
         self.absence: Absence | None = None
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
@@ -117,9 +129,11 @@ class Neighbourhood:
         missing = []
         for name in peers.names:
             peer = peers[name]
-            if peer.pose is None and me.resumed and me.local_from_mission is not None:
-                unknown = self._silent.unknown(name, _viewer(me, me.local_from_mission))
-                found += [Neighbour(name, plan, False) for plan in unknown]
+            if peer.pose is None and (me.resumed or name in me.measured):
+                missing += [name] if self._has_listened(me.now_ns) else []
+                if me.local_from_mission is not None:
+                    unknown = self._silent.unknown(name, _viewer(me, me.local_from_mission))
+                    found += [Neighbour(name, plan, False) for plan in unknown]
             if peer.pose is None or peer.sources.is_on_ground(me.now_ns):
                 self._silent.heard(name)
                 continue
@@ -136,7 +150,8 @@ class Neighbourhood:
                 plan = self._placed_by_frames(name, peer, peer.pose, mission_from_theirs, me.local_from_mission, me)
             takes_part = took_part and plan is not None
             if plan is None:
-                plan = _placed_by_sightings(name, peer.sightings, peer.pose, me) or self._placed_by_layout(name, peer.pose, me)
+                plan = placed_by_sightings(name, peer.sightings, peer.pose, me.epoch, me.now_ns)
+                plan = plan or self._placed_by_layout(name, peer.pose, me)
             if plan is not None:
                 found.append(Neighbour(name, replace(plan, deviation_m=self._deviations[name].rms_m), takes_part))
             elsewhere = (self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me))
@@ -144,6 +159,11 @@ class Neighbourhood:
         partners = [one.id for one in found if one.takes_part]
         self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing else None
         return found
+
+    def _has_listened(self, now_ns: int) -> bool:
+        """Whether this agent has listened for long enough to have heard everybody that it can hear."""
+        self._began_ns = now_ns if self._began_ns is None else self._began_ns
+        return not 0 <= now_ns - self._began_ns < SILENT_NS
 
     def follow(self, peers: Peers) -> None:
         """Keep the frames of the others while this drone plans nothing: a jump is bridged only as it happens."""
@@ -174,16 +194,16 @@ class Neighbourhood:
     ) -> Iterator[Neighbour]:
         """A drone not heard any more: by sightings since then, or wherever it may be."""
         recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
-        seen = _placed_by_sightings(name, recent, pose, me)
+        seen = placed_by_sightings(name, recent, pose, me.epoch, me.now_ns)
         if seen is not None:
             if me.local_from_mission is not None:
-                x, y, _ = _bare(me.local_from_mission).inverse().apply_point(seen.positions[0])
+                x, y, _ = bare(me.local_from_mission).inverse().apply_point(seen.positions[0])
                 self._silent.seen(name, pose, (x, y))
             yield Neighbour(name, replace(seen, blind=True), False)
         elif peer.status is not None and mission_from_theirs is not None and me.local_from_mission is not None:
-            sigma_m = min(hypot(me.sigma_m, _sigma_m(pose, mission_from_theirs)), WORST_SIGMA_M)
+            sigma_m = min(hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
             viewer = _viewer(me, me.local_from_mission)
-            for plan in self._silent.plans(name, peer, pose, _bare(mission_from_theirs), sigma_m, viewer):
+            for plan in self._silent.plans(name, peer, pose, bare(mission_from_theirs), sigma_m, viewer):
                 yield Neighbour(name, plan, False)
 
     def _frame_of(self, name: str, pose: Pose) -> Transform | None:
@@ -212,7 +232,7 @@ class Neighbourhood:
         launch = self._frames.mission_from_local(name, LAUNCH_EPOCH) if self._members[name].is_exact else None
         if launch is None or pose.epoch == LAUNCH_EPOCH or pose.position_sigma_m < WORST_SIGMA_M or me.local_from_mission is None:
             return None
-        return _blind(name, pose, _bare(me.local_from_mission) @ launch, me.now_ns)
+        return blind(name, pose, bare(me.local_from_mission) @ launch, me.now_ns)
 
     def _second_place(self, name: str, peer: Peer, me: Self) -> PeerPlan | None:
         """Where it is by the news of a second source (``sources``)."""
@@ -220,7 +240,7 @@ class Neighbourhood:
         if pose is None or me.local_from_mission is None:
             return None
         frame = self._frames.mission_from_local(name, pose.epoch) or self._frames.mission_from_local(name, LAUNCH_EPOCH)
-        return None if frame is None else _blind(name, pose, _bare(me.local_from_mission) @ _bare(frame), me.now_ns)
+        return None if frame is None else blind(name, pose, bare(me.local_from_mission) @ bare(frame), me.now_ns)
 
     def _placed_by_frames(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, local_from_mission: Transform, me: Self
@@ -228,18 +248,22 @@ class Neighbourhood:
         if mission_from_theirs.covariance is None and local_from_mission.covariance is None:
             sigma_m = min(hypot(me.sigma_m, pose.position_sigma_m), WORST_SIGMA_M)
             return self._plan(name, peer, pose, local_from_mission @ mission_from_theirs, sigma_m, me.now_ns)
-        local_from_theirs = _bare(local_from_mission) @ _bare(mission_from_theirs)
-        sigma_m = hypot(me.sigma_m, _sigma_m(pose, mission_from_theirs))
-        expected = partial(_expected, peer, pose.epoch, local_from_theirs)
-        seen = offset(places(peer.sightings, me.epoch, me.now_ns, expected), expected)
-        if seen is not None:
-            far = hypot(*seen.vector[:2]) > _SIGMAS * hypot(sigma_m, seen.sigma_m)  # then the frames are wrong, not the sightings
+        local_from_theirs = bare(local_from_mission) @ bare(mission_from_theirs)
+        sigma_m = hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs))
+        there = partial(expected, peer, pose.epoch, local_from_theirs)
+        seen = offset(places(peer.sightings, me.epoch, me.now_ns, there), there)
+        if seen is None:
+            alone = placed_by_sightings(name, peer.sightings, pose, me.epoch, me.now_ns)
+            if alone is not None and contradicts(alone, local_from_theirs.apply_point(pose.position_m), sigma_m):
+                return alone
+        else:
+            far = hypot(*seen.vector[:2]) > SIGMAS * hypot(sigma_m, seen.sigma_m)  # then the frames are wrong, not the sightings
             share = 1.0 if far else sigma_m**2 / (sigma_m**2 + seen.sigma_m**2)
             dx, dy, dz = (share * part for part in seen.vector)
             x, y, z = local_from_theirs.translation
             local_from_theirs = Transform(local_from_theirs.yaw_rad, (x + dx, y + dy, z + dz))
             sigma_m = seen.sigma_m if far else share**0.5 * seen.sigma_m
-        return self._plan(name, peer, pose, local_from_theirs, min(sigma_m, WORST_SIGMA_M), me.now_ns, _doubt_m(sigma_m))
+        return self._plan(name, peer, pose, local_from_theirs, min(sigma_m, WORST_SIGMA_M), me.now_ns, doubt_m(sigma_m))
 
     def _plan(
         self,
@@ -272,75 +296,9 @@ class Neighbourhood:
         if me.local_from_mission is None or gone_m > NEAR_LAUNCH_M or pose.epoch != 0:
             return None
         state = PeerState(me.local_from_mission.apply_point(member.origin_m), age_s=(me.now_ns - pose.stamp_ns) * 1e-9)
-        return _held(name, me.now_ns, state, hypot(me.sigma_m, member.origin_sigma_m, gone_m))
+        return held(name, me.now_ns, state, hypot(me.sigma_m, member.origin_sigma_m, gone_m))
 
 
 def _viewer(me: Self, local_from_mission: Transform) -> Viewer:
-    seen_from = _bare(local_from_mission), me.ahead, me.place_at, me.circles, me.height_m, me.returning_s
+    seen_from = bare(local_from_mission), me.ahead, me.place_at, me.circles, me.height_m, me.returning_s
     return Viewer(me.now_ns, me.step_s, *seen_from)
-
-
-def _placed_by_sightings(name: str, sightings: Sequence[Sighting], pose: Pose, me: Self) -> PeerPlan | None:
-    """From this drone's sightings alone. Of its pose only the speed is used, which is the same in every frame."""
-    seen = places(sightings, me.epoch, me.now_ns, _nowhere)
-    alone = placed_alone(seen, me.now_ns, hypot(*pose.velocity_mps[:2]))
-    if alone is None:
-        return None
-    return _held(name, me.now_ns, *alone)
-
-
-def _nowhere(_: int) -> None:
-    """No expected position."""
-
-
-def _expected(peer: Peer, epoch: int, local_from_theirs: Transform, stamp_ns: int) -> Array | None:
-    """Position (3,) of a drone at a stamp by its poses; own local frame."""
-    poses = peer.poses
-    place = bisect_right(poses, stamp_ns, key=_stamp)
-    before, after = poses[max(place - 1, 0)], poses[min(place, len(poses) - 1)]
-    if before.epoch != epoch or after.epoch != epoch:
-        return None
-    if abs(stamp_ns - before.stamp_ns) > _POSE_GAP_NS:
-        return None
-    span_ns = after.stamp_ns - before.stamp_ns
-    if span_ns <= 0 or place == 0:
-        elapsed_s = (stamp_ns - before.stamp_ns) * 1e-9
-        position = np.array(before.position_m) + elapsed_s * np.array(before.velocity_mps)
-    else:
-        share = (stamp_ns - before.stamp_ns) / span_ns
-        position = (1.0 - share) * np.array(before.position_m) + share * np.array(after.position_m)
-    return local_from_theirs.apply(position)
-
-
-def _stamp(pose: Pose) -> int:
-    return pose.stamp_ns
-
-
-def _bare(transform: Transform) -> Transform:
-    """The same without the covariance, whose propagation costs more than the transform."""
-    return Transform(transform.yaw_rad, transform.translation)
-
-
-def _sigma_m(pose: Pose, mission_from_theirs: Transform) -> float:
-    """1 sigma of a drone's position in the mission frame: by its frame where that is estimated, and at least its own stated
-    value, which is larger where it has lost its satellites."""
-    return max(mission_from_theirs.sigmas_at(pose.position_m)[0], pose.position_sigma_m)
-
-
-def _blind(name: str, pose: Pose, local_from_theirs: Transform, now_ns: int) -> PeerPlan:
-    """A drone that goes on as its pose says, and gives no way."""
-    state = PeerState(
-        local_from_theirs.apply_point(pose.position_m),
-        local_from_theirs.rotate_direction(pose.velocity_mps),
-        age_s=(now_ns - pose.stamp_ns) * 1e-9,
-    )
-    return PeerPlan.from_pose(name, now_ns, state, blind=True)
-
-
-def _held(name: str, now_ns: int, state: PeerState, sigma_m: float) -> PeerPlan:
-    """A drone that stays where it is, with the uncertainty of that position."""
-    return PeerPlan.from_pose(name, now_ns, state, min(sigma_m, WORST_SIGMA_M), _doubt_m(sigma_m))
-
-
-def _doubt_m(sigma_m: float) -> float:
-    return min(_DOUBT_SIGMAS * sigma_m, _MOST_DOUBT_M)

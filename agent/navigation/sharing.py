@@ -30,7 +30,7 @@ class _Circle(NamedTuple):
 
 
 class SharedCircle:
-    """Circle of one drone. ``has_room``: the one that is its own while others are not heard lies inside the fence."""
+    """Circle of one drone."""
 
     def __init__(self, mission: MissionConfig, drone: str) -> None:
         """``drone``: the own id."""
@@ -40,7 +40,6 @@ class SharedCircle:
         self._fence = Polygon(mission.area.polygon_m).buffer(mission.area.fence_margin_m)
         shapely.prepare(self._fence)
         self._angles: dict[str, tuple[int, float]] = {}  # where each was on the circle when it was last heard
-        self.has_room = True
 
     def begin(self) -> None:
         """The local frame is another one."""
@@ -99,10 +98,10 @@ class SharedCircle:
 
         ``centre``: mission frame; ``far_m``: the own distance from it; ``height_m``: the own height above ground.
         """
-        radius_m = self._ring_m(absence, centre, fits_hypothesis)
-        if absence is None or radius_m is None:
+        if absence is None:
             self._crossing.end()
             return None, None
+        radius_m = ring_radius_m(self._mission, absence.ring, fits_hypothesis)
         taken_m = [circle.radius_m for circle in self._circles(absence, fits_hypothesis, kept=False)]
         return self._crossing.course(far_m, height_m, radius_m, taken_m)
 
@@ -110,15 +109,13 @@ class SharedCircle:
         """By how much to fly higher than on the circle that is shared by all."""
         return 0.0 if absence is None else ring_lift_m(self._mission, absence.ring)
 
-    def _ring_m(self, absence: Absence | None, centre: Point2, fits_hypothesis: bool) -> float | None:
-        """The radius that keeps clear of those that are not heard; None while all are heard. ``centre``: mission frame."""
-        self.has_room = True
+    def has_room(self, absence: Absence | None, centre: Point2, fits_hypothesis: bool) -> bool:
+        """Whether the circle that keeps clear of those that are not heard lies inside the fence; ``centre``: mission frame."""
         if absence is None:
-            return None
+            return True
         radius_m = ring_radius_m(self._mission, absence.ring, fits_hypothesis)
-        inside = shapely.contains_xy(self._fence, *centre)
-        self.has_room = inside and self._fence.exterior.distance(Point(centre)) >= radius_m + _ROOM_M
-        return radius_m
+        inside = bool(shapely.contains_xy(self._fence, *centre))
+        return inside and self._fence.exterior.distance(Point(centre)) >= radius_m + _ROOM_M
 
     def stands(self, absence: Absence | None, centre: Point2, radius_m: float) -> bool:
         """Whether the drones on the circle stop, evenly spaced: a vehicle without its agent may hover on it, and leaves soon.

@@ -58,7 +58,7 @@ class Wall(Struct, frozen=True):
 
 
 class Absence(Struct, frozen=True):
-    """Drones of the mission that took part and are not heard any more, and what follows for this one.
+    """Drones of the mission that took part, or may do so, and are not heard, and what follows for this one.
 
     ``ring``: which of the circles apart from each other this drone flies on, and those that it hears and that hear it;
     ``kept``: whose place on the circle is kept; ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it hears
@@ -166,7 +166,7 @@ class Silent:
         return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), hypot(sigma_m, _SIGMA_M)) for one in places]
 
     def unknown(self, name: str, me: Viewer) -> list[PeerPlan]:
-        """Where one may be that an agent that was started in flight has never heard: revoked before, or out of reach."""
+        """Where one may be that was never heard: revoked before this agent was started, or out of reach since."""
         return self._coming_down(name, self._agentless.launch(name), me)
 
     def _coming_down(self, name: str, home: Vector3, me: Viewer) -> list[PeerPlan]:

@@ -79,7 +79,8 @@ class Reckoned(Invariant[Moment]):
         apart_m = _apart_m(moment, drone, other)
         if apart_m > NEAR_M or any(self.setting.struck(_ELSEWHERE, one, moment.time_s, 15.0) for one in (drone, other)):
             return 0.0
-        believed_m = reckoning.distance_m(self.setting.names[other], SIGMAS)
+        x, y, z = moment.position_m[other].tolist()
+        believed_m = reckoning.distance_m(self.setting.names[other], SIGMAS, (x, y, z))
         return believed_m - apart_m - FARTHER_M
 
     def _is_new(self, drone: int, pilot: Pilot | None) -> bool:

@@ -47,6 +47,7 @@ def views(seed, count=60, direction=True, distance=True, false=0.1, moving=True,
         np.full(count, SIGMA_RAD**2 if direction else np.inf),
         ranges if distance else np.zeros(count),
         np.full(count, SIGMA_M**2 if distance else np.inf),
+        np.zeros(count),
     )
     poses = np.concatenate([ends, np.zeros((count, 1))], axis=1)
     result = views_of(0, data, poses, np.zeros((count, 2)), local[-1], Fixes.empty(), np.zeros(count))

@@ -14,7 +14,7 @@ from sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run,
 
 from agent.frames.swarm import BEFORE_START_NS, SwarmFrames
 from protocol.codec import encode
-from protocol.entries import Counts, Exposure, Fix, PoseSample, Sighting
+from protocol.entries import Counts, Entry, Exposure, Fix, PoseSample, Sighting
 
 CHI2_90 = 7.78  # of four numbers, 90 % are below it
 DRIFT = {"drift_m": 0.1, "yaw_drift_deg": 0.2}  # 1 % of 100 m, 0.1 degrees by the root of seconds and of metres at 3 m/s each
@@ -614,3 +614,28 @@ def test_a_frame_that_falls_apart_drags_nobody():
     frames = at_once(flown)
     for time in (5.0, 15.0, 29.0):
         assert np.linalg.norm(flown.error(frames, "d2", time)[0][:3]) < 1.0
+
+
+def told_later(entry: Entry, by_s: float, sigma_m: float) -> Entry:
+    """An entry of a drone whose clock is ahead; its exposures tell what error that makes of its motion."""
+    by_ns = round(by_s * SECOND)
+    later = structs.replace(entry, stamp_ns=entry.stamp_ns + by_ns)
+    return structs.replace(later, end_ns=later.end_ns + by_ns, clock_sigma_m=sigma_m) if isinstance(later, Exposure) else later
+
+
+@pytest.mark.parametrize("jump_s", [0.3, 10.5])
+def test_a_clock_that_is_known_to_be_wrong_puts_no_frame_in_the_wrong_place(jump_s):
+    """Its sightings, and those of it, contradicted its fixes: its frame was turned by 120 degrees to fit them, 20 m off."""
+    fixed = {"kind": "rtk", "wander_m": 0.1, "fixes": True, "yaw_sigma_deg": 2.0}
+    flown = fly([Drone(name, **fixed) for name in ("d1", "d2", "d3")], 60.0, 3, datum=True)
+    set_ns = START_NS + 10 * SECOND
+    frames = SwarmFrames(flown.mission)
+    for entry in flown.entries:
+        wrong = entry.drone == "d2" and entry.stamp_ns >= set_ns
+        told = told_later(entry, jump_s, 3.0 * jump_s) if wrong else entry
+        frames.receive(told, encode(told))
+    settle(frames, int(flown.stamps_ns[-1]) + 12 * SECOND)
+    assert frames.suspects() == {}
+    off, _ = flown.error(frames, "d2", 59.0, now=True)
+    assert np.hypot(off[0], off[1]) < 0.6
+    assert abs(off[3]) < math.radians(3.0)

@@ -83,14 +83,15 @@ def test_what_a_plan_was_made_with_is_known_until_somebody_else_flies():
     assert navigator.reckoning is None
     vehicle = own.take(state(START_NS, FlightMode.OFFBOARD, local.apply_point((35.0, 25.0, 3.0))))
     peers = Peers(["d2"])
-    there = frames.mission_from_local("d2", 0).inverse().apply_point((25.0, 25.0, 3.0))
+    far = (25.0, 25.0, 3.0)
+    there = frames.mission_from_local("d2", 0).inverse().apply_point(far)
     seen = state(START_NS, position=there)
     told = {"position_m": there, "velocity_mps": seen.velocity_mps, "quaternion": seen.quaternion, "epoch": 0}
     peers.receive(Pose(stamp_ns=START_NS, drone="d2", position_sigma_m=0.1, yaw_sigma_rad=0.01, **told), START_NS)
     navigator.step(Moment(START_NS, Stage.TRACK, START_NS, vehicle, hypothesis(START_NS)), peers)
     reckoning = navigator.reckoning
-    assert reckoning.distance_m("d2", 0.0) == pytest.approx(10.0, abs=0.1)
-    assert reckoning.distance_m("d3", 0.0) == np.inf
+    assert reckoning.distance_m("d2", 0.0, far) == pytest.approx(10.0, abs=0.1)
+    assert reckoning.distance_m("d3", 0.0, far) == np.inf
     area = MISSION.area
     assert reckoning.corners_m[:, 0].max() == pytest.approx(max(x for x, _ in area.polygon_m) + area.fence_margin_m, abs=0.5)
     navigator.rest(START_NS + SECOND, peers)
@@ -157,15 +158,16 @@ def test_the_rest_of_a_takeoff_goes_straight_up_whatever_is_known_of_the_source(
     assert places[-1, 2] == pytest.approx(MISSION.survey.height_m, abs=0.05)
 
 
-@pytest.mark.parametrize(("missing", "again_s"), [(True, 99.0), (True, 6.0), (False, 99.0)], ids=["gone", "again", "heard"])
+@pytest.mark.parametrize(("missing", "again_s"), [(True, 99.0), (True, 6.0), (False, 99.0)], ids=["gone", "again", "landed"])
 def test_who_misses_another_drone_comes_home_in_its_own_layer(missing, again_s):
     """The other one may be on its way home too, and hears as little of this one; or is heard again when this one is over it."""
     peers = Peers(["d2"])
     far = state(START_NS, position=(40.0, 40.0, 3.0))
     placed = {"position_m": far.position_m, "velocity_mps": far.velocity_mps, "quaternion": far.quaternion, "epoch": 0}
     pose = Pose(stamp_ns=START_NS, drone="d2", position_sigma_m=0.1, yaw_sigma_rad=0.01, **placed)
-    status = Status(stamp_ns=START_NS, drone="d2", mission=MISSION.mission_id, boot="1" * 16, stage=Stage.TRACK)
-    assert {peers.receive(message, START_NS) for message in (pose, status) if missing} <= {None}
+    stage = Stage.TRACK if missing else Stage.LANDED
+    status = Status(stamp_ns=START_NS, drone="d2", mission=MISSION.mission_id, boot="1" * 16, stage=stage)
+    assert {peers.receive(message, START_NS) for message in (pose, status)} == {None}
 
     def believed(now_ns: int) -> None:
         if now_ns > START_NS + again_s * SECOND:
@@ -177,6 +179,26 @@ def test_who_misses_another_drone_comes_home_in_its_own_layer(missing, again_s):
     assert len(across) > 50
     assert across[:, 2] == pytest.approx(np.full(len(across), layer_m), abs=1.1)
     assert places[-1] == pytest.approx((10.0, 25.0, MISSION.survey.height_m), abs=0.3)
+
+
+def test_the_circle_of_a_drone_that_misses_another_has_room_again_when_its_centre_moves_into_the_fence():
+    """It stops near the fence, and circles on when the source is elsewhere: not all that was once too near has to return."""
+    navigator, own, frames = made(replace(MISSION, area=replace(MISSION.area, fence_margin_m=5.0)))
+    x_max = max(x for x, _ in MISSION.area.polygon_m)
+    peers, position = Peers(["d2"]), frames.mission_from_local("d1", 0).inverse().apply_point((35.0, 25.0, 3.0))
+    far = state(START_NS, position=(10.0, 10.0, 3.0))
+    placed = {"position_m": far.position_m, "velocity_mps": far.velocity_mps, "quaternion": far.quaternion, "epoch": 0}
+    status = Status(stamp_ns=START_NS, drone="d2", mission=MISSION.mission_id, boot="1" * 16, stage=Stage.TRACK)
+    for message in (Pose(stamp_ns=START_NS, drone="d2", position_sigma_m=0.1, yaw_sigma_rad=0.01, **placed), status):
+        assert peers.receive(message, START_NS) is None
+    rooms = []
+    for tick, x in enumerate((x_max - 25.0, x_max, x_max, x_max - 25.0)):
+        now_ns = START_NS + (tick + 1) * 2 * SECOND
+        vehicle = own.take(state(now_ns, FlightMode.OFFBOARD, position))
+        believed = hypothesis(now_ns, evidence=None, place=(x, 25.0, 0.0))
+        navigator.step(Moment(now_ns, Stage.TRACK, START_NS, vehicle, believed), peers)
+        rooms.append(navigator.has_room)
+    assert rooms == [True, False, False, True]
 
 
 def flown_in(frame_at, seconds: float = 40.0):

@@ -7,8 +7,9 @@ from msgspec.structs import replace
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
-from agent.navigation.neighbours import WORST_SIGMA_M, Neighbourhood, Self
+from agent.navigation.neighbours import Neighbourhood, Self
 from agent.navigation.peers import Peers
+from agent.navigation.placing import WORST_SIGMA_M
 from protocol.entries import Sighting
 from protocol.messages import Plan, Pose, Stage, Status
 
@@ -149,6 +150,23 @@ def test_an_agent_started_in_flight_comes_home_around_the_homes_of_those_that_it
     assert hood.around(peers, me) == hood.around(peers, replace(me, resumed=True, returning_s=None)) == []
 
 
+@pytest.mark.parametrize(
+    ("resumed", "measured", "missing"), [(True, (), ("b",)), (False, ("a", "b"), ("b",)), (False, ("a",), None)]
+)
+def test_one_that_was_never_heard_is_missed_if_it_may_fly(resumed, measured, missing):
+    """One that was revoked before an agent was started again flew on the same circle: 2 m. To hear the others takes a moment."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(300 * SECOND, 0, 0.1, Transform(), resumed=resumed, measured=measured)
+    hood.around(peers, me)
+    assert hood.absence is None
+    hood.around(peers, replace(me, now_ns=301 * SECOND))
+    assert (hood.absence and hood.absence.missing) == missing
+    for message in (pose(301 * SECOND), replace(status(Stage.LANDED), stamp_ns=301 * SECOND)):
+        assert peers.receive(message, 301 * SECOND) is None
+    hood.around(peers, replace(me, now_ns=301 * SECOND))
+    assert hood.absence is None
+
+
 @pytest.mark.parametrize(("seconds", "stops"), [(5.0, [[10.0, 1.0], [10.0, 5.0]]), (14.0, [])])
 def test_where_a_vehicle_hovers_without_its_agent_is_told_until_it_has_left(seconds, stops):
     """It climbs from 3 to 13 m, slower than at 1.5 m/s never."""
@@ -249,6 +267,16 @@ def test_of_a_drone_that_is_wrong_of_itself_the_sights_count_alone():
     sure = Transform(math.pi / 2, (10.0, 0.0, 0.0), np.diag([0.01, 0.01, 0.01, 1e-4]))
     (other,) = around_a(flying_b(shift=(20.0, 0.0)), sights_of_b(TRUE), {0: sure})
     assert other.plan.measured.position == pytest.approx((10.0, 6.0, 3.0), abs=0.1)
+
+
+@pytest.mark.parametrize("turned_deg", [60.0, 180.0])
+def test_where_a_wrong_heading_leaves_nothing_to_correct_the_sights_count_alone(turned_deg):
+    """The sights agree on no offset from a way in another direction: it was taken for 25 m farther away than it was."""
+    sure = Transform(math.pi / 2 + math.radians(turned_deg), (10.0, 20.0, 0.0), np.diag([0.01, 0.01, 0.01, 1e-4]))
+    (other,) = around_a(flying_b(), sights_of_b(TRUE), {0: sure})
+    assert other.plan.measured.position == pytest.approx((10.0, 6.0, 3.0), abs=0.3)
+    assert other.plan.measured.velocity == pytest.approx((0.0, 2.0, 0.0), abs=0.3)
+    assert other.takes_part
 
 
 @pytest.mark.parametrize("own", [HERE, None])

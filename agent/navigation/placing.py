@@ -1,0 +1,96 @@
+"""Where one other drone is, in the own local frame, by its poses or by the own sightings of it: as a plan to keep clear of."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from math import hypot
+
+import numpy as np
+
+from agent.frames.transform import Transform
+from agent.geometry import Array, Vector3
+from agent.motion.reference import PeerState
+from agent.motion.separation import PeerPlan
+from agent.navigation.peers import Peer
+from agent.navigation.relative import placed_alone, places
+from protocol.entries import Sighting
+from protocol.messages import Pose
+
+WORST_SIGMA_M = 5.0  # separation grows no further: a drone with a larger sigma could drive the swarm off its circle
+SIGMAS = 3.0
+_DOUBT_SIGMAS, _MOST_DOUBT_M = 2.0, 1.0  # growth of the minimum separation where frames are estimated
+_POSE_GAP_NS = 500_000_000  # no position is interpolated over a longer gap between poses
+
+
+def placed_by_sightings(name: str, sightings: Sequence[Sighting], pose: Pose, epoch: int, now_ns: int) -> PeerPlan | None:
+    """From this drone's sightings alone, ``epoch``: of the own frame. Of its pose only the speed is used, which is the same in
+    every frame.
+    """
+    seen = places(sightings, epoch, now_ns, _nowhere)
+    alone = placed_alone(seen, now_ns, hypot(*pose.velocity_mps[:2]))
+    return None if alone is None else held(name, now_ns, *alone)
+
+
+def contradicts(seen: PeerPlan, there: Vector3, sigma_m: float) -> bool:
+    """Whether a drone is seen elsewhere than at the place, of that error, where its frame has it: then the frame is wrong."""
+    x, y, _ = seen.positions[0]
+    return hypot(x - there[0], y - there[1]) > SIGMAS * hypot(min(sigma_m, WORST_SIGMA_M), seen.sigma_m)
+
+
+def expected(peer: Peer, epoch: int, local_from_theirs: Transform, stamp_ns: int) -> Array | None:
+    """Position (3,) of a drone at a stamp by its poses; own local frame."""
+    poses = peer.poses
+    place = bisect_right(poses, stamp_ns, key=_stamp)
+    before, after = poses[max(place - 1, 0)], poses[min(place, len(poses) - 1)]
+    if before.epoch != epoch or after.epoch != epoch:
+        return None
+    if abs(stamp_ns - before.stamp_ns) > _POSE_GAP_NS:
+        return None
+    span_ns = after.stamp_ns - before.stamp_ns
+    if span_ns <= 0 or place == 0:
+        elapsed_s = (stamp_ns - before.stamp_ns) * 1e-9
+        position = np.array(before.position_m) + elapsed_s * np.array(before.velocity_mps)
+    else:
+        share = (stamp_ns - before.stamp_ns) / span_ns
+        position = (1.0 - share) * np.array(before.position_m) + share * np.array(after.position_m)
+    return local_from_theirs.apply(position)
+
+
+def bare(transform: Transform) -> Transform:
+    """The same without the covariance, whose propagation costs more than the transform."""
+    return Transform(transform.yaw_rad, transform.translation)
+
+
+def sigma_of_m(pose: Pose, mission_from_theirs: Transform) -> float:
+    """1 sigma of a drone's position in the mission frame: by its frame where that is estimated, and at least its own stated
+    value, which is larger where it has lost its satellites."""
+    return max(mission_from_theirs.sigmas_at(pose.position_m)[0], pose.position_sigma_m)
+
+
+def blind(name: str, pose: Pose, local_from_theirs: Transform, now_ns: int) -> PeerPlan:
+    """A drone that goes on as its pose says, and gives no way."""
+    state = PeerState(
+        local_from_theirs.apply_point(pose.position_m),
+        local_from_theirs.rotate_direction(pose.velocity_mps),
+        age_s=(now_ns - pose.stamp_ns) * 1e-9,
+    )
+    return PeerPlan.from_pose(name, now_ns, state, blind=True)
+
+
+def held(name: str, now_ns: int, state: PeerState, sigma_m: float) -> PeerPlan:
+    """A drone that stays where it is, with the uncertainty of that position."""
+    return PeerPlan.from_pose(name, now_ns, state, min(sigma_m, WORST_SIGMA_M), doubt_m(sigma_m))
+
+
+def doubt_m(sigma_m: float) -> float:
+    """By how much even the bare separation grows for a position of that error."""
+    return min(_DOUBT_SIGMAS * sigma_m, _MOST_DOUBT_M)
+
+
+def _stamp(pose: Pose) -> int:
+    return pose.stamp_ns
+
+
+def _nowhere(_: int) -> None:
+    """No expected position."""

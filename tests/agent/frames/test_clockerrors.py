@@ -1,0 +1,45 @@
+"""What a drone tells of its wrong clock, by the time of its exposures."""
+
+import pytest
+
+from agent.frames.clockerrors import ClockErrors
+from protocol.entries import Counts, Exposure, PoseSample
+
+SECOND = 1_000_000_000
+
+
+def exposure(at_s: float, sigma_m: float, speed_mps: float = 3.0) -> Exposure:
+    poses = tuple(PoseSample(k * SECOND // 10, (0.1 * k * speed_mps, 0.0, 3.0), (1.0, 0.0, 0.0, 0.0)) for k in range(10))
+    begin_ns = round(at_s * SECOND)
+    return Exposure(
+        stamp_ns=begin_ns, end_ns=begin_ns + SECOND, drone="d1", mission="0" * 16, boot="1" * 16, sequence=round(at_s), epoch=0,
+        live_time_s=1.0, counts=Counts(0, 0, 0), poses=poses, position_sigma_m=sigma_m, yaw_sigma_rad=0.01, clock_sigma_m=sigma_m,
+    )  # fmt: skip
+
+
+def at(errors: ClockErrors, *seconds: float) -> list[float]:
+    return [errors.at(round(second * SECOND)) for second in seconds]
+
+
+def test_the_error_is_told_with_the_exposures_at_whose_time_it_was_known():
+    errors = ClockErrors()
+    for one in (exposure(3.0, 6.0), exposure(2.0, 3.0), exposure(1.0, 0.0)):
+        errors.add(one)
+    assert at(errors, 0.5, 1.5, 2.5, 3.5, 4.5) == pytest.approx([0.0, 0.0, 1.0, 2.0, 0.0])
+
+
+def test_of_one_that_hovers_it_is_at_least_what_the_told_error_makes_sure():
+    errors = ClockErrors()
+    errors.add(exposure(1.0, 0.5, speed_mps=0.0))
+    assert at(errors, 1.5) == pytest.approx([1.0])
+
+
+def test_what_is_taken_back_or_dropped_tells_nothing():
+    errors = ClockErrors()
+    told = [exposure(second, 3.0) for second in (1.0, 2.0, 3.0)]
+    for one in told:
+        errors.add(one)
+    errors.remove(told[1])
+    errors.remove(exposure(5.0, 3.0))
+    errors.drop_before(2 * SECOND)
+    assert at(errors, 1.5, 2.5, 3.5) == pytest.approx([0.0, 0.0, 1.0])
