@@ -61,10 +61,10 @@ class Setting:
         """When the first fault of these families begins, on any drone; infinite without one."""
         return min((at_s for family, _, at_s, _ in self._spans if family in families), default=float("inf"))
 
-    @property
-    def misled_s(self) -> float:
-        """When the first fault begins that puts wrong observations into every log; infinite without one."""
-        return min((fault.at_s for fault in self.scenario.fault if _misleads(fault)), default=float("inf"))
+    def misled_s(self, families: Collection[Family] = FRAME_FAULTS) -> float:
+        """When the first fault of these families begins that puts wrong observations into every log; infinite without one."""
+        misleading = (fault.at_s for fault in self.scenario.fault if fault.family in families and not _is_announced(fault))
+        return min(misleading, default=float("inf"))
 
     def struck_unannounced(self, drone: int, time_s: float, after_s: float) -> bool:
         """Whether the own position or thrust of a drone is faulted, or was less than ``after_s`` ago. Of a jump that it knows of,
@@ -125,7 +125,3 @@ class Invariant(ABC, Generic[S_contra]):
 def _is_announced(fault: Fault) -> bool:
     """Whether a fault of an own position is known to its drone, which begins a new epoch then."""
     return isinstance(fault, PositionJump) and fault.announced
-
-
-def _misleads(fault: Fault) -> bool:
-    return fault.family in FRAME_FAULTS and not _is_announced(fault)

@@ -7,10 +7,11 @@ from math import hypot, inf
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
+from sim.faults.base import Family
 from sim.faults.machines import Takeover
 from sim.geometry import Array
 from sim.scoring.invariants.able import Able
-from sim.scoring.invariants.base import FRAME_FAULTS, OWN_FAULTS, Breach, Invariant, Setting
+from sim.scoring.invariants.base import OWN_FAULTS, Breach, Invariant, Setting
 from sim.scoring.moment import Scene
 
 AT_HOME_M = 10.0  # of the place of the launch: frames are good to a metre or two, and others may stand in the way
@@ -60,8 +61,8 @@ class Converged(Invariant[Scene]):
 class Landed(Invariant[Scene]):
     """The able drones end the mission landed, and at home; every other one has landed or returns, or its human pilot flies it.
 
-    Exempt from home is whose own position or thrust was ever faulted: it may have had to land where it was; and, as from
-    ``own-place``, everybody where frames are estimated and an own position, a liar or a clock is faulted.
+    Exempt from home is whose own position or thrust was ever faulted: it may have had to land where it was; and, where frames are
+    estimated, whose clock was, and everybody if there is a liar, or an own position that is faulted unannounced.
     """
 
     name = "landing"
@@ -92,8 +93,9 @@ class Landed(Invariant[Scene]):
 
     def _away_m(self, moment: Scene, drone: int) -> float:
         """Horizontal distance from the place of its launch; 0 for who is exempt."""
-        misled = self._estimated and self.setting.began_s(FRAME_FAULTS) < inf
-        if self._launch is None or misled or self.setting.struck(OWN_FAULTS, drone, moment.time_s, inf):
+        own: tuple[Family, ...] = (*OWN_FAULTS, "clock") if self._estimated else OWN_FAULTS
+        misled = self._estimated and self.setting.misled_s(("pose", "liar")) < inf
+        if self._launch is None or misled or self.setting.struck(own, drone, moment.time_s, inf):
             return 0.0
         return hypot(*(moment.position_m[drone, :2] - self._launch[drone, :2]).tolist())
 

@@ -30,7 +30,7 @@ class _Placed(Invariant[Moment]):
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         self.estimated = not all(drone.is_exact for drone in setting.mission.drones)
-        self._until_s = setting.misled_s if self.estimated else inf
+        self._until_s = setting.misled_s() if self.estimated else inf
 
     def placeable(self, moment: Moment) -> Iterator[int]:
         """The drones that are not exempt."""

@@ -277,6 +277,28 @@ def test_a_drone_that_does_not_come_home() -> None:
     assert ending({"kind": "gust", "at_s": 10.0, "for_s": 5.0, "target": "d1"}, places=elsewhere, autopilots=stopped) == []
 
 
+def test_where_frames_are_estimated_a_faulted_position_that_is_not_announced_may_lead_everybody_elsewhere() -> None:
+    (x, y, _), *others = [(x, y, 0.0) for x, y, _ in moments.PLACES]
+    stopped = [moments.autopilot(FlightMode.HOLD, armed=False, setpoint_age_s=None) for _ in range(3)]
+
+    def ends_elsewhere(fault) -> bool:
+        setting = moments.setting(fault)
+        setting.mission = moments.with_estimated_frames(setting.mission)
+        invariant = Landed(setting)
+        invariant.look(moments.moment(0.0))
+        invariant.look(moments.moment(60.0))
+        end = moments.moment(100.0, [(x + 9.9, y + 2.0, 0.0), *others], autopilots=stopped)
+        return [violation.drones for violation in invariant.finish(end)] == [("d1",)]
+
+    jump, clock = ({"kind": kind, "at_s": 5.0, "for_s": 2.0, "target": "d2"} for kind in ("position-jump", "clock"))
+    assert not ends_elsewhere(jump)
+    assert ends_elsewhere(jump | {"announced": True})
+    assert not ends_elsewhere(jump | {"announced": True, "target": "d1"})
+    assert ends_elsewhere(clock | {"jump_s": 5.0})
+    assert not ends_elsewhere(clock | {"jump_s": 5.0, "target": "d1"})
+    assert not ends_elsewhere({"kind": "lie", "at_s": 5.0, "for_s": 2.0, "target": "d2", "what": "pose"})
+
+
 def test_who_is_able_is_decided_by_the_faults_and_by_who_is_in_the_air_at_the_heal() -> None:
     lie = {"kind": "lie", "at_s": 5.0, "for_s": 5.0, "target": "d1"}
     cases = [
