@@ -18,6 +18,7 @@ OLDEST_NS = 2_000_000_000  # an older message is dropped
 STATUS_AGE_NS = 10_000_000_000  # an older status does not count: the drone is switched off
 RECENT_NS = 3_000_000_000  # poses and sightings are kept for this long
 _AT_LAUNCH = (Stage.PREFLIGHT, Stage.TAKEOFF)
+_SURELY_DOWN_NS = 5_000_000_000  # an agent that is started again in flight tells for a moment that it is on the ground
 _MOST_SIGHTINGS = 256  # kept, whatever their stamps
 FUTURE_NS = 100_000_000  # a stamp further ahead than this is forged, or of a clock that is not known yet to be wrong
 _LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
@@ -31,13 +32,15 @@ M = TypeVar("M", Pose, Plan, Status)
 class Peer:
     """The newest of each kind; None until heard. ``poses``, ``sightings`` (by this drone): of the last seconds.
 
-    ``launch``: its last pose before it left the place of its launch. ``sources``: whether all this is of one.
+    ``launch``: its last pose before it left the place of its launch; ``launches_ns``: since when its statuses say that it is
+    there, None while they do not, negative before it ever flew. ``sources``: whether all this is of one.
     """
 
     pose: Pose | None = None
     plan: Plan | None = None
     status: Status | None = None
     launch: Pose | None = None
+    launches_ns: int | None = -_SURELY_DOWN_NS
     sources: Sources = field(default_factory=Sources)
     poses: deque[Pose] = field(default_factory=deque)
     sightings: deque[Sighting] = field(default_factory=partial(deque, maxlen=_MOST_SIGHTINGS))
@@ -46,11 +49,29 @@ class Peer:
         """Move all stamps."""
         self.pose, self.launch = _shifted(self.pose, by_ns), _shifted(self.launch, by_ns)
         self.plan, self.status = _shifted(self.plan, by_ns), _shifted(self.status, by_ns)
+        if self.launches_ns is not None:
+            self.launches_ns += by_ns
         self.sources.rival = _shifted(self.sources.rival, by_ns)
         self.poses = deque(replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.poses)
         sightings = [replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.sightings]
         self.sightings.clear()
         self.sightings.extend(sightings)
+
+    def take_status(self, status: Status) -> None:
+        """Note since when it has been at its launch place, or that it has left."""
+        if status.stage not in (*_AT_LAUNCH, Stage.LANDED):
+            self.launches_ns = None
+        elif self.launches_ns is None:
+            self.launches_ns = status.stamp_ns
+
+    def take_pose(self, pose: Pose) -> None:
+        """Keep a pose, and where it launches from."""
+        self.poses.append(pose)
+        while self.poses[0].stamp_ns < pose.stamp_ns - RECENT_NS:
+            self.poses.popleft()
+        surely = self.launches_ns is not None and pose.stamp_ns - self.launches_ns >= _SURELY_DOWN_NS
+        if surely and self.status is not None and self.status.stage in _AT_LAUNCH:
+            self.launch = pose
 
 
 def _shifted(message: M | None, by_ns: int) -> M | None:
@@ -107,12 +128,9 @@ class Peers:
         setattr(peer, kind, message)
         if isinstance(message, Status):
             peer.sources.boot(message, now_ns)
+            peer.take_status(message)
         if isinstance(message, Pose):
-            peer.poses.append(message)
-            if peer.status is not None and peer.status.stage in _AT_LAUNCH:
-                peer.launch = message
-            while peer.poses[0].stamp_ns < message.stamp_ns - RECENT_NS:
-                peer.poses.popleft()
+            peer.take_pose(message)
         return None
 
     def see(self, sighting: Sighting) -> None:

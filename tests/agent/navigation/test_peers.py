@@ -53,6 +53,20 @@ def test_what_was_heard_stays_as_old_as_it_is_when_the_own_clock_is_set_back_and
     assert peers.receive(pose(START_NS + 5 * step_ns), START_NS + 5 * step_ns) is None
 
 
+def test_a_drone_launches_where_it_stands_and_not_where_its_agent_is_started_again_in_flight():
+    """For a moment that one says that it is on the ground: its vehicle would come home to where it was then."""
+    peers, launches = Peers(["d2"]), []
+    stages = [(0, Stage.PREFLIGHT), (2, Stage.TAKEOFF), (9, Stage.TRACK), (20, Stage.PREFLIGHT), (22, Stage.HOLD),
+              (40, Stage.LANDED), (42, Stage.PREFLIGHT), (50, Stage.TAKEOFF)]  # fmt: skip
+    for second, stage in stages:
+        stamp_ns = START_NS + 1000 * MS * second
+        peers.receive(replace(heard(stamp_ns, 0), stage=stage), stamp_ns)
+        for later_ns in range(0, 2000 * MS, 500 * MS):
+            peers.receive(pose(stamp_ns + later_ns), stamp_ns + later_ns)
+        launches.append((peers["d2"].launch.stamp_ns - START_NS) / (1000 * MS))
+    assert launches == [1.5, 3.5, 3.5, 3.5, 3.5, 3.5, 3.5, 51.5]
+
+
 @pytest.mark.parametrize("slept_s", [1.9, 20.0])
 def test_time_that_passes_sets_no_clock(slept_s):
     peers = Peers(["d2"])
