@@ -44,12 +44,14 @@ planted: $(SIM)  ## which planted bugs the campaigns with faults find, at most 2
 docker-test: $(DEV)  ## the swarm in containers; needs a docker engine, or root to start one
 	deploy/docker/test.sh
 
+# Disks and kept states are 10 GB: only those of a run that failed stay, of the last one.
+KEEP_FAILED := -o tmp_path_retention_policy=failed -o tmp_path_retention_count=1
 # IMAGE=nuc.img: an image that is there already. Needs root or user namespaces, and the programs that its reason for skipping names.
 image-test: $(DEV)  ## builds the onboard computer's image, and boots, updates and breaks it in qemu: hours; docs/nuc.md
-	IMAGE_TEST=1 $(PYTEST) tests/image -rs -s --durations=0
+	IMAGE_TEST=1 $(PYTEST) tests/image -rs -s --durations=0 $(KEEP_FAILED)
 
 image-smoke: $(DEV)  ## of that, a build, a boot, an update and two power cuts
-	IMAGE_TEST=1 $(PYTEST) tests/image -rs -s -m smoke
+	IMAGE_TEST=1 $(PYTEST) tests/image -rs -s -x -m smoke --durations=0 $(KEEP_FAILED)
 
 bench: $(SIM)  ## all benchmarks, one after another
 	@set -e; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file; done

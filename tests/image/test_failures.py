@@ -26,7 +26,7 @@ FILL = "f=/var/lib/radron/full; fallocate -l $(df --output=avail --block-size=1 
 
 def test_an_agent_that_hangs_before_the_flight_is_started_again(bench: Bench) -> None:
     run = bench.run("in service")
-    bench.drone.ssh("pkill -STOP -f 'python -m agent .*--wait'")
+    assert bench.drone.ssh("pkill -STOP -f '^[^ ]+ -m agent /' && echo stopped") == "stopped\n"
     run.machine.wait_for(rf"radron-agent: no heartbeat for {SILENT_START_S:g} s: killed", SILENT_START_S + BOOT_S)
     run.machine.wait_for(IN_MESH, BOOT_S)
     run.machine.wait_for(NO_AUTOPILOT, BOOT_S)

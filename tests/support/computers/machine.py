@@ -13,6 +13,10 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import gettempdir
+from urllib.request import urlopen
+
+from deploy.image.rootfs import MIRROR, SUITE
 
 _FIRMWARE = Path("/usr/share/OVMF")
 CODE, VARIABLES = _FIRMWARE / "OVMF_CODE_4M.fd", _FIRMWARE / "OVMF_VARS_4M.fd"
@@ -25,6 +29,21 @@ def lacking() -> str | None:
     missing += [str(file) for file in (CODE, VARIABLES) if not file.exists()]
     boot, build = "qemu-system-x86 ovmf", "mmdebstrap squashfs-tools grub-common grub-efi-amd64-bin gdisk dosfstools mtools rauc"
     return f"missing: {', '.join(missing)} (apt-get install {boot} {build})" if missing else None
+
+
+def cramped() -> str | None:
+    """That there is too little room for an image, a disk and kept states of a computer; None: there is enough."""
+    free_gb = shutil.disk_usage(gettempdir()).free / 1e9
+    return f"{gettempdir()}: {free_gb:.0f} GB free of the 20 GB that it needs" if free_gb < 20.0 else None
+
+
+def unreached() -> str | None:
+    """Why Debian's packages cannot be fetched; None: they can."""
+    try:
+        urlopen(f"{MIRROR}/dists/{SUITE}/InRelease", timeout=30.0).close()
+    except OSError as error:
+        return f"{MIRROR} is not reached: {error}"
+    return None
 
 
 class Machine:
@@ -139,4 +158,4 @@ class Machine:
 
 
 if __name__ == "__main__":
-    sys.exit(lacking())
+    sys.exit(lacking() or cramped() or unreached())
