@@ -130,7 +130,7 @@ async def send(host: Host, file: Path, target: str, progress: Progress) -> None:
     total, part, place = file.stat().st_size, shlex.quote(f"{target}.part"), shlex.quote(target)
     sha256 = await asyncio.to_thread(digest, file)
     there, whole = (
-        f"echo {shlex.quote(f'{sha256}  {one}')} | sha256sum -c --status 2> /dev/null" for one in (target, f"{target}.part")
+        f"echo {shlex.quote(f'{sha256}  {one}')} | sha256sum -c > /dev/null 2>&1" for one in (target, f"{target}.part")
     )
     begun = f"stat -c %s {part} 2> /dev/null || echo 0"
     found = (await run(host, f"mkdir -p $(dirname {place}) && if {there}; then echo there; else {begun}; fi")).strip()
