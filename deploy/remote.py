@@ -6,7 +6,6 @@ By OpenSSH's own client: keys, agents, jump hosts and known hosts are those of t
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import shlex
 import shutil
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
@@ -15,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from deploy.digest import digest
 from protocol.errors import ProtocolError
 
 CONNECT_S = 10  # a computer that is switched on answers within a second
@@ -202,12 +202,6 @@ async def at_all(hosts: Sequence[Host], work: Callable[[Host], Awaitable[T]]) ->
             return error
 
     return await asyncio.gather(*(one(host) for host in hosts))
-
-
-def digest(file: Path) -> str:
-    """SHA-256 of a file, hexadecimal."""
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 @asynccontextmanager

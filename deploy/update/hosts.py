@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
@@ -13,6 +13,7 @@ from deploy.update.errors import UpdateError
 from protocol.onboard import Computer
 
 PROGRAM = "/opt/radron/bin/radron-update"
+Tell = Callable[[Host, str, int, int], None]  # what is being done there, and how far it is: bytes, or 0 of 0
 
 
 def find_hosts(names: Sequence[str], fleet_file: Path | None, options: Sequence[str]) -> tuple[list[Host], Fleet | None]:
