@@ -6,7 +6,6 @@ By OpenSSH's own client: keys, agents, jump hosts and known hosts are those of t
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import shlex
 import shutil
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
@@ -15,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from deploy.digest import digest
 from protocol.errors import ProtocolError
 
 CONNECT_S = 10  # a computer that is switched on answers within a second
@@ -130,7 +130,7 @@ async def send(host: Host, file: Path, target: str, progress: Progress) -> None:
     total, part, place = file.stat().st_size, shlex.quote(f"{target}.part"), shlex.quote(target)
     sha256 = await asyncio.to_thread(digest, file)
     there, whole = (
-        f"echo {shlex.quote(f'{sha256}  {one}')} | sha256sum -c --status 2> /dev/null" for one in (target, f"{target}.part")
+        f"echo {shlex.quote(f'{sha256}  {one}')} | sha256sum -c > /dev/null 2>&1" for one in (target, f"{target}.part")
     )
     begun = f"stat -c %s {part} 2> /dev/null || echo 0"
     found = (await run(host, f"mkdir -p $(dirname {place}) && if {there}; then echo there; else {begun}; fi")).strip()
@@ -202,12 +202,6 @@ async def at_all(hosts: Sequence[Host], work: Callable[[Host], Awaitable[T]]) ->
             return error
 
     return await asyncio.gather(*(one(host) for host in hosts))
-
-
-def digest(file: Path) -> str:
-    """SHA-256 of a file, hexadecimal."""
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 @asynccontextmanager

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import pwd
 import resource
-import stat
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -25,6 +24,7 @@ from cryptography.utils import CryptographyDeprecationWarning
 from cryptography.x509.oid import NameOID, ObjectIdentifier
 from msgspec import ValidationError, convert
 
+from protocol.access import shared_mode
 from protocol.ed25519 import PublicKey, Signer
 from protocol.errors import ProtocolError
 from protocol.units import DroneId
@@ -169,8 +169,7 @@ _ISSUE = "make one with `radron-deploy pki issue NAME --role ROLE`, and copy its
 
 def _signer(file: Path, own: Peer) -> Signer:
     pem = _read(file)
-    mode = stat.S_IMODE(file.stat().st_mode)
-    if mode & 0o077:
+    if (mode := shared_mode(file)) is not None:
         raise IdentityError(f"{file}: other users can read this key (mode {mode:03o}); run `chmod 600 {file}`")
     try:
         key = load_pem_private_key(pem, password=None)

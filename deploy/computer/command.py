@@ -12,7 +12,7 @@ import typer
 
 from deploy.image.command import CACHE, CacheOption
 from deploy.image.wheels import IMAGE, Platform
-from deploy.pki.command import KeyOption, PkiOption, passphrase
+from deploy.pki.command import KeyOption, PkiOption, drone_issuer
 from deploy.update.command import SshOption
 
 if TYPE_CHECKING:
@@ -40,17 +40,11 @@ def install(
     from deploy.fleet.loading import load_fleet  # noqa: PLC0415
     from deploy.pki.authority import PkiFolder  # noqa: PLC0415
     from deploy.remote import Host  # noqa: PLC0415
-    from protocol.identity import Role  # noqa: PLC0415
 
     loaded, authority = load_fleet(fleet), PkiFolder(pki, key)
     authority.authority()  # before anything is sent
     order = Order(loaded, loaded.drone(drone), authority, source.resolve(), cache.resolve(), online)
-
-    def issue(folder: Path) -> None:
-        days = loaded.config.certificate_days
-        authority.issue(drone, Role.DRONE, days, folder, lambda: passphrase(authority.key_file), time.time_ns())
-
-    place = Host.parse(host, ssh or ())
+    issue, place = drone_issuer(authority, drone, loaded.config.certificate_days), Host.parse(host, ssh or ())
     asyncio.run(install_there(place, order, issue, time.time_ns(), _say, _quarters()))
     print(f"{host}: is {drone} now; examine it with `radron-deploy doctor {host}`")
 

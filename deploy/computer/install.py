@@ -17,6 +17,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from deploy.computer.host import MACHINES, Computer, asked, probe, script
+from deploy.digest import digest
 from deploy.fleet.config import FleetDrone
 from deploy.fleet.files import files_of
 from deploy.fleet.loading import Fleet
@@ -25,7 +26,7 @@ from deploy.image.errors import ImageError
 from deploy.image.tools import run as run_here
 from deploy.image.wheels import Platform, make_own_wheel, make_wheels
 from deploy.pki.authority import PkiFolder
-from deploy.remote import Host, Progress, digest, run, send
+from deploy.remote import Host, Progress, run, send
 from protocol.identity import REVOKED_FILE, IdentityError, Role
 
 THERE = "/var/tmp/radron-install"

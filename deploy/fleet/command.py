@@ -13,15 +13,17 @@ FleetArgument = Annotated[Path, typer.Argument(metavar="FLEET.toml", help="The f
 
 @app.command()
 def check(fleet: FleetArgument) -> None:
-    """Check a fleet file and its mission, and list the drones."""
+    """Check a fleet file, its mission and its cameras' calibrations, and list the drones."""
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
+    from deploy.fleet.files import files_of  # noqa: PLC0415
     from deploy.fleet.loading import load_fleet  # noqa: PLC0415
 
     loaded = load_fleet(fleet)
     table = Table("drone", "address", "autopilot", "camera", "calibration", title=f"{fleet}: mission {loaded.mission.mission_id}")
     for drone in loaded.config.drones:
+        files_of(loaded, drone)  # nothing that its disk needs is missing
         table.add_row(drone.id, drone.address, drone.vehicle.address, drone.detector.driver, drone.calibration or "none")
     Console().print(table)
 

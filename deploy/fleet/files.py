@@ -21,6 +21,7 @@ import msgspec
 from agent.config.drone import DroneConfig, PeerMeshConfig, RecorderConfig, VehicleConfig
 from agent.config.loading import read_toml
 from agent.config.writing import as_toml
+from agent.detector.calibration import load_calibration
 from agent.errors import ConfigError
 from deploy.fleet.config import FleetDrone
 from deploy.fleet.loading import CALIBRATION_FILES, Fleet, autopilot_of
@@ -35,6 +36,7 @@ def files_of(fleet: Fleet, drone: FleetDrone) -> dict[PurePosixPath, bytes]:
 
     Raises:
         ConfigError: the elevation grid or the map of buildings cannot be found on board.
+        DetectorError: the camera's calibration is none.
         OSError: a file cannot be read.
     """
     texts = {
@@ -50,6 +52,7 @@ def files_of(fleet: Fleet, drone: FleetDrone) -> dict[PurePosixPath, bytes]:
     files |= _mission(fleet)
     folder = fleet.calibration(drone)
     if folder is not None:
+        load_calibration(folder)
         files |= {PurePosixPath("calibration") / name: (folder / name).read_bytes() for name in CALIBRATION_FILES}
     return files
 

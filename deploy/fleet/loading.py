@@ -13,10 +13,11 @@ from urllib.parse import urlsplit
 
 from agent.config.loading import convert, load_mission, read_toml
 from agent.config.mission import MissionConfig
+from agent.detector.calibration import NAMES
 from agent.errors import ConfigError
 from deploy.fleet.config import FleetConfig, FleetDrone
 
-CALIBRATION_FILES = ("a.txt", "b.txt", "c.txt", "t.txt")
+CALIBRATION_FILES = tuple(f"{name}.txt" for name in NAMES)
 T = TypeVar("T")
 _SHARED = ("vehicle", "detector", "sightings", "camera_rpy_deg", "px4")  # keys at the top level that hold for all drones
 _KEY_TYPES = ("ssh-ed25519", "ssh-rsa", "ecdsa-sha2-nistp256", "sk-ssh-ed25519@openssh.com", "sk-ecdsa-sha2-nistp256@openssh.com")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import tempfile
 import time
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 
+from deploy.digest import digest
 from deploy.image.bootloader import make_esp
 from deploy.image.disk import make_disk
 from deploy.image.errors import ImageError
@@ -34,6 +34,11 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     sha256: str
     packages: dict[str, str]
     wheels: dict[str, str]
+
+    @property
+    def build(self) -> str:
+        """By which two releases of one version are told apart."""
+        return Release(self.version, self.commit, self.epoch).build
 
 
 def release_of(source: Path) -> Release:
@@ -118,12 +123,6 @@ def read_manifest(image: Path) -> Manifest:
         raise ImageError(f"{file}: cannot be read ({error.strerror}): copy it together with the image") from None
     except msgspec.DecodeError as error:
         raise ImageError(f"{file}: is not the list of an image's contents: {error}") from None
-
-
-def digest(file: Path) -> str:
-    """SHA-256 of a file, hexadecimal."""
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 @contextmanager

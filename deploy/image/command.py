@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from deploy.image.errors import ImageError
-from deploy.pki.command import KeyOption, PkiOption, passphrase
+from deploy.pki.command import KeyOption, PkiOption, drone_issuer
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -128,13 +128,8 @@ def _confirm(target: Target, drone: str, erase: str | None) -> None:
 def _make_config(file: Path, fleet: Fleet, drone: str, pki: Path, key: Path | None) -> None:
     from deploy.image.configpartition import make_config  # noqa: PLC0415
     from deploy.pki.authority import PkiFolder  # noqa: PLC0415
-    from protocol.identity import Role  # noqa: PLC0415
 
-    authority, days = PkiFolder(pki, key), fleet.config.certificate_days
-
-    def issue(folder: Path) -> None:
-        authority.issue(drone, Role.DRONE, days, folder, lambda: passphrase(authority.key_file), time.time_ns())
-
+    issue = drone_issuer(PkiFolder(pki, key), drone, fleet.config.certificate_days)
     make_config(file, file.parent, fleet, fleet.drone(drone), issue, int(time.time()))
 
 

@@ -7,7 +7,7 @@ import stat
 import tempfile
 from pathlib import Path
 
-from deploy.image.build import digest
+from deploy.digest import digest
 from deploy.image.flash import check_image
 from deploy.image.layout import MIB, PARTITIONS, ROOT_A, ROOT_B, Partition
 from deploy.image.tools import need, run

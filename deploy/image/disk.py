@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 from deploy.image.errors import ImageError
 from deploy.image.layout import DISK_GUID, IMAGE_BYTES, MIB, PARTITIONS, Partition
@@ -33,7 +34,7 @@ def make_disk(file: Path, contents: dict[Partition, Path]) -> None:
             _copy_sparse(content, disk)
 
 
-def _copy_sparse(content: Path, disk) -> None:  # type: ignore[no-untyped-def]
+def _copy_sparse(content: Path, disk: BinaryIO) -> None:
     with content.open("rb") as source:
         while block := source.read(MIB):
             if block.count(0) == len(block):

@@ -90,9 +90,12 @@ def find_target(path: Path, internal: bool) -> Target:
         raise ImageError(f"{path}: is neither a disk nor a file; `lsblk` lists this computer's disks")
     need("lsblk")
     columns = "NAME,TYPE,SIZE,RO,RM,TRAN,MODEL,SERIAL,FSTYPE,LABEL,PARTLABEL,MOUNTPOINTS"
-    listed = run(["lsblk", "--json", "--bytes", "--paths", "--output", columns, str(path.resolve())])
-    target = Target(path, 0, msgspec.json.decode(listed, type=_Listing).blockdevices[0])
-    return check_device(path, target.device, internal, os.access(path, os.W_OK)) if target.device is not None else target
+    try:
+        listed = run(["lsblk", "--json", "--bytes", "--paths", "--output", columns, str(path.resolve())])
+    except ImageError:  # so it answers for a loop device without a file
+        raise _empty(path) from None
+    device = msgspec.json.decode(listed, type=_Listing).blockdevices[0]
+    return check_device(path, device, internal, os.access(path, os.W_OK))
 
 
 def check_device(path: Path, device: Device, internal: bool, writable: bool = True) -> Target:
@@ -101,6 +104,8 @@ def check_device(path: Path, device: Device, internal: bool, writable: bool = Tr
     Raises:
         ImageError: as :func:`find_target`.
     """
+    if device.size == 0:
+        raise _empty(path)
     if device.type not in ("disk", "loop"):
         raise ImageError(f"{path}: is a {device.type}, not a whole disk; give the disk that it is on")
     used = [(one.name, place) for one in device.all for place in one.mountpoints if place is not None]
@@ -121,6 +126,10 @@ def check_device(path: Path, device: Device, internal: bool, writable: bool = Tr
     if not device.is_removable and device.type != "loop" and not internal:
         raise ImageError(f"{path}: is built into this computer, not a removable disk; if you mean it, add --internal")
     return _large_enough(Target(path, device.size, device))
+
+
+def _empty(path: Path) -> ImageError:
+    return ImageError(f"{path}: there is no disk in it: put one in, or give another one; `lsblk` lists this computer's disks")
 
 
 def _large_enough(target: Target) -> Target:

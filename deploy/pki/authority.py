@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +17,7 @@ from msgspec.structs import replace
 
 from deploy.pki.issued import Issued
 from deploy.pki.release import issue_release
+from protocol.access import shared_mode
 from protocol.identity import (
     AUTHORITY_FILE,
     CERTIFICATE_FILE,
@@ -179,8 +179,7 @@ class PkiFolder:
             raise IdentityError(f"{self.key_file}: is missing; if it is kept elsewhere, say where with --key") from None
         except OSError as error:
             raise unusable(self.key_file, error) from None
-        mode = stat.S_IMODE(self.key_file.stat().st_mode)
-        if mode & 0o077:
+        if (mode := shared_mode(self.key_file)) is not None:
             raise IdentityError(
                 f"{self.key_file}: other users can read this key (mode {mode:03o}); run `chmod 600 {self.key_file}`"
             )

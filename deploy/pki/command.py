@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -111,6 +112,15 @@ def _until(own: Peer, now_ns: int) -> str:
     if now_ns < own.not_before_ns:
         return f"{times}: not yet valid"
     return f"{times}: expired" if now_ns > own.not_after_ns else f"{times}: {(own.not_after_ns - now_ns) / _DAY_NS:.1f} days left"
+
+
+def drone_issuer(authority: PkiFolder, drone: str, days: int | None) -> Callable[[Path], None]:
+    """What writes a new identity of a drone into the folder that it is given; it asks for the passphrase."""
+
+    def issue_into(folder: Path) -> None:
+        authority.issue(drone, Role.DRONE, days, folder, lambda: passphrase(authority.key_file), time.time_ns())
+
+    return issue_into
 
 
 def _folder(pki: Path, key: Path | None) -> PkiFolder:

@@ -12,11 +12,11 @@ import msgspec
 from cryptography import x509
 from cryptography.x509.oid import NameOID
 
+from deploy.digest import digest
 from deploy.image.build import read_manifest
 from deploy.image.flash import check_image
 from deploy.image.layout import MIB, ROOT_A
 from deploy.image.tools import need, run
-from deploy.remote import digest
 from deploy.update.errors import UpdateError
 from protocol.identity import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role
 from protocol.onboard import COMPATIBLE, Release
@@ -44,8 +44,7 @@ def build_bundle(image: Path, signer: Path, out: Path, say: Callable[[str], None
     made = read_manifest(image)
     certificate, key = signer / CERTIFICATE_FILE, signer / KEY_FILE
     _check_signer(signer)
-    build = f"{datetime.fromtimestamp(made.epoch, UTC):%Y%m%dT%H%M%SZ}-{made.commit}"
-    release = Release(version=made.version, build=build)
+    release = Release(version=made.version, build=made.build)
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=".bundle-") as name:
         content, bundle, log = Path(name) / "content", Path(name) / "bundle.raucb", Path(name) / "log"
@@ -75,7 +74,7 @@ def write_bundle(content: Path, release: Release, certificate: Path, key: Path, 
     settings = out.with_suffix(".conf")
     settings.write_text(
         f"[system]\ncompatible={COMPATIBLE}\nbootloader=noop\n\n"
-        f"[keyring]\npath={certificate.parent / 'ca.pem'}\ncheck-purpose=codesign\n"
+        f"[keyring]\npath={certificate.parent / AUTHORITY_FILE}\ncheck-purpose=codesign\n"
     )
     run(["rauc", f"--conf={settings}", "info", str(out)], log)
 

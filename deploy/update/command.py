@@ -16,6 +16,7 @@ from deploy.remote import Host, RemoteError
 from deploy.update.errors import UpdateError
 
 if TYPE_CHECKING:
+    from deploy.update.hosts import Tell
     from deploy.update.logs import Fetched
     from deploy.update.status import Answer
 
@@ -27,7 +28,6 @@ FleetOption = Annotated[Path | None, typer.Option(metavar="FLEET.toml", help="Th
 SshOption = Annotated[
     list[str] | None, typer.Option("--ssh", metavar="NAME=VALUE", help="An option for ssh, such as IdentityFile=key; repeatable.")
 ]
-Tell = Callable[[Host, str, int, int], None]
 T = TypeVar("T")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
@@ -11,6 +11,9 @@ from deploy.fleet.loading import Fleet, load_fleet
 from deploy.remote import Host, RemoteError, run
 from deploy.update.errors import UpdateError
 from protocol.onboard import Computer
+
+PROGRAM = "/opt/radron/bin/radron-update"
+Tell = Callable[[Host, str, int, int], None]  # what is being done there, and how far it is: bytes, or 0 of 0
 
 
 def find_hosts(names: Sequence[str], fleet_file: Path | None, options: Sequence[str]) -> tuple[list[Host], Fleet | None]:
@@ -23,7 +26,7 @@ def find_hosts(names: Sequence[str], fleet_file: Path | None, options: Sequence[
 
     Raises:
         UpdateError: neither names nor a fleet, or a computer that is named twice.
-        ConfigError: a fleet file with errors.
+        ConfigError: a fleet file with errors, or without a drone that is named.
     """
     if fleet_file is None:
         if not names:
@@ -31,12 +34,7 @@ def find_hosts(names: Sequence[str], fleet_file: Path | None, options: Sequence[
         hosts, fleet = [Host.parse(name, options) for name in names], None
     else:
         fleet = load_fleet(fleet_file)
-        addresses = {drone.id: drone.address for drone in fleet.config.drones}
-        wanted = names or list(addresses)
-        hosts = [
-            Host(name, addresses[name], options=tuple(options)) if name in addresses else Host.parse(name, options)
-            for name in wanted
-        ]
+        hosts = [_host(name, fleet, options) for name in names or [drone.id for drone in fleet.config.drones]]
     places = [(host.address, host.port) for host in hosts]
     for host, place in zip(hosts, places, strict=True):
         if places.count(place) > 1:
@@ -50,7 +48,7 @@ async def ask(host: Host) -> Computer:
     Raises:
         RemoteError: it does not answer, or is none that radron's image made.
     """
-    missing = "echo 'has no radron-update: flash its disk with `radron-deploy image flash`' >&2; exit 1"
+    missing = "echo 'is no drone yet: `radron-deploy image flash` makes its disk, or `radron-deploy install`' >&2; exit 1"
     said = await run(host, f"command -v {PROGRAM} > /dev/null || {{ {missing}; }}; {PROGRAM} status")
     try:
         return msgspec.json.decode(said, type=Computer)
@@ -58,4 +56,8 @@ async def ask(host: Host) -> Computer:
         raise RemoteError(f"{host.name}: tells what this version of radron does not understand: {error}") from None
 
 
-PROGRAM = "/opt/radron/bin/radron-update"
+def _host(name: str, fleet: Fleet, options: Sequence[str]) -> Host:
+    """A drone of the fleet by its id, or any computer by its address: that has a dot, a colon or an @ in it."""
+    if not set(name) & set(".:@") or any(drone.id == name for drone in fleet.config.drones):
+        return Host(name, fleet.drone(name).address, options=tuple(options))
+    return Host.parse(name, options)

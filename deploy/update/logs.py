@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from deploy.remote import Host, digest, fetch, run
+from deploy.digest import digest
+from deploy.remote import Host, fetch, run
+from deploy.update.hosts import Tell
 
 FLIGHTS = "/var/lib/radron/flights"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
@@ -18,7 +19,6 @@ _LIST = (
     'cd {folder} 2>/dev/null || exit 0; for file in *.mcap; do test -f "$file" || continue; '
     'size=$(stat -c %s "$file"); echo "$size $(head -c "$size" "$file" | sha256sum | cut -d\' \' -f1) $file"; done'
 )
-Tell = Callable[[Host, str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from deploy.remote import Host, RemoteError, at_all, run, send
 from deploy.update.bundle import BundleManifest
 from deploy.update.errors import UpdateError
-from deploy.update.hosts import PROGRAM, ask
+from deploy.update.hosts import PROGRAM, Tell, ask
 from protocol.onboard import MOST_ATTEMPTS, Computer, Outcome
 
 INCOMING = "/var/lib/radron-update/incoming"
 DECIDED_S = 2400.0  # three attempts of a computer that takes long to start
 POLL_S = 3.0
 _MARGIN_MB = 200  # that stay free on the data partition
-Tell = Callable[[Host, str, int, int], None]  # what is being done, and how far it is: bytes, or 0 of 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
-from fleets import KEY, MISSION, make_fleet
+from fleets import KEY, make_fleet
 from scipy.spatial.transform import Rotation
 
 from deploy.fleet.loading import load_fleet
@@ -23,15 +23,22 @@ def test_the_cameras_orientations() -> None:
         np.testing.assert_allclose(body_from_camera.apply([[0, 0, 1], [0, 1, 0]]), [FLU[window], FLU[up_the_rows]], atol=1e-12)
 
 
+def example(page: str, file: str) -> str:
+    """The file that a page shows."""
+    (text,) = re.findall(rf"^```toml\n# {file}\n(.*?)^```", (DOCS / page).read_text(), re.MULTILINE | re.DOTALL)
+    return text
+
+
 def test_the_fleet_file(tmp_path: Path) -> None:
-    (text,) = re.findall(r"^```toml\n# fleet\.toml\n(.*?)^```", (DOCS / "nuc.md").read_text(), re.MULTILINE | re.DOTALL)
+    text, mission = example("nuc.md", "fleet.toml"), example("drone.md", "mission.toml")
     text = re.sub(r'"ssh-ed25519 [^"]*"', f'"{KEY}"', text)
     for name in re.findall(r'calibration = "(.*)"', text):
         (tmp_path / name).mkdir(parents=True)
         for file in "abct":
             (tmp_path / name / f"{file}.txt").touch()
-    first, second = load_fleet(make_fleet(tmp_path, text, MISSION)).config.drones
+    first, second, third = load_fleet(make_fleet(tmp_path, text, mission)).config.drones
     assert (first.vehicle.gnss, second.vehicle.gnss) == (True, False)
     assert first.vehicle.address != second.vehicle.address
     assert second.px4.parameters == first.px4.parameters | {"EKF2_HGT_REF": 3.0}
     assert second.px4.version == first.px4.version
+    assert third.vehicle == first.vehicle

@@ -17,10 +17,10 @@ from cutdisk import BLOCK_BYTES, Content
 from dronedisk import BOOT_S, ROOT, Drone
 from machine import lacking
 
+from deploy.digest import digest
 from deploy.image.build import read_manifest
 from deploy.image.layout import ROOT_B
 from deploy.image.rootfs import COMPRESSION
-from deploy.remote import digest
 from deploy.update.bundle import BundleManifest, extract_root, manifest_file, write_bundle
 from protocol.onboard import Release
 

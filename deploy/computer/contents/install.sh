@@ -40,7 +40,7 @@ echo "the service"
 chmod 0755 /usr/lib/radron/*
 systemd-sysusers /etc/sysusers.d/radron.conf
 ln -sfn "$place" /opt/radron.new
-mv -T /opt/radron.new /opt/radron
+"$place/bin/python" -c 'import os; os.replace("/opt/radron.new", "/opt/radron")' # by one step; not every mv does that with links
 for old in /opt/radron-*; do [ "$old" = "$place" ] || rm -rf "$old"; done
 [ -d /etc/chrony/sources.d ] || echo "there is no chrony, so its clock follows no other drone's: apt-get install chrony, and run this again"
 systemctl --quiet enable radron-provision radron-agent radron-clock.path

@@ -15,7 +15,7 @@ for folder in /usr/bin /usr/local/bin; do
 done
 echo "glibc=$(getconf GNU_LIBC_VERSION 2>/dev/null)"
 echo "systemd=$(systemctl --version 2>/dev/null | sed -n '1s/^systemd \([0-9]*\).*/\1/p')"
-echo "free_mb=$(df -Pm /opt 2>/dev/null | awk 'NR == 2 { print $4 }')"
+echo "free_mb=$(stat -f -c '%a %S' /opt 2>/dev/null | awk '{ print int($1 * $2 / 1048576) }')"
 [ ! -e /opt/radron/complete ] || echo "release=$(basename "$(readlink -f /opt/radron)" | sed 's/^radron-//')"
 if [ -d /run/systemd/system ]; then
     for _ in $(seq 60); do # an agent that has just been restarted, perhaps in flight, tells its stage within seconds

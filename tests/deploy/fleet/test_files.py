@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path, PurePosixPath
 
 import pytest
-from fleets import FLEET, KEY, MISSION, make_fleet
+from fleets import FLEET, KEY, MISSION, PIXELS, make_fleet
 
 from agent.errors import ConfigError
 from agent.shell.overrides import load_drone
@@ -32,7 +32,7 @@ def test_the_agent_reads_its_drone_file(tmp_path: Path) -> None:
     assert drone.mesh.identity == "/run/credentials/radron-agent.service"
     assert drone.mesh.others == ("anna",)
     assert drone.calibration == str(board / "calibration")
-    assert (board / "calibration/t.txt").read_text() == "t\n"
+    assert (board / "calibration/t.txt").read_text() == PIXELS
     assert drone.state is not None
     assert drone.recorder.folder is not None
     assert all(place.startswith("/var/lib/radron/") for place in (drone.state, drone.recorder.folder))
@@ -119,6 +119,10 @@ def test_the_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: p
     assert "10.7.1.12" in capsys.readouterr().out
     assert run("fleet", "files", str(path), "--drone", "d1", "--out", str(tmp_path / "out")) == 0
     assert (tmp_path / "out/drone.toml").is_file()
+    (tmp_path / "cameras/1/c.txt").write_text("1 2\n")
+    assert run("fleet", "check", str(path)) == 2
+    told = capsys.readouterr().err
+    assert told == f"radron-deploy: {tmp_path}/cameras/1/c.txt: holds 1 x 2; 256 lines of 256 numbers are needed\n"
     path.write_text(FLEET.replace("subnet", "subnett"))
     assert run("fleet", "check", str(path)) == 2
     assert capsys.readouterr().err.startswith(f"radron-deploy: {path}: unknown key 'network.subnett'")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import pytest
-from fleets import make_fleet
+from fleets import PIXELS, make_fleet
 
 from deploy.fleet.loading import load_fleet
 from deploy.image.configpartition import make_config
@@ -40,7 +40,7 @@ def test_the_partition_holds_the_drones_files_and_only_the_owner_reads_it(tmp_pa
     file = made(tmp_path / "one")
     assert file.stat().st_size == CONFIG.size
     assert file.stat().st_mode & 0o077 == 0
-    for name, text in (("hostname", "radron-d1\n"), ("identity/key.pem", "the key\n"), ("calibration/t.txt", "t\n")):
+    for name, text in (("hostname", "radron-d1\n"), ("identity/key.pem", "the key\n"), ("calibration/t.txt", PIXELS)):
         assert subprocess.run(["mtype", "-i", str(file), f"::{name}"], capture_output=True, text=True, check=True).stdout == text
 
 
@@ -50,10 +50,10 @@ def test_equal_content_is_equal_bytes(tmp_path: Path) -> None:
 
 
 @without_tools
-def test_what_does_not_fit_is_one_line(tmp_path: Path) -> None:
+def test_what_does_not_fit_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fleet = load_fleet(make_fleet(tmp_path))
-    with (tmp_path / "cameras/1/a.txt").open("wb") as large:
-        large.truncate(CONFIG.size + MIB)
+    large = {PurePosixPath("mission/hills.tif"): bytes(CONFIG.size + MIB)}
+    monkeypatch.setattr("deploy.image.configpartition.files_of", lambda *_: large)
     (tmp_path / "work").mkdir()
     with pytest.raises(ImageError, match=r"mcopy failed: .*(full|space)"):
         make_config(tmp_path / "config.fat", tmp_path / "work", fleet, fleet.drone("d1"), issue, EPOCH)

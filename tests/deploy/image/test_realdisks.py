@@ -66,6 +66,15 @@ def test_one_that_is_too_small_or_write_protected_is_refused(tmp_path: Path) -> 
         find_target(device, internal=False)
 
 
+def test_a_drive_without_a_disk_is_told() -> None:
+    empty = [disk.parent for disk in Path("/sys/block").glob("loop*/size") if disk.read_text().strip() == "0"]
+    devices = [Path("/dev", disk.name) for disk in sorted(empty, key=lambda disk: int(disk.name.removeprefix("loop")))]
+    if not devices or not devices[-1].is_block_device():
+        pytest.skip("no loop device is free here")
+    with pytest.raises(ImageError, match=rf"^{devices[-1]}: there is no disk in it"):
+        find_target(devices[-1], internal=False)
+
+
 def test_a_mounted_disk_is_refused_and_not_written_even_if_it_is_mounted_after_the_check(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -40,6 +40,7 @@ def test_a_removable_disk_may_be_erased_and_what_is_on_it_is_shown() -> None:
         ({"children": [part(children=[part(name="/dev/dm-0", type="lvm")])]}, r"/dev/dm-0 \(lvm\) is active on it"),
         ({"ro": True}, r"is write-protected"),
         ({"rm": False, "tran": "nvme"}, r"is built into this computer.*add --internal"),
+        ({"size": 0}, r"/dev/sdb: there is no disk in it"),
         ({"size": LEAST_DISK_BYTES - 1}, r"is too small: 4.4 GB; a drone needs 4.4 GB"),
     ],
 )

@@ -158,4 +158,5 @@ def test_a_computer_that_the_agent_was_installed_on_gets_no_bundle(fleet: Fleet,
 def test_a_computer_without_our_image_is_told_so(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hosts, "PROGRAM", "/opt/radron/bin/not-there")
     done = fleet.push("d1", bundle=fleet.bundle())
-    assert str(done[0]) == "d1 (127.0.0.1): has no radron-update: flash its disk with `radron-deploy image flash`"
+    told = "d1 (127.0.0.1): is no drone yet: `radron-deploy image flash` makes its disk, or `radron-deploy install`"
+    assert str(done[0]) == told

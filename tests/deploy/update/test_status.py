@@ -10,6 +10,7 @@ from fleets import KEY, MISSION, make_fleet
 from onboard import NEW, OLD, well
 from rich.console import Console
 
+from agent.errors import ConfigError
 from deploy.fleet.loading import load_fleet
 from deploy.remote import Host
 from deploy.update.errors import UpdateError
@@ -187,6 +188,9 @@ def test_hosts_are_addresses_or_the_fleets_drones(tmp_path) -> None:  # type: ig
     file = make_fleet(tmp_path)
     assert [(host.name, host.address) for host in find_hosts([], file, ())[0]] == [("d1", "10.7.1.11"), ("d2", "10.7.1.12")]
     assert [host.address for host in find_hosts(["d2"], file, ("A=b",))[0]] == ["10.7.1.12"]
+    assert [host.address for host in find_hosts(["10.7.1.12", "nuc.local"], file, ())[0]] == ["10.7.1.12", "nuc.local"]
+    with pytest.raises(ConfigError, match=r"fleet.toml: there is no drone 'd9'; its drones are d1, d2"):
+        find_hosts(["d9"], file, ())
     with pytest.raises(UpdateError, match="which computers"):
         find_hosts([], None, ())
     with pytest.raises(UpdateError, match=r"^10\.7\.1\.11: is named twice"):

@@ -13,6 +13,7 @@ drones = [{ id = "d1", origin_m = [10, 2, 0] }, { id = "d2", origin_m = [16, 2, 
 [area]
 polygon_m = [[0, 0], [50, 0], [50, 50], [0, 50]]
 """
+PIXELS = 256 * f"{' '.join(256 * ['1'])}\n"  # of a calibration: the same number for all
 FLEET = f"""
 version = "0.1.0"
 mission = "mission.toml"
@@ -55,5 +56,5 @@ def make_fleet(folder: Path, fleet: str = FLEET, mission: str = MISSION) -> Path
     (folder / "mission.toml").write_text(mission)
     (folder / "cameras/1").mkdir(parents=True, exist_ok=True)
     for name in "abct":
-        (folder / f"cameras/1/{name}.txt").write_text(f"{name}\n")
+        (folder / f"cameras/1/{name}.txt").write_text(PIXELS)
     return folder / "fleet.toml"

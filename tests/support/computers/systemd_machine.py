@@ -1,5 +1,6 @@
-"""A computer with systemd and an SSH server, for tests of what is installed on one: this computer's own root file system below an
-overlay, in namespaces of its own. What is written in it is gone with it. The network is this computer's.
+"""A computer with systemd and an SSH server, for tests of what is installed on one: this computer's own root file system, or
+another one (COMPUTER_ROOT=FOLDER: another release of Debian or Ubuntu, with systemd), below an overlay, in namespaces of its own.
+What is written in it is gone with it. The network is this computer's.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ from sshserver import SSHD
 
 from deploy.remote import Host
 
-_SYSTEMD = Path("/lib/systemd/systemd")
+_ROOT = Path(os.environ.get("COMPUTER_ROOT", "/"))
+_SYSTEMD = _ROOT / "lib/systemd/systemd"
 _SCRIPT = """
 set -eu
 mount --make-rprivate /
 cd "$1"
-mount -t overlay overlay -o lowerdir=/,upperdir=$1/upper,workdir=$1/work root
+mount -t overlay overlay -o lowerdir=$2,upperdir=$1/upper,workdir=$1/work root
 cd root
 mount -t proc proc proc
 mount -t sysfs sysfs sys
@@ -40,6 +42,15 @@ mount --make-rshared . # by which units get their credentials
 exec env -i container=test PATH=/usr/sbin:/usr/bin:/sbin:/bin chroot . /lib/systemd/systemd --unit=test.target
 """
 _TARGET = "[Unit]\nRequires=basic.target dbus.service\nAfter=basic.target\nWants=test-ssh.service\nAllowIsolate=yes\n"
+# Devices, clock and network are this computer's: what would set them, or listen there, does not start.
+_WITHOUT = (
+    "systemd-udevd.service",
+    "systemd-udev-trigger.service",
+    "systemd-timesyncd.service",
+    "systemd-resolved.service",
+    "chrony.service",
+    "ssh.socket",
+)
 
 
 def lacking() -> str | None:
@@ -50,7 +61,7 @@ def lacking() -> str | None:
         return "a computer with systemd needs root, for its namespaces"
     missing = [name for name in ("unshare", "chroot", "systemctl") if shutil.which(name) is None]
     if missing or not _SYSTEMD.exists():
-        return "no systemd on this computer"
+        return f"no {_SYSTEMD} on this computer"
     tried = subprocess.run(["unshare", "-m", "-p", "-f", "-u", "-i", "-C", "true"], capture_output=True, check=False)
     return None if tried.returncode == 0 else "namespaces cannot be made here"
 
@@ -71,15 +82,10 @@ def systemd_machine(folder: Path) -> Iterator[Host]:
     units = upper / "etc/systemd/system"
     (units / "test-ssh.service").write_text(service)
     (units / "test.target").write_text(_TARGET)
-    for unit in (
-        "systemd-udevd.service",
-        "systemd-udev-trigger.service",
-        "systemd-timesyncd.service",
-        "systemd-resolved.service",
-    ):
+    for unit in _WITHOUT:
         (units / unit).symlink_to("/dev/null")
     (upper / "etc/machine-id").write_text("")
-    command = ["unshare", "-m", "-p", "-f", "-u", "-i", "-C", "--kill-child", "sh", "-c", _SCRIPT, "sh", str(folder)]
+    command = ["unshare", "-m", "-p", "-f", "-u", "-i", "-C", "--kill-child", "sh", "-c", _SCRIPT, "sh", str(folder), str(_ROOT)]
     with (folder / "machine.log").open("wb") as log:
         machine = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True)
     options = (f"IdentityFile={folder / 'id'}", "IdentitiesOnly=yes", f"UserKnownHostsFile={folder / 'known_hosts'}")

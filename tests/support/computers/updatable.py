@@ -14,7 +14,8 @@ import pytest
 from computer import VirtualComputer
 from onboard import NEW
 
-from deploy.remote import Host, RemoteError, digest
+from deploy.digest import digest
+from deploy.remote import Host, RemoteError
 from deploy.update import hosts, push
 from deploy.update.bundle import BundleManifest
 from deploy.update.push import Push

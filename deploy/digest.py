@@ -1,0 +1,12 @@
+"""Digests of files, by which copies and builds are compared."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+
+def digest(file: Path) -> str:
+    """SHA-256 of a file, hexadecimal."""
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
