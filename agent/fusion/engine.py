@@ -14,6 +14,7 @@ from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.lateness import Latecomers
 from agent.fusion.log import ObservationLog, Outcome
 from agent.fusion.observation import known_ns, observe
+from agent.fusion.observations import Observations
 from agent.fusion.registry import estimator_named
 from agent.fusion.timeline import Timeline
 from protocol.entries import AnyEntry, Entry, EntryId
@@ -71,6 +72,7 @@ class Fusion:
         self._replayed = self._rest = 0  # calls of the present replay, and until the next one
         self._gathered = self._quiet = 0  # calls since the first of the late entries came, and since the last one
         self._timeline = Timeline()
+        self._observations = Observations(self.log, frames)
         self._base: Any = self.estimator.initial(None)  # state before the first step of the timeline
         self._states: dict[int, Any] = {}  # checkpoints after their steps; ascending: the last one is the chain's end
         self._first_step = _NEVER  # once started; earlier observations are ignored
@@ -218,6 +220,7 @@ class Fusion:
             del held[identity]
             if not held:
                 del self._waiting[key]
+        self._observations.discard(identity)
         changed = self._timeline.remove(identity)
         first = _AFTER if changed is None else changed
         if entry is None:
@@ -231,9 +234,10 @@ class Fusion:
         if observation is None:
             return first
         step = observation.stamp_ns // self._grid_ns
-        if step >= self._first_step and self._timeline.add(step, observation):
-            return min(first, step)
-        return first
+        if step < self._first_step:
+            return first
+        self._observations.put(identity, observation)
+        return min(first, step) if self._timeline.add(step, identity, entry.epoch) else first
 
     def _rewind(self, step: int) -> None:
         """Discard the states from the step on."""
@@ -264,7 +268,7 @@ class Fusion:
         for index in self._timeline.between(end, self._due_step):
             if budget <= 0:
                 return False, budget
-            observations = self._timeline.of(index)
+            observations = [self._observations.of(identity) for identity in self._timeline.of(index)]
             budget -= self.estimator.work(state, len(observations))
             state = states[index] = self.estimator.step(state, self._grid_step(index), observations)
             thin(states)
@@ -275,11 +279,10 @@ class Fusion:
         changes = self._frames.changes(self._revision)
         self._revision = self._frames.revision
         again = [identity for key in changes for identity in self._waiting.get(key, ())]
-        for observation in self._timeline.since(min(changes.values(), default=0) // self._grid_ns):
-            measured = observation.identity
-            changed_ns = changes.get((measured.drone, observation.epoch))
-            if changed_ns is not None and measured.stamp_ns >= changed_ns:
-                again.append(measured)
+        for seen in self._timeline.since(min(changes.values(), default=0) // self._grid_ns):
+            changed_ns = changes.get((seen.identity.drone, seen.epoch))
+            if changed_ns is not None and seen.identity.stamp_ns >= changed_ns:
+                again.append(seen.identity)
         self._change_from(
             min((self._put(identity, cast(AnyEntry, self.log.entry(identity))) for identity in again), default=_AFTER)
         )

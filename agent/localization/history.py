@@ -11,7 +11,8 @@ from agent.geometry import Quaternion, Vector3, blended, yaw_of
 from agent.vehicle.interface import VehicleState
 
 HISTORY_NS = 5_000_000_000
-SLOPE_NS = 500_000_000  # telemetry further apart than this gives no rate
+# Telemetry further apart than this gives no rate; nor does telemetry that is nearer together: its clock may have been set back.
+SLOPE_NS, SHORTEST_NS = 500_000_000, 10_000_000
 AHEAD_NS = 300_000_000  # an event may be stamped this much later than the newest telemetry, which is still on its way
 
 
@@ -55,12 +56,12 @@ class PoseHistory:
 
     @property
     def turning_rps(self) -> float | None:
-        """Rate of the heading by the last two states; None where they are of two epochs, or too far apart."""
+        """Rate of the heading by the last two states; None where they are of two epochs, or too near or far apart."""
         if len(self._states) < 2:
             return None
         before, last = self._states[-2], self._states[-1]
         elapsed_ns = last.stamp_ns - before.stamp_ns
-        if before.epoch != last.epoch or elapsed_ns > SLOPE_NS:
+        if before.epoch != last.epoch or not SHORTEST_NS <= elapsed_ns <= SLOPE_NS:
             return None
         return remainder(yaw_of(last.quaternion) - yaw_of(before.quaternion), tau) / (elapsed_ns * 1e-9)
 

@@ -13,6 +13,7 @@ from agent.vehicle.interface import VehicleState
 JUMP_M, JUMP_RAD = 1.0, 0.15  # corrections of a filter within one step stay below these
 HARDEST_RPS2 = 6.0  # no vehicle turns faster or slower more suddenly
 _LONGEST_S = 0.5  # telemetry further apart than this tells nothing of how a vehicle turns
+_SHORT = 0.5  # of the step before: where a step is shorter, the clock may have been set back
 _SIGMAS = 3.0
 _TOLD_NS = 60_000_000_000  # a jump is reported for this long
 OFTEN = 3  # jumps within SPAN_NS: such a position is not flown by until it has not jumped for CONFIRM_NS
@@ -83,13 +84,18 @@ class JumpDetector:
             self._recent.append((state.stamp_ns, jump_m))
 
     def _turned_rad(self, last: VehicleState, state: VehicleState, step_s: float) -> float:
-        """By how much a heading has jumped; 0 where the vehicle may have turned so."""
+        """By how much a heading has jumped; 0 where the vehicle may have turned so.
+
+        Where the clock was set in between, the step took as long as the one before, and not as long as the stamps tell.
+        """
         turned_rad = remainder(yaw_of(state.quaternion) - yaw_of(last.quaternion), tau)
         before, self._turning = self._turning, (turned_rad / step_s, step_s) if step_s < _LONGEST_S else None
         if before is None or self._turning is None:
             return 0.0
         rate_rps, over_s = before
-        jump_rad = abs(turned_rad - rate_rps * step_s)
+        if step_s < _SHORT * over_s:  # it tells nothing of the rate: it may have taken longer
+            self._turning = rate_rps, step_s
+        jump_rad = min(abs(turned_rad - rate_rps * took_s) for took_s in (step_s, over_s))
         sigma_rad = max(last.yaw_sigma_rad, state.yaw_sigma_rad)
         most_rad = JUMP_RAD + _SIGMAS * sigma_rad + 0.5 * HARDEST_RPS2 * step_s * (step_s + over_s)
         return jump_rad if jump_rad > most_rad else 0.0

@@ -31,7 +31,7 @@ from protocol.units import STATION
 
 __all__ = ["Mesh", "MeshConfig"]
 
-CACHE_ENTRIES = 2_000  # of each kind, for peers that join late or were cut off; older ones come by the log query
+CACHE_ENTRIES = 500  # of each kind, for peers that join late or were cut off, 1.2 kB each; older ones come by the log query
 HEARTBEAT_S = 0.5  # the loss of a last entry is noticed after this time
 ASK_S = 1.0
 RELINKED_S = 1.0  # until the peers are linked again with a session that was opened anew

@@ -20,7 +20,7 @@ from sim.faults.schedule import Active, Schedule
 from sim.geometry import Array
 from sim.world.radio import Radio, RadioTruth, is_entry
 
-CACHE_ENTRIES = 2_000  # of each kind, that a publisher keeps for a link that is down (protocol.mesh.session)
+CACHE_ENTRIES = 500  # of each kind, that a publisher keeps for a link that is down (protocol.mesh.session)
 MOST_FLOODING = 300  # messages on a link in one tick: what is beyond that is dropped for want of room, as by Zenoh
 _PAD = 1000  # bytes of a piece of padding; the decoder refuses strings of more than 1024
 

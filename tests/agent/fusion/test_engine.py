@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from agent.config.mission import DroneInMission
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
+from agent.fusion import observations
 from agent.fusion.engine import BEFORE_START_NS, Fusion
+from agent.fusion.observations import MOST_HELD
 from agent.fusion.paper import PaperEstimator
 from agent.fusion.registry import estimator_named
 from agent.fusion.timeline import MOST_OBSERVATIONS
@@ -265,16 +267,27 @@ def test_of_one_drone_and_step_only_so_many_count_whatever_comes(kit, mission):
 def test_an_entry_takes_a_bounded_memory(kit, mission):
     """Besides the estimator's states, whose number is bounded."""
     fusion = fusion_of(mission)
-    cones = kit.flight(mission, np.random.default_rng(7), 120.0, lambda _: (50.0, 50.0), rate_hz=4.0)
-    payloads = [encode(cone) for cone in cones]
+    cones = kit.flight(mission, np.random.default_rng(7), 2.5 * MOST_HELD / 4.0, lambda _: (50.0, 50.0), rate_hz=4.0)
+    payloads, taken = [encode(cone) for cone in cones], []
     tracemalloc.start()
     try:
         for payload in payloads:
             fusion.receive(decode(payload), bytes(bytearray(payload)))
-        taken = tracemalloc.get_traced_memory()[0]
+            taken.append(tracemalloc.get_traced_memory()[0])
     finally:
         tracemalloc.stop()
-    assert taken / len(payloads) < 1_600  # measured: 1,475, the bytes themselves included
+    added = (taken[-1] - taken[MOST_HELD]) / (len(taken) - 1 - MOST_HELD)
+    assert added < 1_000  # measured: 800, the bytes themselves included
+
+
+def test_observations_that_are_made_again_have_the_same_bits(kit, mission, entries, in_order, monkeypatch):
+    monkeypatch.setattr(observations, "MOST_HELD", 3)
+    fusion = fusion_of(mission)
+    kit.feed(fusion, entries[::-1])
+    kit.settle(fusion, kit.T0_NS + END_NS)
+    assert agrees(kit, fusion, in_order)
+    with pytest.raises(KeyError):
+        fusion._observations.of(entries[0].entry_id._replace(sequence=5000))
 
 
 def test_with_a_hold_entries_gather_and_are_folded_once(kit, mission, entries):
