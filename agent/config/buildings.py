@@ -42,7 +42,7 @@ class BuildingConfig(Section, frozen=True, kw_only=True):
 
 class BuildingsConfig(Section, frozen=True, kw_only=True):
     """What may stand between source and cameras, as far as it is known: it enters the counts and cones that a track of ``bayes``
-    expects, not its search.
+    expects, not its search, and all that ``sources`` expects.
 
     ``file``: a GeoJSON file relative to the mission file's folder: polygons with the properties ``height_m`` and ``material`` or
     ``attenuation_per_m``. ``crs``: of its coordinates: ``EPSG:4326`` (longitude, latitude, as GeoJSON has them; needs the

@@ -38,18 +38,17 @@ class Buildings:
     def __init__(self, config: BuildingsConfig, air_per_m: float, ground: Ground) -> None:
         """``air_per_m``: attenuation of the nuclide's photons by air."""
         sides, tops, strengths, boxes = [], [], [], []
-        owners: list[int] = []
-        for number, building in enumerate(config.known):
+        for building in config.known:
             outline = orient(Polygon(building.footprint_m))  # counter-clockwise
             corners = np.array(outline.exterior.coords)
             sides.append(np.hstack((corners[:-1], corners[1:])))
             tops += [ground.height_m(outline.centroid.x, outline.centroid.y) + building.height_m] * len(sides[-1])
             strengths += [attenuation_per_m(building, air_per_m)] * len(sides[-1])
-            owners += [number] * len(sides[-1])
             boxes.append(outline.bounds)
         self._sides = np.vstack(sides) if sides else np.empty((0, 4))
         self._tops, self._strengths, self._boxes = np.array(tops), np.array(strengths), np.array(boxes).reshape(-1, 4)
-        self._owner = np.array(owners, np.intp)
+        self._count = np.array([len(one) for one in sides], np.intp)  # sides of each building
+        self._first = np.cumsum(self._count) - self._count
 
     def __bool__(self) -> bool:
         return len(self._sides) > 0
@@ -60,16 +59,13 @@ class Buildings:
         Along a line, a prism's share is the sum over its sides of the places where the line leaves it, minus those where it
         enters it, each cut off at the ends of the way and where the line passes above the roof.
         """
-        sides = self._near(start, start + way)
-        if not sides.any():
+        of, sides = self._met(start, start + way)
+        if not len(of):
             return np.zeros(len(way))
-        x0, y0, z0 = (start[:, axis, None] for axis in range(3))
-        dx, dy, dz = (way[:, axis, None] for axis in range(3))
+        (x0, y0, z0), (dx, dy, dz) = start[of].T, way[of].T
+        dx = np.where(dx * dx + dy * dy > _LEVEL_M**2, dx, _LEVEL_M)
         level = dx * dx + dy * dy
-        dx = np.where(level > _LEVEL_M**2, dx, _LEVEL_M)
-        level = dx * dx + dy * dy
-        corners = self._sides[sides]
-        px, py, qx, qy = corners[:, 0] - x0, corners[:, 1] - y0, corners[:, 2] - x0, corners[:, 3] - y0
+        px, py, qx, qy = (self._sides[sides] - np.column_stack((x0, y0, x0, y0))).T
         first, second = dx * py - dy * px, dx * qy - dy * qx  # to the left of the line, each end of a side
         crosses = (first < 0.0) != (second < 0.0)
         share = first / np.where(crosses, first - second, 1.0)
@@ -78,12 +74,17 @@ class Buildings:
         roof = np.clip((self._tops[sides] - z0) / dz, 0.0, 1.0)  # where the line passes through the roof's height
         inside = np.clip(along, np.where(dz < 0.0, roof, 0.0), np.where(dz < 0.0, 1.0, roof))
         leaving = np.where(first < 0.0, inside, -inside) * crosses
-        result: Array = np.sqrt(np.vecdot(way, way)) * np.maximum(leaving @ self._strengths[sides], 0.0)
+        total = np.bincount(of, leaving * self._strengths[sides], len(way))
+        result: Array = np.sqrt(np.vecdot(way, way)) * np.maximum(total, 0.0)
         return result
 
-    def _near(self, start: Array, end: Array) -> NDArray[np.bool_]:
-        """(E,) whether a side's prism overlaps the rectangle around all ways: of a town there are but a few."""
-        low, high = np.minimum(start, end).min(axis=0), np.maximum(start, end).max(axis=0)
+    def _met(self, start: Array, end: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Indices of ways, and of the sides they may meet: of buildings whose rectangle overlaps theirs, of a town but a few."""
+        low, high = np.minimum(start, end), np.maximum(start, end)
         west, south, east, north = self._boxes.T
-        near = (west <= high[0]) & (east >= low[0]) & (south <= high[1]) & (north >= low[1])
-        return np.asarray(near[self._owner])
+        overlaps = (west <= high[:, 0, None]) & (east >= low[:, 0, None])
+        overlaps &= (south <= high[:, 1, None]) & (north >= low[:, 1, None])
+        ways, met = np.nonzero(overlaps)
+        count = self._count[met]
+        first = np.repeat(self._first[met] - (np.cumsum(count) - count), count)
+        return np.repeat(ways, count), first + np.arange(len(first))

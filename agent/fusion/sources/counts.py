@@ -4,13 +4,15 @@
 
 T_r live time, p_r the measured position, f_rk from the mean heading (the camera looks along the drone's x axis), b and g the
 drone's position bias and the logarithm of its camera's sensitivity, v that of the background. A row's log likelihood is weighted
-by 1 / (1 + eps^2 k_r), k_r its events: no row tells its rate better than to the share eps, by which the model may be wrong. That
-is with a clear view; what may hide the sources is in ``hidden``.
+by 1 / (1 + eps^2 k_r), k_r its events: no row tells its rate better than to the share eps, by which the model may be wrong. Known
+walls let a share of the direct photons in S pass (``shades``), whose derivatives are left out; eps is greater at the edges of
+their shadows. That is with a view that is otherwise clear; what may hide the sources unknown is in ``hidden``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 
@@ -19,14 +21,16 @@ from numpy.typing import NDArray
 
 from agent.fusion.sources.data import Rows
 from agent.fusion.sources.hidden import Cells, Expected, Views
+from agent.fusion.sources.shades import KnownWalls, Shades
 from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import MEAN_FACING, NEAREST_M, PER_MM2, Spectra
+from agent.fusion.sources.spectra import AIR, MEAN_FACING, NEAR, NEAREST_M, PER_MM2, Spectra
 from agent.geometry import Array, Vector3
 from agent.terrain.ground import Ground
 from protocol.spectrum import BINS
 
 _MODEL_ERROR = 0.05  # eps
 _EDGE_ON = 0.05  # f of a camera with its edge towards the source, which counts by its sides
+_LEAST_PASSING = 1e-3
 _LEAST_SHARE = 0.3  # of the background: expectations are never less, where attenuation beyond the model's reach would make them
 
 
@@ -78,8 +82,9 @@ class Mixture:
 class CountModel:
     """The rows with all that does not depend on the sources."""
 
-    def __init__(self, rows: Rows, spectra: Spectra, ground: Ground, drones: int) -> None:
+    def __init__(self, rows: Rows, spectra: Spectra, ground: Ground, drones: int, walls: KnownWalls | None = None) -> None:
         self._spectra, self._ground = spectra, ground
+        self._shades = Shades(walls, rows.place) if walls else None
         self.place, self.counts = rows.place, rows.counts
         self.live_s = rows.live_s
         self._facing = rows.facing
@@ -88,6 +93,20 @@ class CountModel:
         self._cells = Cells(rows)
         edges = np.searchsorted(self.drone, np.arange(drones + 1))
         self._of_drone = [slice(start, end) for start, end in pairwise(edges.tolist())]
+
+    def doubting(self, solution: Solution, sigma_m: Array) -> CountModel:
+        """With less weight on rows at the edges of the shadows of these sources, whose places are known to sigma_m (K, 2)."""
+        if self._shades is None or not len(solution):
+            return self
+        doubtful = np.zeros(len(self.live_s))
+        for k, n in enumerate(solution.nuclide):
+            share, sigma = self._shades.spread(n, self._source(solution, k), sigma_m[k])
+            alone = self._mixture(solution, [k]).straight.sum(axis=1)
+            doubtful += (alone * sigma / np.maximum(share, _LEAST_PASSING)) ** 2
+        relative = doubtful / self.expected(solution).clear.sum(axis=1) ** 2
+        model = copy(self)
+        model.weight = 1.0 / (1.0 + (_MODEL_ERROR**2 + relative) * self.counts.sum(axis=1))
+        return model
 
     def expected(self, solution: Solution) -> Expected:
         """M, and the direct photons in it."""
@@ -143,10 +162,9 @@ class CountModel:
 
     def derivatives(self, solution: Solution) -> Iterator[Array]:
         """(R, BINS) derivatives of M, in the order of ``Solution.vector``."""
-        three = *self._spectra.templates(solution.scale, solution.scatter), self._spectra.facing(solution.scale)
+        shapes, _ = self._shapes(solution)
         for k, n in enumerate(solution.nuclide):
-            shapes = np.stack([part[n] for part in three])
-            yield from (by.T @ shapes for by in self._by_source(solution, k).swapaxes(0, 1))
+            yield from (by.T @ shapes[n] for by in self._by_source(solution, k).swapaxes(0, 1))
         yield self.background(solution)
 
     def _background_s(self, solution: Solution) -> Array:
@@ -178,23 +196,41 @@ class CountModel:
     def _mixture(self, solution: Solution, sources: Sequence[int]) -> Mixture:
         """What these sources add to M."""
         nuclides = sorted({solution.nuclide[k] for k in sources})
-        facing = self._spectra.facing(solution.scale)
-        three = *self._spectra.templates(solution.scale, solution.scatter), facing
-        straight = *self._spectra.direct_templates(solution.scale), facing
-        shapes, direct = (np.array([part[n] for n in nuclides for part in one]).reshape(-1, BINS) for one in (three, straight))
+        shapes, direct = (each[nuclides] for each in self._shapes(solution))
+        several = shapes.shape[1]
         parts = []
+        strengths = np.zeros((several * len(nuclides), len(self.live_s)))
         for k in sources:
-            first = 3 * nuclides.index(solution.nuclide[k])
-            parts.append(Part(slice(first, first + 3), self._by_source(solution, k)))
-        strengths = np.zeros((len(shapes), len(self.live_s)))
-        for part in parts:
+            place = nuclides.index(solution.nuclide[k])
+            part = Part(slice(several * place, several * (place + 1)), self._by_source(solution, k))
+            parts.append(part)
             strengths[part.of] += part.by[:, 2]
-        return Mixture(shapes, direct, parts, strengths)
+        return Mixture(shapes.reshape(-1, BINS), direct.reshape(-1, BINS), parts, strengths)
+
+    def _shapes(self, solution: Solution) -> tuple[Array, Array]:
+        """(N, Q, BINS) shapes of each nuclide, and the direct photons in them: N, F and G of ``spectra``; with known walls, what
+        is direct in the three by itself, after b Q, what is scattered nearby.
+        """
+        facing = self._spectra.facing(solution.scale)
+        whole = np.stack((*self._spectra.templates(solution.scale, solution.scatter), facing), axis=1)
+        direct = np.stack((*self._spectra.direct_templates(solution.scale), facing), axis=1)
+        if self._shades is None:
+            return whole, direct
+        scattered = (whole - direct)[:, :1]
+        return np.concatenate((scattered, direct), axis=1), np.concatenate((np.zeros_like(scattered), direct), axis=1)
 
     def _by_source(self, solution: Solution, k: int) -> Array:
-        """(3, size, R) derivatives of the strengths of N, F and G by x, y, log activity and, where it may be above the ground,
-        height of source k; those by log activity are the strengths.
+        """(Q, size, R) derivatives of the shapes' strengths by x, y, log activity and, where it may be above the ground, height
+        of source k; those by log activity are the strengths.
         """
+        by = self._unshaded(solution, k)
+        if self._shades is None:
+            return by
+        passing = self._shades.passing(solution.nuclide[k], self._source(solution, k))
+        return np.concatenate((by[:1] + AIR / NEAR * by[1:2], passing * by))
+
+    def _unshaded(self, solution: Solution, k: int) -> Array:
+        """(3, size, R) as ``_by_source``, of N, F and G without walls."""
         x, y = solution.place[k].tolist()
         distance, east, north, up = ways(self._ground, (x, y, solution.height_of(k)), self.place, solution.bias[self.drone])
         air = self._spectra.air_per_m[solution.nuclide[k]]
@@ -213,6 +249,11 @@ class CountModel:
         return np.array(
             [(x, y, strength, *height) for (x, y, *height), strength in zip(by_place, strengths, strict=True)],
         )
+
+    def _source(self, solution: Solution, k: int) -> Vector3:
+        """Place of source k, mission frame."""
+        x, y = solution.place[k].tolist()
+        return x, y, self._ground.height_m(x, y) + solution.height_of(k)
 
     def _faced(self, solution: Solution, k: int, distance: Array, by_place: Sequence[Array]) -> tuple[Array, list[Array]]:
         """(R,) each: f - ``MEAN_FACING`` of source k and its derivatives by x, y and height; ``by_place``: those of the distance.

@@ -2,9 +2,9 @@
 
     log [(sum_k w_k (K_k (rho_k + eps) + A_k) + B) / (sum_k w_k (K_k + A_k) + B)]
 
-w_k as in ``spectra``, K_k and A_k the areas for cones of this line that point to source k and that do not, B the background's
-rate, rho_k and eps as in ``fusion.bayes.cones``. That a cone came at all is not counted here: its event is in the exposure's
-spectrum. The information is estimated by the outer products of the cones' gradients.
+w_k as in ``spectra``, K_k and A_k the areas for cones of this line that point to source k, of which known walls let a share pass,
+and that do not, B the background's rate, rho_k and eps as in ``fusion.bayes.cones``. That a cone came at all is not counted here:
+its event is in the exposure's spectrum. The information is estimated by the outer products of the cones' gradients.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from agent.detector.windows import Windows
 from agent.fusion.bayes.cones import OUTLIER_FRACTION
 from agent.fusion.sources.data import Cones
+from agent.fusion.sources.shades import KnownWalls, Shades
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
 from agent.geometry import Array
@@ -27,8 +28,11 @@ _LEAST_SINE = 1e-3
 class ConeModel:
     """The cones with the areas for their lines."""
 
-    def __init__(self, cones: Cones, spectra: Spectra, ground: Ground, drones: int, windows: Windows) -> None:
+    def __init__(
+        self, cones: Cones, spectra: Spectra, ground: Ground, drones: int, windows: Windows, walls: KnownWalls | None = None
+    ) -> None:
         """``windows``: in which the detector takes coincidences for a line's."""
+        self._shades = Shades(walls, cones.apex) if walls and len(cones) else None
         self._cones, self._spectra, self._ground, self._drones = cones, spectra, ground, drones
         lines = np.array([window.energy_kev for window in windows.each])
         index = np.abs(cones.energy_kev[:, None] - lines).argmin(axis=1)
@@ -76,7 +80,8 @@ class ConeModel:
         """
         x, y = solution.place[k].tolist()
         rise = np.array(self._ground.slope(x, y))
-        way = np.array((x, y, self._ground.height_m(x, y) + solution.height_of(k))) - self._cones.apex
+        source = x, y, self._ground.height_m(x, y) + solution.height_of(k)
+        way = np.array(source) - self._cones.apex
         way[:, :2] += solution.bias[self._cones.drone, :2]
         distance = np.maximum(np.sqrt((way**2).sum(axis=1)), NEAREST_M)
         n = solution.nuclide[k]
@@ -85,6 +90,8 @@ class ConeModel:
         unit = way / distance[:, None]
         directed, by_way = self._directed(unit, distance)
         pointing, other = w * self._pointing[:, n], w * self._other[:, n]
+        if self._shades is not None:
+            pointing *= self._shades.passing(n, source)
         weakening = -(2.0 / distance + air)[:, None] * unit
         return (
             pointing * (directed + OUTLIER_FRACTION) + other,

@@ -33,6 +33,7 @@ from agent.fusion.sources.directions import ConeModel
 from agent.fusion.sources.fit import Fitted, Prior, Problem
 from agent.fusion.sources.hiding import Hiding, Target
 from agent.fusion.sources.moves import Moves
+from agent.fusion.sources.shades import KnownWalls
 from agent.fusion.sources.solution import BIAS, Solution
 from agent.fusion.sources.spectra import KNOWN, REFERENCE_BQ, Spectra
 from agent.geometry import Array
@@ -109,6 +110,7 @@ class SourcesEstimator:
         self._circle_m = ring_radius_m(mission, 0, fits_hypothesis=False) + _BESIDE_M
         self._outermost_m = max(ring_radius_m(mission, outermost, fits) + _BESIDE_M, self._circle_m)
         self._spectra = Spectra.of(mission.nuclide if isinstance(mission.nuclide, tuple) else KNOWN)
+        self._walls = KnownWalls(mission.buildings, self._spectra.air_per_m, self._ground)
         self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._windows = Windows(candidates_of(mission.nuclide), mission.detection)
         self._refined_ns, self._moved_ns = round(self._config.refined_s * 1e9), round(self._config.moved_s * 1e9)
@@ -176,7 +178,7 @@ class SourcesEstimator:
         fitted = moves.improved(nothing if state.fitted is None else state.fitted.solution, state.moved)
         hiding = None
         if self._target is not None:
-            hiding = self._target.hiding(state.rows, problem.counts, self._spectra, self._ground, fitted)
+            hiding = self._target.hiding(state.rows, problem.counts, self._spectra, self._ground, fitted, self._walls)
             if not all(self._is_located(fitted, k) for k in range(len(fitted.solution))):
                 hiding = replace(hiding, left=hiding.left | hiding.glare)  # more measurements there would locate what is fitted
         fitted = _strongest_first(fitted)
@@ -205,8 +207,11 @@ class SourcesEstimator:
 
     def _problem(self, state: SourcesState) -> Problem:
         drones = len(self._numbers)
-        counts = CountModel(state.rows, self._spectra, self._ground, drones)
-        directions = ConeModel(state.cones, self._spectra, self._ground, drones, self._windows)
+        counts = CountModel(state.rows, self._spectra, self._ground, drones, self._walls)
+        if state.fitted is not None:
+            places = [state.fitted.sigma_of(k)[:2] for k in range(len(state.fitted.solution))]
+            counts = counts.doubting(state.fitted.solution, np.array(places))
+        directions = ConeModel(state.cones, self._spectra, self._ground, drones, self._windows, self._walls)
         return Problem(counts, directions, self._prior(state), len(self._spectra.nuclides))
 
     def _prior(self, state: SourcesState) -> Prior:

@@ -22,6 +22,7 @@ from agent.fusion.estimator import Exclusion, Outlook
 from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.data import Rows
 from agent.fusion.sources.fit import Fitted
+from agent.fusion.sources.shades import KnownWalls
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, REFERENCE_BQ, Spectra
 from agent.geometry import Array
@@ -82,10 +83,12 @@ class Target:
     most: float
     height_m: float
 
-    def hiding(self, rows: Rows, counts: CountModel, spectra: Spectra, ground: Ground, fitted: Fitted) -> Hiding:
+    def hiding(
+        self, rows: Rows, counts: CountModel, spectra: Spectra, ground: Ground, fitted: Fitted, walls: KnownWalls | None = None
+    ) -> Hiding:
         """After a fit to these rows, of which there has to be one at least."""
         at = np.column_stack((self.places, ground.heights_m(self.places)))
-        seen = _Seen(rows, counts, spectra, at, fitted)
+        seen = _Seen(rows, counts, spectra, at, fitted, walls)
         glare = _glare(at, self, spectra, ground, fitted.solution)
         log_odds, left = np.full(len(at), -np.inf), np.zeros(len(at), np.bool_)
         limits = np.empty(len(spectra.nuclides))
@@ -117,10 +120,13 @@ class Target:
 class _Seen:
     """The measurements by voxels, and the P pairs of a place and a voxel within reach of it."""
 
-    def __init__(self, rows: Rows, counts: CountModel, spectra: Spectra, at: Array, fitted: Fitted) -> None:
+    def __init__(
+        self, rows: Rows, counts: CountModel, spectra: Spectra, at: Array, fitted: Fitted, walls: KnownWalls | None
+    ) -> None:
         """``at``: (G, 3) the places."""
         solution = fitted.solution
         self._near, self._far = spectra.templates(solution.scale, solution.scatter)
+        self._direct, self._softer = spectra.direct_templates(solution.scale)
         self._air_per_m, self._places = spectra.air_per_m, len(at)
         self._voxel, self._voxels = rows.coarse()
         views = counts.views(counts.expected(solution))
@@ -133,6 +139,7 @@ class _Seen:
         square = (at**2).sum(axis=1)[:, None] + (middle**2).sum(axis=1) - 2.0 * at @ middle.T
         self._place, self._of = np.nonzero(square < _REACH_M**2)
         self._distance: Array = np.sqrt(np.maximum(square[self._place, self._of], NEAREST_M**2))
+        self._lines = walls.lines(at[self._place], middle[self._of]) if walls else None
         relative = [self._summed(weight * part) / self._expected for part in counts.derivatives(solution)]
         self._relative: Array = np.stack(relative)  # (p, voxels, BINS), of the numbers with which M changes
         self._covariance: Array = fitted.covariance[: len(relative), : len(relative)]
@@ -143,11 +150,19 @@ class _Seen:
         near, far = self._near[n, bins], self._far[n, bins]
         depth = self._air_per_m[n] * self._distance
         strength = PER_MM2 * np.exp(-depth) / self._distance**2 * self._live_s[self._of]
-        added = np.maximum(strength[:, None] * (near + depth[:, None] * far), 0.0)
+        whole = near + depth[:, None] * far
+        if self._lines is not None:
+            stopped, direct, softer = 1.0 - self._lines.shares(n).min(axis=0), self._direct[n, bins], self._softer[n, bins]
+            whole -= stopped[:, None] * (direct + depth[:, None] * softer)
+        added = np.maximum(strength[:, None] * whole, 0.0)
         expected = self._expected[self._of][:, bins]
         own = np.bincount(self._place, (added**2 / expected).sum(axis=1), self._places)
         straight, scattered = self._relative[..., bins] @ near, self._relative[..., bins] @ far  # (p, voxels)
-        crossed = strength * (straight[:, self._of] + depth * scattered[:, self._of])
+        crossed = straight[:, self._of] + depth * scattered[:, self._of]
+        if self._lines is not None:
+            straight, softened = self._relative[..., bins] @ direct, self._relative[..., bins] @ softer
+            crossed -= stopped * (straight[:, self._of] + depth * softened[:, self._of])
+        crossed *= strength
         cross = np.stack([np.bincount(self._place, one, self._places) for one in crossed])  # (p, G)
         made_good = np.einsum("ig,ij,jg->g", cross, self._covariance, cross) / np.maximum(own, _TINY)
         return _Signal(self._place, added, self._counted[self._of][:, bins], expected, 1.0 - np.clip(made_good, 0.0, 1.0))

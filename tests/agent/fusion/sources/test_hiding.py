@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from agent.config.buildings import BuildingConfig, BuildingsConfig
 from agent.config.mission import SurveyConfig
 from agent.frames.graph import FrameGraph
 from agent.fusion.engine import Fusion
@@ -15,8 +16,9 @@ LEAST_BQ = 5e7
 STRONG = ("Cs-137", 8.0, 20.0, 5e9)
 
 
-def outlook_of(kit, among, entries_of, seconds, least_bq=LEAST_BQ, shuffled=False):
-    mission = replace(among.mission_of(), survey=SurveyConfig(least_activity_bq=least_bq))
+def outlook_of(kit, among, entries_of, seconds, least_bq=LEAST_BQ, shuffled=False, mission=None):
+    """``mission``: more of its keys."""
+    mission = replace(among.mission_of(), survey=SurveyConfig(least_activity_bq=least_bq), **(mission or {}))
     fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("sources", mission))
     entries = entries_of(mission)
     kit.feed(fusion, random.Random(1).sample(entries, len(entries)) if shuffled else entries)
@@ -67,6 +69,25 @@ def test_what_is_there_is_not_excluded(kit, among):
         limit_bq = outlook.exclusion.limits_bq["Cs-137"]
         wrong += limit_bq is not None and limit_bq < 2e7
     assert wrong <= 3
+
+
+def test_behind_a_known_wall_less_is_excluded(kit, among):
+    """A courtyard around (20, 20), between two lanes of the drones: they see into it through its walls alone."""
+    outside = ((15.0, 15.0), (25.0, 15.0), (25.0, 25.0), (15.0, 25.0))
+    inside = ((16.0, 16.0), (24.0, 16.0), (24.0, 24.0), (16.0, 24.0))
+    walls = [
+        BuildingConfig(footprint_m=(outside[k], outside[k - 3], inside[k - 3], inside[k]), height_m=20.0, attenuation_per_m=5.0)
+        for k in range(4)
+    ]
+    entries = measured(among, 60.0, [])
+    clear = outlook_of(kit, among, entries, 65.0)
+    mission = {"buildings": BuildingsConfig(known=tuple(walls))}
+    walled = outlook_of(kit, among, entries, 65.0, mission=mission)
+    here, elsewhere = at(clear, 20.0, 20.0), at(clear, 5.0, 35.0)
+    assert walled.weight[here] > 10.0 * clear.weight[here]
+    assert walled.exclusion.left[here]
+    assert not clear.exclusion.left[here]
+    assert not walled.exclusion.left[elsewhere]
 
 
 def test_beside_a_strong_source_less_is_excluded_and_in_its_glare_nothing(kit, among):
