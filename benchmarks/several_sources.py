@@ -4,7 +4,7 @@ Three simulated cameras fly lanes of 11 m over 100 x 100 m for 110 s and then ci
 high at 3 m/s. Number (0 to 6), nuclides (those named), places and activities (0.3 to 6 GBq, log uniform) are drawn from the seed,
 same-named ones at least 5 m apart, or 20 m if one is ten times as strong. ``--real``: positions off by 0.15 m along each axis,
 sensitivities by 5 %, energy scales by 0.5 %, background x 1.2. ``--alone``: one source of 3 GBq, beside ``bayes``.
-``--walls``: behind the walls of the scenario ``mismatch-walls``, of which no estimator is told.
+``--walls``: behind the walls of the scenario ``mismatch-walls``, of which no estimator is told; with ``--map`` all are.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from agent.config.buildings import BuildingsConfig
 from agent.config.estimators import FusionConfig
 from agent.config.mission import AreaConfig, DetectionConfig, DroneInMission, MissionConfig
 from agent.detector.calibration import Calibration
@@ -263,6 +264,7 @@ def main(
     real: Annotated[bool, typer.Option("--real")] = False,
     alone: Annotated[bool, typer.Option("--alone")] = False,
     walls: Annotated[bool, typer.Option("--walls")] = False,
+    mapped: Annotated[bool, typer.Option("--map")] = False,
     highest_m: Annotated[float, typer.Option(help="Sources are up to so high, and at most three.")] = 0.0,
     circle_s: Annotated[float, typer.Option(help="Time around each source.")] = 40.0,
     nuclides: Annotated[str, typer.Option(help="Of the sources.")] = "Cs-137,Ir-192",
@@ -282,6 +284,7 @@ def main(
         nuclide=nuclide,
         source_height_m=(0.0, highest_m),
         fusion=fusion,
+        buildings=load_scenario("walls-known").mission.buildings if mapped else BuildingsConfig(),
     )
     tallies = {name: Tally() for name in (("sources", "bayes") if alone else ("sources",))}
     for number in range(seed, seed + flights):

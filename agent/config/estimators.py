@@ -58,7 +58,7 @@ class SourcesEstimatorConfig(Section, frozen=True, kw_only=True):
     most: Annotated[int, Meta(ge=1, le=6)] = 6  # sources
     activity_bq: tuple[Activity, Activity] = (1e6, 1e13)
     gain_sigma: Positive = 0.05  # relative sensitivity of a camera against the others, 1 sigma
-    area_sigma: NonNegative = 0.08  # relative: cameras face the source (I-131: 9 % more), areas are means of all sides
+    area_sigma: NonNegative = 0.08  # relative, of the tabulated areas: flown with Cs-137 alone, where they are 1 to 5 % off
     refined_s: Annotated[float, Meta(ge=0.5, le=60.0)] = 2.0  # time between two refinements
     moved_s: Annotated[float, Meta(ge=0.5, le=600.0)] = 10.0  # time between two searches for further sources
     least_gain: NonNegative = 3.0  # of log evidence, by a further source
