@@ -46,15 +46,15 @@ def numbers(payloads: list[bytes]) -> list[int]:
 def test_a_burst_comes_complete_and_in_order() -> None:
     async def run() -> None:
         first = endpoint()
-        with peer_process("d1", first, entries=2000) as d1:
+        with peer_process("d1", first, entries=session.CACHE_ENTRIES) as d1:
             async with member("d2", endpoint(), (first,)) as d2:
                 await linked(d2)
                 await until(lambda: d2.mesh.alive)
                 assert d1.stdin is not None
                 d1.stdin.write("burst\n")
-                await until(lambda: len(d2.messages) >= 2000)
-                assert numbers(d2.got(CONE)) == list(range(2000))
-                assert d2.bursts >= 2000 / 100
+                await until(lambda: len(d2.messages) >= session.CACHE_ENTRIES)
+                assert numbers(d2.got(CONE)) == list(range(session.CACHE_ENTRIES))
+                assert d2.bursts >= session.CACHE_ENTRIES / 100
 
     asyncio.run(run())
 
