@@ -122,15 +122,19 @@ def test_from_an_empty_computer_to_a_drone_and_back(bench: Bench) -> None:
     assert bench.there("stat -c %U:%a /etc/radron/identity/key.pem") == "root:600"
     assert bench.there("ls -d /var/tmp/radron*") == ""
 
-    with closing(Vehicles([bench.vehicle_port])), bench_camera(bench.camera_port):
+    with closing(Vehicles([bench.vehicle_port], parameters={"COM_OF_LOSS_T": 5.0})), bench_camera(bench.camera_port):
         until(lambda: bench.status() == "preflight", 120.0, "an agent that is ready")
         until(lambda: bench.estimator() == [(bench.niceness() + 5, "1500000000", "900")], 60.0, "an estimator that goes behind")
         assert bench.shown("NRestarts") == "0"
         assert bench.shown("OOMPolicy") == "continue"
-        examined = bench.deploy("doctor", "--wait", "60")
+        examined = bench.deploy("doctor", "--wait", "60", "--write")
         # It was stopped meanwhile, and runs again, with the autopilot for itself.
         until(lambda: bench.status() == "preflight", 120.0, "the agent again")
+        shown = bench.deploy("status")
+    assert shown.returncode == 0, shown.stderr
+    assert "30 days left" in shown.stdout
     assert "PX4 1.17.0" in examined.stdout, examined.stderr
+    assert "COM_OF_LOSS_T: 5 before, " in examined.stdout + examined.stderr
     assert "sees background: " in examined.stdout
     assert "d1, drone, until " in examined.stdout
     bad = examined.stdout.rstrip().splitlines()[-1].partition(": ")[2].split(", ")
