@@ -14,10 +14,10 @@ from sim.faults.base import Family
 from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Moment
 
-NEAR_M = 12.0  # others that are farther away need not be reckoned with yet
+NEAR_M = 15.0  # others that are farther away need not be reckoned with yet
 LAYER_M = 2.5  # who flies so much higher or lower may be passed
-FARTHER_M, SIGMAS = 4.0, 3.0  # by how much another may be nearer than believed: twice the margin of plans, and its doubt
-UNRECKONED_S = 3.0  # one that falls silent is reckoned with after a second, and ways around others change
+FARTHER_M, SIGMAS = 3.0, 3.0  # by how much another may be nearer than believed: twice the margin of plans, and its doubt
+UNRECKONED_S = 1.5  # one that falls silent is reckoned with after a second, and ways around others change
 ROOM_M, WIDE_S = 1.0, 1.0  # the room follows the estimated frame in steps of 0.3 m
 UNTOLD_S = 1.5  # agents fly by telemetry that is up to a second old
 _ELSEWHERE: tuple[Family, ...] = ("liar", "pose", "thrust")  # who tells that it is where it is not
