@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
+from math import inf
 from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 from msgspec import Struct
@@ -14,6 +15,8 @@ from sim.scenario import Scenario
 from sim.scoring.moment import Scene
 
 S_contra = TypeVar("S_contra", bound=Scene, contravariant=True)  # what an invariant needs to see
+AT_HOME_M = 10.0  # of the place of the launch: frames are good to a metre or two, and others may stand in the way
+ANNOUNCED_S = 5.0  # after a jump that a vehicle has announced its agent knows how its new frame lies
 RECOVERY_S = 15.0  # until a vehicle is back where it belongs after its own position or thrust was wrong
 FRAME_FAULTS: tuple[Family, ...] = ("pose", "liar", "clock")  # put wrong observations into every log
 OWN_FAULTS: tuple[Family, ...] = ("pose", "thrust")
@@ -38,13 +41,13 @@ class Breach(NamedTuple):
 class Setting:
     """A flight as it is known before: its scenario, and when which drones are struck by what."""
 
-    def __init__(self, scenario: Scenario, heal_s: float = float("inf"), end_s: float = float("inf")) -> None:
+    def __init__(self, scenario: Scenario, heal_s: float = inf, end_s: float = inf) -> None:
         """``heal_s``: the network heals, and what is then active stays; ``end_s``: by then the able drones have landed."""
         self.heal_s, self.end_s = heal_s, end_s
         self.mission = scenario.mission
         self.scenario = scenario
         self.names = tuple(drone.id for drone in scenario.mission.drones)
-        self.first_fault_s = min((fault.at_s for fault in scenario.fault), default=float("inf"))
+        self.first_fault_s = min((fault.at_s for fault in scenario.fault), default=inf)
         self._spans = [
             (fault.family, [self.names.index(name) for name in fault.strikes(self.names)], fault.at_s, fault.end_s)
             for fault in scenario.fault
@@ -59,28 +62,40 @@ class Setting:
 
     def began_s(self, families: Collection[Family]) -> float:
         """When the first fault of these families begins, on any drone; infinite without one."""
-        return min((at_s for family, _, at_s, _ in self._spans if family in families), default=float("inf"))
+        return min((at_s for family, _, at_s, _ in self._spans if family in families), default=inf)
 
     def misled_s(self, families: Collection[Family] = FRAME_FAULTS) -> float:
         """When the first fault of these families begins that puts wrong observations into every log; infinite without one."""
         misleading = (fault.at_s for fault in self.scenario.fault if fault.family in families and not _is_announced(fault))
-        return min(misleading, default=float("inf"))
+        return min(misleading, default=inf)
 
-    def struck_unannounced(self, drone: int, time_s: float, after_s: float) -> bool:
-        """Whether the own position or thrust of a drone is faulted, or was less than ``after_s`` ago. Of a jump that it knows of,
-        only that time counts, after the jump and after the one back.
+    def struck_unannounced(self, drone: int, time_s: float) -> bool:
+        """Whether the own position or thrust of a drone is faulted, or was until ``RECOVERY_S`` ago. Of a jump that it knows of,
+        only ``ANNOUNCED_S`` count, after the jump and after the one back.
         """
         mine = (one for one in self.scenario.fault if one.family in OWN_FAULTS and self.names[drone] in one.strikes(self.names))
         spans = [
-            span
+            (begin_s, end_s)
             for one in mine
-            for span in (((one.at_s, one.at_s), (one.end_s, one.end_s)) if _is_announced(one) else ((one.at_s, one.end_s),))
+            for begin_s, end_s in (
+                ((one.at_s, one.at_s + ANNOUNCED_S), (one.end_s, one.end_s + ANNOUNCED_S))
+                if _is_announced(one)
+                else ((one.at_s, one.end_s + RECOVERY_S),)
+            )
         ]
-        return any(begin_s <= time_s <= end_s + after_s for begin_s, end_s in spans)
+        return any(begin_s <= time_s <= end_s for begin_s, end_s in spans)
 
     def lost_itself(self, drone: int, time_s: float) -> bool:
         """Whether a vehicle's own position or thrust is faulted, or was until ``RECOVERY_S`` ago."""
         return self.struck(OWN_FAULTS, drone, time_s, RECOVERY_S)
+
+    def may_land_elsewhere(self, drone: int, time_s: float) -> bool:
+        """Whether a drone need not find home: whose own position or thrust was ever faulted may have had to land where it was.
+        Where frames are estimated, who had a wrong clock, too, and everybody after a liar or an own position faulted unannounced.
+        """
+        if all(one.is_exact for one in self.mission.drones):
+            return self.struck(OWN_FAULTS, drone, time_s, inf)
+        return self.struck((*OWN_FAULTS, "clock"), drone, time_s, inf) or self.misled_s(("pose", "liar")) < inf
 
     def named(self, *drones: int) -> tuple[str, ...]:
         """Ids of drones."""

@@ -7,7 +7,7 @@ from sim.scoring.invariants.beliefs import Refused, SameLogSameHypothesis, Sourc
 from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from sim.scoring.invariants.liveness import Converged, Landed
-from sim.scoring.invariants.place import Calibrated, KnowsItsPlace, OwnPlace
+from sim.scoring.invariants.place import Calibrated, KnowsHome, KnowsItsPlace, OwnPlace
 from sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
 from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
 from sim.scoring.moment import Moment
@@ -27,7 +27,7 @@ class Judge:
             FreshSetpoint(setting), Finite(setting), Queues(setting),
             TruthPossible(setting), SourceCalibrated(setting), SameLogSameHypothesis(setting),
             Summarised(setting), Refused(setting),
-            OwnPlace(setting), Calibrated(setting), KnowsItsPlace(setting),
+            OwnPlace(setting), Calibrated(setting), KnowsItsPlace(setting), KnowsHome(setting),
             Reckoned(setting), Confined(setting), FreshTelemetry(setting),
             Reserve(setting), Named(setting), Accused(setting), Told(setting), Memory(setting),
             self.converged, self.landed,

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import hypot, inf
+from math import hypot
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
-from sim.faults.base import Family
 from sim.faults.machines import Takeover
 from sim.geometry import Array
 from sim.scoring.invariants.able import Able
-from sim.scoring.invariants.base import OWN_FAULTS, Breach, Invariant, Setting
+from sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
 from sim.scoring.moment import Scene
 
-AT_HOME_M = 10.0  # of the place of the launch: frames are good to a metre or two, and others may stand in the way
 AGREE_S = 20.0  # a log query every few seconds, and 5 s of backlog
 _COMING_HOME = (Stage.RETURN, Stage.LANDING, Stage.LANDED)
 _SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
@@ -61,8 +59,7 @@ class Converged(Invariant[Scene]):
 class Landed(Invariant[Scene]):
     """The able drones end the mission landed, and at home; every other one has landed or returns, or its human pilot flies it.
 
-    Exempt from home is whose own position or thrust was ever faulted: it may have had to land where it was; and, where frames are
-    estimated, whose clock was, and everybody if there is a liar, or an own position that is faulted unannounced.
+    Exempt from home is who may land elsewhere (``Setting``).
     """
 
     name = "landing"
@@ -71,7 +68,6 @@ class Landed(Invariant[Scene]):
         super().__init__(setting)
         self.able = Able(setting)
         self._launch: Array | None = None
-        self._estimated = not all(drone.is_exact for drone in setting.mission.drones)
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Nothing while it flies."""
@@ -93,9 +89,7 @@ class Landed(Invariant[Scene]):
 
     def _away_m(self, moment: Scene, drone: int) -> float:
         """Horizontal distance from the place of its launch; 0 for who is exempt."""
-        own: tuple[Family, ...] = (*OWN_FAULTS, "clock") if self._estimated else OWN_FAULTS
-        misled = self._estimated and self.setting.misled_s(("pose", "liar")) < inf
-        if self._launch is None or misled or self.setting.struck(own, drone, moment.time_s, inf):
+        if self._launch is None or self.setting.may_land_elsewhere(drone, moment.time_s):
             return 0.0
         return hypot(*(moment.position_m[drone, :2] - self._launch[drone, :2]).tolist())
 

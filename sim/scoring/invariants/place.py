@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from math import degrees, hypot, inf, remainder, tau
 
 from sim.faults.agents import Revoked
-from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
+from sim.geometry import Array
+from sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
 from sim.scoring.moment import Moment
 
 EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
@@ -15,7 +16,8 @@ UNPLACED_S = 40.0  # a drone among others has been seen many times by then
 SEEN_M = 30.0  # sightings reach as far
 CALIBRATED = 9.0  # mean squared error over variance; 1 is expected, and the errors of a flight are hardly independent
 CALIBRATED_S = 20.0  # a mean over less says nothing
-FLOOR_M = 0.3  # smaller errors of a vehicle's own localisation are no errors of its frame
+FLOOR_M, FLOOR_RAD = 0.3, 0.03  # smaller errors of a vehicle's own localisation are no errors of its frame
+HOMELESS_S = 5.0  # what is stored is renewed as often
 HEARS_S = 0.5  # telemetry comes 20 times a second
 _LOOK_TICKS = 10
 
@@ -37,7 +39,7 @@ class _Placed(Invariant[Moment]):
         if moment.time_s < self._until_s:
             for drone in range(len(moment.pilots)):
                 hears = moment.time_s - moment.told_s[drone] < HEARS_S
-                if hears and moment.airborne(drone) and not self.setting.struck_unannounced(drone, moment.time_s, RECOVERY_S):
+                if hears and moment.airborne(drone) and not self.setting.struck_unannounced(drone, moment.time_s):
                     yield drone
 
 
@@ -60,7 +62,8 @@ class OwnPlace(_Placed):
 
 
 class Calibrated(_Placed):
-    """Over a flight, the mean square of a drone's position error is no more than 9 times the variance that it states.
+    """Over a flight, the mean squares of a drone's errors of position and heading are no more than 9 times the variances that it
+    states.
 
     A frame that follows one receiver's error closely, with a sigma of a fraction of it, excludes the truth too seldom at 6 sigma.
     """
@@ -70,6 +73,7 @@ class Calibrated(_Placed):
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         self.sums = [0.0] * len(setting.names)
+        self.turned = [0.0] * len(setting.names)
         self.counts = [0] * len(setting.names)
         self._ticks = 0
 
@@ -82,15 +86,18 @@ class Calibrated(_Placed):
                 placed = pilot.whereabouts if pilot is not None else None
                 if placed is not None and placed.sigma_m > 0.0:
                     off_m = max(0.0, _off_m(moment, drone, placed.place_m) - FLOOR_M)
+                    off_rad = max(0.0, _off_rad(moment, drone, placed.yaw_rad) - FLOOR_RAD)
                     self.sums[drone] += (off_m / placed.sigma_m) ** 2
+                    self.turned[drone] += (off_rad / max(placed.yaw_sigma_rad, FLOOR_RAD)) ** 2
                     self.counts[drone] += 1
         yield from ()
 
     def at_end(self, moment: Moment) -> Iterator[Breach]:
-        """Drones that were too sure of where they were."""
-        for drone, (total, count) in enumerate(zip(self.sums, self.counts, strict=True)):
-            if count >= CALIBRATED_S * 20 / _LOOK_TICKS and total / count > CALIBRATED:
-                yield Breach((drone,), f"its squared position error is {total / count:.0f} times the variance that it states")
+        """Drones that were too sure of where they were, or pointed."""
+        for drone, count in enumerate(self.counts):
+            for what, total in (("position", self.sums[drone]), ("heading", self.turned[drone])):
+                if count >= CALIBRATED_S * 20 / _LOOK_TICKS and total / count > CALIBRATED:
+                    yield Breach((drone,), f"its squared {what} error is {total / count:.0f} times the variance that it states")
 
 
 class KnowsItsPlace(_Placed):
@@ -136,6 +143,41 @@ class KnowsItsPlace(_Placed):
         return len(near) >= 2
 
 
+class KnowsHome(Invariant[Moment]):
+    """A drone in the air that stores what a restarted agent needs knows where its return leads, and that is where it took off, by
+    10 m. One that does not know where it is need not; exempt from the place is who may land elsewhere (``Setting``).
+    """
+
+    name = "home"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self._launch: Array | None = None
+        self._since_s: dict[int, float] = {}
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Drones that have known no home, or another one, for too long."""
+        if self._launch is None:
+            self._launch = moment.position_m.copy()
+        wrong = {drone: text for drone in range(len(moment.pilots)) if (text := self._wrong(moment, drone, self._launch[drone]))}
+        self._since_s = {drone: self._since_s.get(drone, moment.time_s) for drone in wrong}
+        for drone, since_s in self._since_s.items():
+            if moment.time_s - since_s > HOMELESS_S:
+                yield Breach((drone,), wrong[drone])
+
+    def _wrong(self, moment: Moment, drone: int, launch_m: Array) -> str:
+        pilot = moment.pilots[drone]
+        if pilot is None or pilot.memory is None or pilot.whereabouts is None or not moment.airborne(drone):
+            return ""
+        home_m = pilot.memory.home_m
+        if home_m is None:
+            return "it knows no home"
+        off_m = hypot(home_m[0] - float(launch_m[0]), home_m[1] - float(launch_m[1]))
+        if off_m <= AT_HOME_M or self.setting.may_land_elsewhere(drone, moment.time_s):
+            return ""
+        return f"it takes a place {off_m:.1f} m away for its home"
+
+
 def _excluded(moment: Moment, drone: int) -> str:
     """How a drone excludes where it is, or where it points; empty where it does not."""
     pilot = moment.pilots[drone]
@@ -145,11 +187,15 @@ def _excluded(moment: Moment, drone: int) -> str:
     off_m = _off_m(moment, drone, placed.place_m)
     if off_m > max(MISPLACED_M, EXCLUDED_SIGMAS * placed.sigma_m):
         return f"{off_m:.1f} m from where it takes itself to be, sigma {placed.sigma_m:.2f} m"
-    off_rad = abs(remainder(placed.yaw_rad - float(moment.heading_rad[drone]), tau))
+    off_rad = _off_rad(moment, drone, placed.yaw_rad)
     if off_rad > max(MISTURNED_RAD, EXCLUDED_SIGMAS * placed.yaw_sigma_rad):
         sigma_deg = degrees(placed.yaw_sigma_rad)
         return f"{degrees(off_rad):.0f} degrees from where it takes itself to point, sigma {sigma_deg:.1f}"
     return ""
+
+
+def _off_rad(moment: Moment, drone: int, yaw_rad: float) -> float:
+    return abs(remainder(yaw_rad - float(moment.heading_rad[drone]), tau))
 
 
 def _off_m(moment: Moment, drone: int, place_m: tuple[float, float, float]) -> float:

@@ -14,10 +14,10 @@ from sim.faults.base import Family
 from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Moment
 
-NEAR_M = 12.0  # others that are farther away need not be reckoned with yet
+NEAR_M = 15.0  # others that are farther away need not be reckoned with yet
 LAYER_M = 2.5  # who flies so much higher or lower may be passed
 FARTHER_M, SIGMAS = 4.0, 3.0  # by how much another may be nearer than believed: twice the margin of plans, and its doubt
-UNRECKONED_S = 3.0  # one that falls silent is reckoned with after a second, and ways around others change
+UNRECKONED_S = 1.5  # one that falls silent is reckoned with after a second, and ways around others change
 ROOM_M, WIDE_S = 1.0, 1.0  # the room follows the estimated frame in steps of 0.3 m
 UNTOLD_S = 1.5  # agents fly by telemetry that is up to a second old
 _ELSEWHERE: tuple[Family, ...] = ("liar", "pose", "thrust")  # who tells that it is where it is not
@@ -27,7 +27,7 @@ _LOW_M = 1.5  # one that is lower may take itself to have landed
 class Reckoned(Invariant[Moment]):
     """No drone that flies by setpoints takes another one for farther away than it is, whether it hears that one or not.
 
-    By 4 m and 3 sigma, for 3 s, of vehicles less than 12 m away and at its height. Exempt is whose own position or thrust is
+    By 4 m and 3 sigma, for 1.5 s, of vehicles less than 15 m away and at its height. Exempt is whose own position or thrust is
     faulted or who lies; an agent that was started late, or again: it may never have heard others, nor they it; and a drone that
     does not know where it is: what the others tell of themselves means nothing to it until it has seen them.
     """

@@ -78,7 +78,7 @@ SOMEWHERE = whereabouts()
 
 def pilot(
     stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=(), suspects=(), placed=None, problems=(), entries=(),
-    told=(), reckons=None,
+    told=(), reckons=None, memory=None,
 ):  # fmt: skip
     return SimpleNamespace(
         stage=stage,
@@ -90,6 +90,7 @@ def pilot(
         frames=SimpleNamespace(suspects=lambda: dict.fromkeys(suspects, "")),
         whereabouts=placed,
         reckoning=reckons,
+        memory=memory,
         problems=problems,
     )
 

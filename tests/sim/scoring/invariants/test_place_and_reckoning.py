@@ -2,9 +2,12 @@
 
 import moments
 import numpy as np
+import pytest
 
+from agent.mission.memory import Memory
 from agent.vehicle.interface import FlightMode
-from sim.scoring.invariants.place import Calibrated, KnowsItsPlace, OwnPlace
+from protocol.messages import Stage
+from sim.scoring.invariants.place import Calibrated, KnowsHome, KnowsItsPlace, OwnPlace
 from sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
 
 JUMP = {"kind": "position-jump", "at_s": 5.0, "for_s": 2.0, "target": "d2", "turn_deg": 45.0}
@@ -82,6 +85,32 @@ def test_a_drone_among_others_that_does_not_get_to_know_where_it_is() -> None:
         ] == expected
 
 
+def test_a_drone_that_is_too_sure_of_its_heading() -> None:
+    assert seen(Calibrated(estimated()), placed(yaw_rad=0.13), seconds=30.0) == [("d1",)]
+    assert seen(Calibrated(estimated()), placed(yaw_rad=0.13, yaw_sigma_rad=0.05), seconds=30.0) == []
+
+
+@pytest.mark.parametrize(
+    ("home_m", "faults", "expected"),
+    [
+        (None, (), [("d1",)]),
+        ((25.0, 10.0, 0.0), (), [("d1",)]),
+        ((15.0, 10.0, 0.0), (), []),
+        ((25.0, 10.0, 0.0), (JUMP | {"target": "d1"},), []),
+        (None, (JUMP | {"target": "d1"},), [("d1",)]),
+    ],
+)
+def test_a_drone_in_flight_knows_where_it_took_off(home_m, faults, expected) -> None:
+    stored = Memory(
+        mission="m", stamp_ns=0, started_ns=0, stage=Stage.TRACK, resume=Stage.TRACK, home_m=home_m
+    )  # the first moment's places are those of the launch
+    told = moments.pilot(placed=moments.SOMEWHERE, memory=stored)
+    assert seen(KnowsHome(moments.setting(*faults)), told) == expected
+    assert seen(KnowsHome(moments.setting(*faults)), told, seconds=4.0) == []
+    unplaced = moments.pilot(memory=stored)
+    assert seen(KnowsHome(moments.setting()), unplaced) == []
+
+
 def reckons(placed=moments.SOMEWHERE, **of):
     return moments.pilot(reckons=moments.reckoning(**of), placed=placed)
 
@@ -94,10 +123,10 @@ def test_another_drone_that_is_nearer_than_believed() -> None:
 
     assert told(reckons(other=(25.0, 10.0, 3.0))) == [("d1", "d2")]
     assert told(reckons(name="d3")) == [("d1", "d2")]
-    assert told(reckons(other=(23.5, 10.0, 3.0))) == []
-    assert told(reckons(other=(25.0, 10.0, 3.0), sigma_m=0.5)) == []
+    assert told(reckons(other=(22.5, 10.0, 3.0))) == []
+    assert told(reckons(other=(25.0, 10.0, 3.0), sigma_m=0.7)) == []
     assert told(reckons(other=(13.0, 10.0, 3.0))) == []
-    assert told(reckons(other=(25.0, 10.0, 3.0)), seconds=2.5) == []
+    assert told(reckons(other=(25.0, 10.0, 3.0)), seconds=1.4) == []
     assert told(moments.pilot(placed=moments.SOMEWHERE)) == []  # somebody else flies it
     assert told(reckons(name="d3", placed=None)) == []
     assert told(reckons(name="d3"), JUMP) == []
