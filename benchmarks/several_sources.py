@@ -270,6 +270,8 @@ def main(
     nuclides: Annotated[str, typer.Option(help="Of the sources.")] = "Cs-137,Ir-192",
     sought: Annotated[str, typer.Option(help="The mission's nuclide, whose lines make cones.")] = "auto",
 ) -> None:
+    if mapped and not walls:
+        raise typer.BadParameter("--map is of the walls of --walls: give both")
     truth = Truth.real() if real else Truth()
     if walls:
         truth = replace(truth, walls=Walls(load_scenario("mismatch-walls").walls))

@@ -1,4 +1,4 @@
-"""Whether a file with a key can be read by others: by its mode, and by its access control list where it has one."""
+"""Whether a file with a key can be read or changed by others: by its mode, and by its access control list where it has one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 _ACL = "system.posix_acl_access"
 _VERSION_BYTES = 4  # then entries: tag, permissions, whose (linux/posix_acl_xattr.h)
-_READ = 4
+_READ, _WRITE = 4, 2
 
 
 class _Tag(IntEnum):
@@ -20,7 +20,7 @@ class _Tag(IntEnum):
 
 
 def shared_mode(file: Path) -> int | None:
-    """The mode of a file that others than its owner and this process's user can read; None: nobody else can.
+    """The mode of a file that others than its owner and this process's user can read or write; None: nobody else can.
 
     Raises:
         OSError: it cannot be examined.
@@ -39,5 +39,6 @@ def _listed_for_us_alone(file: Path) -> bool:
         return False
     ours = (_Tag.USER, os.geteuid())
     return all(
-        tag in (_Tag.OWNER, _Tag.MASK) or (tag, whose) == ours or not permissions & _READ for tag, permissions, whose in entries
+        tag in (_Tag.OWNER, _Tag.MASK) or (tag, whose) == ours or not permissions & (_READ | _WRITE)
+        for tag, permissions, whose in entries
     )

@@ -22,7 +22,7 @@ from deploy.image.rootfs import Release, make_rootfs
 from deploy.image.tools import need, run
 from deploy.image.wheels import make_wheels
 
-_PROGRAMS = ("mmdebstrap", "mksquashfs", "unsquashfs", "grub-mkimage", "sgdisk", "mkfs.vfat", "mcopy", "git")
+PROGRAMS = ("mmdebstrap", "mksquashfs", "unsquashfs", "grub-mkimage", "sgdisk", "mkfs.vfat", "mcopy", "git")
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -70,7 +70,7 @@ def build_image(out: Path, source: Path, cache: Path, snapshot: str | None, say:
     Raises:
         ImageError: a program is missing, or failed.
     """
-    need(*_PROGRAMS)
+    need(*PROGRAMS)
     release = release_of(source)
     cache.mkdir(parents=True, exist_ok=True)
     log = cache / "build.log"

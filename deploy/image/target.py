@@ -90,10 +90,9 @@ def find_target(path: Path, internal: bool) -> Target:
         raise ImageError(f"{path}: is neither a disk nor a file; `lsblk` lists this computer's disks")
     need("lsblk")
     columns = "NAME,TYPE,SIZE,RO,RM,TRAN,MODEL,SERIAL,FSTYPE,LABEL,PARTLABEL,MOUNTPOINTS"
-    try:
-        listed = run(["lsblk", "--json", "--bytes", "--paths", "--output", columns, str(path.resolve())])
-    except ImageError:  # so it answers for a loop device without a file
-        raise _empty(path) from None
+    if _is_without_medium(path.resolve()):  # of which lsblk tells nothing
+        raise _empty(path)
+    listed = run(["lsblk", "--json", "--bytes", "--paths", "--output", columns, str(path.resolve())])
     device = msgspec.json.decode(listed, type=_Listing).blockdevices[0]
     return check_device(path, device, internal, os.access(path, os.W_OK))
 
@@ -126,6 +125,14 @@ def check_device(path: Path, device: Device, internal: bool, writable: bool = Tr
     if not device.is_removable and device.type != "loop" and not internal:
         raise ImageError(f"{path}: is built into this computer, not a removable disk; if you mean it, add --internal")
     return _large_enough(Target(path, device.size, device))
+
+
+def _is_without_medium(device: Path) -> bool:
+    """Whether it is a drive without a disk in it, such as a card reader."""
+    try:
+        return int(Path("/sys/class/block", device.name, "size").read_text()) == 0
+    except OSError:
+        return False
 
 
 def _empty(path: Path) -> ImageError:

@@ -25,17 +25,24 @@ _PACKAGES = {
     "git": "git",
     "rauc": "rauc",
 }
+# Files that they need, of packages of their own.
+_FILES = {
+    "mmdebstrap": ("/usr/share/keyrings/debian-archive-keyring.gpg", "debian-archive-keyring"),
+    "grub-mkimage": ("/usr/lib/grub/x86_64-efi/moddep.lst", "grub-efi-amd64-bin"),
+}
 
 
 def need(*programs: str) -> None:
-    """See that all of these can be run.
+    """See that all of these can be run, and have the files that they need.
 
     Raises:
         ImageError: it names all that are missing, and the packages they are in.
     """
-    missing = [program for program in programs if shutil.which(program, path=_path()) is None]
+    missing = {program: _PACKAGES[program] for program in programs if shutil.which(program, path=_path()) is None}
+    files = [_FILES[program] for program in programs if program in _FILES]
+    missing |= {file: package for file, package in files if not Path(file).exists()}
     if missing:
-        packages = " ".join(sorted({_PACKAGES[program] for program in missing}))
+        packages = " ".join(sorted(set(missing.values())))
         raise ImageError(f"missing on this computer: {', '.join(missing)}; on Debian and Ubuntu: `apt-get install {packages}`")
 
 

@@ -1,4 +1,6 @@
-"""`make image-test`: what else can befall a drone's computer: an agent that hangs, a full data partition, no config partition."""
+"""`make image-test`: what else can befall a drone's computer: an agent or a kernel that hangs, a full data partition, no config
+partition.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +24,21 @@ pytestmark = [
 NO_AUTOPILOT = r"radron-agent: waiting: no autopilot"
 # All that can be had, also what is reserved for root.
 FILL = "f=/var/lib/radron/full; fallocate -l $(df --output=avail --block-size=1 /var | tail -n 1) $f; cat /dev/zero >> $f"
+
+PANIC = "echo c > /proc/sysrq-trigger"
+# Nothing else gets a processor, so that systemd no longer tells the hardware watchdog that it lives.
+HANG = "echo -1 > /proc/sys/kernel/sched_rt_runtime_us; for i in 1 2 3 4; do chrt -f 99 sh -c 'while :; do :; done' & done; wait"
+
+
+@pytest.mark.parametrize("failure", [PANIC, HANG], ids=["panic", "hang"])
+def test_a_computer_that_panics_or_hangs_starts_again_by_itself(bench: Bench, failure: str) -> None:
+    run = bench.run("in service")
+    bench.drone.ssh(f'systemd-run --quiet --no-block sh -c "sleep 2; {failure}"')
+    run.machine.wait_for(r"radron: booting slot A, attempt 1", BOOT_S)
+    run.machine.wait_for(IN_MESH, BOOT_S)
+    run.machine.wait_for(NO_AUTOPILOT, BOOT_S)
+    now = bench.drone.status()
+    assert (now.slot, now.attempts, now.outcome) == ("A", 0, None)
 
 
 def test_an_agent_that_hangs_before_the_flight_is_started_again(bench: Bench) -> None:

@@ -41,7 +41,10 @@ def test_a_credential_of_systemd_is_its_services_alone(tmp_path: Path) -> None:
     assert shared_mode(file) is None
 
 
-@pytest.mark.parametrize("other", [(USER, 4, US + 1), (GROUP, 4, NOBODY), (NAMED_GROUP, 4, 20), (OTHER, 4, NOBODY)])
+@pytest.mark.parametrize(
+    "other",
+    [(USER, 4, US + 1), (USER, 2, US + 1), (GROUP, 4, NOBODY), (NAMED_GROUP, 4, 20), (OTHER, 4, NOBODY)],
+)
 def test_a_list_that_lets_in_somebody_else_is_told(tmp_path: Path, other: tuple[int, int, int]) -> None:
     single = {OWNER, GROUP, MASK, OTHER}
     kept = [one for one in CREDENTIAL if one[0] != other[0] or one[0] not in single]

@@ -12,36 +12,43 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from http.client import HTTPException
 from pathlib import Path
 from tempfile import gettempdir
 from urllib.request import urlopen
 
+from deploy.image.build import PROGRAMS
+from deploy.image.errors import ImageError
 from deploy.image.rootfs import MIRROR, SUITE
+from deploy.image.tools import need
 
 _FIRMWARE = Path("/usr/share/OVMF")
 CODE, VARIABLES = _FIRMWARE / "OVMF_CODE_4M.fd", _FIRMWARE / "OVMF_VARS_4M.fd"
-NEEDED = ("qemu-system-x86_64", "mmdebstrap", "mksquashfs", "unsquashfs", "grub-mkimage", "sgdisk", "mkfs.vfat", "mcopy", "rauc")
+_NEEDED, _PACKAGES = ("qemu-system-x86_64", "rauc"), "qemu-system-x86 ovmf rauc"
 
 
 def lacking() -> str | None:
     """What this computer lacks to build and boot an image; None: nothing."""
-    missing = [name for name in NEEDED if shutil.which(name, path="/usr/sbin:/usr/bin:/sbin:/bin") is None]
+    try:
+        need(*PROGRAMS)
+    except ImageError as error:
+        return str(error)
+    missing = [name for name in _NEEDED if shutil.which(name, path="/usr/sbin:/usr/bin:/sbin:/bin") is None]
     missing += [str(file) for file in (CODE, VARIABLES) if not file.exists()]
-    boot, build = "qemu-system-x86 ovmf", "mmdebstrap squashfs-tools grub-common grub-efi-amd64-bin gdisk dosfstools mtools rauc"
-    return f"missing: {', '.join(missing)} (apt-get install {boot} {build})" if missing else None
+    return f"missing: {', '.join(missing)} (apt-get install {_PACKAGES})" if missing else None
 
 
-def cramped() -> str | None:
+def too_little_room() -> str | None:
     """That there is too little room for an image, a disk and kept states of a computer; None: there is enough."""
     free_gb = shutil.disk_usage(gettempdir()).free / 1e9
     return f"{gettempdir()}: {free_gb:.0f} GB free of the 20 GB that it needs" if free_gb < 20.0 else None
 
 
-def unreached() -> str | None:
+def no_archive() -> str | None:
     """Why Debian's packages cannot be fetched; None: they can."""
     try:
         urlopen(f"{MIRROR}/dists/{SUITE}/InRelease", timeout=30.0).close()
-    except OSError as error:
+    except (OSError, HTTPException) as error:
         return f"{MIRROR} is not reached: {error}"
     return None
 
@@ -158,4 +165,7 @@ class Machine:
 
 
 if __name__ == "__main__":
-    sys.exit(lacking() or cramped() or unreached())
+    reason = lacking() or too_little_room() or no_archive()
+    if reason is not None:
+        print(reason)
+        sys.exit(77)

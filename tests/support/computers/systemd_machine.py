@@ -19,13 +19,13 @@ from sshserver import SSHD
 
 from deploy.remote import Host
 
-_ROOT = Path(os.environ.get("COMPUTER_ROOT", "/"))
+_ROOT = Path(os.environ.get("COMPUTER_ROOT", "/")).resolve()
 _SYSTEMD = _ROOT / "lib/systemd/systemd"
 _SCRIPT = """
 set -eu
 mount --make-rprivate /
 cd "$1"
-mount -t overlay overlay -o lowerdir=$2,upperdir=$1/upper,workdir=$1/work root
+mount -t overlay overlay -o "lowerdir=$2,upperdir=$1/upper,workdir=$1/work" root
 cd root
 mount -t proc proc proc
 mount -t sysfs sysfs sys
