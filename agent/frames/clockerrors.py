@@ -6,24 +6,26 @@ At the stamp of a sighting by it, or of it, the other one of the two was somewhe
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right, insort
-from math import dist, inf
+from math import dist
 
-from protocol.entries import Exposure
+from protocol.entries import LONGEST_EXPOSURE_NS, Exposure
 
 _SLOWEST_MPS = 0.5  # of a drone that hovers the told error of the position says little of the clock's
 _Told = tuple[int, int, float]  # begin and end of an exposure, and the error in seconds
 
 
 class ClockErrors:
-    """Of one drone, in order of time; empty while its clock is right."""
+    """Of one drone, by its exposures in order of time."""
 
     def __init__(self) -> None:
         self._told: list[_Told] = []
+        self._wrong = 0  # how many of them tell an error
 
     def add(self, exposure: Exposure) -> None:
         """Take what an exposure tells."""
-        if exposure.clock_sigma_m > 0.0:
-            insort(self._told, _told(exposure))
+        told = _told(exposure)
+        insort(self._told, told)
+        self._wrong += told[2] > 0.0
 
     def remove(self, exposure: Exposure) -> None:
         """Take it back."""
@@ -31,21 +33,33 @@ class ClockErrors:
         place = bisect_left(self._told, told)
         if self._told[place : place + 1] == [told]:
             del self._told[place]
+            self._wrong -= told[2] > 0.0
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Discard exposures that began before that stamp."""
-        del self._told[: bisect_left(self._told, (stamp_ns, 0, 0.0))]
+        """Discard exposures that ended before that stamp."""
+        self._told = [told for told in self._told if told[1] >= stamp_ns]
+        self._wrong = sum(error_s > 0.0 for _, _, error_s in self._told)
 
     def at(self, stamp_ns: int) -> float:
-        """The error (s) at a stamp; 0 where none was told."""
-        place = bisect_right(self._told, (stamp_ns, 2**63, inf))
-        if place == 0:
+        """The error (s) at a stamp; 0 where none was told.
+
+        Of several exposures at one time the least error counts: else one that lies could spare itself all sightings by
+        exposures of its own for that, while its measurements come with others. One with a wrong clock tells it with all.
+        """
+        if not self._wrong:
             return 0.0
-        _, end_ns, error_s = self._told[place - 1]
-        return error_s if stamp_ns <= end_ns else 0.0
+        first = bisect_left(self._told, (stamp_ns - LONGEST_EXPOSURE_NS,))
+        begun = self._told[first : bisect_right(self._told, stamp_ns, key=_begin_ns)]
+        return min((error_s for _, end_ns, error_s in begun if stamp_ns <= end_ns), default=0.0)
+
+
+def _begin_ns(told: _Told) -> int:
+    return told[0]
 
 
 def _told(exposure: Exposure) -> _Told:
+    if exposure.clock_sigma_m == 0.0:
+        return exposure.stamp_ns, exposure.end_ns, 0.0
     first, last = exposure.poses[0], exposure.poses[-1]
     elapsed_s = max(1e-9 * (last.offset_ns - first.offset_ns), 1e-3)
     speed_mps = dist(first.position_m, last.position_m) / elapsed_s

@@ -74,8 +74,10 @@ class Intake:
         if isinstance(entry, Exposure):
             self._exposures[identity] = payload
             insort(self._exposed[number], identity)
-            self._clock_errors[number].add(entry)
             self._add_samples(number, entry)
+            if entry.end_ns >= self._earliest_ns:
+                self._clock_errors[number].add(entry)
+                self._touch(self._index(max(entry.stamp_ns, self._earliest_ns)))
         elif entry.stamp_ns < self._earliest_ns:
             return
         elif isinstance(entry, Sighting) and entry.target in self._number:
@@ -161,6 +163,7 @@ class Intake:
         del self._exposed[number][bisect_left(self._exposed[number], identity)]
         exposure = _decoded(Exposure, payload)
         self._clock_errors[number].remove(exposure)
+        self._touch(self._index(max(exposure.stamp_ns, self._earliest_ns)))
         for sample in _samples(exposure):
             before_ns = self.tracks[number].remove(sample)
             if before_ns is not None:

@@ -268,7 +268,9 @@ class Fusion:
         for index in self._timeline.between(end, self._due_step):
             if budget <= 0:
                 return False, budget
-            observations = [self._observations.of(identity) for identity in self._timeline.of(index)]
+            identities = self._timeline.of(index)
+            budget -= self._observations.missing(identities)
+            observations = [self._observations.of(identity) for identity in identities]
             budget -= self.estimator.work(state, len(observations))
             state = states[index] = self.estimator.step(state, self._grid_step(index), observations)
             thin(states)

@@ -73,7 +73,8 @@ class ObservationLog:
     It only grows, but for what a contradiction or a revocation leaves out. It is never compacted: a restarted agent begins with
     an empty log and must be able to get all of it, and an entry may arrive late, after which all later grid steps are computed
     again. Memory: three drones at 3 GBq publish 5 exposures and 11 cones a second (scenario ``demo``, tracking), 8 kB/s or 30
-    MB per hour of payloads, and about 65 MB per hour with all indices: 1.1 kB for each entry. A single entry is
+    MB per hour of payloads, and about 65 MB per hour with all indices: 1.1 kB for each entry; an estimator that computes
+    elsewhere (``sources``) holds a kilobyte more. A single entry is
     bounded by ``protocol.codec.MAX_ENTRY_BYTES``; ``agent.shell.memory`` warns the operator before memory runs out.
     """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import cast
 
 from agent.frames.graph import FrameGraph
@@ -32,6 +33,10 @@ class Observations:
     def discard(self, identity: EntryId) -> None:
         """Hold this one no longer."""
         self._held.pop(identity, None)
+
+    def missing(self, identities: Iterable[EntryId]) -> int:
+        """How many of these have to be made again; to make one takes a unit of ``Estimator.work``."""
+        return sum(identity not in self._held for identity in identities)
 
     def of(self, identity: EntryId) -> Observation:
         """The observation of an entry in the log that has one, in a known frame. Raises KeyError for other ones."""

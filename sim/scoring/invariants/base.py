@@ -95,7 +95,7 @@ class Setting:
         """
         if all(one.is_exact for one in self.mission.drones):
             return self.struck(OWN_FAULTS, drone, time_s, inf)
-        return self.struck((*OWN_FAULTS, "clock"), drone, time_s, inf) or self.misled_s(("pose", "liar")) < inf
+        return self.struck((*OWN_FAULTS, "clock"), drone, time_s, inf) or self.misled_s(("pose", "liar")) <= time_s
 
     def named(self, *drones: int) -> tuple[str, ...]:
         """Ids of drones."""

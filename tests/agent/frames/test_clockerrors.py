@@ -34,12 +34,21 @@ def test_of_one_that_hovers_it_is_at_least_what_the_told_error_makes_sure():
     assert at(errors, 1.5) == pytest.approx([1.0])
 
 
+def test_an_exposure_beside_others_for_the_sake_of_its_clock_error_alone_tells_nothing():
+    errors = ClockErrors()
+    for one in (exposure(1.0, 0.0), exposure(1.1, 60.0), exposure(2.0, 0.0), exposure(3.0, 60.0)):
+        errors.add(one)
+    assert at(errors, 1.05, 1.5, 2.5, 3.5) == pytest.approx([0.0, 0.0, 0.0, 20.0])
+
+
 def test_what_is_taken_back_or_dropped_tells_nothing():
     errors = ClockErrors()
-    told = [exposure(second, 3.0) for second in (1.0, 2.0, 3.0)]
+    told = [exposure(second, 3.0) for second in (0.9, 2.0, 3.1)]
     for one in told:
         errors.add(one)
     errors.remove(told[1])
     errors.remove(exposure(5.0, 3.0))
     errors.drop_before(2 * SECOND)
     assert at(errors, 1.5, 2.5, 3.5) == pytest.approx([0.0, 0.0, 1.0])
+    errors.drop_before(5 * SECOND)
+    assert at(errors, 3.5) == [0.0]

@@ -639,3 +639,35 @@ def test_a_clock_that_is_known_to_be_wrong_puts_no_frame_in_the_wrong_place(jump
     off, _ = flown.error(frames, "d2", 59.0, now=True)
     assert np.hypot(off[0], off[1]) < 0.6
     assert abs(off[3]) < math.radians(3.0)
+
+
+@pytest.mark.parametrize("is_late", [False, True])
+def test_clock_errors_that_are_told_late_or_before_the_start_count_as_if_in_time(is_late):
+    """Bit for bit. The others are of the same poses, so that nothing but the clock error is new."""
+    fixed = {"kind": "rtk", "wander_m": 0.1, "fixes": True, "yaw_sigma_deg": 2.0}
+    flown = fly([Drone(name, **fixed) for name in ("d1", "d2", "d3")], 14.0, 3, datum=True)
+    entries = [told_later(entry, 0.0, 3.0) if entry.drone == "d2" else entry for entry in flown.entries]
+    last = max(entry.sequence for entry in entries)
+    others = [
+        structs.replace(one, sequence=last + 1 + k, clock_sigma_m=0.5)
+        for k, one in enumerate(one for one in entries if isinstance(one, Exposure) and one.drone == "d2")
+    ]
+    now_ns = int(flown.stamps_ns[-1]) + SECOND
+
+    def frames_after(steps):
+        frames = SwarmFrames(flown.mission)
+        for step in steps:
+            if step is None:
+                settle(frames, now_ns)
+            elif isinstance(step, int):
+                frames.start(step)
+            else:
+                frames.receive(step, encode(step))
+        settle(frames, now_ns)
+        return lines(frames, flown)
+
+    if is_late:
+        assert frames_after([*entries, None, *others]) == frames_after([*entries, *others])
+    else:
+        start_ns = START_NS + 66 * SECOND + SECOND // 2  # of what is a minute older, all is left out
+        assert frames_after([*entries, *others, start_ns]) == frames_after([start_ns, *entries, *others])

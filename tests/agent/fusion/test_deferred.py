@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from agent.frames.graph import FrameGraph
+from agent.fusion import observations
 from agent.fusion.deferred import MOST_OBSERVATIONS, Deferred, Folder
 from agent.fusion.engine import Fusion
 from agent.fusion.registry import deferred_named, estimator_named
+
+MOST_IN_A_STEP = 20  # cones of the flight in one step of the grid
 
 
 def fusion_of(mission, estimator):
@@ -114,6 +117,24 @@ def test_the_hypothesis_is_told_with_the_digest_of_the_log_that_it_follows_from(
     assert fusion.hypothesis_digest == digest != fusion.digest
     elsewhere.settle(kit.T0_NS + 60_000_000_000)
     assert fusion.hypothesis_digest == fusion.digest
+
+
+def test_old_observations_are_made_again_within_the_budget_of_a_call(kit, mission, cones, monkeypatch):
+    monkeypatch.setattr(observations, "MOST_HELD", 16)
+    made = []
+    observe = observations.observe
+    monkeypatch.setattr(observations, "observe", lambda *given: made.append(given) or observe(*given))
+    fusion = fusion_of(mission, Deferred(estimator_named("paper", mission)))
+    fusion.estimator.work = lambda *_: 0
+    kit.feed(fusion, cones)
+    most, calls = 0, 0
+    while fusion.pending or not calls:
+        made.clear()
+        fusion.advance(kit.T0_NS + 60_000_000_000, budget=20)
+        most, calls = max(most, len(made)), calls + 1
+        if calls > 5 and not made:
+            break
+    assert 0 < most <= 20 + MOST_IN_A_STEP
 
 
 def test_a_long_way_is_made_in_small_tasks(kit, mission, cones):
