@@ -89,6 +89,7 @@ class ObservationLog:
         self._boots: defaultdict[str, dict[str, None]] = defaultdict(dict)  # by drone, in the order of their first entries
         self._numbered: defaultdict[Publisher, dict[int, EntryId]] = defaultdict(dict)
         self._contradictions: dict[Publisher, Contradiction] = {}  # the first of each publisher
+        self._newest_ns: dict[str, int] = {}
         self._blocks = Blocks()
         self._sum = 0
 
@@ -119,9 +120,9 @@ class ObservationLog:
         return self._contradictions
 
     @property
-    def drones(self) -> frozenset[str]:
-        """The drones of which entries were taken."""
-        return frozenset(self._boots)
+    def publishers(self) -> Mapping[str, int]:
+        """The drones of which entries were taken, with the latest stamp of each."""
+        return self._newest_ns
 
     def last_counted(self, drone: str, boot: str) -> int:
         """The last sequence number that a contradiction leaves; without one, more than any number."""
@@ -161,6 +162,7 @@ class ObservationLog:
 
     def _put(self, publisher: Publisher, identity: EntryId, kind: type[Entry], payload: bytes) -> None:
         self._boots[identity.drone].setdefault(identity.boot)
+        self._newest_ns[identity.drone] = max(identity.stamp_ns, self._newest_ns.get(identity.drone, identity.stamp_ns))
         self._held.setdefault(publisher, SequenceSet()).add(identity.sequence)
         self._numbered[publisher][identity.sequence] = identity
         self._blocks.change(publisher, identity.sequence)

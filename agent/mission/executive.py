@@ -31,6 +31,7 @@ from protocol.messages import Action, Plan, Stage
 
 Searched = tuple[int, int, tuple[tuple[float, float], ...]]
 _ON_GROUND = (Stage.PREFLIGHT, Stage.LANDED)
+_LONGEST_FLIGHT_NS = 3_600_000_000_000  # no battery of a small multicopter lasts longer
 
 
 class Decision(Struct, frozen=True):
@@ -68,7 +69,7 @@ class Executive:
         self._coverage = CoverageLog(mission.survey.lane_spacing_m)
         self._prospect = Prospect(lambda: fusion.outlook)
         informed = InformedSearch(mission, self._prospect)
-        self._navigator = Navigator(mission, drone, own, frames, self._search, informed, lambda: fusion.log.drones)
+        self._navigator = Navigator(mission, drone, own, frames, self._search, informed, self._measured)
         self._reserve, self._battery_low = Reserve(drone.id, mission.safety.battery_reserve), False
         self.finding = ""
         self.memory = memory
@@ -248,6 +249,14 @@ class Executive:
         if absence is None:
             return False
         return (absence.alone and self._config.safety.alone == "return") or not self._navigator.has_room
+
+    def _measured(self, now_ns: int) -> frozenset[str]:
+        """The drones that have measured since the mission began, and no longer ago than one may fly.
+
+        Cameras measure on the ground as well, before a start in which not all take part.
+        """
+        since_ns = max(self._mission.started_ns, now_ns - _LONGEST_FLIGHT_NS)
+        return frozenset(name for name, newest_ns in self._world.fusion.log.publishers.items() if newest_ns >= since_ns)
 
     def _conclude(self, now_ns: int) -> None:
         """Note that the search has ended without a source, until one is found."""

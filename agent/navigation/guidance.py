@@ -214,7 +214,7 @@ class Guidance:
         fits = self._fits(moment)
         x, y, _ = centre.position
         far_m = hypot(state.position[0] - x, state.position[1] - y)
-        ring_m, over_m = self._shared.course(self._absence, self._in_mission(centre), far_m, moment.vehicle.height_m, fits)
+        ring_m, over_m = self._shared.course(self._absence, far_m, moment.vehicle.height_m, fits)
         if fits and hypothesis is not None:
             rms_m = hypothesis.sight_of(self._id).rms_m
             lost = moment.stage is Stage.REACQUIRE

@@ -83,10 +83,10 @@ class Navigator:
         frames: FrameGraph,
         search: Search,
         informed: InformedSearch,
-        measured: Callable[[], Collection[str]] = frozenset,
+        measured: Callable[[int], Collection[str]],
     ) -> None:
         """``frames``: of all drones; ``search``, ``informed``: the survey by lanes, and by the expected information;
-        ``measured``: tells the drones whose measurements are in the log.
+        ``measured``: tells the drones that may fly at a stamp, by the measurements in the log.
         """
         self._limits = mission.limits
         self._id = drone.id
@@ -212,7 +212,7 @@ class Navigator:
             height_m=vehicle.height_m,
             returning_s=moment.stage_s if moment.stage is Stage.RETURN else None,
             resumed=self.home.is_remembered,
-            measured=self._measured(),
+            measured=self._measured(moment.now_ns),
         )
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]

@@ -55,7 +55,7 @@ from agent.navigation.placing import (
 )
 from agent.navigation.relative import offset, places
 from agent.navigation.silent import SILENT_NS, TAKING_PART, Absence, Silent, Viewer
-from protocol.messages import Pose
+from protocol.messages import Plan, Pose
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
 PLAN_AGE_NS = 1_000_000_000  # an older plan is stale
@@ -86,7 +86,7 @@ class Self(Struct, frozen=True):
     ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance). ``ahead``: gives its planned positions
     (K, 3) from now on, ``step_s`` apart, local frame; ``place_at``: where it was at a stamp, mission frame; ``circles``: it
     tracks; ``height_m``: above ground; ``returning_s``: since it began to return, None where it does not; ``resumed``: its agent
-    was started in flight; ``measured``: the drones whose measurements are in its log.
+    was started in flight; ``measured``: the drones that may fly, by the measurements in its log.
     """
 
     now_ns: int
@@ -129,12 +129,13 @@ class Neighbourhood:
         missing = []
         for name in peers.names:
             peer = peers[name]
-            if peer.pose is None and (me.resumed or name in me.measured):
+            on_ground = peer.sources.is_on_ground(me.now_ns)
+            if peer.pose is None and not on_ground and (me.resumed or name in me.measured):
                 missing += [name] if self._has_listened(me.now_ns) else []
                 if me.local_from_mission is not None:
                     unknown = self._silent.unknown(name, _viewer(me, me.local_from_mission))
                     found += [Neighbour(name, plan, False) for plan in unknown]
-            if peer.pose is None or peer.sources.is_on_ground(me.now_ns):
+            if peer.pose is None or on_ground:
                 self._silent.heard(name)
                 continue
             self._compare(name, peer, peer.pose)
@@ -254,8 +255,8 @@ class Neighbourhood:
         seen = offset(places(peer.sightings, me.epoch, me.now_ns, there), there)
         if seen is None:
             alone = placed_by_sightings(name, peer.sightings, pose, me.epoch, me.now_ns)
-            if alone is not None and contradicts(alone, local_from_theirs.apply_point(pose.position_m), sigma_m):
-                return alone
+            if alone is not None and contradicts(alone, blind(name, pose, local_from_theirs, me.now_ns), sigma_m):
+                return replace(alone, blind=self._is_blind(name, peer, pose, me.now_ns))
         else:
             far = hypot(*seen.vector[:2]) > SIGMAS * hypot(sigma_m, seen.sigma_m)  # then the frames are wrong, not the sightings
             share = 1.0 if far else sigma_m**2 / (sigma_m**2 + seen.sigma_m**2)
@@ -275,20 +276,29 @@ class Neighbourhood:
         now_ns: int,
         doubt_m: float = 0.0,
     ) -> PeerPlan:
-        """Its published plan; without a recent one that it follows, its pose extrapolated by its velocity.
-
-        One that has published plans, and does not any more, is not steered by its agent now.
-        """
+        """Its published plan; without a recent one that it follows, its pose extrapolated by its velocity."""
         measured = PeerState(
             local_from_theirs.apply_point(pose.position_m),
             local_from_theirs.rotate_direction(pose.velocity_mps),
             age_s=(now_ns - pose.stamp_ns) * 1e-9,
         )
-        plan, followed = peer.plan, pose.steered and name not in self._departed and not peer.sources.are_two(now_ns)
-        if not followed or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
-            return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m, blind=plan is not None)
+        plan = self._followed(name, peer, pose, now_ns)
+        if plan is None:
+            is_blind = self._is_blind(name, peer, pose, now_ns)
+            return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m, blind=is_blind)
         ahead = local_from_theirs.apply_points(plan.positions_m)
         return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, measured, doubt_m)
+
+    def _followed(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> Plan | None:
+        """Its recent plan that it follows."""
+        plan, followed = peer.plan, pose.steered and name not in self._departed and not peer.sources.are_two(now_ns)
+        if not followed or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
+            return None
+        return plan
+
+    def _is_blind(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> bool:
+        """Whether it has published plans, and follows none now: it is not steered by its agent."""
+        return peer.plan is not None and self._followed(name, peer, pose, now_ns) is None
 
     def _placed_by_layout(self, name: str, pose: Pose, me: Self) -> PeerPlan | None:
         member = self._members[name]

@@ -32,15 +32,15 @@ M = TypeVar("M", Pose, Plan, Status)
 class Peer:
     """The newest of each kind; None until heard. ``poses``, ``sightings`` (by this drone): of the last seconds.
 
-    ``launch``: its last pose before it left the place of its launch; ``launches_ns``: since when its statuses say that it is
-    there, None while they do not, negative before it ever flew. ``sources``: whether all this is of one.
+    ``launch``: its last pose before it left the place of its launch; ``at_launch_since_ns``: stamp of its first pose there, None
+    while its statuses do not say so, negative before it ever flew. ``sources``: whether all this is of one.
     """
 
     pose: Pose | None = None
     plan: Plan | None = None
     status: Status | None = None
     launch: Pose | None = None
-    launches_ns: int | None = -_SURELY_DOWN_NS
+    at_launch_since_ns: int | None = -_SURELY_DOWN_NS
     sources: Sources = field(default_factory=Sources)
     poses: deque[Pose] = field(default_factory=deque)
     sightings: deque[Sighting] = field(default_factory=partial(deque, maxlen=_MOST_SIGHTINGS))
@@ -49,8 +49,8 @@ class Peer:
         """Move all stamps."""
         self.pose, self.launch = _shifted(self.pose, by_ns), _shifted(self.launch, by_ns)
         self.plan, self.status = _shifted(self.plan, by_ns), _shifted(self.status, by_ns)
-        if self.launches_ns is not None:
-            self.launches_ns += by_ns
+        if self.at_launch_since_ns is not None:
+            self.at_launch_since_ns += by_ns
         self.sources.rival = _shifted(self.sources.rival, by_ns)
         self.poses = deque(replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.poses)
         sightings = [replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.sightings]
@@ -58,19 +58,20 @@ class Peer:
         self.sightings.extend(sightings)
 
     def take_status(self, status: Status) -> None:
-        """Note since when it has been at its launch place, or that it has left."""
+        """Note that it has left its launch place."""
         if status.stage not in (*_AT_LAUNCH, Stage.LANDED):
-            self.launches_ns = None
-        elif self.launches_ns is None:
-            self.launches_ns = status.stamp_ns
+            self.at_launch_since_ns = None
 
     def take_pose(self, pose: Pose) -> None:
-        """Keep a pose, and where it launches from."""
+        """Keep a pose, and where it launches from: an agent that has no telemetry yet says that it is on the ground."""
         self.poses.append(pose)
         while self.poses[0].stamp_ns < pose.stamp_ns - RECENT_NS:
             self.poses.popleft()
-        surely = self.launches_ns is not None and pose.stamp_ns - self.launches_ns >= _SURELY_DOWN_NS
-        if surely and self.status is not None and self.status.stage in _AT_LAUNCH:
+        if self.status is None or self.status.stage not in (*_AT_LAUNCH, Stage.LANDED):
+            return
+        if self.at_launch_since_ns is None:
+            self.at_launch_since_ns = pose.stamp_ns
+        if self.status.stage in _AT_LAUNCH and pose.stamp_ns - self.at_launch_since_ns >= _SURELY_DOWN_NS:
             self.launch = pose
 
 

@@ -9,7 +9,7 @@ from math import hypot
 import numpy as np
 
 from agent.frames.transform import Transform
-from agent.geometry import Array, Vector3
+from agent.geometry import Array
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.peers import Peer
@@ -32,10 +32,12 @@ def placed_by_sightings(name: str, sightings: Sequence[Sighting], pose: Pose, ep
     return None if alone is None else held(name, now_ns, *alone)
 
 
-def contradicts(seen: PeerPlan, there: Vector3, sigma_m: float) -> bool:
-    """Whether a drone is seen elsewhere than at the place, of that error, where its frame has it: then the frame is wrong."""
-    x, y, _ = seen.positions[0]
-    return hypot(x - there[0], y - there[1]) > SIGMAS * hypot(min(sigma_m, WORST_SIGMA_M), seen.sigma_m)
+def contradicts(seen: PeerPlan, told: PeerPlan, sigma_m: float) -> bool:
+    """Whether a drone is seen elsewhere than at the place, of that error, where its pose and frame have it at the same time: then
+    the frame is wrong.
+    """
+    (x, y, _), (told_x, told_y, _) = seen.positions[0], told.positions[0]
+    return hypot(x - told_x, y - told_y) > SIGMAS * hypot(min(sigma_m, WORST_SIGMA_M), seen.sigma_m)
 
 
 def expected(peer: Peer, epoch: int, local_from_theirs: Transform, stamp_ns: int) -> Array | None:

@@ -92,11 +92,11 @@ class SharedCircle:
         return [_Circle(name, index, ring_radius_m(self._mission, index, fits_hypothesis)) for index, name in rings]
 
     def course(
-        self, absence: Absence | None, centre: Point2, far_m: float, height_m: float, fits_hypothesis: bool
+        self, absence: Absence | None, far_m: float, height_m: float, fits_hypothesis: bool
     ) -> tuple[float | None, float | None]:
         """Radius and height above ground to fly at, so as to keep clear of those that are not heard; None: as it is best.
 
-        ``centre``: mission frame; ``far_m``: the own distance from it; ``height_m``: the own height above ground.
+        ``far_m``: the own distance from the circle's centre; ``height_m``: the own height above ground.
         """
         if absence is None:
             self._crossing.end()

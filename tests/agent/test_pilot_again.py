@@ -1,6 +1,7 @@
 """A second mission on the same drone without a restart of its agent: nothing of the first one remains."""
 
-from one_pilot import SECOND, START_NS, command, cone_of, messages, state, tracking
+import pytest
+from one_pilot import SECOND, START_NS, command, cone_of, messages, started, state, tracking
 
 from agent.vehicle.interface import FlightMode, Request
 from protocol.codec import encode
@@ -79,3 +80,18 @@ def test_what_was_searched_in_the_first_mission_is_searched_again() -> None:
     one.step(AGAIN_NS)
     assert one._executive._search._covered.area.is_empty
     assert one.fusion.log.entries(Coverage) == first
+
+
+@pytest.mark.parametrize(("measured_s", "now_s", "missed"), [(-2, 5, False), (1, 5, True), (1, 3700, False)])
+def test_one_that_was_never_heard_is_missed_if_it_has_measured_since_the_start_and_may_still_fly(measured_s, now_s, missed):
+    """Its camera measured before the start, on the ground, and it was switched off there; or its battery must be empty by now."""
+    one = started()
+    cone = cone_of("d2", 0, START_NS + measured_s * SECOND)
+    one.receive(key_of("radron", cone), encode(cone), START_NS + SECOND)
+    assert len(one.fusion.log) == 1
+    told = []
+    for tick in range(60):
+        now_ns = START_NS + now_s * SECOND + tick * SECOND // 20
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD))
+        told += messages(one.step(now_ns), Status)
+    assert ("does not hear d2 any more" in told[-1].problems) is missed

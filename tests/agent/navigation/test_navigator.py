@@ -41,12 +41,17 @@ def hypothesis(stamp_ns: int, rms_m: float = 0.2, evidence: float | None = 20.0,
     )
 
 
+def _nobody(_: int) -> tuple[str, ...]:
+    """No drone that was never heard has measured."""
+    return ()
+
+
 def made(mission: MissionConfig = MISSION):
     """The navigator of the first drone, its own pose, and all frames."""
     frames = FrameGraph.from_launch_layout(mission)
     search = Search(mission, "d1", frames)
     own = own_pose("d1", frames)
-    return Navigator(mission, AT_ONCE, own, frames, search, InformedSearch(mission, Prospect(lambda: None))), own, frames
+    return Navigator(mission, AT_ONCE, own, frames, search, InformedSearch(mission, Prospect(lambda: None)), _nobody), own, frames
 
 
 def flown(
@@ -211,7 +216,7 @@ def flown_in(frame_at, seconds: float = 40.0):
     frames.place("d1", 0, frame_at(0.0))
     search, informed = Search(mission, "d1", frames), InformedSearch(mission, Prospect(lambda: None))
     own = own_pose("d1", frames)
-    navigator = Navigator(mission, AT_ONCE, own, frames, search, informed)
+    navigator = Navigator(mission, AT_ONCE, own, frames, search, informed, _nobody)
     position, velocity, places = frame_at(0.0).inverse().apply_point((35.0, 25.0, 3.0)), (0.0, 0.0, 0.0), []
     for tick in range(round(seconds * SECOND / TICK_NS)):
         now_ns, newest = START_NS + tick * TICK_NS, frame_at(tick * TICK_NS / SECOND)

@@ -7,9 +7,10 @@ from msgspec.structs import replace
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
+from agent.motion.reference import PeerState
 from agent.navigation.neighbours import Neighbourhood, Self
 from agent.navigation.peers import Peers
-from agent.navigation.placing import WORST_SIGMA_M
+from agent.navigation.placing import WORST_SIGMA_M, blind, contradicts, held
 from protocol.entries import Sighting
 from protocol.messages import Plan, Pose, Stage, Status
 
@@ -167,6 +168,17 @@ def test_one_that_was_never_heard_is_missed_if_it_may_fly(resumed, measured, mis
     assert hood.absence is None
 
 
+@pytest.mark.parametrize("returning_s", [None, 20.0])
+def test_one_on_the_ground_whose_autopilot_is_unplugged_is_not_missed(returning_s):
+    """It sends its status, but has no pose to send."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(300 * SECOND, 0, 0.1, Transform(), height_m=3.0, resumed=True, measured=("b",), returning_s=returning_s)
+    assert peers.receive(replace(status(Stage.PREFLIGHT), stamp_ns=300 * SECOND), 300 * SECOND) is None
+    for second in (300, 302, 304):
+        assert hood.around(peers, replace(me, now_ns=second * SECOND)) == []
+        assert hood.absence is None
+
+
 @pytest.mark.parametrize(("seconds", "stops"), [(5.0, [[10.0, 1.0], [10.0, 5.0]]), (14.0, [])])
 def test_where_a_vehicle_hovers_without_its_agent_is_told_until_it_has_left(seconds, stops):
     """It climbs from 3 to 13 m, slower than at 1.5 m/s never."""
@@ -277,6 +289,24 @@ def test_where_a_wrong_heading_leaves_nothing_to_correct_the_sights_count_alone(
     assert other.plan.measured.position == pytest.approx((10.0, 6.0, 3.0), abs=0.3)
     assert other.plan.measured.velocity == pytest.approx((0.0, 2.0, 0.0), abs=0.3)
     assert other.takes_part
+
+
+@pytest.mark.parametrize(("steered", "planned"), [(True, True), (False, True), (False, False)])
+def test_by_sights_alone_too_one_that_is_not_steered_by_its_plan_gives_no_way(steered, planned):
+    sure = Transform(-math.pi / 2, (10.0, 20.0, 0.0), np.diag([0.01, 0.01, 0.01, 1e-4]))
+    plans = [replace(plan(NOW_NS), positions_m=((6.0, 0.0, 3.0), (8.0, 0.0, 3.0)))] if planned else []
+    messages = [*(replace(one, steered=steered) if isinstance(one, Pose) else one for one in flying_b()), *plans]
+    (other,) = around_a(messages, sights_of_b(TRUE), {0: sure})
+    assert other.plan.measured.position == pytest.approx((10.0, 6.0, 3.0), abs=0.3)
+    assert other.plan.blind is (planned and not steered)
+
+
+@pytest.mark.parametrize(("age_s", "wrong"), [(0.0, False), (1.0, False), (1.0, True)])
+def test_sights_of_now_are_compared_with_where_a_pose_of_a_moment_ago_leads(age_s, wrong):
+    """b goes on at 2 m/s: 2 m in a second, more than the errors of its frame and of the sights together."""
+    now_ns, told = 10 * SECOND, replace(pose(10 * SECOND - round(age_s * SECOND)), velocity_mps=(2.0, 0.0, 0.0))
+    now = held("b", now_ns, PeerState((1.0 + 2.0 * age_s, 4.0 if wrong else 0.0, 3.0)), 0.3)
+    assert contradicts(now, blind("b", told, Transform(), now_ns), 0.3) is wrong
 
 
 @pytest.mark.parametrize("own", [HERE, None])

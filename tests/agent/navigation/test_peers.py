@@ -67,6 +67,19 @@ def test_a_drone_launches_where_it_stands_and_not_where_its_agent_is_started_aga
     assert launches == [1.5, 3.5, 3.5, 3.5, 3.5, 3.5, 3.5, 51.5]
 
 
+def test_an_agent_started_in_flight_that_waits_for_its_telemetry_does_not_launch_where_its_first_poses_are():
+    """It tells that it is on the ground for 6 s; its first poses, at 8 m, come before its next status."""
+    peers = Peers(["d2"])
+    stages = [(20.0, Stage.TRACK), (30.0, Stage.PREFLIGHT), (33.0, Stage.PREFLIGHT), (36.0, Stage.PREFLIGHT), (36.5, Stage.TRACK)]
+    for second, stage in stages:
+        stamp_ns = START_NS + round(1000 * second) * MS
+        peers.receive(replace(heard(stamp_ns, 0), stage=stage), stamp_ns)
+        if second in (20.0, 36.0):
+            in_air_ns = stamp_ns + 100 * MS
+            assert peers.receive(replace(pose(in_air_ns), position_m=(40.0, 0.0, 8.0)), in_air_ns) is None
+    assert peers["d2"].launch is None
+
+
 @pytest.mark.parametrize("slept_s", [1.9, 20.0])
 def test_time_that_passes_sets_no_clock(slept_s):
     peers = Peers(["d2"])
