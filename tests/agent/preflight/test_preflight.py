@@ -19,6 +19,7 @@ from agent.preflight.check import Preflight
 from agent.shell.overrides import load_drone
 from agent.shell.statestore import State, StateFile
 from agent.vehicle.interface import Finding
+from agent.vehicle.mavlink.device import is_new
 from protocol.codec import decode, encode
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Stage
@@ -120,6 +121,18 @@ def test_a_serial_device_that_this_user_may_not_open(folder: Path, monkeypatch: 
         os.close(theirs)
     assert "no permission to open /dev/pts/" in refused.text
     assert "add this user to the group dialout" in refused.text
+
+
+def test_a_serial_device_is_new_until_udev_has_set_it_up(tmp_path: Path) -> None:
+    adapter = os.makedev(188, 0)
+    assert not is_new(adapter, tmp_path)  # a computer without udev: nobody will set it up
+    for file in ("run/udev/control", "sys/dev/char/188:0", "run/udev/data/c4:64"):
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).touch()
+    assert is_new(adapter, tmp_path)
+    assert not is_new(os.makedev(136, 0), tmp_path)  # a pseudo terminal, which udev is not told of
+    (tmp_path / "run/udev/data/c188:0").touch()
+    assert not is_new(adapter, tmp_path)
 
 
 def test_the_certificate_and_who_it_is_for(folder: Path) -> None:
