@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from agent.config.drone import PeerMeshConfig
 from agent.mission.memory import Memory
 from agent.preflight.check import Preflight
+from agent.shell.links import mesh_config
 from agent.shell.overrides import load_drone
 from agent.shell.statestore import State, StateFile
 from agent.vehicle.interface import Finding
@@ -169,6 +170,27 @@ def test_a_drone_whose_certificate_is_of_another_authority_is_named(folder: Path
     found = asyncio.run(course())
     assert found.verdict == "failed"
     assert f": its certificate is not of the authority in {folder}/identity/d1/ca.pem: take a folder of the same" in found.text
+
+
+def test_a_drone_that_was_in_contact_is_still_so_in_the_findings_when_the_links_are_closed(folder: Path) -> None:
+    check = Preflight(*load_drone(folder / "d1.toml", {}))
+    other = mesh_config(*load_drone(folder / "d2.toml", {}))
+
+    def found() -> str:
+        return next(finding.text for finding in check.findings if finding.name == "d2")
+
+    async def course() -> None:
+        mesh = await Mesh.open(other, "radron", "d2", receive=lambda key, payload: None)
+        running = asyncio.create_task(check.run(60.0, lambda findings: None))
+        while "in contact" not in found():
+            assert not running.done()
+            await asyncio.sleep(0.02)
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        await mesh.close()
+
+    asyncio.run(course())
+    assert found() == "in contact, no status so far"
 
 
 def test_links_that_are_not_encrypted_are_told(folder: Path) -> None:
