@@ -53,7 +53,7 @@ _LINKS_S = 3.0  # between two looks at why there is no contact
 
 
 class Preflight:
-    """Gathers the findings of one drone. ``findings`` may be read at any time."""
+    """Gathers the findings of one drone. ``findings`` may be read at any time; after the check they are those of its end."""
 
     def __init__(
         self,
@@ -80,10 +80,14 @@ class Preflight:
         self._verifier: Verifier | None = None  # of statuses; None: the swarm has no certificates
         self._refusals: dict[str, str] = {}  # by endpoint, why certificates prevent a link
         self._statuses: dict[str, tuple[Status, float]] = {}  # with the delay of its stamp, seconds
+        self._last: list[Finding] | None = None  # None: the check has not ended
 
     @property
     def findings(self) -> list[Finding]:
-        """The present findings."""
+        """The present findings, or the last ones."""
+        return self._present() if self._last is None else self._last
+
+    def _present(self) -> list[Finding]:
         layer = layers_finding(self._mission, self._drone.id)
         software = software_finding(self._drone.updates)
         return [
@@ -113,12 +117,13 @@ class Preflight:
             while time.monotonic() < deadline_s and any(finding.verdict == "not yet" for finding in self.findings):
                 show(self.findings)
                 await asyncio.sleep(0.2)
-            show(self.findings)
-            return all(finding.verdict == "ok" for finding in self.findings)
         finally:
+            self._last = self._present()  # without its links it would find nobody any more
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
+        show(self._last)
+        return all(finding.verdict == "ok" for finding in self._last)
 
     async def _check_mesh(self) -> None:
         try:

@@ -145,7 +145,10 @@ class Px4Vehicle:
     async def findings(self) -> list[Finding]:
         """The present findings of a preflight check; "not yet" may change within seconds."""
         vision = [] if self._vision is None else [self._vision_finding()]
-        return [self._link_finding(), *vision, self._readiness(), self._launch_finding(), *self.parameters.findings()]
+        parameters = self.parameters.findings()
+        if self._telemetry.is_lost(self._clock_s()):  # one that has not answered is not unknown to it
+            parameters = [Finding("parameters", "not yet", "not known without a link to the autopilot")]
+        return [self._link_finding(), *vision, self._readiness(), self._launch_finding(), *parameters]
 
     def set_parameter(self, name: str, value: float) -> bool:
         """Ask the autopilot to take a value; False if it must not be: armed, lost, or the parameter is not known."""

@@ -74,7 +74,7 @@ def write_bundle(content: Path, release: Release, certificate: Path, key: Path, 
     settings = out.with_suffix(".conf")
     settings.write_text(
         f"[system]\ncompatible={COMPATIBLE}\nbootloader=noop\n\n"
-        f"[keyring]\npath={certificate.parent / AUTHORITY_FILE}\ncheck-purpose=codesign\n"
+        f"[keyring]\npath={certificate.parent.resolve() / AUTHORITY_FILE}\ncheck-purpose=codesign\n"
     )
     run(["rauc", f"--conf={settings}", "info", str(out)], log)
 

@@ -221,10 +221,13 @@ def test_going_back_needs_a_release_that_has_worked(aboard: Aboard) -> None:
 
 
 @needs_rauc
-def test_the_root_file_system_of_an_image_becomes_a_bundle(tmp_path: Path, authority: Path) -> None:
+def test_the_root_file_system_of_an_image_becomes_a_bundle(
+    tmp_path: Path, authority: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     image = an_image(tmp_path)
     out = tmp_path / "new.raucb"
-    made = build_bundle(image, authority / "builder", out, lambda text: None)
+    monkeypatch.chdir(authority.parent)
+    made = build_bundle(image, Path(authority.name, "builder"), out, lambda text: None)
     assert made.release == Release(version="0.2.0", build="20261123T000000Z-abc")
     assert read_bundle_manifest(out) == made
     with pytest.raises(

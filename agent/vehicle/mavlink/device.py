@@ -29,11 +29,25 @@ def check_device(address: str) -> None:
     if not device.is_char_device():
         raise VehicleError(f"{address}: {device} is no serial device")
     if not os.access(device, os.R_OK | os.W_OK):
+        if is_new(device.stat().st_rdev):
+            raise VehicleError(f"{address}: {device} has just been plugged in, and is being set up")
         group = _group(device)
         hint = f"add this user to the group {group} (`sudo usermod -aG {group} $USER`), and log in again"
         if group == "root":
             hint = "it belongs to root alone: give it to a group, such as dialout, by a udev rule"
         raise VehicleError(f"{address}: no permission to open {device}; {hint}")
+
+
+def is_new(number: int, root: Path = Path("/")) -> bool:
+    """Whether udev has still to set a device up, and its group and mode with that; it notes in its database when it has.
+
+    Args:
+        number: of the device, as in ``st_rdev``.
+        root: of the file system.
+    """
+    name = f"{os.major(number)}:{os.minor(number)}"
+    is_udevs = (root / "run/udev/control").exists() and (root / "sys/dev/char" / name).exists()
+    return is_udevs and not (root / "run/udev/data" / f"c{name}").exists()
 
 
 def _group(device: Path) -> str:

@@ -16,9 +16,11 @@ from msgspec.structs import replace
 from agent.config.drone import PeerMeshConfig
 from agent.mission.memory import Memory
 from agent.preflight.check import Preflight
+from agent.shell.links import mesh_config
 from agent.shell.overrides import load_drone
 from agent.shell.statestore import State, StateFile
 from agent.vehicle.interface import Finding
+from agent.vehicle.mavlink.device import is_new
 from protocol.codec import decode, encode
 from protocol.mesh.session import Mesh, MeshConfig
 from protocol.messages import Stage
@@ -122,6 +124,18 @@ def test_a_serial_device_that_this_user_may_not_open(folder: Path, monkeypatch: 
     assert "add this user to the group dialout" in refused.text
 
 
+def test_a_serial_device_is_new_until_udev_has_set_it_up(tmp_path: Path) -> None:
+    adapter = os.makedev(188, 0)
+    assert not is_new(adapter, tmp_path)  # a computer without udev: nobody will set it up
+    for file in ("run/udev/control", "sys/dev/char/188:0", "run/udev/data/c4:64"):
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).touch()
+    assert is_new(adapter, tmp_path)
+    assert not is_new(os.makedev(136, 0), tmp_path)  # a pseudo terminal, which udev is not told of
+    (tmp_path / "run/udev/data/c188:0").touch()
+    assert not is_new(adapter, tmp_path)
+
+
 def test_the_certificate_and_who_it_is_for(folder: Path) -> None:
     good = finding(folder, "certificate")
     assert good.verdict == "ok"
@@ -156,6 +170,27 @@ def test_a_drone_whose_certificate_is_of_another_authority_is_named(folder: Path
     found = asyncio.run(course())
     assert found.verdict == "failed"
     assert f": its certificate is not of the authority in {folder}/identity/d1/ca.pem: take a folder of the same" in found.text
+
+
+def test_a_drone_that_was_in_contact_is_still_so_in_the_findings_when_the_links_are_closed(folder: Path) -> None:
+    check = Preflight(*load_drone(folder / "d1.toml", {}))
+    other = mesh_config(*load_drone(folder / "d2.toml", {}))
+
+    def found() -> str:
+        return next(finding.text for finding in check.findings if finding.name == "d2")
+
+    async def course() -> None:
+        mesh = await Mesh.open(other, "radron", "d2", receive=lambda key, payload: None)
+        running = asyncio.create_task(check.run(60.0, lambda findings: None))
+        while "in contact" not in found():
+            assert not running.done()
+            await asyncio.sleep(0.02)
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        await mesh.close()
+
+    asyncio.run(course())
+    assert found() == "in contact, no status so far"
 
 
 def test_links_that_are_not_encrypted_are_told(folder: Path) -> None:

@@ -19,6 +19,10 @@ def test_a_lost_link_is_told_within_three_seconds_and_comes_back() -> None:
             begun_s = time.monotonic()
             await flight.fly(STAY, lambda: any("lost" in problem for problem in flight.vehicle.problems))
             assert time.monotonic() - begun_s < 3.0
+            found = {finding.name: finding.verdict for finding in await flight.vehicle.findings()}
+            assert found["autopilot"] == "failed"
+            assert found["parameters"] == "not yet"  # one that is not answered now is not unknown to it
+            assert not [name for name in found if name.isupper()]
             count = len(flight.states)
             await flight.fly(STAY, lambda: len(flight.states) > count and flight.state.healthy and not flight.vehicle.problems)
 

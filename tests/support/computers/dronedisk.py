@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
@@ -23,9 +24,11 @@ BOOT_S = 1200.0  # without hardware support, on a busy computer: the longest so 
 
 
 class Drone:
-    """Files of a fleet of two, and the disk of d1. Its agent waits for an autopilot that never comes."""
+    """Files of a fleet of two, and the disk of d1. Its agent waits for an autopilot that never comes. ``changes``: what is
+    different in the fleet file.
+    """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, changes: Iterable[tuple[str, str]] = ()) -> None:
         self.folder, self.disk = folder, folder / "disk.img"
         self.mesh_port, self.ssh_port, self.autopilot_port = free_port(), free_port(), free_port()
         with self.disk.open("wb") as disk:
@@ -42,6 +45,7 @@ class Drone:
             ('"pypixet"\npixet_folder = "/var/lib/radron/pixet"', '"feed"\naddress = "10.0.2.2:5600"'),
             ('calibration = "cameras/1"\n', ""),  # the agent would find that it is none
             ('version = "0.1.0"\n', ""),
+            *changes,
         ):
             assert old in text, old
             text = text.replace(old, new)
@@ -86,11 +90,18 @@ class Drone:
         )
 
     def boot(
-        self, folder: Path | None = None, drive: str | None = None, clock: str = "utc", state: Path | None = None
+        self,
+        folder: Path | None = None,
+        drive: str | None = None,
+        clock: str = "utc",
+        state: Path | None = None,
+        line: int | None = None,
     ) -> Machine:
-        """Switch the computer on. ``folder``: for its serial log; ``drive``: another disk; ``state``: kept of a running one."""
+        """Switch the computer on. ``folder``: for its serial log; ``drive``: another disk; ``state``: kept of a running one;
+        ``line``: a port of the host for its USB serial adapter.
+        """
         ports = {self.mesh_port: "tcp:7447", self.ssh_port: "tcp:22", self.autopilot_port: "udp:14540"}
-        return Machine(folder or self.folder, drive or self.disk, ports, clock, state)
+        return Machine(folder or self.folder, drive or self.disk, ports, clock, state, line)
 
     def status(self, within_s: float = BOOT_S) -> Computer:
         """What ``radron-update status`` tells; waits for the SSH server."""

@@ -58,11 +58,17 @@ class Machine:
 
     ``drive``: a file or what else QEMU takes for a disk; ``ports``: of the host, forwarded to ports of the guest ("tcp:7447");
     ``clock``: what its clock shows then, ``utc`` or such as ``2021-03-04T05:06:07``; ``state``: where ``saved`` has kept a
-    running computer, which goes on.
+    running computer, which goes on; ``line``: a port of the host that is the far end of the line of a USB serial adapter.
     """
 
     def __init__(
-        self, folder: Path, drive: Path | str, ports: Mapping[int, str], clock: str = "utc", state: Path | None = None
+        self,
+        folder: Path,
+        drive: Path | str,
+        ports: Mapping[int, str],
+        clock: str = "utc",
+        state: Path | None = None,
+        line: int | None = None,
     ) -> None:
         self.serial, self._control = folder / "serial.log", folder / "qmp"
         variables = folder / "uefi.fd"
@@ -92,6 +98,9 @@ class Machine:
             options["incoming"] = f"exec:cat {shlex.quote(str(state))}"
         drives = (f"if=pflash,readonly=on,file={CODE}", f"if=pflash,file={variables}", f"if=virtio,file={drive}")
         command = ["qemu-system-x86_64", *(part for name, value in options.items() for part in (f"-{name}", value))]
+        if line is not None:
+            command += ["-chardev", f"socket,id=line,host=127.0.0.1,port={line},nodelay=on"]
+            command += ["-device", "qemu-xhci", "-device", "usb-serial,chardev=line"]
         self._process = subprocess.Popen(
             [*command, *(part for drive in drives for part in ("-drive", f"format=raw,{drive}"))],
             stdin=subprocess.DEVNULL,
