@@ -22,6 +22,7 @@ _MATERIALS: dict[Material, tuple[float, float]] = {
     "steel": (7850.0, 0.955),
 }
 _LEVEL_M = 1e-9  # stands for a horizontal or vertical way of length zero
+_PORTION = 20_000  # ways at once: in a town, each is compared with some hundred buildings
 
 
 def attenuation_per_m(building: BuildingConfig, air_per_m: float) -> float:
@@ -59,6 +60,10 @@ class Buildings:
         Along a line, a prism's share is the sum over its sides of the places where the line leaves it, minus those where it
         enters it, each cut off at the ends of the way and where the line passes above the roof.
         """
+        portions = [slice(first, first + _PORTION) for first in range(0, max(len(way), 1), _PORTION)]
+        return np.concatenate([self._depth(start[portion], way[portion]) for portion in portions])
+
+    def _depth(self, start: Array, way: Array) -> Array:
         of, sides = self._met(start, start + way)
         if not len(of):
             return np.zeros(len(way))

@@ -160,8 +160,8 @@ class _Seen:
         straight, scattered = self._relative[..., bins] @ near, self._relative[..., bins] @ far  # (p, voxels)
         crossed = straight[:, self._of] + depth * scattered[:, self._of]
         if self._lines is not None:
-            straight, softened = self._relative[..., bins] @ direct, self._relative[..., bins] @ softer
-            crossed -= stopped * (straight[:, self._of] + depth * softened[:, self._of])
+            unscattered, softened = self._relative[..., bins] @ direct, self._relative[..., bins] @ softer
+            crossed -= stopped * (unscattered[:, self._of] + depth * softened[:, self._of])
         crossed *= strength
         cross = np.stack([np.bincount(self._place, one, self._places) for one in crossed])  # (p, G)
         made_good = np.einsum("ig,ij,jg->g", cross, self._covariance, cross) / np.maximum(own, _TINY)

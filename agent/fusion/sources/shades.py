@@ -19,7 +19,8 @@ from agent.terrain.ground import Ground
 _ASIDE_M = 0.25
 _LINES: Array = _ASIDE_M * np.array([(0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)], np.float64)
 _LEAST_SIGMA_M, _MOST_SIGMA_M = 0.1, 2.0  # of a source's place: of walls on a map, too; and beyond which more says nothing
-_KEPT = 64  # sources, of which a fit asks again and again
+_KEPT = 32  # shares that a fit asks for again and again: of its sources at the solutions that it compares
+_LINES_KEPT = 4  # sources that are asked for as another nuclide; ten times as large as a share
 
 
 class KnownWalls:
@@ -61,21 +62,27 @@ class Shades:
 
     def __init__(self, walls: KnownWalls, places: Array) -> None:
         """``places``: (N, 3), mission frame."""
-        self._walls, self._places = walls, places
-        self._lines = lru_cache(_KEPT)(self._to)
+
+        @lru_cache(_LINES_KEPT)
+        def lines(source: Vector3) -> Lines:
+            return walls.lines(np.array(source), places)
+
+        @lru_cache(_KEPT)
+        def passing(nuclide: int, source: Vector3) -> Array:
+            result: Array = lines(source).shares(nuclide).mean(axis=0)
+            return result
+
+        self._lines, self._passing = lines, passing  # neither knows ``self``: a cycle would outlive its fit where gc is off
 
     def passing(self, nuclide: int, source: Vector3) -> Array:
         """Share (N,) of the direct photons of a source, mission frame, that is expected to pass."""
-        result: Array = self._lines(source).shares(nuclide).mean(axis=0)
-        return result
+        return self._passing(nuclide, source)
 
     def spread(self, nuclide: int, source: Vector3, sigma_m: Array) -> tuple[Array, Array]:
         """That share, and its 1 sigma, of a source that may be off by sigma_m (2,) along x and y."""
         x, y, z = source
         east, north = np.clip(sigma_m, _LEAST_SIGMA_M, _MOST_SIGMA_M).tolist()
         around = (x, y, z), (x + east, y, z), (x - east, y, z), (x, y + north, z), (x, y - north, z)
+        share = self.passing(nuclide, source)
         shares = np.concatenate([self._lines(one).shares(nuclide) for one in around])
-        return self.passing(nuclide, source), shares.std(axis=0)
-
-    def _to(self, source: Vector3) -> Lines:
-        return self._walls.lines(np.array(source), self._places)
+        return share, shares.std(axis=0)

@@ -47,6 +47,18 @@ def test_on_level_ways_the_depth_is_the_length_inside_each_outline() -> None:
     assert alone == pytest.approx(expected, abs=1e-9)
 
 
+def test_ways_in_portions_have_the_same_depths(monkeypatch: pytest.MonkeyPatch) -> None:
+    town = buildings(*(BuildingConfig(footprint_m=one, height_m=5.0, attenuation_per_m=0.3) for one in (L_SHAPED, WALL)))
+    rng = np.random.default_rng(2)
+    start, end = (np.column_stack((rng.uniform(-5.0, 25.0, (100, 2)), rng.uniform(0.0, 6.0, 100))) for _ in range(2))
+    way = end - start
+    at_once = town.depth(start, way)
+    assert np.count_nonzero(at_once) > 20
+    monkeypatch.setattr("agent.terrain.buildings._PORTION", 7)
+    assert town.depth(start, way).tobytes() == at_once.tobytes()
+    assert town.depth(start[:0], way[:0]).shape == (0,)
+
+
 def test_a_line_that_passes_the_roof_is_inside_only_below_it() -> None:
     wall = buildings(BuildingConfig(footprint_m=WALL, height_m=2.0, attenuation_per_m=1.0))
 

@@ -1,5 +1,8 @@
 """Walls that the mission knows: what they let pass, and what the estimator makes of it."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -72,6 +75,21 @@ def test_at_the_edge_of_the_shadow_some_may_pass_and_nobody_knows_how_much():
     assert share[2] < 0.1
     assert sigma[1] > 0.2
     assert max(sigma[0], sigma[2]) < 0.05
+
+
+def test_what_a_fit_has_asked_for_goes_with_it_where_gc_is_off():
+    """As in simulated time, where gc waits for the end of a run."""
+    known, places = walls(WALL), np.array([[12.0, 24.0, 0.5]])
+    gc.disable()
+    try:
+        shades = Shades(known, places)
+        shades.spread(0, (18.0, 24.0, 1.0), np.array([0.1, 0.1]))
+        left = weakref.ref(shades), weakref.ref(shades.passing(0, (18.0, 24.0, 1.0)))
+        assert left[1]() is not None  # kept
+        del shades
+        assert [one() for one in left] == [None, None]
+    finally:
+        gc.enable()
 
 
 def test_without_a_map_there_are_none():
