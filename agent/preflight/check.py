@@ -109,12 +109,12 @@ class Preflight:
         ]
 
     async def run(self, wait_s: float, show: Callable[[list[Finding]], None]) -> bool:
-        """Check until no finding is "not yet", for ``wait_s`` at most. Returns whether every finding is "ok"."""
+        """Check until no finding is "not yet" or is being corrected, for ``wait_s`` at most. Returns whether all are "ok"."""
         checks = (self._check_mesh, self._check_vehicle, self._check_camera, self._check_sightings, self._check_chrony)
         tasks = [asyncio.create_task(check()) for check in checks]
         deadline_s = time.monotonic() + wait_s
         try:
-            while time.monotonic() < deadline_s and any(finding.verdict == "not yet" for finding in self.findings):
+            while time.monotonic() < deadline_s and any(map(self._may_change, self.findings)):
                 show(self.findings)
                 await asyncio.sleep(0.2)
         finally:
@@ -124,6 +124,11 @@ class Preflight:
             await asyncio.gather(*tasks, return_exceptions=True)
         show(self._last)
         return all(finding.verdict == "ok" for finding in self._last)
+
+    def _may_change(self, finding: Finding) -> bool:
+        if finding.verdict == "failed" and self._corrections is not None:
+            return self._corrections.tries(finding.name)
+        return finding.verdict == "not yet"
 
     async def _check_mesh(self) -> None:
         try:

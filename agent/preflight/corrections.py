@@ -15,6 +15,7 @@ from agent.vehicle.px4 import Px4Vehicle
 
 AGAIN_S = 0.5
 MOST_ATTEMPTS = 4
+_ANSWER_S = 2.0  # until the autopilot has told the new value
 FENCE_SPARE_M = 20.0  # between the agents' fence and the autopilot's own
 _HOLD, _RETURN, _LAND = "hold", "return", "land"
 _WITHOUT_AGENT = {_RETURN: 3.0, _LAND: 4.0, _HOLD: 5.0}  # COM_OBL_RC_ACT
@@ -67,12 +68,20 @@ class Corrections:
         self._drone, self._mission = drone, mission
         self._before: dict[str, tuple[float, float]] = {}  # value before, and the wanted one
         self._attempts: dict[str, int] = {}
+        self._set_s: dict[str, float] = {}  # when each was set last
         self._values: dict[str, float | None] = {}
 
     @property
     def changes(self) -> list[Change]:
         """All that was set, with the present values."""
         return [Change(name, before, self._values.get(name), wanted) for name, (before, wanted) in self._before.items()]
+
+    def tries(self, name: str) -> bool:
+        """Whether a parameter that is wrong is still going to be set, or its new value may still come."""
+        if correction(name, 0.0, self._drone, self._mission) is None:
+            return False
+        answers = time.monotonic() - self._set_s.get(name, float("-inf")) < _ANSWER_S
+        return answers or self._attempts.get(name, 0) < MOST_ATTEMPTS
 
     async def run(self, vehicle: Px4Vehicle) -> None:
         """Set what is wrong, until cancelled."""
@@ -91,4 +100,5 @@ class Corrections:
                 continue
             if vehicle.set_parameter(name, wanted):
                 self._attempts[name] = self._attempts.get(name, 0) + 1
+                self._set_s[name] = time.monotonic()
                 self._before.setdefault(name, (value, wanted))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import asyncio
+from dataclasses import dataclass, field
+from typing import cast
 
 import pytest
 from hypothesis import given, settings
@@ -11,9 +13,10 @@ from hypothesis import strategies as st
 from agent.config.drone import DroneConfig, VehicleConfig, VisionConfig
 from agent.config.loading import convert
 from agent.config.mission import MissionConfig
-from agent.preflight.corrections import correction
+from agent.preflight.corrections import MOST_ATTEMPTS, Corrections, correction
 from agent.vehicle.mavlink.messages import ParameterValue
 from agent.vehicle.parameters import FLOAT, INT32, rules_of, value_of, wire_value
+from agent.vehicle.px4 import Px4Vehicle
 
 DRONES = [{"id": "d1", "origin_m": [5, 5, 0]}, {"id": "d2", "origin_m": [9, 5, 0]}]
 AREA = {"polygon_m": [[0, 0], [60, 0], [60, 60], [0, 60]]}
@@ -55,3 +58,42 @@ def test_the_autopilots_fence_lies_outside_the_agents() -> None:
 @pytest.mark.parametrize(("value", "kind"), [(3.0, INT32), (2_000_000.0, INT32), (10.5, FLOAT), (0.0, INT32)])
 def test_a_value_survives_the_link(value: float, kind: int) -> None:
     assert value_of(ParameterValue("X", wire_value(value, kind), kind)) == value
+
+
+@dataclass
+class Deaf:
+    """A vehicle that keeps a wrong value, whatever it is told."""
+
+    told: list[tuple[str, float]] = field(default_factory=list)
+
+    @property
+    def parameters(self) -> Deaf:
+        return self
+
+    def wrong(self) -> dict[str, float]:
+        return {"COM_OF_LOSS_T": 5.0, "EKF2_HGT_REF": 0.0}
+
+    def value(self, name: str) -> float:
+        return self.wrong()[name]
+
+    def set_parameter(self, name: str, value: float) -> bool:
+        self.told.append((name, value))
+        return True
+
+
+def test_a_wrong_parameter_is_waited_for_while_it_may_still_be_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agent.preflight.corrections.AGAIN_S", 0.0)
+    monkeypatch.setattr("agent.preflight.corrections._ANSWER_S", 0.3)
+    vehicle, corrections = Deaf(), Corrections(DroneConfig(id="d1"), mission())
+    assert corrections.tries("COM_OF_LOSS_T")
+    assert not corrections.tries("EKF2_HGT_REF")  # only a person can choose
+
+    async def set_all() -> None:
+        setting = asyncio.create_task(corrections.run(cast(Px4Vehicle, vehicle)))
+        while corrections.tries("COM_OF_LOSS_T"):
+            await asyncio.sleep(0.02)
+        setting.cancel()
+
+    asyncio.run(set_all())
+    assert vehicle.told == [("COM_OF_LOSS_T", 1.0)] * MOST_ATTEMPTS
+    assert [change.taken for change in corrections.changes] == [False]
