@@ -90,7 +90,8 @@ class Machine:
             "display": "none",
             "monitor": "none",
             "qmp": f"unix:{self._control},server=on,wait=off",
-            "device": "i6300esb",  # a hardware watchdog
+            "device": "i6300esb",  # a hardware watchdog; the one of the chipset does not reset the computer by default
+            "global": "ICH9-LPC.noreboot=off",
             "action": "watchdog=reset",
             "nic": "user,model=virtio-net-pci" + "".join(forwards),
         }
