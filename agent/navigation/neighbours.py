@@ -14,7 +14,7 @@ that departs from it by more than separation allows for is flown by somebody els
 publishes plans no more, and never gives way.
 
 One that was never heard may fly, too, where this agent was started in flight, or after that one had measured something: it was
-revoked before, or is out of reach. It is missed like one that is not heard any more.
+revoked before, or is out of reach. It counts as missing, like one that is not heard any more.
 
 One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both.
 
