@@ -11,6 +11,7 @@ from shapely import Polygon
 from agent.pilot import Pilot
 from sim.faults.agents import Late
 from sim.faults.base import Family
+from sim.geometry import Array
 from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Moment
 
@@ -41,6 +42,7 @@ class Reckoned(Invariant[Moment]):
         self._first: list[Pilot | None] = [None] * len(setting.names)
         self._since_s: dict[tuple[int, int], float] = {}
         self._found: dict[tuple[int, int], str] = {}
+        self._believed: dict[tuple[int, int], tuple[object, float]] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Pairs: who does not reckon with whom."""
@@ -79,8 +81,11 @@ class Reckoned(Invariant[Moment]):
         apart_m = _apart_m(moment, drone, other)
         if apart_m > NEAR_M or any(self.setting.struck(_ELSEWHERE, one, moment.time_s, 15.0) for one in (drone, other)):
             return 0.0
-        x, y, z = moment.position_m[other].tolist()
-        believed_m = reckoning.distance_m(self.setting.names[other], SIGMAS, (x, y, z))
+        judged, believed_m = self._believed.get((drone, other), (None, inf))
+        if judged is not reckoning:  # worked out once for each of its plans
+            x, y, z = moment.position_m[other].tolist()
+            believed_m = reckoning.distance_m(self.setting.names[other], SIGMAS, (x, y, z))
+            self._believed[drone, other] = reckoning, believed_m
         return believed_m - apart_m - FARTHER_M
 
     def _is_new(self, drone: int, pilot: Pilot | None) -> bool:
@@ -98,25 +103,33 @@ class Confined(Invariant[Moment]):
         self._fence = Polygon(area.polygon_m).buffer(area.fence_margin_m + ROOM_M)
         shapely.prepare(self._fence)
         self._since_s: dict[int, float] = {}
+        self._over: dict[int, tuple[object, float]] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Drones whose room is too wide."""
         outside = {
             drone: over_m
             for drone, pilot in enumerate(moment.pilots)
-            if pilot is not None and (over_m := self._over_m(pilot)) > 0.0
+            if pilot is not None and (over_m := self._over_m(drone, pilot)) > 0.0
         }
         self._since_s = {drone: self._since_s.get(drone, moment.time_s) for drone in outside}
         for drone, since_s in self._since_s.items():
             if moment.time_s - since_s > WIDE_S:
                 yield Breach((drone,), f"it may fly {outside[drone] + ROOM_M:.1f} m beyond the fence")
 
-    def _over_m(self, pilot: Pilot) -> float:
-        """How far the room reaches beyond what is allowed."""
-        corners = pilot.reckoning.corners_m if pilot.reckoning is not None else None
-        if corners is None:
+    def _over_m(self, drone: int, pilot: Pilot) -> float:
+        """How far the room reaches beyond what is allowed; worked out once for each plan."""
+        if pilot.reckoning is None:
             return 0.0
-        if shapely.contains_xy(self._fence, corners).all():
+        judged, over_m = self._over.get(drone, (None, 0.0))
+        if judged is not pilot.reckoning:
+            over_m = self._beyond_m(pilot.reckoning.corners_m)
+            self._over[drone] = pilot.reckoning, over_m
+        return over_m
+
+    def _beyond_m(self, corners: Array | None) -> float:
+        """How far the farthest of these corners lies outside."""
+        if corners is None or shapely.contains_xy(self._fence, corners).all():
             return 0.0
         return float(shapely.distance(self._fence, shapely.points(corners)).max())
 
