@@ -156,11 +156,11 @@ class _World:
         self._tellers = Tellers(scenario.fault, self._faults, names, authority.signs(names))
         self._forgers = Forgers(self._faults, names, [authority.trust(name) for name in names])
         self._old_commands = OldCommands(self._faults)
-        self._revoker = Revoker(self._faults, names, self._operator)
+        self._revoker = Revoker(self._faults, names, self._operator, self._radio.exclude)
         self._recovery = Recovery(mission.swarm, names, self._radio, self._tellers) if scenario.fault else None
         late = [any(isinstance(fault, Late) and name in fault.strikes(names) for fault in scenario.fault) for name in names]
         agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]
-        self._crew = Crew(scenario.fault, self._faults, agents, self._start, self._gone)
+        self._crew = Crew(scenario.fault, self._faults, agents, self._start, self._gone, self._revoker.remind)
         scored = [Aboard(agent) for agent in agents]
         event_s = scenario.localization.event_s
         known = FrameScore(mission, scored[0], self._frames, event_s) if self._frames.moving else None

@@ -16,7 +16,7 @@ from protocol.identity import Peer, Role
 from protocol.issuing import Issuer
 from protocol.keys import command_key, key_of
 from protocol.messages import Action, Command, Ticket
-from protocol.revocations import Revocation
+from protocol.revocations import Revocation, Revoked
 from protocol.signing import Sign, Trust, sign_command, sign_revocation
 from sim.sharing import Results
 
@@ -86,6 +86,11 @@ class SimulatedOperator:
             stamp_ns=now_ns, station=OPERATOR_NAME, member=member, until_ns=until_ns, last=dict(last), certificate=b""
         )
         return key_of(self._swarm, bare), encode(sign_revocation(bare, self._trust))
+
+    def kept(self, drone: str, held: tuple[Revocation, ...], now_ns: int) -> tuple[str, bytes]:
+        """Revocations as a drone's disk keeps them, with their key."""
+        message = Revoked(stamp_ns=now_ns, drone=drone, held=held)
+        return key_of(self._swarm, message), encode(message)
 
 
 def nonce_key_of(seed: int, drone: str, starts: int) -> bytes:

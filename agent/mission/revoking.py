@@ -92,10 +92,14 @@ class Revoking:
         return (*revoked, *(f"{name} {told} {contradicting[name]}: nothing from it on counts" for name in sorted(contradicting)))
 
     def _carry_out(self, revocation: Revocation, now_ns: int) -> None:
-        """What is known of a revoked drone's body stays: it is kept away from as from one that is silent."""
+        """What is known of a revoked drone's body stays: it is kept away from as from one that is silent.
+
+        This drone itself returns: nobody counts what it measures, nor knows any more where it is.
+        """
         name, log = revocation.member, self._world.fusion.log
         self._due_ns = now_ns
         if name == self._drone:
+            self._executive.revoked = True
             self._problems.revoked = (f"{name} has been revoked by {revocation.station}: no other drone hears it any more",)
             return
         self._world.forget(log.beyond(name, revocation.counts))

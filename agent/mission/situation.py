@@ -15,6 +15,7 @@ class Situation(Struct, frozen=True):
     ``searches_on``: for further sources, beside those that have been found.
     ``stranded``: other drones are not heard, and the mission, or the fence, leaves this one nothing but to return; or it may be
     far from where it believes to be.
+    ``revoked``: an operator has excluded this drone from the swarm.
     ``battery_low``: it is this drone's turn to return for want of battery. ``no_nearer``: its return has not got on for long.
     """
 
@@ -27,9 +28,15 @@ class Situation(Struct, frozen=True):
     rms_m: float | None = None
     nothing_found: bool = False
     stranded: bool = False
+    revoked: bool = False
     battery_low: bool = False
     no_nearer: bool = False
     searches_on: bool = False
+
+    @property
+    def goes_home(self) -> bool:
+        """Whether it returns at once, whatever it does."""
+        return self.battery_low or self.revoked
 
     @property
     def is_found(self) -> bool:

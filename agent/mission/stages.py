@@ -213,12 +213,12 @@ class Mission:
                 self._enter(Stage.LANDING, now_ns)
         elif self.stage in SEARCHING:
             self._search(situation)
-        elif self.stage is Stage.HOLD and situation.battery_low:
+        elif self.stage is Stage.HOLD and situation.goes_home:
             self._enter(Stage.RETURN, now_ns)
 
     def _search(self, situation: Situation) -> None:
         now_ns = situation.now_ns
-        if situation.battery_low:
+        if situation.goes_home:
             self._enter(Stage.RETURN, now_ns)
             return
         if not situation.stranded:

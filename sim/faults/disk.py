@@ -12,6 +12,7 @@ import msgspec
 from agent.errors import ConfigError
 from agent.mission.memory import Memory
 from agent.shell.statestore import State, decode_state, encode_state
+from protocol.revocations import Revocation
 from sim.faults.agents import Disk
 from sim.faults.base import Fault
 from sim.faults.kinds import LIVE_ONLY, kind_of
@@ -24,10 +25,13 @@ Struck = Sequence[tuple[Disk, Active]]
 
 
 class StateDisk:
-    """The state file of one agent. ``problem``: why it could not be written or read; empty where it could."""
+    """The files of one agent. ``problem``: why its state could not be written or read; empty where it could. ``revoked``: what it
+    knew to be revoked, in a file of its own, which is written at once.
+    """
 
     def __init__(self) -> None:
         self.problem = ""
+        self.revoked: tuple[Revocation, ...] = ()
         self._content = b""
         self._writing: tuple[int, bytes] | None = None  # when it is done
         self._readable = True
@@ -48,6 +52,11 @@ class StateDisk:
             self._writing = now_ns + SLOW_NS, content
         else:
             self._content = content
+
+    def keep_revoked(self, held: tuple[Revocation, ...], struck: Struck) -> None:
+        """Write who has been revoked; a full disk takes no more."""
+        if all(fault.how != "full" for fault, _ in struck):
+            self.revoked = held
 
     def load(self, struck: Struck) -> Memory | None:
         """What an agent that is started now finds; a file that is not readable is left as it is."""

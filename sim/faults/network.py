@@ -14,7 +14,7 @@ from itertools import product
 import msgpack
 import numpy as np
 
-from sim.faults.agents import Corrupt, Cut, Duplicate, Flood, Lag, LinkFault, Loss, Partition, RadioRange, Reorder, Revoked
+from sim.faults.agents import Corrupt, Cut, Duplicate, Flood, Lag, LinkFault, Loss, Partition, RadioRange, Reorder
 from sim.faults.base import Fault
 from sim.faults.schedule import Active, Schedule
 from sim.geometry import Array
@@ -40,6 +40,7 @@ class FaultyRadio(Radio):
         self._faults = faults
         self._tick_s = tick_s
         self._calm, self._broken = True, False
+        self._excluded: set[int] = set()
         self._cut: set[Link] = set()
         self._far: set[Link] = set()
         self._struck: dict[Link, list[tuple[LinkFault, Active]]] = {}
@@ -63,6 +64,11 @@ class FaultyRadio(Radio):
         """Whether anything can get from one drone to another at present."""
         return (sender, receiver) not in self._cut and (sender, receiver) not in self._far
 
+    def exclude(self, drone: int) -> None:
+        """The other drones have opened their sessions anew without it."""
+        self._excluded.add(drone)
+        self._look()
+
     def silence(self, drone: int) -> None:
         """The drone's agent is gone: what it has not read, and what it kept for others, is lost."""
         self._inboxes[drone].clear()
@@ -80,8 +86,7 @@ class FaultyRadio(Radio):
             side = {name: number for number, group in enumerate(partition.groups) for name in group}
             sides = [side.get(name, -1 - place) for place, name in enumerate(self._names)]
             self._cut.update((one, other) for one, other in product(everyone, everyone) if sides[one] != sides[other])
-        for _, one in active(Revoked):  # the others open their sessions anew without it
-            self._cut.update(link for link in product(everyone, everyone) if not one.drones.isdisjoint(link))
+        self._cut.update(link for link in product(everyone, everyone) if not self._excluded.isdisjoint(link))
         for fault, one in active(LinkFault):
             links = self._links(fault, one)
             if isinstance(fault, Cut):

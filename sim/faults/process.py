@@ -13,6 +13,7 @@ from agent.mission.memory import Memory
 from agent.pilot import Pilot
 from agent.vehicle.interface import VehicleCommand
 from protocol.messages import Stage
+from protocol.revocations import Revocation
 from sim.faults.agents import Disk, Freeze, Kill, Late, SlowCpu
 from sim.faults.base import Fault
 from sim.faults.disk import StateDisk
@@ -29,6 +30,7 @@ _STRIKING = (*_ENDING, Late, SlowCpu, Disk)
 
 Start = Callable[[int, int, Memory | None], Pilot]  # of a drone, for the n-th time, with the state that was kept
 Gone = Callable[[int], None]
+Remind = Callable[[int, Pilot, tuple[Revocation, ...], int], None]  # of what the disk has kept of revocations; with the time
 
 
 class Life(Enum):
@@ -74,17 +76,26 @@ class Agent:
 class Crew:
     """The agents of a flight. Without a fault of a process or disk nothing happens here."""
 
-    def __init__(self, faults: Sequence[Fault], schedule: Schedule, agents: Sequence[Agent], start: Start, gone: Gone) -> None:
+    def __init__(
+        self,
+        faults: Sequence[Fault],
+        schedule: Schedule,
+        agents: Sequence[Agent],
+        start: Start,
+        gone: Gone,
+        remind: Remind,
+    ) -> None:
         """Args:
         faults: of the scenario.
         schedule: what is active of them.
         agents: by drone.
         start: makes the pilot of an agent that is started again.
         gone: called when an agent has died.
+        remind: tells an agent that is started again of the revocations that it knew before.
         """
         self.agents = list(agents)
         self._schedule = schedule
-        self._start, self._gone = start, gone
+        self._start, self._gone, self._remind = start, gone, remind
         self._calm = not any(isinstance(fault, _STRIKING) for fault in faults)
         self._calls: dict[int, tuple[int, int]] = {}  # drone: when the operator starts it next, and how often he has
         self._look_ns = 0
@@ -108,7 +119,7 @@ class Crew:
             if agent.life is Life.FROZEN and now_ns - agent.since_ns > SILENCE_NS:
                 self._die(drone)
             elif agent.restart_ns is not None and now_ns >= agent.restart_ns:
-                self._boot(drone)
+                self._boot(drone, now_ns)
         if now_ns >= self._look_ns:
             self._look_ns = now_ns + LOOK_NS
             self._look(now_ns)
@@ -140,7 +151,7 @@ class Crew:
     def _strike(self, drone: int, fault: Fault, now_ns: int) -> None:
         agent = self.agents[drone]
         if isinstance(fault, Late):
-            self._boot(drone)
+            self._boot(drone, now_ns)
             self._calls[drone] = now_ns + 2 * CALL_NS, 0  # by then it has heard the status of those that fly
         elif isinstance(fault, Kill) and agent.alive:
             self._die(drone)
@@ -155,7 +166,7 @@ class Crew:
         if agent.life is Life.FROZEN and agent.restart_ns is None and now_ns - agent.since_ns <= SILENCE_NS:
             agent.life = Life.RUNNING
         else:
-            self._boot(drone)
+            self._boot(drone, now_ns)
 
     def _die(self, drone: int) -> None:
         agent = self.agents[drone]
@@ -163,10 +174,12 @@ class Crew:
         agent.readings.clear()
         self._gone(drone)
 
-    def _boot(self, drone: int) -> None:
+    def _boot(self, drone: int, now_ns: int) -> None:
         agent = self.agents[drone]
         self._gone(drone)
         agent.pilot = self._start(drone, agent.starts, agent.disk.load(self._schedule.active(Disk, drone)))
+        if agent.disk.revoked:
+            self._remind(drone, agent.pilot, agent.disk.revoked, now_ns)
         agent.life, agent.absent, agent.restart_ns = Life.RUNNING, False, None
         agent.starts += 1
         agent.due_ns = 0
@@ -175,5 +188,7 @@ class Crew:
         """What the agents' shells do twice a second: save the state, and tell the pilot where that fails."""
         for drone, agent in enumerate(self.agents):
             if agent.life is Life.RUNNING:
-                agent.disk.keep(agent.pilot.memory, self._schedule.active(Disk, drone), now_ns)
+                struck = self._schedule.active(Disk, drone)
+                agent.disk.keep(agent.pilot.memory, struck, now_ns)
+                agent.disk.keep_revoked(agent.pilot.revocations, struck)
                 agent.pilot.block((agent.disk.problem,) if agent.disk.problem else ())

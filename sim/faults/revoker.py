@@ -6,19 +6,26 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from agent.pilot import Pilot
+from protocol.revocations import Revocation
 from sim.faults.agents import Revoked
 from sim.faults.schedule import Schedule
 from sim.members import SimulatedOperator
 
+LINKS_END_NS = 1_000_000_000  # the others open their sessions anew one after the other; this is for the second of them
+
 
 class Revoker:
-    """Carries out the faults ``revoked``. The other drones hear it of each other."""
+    """Carries out the faults ``revoked``. The drones hear it of each other, the revoked one too; then its links end."""
 
-    def __init__(self, schedule: Schedule, drones: Sequence[str], operator: SimulatedOperator) -> None:
-        """``drones``: of the mission."""
+    def __init__(
+        self, schedule: Schedule, drones: Sequence[str], operator: SimulatedOperator, exclude: Callable[[int], None]
+    ) -> None:
+        """``drones``: of the mission; ``exclude``: ends a drone's links."""
         self._schedule, self._drones, self._operator = schedule, drones, operator
         self._due: deque[int] = deque()
         self._gone: set[int] = set()
+        self._linked: deque[tuple[int, int]] = deque()  # until when, and who
+        self._exclude = exclude
 
     def advance(self, now_ns: int, running: dict[int, Pilot], own_ns: Callable[[int], int]) -> None:
         """Revoke whose turn it is, as soon as there is a drone to tell it to. ``running``: the pilots whose agents live;
@@ -29,7 +36,10 @@ class Revoker:
                 self._due += sorted(one.drones)
                 self._gone |= one.drones
         hearing = [drone for drone in running if drone not in self._gone]
+        while self._linked and now_ns >= self._linked[0][0]:
+            self._exclude(self._linked.popleft()[1])
         while self._due and hearing:
+            self._linked.append((now_ns + LINKS_END_NS, self._due[0]))
             member, last = self._drones[self._due.popleft()], dict[str, int]()
             for drone in hearing:
                 for (name, boot), held in running[drone].fusion.log.summary().items():
@@ -37,3 +47,7 @@ class Revoker:
                         last[boot] = max(last.get(boot, -1), held.ranges[-1][1])
             key, payload = self._operator.revoked(now_ns, member, last)
             running[hearing[0]].receive(key, payload, own_ns(hearing[0]))
+
+    def remind(self, drone: int, pilot: Pilot, held: tuple[Revocation, ...], now_ns: int) -> None:
+        """Tell an agent that is started again of the revocations that its disk has kept."""
+        pilot.receive(*self._operator.kept(self._drones[drone], held, now_ns), now_ns)

@@ -27,7 +27,7 @@ def test_the_swarm_forgets_what_a_revoked_drone_says_and_keeps_away_from_it():
 
     def watch(moment: Moment) -> bool:
         now_ns = EPOCH_NS + round(moment.time_s * 1e9)
-        first, second, _ = moment.pilots
+        first, second, third = moment.pilots
         if not last and moment.time_s >= TOLD_S:
             for (drone, boot), held in first.fusion.log.summary().items():
                 if drone == "d3":
@@ -46,12 +46,13 @@ def test_the_swarm_forgets_what_a_revoked_drone_says_and_keeps_away_from_it():
             held = [record.entry.sequence for record in first.fusion.log if record.entry.drone == "d3"]
             assert max(held) == next(iter(last.values()))
             least_m.append(min(dist(moment.position_m[2], moment.position_m[one]) for one in (0, 1)))
-            stages.append((first.stage, second.stage))
+            stages.append((first.stage, second.stage, third.stage))
             errors_m.append(dist(first.hypothesis.position[:2], moment.source))
         return moment.time_s >= END_S
 
     watched(scenario, SEED, watch)
     assert sum(digests) > 0.3 * len(digests)  # the others differ by entries that are on their way
     assert min(least_m) > CLOSEST_M
-    assert set(stages) == {(Stage.TRACK, Stage.TRACK)}
+    assert {(first, second) for first, second, _ in stages} == {(Stage.TRACK, Stage.TRACK)}
+    assert {third for *_, third in stages} <= {Stage.RETURN, Stage.LANDING, Stage.LANDED}
     assert max(errors_m) < 2.0

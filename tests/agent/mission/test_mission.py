@@ -215,6 +215,15 @@ def test_a_hold_ends_in_a_return_when_the_battery_is_low():
     assert (mission.stage, mission.request) == (Stage.RETURN, Request.OFFBOARD)
 
 
+@pytest.mark.parametrize("holds", [False, True])
+def test_a_revoked_drone_returns_at_once(holds):
+    mission = tracking()
+    if holds:
+        mission.command(Action.HOLD, 11 * SECOND, at(11.0))
+    mission.step(at(12.0, VEHICLE if holds else OFFBOARD, has_hypothesis=True, last_cone_ns=10 * SECOND, revoked=True))
+    assert mission.stage is Stage.RETURN
+
+
 def test_what_a_pilot_has_stopped_is_not_sent_home_by_the_agent():
     """A hold that somebody else has chosen: its end is the pilot's, or the autopilot's own failsafe."""
     mission = tracking()

@@ -24,7 +24,7 @@ class Standin:
     """A pilot of which only stage and memory are asked."""
 
     def __init__(self, stage=Stage.TRACK, memory=None):
-        self.stage, self.memory, self.blocked = stage, memory, ()
+        self.stage, self.memory, self.blocked, self.revocations = stage, memory, (), ()
 
     def block(self, problems):
         self.blocked = problems
@@ -36,14 +36,17 @@ class Flight:
     def __init__(self, *faults, absent=()):
         self.schedule = Schedule(faults, NAMES, 1)
         self.autopilots = [SimpleNamespace(armed=True) for _ in NAMES]
-        self.gone, self.started, self.steps = [], [], [[], []]
+        self.gone, self.started, self.reminded, self.steps = [], [], [], [[], []]
         agents = [Agent(Standin(), pilot, name in absent) for name, pilot in zip(NAMES, self.autopilots, strict=True)]
-        self.crew = Crew(faults, self.schedule, agents, self.start, self.gone.append)
+        self.crew = Crew(faults, self.schedule, agents, self.start, self.gone.append, self.remind)
         self.now_ns = 0
 
     def start(self, drone, starts, memory=None):
         self.started.append((drone, starts, memory))
         return Standin(Stage.PREFLIGHT)
+
+    def remind(self, drone, pilot, held, now_ns):
+        self.reminded.append((drone, held, now_ns))
 
     def go(self, time_s):
         while self.now_ns <= time_s * SECOND:
@@ -57,6 +60,14 @@ class Flight:
     @property
     def alive(self):
         return [agent.alive for agent in self.crew.agents]
+
+
+def test_an_agent_that_is_started_again_knows_who_had_been_revoked_unless_its_disk_was_full():
+    for faults, known in (((), True), ((fault("disk", 0.0, how="full"),), False)):
+        flight = Flight(fault("kill", 5.0, for_s=10.0), *faults)
+        flight.crew.agents[1].pilot.revocations = ("d3",)
+        flight.go(15.0)
+        assert flight.reminded == ([(1, ("d3",), 15 * SECOND)] if known else [])
 
 
 def test_a_killed_agent_comes_back_with_what_its_disk_kept():
