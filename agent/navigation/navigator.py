@@ -7,7 +7,7 @@ from functools import partial
 from math import hypot, inf
 
 import numpy as np
-from msgspec import Struct
+from msgspec import UNSET, Struct
 from shapely import Polygon
 
 from agent.config.drone import DroneConfig
@@ -223,12 +223,14 @@ class Navigator:
         self.reckoning = Reckoning(moment.now_ns, vehicle.position_m, kept_from, self._room, mission_from_local)
         here = PeerState(vehicle.position_m, vehicle.velocity_mps)
         made = tracker.plan(moment.now_ns, here, reference, kept_from, self._ground.relief(vehicle))
+        unheard = self.absence.unheard if self.absence is not None else ()
         return Plan(
             stamp_ns=made.stamp_ns,
             drone=self._id,
             epoch=vehicle.epoch,
             step_ns=round(made.step_s * 1e9),
             positions_m=tuple(map(tuple, made.positions.tolist())),
+            unheard=unheard or UNSET,
         )
 
 
