@@ -27,8 +27,9 @@ _LOW_M = 1.5  # one that is lower may take itself to have landed
 class Reckoned(Invariant[Moment]):
     """No drone that flies by setpoints takes another one for farther away than it is, whether it hears that one or not.
 
-    By 4 m and 3 sigma, for 1.5 s, of vehicles less than 15 m away and at its height. Exempt is whose own position or thrust is
-    faulted or who lies; an agent that was started late, or again: it may never have heard others, nor they it; and a drone that
+    By 4 m and 3 sigma, for 1.5 s, of vehicles less than 15 m away and at its height. One that is less than 4 m before a line that
+    a drone keeps from, such as the circle of others, is not taken for so much farther away. Exempt is whose own position or
+    thrust is faulted or who lies; an agent that was started late, or again: it may never have heard others, nor they it; and a drone that
     does not know where it is: what the others tell of themselves means nothing to it until it has seen them.
     """
 
@@ -80,7 +81,7 @@ class Reckoned(Invariant[Moment]):
         if apart_m > NEAR_M or any(self.setting.struck(_ELSEWHERE, one, moment.time_s, 15.0) for one in (drone, other)):
             return 0.0
         x, y, z = moment.position_m[other].tolist()
-        believed_m = reckoning.distance_m(self.setting.names[other], SIGMAS, (x, y, z))
+        believed_m = reckoning.distance_m(self.setting.names[other], SIGMAS, (x, y, z), FARTHER_M)
         return believed_m - apart_m - FARTHER_M
 
     def _is_new(self, drone: int, pilot: Pilot | None) -> bool:
