@@ -29,8 +29,8 @@ class Reckoned(Invariant[Moment]):
 
     By 4 m and 3 sigma, for 1.5 s, of vehicles less than 15 m away and at its height. One that is less than 4 m before a line that
     a drone keeps from, such as the circle of others, is not taken for so much farther away. Exempt is whose own position or
-    thrust is faulted or who lies; an agent that was started late, or again: it may never have heard others, nor they it; and a drone that
-    does not know where it is: what the others tell of themselves means nothing to it until it has seen them.
+    thrust is faulted or who lies; an agent that was started late, or again: it may never have heard others, nor they it; and a
+    drone that does not know where it is: what the others tell of themselves means nothing to it until it has seen them.
     """
 
     name = "reckoned"
