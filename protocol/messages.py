@@ -107,11 +107,16 @@ class Pose(DroneMessage, frozen=True, kw_only=True):
 
 
 class Plan(DroneMessage, frozen=True, kw_only=True):
-    """The tracker's prediction: positions at stamp_ns, stamp_ns + step_ns, ..."""
+    """The tracker's prediction: positions at stamp_ns, stamp_ns + step_ns, ...
+
+    ``unheard``: drones that may be in the air and that this one does not hear: whatever they publish, it was not planned with.
+    Left out where there are none.
+    """
 
     epoch: Epoch
     step_ns: PlanStepNs
     positions_m: Annotated[tuple[Position, ...], Meta(min_length=1, max_length=64)]
+    unheard: Annotated[tuple[DroneId, ...], Meta(max_length=64)] | UnsetType = UNSET
 
     def flaw(self) -> str | None:
         """No two successive positions may imply a speed above 200 m/s."""

@@ -62,10 +62,16 @@ def _launch(keyframe: Keyframe, drone: int) -> None:
 
 
 def _correct(keyframe: Keyframe) -> None:
-    """Apply the measurements since the last keyframe."""
+    """Apply the measurements since the last keyframe.
+
+    Sightings by and of a drone count from the keyframe after its launch on. Of the one before there is often only the end: as
+    long as a place is uncertain by nearly the distance between two drones, a single false sighting fits as well as a true one,
+    and several tell which it is.
+    """
     slots = keyframe.joint.slots()
     seen = keyframe.intake.sightings(keyframe.before + 1, keyframe.index)
-    seen = seen.take((slots[seen.observer] >= 0) & (slots[seen.target] >= 0))
+    settled = np.array([member.launched and member.since < keyframe.index for member in keyframe.members]) & (slots >= 0)
+    seen = seen.take(settled[seen.observer] & settled[seen.target])
     fixes = keyframe.intake.fixes(keyframe.before + 1, keyframe.index)
     fixes = fixes.take(slots[fixes.drone] >= 0)
     result = corrected(keyframe.joint, seen, keyframe.older_var(seen), fixes, _headings(keyframe))

@@ -133,9 +133,11 @@ class Executive:
         unsteered, landed = self._mission.unsteered(now_ns), self._mission.landed_because
         coming_down = "landed" if self.stage is Stage.LANDED else "lands"
         absence = self._navigator.absence
-        unheard = f"does not hear {', '.join(absence.missing)} any more" if absence is not None else None
+        unheard = f"does not hear {', '.join(absence.unheard)} any more" if absence is not None and absence.unheard else None
+        unhearing = f"is not heard by {', '.join(absence.unhearing)}" if absence is not None and absence.unhearing else None
         low = "its battery is below the mission's reserve" if self._reserve.is_low else None
-        told = (unsteered, unheard, low, f"{coming_down}: {landed}" if landed else None, self._navigator.response.problem)
+        why = f"{coming_down}: {landed}" if landed else None
+        told = (unsteered, unheard, unhearing, low, why, self._navigator.response.problem)
         return tuple(text for text in told if text is not None)
 
     def take_coverage(self, entry: Coverage, anew: bool) -> None:

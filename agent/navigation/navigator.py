@@ -7,7 +7,7 @@ from functools import partial
 from math import hypot, inf
 
 import numpy as np
-from msgspec import Struct
+from msgspec import UNSET, Struct
 from shapely import Polygon
 
 from agent.config.drone import DroneConfig
@@ -50,14 +50,15 @@ class Reckoning(Struct, frozen=True):
     room: Polygon
     mission_from_local: Transform | None
 
-    def distance_m(self, drone: str, sigmas: float, place_m: Vector3) -> float:
+    def distance_m(self, drone: str, sigmas: float, place_m: Vector3, before_m: float = 0.0) -> float:
         """How near another drone may be, horizontally: where it is expected, less so many sigmas; infinite if it is not.
 
-        ``place_m``: where it really is, mission frame. A line that is kept from for the sake of one keeps from all beyond it.
+        ``place_m``: where it really is, mission frame. A line that is kept from for the sake of one keeps from all beyond it, or
+        so little before it.
         """
         frame = self.mission_from_local
         place = None if frame is None else frame.inverse().apply_point(place_m)
-        expected = (one for one in self.others if one.id == drone or _is_beyond(place, one, self.stamp_ns))
+        expected = (one for one in self.others if one.id == drone or _is_beyond(place, one, self.stamp_ns, before_m))
         return min((_distance_m(self.position_m, one, self.stamp_ns, sigmas) for one in expected), default=inf)
 
     @property
@@ -223,12 +224,14 @@ class Navigator:
         self.reckoning = Reckoning(moment.now_ns, vehicle.position_m, kept_from, self._room, mission_from_local)
         here = PeerState(vehicle.position_m, vehicle.velocity_mps)
         made = tracker.plan(moment.now_ns, here, reference, kept_from, self._ground.relief(vehicle))
+        unheard = self.absence.unheard if self.absence is not None else ()
         return Plan(
             stamp_ns=made.stamp_ns,
             drone=self._id,
             epoch=vehicle.epoch,
             step_ns=round(made.step_s * 1e9),
             positions_m=tuple(map(tuple, made.positions.tolist())),
+            unheard=unheard or UNSET,
         )
 
 
@@ -240,9 +243,9 @@ def _distance_m(place: Vector3, plan: PeerPlan, now_ns: int, sigmas: float) -> f
     return hypot(place[0] - x, place[1] - y) - sigmas * plan.sigma_m
 
 
-def _is_beyond(place: Vector3 | None, plan: PeerPlan, now_ns: int) -> bool:
-    """Whether a place, where it is known, lies beyond the line of a plan that has one."""
-    return place is not None and plan.away is not None and _in_front_m(place, plan, plan.away, now_ns) <= 0.0
+def _is_beyond(place: Vector3 | None, plan: PeerPlan, now_ns: int, before_m: float) -> bool:
+    """Whether a place, where it is known, lies beyond the line of a plan that has one, or no more than ``before_m`` before it."""
+    return place is not None and plan.away is not None and _in_front_m(place, plan, plan.away, now_ns) <= before_m
 
 
 def _in_front_m(place: Vector3, plan: PeerPlan, away: Array, now_ns: int) -> float:

@@ -18,7 +18,8 @@ revoked before, or is out of reach. It counts as missing, like one that is not h
 
 One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both.
 
-From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``).
+From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``). One
+that is heard, but whose plans tell that it does not hear this drone, never gives way, and does not take part.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from agent.localization.continuity import carried_on
 from agent.motion.feedforward import Deviation
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan, margin_m
-from agent.navigation.peers import Peer, Peers
+from agent.navigation.peers import RECENT_NS, Peer, Peers
 from agent.navigation.placing import (
     SIGMAS,
     WORST_SIGMA_M,
@@ -54,8 +55,8 @@ from agent.navigation.placing import (
     sigma_of_m,
 )
 from agent.navigation.relative import offset, places
-from agent.navigation.silent import SILENT_NS, TAKING_PART, Absence, Silent, Viewer
-from protocol.messages import Plan, Pose
+from agent.navigation.silent import SILENT_NS, TAKING_PART, Absence, Contact, Silent, Viewer
+from protocol.messages import Plan, Pose, Stage
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
 PLAN_AGE_NS = 1_000_000_000  # an older plan is stale
@@ -119,6 +120,8 @@ class Neighbourhood:
         self._deviations: dict[str, Deviation] = {}
         self._departed: set[str] = set()  # whose poses do not follow their plans
         self._silent = Silent(mission, drone)
+        self._id = drone
+        self._circled: dict[str, tuple[Stage, bool]] = {}  # stage of each that hears this drone, and whether this one circles
         self._began_ns: int | None = None
         self.absence: Absence | None = None
 
@@ -145,21 +148,43 @@ class Neighbourhood:
                 found += self._of_silent(name, peer, peer.pose, mission_from_theirs, me)
                 missing += [name] if took_part else []
                 continue
-            self._silent.heard(name)
+            apart = self._unhearing(name, peer, mission_from_theirs, me)
+            if apart is None:
+                self._silent.heard(name)
+            else:
+                missing += [name] if took_part else []
+                found += [Neighbour(name, one, False) for one in apart]
             plan = None
             if mission_from_theirs is not None and me.local_from_mission is not None:
                 plan = self._placed_by_frames(name, peer, peer.pose, mission_from_theirs, me.local_from_mission, me)
-            takes_part = took_part and plan is not None
+            takes_part = took_part and plan is not None and apart is None
             if plan is None:
                 plan = placed_by_sightings(name, peer.sightings, peer.pose, me.epoch, me.now_ns)
                 plan = plan or self._placed_by_layout(name, peer.pose, me)
             if plan is not None:
-                found.append(Neighbour(name, replace(plan, deviation_m=self._deviations[name].rms_m), takes_part))
+                is_blind = plan.blind or apart is not None
+                followed = replace(plan, deviation_m=self._deviations[name].rms_m, blind=is_blind)
+                found.append(Neighbour(name, followed, takes_part))
             elsewhere = (self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me))
             found += [Neighbour(name, place, False) for place in elsewhere if place is not None]
         partners = [one.id for one in found if one.takes_part]
         self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing else None
         return found
+
+    def _unhearing(self, name: str, peer: Peer, mission_from_theirs: Transform | None, me: Self) -> list[PeerPlan] | None:
+        """What is left to a drone that is heard, but does not hear this one; None where it does, as far as its plans tell."""
+        plan, pose, status = peer.plan, peer.pose, peer.status
+        if plan is None or pose is None or status is None or mission_from_theirs is None:
+            return None
+        if not isinstance(plan.unheard, tuple) or self._id not in plan.unheard or me.now_ns - plan.stamp_ns > RECENT_NS:
+            self._circled[name] = status.stage, me.circles
+            return None
+        stamp_ns = plan.stamp_ns - SILENT_NS  # it has noticed then
+        last = min(peer.poses, key=lambda one: abs(one.stamp_ns - stamp_ns), default=pose)
+        x, y, _ = bare(mission_from_theirs).apply_point(last.position_m)
+        contact = Contact(last.stamp_ns, (x, y), *self._circled.get(name, (status.stage, me.circles)))
+        viewer = _viewer(me, me.local_from_mission) if me.local_from_mission is not None else None
+        return self._silent.unhearing(name, contact, viewer)
 
     def _has_listened(self, now_ns: int) -> bool:
         """Whether this agent has listened for long enough to have heard everybody that it can hear."""

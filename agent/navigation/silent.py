@@ -7,6 +7,9 @@ Nobody can tell which of two things has happened:
   half-way between the places where they last heard of each other; while it tracked, both leave for circles of different radius
   and height (``agent.motion.orbit``).
 
+One that is heard, but does not hear this drone, reckons with the same of it: this drone does what it would do if neither heard
+the other. It keeps to its side of the same line, or leaves for its own circle, and gives way to the plans that it hears.
+
 Positions are horizontal, mission frame.
 """
 
@@ -17,6 +20,7 @@ from math import hypot
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform
@@ -58,21 +62,37 @@ class Wall(Struct, frozen=True):
 
 
 class Absence(Struct, frozen=True):
-    """Drones of the mission that took part, or may do so, and are not heard, and what follows for this one.
+    """Drones of the mission that took part, or may do so, and are not heard or do not hear this one, and what follows for it.
 
-    ``ring``: which of the circles apart from each other this drone flies on, and those that it hears and that hear it;
-    ``kept``: whose place on the circle is kept; ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it hears
-    no other drone; ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both
-    ends of each stretch; ``coming_home``: those that may be on their way home then, and not down yet.
+    ``missing``: all of these; ``unhearing``: those that are heard, but do not hear this one; ``ring``: which of the circles apart
+    from each other this drone flies on, and those that it hears and that hear it; ``kept``: whose place on the circle is kept;
+    ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it shares the mission with no other drone;
+    ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both ends of each
+    stretch; ``coming_home``: those that may be on their way home then, and not down yet.
     """
 
     missing: tuple[str, ...]
+    unhearing: tuple[str, ...]
     ring: int
     kept: tuple[str, ...]
     walls: dict[str, Wall]
     alone: bool
     stops: Array
     coming_home: tuple[str, ...]
+
+    @property
+    def unheard(self) -> tuple[str, ...]:
+        """Those that are not heard."""
+        return tuple(name for name in self.missing if name not in self.unhearing)
+
+
+class Contact(Struct, frozen=True):
+    """When another drone last heard this one, where that one was, its stage, and whether this drone circled."""
+
+    stamp_ns: int
+    theirs: Point2
+    stage: Stage
+    circled: bool
 
 
 class Viewer(Struct, frozen=True):
@@ -102,6 +122,7 @@ class Silent:
         self._is_over_m = is_over_m(mission, drone)
         self._walls: dict[str, tuple[int, Wall]] = {}  # with the stamp of the last contact
         self._courses: dict[str, tuple[int, Course]] = {}  # the same, if its agent is gone
+        self._contacts: dict[str, Contact] = {}  # of those that do not hear this drone
         self._set_ns = 0
 
     def keep_time(self, set_ns: int) -> None:
@@ -110,11 +131,13 @@ class Silent:
         if by_ns != 0:
             self._walls = {name: (stamp_ns + by_ns, wall) for name, (stamp_ns, wall) in self._walls.items()}
             self._courses = {name: (stamp_ns + by_ns, course) for name, (stamp_ns, course) in self._courses.items()}
+            self._contacts = {name: replace(one, stamp_ns=one.stamp_ns + by_ns) for name, one in self._contacts.items()}
 
     def heard(self, name: str) -> None:
-        """It is heard again, or on the ground."""
+        """It is heard again and hears this drone, or is on the ground."""
         self._walls.pop(name, None)
         self._courses.pop(name, None)
+        self._contacts.pop(name, None)
 
     def seen(self, name: str, pose: Pose, place: Point2) -> None:
         """It is not heard, but seen at this place."""
@@ -126,6 +149,7 @@ class Silent:
         Its side are those of them that hear it, too. On the circle of others that do not, it would meet a third one that they do
         not hear either, and that takes itself for one of their side as well.
         """
+        unhearing = tuple(name for name in missing if name in self._contacts)
         statuses = {name: peers[name].status for name in partners}
         hear_me = [name for name, status in statuses.items() if status is not None and self._id in status.delays_ns]
         ring = min(self._order.index(name) for name in (self._id, *hear_me))
@@ -137,12 +161,15 @@ class Silent:
             silent_s = (now_ns - stamp_ns) * 1e-9
             stops += [course.stop.start, course.stop.end] if silent_s < min(LEFT_S, course.leaves_s) else []
             coming_home += [name] if silent_s < course.down_s else []
-        return Absence(tuple(missing), ring, kept, walls, not partners, np.array(stops).reshape(-1, 2), tuple(coming_home))
+        return Absence(
+            tuple(missing), unhearing, ring, kept, walls, not partners, np.array(stops).reshape(-1, 2), tuple(coming_home)
+        )
 
     def _is_kept(self, name: str, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
         """Whether a missing drone may still be on the same circle: at first, and as long as one that is heard hears it."""
-        pose = peers[name].pose
-        if pose is not None and now_ns - pose.stamp_ns < LEAVING_NS:
+        pose, contact = peers[name].pose, self._contacts.get(name)
+        last_ns = contact.stamp_ns if contact is not None else pose.stamp_ns if pose is not None else None
+        if last_ns is not None and now_ns - last_ns < LEAVING_NS:
             return True
         statuses = (peers[partner].status for partner in partners)
         return any(status is not None and name in status.delays_ns for status in statuses)
@@ -158,12 +185,22 @@ class Silent:
         times: Array = silent_s + me.step_s * np.arange(float(len(ahead)))
         course = self._agentless.course(name, peer, pose, mission_from_theirs)
         self._courses[name] = pose.stamp_ns, course
-        wall = self._wall(name, stage, pose.stamp_ns, course.stop.start, me) if silent_s < APART_NS * 1e-9 else None
+        contact = Contact(pose.stamp_ns, course.stop.start, stage, me.circles)
+        wall = self._wall(name, contact, me) if silent_s < APART_NS * 1e-9 else None
         crosses = me.height_m > self._is_over_m  # above all that search
         walls = [] if wall is None or crosses else [_beyond(name, wall, ahead, sigma_m, me)]
         places = [stretch.nearest(ahead) for stretch in course.stretches(times, below_m)]
         walls += self._coming_down(name, self._agentless.home(name, peer, mission_from_theirs), me)
         return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), hypot(sigma_m, _SIGMA_M)) for one in places]
+
+    def unhearing(self, name: str, contact: Contact, me: Viewer | None) -> list[PeerPlan]:
+        """The side that is left to one that does not hear this drone; ``me``: None while the own frame is not known."""
+        self._courses.pop(name, None)
+        known = self._contacts.setdefault(name, contact)
+        if me is None or me.height_m > self._is_over_m or not 0 <= me.now_ns - known.stamp_ns < APART_NS:
+            return []
+        wall = self._wall(name, known, me)
+        return [] if wall is None else [_beyond(name, wall, me.local_from_mission.inverse().apply(me.ahead())[:, :2], 0.0, me)]
 
     def unknown(self, name: str, me: Viewer) -> list[PeerPlan]:
         """Where one may be that was never heard: revoked before this agent was started, or out of reach since."""
@@ -178,20 +215,20 @@ class Silent:
             return []
         return [blind_plan(name, me.now_ns, me.step_s, _local(np.tile(home[:2], (len(me.ahead()), 1)), me))]
 
-    def _wall(self, name: str, stage: Stage, stamp_ns: int, theirs: Point2, me: Viewer) -> Wall | None:
+    def _wall(self, name: str, contact: Contact, me: Viewer) -> Wall | None:
         """The line between the two of them; None where both circled already when they last heard of each other."""
-        known = self._walls.get(name)
-        if known is not None and known[0] == stamp_ns:
+        known, theirs = self._walls.get(name), contact.theirs
+        if known is not None and known[0] == contact.stamp_ns:
             return known[1]
-        mine = me.place_at(stamp_ns)
-        if mine is None or stage not in TAKING_PART or (stage in CIRCLING and me.circles):
+        mine, stage = me.place_at(contact.stamp_ns), contact.stage
+        if mine is None or stage not in TAKING_PART or (stage in CIRCLING and contact.circled):
             return None
         dx, dy = mine[0] - theirs[0], mine[1] - theirs[1]
         apart_m = max(hypot(dx, dy), 1e-6)
         normal = dx / apart_m, dy / apart_m
         middle = 0.5 * (mine[0] + theirs[0]), 0.5 * (mine[1] + theirs[1])
         wall = Wall(normal, normal[0] * middle[0] + normal[1] * middle[1])
-        self._walls[name] = stamp_ns, wall
+        self._walls[name] = contact.stamp_ns, wall
         return wall
 
 

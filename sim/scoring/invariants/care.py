@@ -50,7 +50,8 @@ class Reserve(Invariant[Moment]):
 class Named(Invariant[Moment]):
     """Where drones see each other, one whose own position is more than 5 m wrong is suspected by another within 10 s.
 
-    It is wrong by a jump or a drag that nobody has announced. The 10 s count while at least two others are within 30 m of it.
+    It is wrong by a jump or a drag that nobody has announced. The 10 s count while at least two others are within 30 m of it that
+    are where they take themselves to be: where all satellites are spoofed nobody can tell who is wrong.
     """
 
     name = "named"
@@ -94,7 +95,8 @@ class Named(Invariant[Moment]):
         x, y, _ = moment.position_m[drone].tolist()
         others = [k for k, pilot in enumerate(moment.pilots) if k != drone and pilot is not None and moment.airborne(k)]
         near = [k for k in others if hypot(moment.position_m[k, 0] - x, moment.position_m[k, 1] - y) < SEEN_M]
-        return len(near) >= 2 and moment.airborne(drone)
+        right = [k for k in near if not self.setting.struck_unannounced(k, moment.time_s)]
+        return len(right) >= 2 and moment.airborne(drone)
 
 
 class Accused(Invariant[Moment]):

@@ -101,6 +101,28 @@ def test_bearings_alone_do():
         assert abs(off[3]) < math.radians(2.0)
 
 
+def test_a_single_false_sighting_at_the_launch_does_not_pull_a_swarm_together():
+    """The first keyframe has one sighting of each pair. Of d1's own, one was of d2, not of d3: places uncertain by 2 m, 6 m
+    apart, fitted that as well, and were 7 m off with a sigma of 0.9 m.
+    """
+    corners = np.array([[0.0, 0.0, 0.2], [6.0, 0.0, 0.2], [0.0, 6.0, 0.2]])
+    told = [(-1.3, 1.8, 0.0), (6.7, 1.3, 0.0), (1.5, 6.5, 0.0)]
+    drones = [Drone(f"d{number + 1}", told_origin_m=place, origin_sigma_m=2.0) for number, place in enumerate(told)]
+    drones[0] = replace(drones[0], kind="rtk", fixes=True)
+    flown = fly(drones, 3.0, 0, Sensor(rate_hz=5.0, range_m=None), np.repeat(corners[:, None], 31, axis=1), datum=True)
+    ways = {("d1", "d3"): corners[1], ("d2", "d1"): -corners[1], ("d2", "d3"): corners[2] - corners[1]}
+    for place, entry in enumerate(flown.entries):
+        way = ways.pop((entry.drone, entry.target), None) if isinstance(entry, Sighting) else None
+        if way is not None:
+            direction = tuple((way / np.linalg.norm(way)).tolist())
+            flown.entries[place] = structs.replace(entry, stamp_ns=START_NS, direction=direction)
+    assert not ways
+    frames = run(flown)
+    for drone in ("d2", "d3"):
+        off, covariance = flown.error(frames, drone, 2.5)
+        assert off @ np.linalg.solve(covariance, off) < CHI2_90
+
+
 def test_ranges_alone_do_in_flight():
     flown = fly(anchored(**UNKNOWN), 40.5, 5, Sensor(direction_deg=None, rate_hz=5.0))
     frames = at_once(flown)

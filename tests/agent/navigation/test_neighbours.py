@@ -125,6 +125,31 @@ def test_who_searched_keeps_to_its_own_side():
     assert hood.absence.walls == {"b": wall}
 
 
+def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_never_gives_way():
+    """As if neither heard the other: b takes a to keep to the line between the two of them from when they last heard of each
+    other. a flew on into b's half, and b did not know of it.
+    """
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0))
+    for message in (pose(), status(Stage.SURVEY), plan()):
+        assert peers.receive(message, 0) is None
+    assert [(one.plan.blind, one.takes_part) for one in hood.around(peers, me)] == [(False, True)]
+    assert hood.absence is None
+    for stamp_ns in (SECOND, 2 * SECOND):  # it goes on, and is a circle's drone by then
+        told = (replace(pose(stamp_ns), position_m=(3.0, 0.0, 3.0)), replace(plan(stamp_ns), unheard=("a",)))
+        for message in (*told, replace(status(Stage.TRACK), stamp_ns=stamp_ns)):
+            assert peers.receive(message, stamp_ns) is None
+        side, heard = hood.around(peers, replace(me, now_ns=stamp_ns, circles=True))
+        assert side.plan.away is not None
+        assert (heard.plan.blind, heard.plan.away, heard.takes_part) == (True, None, False)
+        absence = hood.absence
+        assert (absence.missing, absence.unhearing, absence.unheard, absence.alone) == (("b",), ("b",), (), True)
+        assert absence.walls["b"].offset == pytest.approx(-math.hypot(5.0, 0.5))
+    assert peers.receive(plan(5 * SECOND // 2), 5 * SECOND // 2) is None
+    (heard,) = hood.around(peers, replace(me, now_ns=5 * SECOND // 2))
+    assert (heard.takes_part, hood.absence) == (True, None)
+
+
 @pytest.mark.parametrize(("me", "crossing", "low"), [("a", [(10.0, 0.0)], [(10.0, 0.0)]), ("b", [], [(0.0, 0.0)])])
 def test_a_return_goes_around_the_homes_over_which_those_come_down_that_it_does_not_hear(me, crossing, low):
     """b returns above a, at the same time if its agent flies on: a crossed over its home and met it there at 1.4 m. And who came

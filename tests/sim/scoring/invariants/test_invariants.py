@@ -171,6 +171,7 @@ def test_a_drone_that_is_not_where_it_says_and_nobody_suspects_it() -> None:
     assert unsuspected(suspects=("d3",)) == [("d2",)]
     assert unsuspected(suspects=("d2",)) == []
     assert unsuspected(sightings=False) == unsuspected(announced=True) == unsuspected(jump_m=3.0) == []
+    assert unsuspected(target=["d1", "d2", "d3"]) == unsuspected(target=["d2", "d3"]) == []  # no two are left that are right
 
 
 def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:

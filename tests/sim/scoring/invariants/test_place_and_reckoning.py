@@ -138,13 +138,13 @@ def test_another_drone_that_is_nearer_than_believed() -> None:
 
 
 def test_a_line_that_another_one_is_beyond_is_reckoned_with() -> None:
-    """Also one beyond a line that is kept from for the sake of a third."""
+    """Also one beyond a line that is kept from for the sake of a third, or on it: two that are not heard flew on one circle."""
 
     def told(x, name="d2"):
         behind = reckons(other=(x, 10.0, 3.0), away=np.array([[-1.0, 0.0]]), name=name)
         return [drones for drones in seen(Reckoned(moments.setting()), behind) if drones[1] == "d2"]
 
-    assert told(15.0) == told(15.0, "d3") == []
+    assert told(15.0) == told(15.0, "d3") == told(20.1, "d3") == told(23.9, "d3") == []
     assert told(25.0) == told(25.0, "d3") == [("d1", "d2")]
 
 
