@@ -37,7 +37,7 @@ from sim.scenario import Scenario, chosen
 from sim.scoring.aboard import Aboard
 from sim.scoring.framescore import FrameScore
 from sim.scoring.heard import KINDS
-from sim.scoring.moment import Moment, Observer
+from sim.scoring.moment import EPOCH_NS, Moment, Observer
 from sim.scoring.recorder import LONGEST_START_S, Recorder
 from sim.sharing import Folds, Readings
 from sim.streams import streams
@@ -56,7 +56,6 @@ from sim.world.walls import Walls
 TICK_NS = 50_000_000  # agents and autopilots step at 20 Hz
 EXPOSE_TICKS = 2  # a camera is exposed for 0.1 s at the pose in the middle
 READ_TICKS = 4  # cameras are read out at 5 Hz
-EPOCH_NS = 1_767_225_600_000_000_000  # 2026-01-01 UTC: simulated missions begin here
 START_S = 0.5  # the operator's start command, after the agents have received each other's messages
 Progress = Callable[[float, str], None]
 

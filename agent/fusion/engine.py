@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import Any, cast
 
 from agent.config.mission import MissionConfig
@@ -13,10 +14,11 @@ from agent.fusion.deferred import Deferred, Told
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from agent.fusion.lateness import Latecomers
 from agent.fusion.log import ObservationLog, Outcome
-from agent.fusion.observation import known_ns, observe
+from agent.fusion.observation import CountObservation, known_ns, observe
 from agent.fusion.observations import Observations
 from agent.fusion.registry import estimator_named
 from agent.fusion.timeline import Timeline
+from agent.geometry import Vector3
 from protocol.entries import AnyEntry, Entry, EntryId
 
 SLICE_UNITS = 400  # work per call of advance, in units of ``Estimator.work``: about 10 ms
@@ -112,6 +114,15 @@ class Fusion:
         if found or self._due_step == _NEVER:
             return None
         return self.estimator.outlook(self.state, self._now_step)
+
+    def place(self, identity: EntryId) -> tuple[Vector3, float] | None:
+        """Where the camera was, as an entry of the log is fused: mission frame, m, and 1 sigma of the horizontal distance; None
+        where the entry holds no information, or its frame is not known.
+        """
+        with suppress(KeyError):
+            found = self._observations.of(identity)
+            return found.position if isinstance(found, CountObservation) else found.apex, found.position_sigma_m
+        return None
 
     @property
     def state(self) -> Any:

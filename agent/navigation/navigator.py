@@ -41,7 +41,8 @@ _TAKEN_UP_NS = 2_000_000_000  # the autopilot is in offboard, and shows it, this
 class Reckoning(Struct, frozen=True):
     """What a plan was made with, own local frame: where the drone was, where others are expected, the room it flies in.
 
-    ``mission_from_local``: None while that frame is not known; then the room is a circle around the waiting drone.
+    ``mission_from_local``: None while that frame is not known; then the room is a circle around the waiting drone. ``planned``:
+    (H + 1, 3) m, what the plan became, at stamp_ns, stamp_ns + step_s, ...
     """
 
     stamp_ns: int
@@ -49,6 +50,8 @@ class Reckoning(Struct, frozen=True):
     others: Sequence[PeerPlan]
     room: Polygon
     mission_from_local: Transform | None
+    planned: Array
+    step_s: float
 
     def distance_m(self, drone: str, sigmas: float, place_m: Vector3, before_m: float = 0.0) -> float:
         """How near another drone may be, horizontally: where it is expected, less so many sigmas; infinite if it is not.
@@ -60,6 +63,15 @@ class Reckoning(Struct, frozen=True):
         place = None if frame is None else frame.inverse().apply_point(place_m)
         expected = (one for one in self.others if one.id == drone or _is_beyond(place, one, self.stamp_ns, before_m))
         return min((_distance_m(self.position_m, one, self.stamp_ns, sigmas) for one in expected), default=inf)
+
+    def clearance_m(self, drone: str, sigmas: float) -> float:
+        """How far the plan's end is from where another drone is expected by then, horizontally, less so many sigmas; infinite
+        where it is not expected, or does not know of this one: such a one may turn up within any distance.
+        """
+        end_s, (x, y, _) = (len(self.planned) - 1) * self.step_s, self.planned[-1].tolist()
+        known = [one for one in self.others if one.id == drone and one.away is None and not one.blind]
+        places = [(one.at(self.stamp_ns, np.array([end_s]))[0].tolist(), one.sigma_m) for one in known]
+        return min((hypot(x - u, y - v) - sigmas * sigma_m for (u, v), sigma_m in places), default=inf)
 
     @property
     def corners_m(self) -> Array | None:
@@ -221,9 +233,11 @@ class Navigator:
         reference = self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self._neighbourhood.absence)
         kept_from = [*(other.plan for other in others), *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
         mission_from_local = frame.mission_from_local if frame is not None else None
-        self.reckoning = Reckoning(moment.now_ns, vehicle.position_m, kept_from, self._room, mission_from_local)
         here = PeerState(vehicle.position_m, vehicle.velocity_mps)
         made = tracker.plan(moment.now_ns, here, reference, kept_from, self._ground.relief(vehicle))
+        self.reckoning = Reckoning(
+            moment.now_ns, vehicle.position_m, kept_from, self._room, mission_from_local, made.positions, made.step_s
+        )
         unheard = self.absence.unheard if self.absence is not None else ()
         return Plan(
             stamp_ns=made.stamp_ns,

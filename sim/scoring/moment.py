@@ -12,6 +12,7 @@ from protocol.messages import Stage
 from sim.geometry import Array
 from sim.vehicle.autopilot import Autopilot
 
+EPOCH_NS = 1_767_225_600_000_000_000  # 2026-01-01 UTC: missions in lockstep begin here
 OFF_GROUND_M = 0.5  # above the ground: off it
 
 

@@ -5,8 +5,9 @@ import pytest
 
 from agent.errors import ConfigError
 from protocol.messages import Stage
-from sim.lockstep import EPOCH_NS, fly
+from sim.lockstep import fly
 from sim.scenario import load_scenario, override
+from sim.scoring.moment import EPOCH_NS
 
 
 class Seen:

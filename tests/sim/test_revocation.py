@@ -8,10 +8,10 @@ from protocol.codec import encode
 from protocol.messages import Stage
 from protocol.revocations import Revocation
 from protocol.signing import sign_revocation
-from sim.lockstep import EPOCH_NS, watched
+from sim.lockstep import watched
 from sim.members import SimulatedAuthority, operator_of
 from sim.scenario import load_scenario, override
-from sim.scoring.moment import Moment
+from sim.scoring.moment import EPOCH_NS, Moment
 
 SEED = 3
 TOLD_S, KNOWN_S, SETTLED_S, END_S = 30.0, 32.0, 35.0, 50.0

@@ -2,10 +2,11 @@
 
 Some successive seeds have each fault of a deck once, five in each mission; times, targets and numbers are random, and so are the
 swarm, its area and the source, as in the missions of ``draw``. Two of ten have no fault at all, which would hide what goes wrong
-without any: in one the frames have to be estimated, in the other one the source moves as fast as any. Where a localisation jumps
-or a clock is wrong, frames have to be estimated, too, by all kinds of localisation; and where a clock is wrong, the source moves,
-and the autopilot's link is down while it is set: else hardly anything follows from them. Live missions, which take two minutes of
-real time each, have a deck of their own, and in each of them somebody disarms a drone.
+without any: in one the frames have to be estimated, in the other one a strong source goes round as fast as any. Where a
+localisation jumps or a clock is wrong, frames have to be estimated, too, by all kinds of localisation; and where a clock is
+wrong, the source moves, and the autopilot's link is down while it is set back: else hardly anything follows from them. In one of
+ten the drones fly by satellites alone, and do not see each other: there places are as uncertain as they ever are. Live missions,
+which take two minutes of real time each, have a deck of their own, and in each of them somebody disarms a drone.
 """
 
 from __future__ import annotations
@@ -29,9 +30,15 @@ _LONGEST_OFFLINE_S = 7.0  # an agent that is back later may find its vehicle lan
 _WITHOUT_END = ("late", "motor", "revoked", "old-command", "camera-dead")  # a dead camera: an agent needs a while to be sure
 _SEEN_BY_FRAMES = {"position-jump", "clock"}  # they matter most where frames are estimated
 _SEEN_BY_TIME = {"clock"}  # and these where the source moves
-_UNHEARD_S = (1.5, 3.0)  # before and after the jump of a clock
+_UNHEARD_S = (1.5, 3.0)  # before and after a clock is set back
 _OF_SATELLITES = ("position-jump", "satellites-lost", "spoofed")  # these strike a drone that flies by satellites
-_UNDISTURBED = ("old-command",)  # it shows nothing on a drone whose agent is dead when the command arrives
+OLD_COMMAND: Card = ("old-command", {})
+LITTLE_AHEAD: Card = ("clock", {"jump_s": 1.5})  # so little that what is measured then still counts
+JUMPED: Card = ("position-jump", {"announced": True})  # of drones that do not see each other
+_UNDISTURBED = (OLD_COMMAND, LITTLE_AHEAD)  # these show nothing on a drone whose agent is dead then
+_WANDERING = {"motion": "wander", "speed_mps": PACE_MPS}
+_ROUND = {"motion": "circle", "speed_mps": PACE_MPS, "circle_radius_m": 7.0, "activity_bq": 1e10}
+_ROUND_S = 60.0  # of tracking: the lag behind it is known to a tenth of a second then
 LIVE_DECK: tuple[Card, ...] = (
     ("kill", {}),
     ("freeze", {}),
@@ -69,8 +76,8 @@ DECK: tuple[Card, ...] = (  # these put nothing wrong into the logs of those who
     ("forged", {"what": "impersonated"}),
     ("forged", {"what": "other-mission"}),
     ("forged", {"what": "two-versions"}),
-    ("old-command", {}),
-    ("clock", {"jump_s": 20.0}),
+    OLD_COMMAND,
+    LITTLE_AHEAD,
     ("clock", {"jump_s": -20.0}),
     ("position-jump", {"announced": True, "jump_m": 2.0, "turn_deg": 45.0}),  # as of a filter whose heading is reset
     ("battery", {"at_s": 0.0, "level": 0.15}),
@@ -85,7 +92,7 @@ MISLEADING: tuple[Card, ...] = (  # these do, or make vehicles stray: from then 
     ("camera-stuck", {}),
     ("camera-gain", {}),
     ("satellites-lost", {"for_s": 1.8}),  # for longer, and its autopilot has landed it before its position is confirmed
-    ("position-jump", {"announced": True}),
+    JUMPED,
     ("position-jump", {"announced": False}),
     ("spoofed", {}),
     ("gust", {}),
@@ -105,19 +112,22 @@ def deal(seed: int, course: Course) -> dict[str, Any]:
     hand = _hand(decks, seed // missions, turn - calm) if turn >= calm else []
     kinds = {kind for kind, _ in hand}
     estimated = False if live else True if turn == 0 or kinds & _SEEN_BY_FRAMES else None
-    document = draw_mission(rng, f"dealt-faults-{seed}", course, estimated=estimated, dealt=True)
+    alone = JUMPED in hand
+    document = draw_mission(rng, f"dealt-faults-{seed}", course, estimated=estimated, dealt=True, alone=alone)
     if turn == 1 or (kinds & _SEEN_BY_TIME and not live):
-        document["source"] |= {"motion": "wander", "speed_mps": PACE_MPS}
+        document["source"] |= _WANDERING if hand else _ROUND
+    if turn == 1 and not hand:
+        document["mission"]["track"]["duration_s"] = _ROUND_S
     if not hand:
         return document
     drones = document["mission"]["drones"]
     names = [drone["id"] for drone in drones]
     *whom, last = [names[place] for place in rng.permutation(len(names))]
     follow = [drone["id"] for drone in drones if drone.get("localization") != "slam"]
-    struck = [last if card[0] in _UNDISTURBED else _target(card[0], k, whom, follow) for k, card in enumerate(hand)]
+    struck = [last if card in _UNDISTURBED else _target(card[0], k, whom, follow) for k, card in enumerate(hand)]
     faults = [_fault(rng, card, names, target, course) for card, target in zip(hand, struck, strict=True)]
     faults += [{"kind": "disarm", "at_s": 0.0, "target": last}] if live else []
-    faults += [_unheard(fault) for fault in faults if fault["kind"] == "clock"]
+    faults += [_unheard(fault) for fault in faults if fault["kind"] == "clock" and fault["jump_s"] < 0.0]
     document["fault"] = sorted(faults, key=lambda fault: fault["at_s"])
     return document
 
@@ -136,7 +146,7 @@ def _target(kind: str, place: int, whom: Sequence[str], follow: Sequence[str]) -
 
 
 def _unheard(clock: dict[str, Any]) -> dict[str, Any]:
-    """The autopilot's link is down while a clock is set: what is known of the vehicle must not seem to be new."""
+    """The autopilot's link is down while a clock is set back: what is known of the vehicle must not seem to be new."""
     at_s = round(clock["at_s"] - _UNHEARD_S[0], 2)
     return {"kind": "mavlink-loss", "at_s": at_s, "for_s": sum(_UNHEARD_S), "probability": 1.0, "target": clock["target"]}
 

@@ -17,12 +17,18 @@ _IDEAL = ("horizontal_m", "vertical_m", "height_m", "yaw_deg", "tilt_deg", "velo
 
 
 def draw_mission(
-    rng: np.random.Generator, name: str, course: Course, *, estimated: bool | None = None, dealt: bool = False
+    rng: np.random.Generator,
+    name: str,
+    course: Course,
+    *,
+    estimated: bool | None = None,
+    dealt: bool = False,
+    alone: bool = False,
 ) -> dict[str, Any]:
     """A scenario document without faults.
 
     ``estimated``: whether the drones' frames have to be estimated; None: drawn, too. ``dealt``: then each kind of localisation is
-    there, also one that does not know its heading.
+    there, also one that does not know its heading. ``alone``: then all fly by satellites, without a base, and none sees others.
     """
     width_m, depth_m = (round(float(side)) for side in rng.uniform(*course.side_m, 2))
     count = int(rng.integers(3, course.most_drones + 1))
@@ -51,7 +57,7 @@ def draw_mission(
         "end": {"search_s": course.end_s, "track_s": course.end_s},
     }
     if estimated:
-        _estimate_frames(rng, document, dealt=dealt)
+        _estimate_frames(rng, document, dealt=dealt, alone=alone)
     elif rng.random() < 0.6:
         document["localization"] = dict.fromkeys(_IDEAL, 0.0)
     return document
@@ -86,17 +92,20 @@ def _source(rng: np.random.Generator, width_m: float, depth_m: float) -> dict[st
     return source
 
 
-def _estimate_frames(rng: np.random.Generator, document: dict[str, Any], *, dealt: bool) -> None:
-    """Each drone localises itself in its own way, and sees the others."""
+def _estimate_frames(rng: np.random.Generator, document: dict[str, Any], *, dealt: bool, alone: bool) -> None:
+    """Each drone localises itself in its own way, and sees the others; or ``alone`` (``draw_mission``)."""
     vehicles = {}
     for k, drone in enumerate(document["mission"]["drones"]):
         kind = "rtk" if k == 0 else str(rng.choice(["gnss", "rtk", "slam"], p=[0.2, 0.5, 0.3]))
         lost = bool(kind == "slam" and rng.random() < 0.5)
         if dealt and 0 < k <= len(_DEALT):
             kind, lost = _DEALT[k - 1]
+        if alone:
+            kind, lost = "gnss", False
         heading_deg = 180.0 if lost else 5.0
         drone |= {"localization": kind, "origin_sigma_m": 2.0, "yaw_sigma_deg": heading_deg}
         vehicles[drone["id"]] = {"kind": kind, "origin_m": 1.0} | ({"yaw_deg": heading_deg} if kind == "slam" else {})
     document["mission"]["datum"] = _DATUM
-    document["sightings"] = {"sensor": str(rng.choice(["both", "direction"]))}
+    if not alone:
+        document["sightings"] = {"sensor": str(rng.choice(["both", "direction"]))}
     document["localization"] = dict.fromkeys(_IDEAL, 0.0) | {"vehicles": vehicles}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import sqrt
+from math import inf, sqrt
 
 from agent.pilot import Pilot
 from protocol.messages import Stage
@@ -15,6 +15,8 @@ from sim.scoring.moment import Member, Moment, Scene
 
 EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
 MEAN_SQUARE = 12.0
+LAG_S, LAG_SIGMAS = 0.3, 3.0  # half of it is the time from an exposure to the hypothesis that it is in
+CORRELATED_S = 5.0  # so long the errors of a hypothesis are about the same
 _LOOK_TICKS, _LEAST = 10, 20
 _SUMMARY_TICKS = 100
 _SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
@@ -77,6 +79,58 @@ class SourceCalibrated(Invariant[Scene]):
         for drone, (total, count) in enumerate(zip(self.sums, self.counts, strict=True)):
             if count >= _LEAST and total / count > MEAN_SQUARE:
                 yield Breach((drone,), f"the mean square of its normalised error is {total / count:.0f}, 2 are expected")
+
+
+class FollowsSource(Invariant[Scene]):
+    """No hypothesis is behind, or ahead of, a source that goes round steadily by more than 0.3 s over a flight, and 3 sigma.
+
+    The lag is fitted by least squares to the errors, weighted by the covariances that are stated, and its sigma follows from
+    these: of a slow or weak source, or in a short flight, hardly any lag is too long. One that wanders turns at any time, and who
+    tracks it can only be behind then. Exempt as in ``six-sigma``, and from the first wrong clock on.
+    """
+
+    name = "lag"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        source = setting.scenario.source
+        steady = source is not None and source.motion == "circle"
+        self._until_s = setting.began_s((*_BELIEF_FAULTS, "clock")) if steady else -inf
+        self.sums, self.information = [0.0] * len(setting.names), [0.0] * len(setting.names)
+        self._ticks = 0
+        self._before: tuple[float, tuple[float, float]] | None = None  # time, and where the source was
+
+    def breaches(self, moment: Scene) -> Iterator[Breach]:
+        """Nothing in flight; counted twice a second."""
+        self._ticks += 1
+        if self._ticks % _LOOK_TICKS == 0 and moment.source is not None and moment.time_s < self._until_s:
+            if self._before is not None:
+                time_s, (x, y) = self._before
+                step_s = moment.time_s - time_s
+                self._count(moment, moment.source, ((moment.source[0] - x) / step_s, (moment.source[1] - y) / step_s), step_s)
+            self._before = moment.time_s, moment.source
+        yield from ()
+
+    def _count(self, moment: Scene, source: tuple[float, float], velocity_mps: tuple[float, float], step_s: float) -> None:
+        u, v = velocity_mps
+        for drone, pilot in enumerate(moment.pilots):
+            if pilot is None or pilot.hypothesis is None or pilot.stage not in _SEARCHING:
+                continue
+            (x, y, _), ((xx, xy, _), (_, yy, _), _) = pilot.hypothesis.position.tolist(), pilot.hypothesis.covariance.tolist()
+            determinant = xx * yy - xy * xy
+            if determinant > 0.0:
+                a, b = (yy * u - xy * v) / determinant, (xx * v - xy * u) / determinant
+                self.sums[drone] += (a * (source[0] - x) + b * (source[1] - y)) * step_s
+                self.information[drone] += (a * u + b * v) * step_s
+
+    def at_end(self, moment: Scene) -> Iterator[Breach]:
+        """Drones that were behind, or ahead."""
+        for drone, (total, information) in enumerate(zip(self.sums, self.information, strict=True)):
+            if information > 0.0:
+                lag_s, sigma_s = total / information, sqrt(CORRELATED_S / information)
+                if abs(lag_s) > LAG_S + LAG_SIGMAS * sigma_s:
+                    where = "behind" if lag_s > 0.0 else "ahead of"
+                    yield Breach((drone,), f"its hypothesis is {abs(lag_s):.2f} s {where} the source, sigma {sigma_s:.2f}")
 
 
 class SameLogSameHypothesis(Invariant[Moment]):

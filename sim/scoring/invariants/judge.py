@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 from sim.scoring.invariants.base import Invariant, Setting, Violation
-from sim.scoring.invariants.beliefs import Refused, SameLogSameHypothesis, SourceCalibrated, Summarised, TruthPossible
+from sim.scoring.invariants.beliefs import (
+    FollowsSource,
+    Refused,
+    SameLogSameHypothesis,
+    SourceCalibrated,
+    Summarised,
+    TruthPossible,
+)
 from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
+from sim.scoring.invariants.doubts import Mistimed, PlaceBound, WideBerth
 from sim.scoring.invariants.liveness import Converged, Landed
 from sim.scoring.invariants.place import Calibrated, KnowsHome, KnowsItsPlace, OwnPlace
 from sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
@@ -25,9 +33,10 @@ class Judge:
         self.invariants: tuple[Invariant[Moment], ...] = (
             self.separation, Collision(setting), Fence(setting), Heights(setting),
             FreshSetpoint(setting), Finite(setting), Queues(setting),
-            TruthPossible(setting), SourceCalibrated(setting), SameLogSameHypothesis(setting),
+            TruthPossible(setting), SourceCalibrated(setting), FollowsSource(setting), SameLogSameHypothesis(setting),
             Summarised(setting), Refused(setting),
             OwnPlace(setting), Calibrated(setting), KnowsItsPlace(setting), KnowsHome(setting),
+            Mistimed(setting), PlaceBound(setting), WideBerth(setting),
             Reckoned(setting), Confined(setting), FreshTelemetry(setting),
             Reserve(setting), Named(setting), Accused(setting), Told(setting), Memory(setting),
             self.converged, self.landed,

@@ -14,8 +14,9 @@ from agent.pilot import Pilot, Step
 from agent.vehicle.interface import FlightMode, Request, VehicleCommand
 from protocol.messages import Stage
 from sim.scenario import load_scenario, override
+from sim.scoring.moment import EPOCH_NS
 
-DIES_NS = sim.lockstep.EPOCH_NS + 20 * SECOND
+DIES_NS = EPOCH_NS + 20 * SECOND
 BACK_NS = DIES_NS + 3 * SECOND  # the failsafe trips after 1 s
 
 
@@ -96,13 +97,13 @@ def test_a_restarted_agent_flies_on_and_everything_replays(tmp_path):
     while not world.tick():
         stages.append([agent.stage for agent in agents])
     world.close()
-    end_ns = sim.lockstep.EPOCH_NS + world.ticks * sim.lockstep.TICK_NS
+    end_ns = EPOCH_NS + world.ticks * sim.lockstep.TICK_NS
     for agent in agents:
         agent.ask(end_ns)  # what was under way when the world ended
         agent.pilot.advance(end_ns)
         agent.recorder.close()
     d2 = agents[1]
-    back = round((BACK_NS - sim.lockstep.EPOCH_NS) / sim.lockstep.TICK_NS)
+    back = round((BACK_NS - EPOCH_NS) / sim.lockstep.TICK_NS)
     assert d2.modes[back] is FlightMode.RETURN  # the failsafe had it
     assert set(d2.modes[back + 2 : back + 100]) == {FlightMode.OFFBOARD}
     assert {seen[1] for seen in stages[back + 2 : back + 40]} == {Stage.SURVEY, Stage.TRACK}  # no log yet, at first

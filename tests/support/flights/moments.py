@@ -67,10 +67,13 @@ def whereabouts(x=10.0, sigma_m=0.1, yaw_rad=0.0, yaw_sigma_rad=0.02):
     return Whereabouts((x, 10.0, 3.0), sigma_m, yaw_rad, yaw_sigma_rad)
 
 
-def reckoning(other=(20.0, 10.0, 3.0), sigma_m=0.0, room=20.0, name="d2", away=None):
-    """Of the first drone, with another one expected at a place; ``room``: margin around the area."""
-    plan = PeerPlan(name, 0, 0.2, [other], sigma_m, away=away)
-    return Reckoning(0, (10.0, 10.0, 3.0), [plan], box(0.0, 0.0, 40.0, 40.0).buffer(room), Transform())
+def reckoning(
+    other=(20.0, 10.0, 3.0), sigma_m=0.0, room=20.0, name="d2", away=None, ends=(10.0, 10.0, 3.0), blind=False, stamp_ns=0
+):
+    """Of the first drone, with another one expected at a place; ``room``: margin around the area; ``ends``: its own plan."""
+    plan = PeerPlan(name, 0, 0.2, [other], sigma_m, away=away, blind=blind)
+    room = box(0.0, 0.0, 40.0, 40.0).buffer(room)
+    return Reckoning(stamp_ns, (10.0, 10.0, 3.0), [plan], room, Transform(), np.array([(10.0, 10.0, 3.0), ends]), 4.0)
 
 
 SOMEWHERE = whereabouts()
@@ -78,7 +81,7 @@ SOMEWHERE = whereabouts()
 
 def pilot(
     stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=(), suspects=(), placed=None, problems=(), entries=(),
-    told=(), reckons=None, memory=None,
+    told=(), reckons=None, memory=None, fused=None,
 ):  # fmt: skip
     return SimpleNamespace(
         stage=stage,
@@ -86,7 +89,7 @@ def pilot(
         digest=digest,
         counters=dict.fromkeys(counters, 1),
         pending=pending,
-        fusion=SimpleNamespace(log=Log(entries, told)),
+        fusion=fused or SimpleNamespace(log=Log(entries, told)),
         frames=SimpleNamespace(suspects=lambda: dict.fromkeys(suspects, "")),
         whereabouts=placed,
         reckoning=reckons,

@@ -1,0 +1,149 @@
+"""What drones do with what they do not know exactly: places are as doubtful as what tells of them, and doubt is allowed for."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from math import hypot, inf, sqrt
+
+from protocol.entries import Exposure
+from sim.geometry import Array
+from sim.scoring.invariants.base import Breach, Invariant, Setting
+from sim.scoring.moment import EPOCH_NS, Moment
+from sim.world.gnss import GnssTruth
+
+EXCLUDED_SIGMAS, EXCLUDED_M = 6.0, 0.5
+FEWEST = 8  # measurements of which half may exclude the truth: a clock's error times the speed of a moment is no bound
+BOUND_S = 5.0
+BERTH_SIGMAS, BERTH_S = 2.0, 3.0  # of the other's position; for so long one that evades somebody else may come nearer
+_LOOK_TICKS = 10
+_LOW_M = 1.5  # who takes off or lands does not choose its way
+
+
+class Mistimed(Invariant[Moment]):
+    """Of what a drone has measured while it told that its clock was wrong, at most half is fused, at the end, at a place that
+    excludes by 6 sigma, and 0.5 m, where it was at the time that it told.
+
+    Exempt is what was measured after the first liar, or the first own position faulted unannounced.
+    """
+
+    name = "mistimed"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self._wrong = any(fault.family == "clock" for fault in setting.scenario.fault)
+        self._until_s = setting.misled_s(("pose", "liar"))
+        self._times_s: list[float] = []
+        self._places: list[Array] = []  # (N, 3) at these times
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Nothing in flight; places are noted while the truth is judged by them."""
+        if self._wrong and moment.time_s < self._until_s:
+            self._times_s.append(moment.time_s)
+            self._places.append(moment.position_m.copy())
+        yield from ()
+
+    def at_end(self, moment: Moment) -> Iterator[Breach]:
+        """Drones whose measurements are fused elsewhere, by the first log there is."""
+        pilot = next((pilot for pilot in moment.pilots if pilot is not None), None)
+        if not self._times_s or pilot is None:
+            return
+        excluded: dict[int, list[bool]] = {}
+        for record in pilot.fusion.log:
+            entry = record.entry
+            if not isinstance(entry, Exposure) or entry.clock_sigma_m == 0.0:
+                continue
+            fused = pilot.fusion.place(entry.entry_id)
+            time_s = (0.5 * (entry.stamp_ns + entry.end_ns) - EPOCH_NS) * 1e-9
+            tick = bisect_right(self._times_s, time_s)
+            if fused is not None and 0 < tick < len(self._times_s):
+                drone = self.setting.names.index(entry.drone)
+                (u, v, _), sigma_m = fused
+                x, y, _ = self._places[tick][drone].tolist()
+                excluded.setdefault(drone, []).append(hypot(u - x, v - y) > max(EXCLUDED_M, EXCLUDED_SIGMAS * sigma_m))
+        for drone, found in excluded.items():
+            if len(found) >= FEWEST and 2 * sum(found) > len(found):
+                yield Breach((drone,), f"{sum(found)} of its {len(found)} measurements with a wrong clock exclude where it was")
+
+
+class PlaceBound(Invariant[Moment]):
+    """Where frames are estimated, no drone states its place for 5 s more surely than all that tells of it could: satellite
+    receivers and the launch layout; its own ones, or, where drones see each other, those of all.
+
+    A receiver's error is correlated for a minute (``GnssTruth``), whatever the rate of its fixes: for a flight of length T and a
+    correlation time tau the best estimate of a constant has the information (1 + T / (2 tau)) / sigma^2 on each axis.
+    """
+
+    name = "place-bound"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        drones, vehicles = setting.mission.drones, setting.scenario.localization.vehicles
+        self._judged = not any(drone.is_exact for drone in drones)
+        receptions = [vehicles[drone.id].reception if drone.id in vehicles else None for drone in drones]
+        self._sees = setting.scenario.sightings is not None
+        self._sources = [(one, drone.origin_sigma_m) for one, drone in zip(receptions, drones, strict=True)]
+        self._since_s: dict[int, float] = {}
+        self._found: list[Breach] = []
+        self._ticks = 0
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Drones that are too sure; looked for twice a second."""
+        self._ticks += 1
+        if self._judged and self._ticks % _LOOK_TICKS == 0:
+            self._found = list(self._too_sure(moment))
+        yield from self._found
+
+    def _too_sure(self, moment: Moment) -> Iterator[Breach]:
+        each = [_information(reception, origin_m, moment.time_s) for reception, origin_m in self._sources]
+        for drone, pilot in enumerate(moment.pilots):
+            placed = pilot.whereabouts if pilot is not None else None
+            bound_m = sqrt(2.0 / (sum(each) if self._sees else each[drone]))
+            if placed is None or placed.sigma_m >= bound_m:
+                self._since_s.pop(drone, None)
+            elif moment.time_s - self._since_s.setdefault(drone, moment.time_s) > BOUND_S:
+                yield Breach((drone,), f"it states its place to {placed.sigma_m:.2f} m, where {bound_m:.2f} m are possible")
+
+
+class WideBerth(Invariant[Moment]):
+    """No drone plans for 3 s to come nearer to another than the separation and 2 sigma of where that one is, at the plan's end.
+
+    That is judged by what the drone itself knows: the truth shows only by chance, and too late, that a doubt was not allowed for.
+    Exempt are pairs one of which is on the ground or nearly so, and others that do not know of it, which may turn up anywhere.
+    """
+
+    name = "berth"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self._least_m = setting.mission.limits.separation_m
+        self._planned_ns = [-1] * len(setting.names)
+        self._since_s: dict[tuple[int, int], float] = {}
+        self._over_m: dict[tuple[int, int], float] = {}
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """Pairs: who plans to be too near to whom."""
+        for drone, pilot in enumerate(moment.pilots):
+            reckoning = pilot.reckoning if pilot is not None else None
+            if reckoning is not None and reckoning.stamp_ns == self._planned_ns[drone]:
+                continue
+            self._planned_ns[drone] = reckoning.stamp_ns if reckoning is not None else -1
+            for other, name in enumerate(self.setting.names):
+                high = min(moment.position_m[drone, 2], moment.position_m[other, 2]) > _LOW_M
+                clear_m = reckoning.clearance_m(name, BERTH_SIGMAS) if reckoning is not None and high and other != drone else inf
+                if clear_m >= self._least_m:
+                    self._since_s.pop((drone, other), None)
+                else:
+                    self._since_s.setdefault((drone, other), moment.time_s)
+                    self._over_m[drone, other] = self._least_m - clear_m
+        for pair, since_s in self._since_s.items():
+            if moment.time_s - since_s > BERTH_S:
+                yield Breach(pair, f"it plans to come {self._over_m[pair]:.1f} m too near, where the other may be")
+
+
+def _information(reception: GnssTruth | None, origin_sigma_m: float, flown_s: float) -> float:
+    """Fisher information (1/m^2) of one axis of a drone's frame, of its receiver and of the launch layout."""
+    told = 1.0 / origin_sigma_m**2 if origin_sigma_m > 0.0 else inf
+    if reception is None:
+        return told
+    return told + (1.0 + flown_s / (2.0 * reception.correlation_s)) / reception.horizontal_m**2
