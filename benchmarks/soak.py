@@ -2,7 +2,8 @@
 
 Lockstep: one long mission, whose agents' logs grow, and many short ones in the same process, after which nothing may remain.
 Live: one long flight, whose processes are watched. Exit code 1 where something grows that must not, or memory by more than 2 kB
-for each entry of each agent's log (in lockstep with the flight's trace, which the simulation keeps, a tenth of it).
+for each entry of each agent's log (in lockstep with the flight's trace, which the simulation keeps, a tenth of it), and where a
+long flight was over early.
 
 Run: python benchmarks/soak.py [--lockstep 120] [--missions 3] [--live 60] [--drones 3] [--seed 1] [--out results/soak]
 Seconds of simulated flight, number of short missions, seconds of live tracking; 0 leaves a part out. ``make soak``: an hour,
@@ -44,17 +45,23 @@ from sim.scoring.moment import Moment
 MOST_BYTES = 2000.0  # by which a process may grow for each entry of each log in it
 FEWEST_ENTRIES = 3000  # by which a log must have grown for that to be judged
 WARM_SHARE = 0.3  # of a part's samples, which are not judged: caches fill
+WHOLE_SHARE = 0.8  # of what was asked for, which a long flight has to last: live the drones begin to track one after another
 SAMPLE_S = 10.0  # of simulated time
 COUNTED = ("threads", "files", "tasks", "objects")
 SHORT_S = 15.0  # tracking of a short mission
+NEVER_HOME = {"mission.safety.battery_reserve": 0.0}  # else all return after 17 minutes; lockstep's vehicles fly on
 _ENTRY_KINDS = {name for name, kind in DRONE_KINDS.items() if issubclass(kind, Entry)}
 
 
 @dataclass
 class Series:
-    """Samples of one process: ``time_s`` (or number of flights), ``entries`` of all logs in it together, and what it holds."""
+    """Samples of one process: ``time_s`` (or number of flights), ``entries`` of all logs in it together, and what it holds.
+
+    ``until_s``: how long it was to be sampled.
+    """
 
     name: str
+    until_s: float = 0.0
     entries: list[int] = field(default_factory=list)
     time_s: list[float] = field(default_factory=list)
     rss_mb: list[float] = field(default_factory=list)
@@ -91,6 +98,8 @@ class Series:
             for name in self.counts
             if self.growth(name) > _tolerated(self, name)
         ]
+        if self.time_s[-1] < WHOLE_SHARE * self.until_s:
+            found.append(f"{self.name}: over after {self.time_s[-1]:.0f} s of {self.until_s:.0f} s")
         slope = self.bytes_per_entry
         if slope is not None and slope > MOST_BYTES:
             found.append(f"{self.name}: {slope:.0f} B for each entry, and {MOST_BYTES:.0f} are allowed")
@@ -110,7 +119,7 @@ def long_mission(pipe: Connection, drones: int, seed: int, seconds: float) -> No
     """One mission in lockstep that tracks for so long."""
     from sim.lockstep import fly as fly_lockstep  # noqa: PLC0415 - only in its own process
 
-    series, due_s = Series("lockstep, one mission"), 0.0
+    series, due_s = Series("lockstep, one mission", seconds), 0.0
 
     def watch(moment: Moment) -> bool:
         nonlocal due_s
@@ -141,7 +150,8 @@ def short_missions(pipe: Connection, drones: int, seed: int, number: int) -> Non
 def _scenario(drones: int, seconds: float) -> Any:
     from sim.scenario import load_scenario, override  # noqa: PLC0415 - only in its own process
 
-    return override(load_scenario("demo"), {"drones": drones, "mission.track.duration_s": seconds})
+    flight = {"mission.track.duration_s": seconds, **NEVER_HOME}
+    return override(load_scenario("demo"), {"drones": drones, **flight})
 
 
 def _held() -> tuple[float, dict[str, int]]:
@@ -184,7 +194,7 @@ def live(folder: Path, drones: int, seed: int, seconds: float) -> list[Series]:
     tasks = dict(_tasks(path) for path in sorted(folder.glob("agents/*/agent.log")))
     if left:
         sys.exit(f"processes are left over: {', '.join(str(one.pid) for one in left)}")
-    return [_of_process(one, tracked, made_s, tasks) for one in seen.values() if one.kind != "other"]
+    return [_of_process(one, tracked, made_s, tasks, seconds) for one in seen.values() if one.kind != "other"]
 
 
 def _own_entries(flight: RecordedFlight) -> Iterator[float]:
@@ -209,10 +219,14 @@ def _tasks(log: Path) -> tuple[int, list[tuple[float, int]]]:
 
 
 def _of_process(
-    one: Seen, tracked: tuple[float, float], made_s: NDArray[np.float64], tasks: dict[int, list[tuple[float, int]]]
+    one: Seen,
+    tracked: tuple[float, float],
+    made_s: NDArray[np.float64],
+    tasks: dict[int, list[tuple[float, int]]],
+    until_s: float,
 ) -> Series:
     """What it held while the swarm tracked: at its start and its end threads come and go."""
-    series, told = Series(one.name), tasks.get(one.pid, [])
+    series, told = Series(one.name, until_s), tasks.get(one.pid, [])
     for time_s, held in one.held:
         if not tracked[0] <= time_s <= tracked[1]:
             continue

@@ -22,8 +22,8 @@ from agent.flight.header import FlightHeader
 from agent.flight.segment import HEADER
 from agent.flight.topics import OUT
 
-# MemoryError: a length with a flipped bit, up to 4 GB
-_DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, zlib.error, ValueError, KeyError, MemoryError)
+# MemoryError: a length with a flipped bit, up to 4 GB; OverflowError: one beyond that
+_DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, zlib.error, ValueError, KeyError, MemoryError, OverflowError)
 
 
 _RECORD = struct.Struct("<BQ")  # of a chunk: opcode and length

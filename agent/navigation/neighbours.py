@@ -122,7 +122,7 @@ class Neighbourhood:
         self._silent = Silent(mission, drone)
         self._id = drone
         self._circled: dict[str, tuple[Stage, bool]] = {}  # stage of each that hears this drone, and whether this one circles
-        self._began_ns: int | None = None
+        self._unheard_ns: dict[str, int] = {}  # who was never heard: since when it may fly
         self.absence: Absence | None = None
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
@@ -134,7 +134,7 @@ class Neighbourhood:
             peer = peers[name]
             on_ground = peer.sources.is_on_ground(me.now_ns)
             if peer.pose is None and not on_ground and (me.resumed or name in me.measured):
-                missing += [name] if self._has_listened(me.now_ns) else []
+                missing += [name] if self._is_unheard(name, me.now_ns) else []
                 if me.local_from_mission is not None:
                     unknown = self._silent.unknown(name, _viewer(me, me.local_from_mission))
                     found += [Neighbour(name, plan, False) for plan in unknown]
@@ -186,10 +186,9 @@ class Neighbourhood:
         viewer = _viewer(me, me.local_from_mission) if me.local_from_mission is not None else None
         return self._silent.unhearing(name, contact, viewer)
 
-    def _has_listened(self, now_ns: int) -> bool:
-        """Whether this agent has listened for long enough to have heard everybody that it can hear."""
-        self._began_ns = now_ns if self._began_ns is None else self._began_ns
-        return not 0 <= now_ns - self._began_ns < SILENT_NS
+    def _is_unheard(self, name: str, now_ns: int) -> bool:
+        """Whether one that may fly was not heard for long enough; its measurements may come before its first pose does."""
+        return not 0 <= now_ns - self._unheard_ns.setdefault(name, now_ns) < SILENT_NS
 
     def follow(self, peers: Peers) -> None:
         """Keep the frames of the others while this drone plans nothing: a jump is bridged only as it happens."""

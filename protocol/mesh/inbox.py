@@ -94,6 +94,16 @@ class Inbox:
             with contextlib.suppress(RuntimeError):  # the loop is closed
                 self._loop.call_soon_threadsafe(self._deliver)
 
+    async def delivered(self, within_s: float) -> None:
+        """Wait until no log entry waits for its delivery, but no longer than that."""
+        end_s = self._loop.time() + within_s
+        while self._holds_entries() and self._loop.time() < end_s and not self._closed:
+            await asyncio.sleep(SLICE_S)
+
+    def _holds_entries(self) -> bool:
+        with self._lock:
+            return any(share.entries for share in self._shares.values())
+
     def close(self) -> None:
         """Stop delivering."""
         self._closed = True

@@ -21,7 +21,7 @@ async def recover(
         alive: ids of the reachable peers.
         summary: summary of the own log.
         ask: sends it to a peer; returns the number of entries received.
-        phase: 0 .. 1 of the period, so that agents do not all ask at the same time.
+        phase: 0 .. 1 of the period and of the peers, so that agents do not all ask at the same time, or the same peer first.
     """
     now_s = asyncio.get_running_loop().time
     due_s, turn = now_s() + PERIOD_S * phase, 0
@@ -34,7 +34,7 @@ async def recover(
         if not peers or (not fresh and now_s() < due_s):
             await asyncio.sleep(HURRY_S)
             continue
-        peer = fresh[0] if fresh else peers[turn % len(peers)]
+        peer = fresh[int(phase * len(fresh))] if fresh else peers[turn % len(peers)]
         got = await ask(peer, summary())
         if fresh and not got:
             fresh.remove(peer)

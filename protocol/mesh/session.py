@@ -34,6 +34,7 @@ __all__ = ["Mesh", "MeshConfig"]
 CACHE_ENTRIES = 500  # of each kind, for peers that join late or were cut off, 1.2 kB each; older ones come by the log query
 HEARTBEAT_S = 0.5  # the loss of a last entry is noticed after this time
 ASK_S = 1.0
+DELIVERED_S = 1.0  # for the replies to one question to be delivered; a peer that floods must not hold up the next one
 RELINKED_S = 1.0  # until the peers are linked again with a session that was opened anew
 MOST_HELD_BACK = 1_000  # entries, while the session is opened anew
 
@@ -194,13 +195,17 @@ class Mesh:
             self.counters["publish_failed"] += 1
 
     async def ask(self, drone: str, summary: bytes) -> int:
-        """Ask a drone for the log entries missing in this summary. They come through ``receive``.
+        """Ask a drone for the log entries missing in this summary, and wait until they have come through ``receive``.
+
+        Whoever asks again for what is still on its way gets it twice, and needs longer for both.
 
         Returns:
-            The number of replies, some of which may not be delivered yet. 0 also for a drone that cannot be reached.
+            The number of replies; of many some may not be delivered yet. 0 also for a drone that cannot be reached.
         """
         replies = await self._query(drone, summary, self._take)
         self.counters["log_replies"] += replies
+        if replies:
+            await self._inbox.delivered(DELIVERED_S)
         return replies
 
     async def summary_of(self, drone: str) -> bytes | None:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.soak import Series
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -21,3 +23,12 @@ def test_missions_in_lockstep_are_sampled_and_leave_nothing_over(tmp_path: Path)
     assert len(long["time_s"]) >= 2
     assert long["entries"][-1] > long["entries"][0]
     assert len(short["time_s"]) == 3
+
+
+def test_a_flight_that_was_over_early_and_memory_that_grows_are_flaws() -> None:
+    series = Series("agent", until_s=3600.0)
+    for place in range(100):
+        series.add(10.0 * place, 100 * place, 100.0 + 0.3 * place, {"threads": 3 + (place > 80)})
+    early, slope = series.flaws
+    assert early == "agent: over after 990 s of 3600 s"
+    assert slope == "agent: 3000 B for each entry, and 2000 are allowed"

@@ -21,7 +21,7 @@ from agent.config.mission import DatumConfig, DroneInMission, MissionConfig
 from agent.pilot import Pilot, Step
 from agent.vehicle.interface import FlightMode
 from protocol.codec import decode_from, encode
-from protocol.keys import key_of
+from protocol.keys import drone_key, key_of, station_key
 from protocol.messages import DRONE_KINDS, KINDS, STATION_KINDS, Status
 from tests.fuzz.mutation import HOSTILE_TEXTS, broken, hostile, mutated, nested
 from tests.fuzz.target import Probe, Target, expect
@@ -113,11 +113,15 @@ class Messages(Target):
 
     def _key(self, rng: Random, mission: MissionConfig) -> str:
         """A key that is right, odd, or none."""
-        parts = ["radron", "1", mission.swarm, rng.choice(_MEMBERS), rng.choice(list(DRONE_KINDS))]
+        if rng.random() < 0.2:
+            right = station_key(mission.swarm, "operator", rng.choice(list(STATION_KINDS)))
+        else:
+            right = drone_key(mission.swarm, rng.choice(_MEMBERS), rng.choice(list(DRONE_KINDS)))
         if rng.random() < 0.5:
-            return "/".join(parts)
-        parts[rng.randrange(5)] = rng.choice(("*", "**", "2", "D1", "other", "command", "log", "alive", *HOSTILE_TEXTS))
-        return "/".join(parts[: rng.choice((0, 3, 4, 5, 5, 5))])
+            return right
+        parts = right.split("/")
+        parts[rng.randrange(len(parts))] = rng.choice(("*", "**", "1", "D1", "other", "command", "log", "alive", *HOSTILE_TEXTS))
+        return "/".join(parts[: rng.choice((0, 3, 4, 6, 6, 6))])
 
 
 class _Flight:
@@ -208,8 +212,8 @@ def _of_member(rng: Random, fields: dict[str, Any], mission: MissionConfig, now_
 
 def _key_of(mission: MissionConfig, fields: dict[str, Any]) -> str:
     if fields["kind"] in STATION_KINDS:
-        return f"radron/2/{mission.swarm}/station/{fields['station']}/{fields['kind']}"
-    return f"radron/2/{mission.swarm}/{fields['drone']}/{fields['kind']}"
+        return station_key(mission.swarm, fields["station"], fields["kind"])
+    return drone_key(mission.swarm, fields["drone"], fields["kind"])
 
 
 def _packed(document: Any) -> bytes:

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import argparse
 import time
+from contextlib import suppress
 from pathlib import Path
 from random import Random
 
 import pytest
+from one_pilot import MISSION
 
+from protocol.errors import ProtocolError
+from protocol.keys import parse_key
+from protocol.messages import KINDS
 from tests.fuzz import __main__ as command
+from tests.fuzz.messages import Messages
 from tests.fuzz.runner import Journal, Outcome, chunks, keep
 from tests.fuzz.target import Probe, Target, TooSlowError, ViolationError, expect, run_case
 from tests.fuzz.targets import TARGETS
@@ -34,6 +40,15 @@ def test_nothing_is_found_in_seconds(name: str, tmp_path: Path) -> None:
         number += 1
         _, finding = run_case(target, SEED, number)
         assert finding is None, f"{finding.replay}\n{finding.trace}"
+
+
+def test_messages_of_all_kinds_come_under_keys_that_are_read(tmp_path: Path) -> None:
+    """Else only the reader of the keys sees what is in them."""
+    messages, rng, kinds = Messages(tmp_path), Random(SEED), set()
+    for _ in range(1000):
+        with suppress(ProtocolError):
+            kinds.add(parse_key(messages._key(rng, MISSION)).kind)
+    assert kinds == set(KINDS)
 
 
 class Reader(Target):

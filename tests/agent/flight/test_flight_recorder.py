@@ -4,11 +4,13 @@ import errno
 import random
 import resource
 import shutil
+import struct
 import time
 from contextlib import suppress
 
 import psutil
 import pytest
+from mcap.opcode import Opcode
 from msgspec.structs import replace
 from recorded_flights import HEADER, telemetry
 
@@ -95,6 +97,14 @@ def test_a_length_with_a_flipped_bit_is_damage_and_takes_no_memory(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)
     assert flight.flaw == f"{file.name} is damaged: MemoryError"
+
+
+def test_a_length_that_no_memory_has_is_damage(tmp_path):
+    file = tmp_path / "d1-0000.mcap"
+    chunk = struct.pack("<QQQIIQ", 0, 0, 0, 0, 0, 1 << 63)
+    file.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", Opcode.CHUNK, len(chunk)) + chunk)
+    with pytest.raises(FlightRecordError, match=r"^\S*d1-0000.mcap: not a recorded flight: .*integer"):
+        RecordedFlight(file)
 
 
 def test_a_full_disk_is_reported_and_the_recording_goes_on_when_there_is_room(tmp_path, monkeypatch):

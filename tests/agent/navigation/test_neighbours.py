@@ -193,6 +193,16 @@ def test_one_that_was_never_heard_is_missed_if_it_may_fly(resumed, measured, mis
     assert hood.absence is None
 
 
+def test_each_one_whose_measurements_come_first_is_given_a_moment_to_be_heard():
+    mission = replace(MISSION, drones=(*MISSION.drones, DroneInMission(id="c", origin_m=(20.0, 0.0, 0.0))))
+    hood, peers = Neighbourhood(mission, FrameGraph.from_launch_layout(mission), "a"), Peers(["b", "c"])
+    told = []
+    for second, measured in ((300, ("b",)), (301, ("b",)), (310, ("b", "c")), (311, ("b", "c"))):
+        hood.around(peers, Self(second * SECOND, 0, 0.1, Transform(), measured=measured))
+        told.append(hood.absence.missing if hood.absence is not None else ())
+    assert told == [(), ("b",), ("b",), ("b", "c")]
+
+
 @pytest.mark.parametrize("returning_s", [None, 20.0])
 def test_one_on_the_ground_whose_autopilot_is_unplugged_is_not_missed(returning_s):
     """It sends its status, but has no pose to send."""

@@ -102,6 +102,19 @@ def test_a_flood_is_delivered_in_slices_between_which_the_loop_does_other_things
     asyncio.run(run())
 
 
+def test_who_waits_for_the_entries_has_them_all_or_waits_no_longer_than_it_wants() -> None:
+    async def run() -> None:
+        received = Received()
+        for i in range(1000):
+            received.inbox.put(CONE, b"%d" % i)
+        await received.inbox.delivered(0.0)
+        assert len(received.messages) < 1000
+        await received.inbox.delivered(60.0)
+        assert len(received.messages) == 1000
+
+    asyncio.run(run())
+
+
 def test_a_slice_of_slow_messages_is_short_and_news_overtake() -> None:
     async def run() -> None:
         received = Received(lambda key, payload: time.sleep(0.002))

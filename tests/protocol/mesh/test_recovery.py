@@ -23,9 +23,9 @@ class Swarm:
         return 500 if self.left[peer] >= 0 else 0
 
 
-async def ask_for_a_while(swarm: Swarm, seconds: float, alive: Collection[str] | None = None) -> None:
+async def ask_for_a_while(swarm: Swarm, seconds: float, alive: Collection[str] | None = None, phase: float = 0.0) -> None:
     peers = swarm.left if alive is None else alive
-    asking = recover(lambda: peers, lambda: b"what we hold", swarm.ask, 0.0)
+    asking = recover(lambda: peers, lambda: b"what we hold", swarm.ask, phase)
     with pytest.raises(TimeoutError):
         await asyncio.wait_for(asking, seconds)
 
@@ -56,3 +56,13 @@ def test_peers_that_come_later_are_asked() -> None:
 
     virtual_time.run(late())
     assert swarm.asked
+
+
+def test_agents_ask_different_peers_first() -> None:
+    """Three asked one for the same 600 entries at once after a partition, and the other had nothing to do."""
+    first = []
+    for phase in (0.4, 0.6, 0.8):
+        swarm = Swarm({"d1": 2, "d2": 2})
+        virtual_time.run(ask_for_a_while(swarm, 0.1, phase=phase))
+        first.append(swarm.asked[0][1])
+    assert first == ["d1", "d2", "d2"]

@@ -34,7 +34,8 @@ LACKING = "network namespaces and TUN devices need root, /dev/net/tun and iprout
 @dataclass(frozen=True)
 class Flown:
     """How it ended. ended: exit codes of agents that ended in flight, by drone. error_m: median while the source was tracked.
-    gap_s: longest time between two setpoints of an agent.
+    bound_m: posterior Cramer-Rao bound of that error, from what the flight measured. gap_s: longest time between two setpoints
+    of an agent.
     """
 
     ended: dict[str, int]
@@ -42,6 +43,7 @@ class Flown:
     agreed: bool
     landed: bool
     error_m: float
+    bound_m: float
     gap_s: float
 
 
@@ -91,7 +93,8 @@ def _judged(run: LiveRun, ended: dict[str, int], gaps_s: list[float]) -> Flown:
     result = json.loads((run.folder / "run.json").read_text())
     report = json.loads((run.folder / "agents.json").read_text())
     landed = all(agent["stage"] == "landed" for agent in report["agents"])
-    return Flown(ended, result["lost"], report["agreed"], landed, result["error_median_m"], max(gaps_s))
+    errors_m = result["error_median_m"], result["bound_median_m"]
+    return Flown(ended, result["lost"], report["agreed"], landed, *errors_m, max(gaps_s))
 
 
 def _setpoint_gaps_s(folder: Path) -> Iterator[float]:

@@ -40,7 +40,7 @@ async def until(condition: Callable[[], object], deadline_s: float = DEADLINE_S)
 
 
 class Member:
-    """A mesh, and what came in."""
+    """A mesh, and what came in. takes_s: how long it takes to receive a message."""
 
     mesh: Mesh
 
@@ -49,9 +49,11 @@ class Member:
         self.swarm = swarm
         self.messages: list[tuple[str, bytes]] = []
         self.bursts = 0
+        self.takes_s = 0.0
 
     def receive(self, key: str, payload: bytes) -> None:
         self.messages.append((key, payload))
+        time.sleep(self.takes_s)
 
     def drained(self) -> None:
         self.bursts += 1

@@ -1,0 +1,108 @@
+"""What late entries cost the estimate: the log of an agent folded as it arrived, and as if each entry had arrived at once.
+
+Both are of the same flight, so that nothing differs but the delays: two flights of one seed differ by half of their errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from live_flight import messages
+from numpy.typing import NDArray
+
+from agent.config.mission import MissionConfig
+from agent.flight import topics
+from agent.flight.reader import RecordedFlight
+from agent.fusion.registry import estimator_named
+from agent.mission.worldmodel import WorldModel
+from protocol.codec import decode_from
+from protocol.entries import Entry
+from protocol.messages import DRONE_KINDS, Stage, Status
+
+_EVERY_NS = 100_000_000
+_ENTRIES = {name for name, kind in DRONE_KINDS.items() if issubclass(kind, Entry)}
+
+
+class _Arrival(NamedTuple):
+    """An entry at an agent, by its clock."""
+
+    at_ns: int
+    payload: bytes
+    entry: Entry
+
+
+class Lateness(NamedTuple):
+    """delays_s: of all entries at all other agents (median, 99 %, largest). missing: entries that one never had.
+    moved_m: by how much the delays moved the hypotheses while all tracked (median, largest).
+    """
+
+    delays_s: tuple[float, float, float]
+    missing: int
+    moved_m: tuple[float, float]
+
+
+def lateness(found: dict[str, RecordedFlight]) -> Lateness:
+    """Of one flight, from the records of its agents, by drone."""
+    swarm = next(iter(found.values())).header.mission
+    own = {drone: dict(_entries(flight, topics.PUBLICATION)) for drone, flight in found.items()}
+    heard = {drone: dict(_entries(flight, topics.MESSAGE)) | own[drone] for drone, flight in found.items()}
+    sent = {payload: arrival for entries in own.values() for payload, arrival in entries.items()}
+    delays_s = [
+        1e-9 * (arrivals[payload].at_ns - arrival.at_ns)
+        for drone, arrivals in heard.items()
+        for payload, arrival in sent.items()
+        if payload in arrivals and payload not in own[drone]
+    ]
+    statuses = [status for flight in found.values() for status in _statuses(flight)]
+    started_ns = max(status.started_ns or 0 for _, status in statuses)
+    tracking = [[at_ns for at_ns, told in _statuses(one) if told.stage is Stage.TRACK] for one in found.values()]
+    during = range(started_ns, min(times[-1] for times in tracking), _EVERY_NS)
+    skipped = sum(now_ns < max(times[0] for times in tracking) for now_ns in during)
+    at_once = _hypotheses(swarm, started_ns, list(sent.values()), during)[skipped:]
+    moved_m = [
+        np.linalg.norm(_hypotheses(swarm, started_ns, list(arrivals.values()), during)[skipped:] - at_once, axis=1)
+        for arrivals in heard.values()
+    ]
+    return Lateness(
+        (float(np.median(delays_s)), float(np.quantile(delays_s, 0.99)), max(delays_s)),
+        sum(len(sent.keys() - arrivals.keys()) for arrivals in heard.values()),
+        (float(np.nanmedian(moved_m)), float(np.nanmax(moved_m))),
+    )
+
+
+def _entries(flight: RecordedFlight, topic: str) -> Iterator[tuple[bytes, _Arrival]]:
+    """The entries that an agent heard or published, by their bytes; the first arrival of each comes last."""
+    found = []
+    for record, sender, kind, payload in messages(flight, topic):
+        if kind in _ENTRIES:
+            entry = decode_from(f"radron/2/{flight.header.mission.swarm}/{sender}/{kind}", payload)
+            if isinstance(entry, Entry):
+                found.append((payload, _Arrival(record.log_ns, payload, entry)))
+    return reversed(found)
+
+
+def _statuses(flight: RecordedFlight) -> Iterator[tuple[int, Status]]:
+    for record, sender, kind, payload in messages(flight, topics.PUBLICATION):
+        if kind == "status":
+            status = decode_from(f"radron/2/{flight.header.mission.swarm}/{sender}/{kind}", payload)
+            if isinstance(status, Status):
+                yield record.log_ns, status
+
+
+def _hypotheses(mission: MissionConfig, started_ns: int, arrivals: list[_Arrival], during: range) -> NDArray[np.float64]:
+    """(N, 2) place of the hypothesis at these times, NaN where there is none."""
+    world, due = WorldModel(mission, (), estimator_named), sorted(arrivals, key=lambda one: one.at_ns, reverse=True)
+    world.start(started_ns)
+    places = np.full((len(during), 2), np.nan)
+    for place, now_ns in zip(places, during, strict=True):
+        while due and due[-1].at_ns <= now_ns:
+            arrival = due.pop()
+            world.take(arrival.entry, arrival.payload, now_ns)
+        world.advance(now_ns)
+        while world.pending:
+            world.advance(now_ns)
+        if world.fusion.hypothesis is not None:
+            place[:] = world.fusion.hypothesis.position[:2]
+    return places
