@@ -19,7 +19,7 @@ from agent.geometry import Array
 _ITERATIONS = 12
 _SHORT = 2  # iterations of a fit that only has to show whether it is worth more
 _LEAST_COST = 6.0  # of log evidence, by which the volume of a further source's prior outweighs its likelihood at least
-_NEARLY = 20.0  # of log likelihood, which a joint fit may make up for
+_NEARLY = 20.0  # of log likelihood, which a joint or longer fit may make up for
 _PROMISING = 2  # candidates that are fitted jointly with all else
 _CERTAIN = 12.0  # sigmas of a source's log activity beyond which its death is not tried
 _SPLIT_M = 1.3
@@ -78,9 +78,11 @@ class Moves:
         k = len(fitted.solution) - 1
         while k >= 0:
             if fitted.sigma_of(k)[2] * _CERTAIN > 1.0:
-                fewer = self.problem.fitted(fitted.solution.without(k), _ITERATIONS)
-                if fewer.evidence > fitted.evidence - self.least_gain:
-                    fitted = fewer
+                enough = fitted.evidence - self.least_gain
+                fewer = self.problem.fitted(fitted.solution.without(k), _SHORT)
+                if fewer.evidence > enough - _NEARLY:
+                    fewer = self.problem.fitted(fewer.solution, _ITERATIONS)
+                fitted = fewer if fewer.evidence > enough else fitted
             k -= 1
         return fitted
 
