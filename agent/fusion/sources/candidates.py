@@ -36,9 +36,9 @@ class Scan:
     def __init__(self, rows: Rows, counts: CountModel, spectra: Spectra, ground: Ground, places: Array) -> None:
         """``places``: (G, 3) metres, the third of each its height above the ground."""
         self._counts, self._spectra, self._places = counts, spectra, places
-        self._voxel, self._voxels = rows.coarse()
-        live = self._summed(counts.live_s)
-        middle = self._summed(counts.place * counts.live_s[:, None]) / live[:, None]
+        self._voxels = rows.coarse
+        live = self._voxels @ counts.live_s
+        middle = (self._voxels @ (counts.place * counts.live_s[:, None])) / live[:, None]
         at = np.column_stack((places[:, :2], ground.heights_m(places[:, :2]) + places[:, 2]))
         square = (at**2).sum(axis=1)[:, None] + (middle**2).sum(axis=1) - 2.0 * at @ middle.T
         distance = np.sqrt(np.maximum(square, NEAREST_M**2))
@@ -55,8 +55,8 @@ class Scan:
         expected = counts.views(counts.expected(solution)).mean  # what is hidden is not missed
         near, far = self._spectra.templates(solution.scale, solution.scatter)
         weighted = (counts.live_s * counts.weight)[:, None]
-        excess = self._summed(weighted * (counts.counts / expected - 1.0))
-        variance = self._summed(weighted * counts.live_s[:, None] / expected)
+        excess = self._voxels @ (weighted * (counts.counts / expected - 1.0))
+        variance = self._voxels @ (weighted * counts.live_s[:, None] / expected)
         score = self._w @ (excess @ near.T) + (self._w * self._depth) @ (excess @ far.T)  # (G, N)
         information = self._w**2 @ (variance @ (near**2).T)
         gain = np.where(score > 0.0, 0.5 * score**2 / np.maximum(information, 1e-300), 0.0)
@@ -74,9 +74,3 @@ class Scan:
             near = ((self._places[:, :2] - place) ** 2).sum(axis=1) < _APART_M**2
             left[near, n] = 0.0
         return found
-
-    def _summed(self, by_row: Array) -> Array:
-        """Sums over the rows of each coarse voxel."""
-        total = np.zeros((self._voxels, *by_row.shape[1:]))
-        np.add.at(total, self._voxel, by_row)
-        return total

@@ -174,7 +174,7 @@ class CountModel:
 
     def _derived(self, mixture: Mixture, expected: Expected, seen: Views, groups: Sequence[slice]) -> tuple[Array, Array]:
         """Gradient (G, p) and Fisher information (G, p, p) of each group of rows, by the p numbers of a mixture."""
-        towards = (seen.excess @ mixture.shapes.T - seen.blocked @ mixture.direct.T).T  # (Q, R)
+        towards = seen.along(mixture.shapes, mixture.direct).T  # (Q, R)
         between, pairs = _products(mixture.shapes, seen.information[:, None] / expected.clear)
         size = mixture.ends[-1]
         gradients, informations = np.empty((len(groups), size)), np.empty((len(groups), size, size))
@@ -297,4 +297,4 @@ def _products(shapes: Array, weight: Array) -> tuple[Array, NDArray[np.int64]]:
     first, second = np.tril_indices(len(shapes))
     pairs = np.empty((len(shapes), len(shapes)), np.int64)
     pairs[first, second] = pairs[second, first] = np.arange(len(first))
-    return np.ascontiguousarray((weight @ (shapes[first] * shapes[second]).T).T), pairs
+    return (shapes[first] * shapes[second]) @ weight.T, pairs

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from agent.fusion.bayes.cones import Orders
 from agent.fusion.observation import ConeObservation, CountObservation
@@ -81,12 +83,16 @@ class Rows:
         """(R, BINS) events."""
         return self.table[:, _COUNTS].astype(np.float64)
 
-    def coarse(self) -> tuple[Integers, int]:
-        """(R,) index of the coarse voxel, of 2 m, in which each row lies, whatever its drone; and their number."""
-        if not len(self):
-            return np.zeros(0, np.int64), 0
+    @cached_property
+    def coarse(self) -> csr_array:
+        """(V, R) what sums over the rows in each of V coarse voxels, of 2 m, whatever their drone."""
         keys, index = np.unique(self.table[:, 1:4] // _COARSE, axis=0, return_inverse=True)
-        return index.ravel().astype(np.int64), len(keys)
+        return summing(index.ravel(), len(keys))
+
+
+def summing(group: NDArray[np.intp], groups: int) -> csr_array:
+    """(groups, N) matrix that sums over those of each group: ``group`` (N,)."""
+    return csr_array((np.ones(len(group)), (group, np.arange(len(group)))), (groups, len(group)))
 
 
 def _row(observation: CountObservation, number: int) -> list[int] | None:

@@ -42,6 +42,7 @@ class ConeModel:
         ]
         self._pointing = np.array([one[0] for one in of_lines])[index]  # (C, N)
         self._other = np.array([one[1] for one in of_lines])[index]
+        self._own = [np.flatnonzero(one) for one in self._pointing.T]  # of each nuclide, the cones that may point to it
         self._background = np.array([one[2] for one in of_lines])[index]  # (C,)
         self._precision = 1.0 / cones.variance
         self._height = cones.weight * np.sqrt(self._precision) * _PER_ROOT_TWO_PI
@@ -88,26 +89,28 @@ class ConeModel:
         air = self._spectra.air_per_m[n]
         w = PER_MM2 * np.exp(solution.log_activity[k] - air * distance) / distance**2
         unit = way / distance[:, None]
-        directed, by_way = self._directed(unit, distance)
+        own = self._own[n]
+        directed, by_way = self._directed(own, unit[own], distance[own])
         pointing, other = w * self._pointing[:, n], w * self._other[:, n]
         if self._shades is not None:
             pointing *= self._shades.passing(n, source)
-        weakening = -(2.0 / distance + air)[:, None] * unit
-        return (
-            pointing * (directed + OUTLIER_FRACTION) + other,
-            pointing + other,
-            pointing[:, None] * _by_place(by_way, rise, solution),
-            _by_place(weakening, rise, solution),
-        )
+        weakening = _by_place(-(2.0 / distance + air)[:, None] * unit, rise, solution)
+        seen, turned = OUTLIER_FRACTION * pointing + other, np.zeros_like(weakening)
+        seen[own] += pointing[own] * directed
+        turned[own] = pointing[own, None] * _by_place(by_way, rise, solution)
+        return seen, pointing + other, turned, weakening
 
-    def _directed(self, unit: Array, distance: Array) -> tuple[Array, Array]:
-        """rho (C,), and its derivative (C, 3) by the way from the camera to the source, 1/m; unit: (C, 3) of that way."""
-        cosine = np.clip(np.einsum("cki,ci->ck", self._cones.axis, unit), -1.0, 1.0)
-        off = (np.arccos(cosine) - self._cones.theta)[..., None]
-        density = self._height * np.exp(-0.5 * off * off * self._precision)
-        slope = -(density * off * self._precision).sum(axis=2)  # of rho, by each reading's angle
+    def _directed(self, own: NDArray[np.intp], unit: Array, distance: Array) -> tuple[Array, Array]:
+        """rho of C of the cones, ``own``, and its derivative (C, 3) by the way from the camera to the source, 1/m; unit: (C, 3)
+        of that way.
+        """
+        axis, precision = self._cones.axis[own], self._precision[own]
+        cosine = np.clip(np.einsum("cki,ci->ck", axis, unit), -1.0, 1.0)
+        off = (np.arccos(cosine) - self._cones.theta[own])[..., None]
+        density = self._height[own] * np.exp(-0.5 * off * off * precision)
+        slope = -(density * off * precision).sum(axis=2)  # of rho, by each reading's angle
         sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _LEAST_SINE)
-        turn = -(self._cones.axis - cosine[..., None] * unit[:, None, :]) / (sine * distance[:, None])[..., None]
+        turn = -(axis - cosine[..., None] * unit[:, None, :]) / (sine * distance[:, None])[..., None]
         return density.sum(axis=(1, 2)), (slope[..., None] * turn).sum(axis=1)
 
 

@@ -10,6 +10,7 @@ is twice as strong.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
@@ -51,6 +52,7 @@ _EXPECTED = 1.5  # sources
 _REFINEMENTS = 3  # iterations
 _GRID_M, _MOST_PLACES = 2.5, 2500  # where births are tried
 _LEVEL_M = 5.0  # of heights above the ground
+_RECENT = 2  # moves that are remembered: agents that share an estimator, as in simulations, may differ by an observation
 _HIDDEN_M, _MOST_HIDDEN = 5.0, 900  # where a further source may hide
 
 
@@ -118,6 +120,7 @@ class SourcesEstimator:
         self._raised = self._height_m[1] > self._height_m[0]
         self._places = _raised_grid(area, *self._height_m)
         self._target = self._searched(mission)
+        self._recent: deque[tuple[SourcesState, int, SourcesState]] = deque(maxlen=_RECENT)
 
     def initial(self, start_ns: int | None) -> SourcesState:
         """Nothing measured; it does not depend on the mission's start."""
@@ -127,7 +130,7 @@ class SourcesEstimator:
         """Fit what was measured before the step where it is time, then take the step's observations."""
         refined, moved = step.start_ns // self._refined_ns, step.start_ns // self._moved_ns
         if moved > state.moved:
-            state = replace(self._moved(state, step), refined=refined, moved=moved)
+            state = replace(self._moved_once(state, step), refined=refined, moved=moved)
         elif refined > state.refined:
             before = replace(state, refinement=None)
             state = replace(state, refined=refined, refinement=Refinement(lambda: self._refined(before)))
@@ -166,6 +169,17 @@ class SourcesEstimator:
             return None
         most_bq = max(self._config.activity_bq[1], least_bq)
         return Target(_grid(self._area, _HIDDEN_M, _MOST_HIDDEN), least_bq / REFERENCE_BQ, most_bq / REFERENCE_BQ, height_m)
+
+    def _moved_once(self, state: SourcesState, step: GridStep) -> SourcesState:
+        """As ``_moved``, remembered: when an observation of this very step comes late, the step is computed again from the same
+        state.
+        """
+        for before, index, after in self._recent:
+            if before is state and index == step.index:
+                return after
+        moved = self._moved(state, step)
+        self._recent.append((state, step.index, moved))
+        return moved
 
     def _moved(self, state: SourcesState, step: GridStep) -> SourcesState:
         """With all measurements in a fit in which sources may come and go."""

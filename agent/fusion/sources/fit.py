@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.directions import ConeModel
+from agent.fusion.sources.hidden import Expected
 from agent.fusion.sources.solution import BIAS, Solution
 from agent.geometry import Array
 
@@ -85,8 +86,11 @@ class Problem:
 
     def value(self, solution: Solution) -> float:
         """Log posterior density, up to a constant."""
-        counted = self.counts.log_likelihood(self.counts.expected(solution))
-        return counted + self.cones.log_likelihood(solution) + self.prior.log_density(solution)
+        return self.value_of_counts(solution) + self.cones.log_likelihood(solution)
+
+    def value_of_counts(self, solution: Solution) -> float:
+        """As ``value``, without the cones, of which energy scale and scatter change nothing."""
+        return self.counts.log_likelihood(self.counts.expected(solution)) + self.prior.log_density(solution)
 
     def fitted(self, solution: Solution, iterations: int) -> Fitted:
         """The best solution near the given one, after at most so many iterations."""
@@ -102,10 +106,12 @@ class Problem:
                 break
         return self._judged(solution, value, information)
 
-    def fitted_alone(self, solution: Solution, sources: Sequence[int], iterations: int) -> tuple[Solution, float]:
-        """The best solution near the given one with only these sources changed, and its log likelihood of the counts."""
-        rest = solution.only([k for k in range(len(solution)) if k not in sources])
-        others = self.counts.expected(rest)
+    def fitted_alone(
+        self, solution: Solution, sources: Sequence[int], others: Expected, iterations: int
+    ) -> tuple[Solution, float]:
+        """The best solution near the given one with only these sources changed, and its log likelihood of the counts. ``others``:
+        what is expected without them.
+        """
         solution = self.prior.inside(solution)
         numbers = [solution.size * k + part for k in sources for part in range(solution.size)]
         prior = np.diag(self.prior.precision(solution)[numbers])

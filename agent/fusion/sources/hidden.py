@@ -22,8 +22,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import log_ndtr
 
-from agent.fusion.sources.data import Rows
+from agent.fusion.sources.data import Rows, summing
 from agent.geometry import Array
+from protocol.spectrum import BINS
 
 _HIDDEN = 0.056  # as in fusion.bayes.hidden
 _SHARE = 0.1
@@ -36,6 +37,8 @@ _ALONE = 20  # events
 _SIDE = 12  # voxels, of a cell of several rows
 _LEAST_LEFT = 0.01  # share of a cell's information that is left at least
 _TINY = 1e-300
+_GROUPS: Array = np.repeat(np.eye(BINS // _GROUP), _GROUP, axis=0)  # (BINS, G): sums over a short axis are slow
+_EACH_GROUP: Array = np.ones(BINS // _GROUP)
 
 
 class Expected(NamedTuple):
@@ -49,16 +52,32 @@ class Expected(NamedTuple):
 class Views(NamedTuple):
     """What the counts of R rows say.
 
-    log_likelihood: of all. excess: (R, BINS) its derivative by M; blocked: (R, BINS) that by -D. mean: (R, BINS) expected counts,
-    mean of both views. hidden: (R,) probability. information: (R,) weights of the rows in the Fisher information.
+    log_likelihood: of all. excess: (R, BINS) and changed: (R, G), alike in all bins of a group, add up to its derivative by M;
+    blocked: (R, G) that by -D. clear: (R, BINS) M. counted: (R, G) share of it that is expected in the mean of both views.
+    hidden: (R,) probability. information: (R,) weights of the rows in the Fisher information.
     """
 
     log_likelihood: float
     excess: Array
+    changed: Array
     blocked: Array
-    mean: Array
+    clear: Array
+    counted: Array
     hidden: Array
     information: Array
+
+    def along(self, shapes: Array, direct: Array) -> Array:
+        """(R, Q) derivatives of the log likelihood by strengths of the spectra ``shapes`` (Q, BINS) in each row, with the direct
+        photons (Q, BINS) in them.
+        """
+        result: Array = self.excess @ shapes.T + self.changed @ _grouped(shapes).T - self.blocked @ _grouped(direct).T
+        return result
+
+    @property
+    def mean(self) -> Array:
+        """(R, BINS) expected counts, mean of both views."""
+        result: Array = self.clear * np.repeat(self.counted, _GROUP, axis=1)
+        return result
 
 
 class Cells:
@@ -72,12 +91,12 @@ class Cells:
             return_inverse=True,
         )
         self._cell = self._cell.ravel()
-        self._order = np.argsort(self._cell, kind="stable")
-        self._starts = np.searchsorted(self._cell[self._order], np.arange(self._cell.max(initial=-1) + 1))
+        self._sums = summing(self._cell, int(self._cell.max(initial=-1)) + 1)
+        self._rows = self.sums(np.ones(len(rows)))
 
     def sums(self, by_row: Array) -> Array:
         """(N, ...) of (R, ...)."""
-        result: Array = np.add.reduceat(by_row[self._order], self._starts, axis=0)
+        result: Array = self._sums @ by_row
         return result
 
     def each(self, by_cell: Array) -> Array:
@@ -89,16 +108,16 @@ class Cells:
         """Of counts (R, BINS) with weights (R,)."""
         clear, direct, least = expected
         k, m, d, floor = (self.sums(_grouped(part)) for part in (counts, clear, direct, least))  # (N, G) each
-        w = self.sums(weight) / self.sums(np.ones(len(weight)))
+        w = self.sums(weight) / self._rows
         h = np.maximum(m - (1.0 - _SHARE) * d, floor)
-        events, whole, rest = k.sum(axis=1), m.sum(axis=1), h.sum(axis=1)
+        events, whole, rest = k @ _EACH_GROUP, m @ _EACH_GROUP, h @ _EACH_GROUP
         some = np.maximum(events, 1.0)
         above = (whole - events) * np.sqrt(w / whole)
         log_below = log_ndtr(above)
-        spectrum = w * ((k * np.log(h / m)).sum(axis=1) + events * np.log(whole / rest))  # log likelihoods, hidden less clear
+        spectrum = w * ((k * np.log(h / m)) @ _EACH_GROUP + events * np.log(whole / rest))  # log likelihoods, hidden less clear
         total = 0.5 * np.log(2.0 * np.pi * some / w) - np.log(_DECADES * (events + 1.0)) + log_below
         more = spectrum + total - w * (events * np.log(whole / some) - whole + events)
-        shown = w * (d * d / m).sum(axis=1)
+        shown = w * ((d * d / m) @ _EACH_GROUP)
         noticed = (shown - _NOTICED[0]) / (_NOTICED[1] - _NOTICED[0])
         prior = _HIDDEN * np.clip(noticed, 0.0, 1.0)
         more = np.where(prior > 0.0, more, 0.0)
@@ -112,16 +131,17 @@ class Cells:
         shape = w[:, None] * (k / h - (events / rest)[:, None])  # and in a hidden one, by M_h and by M
         density = np.exp(-0.5 * above * above - log_below) / np.sqrt(2.0 * np.pi)
         limit = density * np.sqrt(w / whole) * (whole + events) / (2.0 * whole)
-        pull, other = (off * d).sum(axis=1), _SHARE * (shape * d).sum(axis=1) + limit * d.sum(axis=1)
+        pull, other = (off * d) @ _EACH_GROUP, _SHARE * ((shape * d) @ _EACH_GROUP) + limit * (d @ _EACH_GROUP)
         spread = hidden * (1.0 - hidden) * (pull - other) ** 2 / np.maximum(shown, _TINY)
         left = np.clip(1.0 - hidden - spread, _LEAST_LEFT, 1.0)
         counted = h / m * (np.minimum(some, whole) / rest)[:, None]  # share of what a clear view would count
         return Views(
-            log_likelihood=float(weight @ (counts * np.log(clear) - clear).sum(axis=1) + (top + np.log(both)).sum()),
-            excess=weight[:, None] * (counts / clear - 1.0)
-            + _ungrouped(self.each(hidden[:, None] * (shape + limit[:, None] - off) - by_shown[:, None] * (d / m) ** 2)),
-            blocked=_ungrouped(self.each(hidden[:, None] * (1.0 - _SHARE) * shape - 2.0 * by_shown[:, None] * d / m)),
-            mean=clear * _ungrouped(self.each(1.0 - hidden[:, None] * (1.0 - counted))),
+            log_likelihood=float((weight @ (counts * np.log(clear) - clear)).sum() + (top + np.log(both)).sum()),
+            excess=weight[:, None] * (counts / clear - 1.0),
+            changed=self.each(hidden[:, None] * (shape + limit[:, None] - off) - by_shown[:, None] * (d / m) ** 2),
+            blocked=self.each(hidden[:, None] * (1.0 - _SHARE) * shape - 2.0 * by_shown[:, None] * d / m),
+            clear=clear,
+            counted=self.each(1.0 - hidden[:, None] * (1.0 - counted)),
             hidden=self.each(hidden),
             information=weight * self.each(left),
         )
@@ -129,10 +149,5 @@ class Cells:
 
 def _grouped(by_bin: Array) -> Array:
     """(R, G) sums of (R, BINS)."""
-    result: Array = by_bin.reshape(len(by_bin), by_bin.shape[1] // _GROUP, _GROUP).sum(axis=2)
+    result: Array = by_bin @ _GROUPS
     return result
-
-
-def _ungrouped(by_group: Array) -> Array:
-    """(R, BINS) of (R, G)."""
-    return np.repeat(by_group, _GROUP, axis=1)

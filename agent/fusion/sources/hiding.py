@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from agent.fusion.estimator import Exclusion, Outlook
 from agent.fusion.sources.counts import CountModel
@@ -125,63 +126,59 @@ class _Seen:
     ) -> None:
         """``at``: (G, 3) the places."""
         solution = fitted.solution
-        self._near, self._far = spectra.templates(solution.scale, solution.scatter)
-        self._direct, self._softer = spectra.direct_templates(solution.scale)
+        near, far = spectra.templates(solution.scale, solution.scatter)
+        self._shapes: Array = np.stack((near, far, *spectra.direct_templates(solution.scale)))
         self._air_per_m, self._places = spectra.air_per_m, len(at)
-        self._voxel, self._voxels = rows.coarse()
+        voxels = rows.coarse
         views = counts.views(counts.expected(solution))
         weight = views.information[:, None]
-        self._counted: Array = self._summed(weight * counts.counts)
-        self._expected: Array = self._summed(weight * views.mean)
+        self._counted: Array = voxels @ (weight * counts.counts)
+        self._expected: Array = voxels @ (weight * views.mean)
         live = counts.live_s * views.information * np.exp(solution.bias[counts.drone, 2])
-        self._live_s: Array = self._summed(live)
-        middle = self._summed(live[:, None] * counts.place) / self._live_s[:, None]
+        self._live_s: Array = voxels @ live
+        middle = (voxels @ (live[:, None] * counts.place)) / self._live_s[:, None]
         square = (at**2).sum(axis=1)[:, None] + (middle**2).sum(axis=1) - 2.0 * at @ middle.T
         self._place, self._of = np.nonzero(square < _REACH_M**2)
         self._distance: Array = np.sqrt(np.maximum(square[self._place, self._of], NEAREST_M**2))
         self._lines = walls.lines(at[self._place], middle[self._of]) if walls else None
-        relative = [self._summed(weight * part) / self._expected for part in counts.derivatives(solution)]
+        relative = [(voxels @ (weight * part)) / self._expected for part in counts.derivatives(solution)]
         self._relative: Array = np.stack(relative)  # (p, voxels, BINS), of the numbers with which M changes
         self._covariance: Array = fitted.covariance[: len(relative), : len(relative)]
 
     def signal(self, n: int) -> _Signal:
         """What a source of nuclide n adds."""
-        bins = self._near[n] > _LEAST_SHARE * self._near[n].max()
-        near, far = self._near[n, bins], self._far[n, bins]
+        near = self._shapes[0, n]
+        bins = near > _LEAST_SHARE * near.max()
         depth = self._air_per_m[n] * self._distance
         strength = PER_MM2 * np.exp(-depth) / self._distance**2 * self._live_s[self._of]
-        whole = near + depth[:, None] * far
+        strengths, shapes = np.stack((strength, strength * depth)), self._shapes[:2, n, bins]
         if self._lines is not None:
-            stopped, direct, softer = 1.0 - self._lines.shares(n).min(axis=0), self._direct[n, bins], self._softer[n, bins]
-            whole -= stopped[:, None] * (direct + depth[:, None] * softer)
-        added = np.maximum(strength[:, None] * whole, 0.0)
-        expected = self._expected[self._of][:, bins]
-        own = np.bincount(self._place, (added**2 / expected).sum(axis=1), self._places)
-        straight, scattered = self._relative[..., bins] @ near, self._relative[..., bins] @ far  # (p, voxels)
-        crossed = straight[:, self._of] + depth * scattered[:, self._of]
-        if self._lines is not None:
-            unscattered, softened = self._relative[..., bins] @ direct, self._relative[..., bins] @ softer
-            crossed -= stopped * (unscattered[:, self._of] + depth * softened[:, self._of])
-        crossed *= strength
-        cross = np.stack([np.bincount(self._place, one, self._places) for one in crossed])  # (p, G)
-        made_good = np.einsum("ig,ij,jg->g", cross, self._covariance, cross) / np.maximum(own, _TINY)
-        return _Signal(self._place, added, self._counted[self._of][:, bins], expected, 1.0 - np.clip(made_good, 0.0, 1.0))
+            stopped = 1.0 - self._lines.shares(n).min(axis=0)
+            strengths, shapes = np.concatenate((strengths, -stopped * strengths)), self._shapes[:, n, bins]
+        added = np.maximum(strengths.T @ shapes, 0.0)
+        counted, expected = (part[:, bins][self._of] for part in (self._counted, self._expected))
+        relative = added / expected
+        own = np.bincount(self._place, np.einsum("pb,pb->p", added, relative), self._places)
+        changed = self._relative[..., bins] @ shapes.T  # (p, voxels, Q)
+        cross = sum(self._by_place(one) @ changed[..., q].T for q, one in enumerate(strengths))  # (G, p)
+        made_good = ((cross @ self._covariance) * cross).sum(axis=1) / np.maximum(own, _TINY)
+        whole = added.sum(axis=1)
+        return _Signal(self._place, whole, relative, counted, expected, 1.0 - np.clip(made_good, 0.0, 1.0))
 
-    def _summed(self, by_row: Array) -> Array:
-        """Sums over the rows of each voxel."""
-        total = np.zeros((self._voxels, *by_row.shape[1:]))
-        np.add.at(total, self._voxel, by_row)
-        return total
+    def _by_place(self, by_pair: Array) -> csr_array:
+        """(G, voxels) of (P,)."""
+        return csr_array((by_pair, (self._place, self._of)), (self._places, len(self._live_s)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Signal:
-    """Of one nuclide. place: (P,) of each pair. added, counted, expected: (P, bins), the first of a source of REFERENCE_BQ.
-    kept: (G,) q.
+    """Of one nuclide. place: (P,) of each pair. added: (P,) sum over the bins of s, of a source of REFERENCE_BQ; relative:
+    (P, bins) s / M. counted, expected: (P, bins). kept: (G,) q.
     """
 
     place: Indices
     added: Array
+    relative: Array
     counted: Array
     expected: Array
     kept: Array
@@ -193,10 +190,10 @@ class _Signal:
 
     def change(self, activity: Array) -> tuple[Array, Array]:
         """D and Q, (G,) each, of sources of these activities (G,), in REFERENCE_BQ."""
-        added = activity[self.place, None] * self.added
-        logarithm = np.log1p(added / self.expected)
-        news = ((self.counted - self.expected) * logarithm).sum(axis=1)
-        loss = (added - self.expected * logarithm).sum(axis=1)
+        each = activity[self.place]
+        logarithm = np.log1p(each[:, None] * self.relative)
+        counted, expected = (np.einsum("pb,pb->p", part, logarithm) for part in (self.counted, self.expected))
+        news, loss = counted - expected, each * self.added - expected
         gained, lost = (np.bincount(self.place, part, self.places).astype(np.float64) for part in (news, loss))
         return gained - self.kept * lost, lost
 
@@ -205,8 +202,8 @@ class _Signal:
         number = np.full(self.places, -1)
         number[places] = np.arange(len(places))
         kept = number[self.place] >= 0
-        added, counted, expected = (part[kept] for part in (self.added, self.counted, self.expected))
-        return _Signal(number[self.place[kept]], added, counted, expected, self.kept[places])
+        relative, counted, expected = (part[kept] for part in (self.relative, self.counted, self.expected))
+        return _Signal(number[self.place[kept]], self.added[kept], relative, counted, expected, self.kept[places])
 
 
 def _glare(at: Array, target: Target, spectra: Spectra, ground: Ground, solution: Solution) -> Flags:

@@ -19,7 +19,7 @@ from agent.geometry import Array
 _ITERATIONS = 12
 _SHORT = 2  # iterations of a fit that only has to show whether it is worth more
 _LEAST_COST = 6.0  # of log evidence, by which the volume of a further source's prior outweighs its likelihood at least
-_NEARLY = 20.0  # of log likelihood, which a joint fit may make up for
+_NEARLY = 20.0  # of log likelihood, which a joint or longer fit may make up for
 _PROMISING = 2  # candidates that are fitted jointly with all else
 _CERTAIN = 12.0  # sigmas of a source's log activity beyond which its death is not tried
 _SPLIT_M = 1.3
@@ -60,27 +60,29 @@ class Moves:
         """
         if not len(fitted.solution):
             return fitted
-        solution, value = fitted.solution, fitted.value
+        solution, value = fitted.solution, self.problem.value_of_counts(fitted.solution)
         for name in ("scale", "scatter"):
             step = _NUISANCE_STEP * getattr(self.problem.prior, name)
             at = getattr(solution, name)
-            less, more = (self.problem.value(replace(solution, **{name: at + k * step})) for k in (-1, 1))
+            less, more = (self.problem.value_of_counts(replace(solution, **{name: at + k * step})) for k in (-1, 1))
             bend = less + more - 2.0 * value
             way = min(max(0.5 * (less - more) / bend, -2.0), 2.0) if bend < 0.0 else float(np.sign(more - less))
             moved = replace(solution, **{name: at + step * way})
-            moved_value = self.problem.value(moved)
+            moved_value = self.problem.value_of_counts(moved)
             if moved_value > value:
                 solution, value = moved, moved_value
-        return self.problem.fitted(solution, _ITERATIONS) if value > fitted.value else fitted
+        return fitted if solution is fitted.solution else self.problem.fitted(solution, _ITERATIONS)
 
     def _deaths(self, fitted: Fitted) -> Fitted:
         """Without the sources that the evidence does not ask for."""
         k = len(fitted.solution) - 1
         while k >= 0:
             if fitted.sigma_of(k)[2] * _CERTAIN > 1.0:
-                fewer = self.problem.fitted(fitted.solution.without(k), _ITERATIONS)
-                if fewer.evidence > fitted.evidence - self.least_gain:
-                    fitted = fewer
+                enough = fitted.evidence - self.least_gain
+                fewer = self.problem.fitted(fitted.solution.without(k), _SHORT)
+                if fewer.evidence > enough - _NEARLY:
+                    fewer = self.problem.fitted(fewer.solution, _ITERATIONS)
+                fitted = fewer if fewer.evidence > enough else fitted
             k -= 1
         return fitted
 
@@ -89,11 +91,12 @@ class Moves:
         if len(fitted.solution) >= self.most:
             return None
         own = len(fitted.solution)
-        before = self.problem.counts.log_likelihood(self.problem.counts.expected(fitted.solution))
+        others = self.problem.counts.expected(fitted.solution)
+        before = self.problem.counts.log_likelihood(others)
         alone = []
         for one in self.scan.candidates(fitted.solution):
             grown, value = self.problem.fitted_alone(
-                fitted.solution.plus(one.nuclide, one.place, one.log_activity, one.height), [own], _ITERATIONS
+                fitted.solution.plus(one.nuclide, one.place, one.log_activity, one.height), [own], others, _ITERATIONS
             )
             if value > before + self.least_gain + _LEAST_COST:
                 alone.append((value, grown))
@@ -108,8 +111,8 @@ class Moves:
         """With source k of another nuclide, or two in its place, if that is better."""
         best = self._mirrored(self._swapped(fitted, k), k)
         if len(best.solution) < self.most:
-            own = [k, len(best.solution)]
-            pairs = [self.problem.fitted_alone(one, own, _ITERATIONS) for one in _split(best.solution, k)]
+            own, others = [k, len(best.solution)], self.problem.counts.expected(best.solution.without(k))
+            pairs = [self.problem.fitted_alone(one, own, others, _ITERATIONS) for one in _split(best.solution, k)]
             pair, value = max(pairs, key=lambda one: one[1])
             alone = self.problem.counts.log_likelihood(self.problem.counts.expected(best.solution))
             if value > alone + self.least_gain + _LEAST_COST:
@@ -122,14 +125,14 @@ class Moves:
         near, _ = self.spectra.templates(0.0, 0.0)
         sums = near.sum(axis=1)
         solution, own = fitted.solution, fitted.solution.nuclide[k]
-        others = []
+        rest, others = self.problem.counts.expected(solution.without(k)), []
         for n in range(len(sums)):
             if n != own:
                 activity = solution.log_activity.copy()
                 activity[k] += float(np.log(sums[own] / sums[n]))
                 nuclide = tuple(n if i == k else m for i, m in enumerate(solution.nuclide))
                 other = replace(solution, nuclide=nuclide, log_activity=activity)
-                others.append(self.problem.fitted_alone(other, [k], _SHORT))
+                others.append(self.problem.fitted_alone(other, [k], rest, _SHORT))
         if not others:
             return fitted
         best, value = max(others, key=lambda one: one[1])

@@ -26,6 +26,7 @@ def entries_behind(among, mission, passing, seconds=40.0):
 
 CLEAR = np.repeat([[60.0, 20.0]], 16, axis=1) / 16.0
 DIRECT = np.repeat([[40.0, 16.0]], 16, axis=1) / 16.0
+EACH_BIN = np.eye(32)
 
 
 def seen(*rows, apart=0, of=1.0):
@@ -44,15 +45,14 @@ def seen(*rows, apart=0, of=1.0):
 def test_a_row_as_expected_says_as_much_as_without_walls():
     one = seen((60.0, 20.0))
     assert one.hidden[0] < 0.01
-    assert np.abs(one.excess).max() < 0.01
+    assert np.abs(one.along(EACH_BIN, 0.0 * EACH_BIN)).max() < 0.01
     assert one.information[0] > 0.9
 
 
 def test_a_row_far_below_pulls_no_more_and_tells_little():
     one = seen((26.0, 7.0))
     assert one.hidden[0] > 0.99
-    pull = ((one.excess - one.blocked) * DIRECT).sum()
-    assert abs(pull) < 2.0  # by the logarithm of the rate; with a clear view -33
+    assert abs(one.along(DIRECT, DIRECT)[0, 0]) < 2.0  # by the logarithm of the rate; with a clear view -33
     assert one.information[0] < 0.05
     assert one.mean.sum() == pytest.approx(33.0, rel=0.05)
 
@@ -63,13 +63,13 @@ def test_a_row_without_any_count_is_hidden_and_still_expects_some():
     assert one.hidden[0] > 0.99
     assert one.mean.min() > 0.0
     assert one.mean.sum() < 5.0
-    assert np.isfinite(one.excess).all()
+    assert np.isfinite(one.along(CLEAR, DIRECT)).all()
 
 
 def test_too_many_counts_are_not_hidden():
     one = seen((100.0, 35.0))
     assert one.hidden[0] < 0.01
-    assert (one.excess * DIRECT).sum() > 30.0
+    assert one.along(DIRECT, 0.0 * DIRECT)[0, 0] > 30.0
 
 
 def test_rows_of_few_counts_tell_together_if_they_are_near_each_other():
@@ -83,7 +83,8 @@ def test_rows_of_few_counts_tell_together_if_they_are_near_each_other():
 def test_a_row_that_counts_nothing_of_a_source_does_not_notice_walls():
     one = seen((0.5, 0.1), of=0.01)
     assert one.hidden[0] == 0.0
-    assert one.excess == pytest.approx(np.repeat([(0.5 / 0.6 - 1.0, 0.1 / 0.2 - 1.0)], 16, axis=1))
+    by_bin = np.repeat([(0.5 / 0.6 - 1.0, 0.1 / 0.2 - 1.0)], 16, axis=1)
+    assert one.along(EACH_BIN, EACH_BIN) == pytest.approx(by_bin)
 
 
 @pytest.fixture(scope="module")

@@ -62,7 +62,7 @@ def test_cones_tell_nothing_without_sources(problem):
 def test_what_is_left_is_fitted_as_alone(problem):
     """One source with the other as it is: better than before, and the other has not moved."""
     start = somewhere()
-    solution, value = problem.fitted_alone(start, [1], 10)
+    solution, value = problem.fitted_alone(start, [1], problem.counts.expected(start.without(1)), 10)
     assert value > problem.counts.log_likelihood(problem.counts.expected(start))
     assert value == pytest.approx(problem.counts.log_likelihood(problem.counts.expected(solution)))
     assert np.array_equal(solution.place[0], start.place[0])

@@ -161,6 +161,23 @@ class Asked:
         return self._refined(state)
 
 
+def test_moves_are_computed_once_although_an_observation_of_their_step_comes_late(kit, flight):
+    """And again from another state."""
+    mission, entries = flight
+    fusion = fusion_of(mission)
+    kit.feed(fusion, entries)
+    kit.settle(fusion, kit.T0_NS + 29_000_000_000)
+    late_ns = kit.T0_NS + 31_000_000_000
+    step = GridStep(late_ns // 500_000_000, late_ns, late_ns + 500_000_000)
+    estimator, state = fusion.estimator, fusion.state
+    late = state.pending[-1]
+    without, with_late = (estimator.step(state, step, observations) for observations in ((), (late,)))
+    assert without.moved > state.moved
+    assert with_late.fitted is without.fitted
+    assert with_late.pending == (late,)
+    assert estimator.step(replace(state, pending=state.pending[:-1]), step, ()).fitted is not without.fitted
+
+
 def test_a_drone_alone_on_the_outermost_ring_watches_a_source_too(among):
     """Of three drones, which do not hear each other: 18 m away; a lane farther out is no watch."""
     estimator = estimator_named("sources", among.mission_of(drones=("a", "b", "c")))
