@@ -35,7 +35,7 @@ class Situation(Struct, frozen=True):
 
     @property
     def goes_home(self) -> bool:
-        """Whether it returns at once, whatever it does."""
+        """Whether it ends its search, or its hold, and returns."""
         return self.battery_low or self.revoked
 
     @property

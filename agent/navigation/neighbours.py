@@ -121,7 +121,7 @@ class Neighbourhood:
         self._departed: set[str] = set()  # whose poses do not follow their plans
         self._silent = Silent(mission, drone)
         self._id = drone
-        self._circled: dict[str, tuple[Stage, bool]] = {}  # stage of each that hears this drone, and whether this one circles
+        self._while_heard: dict[str, tuple[Stage, bool]] = {}  # stage of each that hears this drone, and whether this one circles
         self._unheard_ns: dict[str, int] = {}  # who was never heard: since when it may fly
         self.absence: Absence | None = None
 
@@ -174,17 +174,23 @@ class Neighbourhood:
     def _unhearing(self, name: str, peer: Peer, mission_from_theirs: Transform | None, me: Self) -> list[PeerPlan] | None:
         """What is left to a drone that is heard, but does not hear this one; None where it does, as far as its plans tell."""
         plan, pose, status = peer.plan, peer.pose, peer.status
-        if plan is None or pose is None or status is None or mission_from_theirs is None:
+        if plan is None or not isinstance(plan.unheard, tuple) or self._id not in plan.unheard:
+            if status is not None:
+                self._while_heard[name] = status.stage, me.circles
             return None
-        if not isinstance(plan.unheard, tuple) or self._id not in plan.unheard or me.now_ns - plan.stamp_ns > RECENT_NS:
-            self._circled[name] = status.stage, me.circles
+        is_known = self._silent.is_unhearing(name)
+        if not is_known and me.now_ns - plan.stamp_ns > RECENT_NS:
             return None
+        if pose is None or status is None or mission_from_theirs is None:
+            return [] if is_known else None
         stamp_ns = plan.stamp_ns - SILENT_NS  # it has noticed then
-        last = min(peer.poses, key=lambda one: abs(one.stamp_ns - stamp_ns), default=pose)
+        poses = (one for one in peer.poses if one.epoch == pose.epoch)
+        last = min(poses, key=lambda one: abs(one.stamp_ns - stamp_ns), default=pose)
         x, y, _ = bare(mission_from_theirs).apply_point(last.position_m)
-        contact = Contact(last.stamp_ns, (x, y), *self._circled.get(name, (status.stage, me.circles)))
+        contact = Contact(last.stamp_ns, (x, y), *self._while_heard.get(name, (status.stage, me.circles)))
+        sigma_m = min(hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
         viewer = _viewer(me, me.local_from_mission) if me.local_from_mission is not None else None
-        return self._silent.unhearing(name, contact, viewer)
+        return self._silent.unhearing(name, contact, sigma_m, viewer)
 
     def _is_unheard(self, name: str, now_ns: int) -> bool:
         """Whether one that may fly was not heard for long enough; its measurements may come before its first pose does."""

@@ -87,7 +87,9 @@ class Absence(Struct, frozen=True):
 
 
 class Contact(Struct, frozen=True):
-    """When another drone last heard this one, where that one was, its stage, and whether this drone circled."""
+    """When two drones last heard each other: the earlier of both directions. Where the other one was then, its stage, and whether
+    this drone circled.
+    """
 
     stamp_ns: int
     theirs: Point2
@@ -122,7 +124,8 @@ class Silent:
         self._is_over_m = is_over_m(mission, drone)
         self._walls: dict[str, tuple[int, Wall]] = {}  # with the stamp of the last contact
         self._courses: dict[str, tuple[int, Course]] = {}  # the same, if its agent is gone
-        self._contacts: dict[str, Contact] = {}  # of those that do not hear this drone
+        self._contacts: dict[str, Contact] = {}  # the last ones with those that are not heard, or do not hear this drone
+        self._unhearing: set[str] = set()  # of these, who is heard
         self._set_ns = 0
 
     def keep_time(self, set_ns: int) -> None:
@@ -138,9 +141,15 @@ class Silent:
         self._walls.pop(name, None)
         self._courses.pop(name, None)
         self._contacts.pop(name, None)
+        self._unhearing.discard(name)
+
+    def is_unhearing(self, name: str) -> bool:
+        """Whether it is heard, but was last known not to hear this drone."""
+        return name in self._unhearing
 
     def seen(self, name: str, pose: Pose, place: Point2) -> None:
         """It is not heard, but seen at this place."""
+        self._unhearing.discard(name)
         self._courses[name] = pose.stamp_ns, Course(Stretch(place, place), LEFT_S)
 
     def absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
@@ -149,7 +158,7 @@ class Silent:
         Its side are those of them that hear it, too. On the circle of others that do not, it would meet a third one that they do
         not hear either, and that takes itself for one of their side as well.
         """
-        unhearing = tuple(name for name in missing if name in self._contacts)
+        unhearing = tuple(name for name in missing if name in self._unhearing)
         statuses = {name: peers[name].status for name in partners}
         hear_me = [name for name, status in statuses.items() if status is not None and self._id in status.delays_ns]
         ring = min(self._order.index(name) for name in (self._id, *hear_me))
@@ -179,28 +188,34 @@ class Silent:
     ) -> list[PeerPlan]:
         """Where it may be along the horizon, as far as that is nearest to this drone's own plan."""
         stage = peer.status.stage if peer.status is not None else Stage.SURVEY
+        self._unhearing.discard(name)
         silent_s = (me.now_ns - pose.stamp_ns) * 1e-9
         own_way = me.local_from_mission.inverse().apply(me.ahead())
         ahead, below_m = own_way[:, :2], float(own_way[:, 2].max()) + self._above_m
         times: Array = silent_s + me.step_s * np.arange(float(len(ahead)))
         course = self._agentless.course(name, peer, pose, mission_from_theirs)
         self._courses[name] = pose.stamp_ns, course
-        contact = Contact(pose.stamp_ns, course.stop.start, stage, me.circles)
-        wall = self._wall(name, contact, me) if silent_s < APART_NS * 1e-9 else None
+        contact = self._contacts.setdefault(name, Contact(pose.stamp_ns, course.stop.start, stage, me.circles))
+        contact = replace(contact, circled=contact.circled and me.circles)
+        wall = self._wall(name, contact, me) if me.now_ns - contact.stamp_ns < APART_NS else None
         crosses = me.height_m > self._is_over_m  # above all that search
         walls = [] if wall is None or crosses else [_beyond(name, wall, ahead, sigma_m, me)]
         places = [stretch.nearest(ahead) for stretch in course.stretches(times, below_m)]
         walls += self._coming_down(name, self._agentless.home(name, peer, mission_from_theirs), me)
         return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), hypot(sigma_m, _SIGMA_M)) for one in places]
 
-    def unhearing(self, name: str, contact: Contact, me: Viewer | None) -> list[PeerPlan]:
-        """The side that is left to one that does not hear this drone; ``me``: None while the own frame is not known."""
+    def unhearing(self, name: str, contact: Contact, sigma_m: float, me: Viewer | None) -> list[PeerPlan]:
+        """The side that is left to one that does not hear this drone. ``contact``: the last one, unless one is known already;
+        ``me``: None while the own frame is not known.
+        """
         self._courses.pop(name, None)
+        self._unhearing.add(name)
         known = self._contacts.setdefault(name, contact)
         if me is None or me.height_m > self._is_over_m or not 0 <= me.now_ns - known.stamp_ns < APART_NS:
             return []
         wall = self._wall(name, known, me)
-        return [] if wall is None else [_beyond(name, wall, me.local_from_mission.inverse().apply(me.ahead())[:, :2], 0.0, me)]
+        ahead = me.local_from_mission.inverse().apply(me.ahead())[:, :2]
+        return [] if wall is None else [_beyond(name, wall, ahead, sigma_m, me)]
 
     def unknown(self, name: str, me: Viewer) -> list[PeerPlan]:
         """Where one may be that was never heard: revoked before this agent was started, or out of reach since."""

@@ -150,6 +150,60 @@ def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_nev
     assert (heard.takes_part, hood.absence) == (True, None)
 
 
+def heard_from(hood, peers, me, stamp_ns, x, unheard=(), stage=Stage.SURVEY):
+    """b is heard at a place, and tells whom it does not hear; what a makes of it half a second later."""
+    told = replace(plan(stamp_ns), unheard=unheard) if unheard else plan(stamp_ns)
+    for message in (replace(pose(stamp_ns), position_m=(x, 0.0, 3.0)), told, replace(status(stage), stamp_ns=stamp_ns)):
+        assert peers.receive(message, stamp_ns) is None
+    return hood.around(peers, replace(me, now_ns=stamp_ns + SECOND // 2))
+
+
+def test_the_line_stays_where_the_first_of_the_two_directions_was_lost():
+    """The other one cannot know when the second direction is lost, whichever that is."""
+    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0))
+    for silent_first in (False, True):
+        hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+        heard_from(hood, peers, me, 0, 0.0)
+        if silent_first:
+            hood.around(peers, replace(me, now_ns=5 * SECOND))
+        else:
+            heard_from(hood, peers, me, SECOND, 1.0, unheard=("a",))
+        first = hood.absence.walls["b"]
+        assert hood.absence.unhearing == (() if silent_first else ("b",))
+        if silent_first:
+            heard_from(hood, peers, me, 10 * SECOND, 30.0, unheard=("a",))
+        else:
+            hood.around(peers, replace(me, now_ns=5 * SECOND))
+        assert hood.absence.walls == {"b": first}
+        assert hood.absence.unhearing == (("b",) if silent_first else ())
+
+
+def test_one_that_was_told_not_to_hear_this_drone_hears_it_again_only_when_it_plans_so():
+    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0))
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    heard_from(hood, peers, me, 0, 0.0)
+    heard_from(hood, peers, me, SECOND, 1.0, unheard=("a",))
+    first = hood.absence.walls["b"]
+    for second in range(2, 9):  # it is flown by somebody else for a while, and publishes no plans
+        assert peers.receive(replace(pose(second * SECOND), position_m=(9.0, 0.0, 3.0)), second * SECOND) is None
+        hood.around(peers, replace(me, now_ns=second * SECOND + SECOND // 2))
+        assert (hood.absence.walls, hood.absence.unhearing) == ({"b": first}, ("b",))
+    heard_from(hood, peers, me, 9 * SECOND, 9.0)
+    assert hood.absence is None
+
+
+def test_the_line_does_not_move_with_an_epoch_of_the_other_one():
+    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0))
+    lines = []
+    for before in (0, 1):
+        hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+        heard_from(hood, peers, me, 0, 0.0)
+        assert peers.receive(replace(pose(SECOND), position_m=(100.0 * before, 0.0, 3.0), epoch=before), SECOND) is None
+        heard_from(hood, peers, me, 2 * SECOND, 0.0, unheard=("a",))
+        lines.append(hood.absence.walls["b"])
+    assert lines[0] == lines[1]
+
+
 @pytest.mark.parametrize(("me", "crossing", "low"), [("a", [(10.0, 0.0)], [(10.0, 0.0)]), ("b", [], [(0.0, 0.0)])])
 def test_a_return_goes_around_the_homes_over_which_those_come_down_that_it_does_not_hear(me, crossing, low):
     """b returns above a, at the same time if its agent flies on: a crossed over its home and met it there at 1.4 m. And who came
