@@ -130,11 +130,12 @@ class TrackConfig(Section, frozen=True, kw_only=True):
 class SafetyConfig(Section, frozen=True, kw_only=True):
     """What happens when a drone, its radio, or its agent fails.
 
-    ``alone``: what a drone does that hears no other one of those that flew, or is heard by none: it goes on (``keep``), stays where it keeps clear of
-    the others (``hold``), or returns. ``agent_lost``: what the autopilots do without their agents (PX4: COM_OBL_RC_ACT), so that
-    the others can keep clear of it; preflight checks it. ``return_height_m``: of the first drone's return by its autopilot, above
-    its launch place; each further one returns ``return_layer_m`` higher, or less where the ceiling does not allow as much.
-    ``battery_reserve``: share of the battery below which a drone returns, one after the other; below half of it at once.
+    ``alone``: what a drone does that hears no other one of those that flew, or is heard by none: it goes on (``keep``), stays
+    where it keeps clear of the others (``hold``), or returns. ``agent_lost``: what the autopilots do without their agents (PX4:
+    COM_OBL_RC_ACT), so that the others can keep clear of it; preflight checks it. ``return_height_m``: of the first drone's
+    return by its autopilot, above its launch place; each further one returns ``return_layer_m`` higher, or less where the
+    ceiling does not allow as much. ``battery_reserve``: share of the battery below which a drone returns, one after the other;
+    below half of it at once.
     """
 
     alone: Literal["keep", "hold", "return"] = "keep"
