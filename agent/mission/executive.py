@@ -46,7 +46,7 @@ class Executive:
     """Flies the mission of one drone.
 
     ``finding``: the result of a search that ended without finding a source; else empty. ``memory``: state for an agent that is
-    restarted in flight, the same object as long as nothing in it changes. ``revoked``: this drone has been, by an operator.
+    restarted in flight, the same object as long as nothing in it changes.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Executive:
         informed = InformedSearch(mission, self._prospect)
         self._navigator = Navigator(mission, drone, own, frames, self._search, informed, self._measured)
         self._reserve, self._battery_low = Reserve(drone.id, mission.safety.battery_reserve), False
-        self.finding, self.revoked = "", False
+        self.finding, self._revoked = "", False
         self.memory = memory
         self._remembered = memory  # until telemetry shows whether that flight goes on
 
@@ -120,6 +120,10 @@ class Executive:
         elif self._mission.started_ns == 0:
             self._begin(started_ns)
         return None
+
+    def revoke(self) -> None:
+        """This drone has been revoked: it returns, and no other one hears it any more."""
+        self._revoked = self._navigator.revoked = True
 
     def passing(self, now_ns: int, peers: Peers) -> tuple[str, ...]:
         """Ids of drones that fly past this one, on the ground, so near that it must not take off."""
@@ -222,7 +226,7 @@ class Executive:
             rms_m=hypothesis.sight_of(self._id).rms_m if hypothesis is not None and hypothesis.evidence is not None else None,
             nothing_found=self.finding != "",
             stranded=self._is_stranded or self._own.doubt_m > LARGEST_DOUBT_M,
-            revoked=self.revoked,
+            revoked=self._revoked,
             battery_low=self._battery_low,
             no_nearer=returning_s >= NO_NEARER_S and self._navigator.home.is_no_nearer,
             searches_on=self._searches_on(hypothesis, now_ns),

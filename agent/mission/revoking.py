@@ -99,7 +99,7 @@ class Revoking:
         name, log = revocation.member, self._world.fusion.log
         self._due_ns = now_ns
         if name == self._drone:
-            self._executive.revoked = True
+            self._executive.revoke()
             self._problems.revoked = (f"{name} has been revoked by {revocation.station}: no other drone hears it any more",)
             return
         self._world.forget(log.beyond(name, revocation.counts))

@@ -85,7 +85,7 @@ class Navigator:
     """Plans one drone's flight while it searches, tracks or returns.
 
     ``home``: where a return leads; ``response``: the identified response of the vehicle to setpoints; ``reckoning``: what the
-    last plan was made with, None where somebody else flies.
+    last plan was made with, None where somebody else flies; ``revoked``: no other drone hears this one any more.
     """
 
     def __init__(
@@ -113,6 +113,7 @@ class Navigator:
         self._tracker: Tracker | None = None
         self._room = Polygon()
         self.reckoning: Reckoning | None = None
+        self.revoked = False
         self._virtual = PeerState((0.0, 0.0, 0.0))  # the tracker's own state; at its start the vehicle's
         self._epoch = -1
         self._due_ns = 0
@@ -226,6 +227,7 @@ class Navigator:
             returning_s=moment.stage_s if moment.stage is Stage.RETURN else None,
             resumed=self.home.is_remembered,
             measured=self._measured(moment.now_ns),
+            revoked=self.revoked,
         )
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]

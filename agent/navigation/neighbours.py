@@ -87,7 +87,7 @@ class Self(Struct, frozen=True):
     ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance). ``ahead``: gives its planned positions
     (K, 3) from now on, ``step_s`` apart, local frame; ``place_at``: where it was at a stamp, mission frame; ``circles``: it
     tracks; ``height_m``: above ground; ``returning_s``: since it began to return, None where it does not; ``resumed``: its agent
-    was started in flight; ``measured``: the drones that may fly, by the measurements in its log.
+    was started in flight; ``measured``: the drones that may fly, by the measurements in its log; ``revoked``: nobody hears it.
     """
 
     now_ns: int
@@ -102,6 +102,7 @@ class Self(Struct, frozen=True):
     returning_s: float | None = None
     resumed: bool = False
     measured: Collection[str] = ()
+    revoked: bool = False
 
 
 class Neighbourhood:
@@ -148,7 +149,7 @@ class Neighbourhood:
                 found += self._of_silent(name, peer, peer.pose, mission_from_theirs, me)
                 missing += [name] if took_part else []
                 continue
-            apart = self._unhearing(name, peer, mission_from_theirs, me)
+            apart = self._silent.excluded(name) if me.revoked else self._unhearing(name, peer, mission_from_theirs, me)
             if apart is None:
                 self._silent.heard(name)
             else:

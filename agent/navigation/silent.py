@@ -217,6 +217,11 @@ class Silent:
         ahead = me.local_from_mission.inverse().apply(me.ahead())[:, :2]
         return [] if wall is None else [_beyond(name, wall, ahead, sigma_m, me)]
 
+    def excluded(self, name: str) -> list[PeerPlan]:
+        """It is heard, and has ceased to hear this drone, which has been revoked and returns: there is no side to keep to."""
+        self._unhearing.add(name)
+        return []
+
     def unknown(self, name: str, me: Viewer) -> list[PeerPlan]:
         """Where one may be that was never heard: revoked before this agent was started, or out of reach since."""
         return self._coming_down(name, self._agentless.launch(name), me)

@@ -192,6 +192,14 @@ def test_one_that_was_told_not_to_hear_this_drone_hears_it_again_only_when_it_pl
     assert hood.absence is None
 
 
+def test_a_revoked_drone_gives_way_to_all_that_it_still_hears():
+    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0), revoked=True)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    (heard,) = heard_from(hood, peers, me, 0, 0.0)
+    assert (heard.plan.blind, heard.takes_part) == (True, False)
+    assert (hood.absence.unhearing, hood.absence.unheard, hood.absence.walls) == (("b",), (), {})
+
+
 def test_the_line_does_not_move_with_an_epoch_of_the_other_one():
     me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0))
     lines = []
