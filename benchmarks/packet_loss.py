@@ -15,7 +15,9 @@ import argparse
 import json
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import asdict
+from itertools import zip_longest
 from math import exp, log
 from pathlib import Path
 from statistics import mean, stdev
@@ -47,16 +49,22 @@ def main() -> int:
         for loss, flights in flown.items():
             with tempfile.TemporaryDirectory(prefix="radron-loss-") as folder:
                 flights.append(fly_over(Path(folder), options.drones, loss, options.seconds, seed=1 + run))
+                _write(options.json, flown, late)  # also if its records cannot be judged
                 late[loss].append(lateness(records(Path(folder))))
             print(f"seed {1 + run}, {100.0 * loss:g} % lost: {flights[-1]}, {late[loss][-1]}", file=sys.stderr, flush=True)
-            if options.json is not None:
-                told = {
-                    str(loss): [asdict(one) | entries._asdict() for one, entries in zip(flights, late[loss], strict=True)]
-                    for loss, flights in flown.items()
-                }
-                options.json.write_text(json.dumps({"packet_loss": told}, indent=1) + "\n")
+            _write(options.json, flown, late)
     _print(flown, late)
     return int(any(one.ended or not one.agreed or not one.landed for flights in flown.values() for one in flights))
+
+
+def _write(file: Path | None, flown: dict[float, list[Flown]], late: dict[float, list[Lateness]]) -> None:
+    """The flights so far, the last of which may not have been judged for lateness yet."""
+    told = {
+        str(loss): [asdict(one) | (entries._asdict() if entries else {}) for one, entries in zip_longest(flights, late[loss])]
+        for loss, flights in flown.items()
+    }
+    if file is not None:
+        file.write_text(json.dumps({"packet_loss": told}, indent=1) + "\n")
 
 
 def _print(flown: dict[float, list[Flown]], late: dict[float, list[Lateness]]) -> None:
@@ -66,18 +74,14 @@ def _print(flown: dict[float, list[Flown]], late: dict[float, list[Lateness]]) -
     for loss, flights in flown.items():
         table.add_column(f"{100.0 * loss:g} % lost", justify="right")
         pairs = list(zip(flights, flown[0.0], strict=True))
-        delays_s, moved_m = ([getattr(one, name) for one in late[loss]] for name in ("delays_s", "moved_m"))
+        errors_m = [one.error_m for one in flights if one.error_m is not None]
         cells = {
             "flights": f"{len(flights)}",
-            "error, mean of medians, m": f"{mean(one.error_m for one in flights):.3f}",
+            "error, mean of medians, m": f"{mean(errors_m):.3f}" if errors_m else "-",
             "error against none, pairs": _ratio([(one.error_m, clean.error_m) for one, clean in pairs]),
             "bound of the error against none, pairs": _ratio([(one.bound_m, clean.bound_m) for one, clean in pairs]),
-            "entries late by, s: median / 99 % / most, worst flight": " / ".join(
-                f"{max(part):.3f}" for part in zip(*delays_s, strict=True)
-            ),
-            "hypothesis moved by that, m: median / most, worst flight": " / ".join(
-                f"{max(part):.3f}" for part in zip(*moved_m, strict=True)
-            ),
+            "entries late by, s: median / 99 % / most, worst flight": _worst([one.delays_s for one in late[loss]]),
+            "hypothesis moved by that, m: median / most, worst flight": _worst([one.moved_m for one in late[loss]]),
             "entries missing at an agent at the end": f"{sum(one.missing for one in late[loss])}",
             "with one log": f"{sum(one.agreed for one in flights)}",
             "agents ended": f"{sum(len(one.ended) for one in flights)}",
@@ -90,14 +94,17 @@ def _print(flown: dict[float, list[Flown]], late: dict[float, list[Lateness]]) -
     Console(width=120).print(table)
 
 
-def _worst(flights: list[tuple[float, ...]]) -> str:
-    """Of each number the largest of all flights."""
-    return " / ".join(f"{max(part):.3f}" for part in zip(*flights, strict=True))
+def _worst(flights: Sequence[tuple[float, ...] | None]) -> str:
+    """Of each number the largest of all flights that have it."""
+    told = [one for one in flights if one is not None]
+    return " / ".join(f"{max(part):.3f}" for part in zip(*told, strict=True)) or "-"
 
 
-def _ratio(pairs: list[tuple[float, float]]) -> str:
-    """Geometric mean of the ratios of the flights with the same seeds, and its standard error as a factor."""
-    logs = [log(lossy / clean) for lossy, clean in pairs]
+def _ratio(pairs: list[tuple[float | None, float | None]]) -> str:
+    """Geometric mean of the ratios of the flights with the same seeds that both have it, and its standard error as a factor."""
+    logs = [log(lossy / clean) for lossy, clean in pairs if lossy is not None and clean is not None]
+    if not logs:
+        return "-"
     error = stdev(logs) / len(logs) ** 0.5 if len(logs) > 1 else 0.0
     return f"{exp(mean(logs)):.2f} (1 sigma {exp(mean(logs) - error):.2f} .. {exp(mean(logs) + error):.2f})"
 

@@ -35,17 +35,17 @@ class _Arrival(NamedTuple):
 
 class Lateness(NamedTuple):
     """delays_s: of all entries at all other agents (median, 99 %, largest). missing: entries that one never had.
-    moved_m: by how much the delays moved the hypotheses while all tracked (median, largest).
+    moved_m: by how much the delays moved the hypotheses while all tracked (median, largest). None: nothing to tell it by, as
+    where an agent ended early or never tracked.
     """
 
-    delays_s: tuple[float, float, float]
+    delays_s: tuple[float, float, float] | None
     missing: int
-    moved_m: tuple[float, float]
+    moved_m: tuple[float, float] | None
 
 
 def lateness(found: dict[str, RecordedFlight]) -> Lateness:
     """Of one flight, from the records of its agents, by drone."""
-    swarm = next(iter(found.values())).header.mission
     own = {drone: dict(_entries(flight, topics.PUBLICATION)) for drone, flight in found.items()}
     heard = {drone: dict(_entries(flight, topics.MESSAGE)) | own[drone] for drone, flight in found.items()}
     sent = {payload: arrival for entries in own.values() for payload, arrival in entries.items()}
@@ -55,21 +55,28 @@ def lateness(found: dict[str, RecordedFlight]) -> Lateness:
         for payload, arrival in sent.items()
         if payload in arrivals and payload not in own[drone]
     ]
+    return Lateness(
+        (float(np.median(delays_s)), float(np.quantile(delays_s, 0.99)), max(delays_s)) if delays_s else None,
+        sum(len(sent.keys() - arrivals.keys()) for arrivals in heard.values()),
+        _moved_m(found, list(sent.values()), [list(arrivals.values()) for arrivals in heard.values()]),
+    )
+
+
+def _moved_m(found: dict[str, RecordedFlight], sent: list[_Arrival], heard: list[list[_Arrival]]) -> tuple[float, float] | None:
+    """Distance (median, largest) of the hypotheses of what each agent heard from that of what was sent; None: never both."""
+    swarm = next(iter(found.values())).header.mission
     statuses = [status for flight in found.values() for status in _statuses(flight)]
-    started_ns = max(status.started_ns or 0 for _, status in statuses)
+    started_ns = max((status.started_ns or 0 for _, status in statuses), default=0)
     tracking = [[at_ns for at_ns, told in _statuses(one) if told.stage is Stage.TRACK] for one in found.values()]
+    if not all(tracking):
+        return None
     during = range(started_ns, min(times[-1] for times in tracking), _EVERY_NS)
     skipped = sum(now_ns < max(times[0] for times in tracking) for now_ns in during)
-    at_once = _hypotheses(swarm, started_ns, list(sent.values()), during)[skipped:]
-    moved_m = [
-        np.linalg.norm(_hypotheses(swarm, started_ns, list(arrivals.values()), during)[skipped:] - at_once, axis=1)
-        for arrivals in heard.values()
-    ]
-    return Lateness(
-        (float(np.median(delays_s)), float(np.quantile(delays_s, 0.99)), max(delays_s)),
-        sum(len(sent.keys() - arrivals.keys()) for arrivals in heard.values()),
-        (float(np.nanmedian(moved_m)), float(np.nanmax(moved_m))),
+    at_once = _hypotheses(swarm, started_ns, sent, during)[skipped:]
+    moved_m = np.array(
+        [np.linalg.norm(_hypotheses(swarm, started_ns, arrivals, during)[skipped:] - at_once, axis=1) for arrivals in heard]
     )
+    return None if np.isnan(moved_m).all() else (float(np.nanmedian(moved_m)), float(np.nanmax(moved_m)))
 
 
 def _entries(flight: RecordedFlight, topic: str) -> Iterator[tuple[bytes, _Arrival]]:

@@ -32,6 +32,7 @@ MOST_PUBLISHERS = 128  # a swarm has up to 64 drones
 NEWS_IN_TURN = 20  # delivered before an entry that waits: a flood of news must not keep all entries back
 NEWS_PER_S = 200  # of a publisher, of which the newest alone counts; honest ones send 15
 TOLD_S = 10.0  # a flood is reported for this long
+DELIVERED_S = 1.0  # for the replies to one question to be delivered; a peer that floods must not hold up the next one
 
 Receive = Callable[[Key, bytes], object]  # what it returns does not matter
 
@@ -94,10 +95,10 @@ class Inbox:
             with contextlib.suppress(RuntimeError):  # the loop is closed
                 self._loop.call_soon_threadsafe(self._deliver)
 
-    async def delivered(self, within_s: float) -> None:
-        """Wait until no log entry waits for its delivery, but no longer than that."""
-        end_s = self._loop.time() + within_s
-        while self._holds_entries() and self._loop.time() < end_s and not self._closed:
+    async def delivered(self, replies: int) -> None:
+        """After so many replies to a question, wait until no log entry waits for its delivery, but no longer than a second."""
+        end_s = self._loop.time() + DELIVERED_S
+        while replies and self._holds_entries() and self._loop.time() < end_s and not self._closed:
             await asyncio.sleep(SLICE_S)
 
     def _holds_entries(self) -> bool:

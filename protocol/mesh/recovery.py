@@ -15,7 +15,10 @@ async def recover(
     ask: Callable[[str, bytes], Awaitable[int]],
     phase: float,
 ) -> None:
-    """Ask one peer after another, until cancelled; those that have appeared first, until they have nothing new.
+    """Ask one peer after another, until cancelled; those that have appeared first, in turn, until they have nothing new.
+
+    Whoever always has an answer, of what is known already, must not keep the others out: while some have appeared, one of all
+    peers is asked for every second period.
 
     Args:
         alive: ids of the reachable peers.
@@ -29,16 +32,20 @@ async def recover(
     fresh: list[str] = []
     while True:
         peers = sorted(alive())
-        fresh = [peer for peer in peers if peer in fresh or peer not in known]
+        new = [peer for peer in peers if peer not in known]
+        first = int(phase * len(new))
+        fresh = [peer for peer in fresh if peer in peers] + new[first:] + new[:first]
         known = set(peers)
         if not peers or (not fresh and now_s() < due_s):
             await asyncio.sleep(HURRY_S)
             continue
-        peer = fresh[int(phase * len(fresh))] if fresh else peers[turn % len(peers)]
+        regular = not fresh or now_s() >= due_s + PERIOD_S
+        peer = peers[turn % len(peers)] if regular else fresh[0]
         got = await ask(peer, summary())
-        if fresh and not got:
+        if peer in fresh:
             fresh.remove(peer)
-        elif not fresh:
+            fresh += [peer] if got else []
+        if regular:
             turn += 1
             due_s = now_s() + (0.0 if got else PERIOD_S)
         if got:

@@ -34,7 +34,6 @@ __all__ = ["Mesh", "MeshConfig"]
 CACHE_ENTRIES = 500  # of each kind, for peers that join late or were cut off, 1.2 kB each; older ones come by the log query
 HEARTBEAT_S = 0.5  # the loss of a last entry is noticed after this time
 ASK_S = 1.0
-DELIVERED_S = 1.0  # for the replies to one question to be delivered; a peer that floods must not hold up the next one
 RELINKED_S = 1.0  # until the peers are linked again with a session that was opened anew
 MOST_HELD_BACK = 1_000  # entries, while the session is opened anew
 
@@ -155,9 +154,7 @@ class Mesh:
 
     @property
     def alive(self) -> frozenset[str]:
-        """The other drones with a liveliness token: a killed process loses it at once, a stopped or disconnected one after a
-        second.
-        """
+        """The other drones with a liveliness token: a killed process loses it at once, a stopped one or a cut-off one in 1 s."""
         return frozenset(self._presence.alive)
 
     @property
@@ -204,8 +201,7 @@ class Mesh:
         """
         replies = await self._query(drone, summary, self._take)
         self.counters["log_replies"] += replies
-        if replies:
-            await self._inbox.delivered(DELIVERED_S)
+        await self._inbox.delivered(replies)
         return replies
 
     async def summary_of(self, drone: str) -> bytes | None:

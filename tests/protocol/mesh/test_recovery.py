@@ -66,3 +66,18 @@ def test_agents_ask_different_peers_first() -> None:
         virtual_time.run(ask_for_a_while(swarm, 0.1, phase=phase))
         first.append(swarm.asked[0][1])
     assert first == ["d1", "d2", "d2"]
+
+
+def test_a_peer_that_always_answers_keeps_no_other_out() -> None:
+    """Whoever answered with what is known already was asked again and again, and nobody else."""
+    swarm = Swarm({"d1": 1_000_000, "d2": 5, "d3": 0, "d4": 0})
+    alive = ["d4"]
+
+    async def late() -> None:
+        asyncio.get_running_loop().call_later(0.5 * PERIOD_S, alive.extend, ("d1", "d2", "d3"))
+        await ask_for_a_while(swarm, 20.0 * PERIOD_S, alive)
+
+    virtual_time.run(late())
+    asked_s = {peer: [at_s for at_s, who in swarm.asked if who == peer] for peer in swarm.left}
+    assert asked_s["d2"][5] < 2.0 * PERIOD_S  # those that appeared take turns
+    assert len([at_s for at_s in asked_s["d4"] if at_s > PERIOD_S]) >= 2  # and those known before are asked all the same

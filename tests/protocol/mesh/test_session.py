@@ -11,7 +11,7 @@ from meshes import LEASE, LONG_LEASE_MS, endpoint, free_port, linked, member, pa
 from protocol.codec import MAX_NEWS_BYTES
 from protocol.errors import MeshError, ProtocolError
 from protocol.keys import command_key, drone_key
-from protocol.mesh import link, session
+from protocol.mesh import inbox, link, session
 from protocol.mesh.inbox import ENTRY_KINDS, NEWS_KINDS
 from protocol.mesh.recovery import recover
 from protocol.mesh.rights import COMMANDS_PER_S
@@ -105,7 +105,8 @@ def test_the_log_query_brings_what_the_history_does_not_hold(monkeypatch: pytest
 
 def test_a_log_comes_once_to_one_that_takes_it_slowly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever asked while the last answer still waited for its delivery got it again, twice or three times."""
-    monkeypatch.setattr(session, "DELIVERED_S", 60.0)
+    monkeypatch.setattr(inbox, "DELIVERED_S", 60.0)
+    monkeypatch.setattr(session, "ASK_S", 60.0)
     log = [(drone_key("s", "d1", "cone"), b"%d" % i) for i in range(180)]
 
     async def run() -> None:
@@ -115,7 +116,7 @@ def test_a_log_comes_once_to_one_that_takes_it_slowly(monkeypatch: pytest.Monkey
             await linked(d1, d2)
             d2.takes_s = 0.004  # an answer takes longer than until the next question
             asking = asyncio.create_task(recover(lambda: d2.mesh.alive, lambda: b"%d" % len(d2.messages), d2.mesh.ask, 0.0))
-            await until(lambda: len(d2.messages) >= len(log))
+            await until(lambda: d2.mesh.counters["log_replies"] >= len(log) and len(d2.messages) >= len(log))
             asking.cancel()
             assert d2.messages == log
             assert d2.mesh.counters["log_replies"] == len(log)

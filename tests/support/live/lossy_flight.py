@@ -33,7 +33,7 @@ LACKING = "network namespaces and TUN devices need root, /dev/net/tun and iprout
 
 @dataclass(frozen=True)
 class Flown:
-    """How it ended. ended: exit codes of agents that ended in flight, by drone. error_m: median while the source was tracked.
+    """How it ended. ended: exit codes of agents that ended in flight, by drone. error_m: median while tracked, if ever.
     bound_m: posterior Cramer-Rao bound of that error, from what the flight measured. gap_s: longest time between two setpoints
     of an agent.
     """
@@ -42,8 +42,8 @@ class Flown:
     lost: bool
     agreed: bool
     landed: bool
-    error_m: float
-    bound_m: float
+    error_m: float | None
+    bound_m: float | None
     gap_s: float
 
 
