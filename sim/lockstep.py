@@ -155,7 +155,7 @@ class _World:
         self._tellers = Tellers(scenario.fault, self._faults, names, authority.signs(names))
         self._forgers = Forgers(self._faults, names, [authority.trust(name) for name in names])
         self._old_commands = OldCommands(self._faults)
-        self._revoker = Revoker(self._faults, names, self._operator, self._radio.exclude)
+        self._revoker = Revoker(self._faults, names, self._operator, self._radio.exclude, self._onboard.clocks.own_ns)
         self._recovery = Recovery(mission.swarm, names, self._radio, self._tellers) if scenario.fault else None
         late = [any(isinstance(fault, Late) and name in fault.strikes(names) for fault in scenario.fault) for name in names]
         agents = [Agent(self._start(k), autopilot, late[k]) for k, autopilot in enumerate(self._autopilots)]
@@ -214,7 +214,7 @@ class _World:
         self._command(now_ns, self._crew.called(now_ns), Action.START)
         self._old_commands.advance(now_ns, partial(self._command, now_ns), self._again)
         running = {drone: agent.pilot for drone, agent in enumerate(self._crew.agents) if agent.life is Life.RUNNING}
-        self._revoker.advance(now_ns, running, lambda drone: self._onboard.clocks.own_ns(drone, now_ns))
+        self._revoker.advance(now_ns, running)
         for drone, agent in enumerate(self._crew.agents):
             agent.command, agent.sent = None, 0
             if not agent.alive:

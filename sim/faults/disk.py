@@ -26,7 +26,8 @@ Struck = Sequence[tuple[Disk, Active]]
 
 class StateDisk:
     """The files of one agent. ``problem``: why its state could not be written or read; empty where it could. ``revoked``: what it
-    knew to be revoked, in a file of its own, which is written at once.
+    knew to be revoked, in a file of its own, which is written at the shell's next look
+    (``process.LOOK_NS``), also on a slow disk.
     """
 
     def __init__(self) -> None:

@@ -18,19 +18,22 @@ class Revoker:
     """Carries out the faults ``revoked``. The drones hear it of each other, the revoked one too; then its links end."""
 
     def __init__(
-        self, schedule: Schedule, drones: Sequence[str], operator: SimulatedOperator, exclude: Callable[[int], None]
+        self,
+        schedule: Schedule,
+        drones: Sequence[str],
+        operator: SimulatedOperator,
+        exclude: Callable[[int], None],
+        own_ns: Callable[[int, int], int],
     ) -> None:
-        """``drones``: of the mission; ``exclude``: ends a drone's links."""
+        """``drones``: of the mission; ``exclude``: ends a drone's links; ``own_ns``: what a drone's own clock shows at a time."""
         self._schedule, self._drones, self._operator = schedule, drones, operator
         self._due: deque[int] = deque()
         self._gone: set[int] = set()
         self._linked: deque[tuple[int, int]] = deque()  # until when, and who
-        self._exclude = exclude
+        self._exclude, self._own_ns = exclude, own_ns
 
-    def advance(self, now_ns: int, running: dict[int, Pilot], own_ns: Callable[[int], int]) -> None:
-        """Revoke whose turn it is, as soon as there is a drone to tell it to. ``running``: the pilots whose agents live;
-        ``own_ns``: the time by a drone's own clock.
-        """
+    def advance(self, now_ns: int, running: dict[int, Pilot]) -> None:
+        """Revoke whose turn it is, as soon as there is a drone to tell it to. ``running``: the pilots whose agents live."""
         for one in self._schedule.begun:
             if isinstance(one.fault, Revoked):
                 self._due += sorted(one.drones)
@@ -46,8 +49,9 @@ class Revoker:
                     if name == member and held.ranges:
                         last[boot] = max(last.get(boot, -1), held.ranges[-1][1])
             key, payload = self._operator.revoked(now_ns, member, last)
-            running[hearing[0]].receive(key, payload, own_ns(hearing[0]))
+            running[hearing[0]].receive(key, payload, self._own_ns(hearing[0], now_ns))
 
     def remind(self, drone: int, pilot: Pilot, held: tuple[Revocation, ...], now_ns: int) -> None:
         """Tell an agent that is started again of the revocations that its disk has kept."""
-        pilot.receive(*self._operator.kept(self._drones[drone], held, now_ns), now_ns)
+        own_ns = self._own_ns(drone, now_ns)
+        pilot.receive(*self._operator.kept(self._drones[drone], held, own_ns), own_ns)

@@ -69,11 +69,11 @@ class Setting:
         misleading = (fault.at_s for fault in self.scenario.fault if fault.family in families and not _is_announced(fault))
         return min(misleading, default=inf)
 
-    def struck_unannounced(self, drone: int, time_s: float) -> bool:
-        """Whether the own position or thrust of a drone is faulted, or was until ``RECOVERY_S`` ago. Of a jump that it knows of,
-        only ``ANNOUNCED_S`` count, after the jump and after the one back.
+    def struck_unannounced(self, drone: int, time_s: float, families: Collection[Family] = OWN_FAULTS) -> bool:
+        """Whether the own position or thrust (``families``) of a drone is faulted, or was until ``RECOVERY_S`` ago. Of a jump
+        that it knows of, only ``ANNOUNCED_S`` count, after the jump and after the one back.
         """
-        mine = (one for one in self.scenario.fault if one.family in OWN_FAULTS and self.names[drone] in one.strikes(self.names))
+        mine = (one for one in self.scenario.fault if one.family in families and self.names[drone] in one.strikes(self.names))
         spans = [
             (begin_s, end_s)
             for one in mine

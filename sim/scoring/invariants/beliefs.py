@@ -21,6 +21,7 @@ _LOOK_TICKS, _LEAST = 10, 20
 _SUMMARY_TICKS = 100
 _SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 _BELIEF_FAULTS: tuple[Family, ...] = ("camera", "pose", "liar")
+_SLOWING: tuple[Family, ...] = ("process",)
 
 
 class TruthPossible(Invariant[Scene]):
@@ -86,7 +87,8 @@ class FollowsSource(Invariant[Scene]):
 
     The lag is fitted by least squares to the errors, weighted by the covariances that are stated, and its sigma follows from
     these: of a slow or weak source, or in a short flight, hardly any lag is too long. One that wanders turns at any time, and who
-    tracks it can only be behind then. Exempt as in ``six-sigma``, and from the first wrong clock on.
+    tracks it can only be behind then. Exempt as in ``six-sigma``, from the first wrong clock on, and an agent while its process
+    is faulted: the hypothesis of one that is slow is as old as its last step.
     """
 
     name = "lag"
@@ -115,6 +117,8 @@ class FollowsSource(Invariant[Scene]):
         u, v = velocity_mps
         for drone, pilot in enumerate(moment.pilots):
             if pilot is None or pilot.hypothesis is None or pilot.stage not in _SEARCHING:
+                continue
+            if self.setting.struck(_SLOWING, drone, moment.time_s):
                 continue
             (x, y, _), ((xx, xy, _), (_, yy, _), _) = pilot.hypothesis.position.tolist(), pilot.hypothesis.covariance.tolist()
             determinant = xx * yy - xy * xy

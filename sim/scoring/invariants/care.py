@@ -27,6 +27,7 @@ SEEN_M = 30.0  # and nobody overlooks one that is nearer
 FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b: a are the estimator's checkpoints, which are bounded, and all planners
 _SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType, Results)
 _LOOK_TICKS = 10
+_MISPLACING: tuple[Family, ...] = ("pose",)  # a faulted thrust makes no own position wrong
 _ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # who truly tells two places
 
 
@@ -95,7 +96,7 @@ class Named(Invariant[Moment]):
         x, y, _ = moment.position_m[drone].tolist()
         others = [k for k, pilot in enumerate(moment.pilots) if k != drone and pilot is not None and moment.airborne(k)]
         near = [k for k in others if hypot(moment.position_m[k, 0] - x, moment.position_m[k, 1] - y) < SEEN_M]
-        right = [k for k in near if not self.setting.struck_unannounced(k, moment.time_s)]
+        right = [k for k in near if not self.setting.struck_unannounced(k, moment.time_s, _MISPLACING)]
         return len(right) >= 2 and moment.airborne(drone)
 
 

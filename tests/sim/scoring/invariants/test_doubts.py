@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import moments
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from protocol.entries import Counts, Exposure, PoseSample
 from sim.campaign.faults.course import DEALT
@@ -17,6 +18,7 @@ from sim.scoring.moment import EPOCH_NS
 
 SPEED_MPS, RADIUS_M = 0.8, 7.0
 CLOCK = {"kind": "clock", "at_s": 5.0, "for_s": 20.0, "jump_s": 1.5, "target": "d1"}
+SLOW = {"kind": "slow-cpu", "at_s": 0.0, "late_s": 0.3, "target": "d1"}
 LIAR = {"kind": "lie", "at_s": 4.0, "what": "counts", "target": "d2"}
 
 
@@ -42,6 +44,8 @@ def around(time_s):
         (0.65, 1.0, "circle", 60.0, (), []),
         (0.65, 0.2, "wander", 60.0, (), []),
         (0.65, 0.2, "circle", 60.0, (LIAR,), []),
+        (0.65, 0.2, "circle", 60.0, (SLOW,), []),
+        (0.65, 0.2, "circle", 60.0, (SLOW | {"target": "d2"},), [("d1",)]),
     ],
 )
 def test_a_hypothesis_that_is_behind_its_source_or_ahead_of_it(late_s, sigma_m, motion, seconds, faults, expected) -> None:
@@ -113,7 +117,16 @@ def test_a_drone_that_states_its_place_more_surely_than_its_receiver_can_tell(si
     pilots = [one] + [moments.pilot()] * (count - 1)
     told = found(PlaceBound(setting), lambda time_s: moments.moment(time_s, pilots=pilots), 8.0)
     assert len(told) == expected
-    assert found(PlaceBound(moments.setting()), moments.moment, 8.0) == []  # which the mission knows
+
+
+def test_a_drone_may_state_as_surely_as_it_likes_a_place_that_the_mission_knows() -> None:
+    setting, count = by_satellites(sees=False)
+    pilots = [moments.pilot(placed=moments.whereabouts(sigma_m=0.001))] * count
+    given = setting.mission
+    for localization, expected in (("gnss", count), ("exact", 0)):
+        setting.mission = replace(given, drones=[replace(drone, localization=localization) for drone in given.drones])
+        told = found(PlaceBound(setting), lambda time_s: moments.moment(time_s, pilots=pilots), 8.0)
+        assert len(told) == expected
 
 
 @pytest.mark.parametrize(

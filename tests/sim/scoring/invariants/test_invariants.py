@@ -157,12 +157,12 @@ def test_a_battery_that_is_nearly_empty_in_the_air() -> None:
     assert told(Reserve(moments.setting()), moments.moment(10.0, places(1, 20.0, 10.0, 0.0), batteries=[0.8, 0.02, 0.8])) == []
 
 
-def unsuspected(suspects=(), sightings=True, **changes):
-    """What is told of 12 s after a jump of 20 m that nobody announces."""
+def unsuspected(*faults, suspects=(), sightings=True, **changes):
+    """What is told of 12 s after a jump of 20 m that nobody announces; ``faults``: others before it."""
     jump = {"kind": "position-jump", "at_s": 10.0, "target": "d2", "jump_m": 20.0, "announced": False} | changes
     pilots = moments.changed(0, moments.pilot(suspects=suspects), moments.pilot)
     times = np.arange(10.0, 22.0, 0.05)
-    invariant = Named(moments.setting(jump, sightings=sightings))
+    invariant = Named(moments.setting(jump, *faults, sightings=sightings))
     return told(invariant, *(moments.moment(float(time_s), pilots=pilots) for time_s in times))
 
 
@@ -172,6 +172,9 @@ def test_a_drone_that_is_not_where_it_says_and_nobody_suspects_it() -> None:
     assert unsuspected(suspects=("d2",)) == []
     assert unsuspected(sightings=False) == unsuspected(announced=True) == unsuspected(jump_m=3.0) == []
     assert unsuspected(target=["d1", "d2", "d3"]) == unsuspected(target=["d2", "d3"]) == []  # no two are left that are right
+    motor, spoofed = ({"kind": kind, "at_s": 5.0, "target": "d3"} for kind in ("motor", "spoofed"))
+    assert unsuspected(motor) == [("d2",)]  # its neighbour still knows where it is
+    assert unsuspected(spoofed) == []
 
 
 def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
