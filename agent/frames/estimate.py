@@ -64,9 +64,9 @@ def _launch(keyframe: Keyframe, drone: int) -> None:
 def _correct(keyframe: Keyframe) -> None:
     """Apply the measurements since the last keyframe.
 
-    Sightings by and of a drone count from the keyframe after its launch on. Of the one before there is often only the end: as
-    long as a place is uncertain by nearly the distance between two drones, a single false sighting fits as well as a true one,
-    and several tell which it is.
+    Sightings by and of a drone count from the keyframe after its launch on. The launch falls somewhere in its keyframe interval,
+    so that there may be a single sighting of each pair: as long as a place is uncertain by nearly the distance between two
+    drones, a false one fits as well as a true one, and it takes several to tell which it is.
     """
     slots = keyframe.joint.slots()
     seen = keyframe.intake.sightings(keyframe.before + 1, keyframe.index)
