@@ -84,7 +84,7 @@ def fly(
     Raises:
         ConfigError: an unknown estimator or law, an estimator where the hypothesis is given, a fault that lockstep cannot play.
     """
-    world = _World(chosen(scenario, estimator, law), seed, listen)
+    world = _World(chosen(scenario, estimator, law), seed, listen, Pilot, watch is not None)
     started = time.perf_counter()
     _run(world, watch, progress)
     wall_s = time.perf_counter() - started
@@ -94,7 +94,7 @@ def fly(
 
 def watched(scenario: Scenario, seed: int, watch: Observer, make: Callable[..., Pilot] = Pilot) -> None:
     """Fly one mission for an observer alone, without its result; errors as in ``fly``. ``make``: makes pilots, as ``Pilot``."""
-    _run(_World(scenario, seed, (), make), watch)
+    _run(_World(scenario, seed, (), make, True), watch)
 
 
 def _run(world: _World, watch: Observer | None, progress: Progress | None = None) -> None:
@@ -115,7 +115,7 @@ def _run(world: _World, watch: Observer | None, progress: Progress | None = None
 class _World:
     """The complete state of the simulated world and its agents."""
 
-    def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str], make: Callable[..., Pilot] | None = None) -> None:
+    def __init__(self, scenario: Scenario, seed: int, listen: Sequence[str], make: Callable[..., Pilot], checked: bool) -> None:
         check_playable(scenario.fault, scenario.name)
         mission = scenario.mission
         count = len(mission.drones)
@@ -137,8 +137,8 @@ class _World:
         self._folder = TemporaryDirectory()  # also for agents that are started again
         if self._cameras is not None and scenario.camera.calibration_spread > 0.0:
             configs = self._cameras.calibrated(configs, Path(self._folder.name))
-        self._configs, self._listen, self._seed, self._make = configs, listen, seed, make or Pilot
-        self._folds, self._read = Folds(count, seed), Readings()
+        self._configs, self._listen, self._seed, self._make = configs, listen, seed, make
+        self._folds, self._read = Folds(count, seed, checked=checked), Readings()
         self._authority = authority = SimulatedAuthority(seed)
         self._operator = SimulatedOperator(authority, mission.swarm, mission.mission_id)
         self._terrain = Terrain(scenario.terrain)

@@ -7,7 +7,7 @@ agents of a flight begin with the same state. So agents with equal logs walk alo
 they part; once the logs are equal again, they replay from where they parted, and one chain remains. Nothing else is shared: every
 agent has its own log, frames, observations and replays, and whatever goes wrong there parts it from the others.
 
-One drone of every flight, by its seed, folds on its own, so that its hypothesis is a check on those of the others.
+In a flight that somebody watches, one drone, by the seed, folds on its own, so that its hypothesis is a check on those of the others.
 """
 
 from __future__ import annotations
@@ -35,8 +35,9 @@ R = TypeVar("R")
 class Folds:
     """Where the agents of one flight get their estimators from."""
 
-    def __init__(self, drones: int, seed: int) -> None:
-        self._alone = seed % drones
+    def __init__(self, drones: int, seed: int, *, checked: bool) -> None:
+        """``checked``: one drone folds on its own."""
+        self._alone = seed % drones if checked else None
         self._shared: dict[str, SharedFold[Any]] = {}
 
     def of(self, drone: int) -> Estimators:

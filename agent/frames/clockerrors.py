@@ -57,10 +57,15 @@ def _begin_ns(told: _Told) -> int:
     return told[0]
 
 
-def _told(exposure: Exposure) -> _Told:
+def clock_error_s(exposure: Exposure) -> float:
+    """The error (s) that an exposure tells; 0 where it tells none."""
     if exposure.clock_sigma_m == 0.0:
-        return exposure.stamp_ns, exposure.end_ns, 0.0
+        return 0.0
     first, last = exposure.poses[0], exposure.poses[-1]
     elapsed_s = max(1e-9 * (last.offset_ns - first.offset_ns), 1e-3)
     speed_mps = dist(first.position_m, last.position_m) / elapsed_s
-    return exposure.stamp_ns, exposure.end_ns, exposure.clock_sigma_m / max(speed_mps, _SLOWEST_MPS)
+    return exposure.clock_sigma_m / max(speed_mps, _SLOWEST_MPS)
+
+
+def _told(exposure: Exposure) -> _Told:
+    return exposure.stamp_ns, exposure.end_ns, clock_error_s(exposure)

@@ -25,12 +25,15 @@ _SLOPE_NS = round(LONGEST_SLOPE_S * 1e9)
 
 @dataclass(frozen=True, slots=True, order=True)
 class Sample:
-    """A drone's position at ``stamp_ns`` by its own localisation of that epoch; ``yaw_rad``: heading of its body."""
+    """A drone's position at ``stamp_ns`` by its own localisation of that epoch; ``yaw_rad``: heading of its body; ``clock_s``: by
+    how much its clock was wrong, as far as it knew.
+    """
 
     stamp_ns: int
     epoch: int
     position_m: Vector3
     yaw_rad: float
+    clock_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +57,7 @@ class Track:
         self._stamps = array("Q")
         self._epochs = array("Q")
         self._local = _Rows()  # position and heading, in the sample's own frame
+        self._clocks = array("d")
         self._places = _Rows()  # in the continuous frame, and metres along the track; as far as computed
         self._segments: list[Segment] = []
         self._changed_ns = ALWAYS
@@ -72,6 +76,7 @@ class Track:
         self._stamps.insert(index, sample.stamp_ns)
         self._epochs.insert(index, sample.epoch)
         self._local.insert(index, (*sample.position_m, sample.yaw_rad))
+        self._clocks.insert(index, sample.clock_s)
         self._forget(index)
         return self._stamps[index - 1] if index else sample.stamp_ns - 1
 
@@ -170,11 +175,12 @@ class Track:
         return index
 
     def _sample(self, index: int) -> Sample:
-        return Sample(self._stamps[index], self._epochs[index], self._local.vector(index), self._local.last(index))
+        position_m, yaw_rad = self._local.vector(index), self._local.last(index)
+        return Sample(self._stamps[index], self._epochs[index], position_m, yaw_rad, self._clocks[index])
 
     def _delete(self, index: int, count: int = 1) -> None:
         """Delete samples from ``index`` on, but nothing that is derived from them."""
-        del self._stamps[index : index + count], self._epochs[index : index + count]
+        del self._stamps[index : index + count], self._epochs[index : index + count], self._clocks[index : index + count]
         self._local.delete(index, index + count)
 
     def _forget(self, index: int) -> None:
@@ -198,10 +204,11 @@ class Track:
             self._places.insert(index, (*place, flown))
 
     def _jumps(self, index: int) -> bool:
+        """Where a wrong clock was set, the step took longer than its stamps tell, and what was flown in it is no jump."""
         before, after = self._sample(index - 1), self._sample(index)
         if before.epoch != after.epoch:
             return True
-        gap_s = 1e-9 * (after.stamp_ns - before.stamp_ns)
+        gap_s = 1e-9 * (after.stamp_ns - before.stamp_ns) + max(before.clock_s, after.clock_s)
         return math.dist(before.position_m, after.position_m) > _STEP_M + _FASTEST_MPS * gap_s
 
     def _onward(self, index: int) -> tuple[Transform, float]:

@@ -14,6 +14,7 @@ HISTORY_NS = 5_000_000_000
 # Telemetry further apart than this gives no rate; nor does telemetry that is nearer together: its clock may have been set back.
 SLOPE_NS, SHORTEST_NS = 500_000_000, 10_000_000
 AHEAD_NS = 300_000_000  # an event may be stamped this much later than the newest telemetry, which is still on its way
+GAP_NS = 1_000_000_000  # between telemetry further apart than this nothing tells where the vehicle was
 
 
 class PastPose(NamedTuple):
@@ -33,11 +34,14 @@ class PoseHistory:
     def __init__(self) -> None:
         self._stamps: deque[int] = deque()
         self._states: deque[VehicleState] = deque()
+        self._since_ns = 0  # the first telemetry after the last gap
 
     def add(self, state: VehicleState) -> None:
         """Append telemetry; what is not newer than the newest is ignored."""
         if self._stamps and state.stamp_ns <= self._stamps[-1]:
             return
+        if not self._stamps or state.stamp_ns - self._stamps[-1] > GAP_NS:
+            self._since_ns = state.stamp_ns
         self._stamps.append(state.stamp_ns)
         self._states.append(state)
         while self._stamps[0] < state.stamp_ns - HISTORY_NS:
@@ -67,8 +71,12 @@ class PoseHistory:
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
-        """Stamps of the oldest and the newest telemetry kept; None where there is none."""
-        return (self._stamps[0], self._stamps[-1]) if self._stamps else None
+        """Stamps of the oldest and the newest telemetry kept without a gap; None where there is none."""
+        return (max(self._stamps[0], self._since_ns), self._stamps[-1]) if self._stamps else None
+
+    def keeps(self, stamp_ns: int) -> bool:
+        """Whether that stamp is between the oldest and the newest telemetry kept."""
+        return bool(self._stamps) and self._stamps[0] <= stamp_ns <= self._stamps[-1]
 
     def at(self, stamp_ns: int) -> VehicleState | None:
         """The last telemetry not after ``stamp_ns`` (the oldest one, where all is later); None where there is none."""
@@ -93,7 +101,8 @@ class PoseHistory:
 
     def extrapolated(self, stamp_ns: int) -> PastPose | None:
         """The pose at ``stamp_ns``, just after the newest telemetry at constant velocity; None where it is not known."""
-        if not self._states or not self._stamps[0] <= stamp_ns <= self._stamps[-1] + AHEAD_NS:
+        span_ns = self.span_ns
+        if span_ns is None or not span_ns[0] <= stamp_ns <= span_ns[1] + AHEAD_NS:
             return None
         pose, state = self.pose(stamp_ns), self.at(stamp_ns)
         assert pose is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from math import ceil
 
@@ -28,7 +29,9 @@ SILENT_S = 20.0  # the operator is told
 # Cones published of a stretch, for each second of it: a landed drone half a metre from 10 GBq measures 10,000, and so many more
 # directions from one place tell nothing new. In flight there are about 30 a second. The exposure counts them all.
 MOST_CONES_PS = 100
-UNPLACED_NS = 1_500_000_000  # after the last telemetry: a readout is of 0.2 s, and telemetry may come this late
+# A pose is held for this long before the first telemetry and after the last: telemetry comes every 20 to 50 ms.
+HELD_NS = 100_000_000
+MOST_WAITING = 8  # stretches, 1.6 s: telemetry may come this late
 LATE_NS = 3_000_000_000  # a camera's readouts may come this late; time not covered by then was not observed
 GONE_NS = 10_000_000_000  # a camera that has delivered nothing for so long is not waited for
 
@@ -53,6 +56,7 @@ class Observer:
         self._over_ground = OverGround(mission.member(drone.id), Ground.from_config(mission), carried)
         x, y, z, w = Rotation.from_euler("xyz", drone.camera_rpy_deg, degrees=True).as_quat().tolist()
         self._body_from_camera: Quaternion = (w, x, y, z)
+        self._waiting: deque[Detections] = deque()  # for the telemetry of their time
         self.dropped = self.withheld = 0
         self._silent_s = 0.0  # live time since the last hit
         self._start_ns: int | None = None
@@ -85,11 +89,12 @@ class Observer:
         return (f"camera: no hit for {SILENT_S:g} s or more, not even background; its counts are not used",)
 
     def observe(self, detections: Detections) -> list[Entry]:
-        """Log entries of a stretch of detections; counts are held until an exposure is full.
+        """Log entries of a stretch of detections, or of those before it that have waited for the telemetry of their time; counts
+        are held until an exposure is full.
 
         The zeros of a mute camera are not used (see ``unseen``): they are no evidence against a source. Stretches are dropped and
-        counted in ``dropped``, where the pose is not known (before the first telemetry, longer than poses are kept, or after the
-        telemetry has ended) or not trusted, or where they overlap earlier ones (a clock stepped back): measured at a wrong place,
+        counted in ``dropped``, where the pose is not known (before the first telemetry, longer than poses are kept, while there
+        was no telemetry) or not trusted, or where they overlap earlier ones (a clock stepped back): measured at a wrong place,
         they would mislead the whole swarm. Of more cones than ``MOST_CONES_PS`` the first ones are taken, whatever their
         direction, and the others counted in ``withheld``.
         """
@@ -98,14 +103,33 @@ class Observer:
         self._silent_s = 0.0 if detections.hits else self._silent_s + detections.live_time_s
         if self._silent_s >= MUTE_S:
             self._live_s = 0.0  # the counts held so far carry no information either
-            self._unused_ns = end_ns
-            return self._exposure() if self._start_ns is not None else []
-        state = self._history.at(start_ns)
-        if state is None or not self._is_placed(state, end_ns):
+            self._waiting.clear()
+            return self._unused(end_ns)
+        if not start_ns <= end_ns <= start_ns + HISTORY_NS:
             self.dropped += 1
-            self._unused_ns = end_ns
             return []
-        if start_ns < self._end_ns or not start_ns <= end_ns <= start_ns + HISTORY_NS:
+        self._waiting.append(detections)
+        entries: list[Entry] = []
+        while self._waiting and (len(self._waiting) > MOST_WAITING or not self._awaits_telemetry(self._waiting[0].end_ns)):
+            entries += self._take(self._waiting.popleft())
+        return entries
+
+    def _awaits_telemetry(self, end_ns: int) -> bool:
+        span_ns = self._history.span_ns
+        return span_ns is not None and end_ns > span_ns[1] + HELD_NS
+
+    def _unused(self, end_ns: int) -> list[Entry]:
+        """What was held until a stretch that is not used."""
+        self._unused_ns = end_ns
+        return self._exposure() if self._start_ns is not None else []
+
+    def _take(self, detections: Detections) -> list[Entry]:
+        start_ns, end_ns = detections.start_ns, detections.end_ns
+        state = self._history.at(start_ns)
+        if state is None or not self._is_placed(state, start_ns, end_ns):
+            self.dropped += 1
+            return self._unused(end_ns)
+        if start_ns < self._end_ns:
             self.dropped += 1
             return []
         most = ceil((end_ns - start_ns) * 1e-9 * MOST_CONES_PS)
@@ -125,10 +149,12 @@ class Observer:
             entries += self._exposure()
         return entries
 
-    def _is_placed(self, state: VehicleState, end_ns: int) -> bool:
-        """Whether this drone knows where it was, from a state on until a stamp."""
+    def _is_placed(self, state: VehicleState, start_ns: int, end_ns: int) -> bool:
+        """Whether this drone knows where it was between two stamps; ``state``: the telemetry at the first."""
         span_ns = self._history.span_ns
-        return state.position_trusted and span_ns is not None and end_ns <= span_ns[1] + UNPLACED_NS
+        if span_ns is None or not state.position_trusted:
+            return False
+        return span_ns[0] - HELD_NS <= start_ns and end_ns <= span_ns[1] + HELD_NS
 
     def unseen(self, now_ns: int) -> list[Entry]:
         """Poses of the time of which the camera delivered nothing that is used: exposures without live time. They carry no
@@ -185,7 +211,9 @@ class Observer:
         live_s, self._live_s = self._live_s, 0.0
         assert start_ns is not None
         state = self._history.at(start_ns)
-        assert state is not None
+        if state is None or not self._history.keeps(start_ns + HELD_NS):  # the clock has been set meanwhile
+            self.dropped += 1
+            return []
         poses = []
         duration_ns = max(1, self._end_ns - start_ns)
         for offset_ns in range(0, duration_ns, max(SAMPLE_NS, -(-duration_ns // MOST_POSES))):

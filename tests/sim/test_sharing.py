@@ -72,16 +72,18 @@ def test_a_flight_with_shared_folds_is_the_same_to_the_bit(name, until_s, monkey
     assert computed["shared"] < 0.8 * computed["alone"]
 
 
-def test_one_drone_of_each_flight_folds_on_its_own():
+def test_one_drone_of_each_flight_that_is_watched_folds_on_its_own():
     """Else nothing would tell if all had one wrong hypothesis."""
     mission = load_scenario("demo").mission
     for seed in range(3):
-        folds = Folds(3, seed)
+        folds = Folds(3, seed, checked=True)
         made = [folds.of(drone)("bayes", mission) for drone in range(3)]
         assert isinstance(made[seed], BayesEstimator)
         others = [estimator for drone, estimator in enumerate(made) if drone != seed]
         assert others[0] is others[1]
         assert isinstance(others[0], SharedFold)
+    unwatched = Folds(3, 0, checked=False)
+    assert len({id(unwatched.of(drone)("bayes", mission)) for drone in range(3)}) == 1
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 import math
 import random
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -62,6 +63,18 @@ def test_a_new_epoch_goes_on_where_the_vehicle_was():
     assert [segment.epoch for segment in track.segments] == [0, 1]
     assert track.gaps_s(40 * TENTH, 41 * TENTH) == [pytest.approx(0.1)]
     assert track.joined(2, 60 * TENTH) is None
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_where_a_wrong_clock_was_set_back_the_vehicle_may_have_turned(first):
+    """Its stamps tell of 0.1 s, and 1.6 s have passed: the track goes on in the same frame, in whatever order samples came."""
+    samples = [Sample(k * TENTH, 0, (0.3 * k, 0.0, 3.0), 0.0, clock_s=1.5) for k in range(3)]
+    samples += [Sample((3 + k) * TENTH, 0, (5.0, 4.0 + 0.3 * k, 3.0), 1.6) for k in range(3)]
+    track = track_of(samples[first::2] + samples[1 - first :: 2])
+    assert len(track.segments) == 1
+    assert track.at(5 * TENTH) == pytest.approx((5.0, 4.6, 3.0))
+    unaware = track_of([replace(sample, clock_s=0.0) for sample in samples])
+    assert len(unaware.segments) == 2
 
 
 def test_a_jump_that_nobody_told_of_is_taken_out_alike():

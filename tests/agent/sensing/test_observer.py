@@ -34,6 +34,12 @@ def telemetry(stamp_ns, position, rotation, sign=1.0):
     )  # fmt: skip
 
 
+def still(history, from_s, until_s, **changed):
+    """Telemetry twice a second of a vehicle that does not move."""
+    for half in range(round(2 * from_s), round(2 * until_s) + 1):
+        history.add(replace(telemetry(half * SECOND // 2, (0.0, 0.0, 8.0), Rotation.identity()), **changed))
+
+
 CARRIED = {2: CarriedFrame((20.0, -5.0, 0.7), 0.6)}  # the frames of epochs after jumps
 
 
@@ -97,7 +103,7 @@ def test_the_camera_is_as_high_above_level_ground_as_the_rangefinder_says(missio
 def test_a_source_beside_the_camera_does_not_flood_the_swarm_with_cones():
     history = PoseHistory()
     observer = observer_with(history)
-    history.add(telemetry(0, (0.0, 0.0, 0.0), Rotation.identity()))
+    still(history, 0.0, 1.0)
     cones = tuple(cone_event(k * 100_000, np.array((0.0, 0.0, 1.0))) for k in range(2000))
     entries = [
         entry
@@ -113,7 +119,7 @@ def test_a_source_beside_the_camera_does_not_flood_the_swarm_with_cones():
 def test_counts_add_up_to_exposures():
     history = PoseHistory()
     observer = observer_with(history)
-    history.add(telemetry(0, (0.0, 0.0, 8.0), Rotation.identity()))
+    still(history, 0.0, 1.5)
     step = SECOND // 5
     stretches = [Detections(k * step, (k + 1) * step, 0.19, hits=k, photopeak=1, coincidences=2) for k in range(6)]
     exposures = [entry for stretch in stretches for entry in observer.observe(stretch)]
@@ -240,7 +246,7 @@ def test_dead_time_is_not_silence(observer):
 @pytest.fixture
 def history():
     history = PoseHistory()
-    history.add(telemetry(0, (0.0, 0.0, 8.0), Rotation.identity()))
+    still(history, 0.0, 1.0)
     return history
 
 
@@ -250,40 +256,77 @@ def observer(history):
 
 
 def stretch(start_s, end_s, live_s=None, hits=1):
-    return Detections(int(start_s * SECOND), int(end_s * SECOND), end_s - start_s if live_s is None else live_s, hits=hits)
+    return Detections(round(start_s * SECOND), round(end_s * SECOND), end_s - start_s if live_s is None else live_s, hits=hits)
 
 
 def test_an_exposure_ends_at_a_gap(observer, history):
     assert observer.observe(stretch(0.0, 0.2)) == []
-    history.add(telemetry(30 * SECOND, (0.0, 0.0, 8.0), Rotation.identity()))
-    (exposure,) = observer.observe(stretch(30.0, 30.2))
+    still(history, 1.5, 4.0)
+    (exposure,) = observer.observe(stretch(3.0, 3.2))
     assert (exposure.stamp_ns, exposure.end_ns, exposure.counts.hits) == (0, SECOND // 5, 1)
-    (after,) = observer.observe(stretch(30.2, 30.6))
-    assert (after.stamp_ns, after.counts.hits) == (30 * SECOND, 2)
+    (after,) = observer.observe(stretch(3.2, 3.6))
+    assert (after.stamp_ns, after.counts.hits) == (3 * SECOND, 2)
 
 
 @pytest.mark.parametrize("bad", [stretch(0.1, 0.3), stretch(0.2, 9.0), stretch(0.4, 0.3)])
-def test_stretches_that_cannot_be_placed_are_dropped_and_counted(observer, bad):
-    observer.observe(stretch(0.0, 0.2))
-    assert observer.observe(bad) == []
+def test_stretches_that_cannot_be_placed_are_dropped_and_counted(observer, history, bad):
+    still(history, 1.5, 10.0)
+    observer.observe(stretch(8.0, 8.2))
+    assert observer.observe(stretch(8.0 + bad.start_ns / SECOND, 8.0 + bad.end_ns / SECOND)) == []
     assert observer.dropped == 1
-    (exposure,) = observer.observe(stretch(0.2, 0.6))
-    assert (exposure.stamp_ns, exposure.counts.hits) == (0, 2)
+    (exposure,) = observer.observe(stretch(8.2, 8.6))
+    assert (exposure.stamp_ns, exposure.counts.hits) == (8 * SECOND, 2)
 
 
 def test_what_is_measured_at_an_unknown_place_is_dropped(observer, history):
     """A vehicle without satellites published cones from where it was last believed, metres off."""
     observer.observe(stretch(0.0, 0.2))
-    lost = replace(telemetry(SECOND, (0.0, 0.0, 8.0), Rotation.identity()), position_trusted=False)
-    history.add(lost)
+    still(history, 1.0, 1.5, position_trusted=False)
+    still(history, 2.0, 2.5)
     (exposure,) = observer.observe(stretch(0.2, 0.9))
     assert exposure.counts.hits == 2
-    assert observer.observe(stretch(1.0, 1.2)) == []
-    history.add(replace(lost, stamp_ns=2 * SECOND, position_trusted=True))
+    assert observer.observe(stretch(1.5, 1.7)) == []
+    assert observer.dropped == 1
     assert observer.observe(stretch(2.0, 2.2)) == []
     assert observer.dropped == 1
-    assert observer.observe(stretch(4.0, 4.2)) == []  # the telemetry has ended
-    assert observer.dropped == 2
+
+
+def test_measurements_wait_for_the_telemetry_of_their_time(observer, history):
+    """It comes late where the computer has much to do; a pose held meanwhile would be metres off."""
+    for k in range(5):
+        assert observer.observe(stretch(0.8 + 0.2 * k, 1.0 + 0.2 * k)) == []
+    history.add(telemetry(2 * SECOND, (10.0, 0.0, 8.0), Rotation.identity()))
+    before, after = observer.observe(stretch(1.8, 2.0))
+    assert [pose.position_m[0] for pose in before.poses] == pytest.approx([0.0, 0.0, 0.0, 1.0, 2.0, 3.0])
+    assert [pose.position_m[0] for pose in after.poses] == pytest.approx([4.0, 5.0, 6.0, 7.0, 8.0, 9.0])
+    assert observer.dropped == 0
+
+
+@pytest.mark.parametrize("gap_s", [3.0, 60.0])
+def test_of_a_gap_in_the_telemetry_nothing_is_told(observer, history, gap_s):
+    """Poses held for 1.5 s, and a line between those before and after the gap, bent the drone's frame by 12 degrees."""
+    entries = observer.observe(stretch(0.8, 1.0))
+    for k in range(round(5 * gap_s)):
+        now_s = 1.2 + 0.2 * k
+        entries += [*observer.observe(stretch(now_s - 0.2, now_s)), *observer.unseen(round(now_s * SECOND))]
+    still(history, 1.0 + gap_s, 3.0 + gap_s)
+    for k in range(10):
+        now_s = 1.0 + gap_s + 0.2 * (k + 1)
+        entries += [*observer.observe(stretch(now_s - 0.2, now_s)), *observer.unseen(round(now_s * SECOND))]
+    spans = [(entry.stamp_ns / SECOND, entry.end_ns / SECOND) for entry in entries]
+    assert [span for span in spans if span[1] <= 1.2] != []
+    assert [span for span in spans if span[0] >= 1.0 + gap_s] != []
+    assert [span for span in spans if span[1] > 1.2 and span[0] < 1.0 + gap_s] == []
+    assert observer.dropped == 5 * gap_s
+
+
+def test_counts_from_before_the_clock_was_set_are_dropped(observer, history):
+    assert observer.observe(stretch(0.8, 1.0)) == []
+    still(history, 100.0, 101.0)
+    assert observer.observe(stretch(100.0, 100.2)) == []
+    assert observer.dropped == 1
+    (exposure,) = observer.observe(stretch(100.2, 100.6))
+    assert (exposure.stamp_ns, exposure.counts.hits) == (100 * SECOND, 2)
 
 
 def test_live_time_is_never_longer_than_the_exposure(observer):
@@ -292,11 +335,12 @@ def test_live_time_is_never_longer_than_the_exposure(observer):
 
 
 def test_exposures_are_split_where_the_epoch_changes(observer, history):
-    observer.observe(stretch(0.0, 0.2))
-    state = telemetry(SECOND // 10 * 3, (50.0, 50.0, 8.0), Rotation.identity())
-    history.add(replace(state, epoch=1))
-    (before,) = observer.observe(stretch(0.3, 0.5))
-    (after,) = observer.observe(stretch(0.5, 0.9))
+    observer.observe(stretch(1.0, 1.1))
+    for tenth in (13, 18):
+        state = telemetry(SECOND // 10 * tenth, (50.0, 50.0, 8.0), Rotation.identity())
+        history.add(replace(state, epoch=1))
+    (before,) = observer.observe(stretch(1.3, 1.5))
+    (after,) = observer.observe(stretch(1.5, 1.9))
     assert (before.epoch, after.epoch) == (0, 1)
     assert {sample.position_m for sample in before.poses} == {(0.0, 0.0, 8.0)}
     assert {sample.position_m for sample in after.poses} == {(50.0, 50.0, 8.0)}
