@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from functools import partial
-from math import hypot, inf
+from math import atan2, hypot, inf
 
 import numpy as np
 from msgspec import UNSET, Struct
@@ -38,6 +38,17 @@ REPLAN_NS = 200_000_000  # 5 Hz
 _TAKEN_UP_NS = 2_000_000_000  # the autopilot is in offboard, and shows it, this long after the first setpoint
 
 
+class End(Struct, frozen=True):
+    """Where another drone is expected when a plan ends, seen from that end: how far away, at least, and in which direction (rad).
+    ``blind``: it does not know of the planning one, and may turn up within any distance.
+    """
+
+    id: str
+    clearance_m: float
+    bearing_rad: float
+    blind: bool
+
+
 class Reckoning(Struct, frozen=True):
     """What a plan was made with, own local frame: where the drone was, where others are expected, the room it flies in.
 
@@ -64,14 +75,18 @@ class Reckoning(Struct, frozen=True):
         expected = (one for one in self.others if one.id == drone or _is_beyond(place, one, self.stamp_ns, before_m))
         return min((_distance_m(self.position_m, one, self.stamp_ns, sigmas) for one in expected), default=inf)
 
-    def clearance_m(self, drone: str, sigmas: float) -> float:
-        """How far the plan's end is from where another drone is expected by then, horizontally, less so many sigmas; infinite
-        where it is not expected, or does not know of this one: such a one may turn up within any distance.
+    def ends(self, sigmas: float) -> list[End]:
+        """Where others are expected when the plan ends, as seen from there, less so many sigmas. One that is somewhere beyond a
+        line is left out.
         """
         end_s, (x, y, _) = (len(self.planned) - 1) * self.step_s, self.planned[-1].tolist()
-        known = [one for one in self.others if one.id == drone and one.away is None and not one.blind]
-        places = [(one.at(self.stamp_ns, np.array([end_s]))[0].tolist(), one.sigma_m) for one in known]
-        return min((hypot(x - u, y - v) - sigmas * sigma_m for (u, v), sigma_m in places), default=inf)
+        found = []
+        for one in self.others:
+            if one.away is None:
+                u, v = one.at(self.stamp_ns, np.array([end_s]))[0].tolist()
+                clearance_m = hypot(u - x, v - y) - sigmas * one.sigma_m
+                found.append(End(one.id, clearance_m, atan2(v - y, u - x), one.blind))
+        return found
 
     @property
     def corners_m(self) -> Array | None:

@@ -55,7 +55,7 @@ from agent.navigation.placing import (
     sigma_of_m,
 )
 from agent.navigation.relative import offset, places
-from agent.navigation.silent import SILENT_NS, TAKING_PART, Absence, Contact, Silent, Viewer
+from agent.navigation.silent import SILENT_NS, TAKING_PART, Absence, Silent, Viewer
 from protocol.messages import Plan, Pose, Stage
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
@@ -187,8 +187,8 @@ class Neighbourhood:
         stamp_ns = plan.stamp_ns - SILENT_NS  # it has noticed then
         poses = (one for one in peer.poses if one.epoch == pose.epoch)
         last = min(poses, key=lambda one: abs(one.stamp_ns - stamp_ns), default=pose)
-        x, y, _ = bare(mission_from_theirs).apply_point(last.position_m)
-        contact = Contact(last.stamp_ns, (x, y), *self._while_heard.get(name, (status.stage, me.circles)))
+        stage, circled = self._while_heard.get(name, (status.stage, me.circles))
+        contact = self._silent.contact(name, peer, last, bare(mission_from_theirs), stage, circled)
         sigma_m = min(hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
         viewer = _viewer(me, me.local_from_mission) if me.local_from_mission is not None else None
         return self._silent.unhearing(name, contact, sigma_m, viewer)

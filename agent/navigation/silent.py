@@ -8,7 +8,8 @@ Nobody can tell which of two things has happened:
   and height (``agent.motion.orbit``).
 
 One that is heard, but does not hear this drone, reckons with the same of it: this drone does what it would do if neither heard
-the other. It keeps to its side of the same line, or leaves for its own circle, and gives way to the plans that it hears.
+the other. It keeps to its side of the same line, or stands on the circle for as long as that one does, and leaves for its own
+circle; and it gives way to the plans that it hears.
 
 Positions are horizontal, mission frame.
 """
@@ -68,7 +69,8 @@ class Absence(Struct, frozen=True):
     from each other this drone flies on, and those that it hears and that hear it; ``kept``: whose place on the circle is kept;
     ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it shares the mission with no other drone;
     ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both ends of each
-    stretch; ``coming_home``: those that may be on their way home then, and not down yet.
+    stretch; of those that do not hear this one, too, as they reckon with the same of it. ``coming_home``: those that may be on
+    their way home then, and not down yet.
     """
 
     missing: tuple[str, ...]
@@ -87,14 +89,19 @@ class Absence(Struct, frozen=True):
 
 
 class Contact(Struct, frozen=True):
-    """When two drones last heard each other: the earlier of both directions. Where the other one was then, its stage, and whether
-    this drone circled.
+    """When two drones last heard each other: the earlier of both directions. What the other one's vehicle would have done from
+    there if its agent had gone then, its stage, and whether this drone circled.
     """
 
     stamp_ns: int
-    theirs: Point2
+    course: Course
     stage: Stage
     circled: bool
+
+    @property
+    def theirs(self) -> Point2:
+        """Where the other one was."""
+        return self.course.stop.start
 
 
 class Viewer(Struct, frozen=True):
@@ -166,10 +173,11 @@ class Silent:
         walls = {name: wall for name, (stamp_ns, wall) in sorted(self._walls.items()) if 0 <= now_ns - stamp_ns < APART_NS}
         stops: list[Point2] = []
         coming_home = []
-        for name, (stamp_ns, course) in sorted(self._courses.items()):
+        last = {name: (one.stamp_ns, one.course) for name, one in self._contacts.items() if name in self._unhearing}
+        for name, (stamp_ns, course) in sorted({**self._courses, **last}.items()):
             silent_s = (now_ns - stamp_ns) * 1e-9
             stops += [course.stop.start, course.stop.end] if silent_s < min(LEFT_S, course.leaves_s) else []
-            coming_home += [name] if silent_s < course.down_s else []
+            coming_home += [name] if name in self._courses and silent_s < course.down_s else []
         return Absence(
             tuple(missing), unhearing, ring, kept, walls, not partners, np.array(stops).reshape(-1, 2), tuple(coming_home)
         )
@@ -195,7 +203,7 @@ class Silent:
         times: Array = silent_s + me.step_s * np.arange(float(len(ahead)))
         course = self._agentless.course(name, peer, pose, mission_from_theirs)
         self._courses[name] = pose.stamp_ns, course
-        contact = self._contacts.setdefault(name, Contact(pose.stamp_ns, course.stop.start, stage, me.circles))
+        contact = self._contacts.setdefault(name, Contact(pose.stamp_ns, course, stage, me.circles))
         contact = replace(contact, circled=contact.circled and me.circles)
         wall = self._wall(name, contact, me) if me.now_ns - contact.stamp_ns < APART_NS else None
         crosses = me.height_m > self._is_over_m  # above all that search
@@ -203,6 +211,10 @@ class Silent:
         places = [stretch.nearest(ahead) for stretch in course.stretches(times, below_m)]
         walls += self._coming_down(name, self._agentless.home(name, peer, mission_from_theirs), me)
         return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), hypot(sigma_m, _SIGMA_M)) for one in places]
+
+    def contact(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, stage: Stage, circled: bool) -> Contact:
+        """A contact at this pose of it. ``stage``: its own then; ``circled``: whether this drone circled."""
+        return Contact(pose.stamp_ns, self._agentless.course(name, peer, pose, mission_from_theirs), stage, circled)
 
     def unhearing(self, name: str, contact: Contact, sigma_m: float, me: Viewer | None) -> list[PeerPlan]:
         """The side that is left to one that does not hear this drone. ``contact``: the last one, unless one is known already;

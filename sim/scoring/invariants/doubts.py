@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator
-from math import hypot, inf, sqrt
+from itertools import pairwise
+from math import hypot, inf, pi, sqrt, tau
 
+from agent.pilot import Pilot
 from protocol.entries import Exposure
 from sim.geometry import Array
 from sim.scoring.invariants.base import Breach, Invariant, Setting
@@ -16,6 +18,7 @@ EXCLUDED_SIGMAS, EXCLUDED_M = 6.0, 0.5
 FEWEST = 8  # measurements of which half may exclude the truth: a clock's error times the speed of a moment is no bound
 BOUND_S = 5.0
 BERTH_SIGMAS, BERTH_S = 2.0, 3.0  # of the other's position; for so long one that evades somebody else may come nearer
+_AWAY_M = 1.0  # others that are no farther than this from being too near are in the way of going away from one
 _LOOK_TICKS = 10
 _LOW_M = 1.5  # who takes off or lands does not choose its way
 
@@ -109,7 +112,8 @@ class WideBerth(Invariant[Moment]):
     """No drone plans for 3 s to come nearer to another than the separation and 2 sigma of where that one is, at the plan's end.
 
     That is judged by what the drone itself knows: the truth shows only by chance, and too late, that a doubt was not allowed for.
-    Exempt are pairs one of which is on the ground or nearly so, and others that do not know of it, which may turn up anywhere.
+    Exempt are pairs one of which is on the ground or nearly so, others that do not know of it, which may turn up anywhere, and a
+    drone with others all around: going away from one of them it would come too near to the next.
     """
 
     name = "berth"
@@ -128,17 +132,33 @@ class WideBerth(Invariant[Moment]):
             if reckoning is not None and reckoning.stamp_ns == self._planned_ns[drone]:
                 continue
             self._planned_ns[drone] = reckoning.stamp_ns if reckoning is not None else -1
+            clear_m = self._clearances_m(pilot)
             for other, name in enumerate(self.setting.names):
                 high = min(moment.position_m[drone, 2], moment.position_m[other, 2]) > _LOW_M
-                clear_m = reckoning.clearance_m(name, BERTH_SIGMAS) if reckoning is not None and high and other != drone else inf
-                if clear_m >= self._least_m:
+                if not high or clear_m.get(name, inf) >= self._least_m:
                     self._since_s.pop((drone, other), None)
                 else:
                     self._since_s.setdefault((drone, other), moment.time_s)
-                    self._over_m[drone, other] = self._least_m - clear_m
+                    self._over_m[drone, other] = self._least_m - clear_m[name]
         for pair, since_s in self._since_s.items():
             if moment.time_s - since_s > BERTH_S:
                 yield Breach(pair, f"it plans to come {self._over_m[pair]:.1f} m too near, where the other may be")
+
+    def _clearances_m(self, pilot: Pilot | None) -> dict[str, float]:
+        """How far the others are from its plan's end, by id; none where they are all around."""
+        reckoning = pilot.reckoning if pilot is not None else None
+        ends = reckoning.ends(BERTH_SIGMAS) if reckoning is not None else []
+        if _all_around([one.bearing_rad for one in ends if one.clearance_m < self._least_m + _AWAY_M]):
+            return {}
+        known = sorted((one for one in ends if not one.blind), key=lambda one: one.clearance_m, reverse=True)
+        return {one.id: one.clearance_m for one in known}
+
+
+def _all_around(bearings_rad: list[float]) -> bool:
+    """Whether there are some in every half of the directions, so that each way leads nearer to one of them."""
+    ascending = sorted(bearings_rad)
+    gaps_rad = [after - before for before, after in pairwise([*ascending, *(angle + tau for angle in ascending[:1])])]
+    return bool(gaps_rad) and max(gaps_rad) < pi
 
 
 def _information(reception: GnssTruth | None, origin_sigma_m: float, flown_s: float) -> float:

@@ -178,6 +178,20 @@ def test_the_line_stays_where_the_first_of_the_two_directions_was_lost():
         assert hood.absence.unhearing == (("b",) if silent_first else ())
 
 
+def test_drones_on_the_circle_stand_for_one_that_does_not_hear_them_as_it_stands_for_them():
+    """It takes them for vehicles that hover without their agents where they last heard each other; one that flew on around the
+    circle passed it at 5 m, and was expected 7 m farther away.
+    """
+    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0), circles=True)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    heard_from(hood, peers, me, 0, 0.0, stage=Stage.TRACK)
+    for second in (1, 4, 20):
+        heard_from(hood, peers, me, second * SECOND, 1.0, unheard=("a",), stage=Stage.TRACK)
+        hovers = [] if second == 20 else [pytest.approx((10.0, 0.0), abs=1e-6), pytest.approx((10.0, 4.0))]
+        assert (hood.absence.stops.tolist(), hood.absence.unhearing) == (hovers, ("b",))
+        assert hood.absence.coming_home == ()  # it is heard, and is not
+
+
 def test_one_that_was_told_not_to_hear_this_drone_hears_it_again_only_when_it_plans_so():
     me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0))
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])

@@ -147,3 +147,22 @@ def test_a_plan_that_does_not_allow_for_the_doubt_about_another_ones_place(chang
     assert found(WideBerth(moments.setting()), make, seconds) == expected
     low = [moments.PLACES[0], (20.0, 10.0, 1.0), moments.PLACES[2]]
     assert found(WideBerth(moments.setting()), lambda time_s: make(time_s, low), seconds) == []
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        (((13.5, 13.5, 3.0), (13.5, 6.5, 3.0)), []),  # all around, a metre too near
+        (((16.5, 14.5, 3.0), (16.5, 5.5, 3.0)), [("d1", "d2"), ("d1", "d3")]),  # all on one side: it could go away from them
+        (((12.2, 14.2, 3.0), (12.2, 5.8, 3.0)), []),  # these are not too near, but would be
+        (((10.0, 16.0, 3.0), (10.0, 4.0, 3.0)), [("d1", "d2")]),  # there is room towards these
+    ],
+)
+def test_a_plan_amid_others_has_no_better_end(more, expected) -> None:
+    """Three came home around a drone that joined late and still circled: it was carried along in their midst, 0.3 m too near."""
+
+    def make(time_s):
+        reckons = moments.reckoning(ends=(15.2, 10.0, 3.0), sigma_m=1.0, more=more, stamp_ns=round(time_s * 5.0))
+        return moments.moment(time_s, pilots=moments.changed(0, moments.pilot(reckons=reckons), moments.pilot))
+
+    assert found(WideBerth(moments.setting()), make, 4.0) == expected
