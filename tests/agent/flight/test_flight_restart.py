@@ -90,7 +90,7 @@ def test_a_restarted_agent_flies_on_and_everything_replays(tmp_path):
         agents.append(Mortal(tmp_path / config.id, mission, config, boot, trust, mortal=config.id == "d2"))
         return agents[-1]
 
-    world = sim.lockstep._World(override(load_scenario("demo"), {"mission.track.duration_s": 25.0}), 1, (), made)
+    world = sim.lockstep._World(override(load_scenario("demo"), {"mission.track.duration_s": 25.0}), 1, (), made, True)
     for agent in agents:
         agent.others = [other for other in agents if other is not agent]
     stages = []
