@@ -7,7 +7,8 @@ agents of a flight begin with the same state. So agents with equal logs walk alo
 they part; once the logs are equal again, they replay from where they parted, and one chain remains. Nothing else is shared: every
 agent has its own log, frames, observations and replays, and whatever goes wrong there parts it from the others.
 
-In a flight that somebody watches, one drone, by the seed, folds on its own, so that its hypothesis is a check on those of the others.
+In a flight that somebody watches, one drone, by the seed, folds on its own, so that its hypothesis is a check on those of the
+others.
 """
 
 from __future__ import annotations
