@@ -145,13 +145,18 @@ class WideBerth(Invariant[Moment]):
                 yield Breach(pair, f"it plans to come {self._over_m[pair]:.1f} m too near, where the other may be")
 
     def _clearances_m(self, pilot: Pilot | None) -> dict[str, float]:
-        """How far the others are from its plan's end, by id; none where they are all around."""
+        """How far the others are from its plan's end, by id, each at the nearest place where it is expected; none where they are
+        all around.
+        """
         reckoning = pilot.reckoning if pilot is not None else None
         ends = reckoning.ends(BERTH_SIGMAS) if reckoning is not None else []
         if _all_around([one.bearing_rad for one in ends if one.clearance_m < self._least_m + _AWAY_M]):
             return {}
-        known = sorted((one for one in ends if not one.blind), key=lambda one: one.clearance_m, reverse=True)
-        return {one.id: one.clearance_m for one in known}
+        nearest: dict[str, float] = {}
+        for one in ends:
+            if not one.blind:
+                nearest[one.id] = min(one.clearance_m, nearest.get(one.id, inf))
+        return nearest
 
 
 def _all_around(bearings_rad: list[float]) -> bool:
