@@ -1,8 +1,9 @@
 """A bank of simulated events for every direction, so that a flight need not transport each photon anew.
 
 The sphere of directions, less the sensor's eight symmetries, is cut into bins of about two degrees. Each holds events of
-each kind (see Events) from directions spread evenly over the bin, and the effective areas with which the kinds occur. Two
-more bins hold isotropic events: the nuclide's scattered photons and the natural background.
+each kind (see Events) from directions spread evenly over the bin, and the effective areas with which the kinds occur. Single
+events, whose energies hardly depend on the azimuth, are drawn from all bins of one polar angle. Two more bins hold isotropic
+events: the nuclide's scattered photons and the natural background.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP
-from sim.radiation.events import KINDS, Events, simulate
+from sim.radiation.events import KINDS, SINGLE, Events, simulate
 from sim.radiation.nuclides import Nuclide
 from sim.radiation.surroundings import background_lines, scattered_lines
 from sim.radiation.timepix3 import PIXEL, Response
@@ -24,10 +25,13 @@ BIN_DEG = 2.0
 _ROWS = round(180.0 / BIN_DEG)
 _INTERACTIONS = 2500  # per bin
 _QUOTA = (96, 48, 128)  # kept of them: single, scattered, complete
-# In front, where a camera that faces the source has it all the time: so many that a flight hardly meets one twice.
+# Where a camera that faces a source while it circles has it all the time, in front or steeply below or above: so many that a
+# flight hardly meets one twice. A few events that come again and again would bend the spectrum by more than a flight measures it.
 _FRONT_ROWS = round(40.0 / BIN_DEG)
-_FRONT_INTERACTIONS = 40_000
-_FRONT_QUOTA = (1000, 400, 2200)
+_STEEP_ROWS = round(72.0 / BIN_DEG)
+_STEEP_AZIMUTH = math.radians(12.0)  # from the vertical
+_OFTEN_INTERACTIONS = 40_000
+_OFTEN_QUOTA = (2500, 800, 2200)
 _ISOTROPIC_INTERACTIONS = 200_000
 _ISOTROPIC_QUOTA = (20_000, 10_000, 10_000)
 _OCTANT = 0.25 * math.pi
@@ -40,7 +44,7 @@ class EventBank:
     """Pooled events. B bins, of which the last two are SCATTERED_BIN and BACKGROUND_BIN.
 
     pixels: (P,) of PIXEL. first: (E + 1,) pixel range of each event. line: (E,) gamma line of each.
-    start, count: (B, KINDS) event ranges. area_mm2: (B, KINDS) effective area times photons per decay.
+    start, count: (B, KINDS) event ranges, which bins may share. area_mm2: (B, KINDS) effective area times photons per decay.
     """
 
     pixels: NDArray[np.void]
@@ -105,11 +109,10 @@ def build_bank(
     """
     rng = np.random.default_rng(seed)
     parts: list[Events] = []
-    for b, window in enumerate(_windows()):
-        front = b < _ROW_START[_FRONT_ROWS]
-        interactions = (_FRONT_INTERACTIONS if front else _INTERACTIONS) if only is None or b in only else 0
-        quota = _FRONT_QUOTA if front else _QUOTA
-        cosine, azimuth = window
+    for b, (cosine, azimuth) in enumerate(_windows()):
+        often = b < _ROW_START[_FRONT_ROWS] or (b < _ROW_START[_STEEP_ROWS] and azimuth[0] < _STEEP_AZIMUTH)
+        interactions = (_OFTEN_INTERACTIONS if often else _INTERACTIONS) if only is None or b in only else 0
+        quota = _OFTEN_QUOTA if often else _QUOTA
         parts.append(simulate(nuclide.lines, interactions, camera, rng, cosine=cosine, azimuth=azimuth, quota=quota))
         if progress is not None and b % 10 == 0:
             progress(b, DIRECTION_BINS)
@@ -149,27 +152,24 @@ def _smooth(area: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _pool(parts: list[Events]) -> EventBank:
-    """Join bins, each sorted by kind."""
-    pixels: list[NDArray[np.void]] = []
-    lengths: list[NDArray[np.int64]] = []
-    lines: list[NDArray[np.uint8]] = []
-    count = np.zeros((len(parts), KINDS), np.int64)
-    for b, part in enumerate(parts):
-        order = np.argsort(part.kind, kind="stable")
-        count[b] = np.bincount(part.kind, minlength=KINDS)
-        length = np.diff(part.first)
-        owner = np.repeat(np.argsort(order), length)  # new place of each pixel's event
-        pixels.append(part.pixels[np.argsort(owner, kind="stable")])
-        lengths.append(length[order])
-        lines.append(part.line[order])
-    before = np.concatenate(([0], np.cumsum(count.ravel())[:-1])).reshape(count.shape)
+    """Join bins, sorted by pools: the bins of a row share one of single events, each has its own of every other kind."""
+    row = np.append(np.repeat(np.arange(_ROWS), _ROW_COLUMNS), (_ROWS, _ROWS + 1))
+    pool = np.arange(len(parts) * KINDS).reshape(-1, KINDS)  # (B, KINDS)
+    pool[:, SINGLE] = pool[np.searchsorted(row, row), SINGLE]
+    kind = np.concatenate([part.kind for part in parts]).astype(np.intp)
+    pool_of = pool[np.repeat(np.arange(len(parts)), [len(part.kind) for part in parts]), kind]
+    order = np.argsort(pool_of, kind="stable")
+    length = np.concatenate([np.diff(part.first) for part in parts])
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    pixels = np.concatenate([part.pixels for part in parts])[np.argsort(np.repeat(place, length), kind="stable")]
+    size = np.bincount(pool_of, minlength=pool.size)
     area = np.array([part.area_mm2 for part in parts])
-    first = np.concatenate(([0], np.cumsum(np.concatenate(lengths))))
     return EventBank(
-        np.concatenate(pixels).astype(PIXEL, copy=False),
-        first,
-        np.concatenate(lines),
-        before,
-        count,
-        np.where(count > 0, area, 0.0),
+        pixels.astype(PIXEL, copy=False),
+        np.concatenate(([0], np.cumsum(length[order]))),
+        np.concatenate([part.line for part in parts])[order],
+        (np.cumsum(size) - size)[pool],
+        size[pool],
+        np.where(size[pool] > 0, area, 0.0),
     )

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from sim.geometry import Array
 from sim.radiation.bank import BACKGROUND_BIN, DIRECTION_BINS, EventBank, bin_centres
-from sim.radiation.events import COMPLETE, KINDS
+from sim.radiation.events import COMPLETE
 from sim.radiation.materials import air_attenuation_per_m
 from sim.radiation.nuclides import nuclide as nuclide_of
 from sim.radiation.store import load_bank
@@ -123,23 +123,36 @@ def _fluence(activity_bq: float, distance_m: Array) -> Array:
 
 def _mean_area(bank: EventBank) -> Array:
     """(KINDS,): effective areas times photons per decay, mm2, as a mean over all directions."""
-    z = bin_centres()[:, 2]
-    _, row, columns = np.unique(z.round(9), return_inverse=True, return_counts=True)
-    weight = np.sqrt(1.0 - z * z) / columns[row]
+    weight = _solid_angle()
     result: Array = weight @ bank.area_mm2[:DIRECTION_BINS] / weight.sum()
     return result
 
 
-def _bins_and_kinds(bank: EventBank) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(E,) each: of every event."""
-    events = np.repeat(np.arange(bank.count.size), bank.count.ravel())
-    return np.divmod(events, KINDS)
+def _solid_angle() -> Array:
+    """(DIRECTION_BINS,): of the bins, in proportion."""
+    z = bin_centres()[:, 2]
+    _, row, columns = np.unique(z.round(9), return_inverse=True, return_counts=True)
+    result: Array = np.sqrt(1.0 - z * z) / columns[row]
+    return result
+
+
+def _shares(bank: EventBank, holds: NDArray[np.bool_]) -> Array:
+    """(B, KINDS): share of the events of each bin and kind for which something ``holds`` ((E,)); 0 where there are none."""
+    until = np.concatenate(([0], np.cumsum(holds)))
+    result: Array = (until[bank.start + bank.count] - until[bank.start]) / np.maximum(bank.count, 1)
+    return result
+
+
+def _mean_share(bank: EventBank, shares: Array) -> Array:
+    """(KINDS,): mean of the shares (B, KINDS) over all directions, each as heavy as its events are many."""
+    weight = _solid_angle()[:, None] * bank.area_mm2[:DIRECTION_BINS]
+    result: Array = (weight * shares[:DIRECTION_BINS]).sum(axis=0) / np.maximum(weight.sum(axis=0), np.finfo(float).tiny)
+    return result
 
 
 def _share_so_large(bank: EventBank, pixels: int) -> float:
     """Share of the complete events, over all directions, that have at least so many pixels."""
-    bins, kind = _bins_and_kinds(bank)
-    return float(np.mean(np.diff(bank.first)[(bins < DIRECTION_BINS) & (kind == COMPLETE)] >= pixels))
+    return float(_mean_share(bank, _shares(bank, np.diff(bank.first) >= pixels))[COMPLETE])
 
 
 def _full_shares(bank: EventBank, lines_kev: Array) -> tuple[Array, float]:
@@ -147,9 +160,6 @@ def _full_shares(bank: EventBank, lines_kev: Array) -> tuple[Array, float]:
     until = np.concatenate(([0.0], np.cumsum(bank.pixels["energy_kev"], dtype=np.float64)))
     energy = until[bank.first[1:]] - until[bank.first[:-1]]
     full = np.any(np.abs(energy[:, None] / lines_kev - 1.0) <= WINDOW, axis=1)
-    bins, kind = _bins_and_kinds(bank)
-    direct = bins < DIRECTION_BINS
-    source = np.array([np.mean(full[direct & (kind == k)]) for k in range(KINDS)])
+    shares = _shares(bank, full)
     area = bank.area_mm2[BACKGROUND_BIN]
-    shares = np.array([np.mean(full[(bins == BACKGROUND_BIN) & (kind == k)]) for k in range(KINDS)])
-    return source, float(area @ shares / area.sum())
+    return _mean_share(bank, shares), float(area @ shares[BACKGROUND_BIN] / area.sum())

@@ -37,19 +37,7 @@ def drawn() -> Events:
 def full() -> Events:
     """As many by full transport, directions evenly over the azimuth."""
     cosine = math.cos(math.radians(POLAR_DEG))
-    events = simulate([(LINE, 1.0)], 20_500, response(ALONE), np.random.default_rng(7), cosine=(cosine, cosine))
-    seen = np.flatnonzero(np.diff(events.first))  # without those that left no pixel
-    begin, end = events.first[seen], events.first[seen + 1]
-    assert (begin[1:] == end[:-1]).all()
-    return Events(
-        events.pixels,
-        np.append(begin, end[-1]),
-        events.line[seen],
-        events.kind[seen],
-        events.source[seen],
-        events.sites[seen],
-        events.area_mm2,
-    )
+    return _without_empty(simulate([(LINE, 1.0)], 20_500, response(ALONE), np.random.default_rng(7), cosine=(cosine, cosine)))
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +73,21 @@ def test_energy_spectra(found: tuple[Clusters, Clusters], pick: str) -> None:
 def test_pixels_per_event(drawn: Events, full: Events) -> None:
     pixels = [np.diff(one.first) for one in (drawn, full)]
     assert stats.ks_2samp(*pixels).pvalue > 1e-3
+
+
+def test_camera_turned_to_a_source_above_its_circle_sees_the_true_spectrum() -> None:
+    """A camera that circles a source far below or above sees it at one place for minutes: not a few events again and again."""
+    polar_deg = 51.0
+    patch = pytest.MonkeyPatch()
+    patch.setattr(emission, "load_bank", lambda name, truth: partial_bank(name, polar_deg))
+    camera = Camera(ALONE, "Cs-137", np.random.default_rng(13), 0)
+    patch.undo()
+    view = [SourceView(direction(polar_deg, -0.5 * math.pi + 0.02), 12.0, 3e9)]
+    drawn = clusters(regroup([camera.expose(k * SECOND, (k + 1) * SECOND, view) for k in range(2000)]))
+    true = clusters(_seen(direction(polar_deg, -0.5 * math.pi + 0.02), 40_000))
+    energies = [one.energy_kev[one.number == 1, 0] for one in (drawn, true)]
+    assert len(energies[0]) > 20_000
+    assert stats.ks_2samp(*energies).pvalue > 1e-3
 
 
 def test_separations_of_coincidences(found: tuple[Clusters, Clusters]) -> None:
@@ -175,3 +178,23 @@ def _turned(v: np.ndarray, symmetry: int) -> np.ndarray:
     if symmetry & SWAP:
         x, y = y, x
     return np.array([-x if symmetry & FLIP_COLUMN else x, -y if symmetry & FLIP_ROW else y, z])
+
+
+def _seen(towards: tuple[float, float, float], interactions: int) -> Events:
+    return _without_empty(simulate([(LINE, 1.0)], interactions, response(ALONE), np.random.default_rng(14), direction=towards))
+
+
+def _without_empty(events: Events) -> Events:
+    """Without those that left no pixel."""
+    seen = np.flatnonzero(np.diff(events.first))
+    begin, end = events.first[seen], events.first[seen + 1]
+    assert (begin[1:] == end[:-1]).all()
+    return Events(
+        events.pixels,
+        np.append(begin, end[-1]),
+        events.line[seen],
+        events.kind[seen],
+        events.source[seen],
+        events.sites[seen],
+        events.area_mm2,
+    )
