@@ -48,9 +48,9 @@ class Fit(Struct, frozen=True, eq=False):
     ``counts.fit_rate`` gives z | k ~ N(z^, v). (mu is ``air_per_m``; that scattered photons fall off less than exp(-mu D) / D^2
     is left out of h, not of S; so is all that buildings change.)
 
-    gain: (S, M, d) P h. variance: (C, S, M) V; pull: z^ / V; shrink: (1 - v / V) / V; log_likelihood: ln P(k | component, m)
-    less ln P(k | H0). innovation: (S, M) normalised innovation squared of the component for which it is least. deficit: (S, M) by
-    how many sigmas the counts are below those of a clear view.
+    gain: (S, M, d) P h. pull: (S, M) z^ / V and shrink: (S, M) (1 - v / V) / V, of the clear view. log_likelihood: (C, S, M)
+    ln P(k | component, m) less ln P(k | H0). innovation: (S, M) normalised innovation squared of the component for which it
+    is least. deficit: (S, M) by how many sigmas the counts are below those of a clear view.
     """
 
     exposed: Exposed
@@ -85,8 +85,8 @@ class Fit(Struct, frozen=True, eq=False):
         return Fit(
             exposed=exposed,
             gain=gain,
-            pull=shift / variance,
-            shrink=(1.0 - after / variance) / variance,
+            pull=shift[0] / variance[0],
+            shrink=(1.0 - after[0] / variance[0]) / variance[0],
             log_likelihood=likelihood - float(background_log_likelihood(counts, background, TRACK_TEMPER)),
             innovation=innovation.min(axis=0),
             deficit=np.where(known & fewer, np.sqrt(innovation[0]), 0.0),

@@ -138,12 +138,15 @@ class Mixture(Struct, frozen=True, eq=False):
     def after_counts(self, fit: Fit, ahead: Array | None = None) -> tuple[Mixture, float] | None:
         """Measurement update with an exposure; None if the innovation gate rejects it.
 
-        Conditioning of the Gaussian on the fitted logarithm of the rate, for each component c of what may stand in between
-        (``hidden``), of prior probability p_c, and moment matching over the components with g_c ~ p_c P(k | c, s) b_c, sum 1:
+        For each component c of what may stand in between (``hidden``), of probability p_c, g_c ~ p_c P(k | c, s) b_c, sum 1:
+        conditioning of the Gaussian on the fitted logarithm of the rate for the clear view, c = 0, none for any other, and moment
+        matching over both. How much passes what hides the source is not known, stays so for as long as it is hidden, and may be
+        anything: counts behind it say nothing of place and activity. Taken as independent from one exposure to the next, the
+        spread of a level would be averaged away, and bend the place with great certainty.
 
-            u = sum_c g_c z^_c / V_c
+            u = g_0 z^_0 / V_0
             m <- m + P h u
-            P <- P - P h h' P (sum_c g_c ((1 - v_c / V_c) / V_c - (z^_c / V_c)^2) + u^2)
+            P <- P - P h h' P (g_0 ((1 - v_0 / V_0) / V_0 - (z^_0 / V_0)^2) + u^2)
             w <- w sum_c p_c P(k | c, s) / P(k | H0), normalised.
 
         Gate: the mean over all Gaussians of the normalised innovation squared, for whichever component it is least, is at most
@@ -163,9 +166,10 @@ class Mixture(Struct, frozen=True, eq=False):
         total = share.sum(axis=0)
         smoothed = share if ahead is None else share * hidden.at_end(ahead).T[..., None]
         smoothed = smoothed / smoothed.sum(axis=0)
-        pull = (smoothed * fit.pull).sum(axis=0)
+        clear_view = smoothed[0]
+        pull = clear_view * fit.pull
         mean = self.mean + fit.gain * pull[..., None]
-        wider = (smoothed * (fit.pull**2 - fit.shrink)).sum(axis=0) - pull * pull
+        wider = clear_view * (fit.pull**2 - fit.shrink) - pull * pull
         covariance = self.covariance + (wider[..., None] * fit.gain)[..., :, None] * fit.gain[..., None, :]
         after, gained = self._reweighted(most + np.log(total), mean, covariance)
         levels = hidden.levels(np.einsum("sm,csm->sc", after.weight, share / total))
