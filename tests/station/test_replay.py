@@ -78,11 +78,11 @@ def test_the_history_holds_frames_layers_cones_and_events_of_the_whole_flight(fl
     before_ms = history.last_ms - 4000
     assert all(history.layers(before_ms, None).values())
     assert len(history.cones(before_ms - CONES_MS, before_ms)) > 3
-    assert [event.values["stage"] for event in history.events if event.text == "stage" and event.values["drone"] == "d1"][:3] == [
-        "preflight",
-        "takeoff",
-        "survey",
-    ]
+    stages = [event.values["stage"] for event in history.events if event.text == "stage" and event.values["drone"] == "d1"]
+    assert (stages[:2], stages.count("track")) == (
+        ["preflight", "takeoff"],
+        1,
+    )  # between them a survey, unless it is found at once
     assert sum(event.text == "source found" for event in history.events) == 1
 
 

@@ -184,12 +184,17 @@ def _split(solution: Solution, k: int) -> list[Solution]:
 
 
 def _joined(solution: Solution, first: int, second: int) -> Solution | None:
-    """One source in the middle of two of one nuclide; None where they are too far apart to be one."""
-    a, b = solution.place[first], solution.place[second]
-    if solution.nuclide[first] != solution.nuclide[second] or float(((a - b) ** 2).sum()) > _MERGED_M**2:
+    """One source in the middle of two of one nuclide, weighted by activity; None where they are too far apart to be one."""
+    both = [first, second]
+    away = solution.place[first] - solution.place[second]
+    if solution.nuclide[first] != solution.nuclide[second] or float(away @ away) > _MERGED_M**2:
         return None
-    strength = np.exp(solution.log_activity[[first, second]])
+    strength = np.exp(solution.log_activity[both])
+    share = strength / strength.sum()
     place, activity = solution.place.copy(), solution.log_activity.copy()
-    place[first] = (strength[0] * a + strength[1] * b) / strength.sum()
-    activity[first] = float(np.log(strength.sum()))
-    return replace(solution, place=place, log_activity=activity).without(second)
+    place[first], activity[first] = share @ place[both], float(np.log(strength.sum()))
+    height = solution.height
+    if height is not None:
+        height = height.copy()
+        height[first] = share @ height[both]
+    return replace(solution, place=place, log_activity=activity, height=height).without(second)

@@ -123,7 +123,7 @@ def test_on_an_open_network_the_first_vehicles_address_is_kept_to() -> None:
             ended = threading.Event()
             forging = asyncio.create_task(asyncio.to_thread(_forge, port, "127.0.0.2", 1, ended))
             try:
-                await flight.wait(10.0, STAY)
+                await flight.fly(STAY, lambda: len(flight.states) > 10 and flight.state.healthy, timeout_s=60.0)
                 return flight.state.healthy, str(flight.vehicle.exposure)
             finally:
                 ended.set()

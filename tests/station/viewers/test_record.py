@@ -206,7 +206,7 @@ def test_the_layers_are_those_of_the_page_in_their_units(messages, seen):
 def test_events_are_told_in_the_words_of_the_page(messages):
     texts = [content.message for _, content in messages["/events"]]
     assert texts.count("source found") == 1
-    stages = [f"d1: {stage}" for stage in ("preflight", "takeoff", "survey")]
+    stages = [f"d1: {stage}" for stage in ("preflight", "takeoff", "track")]
     assert [text for text in texts if text in stages] == stages
 
 

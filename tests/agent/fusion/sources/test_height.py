@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from agent.fusion.sources.moves import _joined
 from agent.fusion.sources.solution import Solution
 
 
@@ -28,6 +29,18 @@ def test_the_gradient_is_that_of_the_value(problem, number):
     after, before = (problem.value(solution.moved(solution.vector + sign * step)) for sign in (1, -1))
     _, gradient, _ = problem._scored(solution)
     assert gradient[number] == pytest.approx((after - before) / 2e-5, rel=1e-4, abs=1e-2)
+
+
+@pytest.mark.parametrize("heights", [(2.0, 6.0), None])
+def test_two_that_are_one_are_joined_where_their_activity_is(heights):
+    """Three times as strong is the first: a quarter of the way from it to the second, and as strong as both."""
+    places, activities = np.array([(12.0, 20.0), (12.4, 19.2), (30.0, 15.0)]), np.log([3.0, 1.0, 0.5])
+    above = None if heights is None else np.array([*heights, 9.0])
+    one = _joined(Solution((0, 0, 2), places, activities, 0.1, np.zeros((2, 3)), height=above), 0, 1)
+    assert one.nuclide == (0, 2)
+    assert one.place == pytest.approx(np.array([(12.1, 19.8), (30.0, 15.0)]))
+    assert np.exp(one.log_activity) == pytest.approx([4.0, 0.5])
+    assert [one.height_of(k) for k in range(2)] == pytest.approx([0.0, 0.0] if heights is None else [3.0, 9.0])
 
 
 def test_sources_keep_their_heights_in_any_order():
