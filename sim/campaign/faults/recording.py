@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -80,6 +81,9 @@ class Recording:
         if drone.id != self._drone:
             return pilot
         folder = self._folder / boot
+        if folder in self._recorders:  # of a late agent, in whose place a pilot stood that was never flown
+            self._recorders.pop(folder).close()
+            shutil.rmtree(folder)
         recorder = FlightRecorder(folder, _LIMIT_MB, FlightHeader.of(mission, drone, boot, 0, memory, trust, nonce_key=nonce_key))
         self._recorders[folder] = recorder
         return cast(Pilot, _Recorded(pilot, recorder))

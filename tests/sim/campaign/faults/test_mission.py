@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from moments import hypothesis, moment, pilot
@@ -69,6 +70,19 @@ def test_a_recorded_flight_is_replayed_bit_for_bit(tmp_path: Path) -> None:
     shutil.rmtree(tmp_path)
     (difference,) = recording.differences()
     assert difference.startswith("cannot be replayed")
+
+
+def test_an_agent_that_starts_late_is_recorded_from_then_on(tmp_path: Path) -> None:
+    """In its place stands a pilot of the same boot, which is never flown."""
+    recording = Recording("d1", tmp_path)
+
+    def made_twice(*args: Any, **kwargs: Any) -> Pilot:
+        recording.make(*args, **kwargs)
+        return recording.make(*args, **kwargs)
+
+    fly_until(1.5, made_twice)
+    assert len(list(tmp_path.iterdir())) == 1
+    assert recording.differences() == []
 
 
 def test_a_pilot_that_is_not_the_same_again_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
