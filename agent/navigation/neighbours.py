@@ -341,5 +341,5 @@ class Neighbourhood:
 
 
 def _viewer(me: Self, local_from_mission: Transform) -> Viewer:
-    seen_from = bare(local_from_mission), me.ahead, me.place_at, me.circles, me.height_m, me.returning_s
+    seen_from = bare(local_from_mission), me.ahead, me.place_at, me.circles, me.height_m, me.returning_s, me.revoked
     return Viewer(me.now_ns, me.step_s, *seen_from)

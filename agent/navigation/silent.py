@@ -107,7 +107,7 @@ class Contact(Struct, frozen=True):
 class Viewer(Struct, frozen=True):
     """The drone that keeps clear: its frame, its planned positions (K, 3) from now on, ``step_s`` apart, local frame, and where
     it was at a stamp, mission frame. ``circles``: it tracks. ``height_m``: above ground;
-    ``returning_s``: since it began to return, None where it does not.
+    ``returning_s``: since it began to return, None where it does not; ``revoked``: nobody hears it, as all know, and it returns.
     """
 
     now_ns: int
@@ -118,6 +118,7 @@ class Viewer(Struct, frozen=True):
     circles: bool
     height_m: float
     returning_s: float | None
+    revoked: bool = False
 
 
 class Silent:
@@ -205,7 +206,11 @@ class Silent:
         self._courses[name] = pose.stamp_ns, course
         contact = self._contacts.setdefault(name, Contact(pose.stamp_ns, course, stage, me.circles))
         contact = replace(contact, circled=contact.circled and me.circles)
-        wall = self._wall(name, contact, me) if me.now_ns - contact.stamp_ns < APART_NS else None
+        wall = None
+        if me.revoked:  # no side to keep to; waiting over home for the end of one, it would meet those that come home
+            self._walls.pop(name, None)
+        elif me.now_ns - contact.stamp_ns < APART_NS:
+            wall = self._wall(name, contact, me)
         crosses = me.height_m > self._is_over_m  # above all that search
         walls = [] if wall is None or crosses else [_beyond(name, wall, ahead, sigma_m, me)]
         places = [stretch.nearest(ahead) for stretch in course.stretches(times, below_m)]

@@ -123,6 +123,9 @@ def test_who_searched_keeps_to_its_own_side():
     over = hood.around(peers, replace(me, height_m=20.0))
     assert [one for one in over if one.plan.away is not None] == []  # it crosses above whoever searches there
     assert hood.absence.walls == {"b": wall}
+    revoked = hood.around(peers, replace(me, revoked=True))
+    assert [one for one in revoked if one.plan.away is not None] == []
+    assert hood.absence.walls == {}  # it returns, and need not wait over home until nobody searches there
 
 
 def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_never_gives_way():
