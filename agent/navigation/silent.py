@@ -45,7 +45,8 @@ LEFT_S = 15.0  # a vehicle that hovers for longer than this is flown around
 _ABOVE = 2.0
 # Who is not heard and flies on returns when this drone does, as its mission is the same. This long after that it has come down
 # over its home, through the layers of those that return lower; who comes down itself may meet it there whatever the layers. Kept
-# clear of for longer, homes in rows would let nobody past.
+# clear of for longer, homes in rows would let nobody past. Of one that is revoked the others return later, at any time: until it
+# is down itself it keeps clear of their homes, which its own is apart from; while it crosses, for no longer than others.
 COMING_DOWN_S = 45.0
 _BEHIND_M = 2.0  # nearest place of the other beyond the line half-way: with margins, each stays 3.6 m from it
 _SIGMA_M = 0.3  # of its way to the side
@@ -246,7 +247,7 @@ class Silent:
     def _coming_down(self, name: str, home: Vector3, me: Viewer) -> list[PeerPlan]:
         """Over its home while this drone returns, too, if that is low, or in a lower layer."""
         crosses = me.height_m > self._is_over_m
-        if me.returning_s is None or me.returning_s >= COMING_DOWN_S:
+        if me.returning_s is None or (me.returning_s >= COMING_DOWN_S and (crosses or not me.revoked)):
             return []
         if crosses and not self._agentless.returns_above(name, self._id):
             return []

@@ -246,6 +246,19 @@ def test_a_return_goes_around_the_homes_over_which_those_come_down_that_it_does_
         assert [one.plan.positions[0][:2] for one in found] == places
 
 
+@pytest.mark.parametrize(("me", "crossing"), [("a", [(10.0, 0.0)]), ("b", [])])
+def test_a_revoked_drone_comes_down_around_the_homes_of_those_that_return_later(me, crossing):
+    """Where it is late, they came home as it came down, and it reckoned with none of them."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), me), Peers(["a" if me == "b" else "b"])
+    (other,) = peers.names
+    for message in (replace(pose(), drone=other), replace(status(Stage.TRACK), drone=other)):
+        assert peers.receive(message, 0) is None
+    low = [(10.0, 0.0)] if me == "a" else [(0.0, 0.0)]
+    for height_m, returning_s, places in ((3.0, 50.0, low), (20.0, 20.0, crossing), (20.0, 50.0, []), (3.0, None, [])):
+        myself = Self(300 * SECOND, 0, 0.1, Transform(), height_m=height_m, returning_s=returning_s, revoked=True)
+        assert [one.plan.positions[0][:2] for one in hood.around(peers, myself)] == places
+
+
 def test_an_agent_started_in_flight_comes_home_around_the_homes_of_those_that_it_never_heard():
     """One that was revoked before came down over its home, 1.5 m from it."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
