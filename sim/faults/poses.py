@@ -122,7 +122,7 @@ class PoseFaults:
     def _end(self, one: Active, drone: int) -> None:
         if (one, drone) in self._jumps:
             jump = self._jumps.pop((one, drone))
-            self._jump(drone, Jump(-jump.shift_m, -jump.turn_rad, jump.announced))
+            self._jump(drone, Jump(-jump.shift_m, -jump.turn_rad, jump.announced, undoes=not jump.announced))
         elif (one, drone) in self._courses:
             self._frames.spoof(drone, -self._dragged_m.pop((one, drone)) * self._courses.pop((one, drone)))
         elif drone in self._reckonings and not self._is_blind(drone):
@@ -132,7 +132,7 @@ class PoseFaults:
         if not jump.announced:
             self._frames.spoof(drone, jump.shift_m)
             if jump.turn_rad:
-                self._frames.expect(drone, Jump(np.zeros(3), jump.turn_rad))
+                self._frames.expect(drone, jump._replace(shift_m=np.zeros(3)))
             return
         self._frames.expect(drone, jump)
         if self._frames.flies_by_satellites(drone):

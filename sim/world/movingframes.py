@@ -28,11 +28,12 @@ _UPWARDS = 0.1  # share of a launch position's error: the ground is known best
 
 
 class Jump(NamedTuple):
-    """A jump of a vehicle's position by (3,), world axes, and of its heading."""
+    """A jump of a vehicle's position by (3,), world axes, and of its heading. ``undoes``: one by the opposite angle."""
 
     shift_m: Array
     turn_rad: float = 0.0
     announced: bool = False
+    undoes: bool = False
 
 
 class Reset(NamedTuple):
@@ -65,6 +66,7 @@ class _Frame:
         self._events = list(truth.events)
         self._lie_m, self._liar = lie_m, liar
         self._due: list[Jump | Reset] = []
+        self._moved_m: dict[float, Array] = {}  # by angle: how far unannounced turns about the vehicle have moved the origin
         spread = truth.origin_m * np.array([1.0, 1.0, _UPWARDS])
         self.true_origin: Array = np.array(origin, dtype=np.float64) + spread * rng.standard_normal(3)
         self.true_yaw = float(np.radians(yaw_deg + truth.yaw_deg * rng.uniform(-1.0, 1.0)))
@@ -166,6 +168,10 @@ class _Frame:
         """``before``: origin and heading before it."""
         origin = self.origin
         self._turn_about(place, jump.turn_rad)
+        if jump.undoes:  # turned back about the place where the vehicle is now, its position would stay wrong
+            self.origin = origin - self._moved_m.pop(-jump.turn_rad, 0.0)
+        elif not jump.announced:
+            self._moved_m[jump.turn_rad] = self._moved_m.get(jump.turn_rad, 0.0) + self.origin - origin
         if jump.turn_rad and self.kind != "slam":
             self._north_origin = self._north_origin + self.origin - origin
         self.origin = self.origin - jump.shift_m

@@ -42,7 +42,7 @@ class World:
                 autopilot.command(VehicleCommand(Request.TAKEOFF, takeoff_height_m=5.0))
                 autopilot.step(autopilot.target.position)
 
-    def fly(self, duration_s: float, command: VehicleCommand = OFFBOARD) -> np.ndarray:
+    def fly(self, duration_s: float, command: VehicleCommand = OFFBOARD, places: np.ndarray = PLACES) -> np.ndarray:
         """Returns the errors of the estimated positions (2, 3), world axes: the vehicles themselves stay where they are."""
         for _ in range(round(duration_s / STEP_S)):
             self.schedule.advance(self.time_s)
@@ -51,7 +51,7 @@ class World:
                 autopilot.step(place)
             self.errors.step()
             self.poses.step()
-            self.frames.step(self.time_s, PLACES)
+            self.frames.step(self.time_s, places)
             for autopilot, reframing in zip(self.autopilots, self.frames.reframing, strict=True):
                 if reframing is not None:
                     autopilot.reframe(reframing)
@@ -72,6 +72,19 @@ def test_a_jump_is_not_told_and_is_undone() -> None:
     assert world.frames.epoch == [0, 0]
     assert world.poses.trusted(0)
     assert np.abs(world.fly(5.0)).max() < 1e-9
+
+
+@pytest.mark.parametrize("vehicles", [{}, {"d1": VehicleTruth(kind="rtk")}])
+def test_a_jump_that_turns_is_undone_wherever_the_vehicle_has_flown_meanwhile(vehicles: dict[str, VehicleTruth]) -> None:
+    """Turned back by 30 degrees 40 m away, its position was 20 m off for good, which nobody could know of."""
+    world = World(PositionJump(at_s=1.0, for_s=5.0, target="d1", jump_m=2.0, turn_deg=30.0), vehicles=vehicles)
+    world.fly(1.0)
+    before, yaw_rad = world.frames.origin[0].copy(), world.frames.yaw_rad[0]
+    world.fly(1.0)
+    assert abs(world.frames.yaw_rad[0] - yaw_rad) == pytest.approx(np.radians(30.0))
+    world.fly(10.0, places=PLACES + np.array([40.0, 0.0, 0.0]))
+    assert world.frames.yaw_rad[0] == pytest.approx(yaw_rad)
+    assert np.hypot(*(world.frames.origin[0] - before)[:2]) < 0.1  # and what the receiver errs by
 
 
 def test_an_announced_jump_begins_an_epoch_and_the_target_keeps_its_place_in_the_world() -> None:
