@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from agent.detector.readout import SENSOR_PIXELS, TICK_NS, PixelHits, Readout
 from sim.radiation._jit import jit
 from sim.radiation.calibration import LARGEST_TOT, PixelCalibration
+from sim.radiation.timepix3 import ENERGY_STEP_KEV
 from sim.radiation.truth import CameraTruth
 
 IntArray = NDArray[np.int64]
@@ -96,7 +97,7 @@ def _deliver(
             if symmetry[k] & FLIP_ROW:
                 row = SENSOR_PIXELS - 1 - row
             i = SENSOR_PIXELS * row + column
-            energy = pixels[p]["energy_kev"]
+            energy = ENERGY_STEP_KEV * pixels[p]["energy"]
             counts = int(a[i] * energy + b[i] - c[i] / max(energy - t[i], 1e-3) + 0.5)
             if counts < 1:
                 continue

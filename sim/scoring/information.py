@@ -28,6 +28,7 @@ from sim.radiation.events import COMPLETE
 from sim.radiation.materials import air_attenuation_per_m
 from sim.radiation.nuclides import nuclide as nuclide_of
 from sim.radiation.store import load_bank
+from sim.radiation.timepix3 import energies_kev
 from sim.radiation.truth import CameraTruth
 from sim.scoring.coneinformation import cone_information
 
@@ -157,7 +158,7 @@ def _share_so_large(bank: EventBank, pixels: int) -> float:
 
 def _full_shares(bank: EventBank, lines_kev: Array) -> tuple[Array, float]:
     """Share of the events that have a photon's full energy: (KINDS,) of the source's, and of the background's."""
-    until = np.concatenate(([0.0], np.cumsum(bank.pixels["energy_kev"], dtype=np.float64)))
+    until = np.concatenate(([0.0], np.cumsum(energies_kev(bank.pixels))))
     energy = until[bank.first[1:]] - until[bank.first[:-1]]
     full = np.any(np.abs(energy[:, None] / lines_kev - 1.0) <= WINDOW, axis=1)
     shares = _shares(bank, full)

@@ -10,7 +10,7 @@ from agent.detector.readout import Readout
 from sim.radiation.bank import EventBank, bin_of, build_bank
 from sim.radiation.events import Events
 from sim.radiation.nuclides import nuclide
-from sim.radiation.timepix3 import PIXEL, response
+from sim.radiation.timepix3 import ENERGY_STEP_KEV, PIXEL, response
 from sim.radiation.truth import CameraTruth
 
 POLAR_DEG = 60.0
@@ -40,7 +40,7 @@ def regroup(readouts: list[Readout]) -> Events:
     begins = np.concatenate(([True], np.diff(tick) > 128))
     first = np.append(np.flatnonzero(begins), len(tick))
     pixels = np.zeros(len(tick), PIXEL)
-    pixels["column"], pixels["row"], pixels["energy_kev"] = index % 256, index // 256, energy
+    pixels["column"], pixels["row"], pixels["energy"] = index % 256, index // 256, np.rint(energy / ENERGY_STEP_KEV)
     pixels["tick"] = tick - np.repeat(tick[first[:-1]], np.diff(first))
     count = len(first) - 1
     none = np.zeros(count, np.uint8)

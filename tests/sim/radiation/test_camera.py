@@ -13,6 +13,7 @@ from sim.radiation import emission
 from sim.radiation.beam import BeamCamera
 from sim.radiation.camera import Camera, CameraTruth, SourceView
 from sim.radiation.materials import air_attenuation_per_m
+from sim.radiation.timepix3 import energies_kev
 
 from .partial_bank import ALONE, POLAR_DEG, direction, partial_bank, regroup
 
@@ -99,7 +100,7 @@ def test_weaker_lines_are_thinned_by_the_air() -> None:
 
     def soft(readouts: list[Readout], seconds: float) -> tuple[float, float]:
         events = regroup(readouts)
-        sums = np.add.reduceat(events.pixels["energy_kev"].astype(float), events.first[:-1])
+        sums = np.add.reduceat(energies_kev(events.pixels), events.first[:-1])
         return len(sums) / seconds, float(np.mean(sums < 90.0))
 
     def from_bank(distance_m: float, activity_bq: float) -> tuple[float, float]:
@@ -160,12 +161,12 @@ def test_a_camera_sees_sources_of_two_nuclides_each_by_its_own_lines() -> None:
     """Their hits add up; above the lines of Ba-133 there are those of Cs-137 alone."""
     seen = [SourceView(direction(POLAR_DEG, 0.3), 12.0, 1.2e10, nuclide=name) for name in ("Ba-133", "Cs-137")]
 
-    def energies_kev(*views: SourceView) -> NDArray[np.float64]:
+    def sums_kev(*views: SourceView) -> NDArray[np.float64]:
         camera = Camera(ALONE, ("Ba-133", "Cs-137"), np.random.default_rng(12), 0)
         events = regroup(expose(camera, 15.0, *views))
-        return np.add.reduceat(events.pixels["energy_kev"].astype(float), events.first[:-1])
+        return np.add.reduceat(energies_kev(events.pixels), events.first[:-1])
 
-    both, first, second = energies_kev(*seen), energies_kev(seen[0]), energies_kev(seen[1])
+    both, first, second = sums_kev(*seen), sums_kev(seen[0]), sums_kev(seen[1])
     # Three sigmas of at least the 1,200 events of Cs-137 alone; above 450 keV there are some 300.
     assert len(both) == pytest.approx(len(first) + len(second), rel=0.06)
     assert np.count_nonzero(first > 450.0) == 0

@@ -15,6 +15,7 @@ from agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, SENSOR_THICKNE
 from sim.radiation._jit import jit
 from sim.radiation.events import Events
 from sim.radiation.materials import ELECTRON_MASS_KEV
+from sim.radiation.timepix3 import ENERGY_STEP_KEV
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -83,7 +84,7 @@ def _clusters(pixels: NDArray[np.void], first: IntArray, merge: bool, number: In
         event = pixels[first[e] : first[e + 1]]
         cluster = np.zeros((_label(event, label), 5))
         for p in range(len(event)):
-            energy = event[p]["energy_kev"]
+            energy = ENERGY_STEP_KEV * event[p]["energy"]
             row = cluster[label[p]]
             row[0] += 1.0
             row[1] += energy

@@ -7,6 +7,7 @@ import numpy as np
 from agent.detector.calibration import NOMINAL
 from agent.detector.readout import PixelHits, Readout
 from sim.radiation.events import Events
+from sim.radiation.timepix3 import energies_kev
 
 SPACING_NS = 100_000  # an event's stamp over this is its number
 SPACING = SPACING_NS * 16 // 25  # ticks
@@ -16,7 +17,7 @@ def readout_of(events: Events) -> Readout:
     """All events, in their order; pixels that would count nothing are left out."""
     pixels = events.pixels
     owner = np.repeat(np.arange(len(events.first) - 1), np.diff(events.first))
-    energy = pixels["energy_kev"].astype(float)
+    energy = energies_kev(pixels)
     a, b, c, t = NOMINAL
     tot = np.clip(np.floor(a * energy + b - c / np.maximum(energy - t, 1e-3) + 0.5), 0, 1022).astype(np.uint16)
     index = (256 * pixels["row"].astype(int) + pixels["column"]).astype(np.uint16)
