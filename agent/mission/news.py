@@ -49,5 +49,5 @@ class News:
         if isinstance(message, NEWS):
             stamp_ns = self._clocks.own_stamp_ns(message.drone, message.stamp_ns)
             here = message if stamp_ns == message.stamp_ns else replace(message, stamp_ns=stamp_ns)
-            return self._peers.receive(here, now_ns)
+            return self._peers.receive(here, now_ns, ahead_ns=message.stamp_ns - stamp_ns)
         return "unused"

@@ -34,6 +34,7 @@ class Peer:
 
     ``launch``: its last pose before it left the place of its launch; ``at_launch_since_ns``: stamp of its first pose there, None
     while its statuses do not say so, negative before it ever flew. ``sources``: whether all this is of one.
+    ``ahead_ns``: how far its clock is ahead of the own one, as its stamps were corrected for.
     """
 
     pose: Pose | None = None
@@ -42,20 +43,31 @@ class Peer:
     launch: Pose | None = None
     at_launch_since_ns: int | None = -_SURELY_DOWN_NS
     sources: Sources = field(default_factory=Sources)
+    ahead_ns: int = 0
     poses: deque[Pose] = field(default_factory=deque)
     sightings: deque[Sighting] = field(default_factory=partial(deque, maxlen=_MOST_SIGHTINGS))
 
     def shift(self, by_ns: int) -> None:
-        """Move all stamps."""
+        """Move all stamps: the own clock was set."""
+        self._shift_news(by_ns)
+        self.ahead_ns -= by_ns
+        sightings = [replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.sightings]
+        self.sightings.clear()
+        self.sightings.extend(sightings)
+
+    def reckon_clock(self, ahead_ns: int) -> None:
+        """Its clock is found to be that far ahead: what it told before moves along, or its next pose would seem to be a jump."""
+        if ahead_ns != self.ahead_ns:
+            self._shift_news(self.ahead_ns - ahead_ns)
+            self.ahead_ns = ahead_ns
+
+    def _shift_news(self, by_ns: int) -> None:
         self.pose, self.launch = _shifted(self.pose, by_ns), _shifted(self.launch, by_ns)
         self.plan, self.status = _shifted(self.plan, by_ns), _shifted(self.status, by_ns)
         if self.at_launch_since_ns is not None:
             self.at_launch_since_ns += by_ns
-        self.sources.rival = _shifted(self.sources.rival, by_ns)
+        self.sources.shift(by_ns)
         self.poses = deque(replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.poses)
-        sightings = [replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.sightings]
-        self.sightings.clear()
-        self.sightings.extend(sightings)
 
     def take_status(self, status: Status) -> None:
         """Note that it has left its launch place."""
@@ -111,8 +123,11 @@ class Peers:
         for peer in self._peers.values():
             peer.shift(by_ns)
 
-    def receive(self, message: Pose | Plan | Status, now_ns: int) -> str | None:
-        """Keep a message, stamped by the own clock, if its stamp is newer. Returns why it was dropped, or None."""
+    def receive(self, message: Pose | Plan | Status, now_ns: int, ahead_ns: int | None = None) -> str | None:
+        """Keep a message, stamped by the own clock, if its stamp is newer. Returns why it was dropped, or None.
+
+        ahead_ns: the correction in that stamp, how far the sender's clock is ahead of the own one; None: as before.
+        """
         peer = self._peers.get(message.drone)
         if peer is None:
             return "unknown_drone"
@@ -120,6 +135,8 @@ class Peers:
             return "stale"
         if message.stamp_ns > now_ns + FUTURE_NS:
             return "from_the_future"
+        if ahead_ns is not None:
+            peer.reckon_clock(ahead_ns)
         kind = type(message).__name__.lower()
         known = getattr(peer, kind)
         if isinstance(message, Pose) and peer.sources.is_second(known, message, now_ns):

@@ -14,6 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import dist
 
+from msgspec.structs import replace
+
 from protocol.messages import Pose, Stage, Status
 
 FASTEST_MPS = 20.0  # faster than any vehicle of the swarm, also in a failsafe or under a human pilot
@@ -56,6 +58,14 @@ class Sources:
             self.rival = pose
             self._since_ns = pose.stamp_ns if self._since_ns is None else self._since_ns
         return True
+
+    def shift(self, by_ns: int) -> None:
+        """Move all stamps of the drone's news."""
+        if self.rival is not None:
+            self.rival = replace(self.rival, stamp_ns=self.rival.stamp_ns + by_ns)
+        if self._since_ns is not None:
+            self._since_ns += by_ns
+        self._boots = {boot: replace(status, stamp_ns=status.stamp_ns + by_ns) for boot, status in self._boots.items()}
 
     def boot(self, status: Status, now_ns: int) -> None:
         """Take a status that is newer than all before."""

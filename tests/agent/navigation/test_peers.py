@@ -29,10 +29,10 @@ def test_news_of_a_drone_whose_clock_is_known_to_differ_is_taken_at_its_time_by_
     """By two delays of 20 ms that both drones tell; as long as only one is known, it is dropped."""
     one, taken = pilot(), []
     now_ns = START_NS + 20 * MS
-    for delays_ns in ({}, {"d1": 20 * MS + ahead_ns}):
+    for delays_ns, after_ms in (({}, (0,)), ({"d1": 20 * MS + ahead_ns}, (1, 201))):  # 201: of the future
         status = replace(heard(START_NS + ahead_ns, 0), mission=MISSION.mission_id, delays_ns=delays_ns)
         one.receive(key_of("radron", status), encode(status), now_ns)
-        for news in (pose(START_NS + ahead_ns + MS), pose(START_NS + ahead_ns + 201 * MS)):  # of now, and of the future
+        for news in (pose(START_NS + ahead_ns + after * MS) for after in after_ms):
             one.receive(key_of("radron", news), encode(news), now_ns)
         known = one._peers["d2"].pose
         taken.append(None if known is None else known.stamp_ns)
@@ -114,3 +114,16 @@ def test_a_clock_that_is_years_off_still_leaves_a_sigma_that_can_be_sent():
     clocks.hear(heard(START_NS, years_ns + 20 * MS), START_NS + 20 * MS - years_ns)
     assert clocks.offset_s == pytest.approx(-1e9)
     assert clocks.sigma_m(20.0) == MOST_SIGMA_M
+
+
+def test_poses_by_two_estimates_of_a_drones_clock_are_no_jump():
+    """The delays of its messages grow to one side by 0.7 s: what it told before moves along."""
+    peers, begun, moved_m = Peers(["d2"]), pose(START_NS), 2.1
+    x_m, y_m, z_m = begun.position_m
+    later = replace(begun, stamp_ns=START_NS + MS, position_m=(x_m + moved_m, y_m, z_m))  # sent 0.7 s later
+    assert peers.receive(begun, START_NS, ahead_ns=0) is None
+    assert peers.receive(later, START_NS + 701 * MS, ahead_ns=700 * MS) is None
+    known = peers["d2"]
+    assert known.pose == later
+    assert [one.stamp_ns for one in known.poses] == [START_NS - 700 * MS, START_NS + MS]
+    assert known.sources.second_place(START_NS + 701 * MS) is None
