@@ -86,7 +86,8 @@ class JumpDetector:
     def _turned_rad(self, last: VehicleState, state: VehicleState, step_s: float) -> float:
         """By how much a heading has jumped; 0 where the vehicle may have turned so.
 
-        Where the clock was set in between, the step took as long as the one before, and not as long as the stamps tell.
+        Where the clock was set in between, the step took as long as the one before, and not as long as the stamps tell. A turn
+        may end at once, or become slower, however fast it was: a vehicle without control spins until it hits the ground.
         """
         turned_rad = remainder(yaw_of(state.quaternion) - yaw_of(last.quaternion), tau)
         before, self._turning = self._turning, (turned_rad / step_s, step_s) if step_s < _LONGEST_S else None
@@ -95,7 +96,7 @@ class JumpDetector:
         rate_rps, over_s = before
         if step_s < _SHORT * over_s:  # it tells nothing of the rate: it may have taken longer
             self._turning = rate_rps, step_s
-        jump_rad = min(abs(turned_rad - rate_rps * took_s) for took_s in (step_s, over_s))
+        jump_rad = min(_beyond(turned_rad, rate_rps * took_s) for took_s in (step_s, over_s))
         sigma_rad = max(last.yaw_sigma_rad, state.yaw_sigma_rad)
         most_rad = JUMP_RAD + _SIGMAS * sigma_rad + 0.5 * HARDEST_RPS2 * step_s * (step_s + over_s)
         return jump_rad if jump_rad > most_rad else 0.0
@@ -104,3 +105,8 @@ class JumpDetector:
         if len(self._recent) < OFTEN or abs(stamp_ns - self._jump_ns) >= CONFIRM_NS:
             return False
         return self._recent[-1][0] - self._recent[0][0] < SPAN_NS
+
+
+def _beyond(turned_rad: float, onward_rad: float) -> float:
+    """How far a turn is outside of those between none and the one that goes on as before."""
+    return max(0.0, min(0.0, onward_rad) - turned_rad, turned_rad - max(0.0, onward_rad))

@@ -46,12 +46,27 @@ def turning(detector, headings, **values):
     return found
 
 
-@pytest.mark.parametrize("rate_rps", [0.0, 1.0, -30.0], ids=["rest", "turn", "spin"])
+@pytest.mark.parametrize("rate_rps", [0.0, 1.0, 30.0], ids=["rest", "turn", "spin"])
 def test_a_heading_that_jumps_unannounced_begins_an_epoch_and_is_reported(rate_rps):
     detector = JumpDetector(8.0)
     turned = [rate_rps * 0.05 * step for step in range(10)]
     assert turning(detector, [*turned[:6], *(yaw_rad + 0.67 for yaw_rad in turned[6:])]) == [0] * 6 + [1] * 4
     assert detector.problem(START_NS + SECOND) == "its localisation turned by 38 degrees without announcing it"
+
+
+def test_a_heading_that_jumps_against_a_spin_shows_as_the_spin_goes_on():
+    """In the step of the jump the vehicle may as well have hit the ground."""
+    turned = [-30.0 * 0.05 * step for step in range(10)]
+    assert turning(JumpDetector(8.0), [*turned[:6], *(yaw_rad + 0.67 for yaw_rad in turned[6:])]) == [0] * 7 + [1] * 3
+
+
+@pytest.mark.parametrize("rate_rps", [6.0, -20.0])
+@pytest.mark.parametrize("part", [0.0, 0.6], ids=["at a stamp", "between two"])
+def test_a_spin_that_ends_on_the_ground_begins_no_epoch(rate_rps, part):
+    detector = JumpDetector(8.0)
+    turned = [rate_rps * 0.05 * min(step, 5 + part) for step in range(12)]
+    assert set(turning(detector, turned)) == {0}
+    assert detector.problem(START_NS + SECOND) is None
 
 
 def test_a_vehicle_that_turns_as_hard_as_it_can_begins_no_epoch():
