@@ -6,6 +6,7 @@ from agent.config.mission import DetectionConfig
 from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.readout import Readout
+from agent.detector.repeats import Repeats
 from agent.vehicle.interface import Finding
 
 MEASURE_S = 10.0  # the background gives an event or two a second
@@ -17,12 +18,15 @@ class Background:
 
     def __init__(self, config: DetectionConfig) -> None:
         self._chain = DetectorChain(config, None, Calibration.nominal())
+        self._repeats = Repeats()
         self._live_s = 0.0
         self._events = self._hits = 0
 
     def take(self, readout: Readout) -> Finding:
         """The finding after one more readout."""
-        found = self._chain.process(readout)
+        found = self._chain.process(self._repeats.without(readout))
+        if self._repeats.problems:
+            return Finding("camera", "failed", f"{self._repeats.problems[0].removeprefix('camera: ')}: restart it")
         self._live_s += found.live_time_s
         self._events += found.hits
         self._hits += len(readout.hits)

@@ -11,13 +11,16 @@ from agent.detector.calibration import Calibration, load_calibration
 from agent.detector.chain import DetectorChain
 from agent.detector.nuclidewatch import NuclideWatch
 from agent.detector.readout import Readout
+from agent.detector.repeats import Repeats
 from agent.sensing.observer import Observer
 from protocol.entries import Entry
 from protocol.messages import Recognised
 
 
 class Camera:
-    """The detector chain, the nuclide in its spectrum, and the observer that makes entries of its detections."""
+    """Its readouts without repeated ones, the detector chain, the nuclide in its spectrum, and the observer that makes entries of its
+    detections.
+    """
 
     def __init__(self, mission: MissionConfig, calibration: str | None, observer: Observer, counters: Counter[str]) -> None:
         """``calibration``: folder with the camera's files; None: the nominal camera.
@@ -27,13 +30,14 @@ class Camera:
         """
         constants = load_calibration(Path(calibration)) if calibration else Calibration.nominal()
         self._watch = NuclideWatch(mission.nuclide)
+        self._repeats = Repeats()
         self._chain = DetectorChain(mission.detection, mission.nuclide, constants, self._watch.add)
         self._observer, self._counters = observer, counters
 
     @property
     def problems(self) -> tuple[str, ...]:
         """What is wrong with the camera, or with what it sees."""
-        return (*self._chain.noise.problems, *self._observer.problems, *self._watch.problems)
+        return (*self._repeats.problems, *self._chain.noise.problems, *self._observer.problems, *self._watch.problems)
 
     @property
     def recognised(self) -> Recognised | None:
@@ -42,10 +46,11 @@ class Camera:
 
     def observe(self, readout: Readout) -> Sequence[Entry]:
         """The log entries of a readout."""
-        entries = self._observer.observe(self._chain.process(readout))
+        entries = self._observer.observe(self._chain.process(self._repeats.without(readout)))
         self._watch.look(readout.end_ns)
         self._counters["pixel_hits_lost"] = self._chain.lost_hits
         self._counters["pixel_hits_of_noise"] = self._chain.noise.masked_hits
+        self._counters["readouts_repeated"] = self._repeats.readouts
         self._counters["detections_dropped"] = self._observer.dropped
         self._counters["cones_withheld"] = self._observer.withheld
         return entries

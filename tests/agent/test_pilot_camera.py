@@ -46,3 +46,12 @@ def test_a_healthy_camera_is_no_problem():
     status, _ = after_30_s(lambda k: hits([(7919 * k) % 65536]))
     assert not any("camera" in problem for problem in status.problems)
     assert status.stage is Stage.PREFLIGHT
+
+
+def test_a_camera_that_repeats_itself_is_told_to_the_operator_and_counts_no_more():
+    stuck = [(7919 * k) % 65536 for k in range(30)]
+    status, exposures = after_30_s(lambda k: hits(stuck if k >= 50 else [(7919 * k + j * j) % 65536 for j in range(5)]))
+    assert "camera: it delivers the same hits again and again; they are not used" in status.problems
+    assert status.counters["readouts_repeated"] == 99
+    assert sum(exposure.counts.hits for exposure in exposures) == 49 * 5 + 30  # the first one came before any telemetry
+    assert sum(exposure.live_time_s for exposure in exposures) < 51 * 0.2 + 1e-6

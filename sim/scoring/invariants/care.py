@@ -14,7 +14,7 @@ import numpy as np
 from agent.pilot import Pilot
 from sim.faults.agents import Corrupt
 from sim.faults.base import Family, Fault
-from sim.faults.machines import Battery, CameraDead, Drag, PositionJump
+from sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump
 from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
 from sim.scoring.moment import Moment
 from sim.sharing import Results
@@ -131,14 +131,16 @@ def _misplaced_s(fault: Fault) -> tuple[float, float] | None:
 
 
 class Told(Invariant[Moment]):
-    """A drone whose camera sees nothing any more, not even background, reports a problem within 25 s: nobody searches with it."""
+    """A drone whose camera sees nothing any more, not even background, or repeats what it saw, reports a problem within 25 s:
+    nobody searches with it.
+    """
 
     name = "told"
 
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
-        blind = [fault for fault in setting.scenario.fault if isinstance(fault, CameraDead) and fault.blind]
-        self._spans = [(setting.names.index(name), fault) for fault in blind for name in fault.strikes(setting.names)]
+        useless = [fault for fault in setting.scenario.fault if _is_useless(fault)]
+        self._spans = [(setting.names.index(name), fault) for fault in useless for name in fault.strikes(setting.names)]
         self._born: dict[int, tuple[Pilot, float]] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
@@ -151,7 +153,11 @@ class Told(Invariant[Moment]):
                 self._born[drone] = pilot, moment.time_s
             since_s = max(fault.at_s, self._born[drone][1])
             if fault.end_s > moment.time_s > since_s + TOLD_S and not any("camera" in text for text in pilot.problems):
-                yield Breach((drone,), f"its camera is blind since {fault.at_s:.1f} s, and it does not say so")
+                yield Breach((drone,), f"its camera sees nothing new since {fault.at_s:.1f} s, and it does not say so")
+
+
+def _is_useless(fault: Fault) -> bool:
+    return (isinstance(fault, CameraDead) and fault.blind) or isinstance(fault, CameraStuck)
 
 
 class Memory(Invariant[Moment]):

@@ -49,3 +49,14 @@ def test_noisy_pixels_are_no_background() -> None:
     assert (few.verdict, few.text.endswith("3 noisy pixels")) == ("ok", True)
     many = measured(6.0, noisy=110)
     assert (many.verdict, "110 noisy pixels" in many.text) == ("failed", True)
+
+
+def test_a_camera_that_repeats_itself() -> None:
+    background, finding = Background(DetectionConfig()), Finding("camera", "not yet", "")
+    ticks = np.arange(5) * 1_000_000
+    for number in range(3):
+        start_ns = BEGIN_NS + number * SLICE_NS
+        hits = PixelHits(ticks + number * SLICE_NS * 16 // 25, (np.arange(5) * 700).astype(np.uint16), np.full(5, 60, np.uint16))
+        finding = background.take(Readout(start_ns, start_ns + SLICE_NS, BEGIN_NS, SLICE_NS * 1e-9, hits))
+    assert finding.verdict == "failed"
+    assert "the same hits again and again" in finding.text

@@ -214,8 +214,9 @@ def test_a_log_that_tells_others_that_it_holds_what_it_lacks() -> None:
     assert seen((1, 2), (4, 4)) == []
 
 
-def test_a_blind_camera_of_which_nobody_is_told() -> None:
-    blind = {"kind": "camera-dead", "at_s": 5.0, "target": "d2", "blind": True}
+@pytest.mark.parametrize("kind", [{"kind": "camera-dead", "blind": True}, {"kind": "camera-stuck"}], ids=["blind", "stuck"])
+def test_a_camera_that_sees_nothing_new_of_which_nobody_is_told(kind) -> None:
+    blind = {"at_s": 5.0, "target": "d2", **kind}
     silent, telling = moments.pilot(), moments.pilot(problems=("camera: no hit",))
     pilots = [moments.changed(1, one, moments.pilot) for one in (silent, telling)]
     times_s = (4.0, 20.0, 29.0, 31.0)

@@ -1,0 +1,58 @@
+"""Readouts that come again: a camera that has hung delivers what it measured once as if it were new."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from hashlib import blake2b
+
+import numpy as np
+from msgspec.structs import replace
+
+from agent.detector.readout import PixelHits, Readout
+
+KEPT = 64  # readouts that the present one is compared with: 13 s of them
+LEAST_PIXELS = 3  # of a readout that is compared
+MOST_HITS = 512  # the first ones of a readout, by which it is compared: 10 us
+
+
+class Repeats:
+    """Leaves out the readouts of a camera that delivers the same hits again and again, under whatever times.
+
+    Pixels, times over threshold and the times between the hits, to 1.6 ns, are as random as decay and noise, and never come
+    again: of one cluster of three pixels all of this is equal to that of another one once in 1e11 times or more rarely, of two
+    events in one readout once in 1e16. One or two pixels alone may well be noisy ones with always the same pulse, which
+    ``NoiseMask`` leaves out; a camera that repeats so little is mute after that.
+
+    Once a readout has come again nothing is used until one with enough hits is new: empty ones in between may be repeated, too.
+    """
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[bytes, None] = OrderedDict()  # digests of the last readouts
+        self._hangs = False
+        self.readouts = 0  # left out so far
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """A line for the operator while readouts come again, or none."""
+        return ("camera: it delivers the same hits again and again; they are not used",) if self._hangs else ()
+
+    def without(self, readout: Readout) -> Readout:
+        """The readout or, where its hits have come before, its time without any and without live time: nothing was seen in it."""
+        hits = readout.hits
+        if len(hits) >= LEAST_PIXELS and len(np.unique(hits.index[:MOST_HITS])) >= LEAST_PIXELS:
+            digest = _digest(hits)
+            self._hangs = digest in self._kept
+            self._kept[digest] = None
+            self._kept.move_to_end(digest)
+            if len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+        if not self._hangs:
+            return readout
+        self.readouts += 1
+        return replace(readout, live_time_s=0.0, hits=PixelHits.none(), lost_hits=0)
+
+
+def _digest(hits: PixelHits) -> bytes:
+    first = hits.take(slice(MOST_HITS))
+    ticks = first.tick - first.tick[0]
+    return blake2b(ticks.tobytes() + first.index.tobytes() + first.tot.tobytes(), digest_size=16).digest()
