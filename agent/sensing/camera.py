@@ -18,8 +18,8 @@ from protocol.messages import Recognised
 
 
 class Camera:
-    """Its readouts without repeated ones, the detector chain, the nuclide in its spectrum, and the observer that makes entries of its
-    detections.
+    """Its readouts without repeated ones, the detector chain, the nuclide in its spectrum, and the observer that makes entries
+    of its detections.
     """
 
     def __init__(self, mission: MissionConfig, calibration: str | None, observer: Observer, counters: Counter[str]) -> None:
@@ -50,7 +50,8 @@ class Camera:
         self._watch.look(readout.end_ns)
         self._counters["pixel_hits_lost"] = self._chain.lost_hits
         self._counters["pixel_hits_of_noise"] = self._chain.noise.masked_hits
-        self._counters["readouts_repeated"] = self._repeats.readouts
         self._counters["detections_dropped"] = self._observer.dropped
         self._counters["cones_withheld"] = self._observer.withheld
+        if self._repeats.readouts:
+            self._counters["readouts_repeated"] = self._repeats.readouts
         return entries
