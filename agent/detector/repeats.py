@@ -12,7 +12,7 @@ from agent.detector.readout import PixelHits, Readout
 
 KEPT = 64  # readouts that the present one is compared with: 13 s of them
 LEAST_PIXELS = 3  # of a readout that is compared
-MOST_HITS = 512  # the first ones of a readout, by which it is compared: 10 us
+MOST_HITS = 512  # the first ones of a readout, by which it is compared: 0.3 ms at most
 
 
 class Repeats:
