@@ -188,11 +188,18 @@ def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
     assert told(Accused(moments.setting(corrupt)), moments.moment(20.0, pilots=pilots)) == []
 
 
-def too_sure(*faults, off_m=2.0, seconds=30.0):
-    """What is told of a drone whose hypothesis, of 0.5 m on each axis, is wrong by so much all the time."""
-    pilots = moments.changed(1, moments.pilot(believed=moments.hypothesis(x=30.0 + off_m)), moments.pilot)
+def too_sure(*faults, off_m=2.0, seconds=30.0, within_s=((0.0, 1e9),), else_m=0.7):
+    """What is told of a drone whose hypothesis, of 0.5 m on each axis, is wrong by so much within these times, and by
+    ``else_m`` else.
+    """
+
+    def seen_at(time_s):
+        wrong_m = off_m if any(begin_s <= time_s - 10.0 < end_s for begin_s, end_s in within_s) else else_m
+        believed = moments.hypothesis(x=30.0 + wrong_m)
+        return moments.moment(time_s, pilots=moments.changed(1, moments.pilot(believed=believed), moments.pilot))
+
     invariant = SourceCalibrated(moments.setting(*faults))
-    seen = [moments.moment(float(time_s), pilots=pilots) for time_s in np.arange(10.0, 10.0 + seconds, 0.05)]
+    seen = [seen_at(float(time_s)) for time_s in np.arange(10.0, 10.0 + seconds, 0.05)]
     assert told(invariant, *seen) == []
     return [violation.drones for violation in invariant.finish(seen[-1])]
 
@@ -202,6 +209,15 @@ def test_a_hypothesis_that_is_too_sure_of_itself_over_a_flight() -> None:
     assert too_sure(off_m=1.5) == []
     assert too_sure(seconds=9.0) == []
     assert too_sure({"kind": "camera-gain", "at_s": 12.0, "target": "d3"}) == []
+
+
+def test_a_moment_in_which_a_hypothesis_excludes_the_truth_as_long_as_that_is_allowed() -> None:
+    """4 s at 13 sigma: by chance, if nothing else was wrong; not so if it is the rule, or comes again and again."""
+    moment = ((12.0, 16.0),)
+    assert too_sure(off_m=6.5, within_s=moment) == []
+    assert too_sure(off_m=6.5, within_s=moment, else_m=2.0) == [("d2",)]
+    assert too_sure(off_m=6.5, within_s=((2.0, 6.0), (12.0, 16.0), (22.0, 26.0))) == [("d2",)]
+    assert too_sure(off_m=3.1, within_s=((0.0, 15.0),)) == [("d2",)]
 
 
 def test_a_log_that_tells_others_that_it_holds_what_it_lacks() -> None:
