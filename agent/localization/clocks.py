@@ -40,7 +40,7 @@ class Clocks:
         self._known: dict[str, float] = {}  # how far the own clock is ahead of theirs (s), as last heard
         self._set_ns = 0
         self._since_ns: dict[str, int] = {}  # by how much the own clock was set, for who may report a delay by the former one
-        self._is_outvoted = False  # others agree that the own clock is wrong, or it agreed with the only one until it was set
+        self._outvoted_s = 0.0  # of the own clock from the common time; 0 where it is not known to be wrong
         # Offset of the own clock from the median of all known clocks, its own included. Where they split into halves (two drones)
         # nobody can tell which half is right: then the offset from the other half, on both sides.
         self.offset_s = 0.0
@@ -99,8 +99,11 @@ class Clocks:
         offsets_s = (0.0, *known.values())
         self.offset_s = max(median_low(offsets_s), median_high(offsets_s), key=abs)
         set_s = self._set_ns * 1e-9  # alone, another one is believed only where this explains the difference
-        sure = len(known) > 1 or (len(known) == 1 and abs(self.offset_s - set_s) <= LIMIT_S)
-        self._is_outvoted = sure and abs(self.offset_s) > LIMIT_S
+        if len(known) == 1:
+            outvoted_s = self.offset_s if abs(self.offset_s - set_s) <= LIMIT_S else 0.0
+        else:  # of two halves the one that is behind, on both sides: else each would take the other one's time
+            outvoted_s = median_high(offsets_s)
+        self._outvoted_s = outvoted_s if abs(outvoted_s) > LIMIT_S else 0.0
 
     def delays_ns(self, now_ns: int) -> dict[str, int]:
         """The smallest delay of each drone that is heard, as this drone publishes it."""
@@ -132,8 +135,12 @@ class Clocks:
         return max(0, stamp_ns - self._ahead_ns.get(drone, 0))
 
     def common_ns(self, now_ns: int) -> int:
-        """The time now by the clocks of the others, where the own one is known to be wrong; else the own one's."""
-        return now_ns - round(1e9 * self.offset_s) if self._is_outvoted else now_ns
+        """The time now by the clocks of the others, where the own one is known to be wrong; else the own one's.
+
+        Where the clocks split into halves, all take the time of the half that is behind: so hypotheses are comparable, and no
+        entry comes late by as much as the clocks differ.
+        """
+        return now_ns - round(1e9 * self._outvoted_s)
 
     def problem(self, now_ns: int) -> str | None:
         """The problem of the own clock reported to the operator; None while it is right."""

@@ -11,7 +11,7 @@ TAKEOVER_NS = 1_500_000_000  # a heartbeat is up to 1 s old: wait longer before 
 FAILSAFE_NS = 3_000_000_000  # the same for a failsafe, which may pass
 REJOIN_NS = 5_000_000_000  # this agent has so long to get the vehicle out of a failsafe, or of a hold
 STALE_NS = 1_200_000_000  # greatest age of the mode in a heartbeat
-OWN_HOLD_NS = 3_000_000_000  # a hold that this agent has asked for is shown and left again within this time
+OWN_HOLD_NS = 3_000_000_000  # a hold that this agent has asked for is shown within this time
 
 MODES: dict[Stage, tuple[FlightMode, ...]] = {  # the autopilot's, that belong to a stage
     Stage.TAKEOFF: (FlightMode.TAKEOFF, FlightMode.HOLD, FlightMode.OFFBOARD),  # the last metres by setpoints
@@ -30,6 +30,7 @@ class Takeover:
         self._was_offboard = False
         self._rejoining_until_ns = 0
         self._held_ns: int | None = None  # when this agent itself last asked for a hold, for want of telemetry
+        self._holds = False  # the autopilot has been in that hold ever since: on a bad link it takes long to leave it
 
     def hold_asked(self, now_ns: int) -> None:
         """This agent asks the autopilot to hold for now: that is not somebody's takeover."""
@@ -37,7 +38,7 @@ class Takeover:
 
     def changed(self) -> None:
         """The request to the autopilot has changed to or from offboard."""
-        self._was_offboard, self._foreign_since_ns = False, None
+        self._was_offboard, self._foreign_since_ns, self._holds = False, None, False
 
     def left_hold(self, now_ns: int) -> None:
         """The position can be trusted again: the vehicle is on its way back from hold to offboard."""
@@ -76,10 +77,11 @@ class Takeover:
 
     def _is_own(self, vehicle: VehicleState, now_ns: int, stays: bool) -> bool:
         """Whether the mode follows from what this agent does: holds, or leaves a hold or a failsafe."""
+        asked = self._holds or (self._held_ns is not None and now_ns - self._held_ns < OWN_HOLD_NS)
+        self._holds = asked and vehicle.mode is FlightMode.HOLD
         if vehicle.mode is FlightMode.MANUAL:
             return False
-        held = self._held_ns is not None and now_ns - self._held_ns < OWN_HOLD_NS
-        holds = (stays or held) and vehicle.mode is FlightMode.HOLD
+        holds = self._holds or (stays and vehicle.mode is FlightMode.HOLD)
         fails = stays and not vehicle.healthy  # for want of a position
         return holds or fails or now_ns < self._rejoining_until_ns
 

@@ -19,6 +19,7 @@ STATUS_AGE_NS = 10_000_000_000  # an older status does not count: the drone is s
 RECENT_NS = 3_000_000_000  # poses and sightings are kept for this long
 _AT_LAUNCH = (Stage.PREFLIGHT, Stage.TAKEOFF)
 _SURELY_DOWN_NS = 5_000_000_000  # an agent that is started again in flight tells for a moment that it is on the ground
+_MOST_DELAYS = 8  # of a second: ten poses, and as many plans
 _MOST_SIGHTINGS = 256  # kept, whatever their stamps
 FUTURE_NS = 100_000_000  # a stamp further ahead than this is forged, or of a clock that is not known yet to be wrong
 _LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
@@ -34,7 +35,8 @@ class Peer:
 
     ``launch``: its last pose before it left the place of its launch; ``at_launch_since_ns``: stamp of its first pose there, None
     while its statuses do not say so, negative before it ever flew. ``sources``: whether all this is of one.
-    ``ahead_ns``: how far its clock is ahead of the own one, as its stamps were corrected for.
+    ``ahead_ns``: how far its clock is ahead of the own one, as its stamps were corrected for; ``delays_ns``: apparent delays of
+    its last messages, by both clocks as they are.
     """
 
     pose: Pose | None = None
@@ -44,6 +46,7 @@ class Peer:
     at_launch_since_ns: int | None = -_SURELY_DOWN_NS
     sources: Sources = field(default_factory=Sources)
     ahead_ns: int = 0
+    delays_ns: deque[int] = field(default_factory=partial(deque, maxlen=_MOST_DELAYS))
     poses: deque[Pose] = field(default_factory=deque)
     sightings: deque[Sighting] = field(default_factory=partial(deque, maxlen=_MOST_SIGHTINGS))
 
@@ -51,15 +54,27 @@ class Peer:
         """Move all stamps: the own clock was set."""
         self._shift_news(by_ns)
         self.ahead_ns -= by_ns
+        self.delays_ns = deque((one_ns + by_ns for one_ns in self.delays_ns), _MOST_DELAYS)
         sightings = [replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.sightings]
         self.sightings.clear()
         self.sightings.extend(sightings)
 
-    def reckon_clock(self, ahead_ns: int) -> None:
-        """Its clock is found to be that far ahead: what it told before moves along, or its next pose would seem to be a jump."""
-        if ahead_ns != self.ahead_ns:
-            self._shift_news(self.ahead_ns - ahead_ns)
+    def reckon_clock(self, ahead_ns: int, delay_ns: int) -> None:
+        """Its clock is that far ahead, as a message tells with this apparent delay.
+
+        Where another estimate of the same clock is the reason, what it told before moves along, or its next pose would seem to be
+        a jump. Where its clock has been set, what it told before stays: its stamps were right by the former clock. A set clock
+        changes the apparent delays by as much as the estimate; a new estimate alone does not. Of the delays before, the smallest
+        counts, because queueing only ever makes a message later.
+        """
+        by_ns = self.ahead_ns - ahead_ns
+        if by_ns != 0:
+            grown_ns = delay_ns - min(self.delays_ns, default=delay_ns)
+            if abs(grown_ns) <= abs(grown_ns - by_ns):
+                self._shift_news(by_ns)
             self.ahead_ns = ahead_ns
+            self.delays_ns.clear()
+        self.delays_ns.append(delay_ns)
 
     def _shift_news(self, by_ns: int) -> None:
         self.pose, self.launch = _shifted(self.pose, by_ns), _shifted(self.launch, by_ns)
@@ -136,7 +151,7 @@ class Peers:
         if message.stamp_ns > now_ns + FUTURE_NS:
             return "from_the_future"
         if ahead_ns is not None:
-            peer.reckon_clock(ahead_ns)
+            peer.reckon_clock(ahead_ns, now_ns - message.stamp_ns - ahead_ns)
         kind = type(message).__name__.lower()
         known = getattr(peer, kind)
         if isinstance(message, Pose) and peer.sources.is_second(known, message, now_ns):

@@ -12,6 +12,7 @@ from agent.pilot import Pilot
 from protocol.keys import drone_key
 from sim.faults.network import FaultyRadio
 from sim.faults.tellers import Tellers
+from sim.world.radio import is_entry
 
 PERIOD_NS = 2_000_000_000
 HURRY_NS = 300_000_000  # 0.2 s after an answer, which takes about 0.1 s
@@ -34,6 +35,8 @@ class Recovery:
         """Note a message that a drone has received; a request for entries is answered. True where it was one."""
         sender = self._places.get(key.split("/")[3])
         if sender is None:
+            return False
+        if is_entry(key):  # of whoever has measured it: in an answer that is not who sends it
             return False
         self._heard_ns[drone, sender] = now_ns
         if not key.endswith("/log"):

@@ -13,8 +13,9 @@ from sim.scoring.invariants.beliefs import (
 )
 from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
+from sim.scoring.invariants.convergence import Converged
 from sim.scoring.invariants.doubts import Mistimed, PlaceBound, WideBerth
-from sim.scoring.invariants.liveness import Converged, Landed
+from sim.scoring.invariants.liveness import Landed
 from sim.scoring.invariants.place import Calibrated, KnowsHome, KnowsItsPlace, OwnPlace
 from sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
 from sim.scoring.invariants.space import Collision, Fence, Heights, Separation

@@ -1,4 +1,4 @@
-"""What must come about after the heal: the able drones agree, and everybody comes home."""
+"""What must come about after the heal: everybody comes home."""
 
 from __future__ import annotations
 
@@ -13,47 +13,7 @@ from sim.scoring.invariants.able import Able
 from sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
 from sim.scoring.moment import Scene
 
-AGREE_S = 20.0  # a log query every few seconds, and 5 s of backlog
 _COMING_HOME = (Stage.RETURN, Stage.LANDING, Stage.LANDED)
-_SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
-
-
-class Converged(Invariant[Scene]):
-    """After the heal, the able drones have one digest and one hypothesis at least every 20 s, until the first of them comes home.
-
-    While they measure, each new entry makes their logs differ until it has arrived everywhere.
-    """
-
-    name = "convergence"
-
-    def __init__(self, setting: Setting) -> None:
-        super().__init__(setting)
-        self._able = Able(setting)
-        self._agreed_s = setting.heal_s
-        self.ever = False  # they have agreed at least once since the heal, or there is nobody who could disagree
-
-    def breaches(self, moment: Scene) -> Iterator[Breach]:
-        """The able drones that have not agreed for too long."""
-        able = self._able.see(moment)
-        if moment.time_s < self.setting.heal_s or self._over(moment, able):
-            return
-        found = {self._belief(moment, drone) for drone in able}
-        if len(found) <= 1:
-            self._agreed_s, self.ever = moment.time_s, True
-        elif moment.time_s - self._agreed_s > AGREE_S:
-            digests, since_s = len({digest for digest, _ in found}), moment.time_s - self._agreed_s
-            yield Breach(able, f"{digests} digests and {len(found)} beliefs {since_s:.0f} s after the last agreement")
-
-    def _over(self, moment: Scene, able: tuple[int, ...]) -> bool:
-        """Whether one of them does not search any more, after they have agreed."""
-        return self.ever and any((pilot := moment.pilots[k]) is None or pilot.stage not in _SEARCHING for k in able)
-
-    def _belief(self, moment: Scene, drone: int) -> tuple[str, object]:
-        pilot = moment.pilots[drone]
-        if pilot is None:
-            return "", drone
-        hypothesis = pilot.hypothesis
-        return pilot.digest, None if hypothesis is None else hypothesis.position.tobytes()
 
 
 class Landed(Invariant[Scene]):

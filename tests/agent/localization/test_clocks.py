@@ -97,6 +97,15 @@ def test_the_common_time_is_that_of_the_majority():
     assert all(clocks[name].common_ns(now_ns(name)) == now_ns(name) for name in "ab")
 
 
+@pytest.mark.parametrize("ahead", [{"a": 0, "b": 7_800, "c": 7_801, "d": 1}, {"a": -470, "b": 0, "c": -471, "d": 0}])
+def test_where_the_clocks_split_into_halves_all_take_the_time_of_the_one_that_is_behind(ahead):
+    """And not each half that of the other one."""
+    clocks, now_ns = exchanged(ahead, names=tuple(ahead))
+    behind_ns = min(now_ns(name) for name in ahead)
+    assert all(clocks[name].common_ns(now_ns(name)) == pytest.approx(behind_ns, abs=5 * MS) for name in ahead)
+    assert all(clocks[name].problem(now_ns(name)) is not None for name in ahead)
+
+
 @pytest.mark.parametrize("names", [("a", "b", "c"), ("a", "b")])
 @pytest.mark.parametrize("wrong_ms", [-20_000, -3_000])
 def test_the_common_time_goes_on_where_the_own_clock_is_set_back_while_nobody_is_heard(names, wrong_ms):

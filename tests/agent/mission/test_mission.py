@@ -305,6 +305,17 @@ def test_a_hold_that_it_asked_for_itself_is_nobodys_takeover_but_one_that_stays_
     assert held_by(mission, VEHICLE, 18.0, 19.6) == (Stage.HOLD, Request.RELEASE)
 
 
+def test_a_hold_that_it_asked_for_itself_may_take_long_to_leave():
+    """On a link that loses most packets: the hold was asked for between two pieces of telemetry, and offboard is not heard."""
+    mission = tracking()
+    held_by(mission, OFFBOARD, 12.0, 13.0)
+    mission.hold_asked(14 * SECOND)
+    hold = replace(VEHICLE, mode=FlightMode.HOLD)
+    assert held_by(mission, hold, *range(15, 40)) == (Stage.TRACK, Request.OFFBOARD)
+    manual = replace(VEHICLE, mode=FlightMode.MANUAL)
+    assert held_by(mission, manual, 40.0, 42.0) == (Stage.HOLD, Request.RELEASE)
+
+
 def test_a_takeover_during_takeoff_and_landing_is_not_fought():
     manual = replace(VEHICLE, mode=FlightMode.MANUAL)
     mission = Mission(TrackConfig())

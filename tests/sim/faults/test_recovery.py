@@ -9,30 +9,32 @@ from sim.faults.tellers import Tellers
 from sim.world.radio import RadioTruth
 
 SECOND = 1_000_000_000
-NAMES = ("d1", "d2")
+NAMES = ("d1", "d2", "d3")
 TICK_NS = SECOND // 20
 
 
 class Log:
     """A pilot of which only the log is asked: numbers in the place of entries, three to an answer."""
 
-    def __init__(self, numbers=()):
+    def __init__(self, numbers=(), publisher="d2"):
         self.held = set(numbers)
         self.asked = 0
+        self.publisher = publisher
 
     def log_summary(self):
         return bytes(sorted(self.held))
 
     def log_answer(self, request):
         self.asked += 1
-        return [("radron/2/s/d2/cone", bytes([number])) for number in sorted(self.held - set(request))[:3]]
+        return [(f"radron/2/s/{self.publisher}/cone", bytes([number])) for number in sorted(self.held - set(request))[:3]]
 
 
 class Pair:
-    """Two drones that tell each other their poses, and exchange what is missing."""
+    """Two drones or three that tell each other their poses, and exchange what is missing."""
 
-    def __init__(self, *logs, tellers=Tellers):
-        self.logs = logs
+    def __init__(self, *logs, tellers=Tellers, dead=None):
+        """``dead``: a drone that tells nothing."""
+        self.logs, self.dead = logs, dead
         truth = RadioTruth(delay_s=0.02, jitter_s=0.0, loss=0.0)
         schedule = Schedule((), NAMES, 1)
         self.radio = FaultyRadio(truth, NAMES, np.random.default_rng(1), schedule, 0.05)
@@ -46,7 +48,7 @@ class Pair:
                 for key, payload in self.radio.receive(drone, self.now_ns):
                     if not self.recovery.hear(drone, key, payload, log, self.now_ns) and key.endswith("/cone"):
                         log.held |= set(payload)
-                if poses:
+                if poses and drone != self.dead:
                     self.radio.send(drone, f"radron/2/s/{NAMES[drone]}/pose", b"", self.now_ns)
                 self.recovery.ask(drone, log, self.now_ns)
 
@@ -56,6 +58,15 @@ def test_a_log_that_is_empty_is_filled_answer_by_answer():
     pair.go(5.0)
     assert pair.logs[0].held == set(range(20))
     assert 7 <= pair.logs[1].asked <= 10
+
+
+def test_nobody_asks_those_whose_entries_others_pass_on():
+    """The own ones from before a restart, and those of a drone that is dead."""
+    for publisher in ("d1", "d3"):
+        swarm = Pair(Log(), Log(range(20), publisher), Log(range(20), publisher), dead=2)
+        swarm.go(4.0)
+        assert swarm.logs[0].held == set(range(20))
+        assert swarm.logs[2].asked == 0
 
 
 def test_equal_logs_ask_every_two_seconds():

@@ -50,7 +50,7 @@ class Log:
         self.entries, self.told = entries, told
 
     def __iter__(self):
-        return (SimpleNamespace(entry=SimpleNamespace(sequence=number)) for number in self.entries)
+        return (SimpleNamespace(entry=SimpleNamespace(sequence=number), payload=str(number)) for number in self.entries)
 
     def __len__(self):
         return len(self.entries)

@@ -12,7 +12,7 @@ from sim.scoring.invariants.beliefs import Refused, SameLogSameHypothesis, Sourc
 from sim.scoring.invariants.care import Accused, Memory, Named, Reserve, Told
 from sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from sim.scoring.invariants.judge import ANY, Judge
-from sim.scoring.invariants.liveness import Converged, Landed
+from sim.scoring.invariants.liveness import Landed
 from sim.scoring.invariants.space import Collision, Fence, Heights, Separation
 
 GUST = {"kind": "gust", "at_s": 20.0, "for_s": 5.0, "target": "d2"}
@@ -249,28 +249,6 @@ def test_an_agent_that_holds_more_than_its_log() -> None:
     assert Memory(moments.setting()).finish(small) == []
     (violation,) = Memory(moments.setting()).finish(moments.moment(100.0, pilots=[None, grown, moments.pilot()]))
     assert violation.drones == ("d2",)
-
-
-def diverging(*faults, digests=("1", "2", "3"), seconds=25.0):
-    """What is told of drones whose logs differ after the heal."""
-    pilots = [moments.pilot(digest=digest) for digest in digests]
-    invariant = Converged(moments.setting(*faults))
-    seen = told(invariant, *(moments.moment(float(t), pilots=pilots) for t in np.arange(moments.HEAL_S, 50.0 + seconds, 0.5)))
-    return seen, invariant.ever
-
-
-def test_the_able_drones_do_not_come_to_one_log() -> None:
-    assert diverging() == ([("d1", "d2", "d3")], False)
-    assert diverging(seconds=19.0) == ([], False)
-    assert diverging(digests=("1", "1", "1")) == ([], True)
-    assert diverging({"kind": "refusal", "at_s": 9.0, "target": "d3"}, digests=("1", "1", "3")) == ([], True)
-    assert diverging({"kind": "refusal", "at_s": 9.0, "for_s": 9.0, "target": "d3"}, digests=("1", "1", "3"))[1] is False
-
-
-def test_agreement_is_that_of_the_hypotheses_too() -> None:
-    pilots = [moments.pilot(believed=moments.hypothesis(x=x)) for x in (30.0, 30.0, 31.0)]
-    invariant = Converged(moments.setting())
-    assert told(invariant, *(moments.moment(t, pilots=pilots) for t in (50.0, 60.0, 71.0))) == [("d1", "d2", "d3")]
 
 
 def ending(*faults, **changes):

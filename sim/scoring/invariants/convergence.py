@@ -1,0 +1,131 @@
+"""What must come about after the heal in the able drones' logs and hypotheses: they agree, while they measure and at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import permutations
+
+from agent.pilot import Pilot
+from protocol.messages import Stage
+from sim.scoring.invariants.able import Able
+from sim.scoring.invariants.base import Breach, Invariant, Setting
+from sim.scoring.moment import EPOCH_NS, Moment
+
+AGREE_S = 20.0  # a log query every few seconds, and 5 s of backlog
+APART_NS = 1_000_000_000  # a slow agent's last step is older by up to that
+_LOOK_TICKS = 100
+_ROUNDS, _CALLS = 20, 5000  # of exchange, and of work: far more than takes any of it
+_LATER_NS = 1_000_000_000
+_SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
+
+
+class Converged(Invariant[Moment]):
+    """After the heal, until the first of the able drones comes home: what one of them holds, all of them hold 20 s later, or none
+    (what does not count any more); and at least every 20 s each of them has worked off its log, and their hypotheses are of
+    times at most 1 s apart. At the end, with all entries exchanged, they have one digest and one hypothesis, to the bit.
+
+    While they measure, their logs are hardly ever equal at one moment: six drones add over a hundred entries a second, each of
+    which is on its way for a tick or two, and longer to an agent that is slow. So each entry is judged by itself, by its bytes,
+    every 5 s. Hypotheses of equal logs are compared at each tick (``agreement``).
+    """
+
+    name = "convergence"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self._able = Able(setting)
+        self._ticks = 0
+        self._looked_s: float | None = None  # first
+        self._disputed_s: dict[bytes, float] = {}  # entries that some hold and others lack, and since when
+        self._worked_s = [setting.heal_s] * len(setting.names)
+        self._told_s = setting.heal_s  # when their hypotheses were of one time
+        self.ever = False  # since the heal they have come to agree on what they held then, or there is nobody who could disagree
+
+    def breaches(self, moment: Moment) -> Iterator[Breach]:
+        """The able drones that have not agreed for too long."""
+        able = self._able.see(moment)
+        if moment.time_s < self.setting.heal_s or self._over(moment, able):
+            return
+        pilots = [moment.pilots[drone] for drone in able]
+        for drone, pilot in zip(able, pilots, strict=True):
+            if pilot is not None and not pilot.pending:
+                self._worked_s[drone] = moment.time_s
+            elif moment.time_s - self._worked_s[drone] > AGREE_S:
+                yield Breach((drone,), f"it has not worked off its log for {AGREE_S:g} s")
+        if _are_of_one_time(pilots):
+            self._told_s = moment.time_s
+        elif moment.time_s - self._told_s > AGREE_S:
+            yield Breach(able, f"their hypotheses are of different times for {AGREE_S:g} s")
+        if self._ticks % _LOOK_TICKS == 0:
+            self._look_at_logs(moment.time_s, pilots)
+        self._ticks += 1
+        late = sum(moment.time_s - since_s > AGREE_S for since_s in self._disputed_s.values())
+        if late:
+            yield Breach(able, f"{late} entries that some of them hold and others lack for {AGREE_S:g} s")
+
+    def _look_at_logs(self, time_s: float, pilots: Sequence[Pilot | None]) -> None:
+        """Note which entries are held by some of them only. A dead agent holds nothing."""
+        held: list[set[bytes]] = [set() if pilot is None else {record.payload for record in pilot.fusion.log} for pilot in pilots]
+        common = set[bytes].intersection(*held) if held else set()
+        disputed = set[bytes]().union(*held) - common
+        self._disputed_s = {payload: self._disputed_s.get(payload, time_s) for payload in disputed}
+        if self._looked_s is None:
+            self._looked_s = time_s
+        self.ever = self.ever or all(since_s > self._looked_s for since_s in self._disputed_s.values())
+
+    def _over(self, moment: Moment, able: tuple[int, ...]) -> bool:
+        """Whether one of them does not search any more, after they have agreed."""
+        return self.ever and any((pilot := moment.pilots[k]) is None or pilot.stage not in _SEARCHING for k in able)
+
+    def at_end(self, moment: Moment) -> Iterator[Breach]:
+        """The able drones whose logs or hypotheses differ when nothing is left to tell. Their agents are of no use afterwards."""
+        able = tuple(drone for drone in self._able.see(moment) if moment.pilots[drone] is not None)
+        pilots = [pilot for drone in able if (pilot := moment.pilots[drone]) is not None]
+        if len(pilots) < 2:
+            return
+        now_ns = EPOCH_NS + round(moment.time_s * 1e9)
+        exchange(pilots, now_ns)
+        work_off(pilots, now_ns)
+        digests = {pilot.digest for pilot in pilots}
+        told = {None if (one := pilot.hypothesis) is None else (one.stamp_ns, one.position.tobytes()) for pilot in pilots}
+        behind = sum(pilot.pending for pilot in pilots)
+        if len(digests) > 1 or len(told) > 1 or behind:
+            text = f"{len(digests)} digests and {len(told)} hypotheses at the end, with all entries exchanged"
+            yield Breach(able, text + (f"; {behind} have not worked off their logs" if behind else ""))
+
+
+def exchange(pilots: Sequence[Pilot], now_ns: int) -> None:
+    """Pass the entries that are missing from one log and are in another, until there are none. now_ns: the true time."""
+    for _ in range(_ROUNDS):
+        passed = 0
+        for asking, answering in permutations(pilots, 2):
+            for key, payload in answering.log_answer(asking.log_summary()):
+                asking.receive(key, payload, now_ns)
+                passed += 1
+        if not passed:
+            return
+
+
+def work_off(pilots: Sequence[Pilot], now_ns: int) -> None:
+    """Bring all hypotheses up to one time, a second later than any. now_ns: the true time."""
+    stamps_ns = [now_ns, *(pilot.hypothesis.stamp_ns for pilot in pilots if pilot.hypothesis is not None)]
+    for pilot in pilots:
+        for _ in range(_CALLS):
+            pilot.advance(now_ns)
+            if not pilot.pending:
+                break
+        common_ns = max(stamps_ns) + _LATER_NS  # a clock may be ahead, and what was told by it does not run back
+        for _ in range(_CALLS):
+            pilot.frames.advance(pilot.fusion.begin_ns(common_ns))
+            pilot.fusion.advance(common_ns)
+            if not pilot.pending:
+                break
+
+
+def _are_of_one_time(pilots: Sequence[Pilot | None]) -> bool:
+    """Whether all have hypotheses, of about one time, or none has; a dead agent tells nothing."""
+    told = [None if pilot is None or (one := pilot.hypothesis) is None else one.stamp_ns for pilot in pilots]
+    stamps_ns = [stamp_ns for stamp_ns in told if stamp_ns is not None]
+    if any(pilot is None for pilot in pilots):
+        return False
+    return not stamps_ns or (len(stamps_ns) == len(told) and max(stamps_ns) - min(stamps_ns) <= APART_NS)
