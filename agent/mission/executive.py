@@ -125,6 +125,10 @@ class Executive:
         """This drone has been revoked: it returns, and no other one hears it any more."""
         self._revoked = self._navigator.revoked = True
 
+    def exclude(self, drone: str) -> None:
+        """Another drone has been revoked: it returns, and hears nobody any more."""
+        self._navigator.excluded.add(drone)
+
     def passing(self, now_ns: int, peers: Peers) -> tuple[str, ...]:
         """Ids of drones that fly past this one, on the ground, so near that it must not take off."""
         vehicle = self._own.vehicle

@@ -102,6 +102,7 @@ class Revoking:
             self._executive.revoke()
             self._problems.revoked = (f"{name} has been revoked by {revocation.station}: no other drone hears it any more",)
             return
+        self._executive.exclude(name)
         self._world.forget(log.beyond(name, revocation.counts))
         self._recount(name)
 

@@ -86,6 +86,7 @@ class Agentless:
         self._launch: dict[str, Vector3] = {member.id: member.origin_m for member in mission.drones}
         self._homeless = {member.id for member in mission.drones if member.localization == "slam"}
         self._return_m = {member.id: height for member, height in zip(mission.drones, mission.return_heights_m, strict=True)}
+        self._corners = mission.area.polygon_m
 
     def course(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform) -> Course:
         """What it does from its last pose on, which is in its own frame."""
@@ -107,6 +108,12 @@ class Agentless:
     def returns_above(self, name: str, other: str) -> bool:
         """Whether one returns higher than the other, and so comes down through the height of the other's return."""
         return self._return_m[name] > self._return_m[other]
+
+    def longest_s(self, name: str) -> float:
+        """The longest that it takes until it is down after a return from anywhere in the area that nothing hinders."""
+        home_x, home_y, _ = self._launch[name]
+        way_m, cruise_m = max(dist(corner, (home_x, home_y)) for corner in self._corners), self._return_m[name]
+        return _STOPPED_S + cruise_m / _CLIMB_MPS + way_m / _SLOWEST_MPS + cruise_m / _DESCENT_MPS + _DOWN_S
 
     def _reaction(self, name: str, stage: Stage) -> str:
         """What its autopilot does; without offboard mode, what it did before."""

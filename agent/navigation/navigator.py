@@ -100,7 +100,8 @@ class Navigator:
     """Plans one drone's flight while it searches, tracks or returns.
 
     ``home``: where a return leads; ``response``: the identified response of the vehicle to setpoints; ``reckoning``: what the
-    last plan was made with, None where somebody else flies; ``revoked``: no other drone hears this one any more.
+    last plan was made with, None where somebody else flies; ``revoked``: no other drone hears this one any more; ``excluded``:
+    the others of which that holds.
     """
 
     def __init__(
@@ -128,7 +129,7 @@ class Navigator:
         self._tracker: Tracker | None = None
         self._room = Polygon()
         self.reckoning: Reckoning | None = None
-        self.revoked = False
+        self.revoked, self.excluded = False, set[str]()
         self._virtual = PeerState((0.0, 0.0, 0.0))  # the tracker's own state; at its start the vehicle's
         self._epoch = -1
         self._due_ns = 0
@@ -243,6 +244,7 @@ class Navigator:
             resumed=self.home.is_remembered,
             measured=self._measured(moment.now_ns),
             revoked=self.revoked,
+            excluded=self.excluded,
         )
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]

@@ -87,7 +87,8 @@ class Self(Struct, frozen=True):
     ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance). ``ahead``: gives its planned positions
     (K, 3) from now on, ``step_s`` apart, local frame; ``place_at``: where it was at a stamp, mission frame; ``circles``: it
     tracks; ``height_m``: above ground; ``returning_s``: since it began to return, None where it does not; ``resumed``: its agent
-    was started in flight; ``measured``: the drones that may fly, by the measurements in its log; ``revoked``: nobody hears it.
+    was started in flight; ``measured``: the drones that may fly, by the measurements in its log; ``revoked``: nobody hears it;
+    ``excluded``: the others that are revoked.
     """
 
     now_ns: int
@@ -103,6 +104,7 @@ class Self(Struct, frozen=True):
     resumed: bool = False
     measured: Collection[str] = ()
     revoked: bool = False
+    excluded: Collection[str] = ()
 
 
 class Neighbourhood:
@@ -137,7 +139,8 @@ class Neighbourhood:
             if peer.pose is None and not on_ground and (me.resumed or name in me.measured):
                 missing += [name] if self._is_unheard(name, me.now_ns) else []
                 if me.local_from_mission is not None:
-                    unknown = self._silent.unknown(name, _viewer(me, me.local_from_mission))
+                    viewer = _viewer(me, me.local_from_mission)
+                    unknown = self._silent.unknown(name, viewer, excluded=name in me.excluded)
                     found += [Neighbour(name, plan, False) for plan in unknown]
             if peer.pose is None or on_ground:
                 self._silent.heard(name)

@@ -135,6 +135,7 @@ class Silent:
         self._courses: dict[str, tuple[int, Course]] = {}  # the same, if its agent is gone
         self._contacts: dict[str, Contact] = {}  # the last ones with those that are not heard, or do not hear this drone
         self._unhearing: set[str] = set()  # of these, who is heard
+        self._excluded_ns: dict[str, int] = {}  # who was never heard and is revoked: since when that is known
         self._set_ns = 0
 
     def keep_time(self, set_ns: int) -> None:
@@ -144,6 +145,7 @@ class Silent:
             self._walls = {name: (stamp_ns + by_ns, wall) for name, (stamp_ns, wall) in self._walls.items()}
             self._courses = {name: (stamp_ns + by_ns, course) for name, (stamp_ns, course) in self._courses.items()}
             self._contacts = {name: replace(one, stamp_ns=one.stamp_ns + by_ns) for name, one in self._contacts.items()}
+            self._excluded_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._excluded_ns.items()}
 
     def heard(self, name: str) -> None:
         """It is heard again and hears this drone, or is on the ground."""
@@ -240,9 +242,17 @@ class Silent:
         self._unhearing.add(name)
         return []
 
-    def unknown(self, name: str, me: Viewer) -> list[PeerPlan]:
-        """Where one may be that was never heard: revoked before this agent was started, or out of reach since."""
-        return self._coming_down(name, self._agentless.launch(name), me)
+    def unknown(self, name: str, me: Viewer, *, excluded: bool) -> list[PeerPlan]:
+        """Where one may be that was never heard: revoked before this agent was started, or out of reach since.
+
+        ``excluded``: revoked, so that it comes home whatever this drone does, and waits over home where others hinder it.
+        """
+        home = self._agentless.launch(name)
+        if excluded:
+            since_ns = self._excluded_ns.setdefault(name, me.now_ns)
+            if me.now_ns - since_ns < self._agentless.longest_s(name) * 1e9:
+                return [self._over(name, home, me)]
+        return self._coming_down(name, home, me)
 
     def _coming_down(self, name: str, home: Vector3, me: Viewer) -> list[PeerPlan]:
         """Over its home while this drone returns, too, if that is low, or in a lower layer."""
@@ -251,7 +261,11 @@ class Silent:
             return []
         if crosses and not self._agentless.returns_above(name, self._id):
             return []
-        return [blind_plan(name, me.now_ns, me.step_s, _local(np.tile(home[:2], (len(me.ahead()), 1)), me))]
+        return [self._over(name, home, me)]
+
+    def _over(self, name: str, home: Vector3, me: Viewer) -> PeerPlan:
+        """Over its home, at whatever height."""
+        return blind_plan(name, me.now_ns, me.step_s, _local(np.tile(home[:2], (len(me.ahead()), 1)), me))
 
     def _wall(self, name: str, contact: Contact, me: Viewer) -> Wall | None:
         """The line between the two of them; None where both circled already when they last heard of each other."""

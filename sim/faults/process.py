@@ -14,7 +14,7 @@ from agent.pilot import Pilot
 from agent.vehicle.interface import VehicleCommand
 from protocol.messages import Stage
 from protocol.revocations import Revocation
-from sim.faults.agents import Disk, Freeze, Kill, Late, SlowCpu
+from sim.faults.agents import Disk, Freeze, Kill, Late, Revoked, SlowCpu
 from sim.faults.base import Fault
 from sim.faults.disk import StateDisk
 from sim.faults.schedule import Schedule
@@ -138,11 +138,14 @@ class Crew:
         return True
 
     def called(self, now_ns: int) -> list[int]:
-        """The late drones that the operator starts now; again and again until they fly."""
+        """The late drones that the operator starts now; again and again until they fly. Not those that he has revoked: nobody
+        would hear them, nor they that they are, as they have no links any more.
+        """
         due = [drone for drone, (when_ns, _) in self._calls.items() if now_ns >= when_ns]
         for drone in due:
             times = self._calls[drone][1] + 1
-            if self.agents[drone].pilot.stage is not Stage.PREFLIGHT or times > MOST_CALLS:
+            revoked = bool(self._schedule.active(Revoked, drone))
+            if self.agents[drone].pilot.stage is not Stage.PREFLIGHT or times > MOST_CALLS or revoked:
                 del self._calls[drone]
             else:
                 self._calls[drone] = now_ns + CALL_NS, times

@@ -280,6 +280,7 @@ def test_news_of_a_revoked_drone_are_dropped_and_its_last_place_is_kept():
     for message in partner(START_NS + SECOND):
         one.receive(*_told(message), START_NS + SECOND)
     assert one.counters["dropped_revoked"] == 2
+    assert one._executive._navigator.excluded == {"d2"}
     assert isinstance(one._peers["d2"].pose, Pose)
     assert one._peers["d2"].pose.stamp_ns == START_NS
     unaware = full()

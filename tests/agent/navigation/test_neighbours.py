@@ -268,6 +268,17 @@ def test_an_agent_started_in_flight_comes_home_around_the_homes_of_those_that_it
     assert hood.around(peers, me) == hood.around(peers, replace(me, resumed=True, returning_s=None)) == []
 
 
+def test_an_agent_started_in_flight_keeps_clear_of_the_home_of_a_revoked_one_that_it_never_heard_until_that_is_down():
+    """That one waited over its home, and the other came down beside it: 1.1 m."""
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(300 * SECOND, 0, 0.1, Transform(), height_m=3.0, resumed=True, excluded=("b",))
+    places = []
+    for second in (300, 340, 500):
+        found = hood.around(peers, replace(me, now_ns=second * SECOND))
+        places.append([one.plan.positions[0][:2] for one in found])
+    assert places == [[(10.0, 0.0)], [(10.0, 0.0)], []]
+
+
 @pytest.mark.parametrize(
     ("resumed", "measured", "missing"), [(True, (), ("b",)), (False, ("a", "b"), ("b",)), (False, ("a",), None)]
 )

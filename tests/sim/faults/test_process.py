@@ -129,6 +129,13 @@ def test_a_late_agent_is_absent_then_started_and_called_until_it_flies():
     assert calls == [[], [1], [1], [1], [], []]
 
 
+def test_a_late_agent_that_the_operator_has_revoked_is_not_called():
+    flight = Flight(fault("revoked", 3.0), fault("late", 5.0), absent=("d2",))
+    flight.go(8.0)
+    assert flight.alive == [True, True]
+    assert flight.crew.called(flight.now_ns) == []
+
+
 def test_a_slow_agent_leaves_out_steps():
     flight = Flight(fault("slow-cpu", 5.0, for_s=20.0, late_s=0.4))
     flight.go(30.0)
