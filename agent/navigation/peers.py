@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from msgspec.structs import replace
 
+from agent.localization.clocks import MOST_LATENCY_NS
 from agent.navigation.sources import Sources
 from protocol.entries import Sighting
 from protocol.messages import Plan, Pose, Stage, Status
@@ -21,6 +22,7 @@ _AT_LAUNCH = (Stage.PREFLIGHT, Stage.TAKEOFF)
 _SURELY_DOWN_NS = 5_000_000_000  # an agent that is started again in flight tells for a moment that it is on the ground
 _MOST_SIGHTINGS = 256  # kept, whatever their stamps
 FUTURE_NS = 100_000_000  # a stamp further ahead than this is forged, or of a clock that is not known yet to be wrong
+_MOST_ERROR_NS = MOST_LATENCY_NS  # of how far a clock is ahead: half the difference of two delays whose mean is that at most
 _LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
 _LONGEST_STEP_NS = 2_000_000_000  # of a clock that was not set: the watchdog ends an agent that stands still for as long
 
@@ -55,11 +57,16 @@ class Peer:
         self.sightings.clear()
         self.sightings.extend(sightings)
 
-    def reckon_clock(self, ahead_ns: int) -> None:
-        """Its clock is found to be that far ahead: what it told before moves along, or its next pose would seem to be a jump."""
-        if ahead_ns != self.ahead_ns:
-            self._shift_news(self.ahead_ns - ahead_ns)
-            self.ahead_ns = ahead_ns
+    def reckon_clock(self, ahead_ns: int, now_ns: int) -> None:
+        """Its clock is found to be that far ahead: what it told before moves along, or its next pose would seem to be a jump.
+
+        Unless that clock has been set: what was heard by the former one has kept its time. It has where the two differ by more
+        than an estimate can be wrong, and where something would come to be of the future.
+        """
+        by_ns, self.ahead_ns = self.ahead_ns - ahead_ns, ahead_ns
+        stamps = (one.stamp_ns for one in (self.pose, self.plan, self.status) if one is not None)
+        if by_ns and abs(by_ns) <= _MOST_ERROR_NS and max(stamps, default=now_ns) + by_ns <= now_ns + FUTURE_NS:
+            self._shift_news(by_ns)
 
     def _shift_news(self, by_ns: int) -> None:
         self.pose, self.launch = _shifted(self.pose, by_ns), _shifted(self.launch, by_ns)
@@ -136,7 +143,7 @@ class Peers:
         if message.stamp_ns > now_ns + FUTURE_NS:
             return "from_the_future"
         if ahead_ns is not None:
-            peer.reckon_clock(ahead_ns)
+            peer.reckon_clock(ahead_ns, now_ns)
         kind = type(message).__name__.lower()
         known = getattr(peer, kind)
         if isinstance(message, Pose) and peer.sources.is_second(known, message, now_ns):
