@@ -39,7 +39,7 @@ from agent.navigation.navigator import Reckoning
 from agent.navigation.peers import Peers
 from agent.sensing.camera import Camera
 from agent.sensing.observer import Observer
-from agent.sensing.positionsensors import PositionSensors
+from agent.sensing.positionsensors import NOT_LOGGED, PositionSensors
 from agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
 from protocol.codec import Read, decode_from
 from protocol.entries import Coverage, Entry
@@ -247,7 +247,8 @@ class Pilot:
     def observe_sightings(self, seen: Sequence[SeenDrone]) -> list[tuple[str, bytes]]:
         """Take relative observations of other drones. Returns the resulting log entries, to be published at once."""
         entries = [entry for sighting in seen if (entry := self._sensors.sighting(sighting)) is not None]
-        self._record(entries, max((entry.stamp_ns for entry in entries), default=0))
+        logged = [entry for entry in entries if entry.sequence != NOT_LOGGED]
+        self._record(logged, max((entry.stamp_ns for entry in logged), default=0))
         for entry in entries:
             self._peers.see(entry)
         return self._outbox.take()

@@ -1,6 +1,9 @@
 """By how much the clock of one drone was wrong, as far as it has told with its exposures.
 
 At the stamp of a sighting by it, or of it, the other one of the two was somewhere else then.
+
+A drone learns only after a few seconds that its clock has been set, from the statuses of the others; what it measures until then
+has wrong stamps, too. So what all its exposures of a while later tell counts for the time before.
 """
 
 from __future__ import annotations
@@ -10,6 +13,8 @@ from math import dist
 
 from protocol.entries import LONGEST_EXPOSURE_NS, Exposure
 
+# A status a second and its answer, with some of them lost; and the time, two exposures and more, in which all must tell it.
+_LEARNED_NS, _TOLD_NS = 4_000_000_000, 1_200_000_000
 _SLOWEST_MPS = 0.5  # of a drone that hovers the told error of the position says little of the clock's
 _Told = tuple[int, int, float]  # begin and end of an exposure, and the error in seconds
 
@@ -40,17 +45,27 @@ class ClockErrors:
         self._told = [told for told in self._told if told[1] >= stamp_ns]
         self._wrong = sum(error_s > 0.0 for _, _, error_s in self._told)
 
+    @property
+    def reach_ns(self) -> int:
+        """How long before an exposure the error may change that ``at`` tells."""
+        return _LEARNED_NS + _TOLD_NS if self._wrong else 0
+
     def at(self, stamp_ns: int) -> float:
-        """The error (s) at a stamp; 0 where none was told.
+        """The error (s) at a stamp, as told with the exposures of its time or of a while later; 0 where none was told."""
+        if not self._wrong:
+            return 0.0
+        learned_ns = stamp_ns + _LEARNED_NS
+        return max(self._least(stamp_ns, stamp_ns), self._least(learned_ns, learned_ns + _TOLD_NS))
+
+    def _least(self, from_ns: int, until_ns: int) -> float:
+        """The least error (s) told in any exposure of that time.
 
         Of several exposures at one time the least error counts: else one that lies could spare itself all sightings by
         exposures of its own for that, while its measurements come with others. One with a wrong clock tells it with all.
         """
-        if not self._wrong:
-            return 0.0
-        first = bisect_left(self._told, (stamp_ns - LONGEST_EXPOSURE_NS,))
-        begun = self._told[first : bisect_right(self._told, stamp_ns, key=_begin_ns)]
-        return min((error_s for _, end_ns, error_s in begun if stamp_ns <= end_ns), default=0.0)
+        first = bisect_left(self._told, (from_ns - LONGEST_EXPOSURE_NS,))
+        begun = self._told[first : bisect_right(self._told, until_ns, key=_begin_ns)]
+        return min((error_s for _, end_ns, error_s in begun if from_ns <= end_ns), default=0.0)
 
 
 def _begin_ns(told: _Told) -> int:

@@ -77,7 +77,7 @@ class Intake:
             self._add_samples(number, entry)
             if entry.end_ns >= self._earliest_ns:
                 self._clock_errors[number].add(entry)
-                self._touch(self._index(max(entry.stamp_ns, self._earliest_ns)))
+                self._touch_clock(number, entry)
         elif entry.stamp_ns < self._earliest_ns:
             return
         elif isinstance(entry, Sighting) and entry.target in self._number:
@@ -133,6 +133,11 @@ class Intake:
     def _touch(self, index: int) -> None:
         self.dirty = index if self.dirty is None else min(index, self.dirty)
 
+    def _touch_clock(self, number: int, exposure: Exposure) -> None:
+        """As far back as an exposure that is held says how wrong its drone's clock was."""
+        from_ns = exposure.stamp_ns - self._clock_errors[number].reach_ns
+        self._touch(self._index(max(from_ns, self._earliest_ns)))
+
     def _bucket(self, stamp_ns: int) -> _Bucket:
         index = self._index(stamp_ns)
         self._touch(index)
@@ -162,8 +167,8 @@ class Intake:
             return
         del self._exposed[number][bisect_left(self._exposed[number], identity)]
         exposure = _decoded(Exposure, payload)
+        self._touch_clock(number, exposure)
         self._clock_errors[number].remove(exposure)
-        self._touch(self._index(max(exposure.stamp_ns, self._earliest_ns)))
         for sample in _samples(exposure):
             before_ns = self.tracks[number].remove(sample)
             if before_ns is not None:

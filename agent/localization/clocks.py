@@ -10,6 +10,9 @@ that is set is known anew after an exchange of statuses, however long delays are
 
 Where the own clock is set, the others' are not: all that is known moves along, whether they are heard then or not. Until they
 have heard a status with a new stamp, they go on to report a delay by the former clock, which moves along too.
+
+Where most clocks are set back, so is the time that they agree on. Until that has come again to where it was, all have measured at
+these stamps before, elsewhere: whoever measures then is wrong by the step, even if its clock is right by the new time.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ LIMIT_S = 0.05  # a drone with a larger offset reports it, and adds it to the un
 MOST_LATENCY_NS = 2_000_000_000  # of a status; two delays whose mean is larger are not believed
 MOST_SIGMA_M = 1_000.0  # whatever the clocks say, a drone can tell where it is
 _LEAST_TRIP_NS = -50_000_000  # of the two delays together: clocks drift, and a status tells of a second ago
+_SET_BACK_NS = 1_000_000_000  # of the common time; estimates of it differ by less
 _MOST_DELAY_NS = 2**62  # the limit of the message's field
 
 
@@ -41,6 +45,8 @@ class Clocks:
         self._set_ns = 0
         self._since_ns: dict[str, int] = {}  # by how much the own clock was set, for who may report a delay by the former one
         self._outvoted_s = 0.0  # of the own clock from the common time; 0 where it is not known to be wrong
+        self._latest_ns = 0  # of the common time
+        self._back_s = 0.0  # by how much that was set back, until it has come to where it was
         # Offset of the own clock from the median of all known clocks, its own included. Where they split into halves (two drones)
         # nobody can tell which half is right: then the offset from the other half, on both sides.
         self.offset_s = 0.0
@@ -68,6 +74,7 @@ class Clocks:
                 heard.clear()
                 heard.append((now_ns, delay_ns))
         self._vote(self.offsets_s(now_ns))
+        self._watch_common(now_ns)
         return set_anew
 
     def _by_own_clock(self, name: str, returned_ns: int, delay_ns: int) -> int:
@@ -91,7 +98,11 @@ class Clocks:
             self._heard[name] = deque((at_ns + by_ns, delay_ns + by_ns) for at_ns, delay_ns in heard)
         self._returned = {name: (at_ns + by_ns, delay_ns - by_ns) for name, (at_ns, delay_ns) in self._returned.items()}
         self._since_ns = {name: self._since_ns.get(name, 0) + by_ns for name in self._heard}
-        self._vote({name: offset_s + by_ns * 1e-9 for name, offset_s in self._known.items()})
+        before_s, known = self._outvoted_s, {name: offset_s + by_ns * 1e-9 for name, offset_s in self._known.items()}
+        self._vote(known)
+        step_s = by_ns * 1e-9 - (self._outvoted_s - before_s)  # of the common time
+        if known and step_s < -1e-9 * _SET_BACK_NS:
+            self._back_s = max(self._back_s, -step_s)
 
     def _vote(self, known: dict[str, float]) -> None:
         self._known = known
@@ -104,6 +115,16 @@ class Clocks:
         else:  # of two halves the one that is behind, on both sides: else each would take the other one's time
             outvoted_s = median_high(offsets_s)
         self._outvoted_s = outvoted_s if abs(outvoted_s) > LIMIT_S else 0.0
+
+    def _watch_common(self, now_ns: int) -> None:
+        """Note where the common time is set back, as far as it is known."""
+        if not self._known:
+            return
+        common_ns = self.common_ns(now_ns)
+        if common_ns >= self._latest_ns:
+            self._latest_ns, self._back_s = common_ns, 0.0
+        elif self._latest_ns - common_ns > _SET_BACK_NS:
+            self._back_s = max(self._back_s, 1e-9 * (self._latest_ns - common_ns))
 
     def delays_ns(self, now_ns: int) -> dict[str, int]:
         """The smallest delay of each drone that is heard, as this drone publishes it."""
@@ -152,5 +173,6 @@ class Clocks:
         return f"its clock is {abs(self.offset_s):.2f} s {direction} {', '.join(far) or 'the others'}: check chrony"
 
     def sigma_m(self, speed_mps: float) -> float:
-        """1 sigma that the own clock's offset adds to a position at this speed; 0 within the limit."""
-        return 0.0 if abs(self.offset_s) <= LIMIT_S else min(speed_mps * abs(self.offset_s), MOST_SIGMA_M)
+        """1 sigma (m) that the own clock's offset, or a step of the common time, adds to a position; 0 within the limit."""
+        error_s = max(abs(self.offset_s), self._back_s)
+        return 0.0 if error_s <= LIMIT_S else min(speed_mps * error_s, MOST_SIGMA_M)

@@ -18,7 +18,7 @@ from agent.motion.goals import Piece
 from agent.motion.prediction import Prediction
 from agent.motion.qp import OCTAGON_INRADIUS, HalfPlanes, LimitedProblem
 from agent.motion.reference import PeerState
-from agent.motion.separation import PeerPlan, escape, half_planes, keep_away
+from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, escape, half_planes, keep_away
 
 _ROWS = 3  # half-planes per step in the constrained problem
 _NEAR_M = 2.0  # half-planes closer than this to the plan enter the problem
@@ -144,7 +144,7 @@ class Steering:
             clearance = sqrt(min(apart)) - distance
             if clearance < _NEAR_M:
                 bare = self._limits.separation_m + peer.doubt_m
-                yields = _UNHEARD_YIELDS if peer.blind and peer.measured is None else 1.0
+                yields = _UNHEARD_YIELDS if peer.blind and peer.measured is None else _yields(peer)
                 neighbours.append(_Neighbour(np.array(theirs), distance, bare, peer.goes_before(self._id), yields=yields))
                 clear = clear and clearance >= 0.0
         return neighbours, clear
@@ -208,3 +208,10 @@ class Steering:
         velocity, acceleration = situation.start[1:, :2].tolist()
         limits = (self._limits.acceleration_mps2, self._limits.jerk_mps3)
         return brake(velocity, acceleration, target, limits, self._step_s, self._horizon)
+
+
+def _yields(peer: PeerPlan) -> float:
+    """Metres per metre of slack by which the distance from a drone that is heard yields: as much as it holds beyond the bare
+    separation. From one whose place is doubtful it may not be possible to keep it; the others must not lose as much of theirs.
+    """
+    return 1.0 + max(0.0, DOUBT_SIGMAS * peer.sigma_m - peer.doubt_m) / LEAST_MARGIN_M

@@ -11,6 +11,8 @@ from agent.localization.history import PoseHistory
 from agent.vehicle.interface import GnssFix, SeenDrone
 from protocol.entries import Fix, Sighting
 
+NOT_LOGGED = 0  # sequence number of a sighting that is for this drone alone; no entry of a sensor has it
+_OVERLAP_NS = 1_000_000_000  # sensors may tell late; further back than that goes only a clock that is set
 MOST_PER_S = 20  # observations of one drone, or fixes: a faulty sensor must not fill the logs of the whole swarm
 _FINEST_M, _WIDEST_M = 1e-3, 1e3  # plausible sigmas
 _FINEST_RAD, _WIDEST_RAD = 1e-4, 3.2
@@ -35,6 +37,7 @@ class PositionSensors:
         self._drone, self._others = drone, frozenset(others)
         self._mission, self._boot = mission_id, boot
         self._history, self._numbers, self._counters = history, numbers, counters
+        self._newest_ns = 0  # of the sightings logged
         self._taken: dict[str, tuple[int, int]] = {}  # by target: a second, and the number taken in it
 
     def fix(self, fix: GnssFix) -> Fix | None:
@@ -59,7 +62,11 @@ class PositionSensors:
         )
 
     def sighting(self, seen: SeenDrone) -> Sighting | None:
-        """The log entry of a relative observation, its direction in the local frame; None where it cannot be used."""
+        """The log entry of a relative observation, its direction in the local frame; None where it cannot be used.
+
+        Where the clock was set back, the log holds this drone's poses of those stamps already, and that they are right: what it
+        sees of the others now would contradict where they were then. Such a sighting is ``NOT_LOGGED``.
+        """
         if seen.target not in self._others:
             self._counters["sightings_of_nobody"] += 1
             return None
@@ -68,12 +75,16 @@ class PositionSensors:
             self._counters["sightings_without_pose"] += pose is None
             return None
         direction = None if seen.direction is None else _unit(turned(pose.quaternion, seen.direction))
+        is_overlapping = seen.stamp_ns < self._newest_ns - _OVERLAP_NS
+        if is_overlapping:
+            self._counters["sightings_overlapping"] += 1
+        self._newest_ns = max(self._newest_ns, seen.stamp_ns)
         return Sighting(
             stamp_ns=seen.stamp_ns,
             drone=self._drone,
             mission=self._mission,
             boot=self._boot,
-            sequence=next(self._numbers),
+            sequence=NOT_LOGGED if is_overlapping else next(self._numbers),
             epoch=pose.epoch,
             target=seen.target,
             position_m=pose.position_m,

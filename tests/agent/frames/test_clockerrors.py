@@ -34,6 +34,15 @@ def test_of_one_that_hovers_it_is_at_least_what_the_told_error_makes_sure():
     assert at(errors, 1.5) == pytest.approx([1.0])
 
 
+def test_what_all_exposures_of_a_while_later_tell_counts_for_the_time_before():
+    """Until then the drone did not know that its clock had been set; that one exposure tells an error says nothing."""
+    errors = ClockErrors()
+    for second in range(20):
+        errors.add(exposure(second, 6.0 if second == 10 or second >= 14 else 0.0))
+    assert at(errors, 5.5, 7.5, 9.5, 11.5, 13.5, 14.5) == pytest.approx([0.0, 0.0, 0.0, 2.0, 2.0, 2.0])
+    assert errors.reach_ns > 4 * SECOND
+
+
 def test_an_exposure_beside_others_for_the_sake_of_its_clock_error_alone_tells_nothing():
     errors = ClockErrors()
     for one in (exposure(1.0, 0.0), exposure(1.1, 60.0), exposure(2.0, 0.0), exposure(3.0, 60.0)):

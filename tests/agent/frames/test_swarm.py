@@ -645,16 +645,20 @@ def told_later(entry: Entry, by_s: float, sigma_m: float) -> Entry:
     return structs.replace(later, end_ns=later.end_ns + by_ns, clock_sigma_m=sigma_m) if isinstance(later, Exposure) else later
 
 
-@pytest.mark.parametrize("jump_s", [0.3, 10.5])
-def test_a_clock_that_is_known_to_be_wrong_puts_no_frame_in_the_wrong_place(jump_s):
-    """Its sightings, and those of it, contradicted its fixes: its frame was turned by 120 degrees to fit them, 20 m off."""
+@pytest.mark.parametrize(("jump_s", "learned_s"), [(0.3, 0.0), (10.5, 0.0), (10.5, 2.5)])
+def test_a_clock_that_is_known_to_be_wrong_puts_no_frame_in_the_wrong_place(jump_s, learned_s):
+    """Its sightings, and those of it, contradicted its fixes: its frame was turned by 120 degrees to fit them, 20 m off.
+
+    Also where it has learned of it only after a while, from the others.
+    """
     fixed = {"kind": "rtk", "wander_m": 0.1, "fixes": True, "yaw_sigma_deg": 2.0}
     flown = fly([Drone(name, **fixed) for name in ("d1", "d2", "d3")], 60.0, 3, datum=True)
     set_ns = START_NS + 10 * SECOND
     frames = SwarmFrames(flown.mission)
     for entry in flown.entries:
         wrong = entry.drone == "d2" and entry.stamp_ns >= set_ns
-        told = told_later(entry, jump_s, 3.0 * jump_s) if wrong else entry
+        is_known = entry.stamp_ns >= set_ns + learned_s * SECOND
+        told = told_later(entry, jump_s, 3.0 * jump_s if is_known else 0.0) if wrong else entry
         frames.receive(told, encode(told))
     settle(frames, int(flown.stamps_ns[-1]) + 12 * SECOND)
     assert frames.suspects() == {}

@@ -106,6 +106,31 @@ def test_where_the_clocks_split_into_halves_all_take_the_time_of_the_one_that_is
     assert all(clocks[name].problem(now_ns(name)) is not None for name in ahead)
 
 
+def test_where_most_clocks_are_set_back_all_are_wrong_until_the_common_time_has_come_to_where_it_was():
+    """All drones have measured at those stamps before, elsewhere, also the one whose clock is right by the new time."""
+    names = ("a", "b", "c", "d")
+    clocks, back_ms = {name: Clocks(name, [other for other in names if other != name]) for name in names}, 13_000
+    told = {name: [] for name in names}
+    for second in range(40):
+        true_ns, set_ms = START_NS + second * SECOND, {"a": -back_ms, "b": 0, "c": 0, "d": 0}
+        if second >= 10:
+            set_ms |= {"c": -back_ms, "d": -back_ms}
+        if second == 10:
+            for name in "cd":
+                clocks[name].keep_time(-back_ms * MS)
+        for sender in names:
+            sent_ns = true_ns + set_ms[sender] * MS
+            status = replace(STATUS, drone=sender, stamp_ns=sent_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
+            for receiver in names:
+                if receiver != sender:
+                    clocks[receiver].hear(status, true_ns + (2 + set_ms[receiver]) * MS)
+        for name in names:
+            told[name].append(clocks[name].sigma_m(1.0))
+    for second, expected in ((9, "a"), (13, "abcd"), (20, "abcd"), (26, "b"), (39, "b")):
+        assert {name for name in names if told[name][second] > 12.5} == set(expected)
+        assert all(told[name][second] == 0.0 for name in set(names) - set(expected))
+
+
 @pytest.mark.parametrize("names", [("a", "b", "c"), ("a", "b")])
 @pytest.mark.parametrize("wrong_ms", [-20_000, -3_000])
 def test_the_common_time_goes_on_where_the_own_clock_is_set_back_while_nobody_is_heard(names, wrong_ms):

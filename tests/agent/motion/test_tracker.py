@@ -232,6 +232,20 @@ def test_between_a_drone_that_is_heard_and_one_that_is_not_it_keeps_clear_of_the
     assert hypot(x + 4.0, y) > hypot(x - 4.5, y) + 0.3
 
 
+def test_a_drone_whose_place_is_doubtful_does_not_push_it_into_one_whose_place_is_sure() -> None:
+    """9.6 m are wanted of the former, and not to be had; the latter, at 6 m, lost as much of the 4.2 that are wanted of it."""
+    tracker, state, apart_m = Tracker(LIMITS, WIDE, drone_id="a"), PeerState((0.0, 0.0, 3.0)), []
+    for step in range(30):
+        now_ns = step * STEP_NS
+        doubtful = PeerPlan.from_pose("b", now_ns, PeerState((-4.5, 0.0, 3.0)), sigma_m=2.3, doubt_m=1.0)
+        sure = PeerPlan.from_pose("c", now_ns, PeerState((6.0, 0.0, 3.0)))
+        tracker.plan(now_ns, state, stay(0.0, 0.0), [doubtful, sure])
+        state = tracker.state(now_ns + STEP_NS)
+        apart_m.append(hypot(state.position[0] - 6.0, state.position[1]))
+    assert min(apart_m) > 1.1 * LIMITS.separation_m
+    assert hypot(state.position[0] + 4.5, state.position[1]) > 8.0  # in the end it is farther from the doubtful one, too
+
+
 def test_pushed_out_of_the_circle_of_others_a_drone_brakes_in_time_before_the_fence() -> None:
     """Somebody who is not heard may be anywhere on the circle; the reference lies inside, far from the fence."""
     fence = Fence(shapely.box(-20.5, -200.0, 200.0, 200.0), 1.5, 60.0)

@@ -139,3 +139,13 @@ def test_what_a_drone_told_before_its_clock_was_set_stays_where_it_is(set_ms):
     known = peers["d2"]
     assert [one.stamp_ns for one in known.poses] == [START_NS + 100 * MS * k for k in range(4)]
     assert known.sources.second_place(START_NS + 500 * MS) is None
+
+
+@pytest.mark.parametrize("jump_s", [-13.8, 11.0, -1.0])
+def test_news_from_before_a_drones_clock_was_set_keep_their_time(jump_s):
+    """They came to be of the future, and all later ones to be older than known, until it had come."""
+    peers, ahead_ns, known_ns = Peers(["d2"]), round(jump_s * 1000) * MS, START_NS + 700 * MS
+    assert peers.receive(pose(START_NS), START_NS, ahead_ns=0) is None
+    assert peers.receive(pose(known_ns), known_ns, ahead_ns=ahead_ns) is None
+    assert [one.stamp_ns for one in peers["d2"].poses] == [START_NS, known_ns]
+    assert peers["d2"].ahead_ns == ahead_ns

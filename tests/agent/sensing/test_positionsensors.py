@@ -122,3 +122,16 @@ def test_a_peer_takes_the_entries_into_its_log():
         assert decode_from(key, payload).epoch == 2
     assert other.digest == one.digest
     assert len(other.fusion.log) == 2
+
+
+def test_after_its_clock_was_set_back_a_drone_logs_no_sighting_of_stamps_that_it_has_logged_already():
+    """For itself it still sees where the others are; what its sensor tells a moment late is logged."""
+    one, back_ns = flown(), 3 * SECOND
+    assert len(told(one.observe_sightings([SEEN, replace(SEEN, stamp_ns=START_NS - SECOND // 4)]), Sighting)) == 2
+    for tick in range(1, 70):
+        one.observe_vehicle(state(START_NS - back_ns + tick * TICK_NS, position=(2.0, 0.0, 3.0)))
+    assert one.observe_sightings([replace(SEEN, stamp_ns=START_NS - back_ns + SECOND)]) == []
+    assert one.counters["sightings_overlapping"] == 1
+    assert len(one._peers["d2"].sightings) == 3
+    (entry,) = told(one.observe_sightings([replace(SEEN, stamp_ns=START_NS + SECOND // 4)]), Sighting)
+    assert entry.sequence == 3
