@@ -34,12 +34,12 @@ class CameraFaults:
             return replace(readout, hits=PixelHits.none()) if dead.blind else None
         for gain, _ in schedule.active(CameraGain, drone):
             readout = replace(readout, hits=amplified(readout.hits, gain.factor, self._calibrations[drone]))
-        for _, one in schedule.active(CameraStuck, drone):
-            readout = repeated(self._first.setdefault((one, drone), readout), readout)
         for noisy, one in schedule.active(CameraNoisy, drone):
             if (one, drone) not in self._pixels:
                 self._pixels[one, drone] = noisy_pixels(noisy, one.rng)
             readout = self._with_noise(readout, noisy, self._pixels[one, drone], self._calibrations[drone], one.rng)
+        for _, one in schedule.active(CameraStuck, drone):  # the noise that it has read out, too
+            readout = repeated(self._first.setdefault((one, drone), readout), readout)
         return readout
 
     def _with_noise(

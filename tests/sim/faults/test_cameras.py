@@ -16,9 +16,9 @@ CALIBRATION = PixelCalibration.draw(TRUTH, np.random.default_rng(1))
 START_NS, SPAN_NS = 1_000_000_000, 200_000_000
 
 
-def faulty(fault: Fault, seed: int = 1) -> CameraFaults:
-    schedule = Schedule([fault], ["d1", "d2"], seed)
-    schedule.advance(fault.at_s)
+def faulty(*faults: Fault, seed: int = 1) -> CameraFaults:
+    schedule = Schedule(list(faults), ["d1", "d2"], seed)
+    schedule.advance(max(fault.at_s for fault in faults))
     return CameraFaults(schedule, TRUTH, [CALIBRATION, CALIBRATION])
 
 
@@ -92,6 +92,16 @@ def test_a_stuck_camera_repeats_its_first_readout() -> None:
     assert (again.start_ns, again.end_ns) == (later.start_ns, later.end_ns)
     assert (again.hits.tot == first.hits.tot).all()
     assert (again.hits.tick - first.hits.tick == 3 * SPAN_NS * 16 // 25).all()
+
+
+def test_a_stuck_camera_repeats_its_noise_too() -> None:
+    faults = faulty(CameraStuck(at_s=0.0), CameraNoisy(at_s=0.0, pixels=20, rate_hz=1000.0))
+    first, again = faults.spoil(0, readout()), faults.spoil(0, readout(START_NS + SPAN_NS))
+    assert first is not None
+    assert again is not None
+    assert len(first.hits) > 3000
+    assert (again.hits.index == first.hits.index).all()
+    assert (again.hits.tick - first.hits.tick == SPAN_NS * 16 // 25).all()
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 1.3])

@@ -62,6 +62,20 @@ def test_a_hypothesis_that_is_behind_its_source_or_ahead_of_it(late_s, sigma_m, 
     assert found(FollowsSource(setting), make, seconds) == expected
 
 
+@pytest.mark.parametrize(("still_s", "expected"), [(4.0, []), (12.0, [("d1",)])])
+def test_a_source_that_is_taken_to_rest_for_a_moment(still_s, expected) -> None:
+    """The hypothesis stays where the source was, is more than 6 sigma off after a second, and finds it again."""
+    setting = moments.setting()
+    setting.scenario = SimpleNamespace(source=SimpleNamespace(motion="circle"), fault=[])
+
+    def make(time_s):
+        x, y = around(20.0 if 20.0 <= time_s < 20.0 + still_s else time_s)
+        pilots = moments.changed(0, moments.pilot(believed=moments.hypothesis(x, y, 0.1)), moments.pilot)
+        return moments.moment(time_s, source=around(time_s), pilots=pilots)
+
+    assert found(FollowsSource(setting), make, 40.0) == expected
+
+
 class Measured:
     """A log of exposures of the first drone, each 0.5 s, and where they are fused: at x, by ``off_m`` from where it was."""
 
