@@ -36,7 +36,7 @@ class Peer:
     ``launch``: its last pose before it left the place of its launch; ``at_launch_since_ns``: stamp of its first pose there, None
     while its statuses do not say so, negative before it ever flew. ``sources``: whether all this is of one.
     ``ahead_ns``: how far its clock is ahead of the own one, as its stamps were corrected for; ``delays_ns``: apparent delays of
-    its last messages, by both clocks as they are.
+    the last messages that were kept, by both clocks as they are.
     """
 
     pose: Pose | None = None
@@ -68,13 +68,14 @@ class Peer:
         counts, because queueing only ever makes a message later.
         """
         by_ns = self.ahead_ns - ahead_ns
-        if by_ns != 0:
-            grown_ns = delay_ns - min(self.delays_ns, default=delay_ns)
-            if abs(grown_ns) <= abs(grown_ns - by_ns):
-                self._shift_news(by_ns)
-            self.ahead_ns = ahead_ns
+        if by_ns == 0:
+            return
+        grown_ns = delay_ns - min(self.delays_ns, default=delay_ns)
+        if abs(grown_ns) <= abs(grown_ns - by_ns):
+            self._shift_news(by_ns)
+        else:
             self.delays_ns.clear()
-        self.delays_ns.append(delay_ns)
+        self.ahead_ns = ahead_ns
 
     def _shift_news(self, by_ns: int) -> None:
         self.pose, self.launch = _shifted(self.pose, by_ns), _shifted(self.launch, by_ns)
@@ -150,8 +151,9 @@ class Peers:
             return "stale"
         if message.stamp_ns > now_ns + FUTURE_NS:
             return "from_the_future"
+        delay_ns = now_ns - message.stamp_ns - (peer.ahead_ns if ahead_ns is None else ahead_ns)
         if ahead_ns is not None:
-            peer.reckon_clock(ahead_ns, now_ns - message.stamp_ns - ahead_ns)
+            peer.reckon_clock(ahead_ns, delay_ns)
         kind = type(message).__name__.lower()
         known = getattr(peer, kind)
         if isinstance(message, Pose) and peer.sources.is_second(known, message, now_ns):
@@ -159,6 +161,7 @@ class Peers:
         if known is not None and known.stamp_ns >= message.stamp_ns:
             return "older_than_known"
         setattr(peer, kind, message)
+        peer.delays_ns.append(delay_ns)
         if isinstance(message, Status):
             peer.sources.boot(message, now_ns)
             peer.take_status(message)

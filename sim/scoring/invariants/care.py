@@ -16,6 +16,7 @@ from sim.faults.agents import Corrupt
 from sim.faults.base import Family, Fault
 from sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump
 from sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
+from sim.scoring.invariants.place import excluded
 from sim.scoring.moment import Moment
 from sim.sharing import Results
 
@@ -52,7 +53,10 @@ class Named(Invariant[Moment]):
     """Where drones see each other, one whose own position is more than 5 m wrong is suspected by another within 10 s.
 
     It is wrong by a jump or a drag that nobody has announced. The 10 s count while at least two others are within 30 m of it that
-    are where they take themselves to be: where all satellites are spoofed nobody can tell who is wrong.
+    are where they take themselves to be: where all satellites are spoofed nobody can tell who is wrong. Nor do they count for a
+    drone that flies by SLAM, whose frame drifts anyway, while the others' sightings keep that frame right: it is where it takes
+    itself to be in the mission frame, and nothing that it measures contradicts that. One with satellites has to be named then,
+    too: its fixes contradict the sightings.
     """
 
     name = "named"
@@ -66,6 +70,7 @@ class Named(Invariant[Moment]):
             if seen and (span := _misplaced_s(fault)) is not None
             for name in fault.strikes(setting.names)
         ]
+        self._by_slam = [drone.localization == "slam" for drone in setting.mission.drones]
         self._unnamed_s = [0.0] * len(self._spans)
         self._found: list[Breach] = []
         self._ticks = 0
@@ -79,7 +84,7 @@ class Named(Invariant[Moment]):
 
     def _unnamed(self, moment: Moment) -> Iterator[Breach]:
         for place, (drone, begin_s, end_s) in enumerate(self._spans):
-            if not begin_s <= moment.time_s < end_s or not self._is_seen(moment, drone):
+            if not begin_s <= moment.time_s < end_s or not self._is_seen(moment, drone) or self._is_kept_right(moment, drone):
                 continue
             if self._is_named(moment, drone):
                 self._unnamed_s[place] = -inf
@@ -91,6 +96,11 @@ class Named(Invariant[Moment]):
         name = self.setting.names[drone]
         pilots = (pilot for pilot in moment.pilots if pilot is not None)
         return any(name in pilot.frames.suspects() for pilot in pilots)
+
+    def _is_kept_right(self, moment: Moment, drone: int) -> bool:
+        """Whether sightings make up for all that is wrong with a drone's own position, as for any drift."""
+        pilot = moment.pilots[drone]
+        return self._by_slam[drone] and pilot is not None and pilot.whereabouts is not None and not excluded(moment, drone)
 
     def _is_seen(self, moment: Moment, drone: int) -> bool:
         x, y, _ = moment.position_m[drone].tolist()

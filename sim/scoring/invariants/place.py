@@ -54,7 +54,7 @@ class OwnPlace(_Placed):
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Drones that have been wrong for too long."""
-        wrong = {drone: text for drone in self.placeable(moment) if (text := _excluded(moment, drone))}
+        wrong = {drone: text for drone in self.placeable(moment) if (text := excluded(moment, drone))}
         self._since_s = {drone: self._since_s.get(drone, moment.time_s) for drone in wrong}
         for drone, since_s in self._since_s.items():
             if moment.time_s - since_s > EXCLUDED_S:
@@ -178,7 +178,7 @@ class KnowsHome(Invariant[Moment]):
         return f"it takes a place {off_m:.1f} m away for its home"
 
 
-def _excluded(moment: Moment, drone: int) -> str:
+def excluded(moment: Moment, drone: int) -> str:
     """How a drone excludes where it is, or where it points; empty where it does not."""
     pilot = moment.pilots[drone]
     placed = pilot.whereabouts if pilot is not None else None

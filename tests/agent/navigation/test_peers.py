@@ -129,16 +129,20 @@ def test_poses_by_two_estimates_of_a_drones_clock_are_no_jump():
     assert known.sources.second_place(START_NS + 701 * MS) is None
 
 
-@pytest.mark.parametrize("set_ms", [-6440, -700, 700, 6440])
+@pytest.mark.parametrize("set_ms", [-6440, -1500, -700, 700, 6440])
 def test_what_a_drone_told_before_its_clock_was_set_stays_where_it_is(set_ms):
-    """Moved along, it would be news of the future: the next poses older than known, and then a jump."""
+    """Moved along, it would be news of the future: the next poses older than known, then a jump. Until the set clock is known,
+    news is read by the former one.
+    """
     peers = Peers(["d2"])
-    for k, ahead_ns in enumerate((0, 0, set_ms * MS, set_ms * MS)):  # each pose is 20 ms on its way
-        stamp_ns = START_NS + 100 * MS * k
-        assert peers.receive(pose(stamp_ns), stamp_ns + 20 * MS, ahead_ns=ahead_ns) is None
+    for k in range(6):  # each pose is 20 ms on its way; the clock is set before the third one, and known from the fifth on
+        sent_ns, ahead_ns = START_NS + 100 * MS * k, set_ms * MS if k >= 4 else 0
+        raw_ns = sent_ns + (set_ms * MS if k >= 2 else 0)
+        reason = peers.receive(pose(raw_ns - ahead_ns), sent_ns + 20 * MS, ahead_ns=ahead_ns)
+        assert (reason is None) is (k not in (2, 3))
     known = peers["d2"]
-    assert [one.stamp_ns for one in known.poses] == [START_NS + 100 * MS * k for k in range(4)]
-    assert known.sources.second_place(START_NS + 500 * MS) is None
+    assert [one.stamp_ns for one in known.poses] == [START_NS + 100 * MS * k for k in (0, 1, 4, 5)]
+    assert known.sources.second_place(START_NS + 600 * MS) is None
 
 
 @pytest.mark.parametrize("jump_s", [-13.8, 11.0, -1.0])

@@ -5,6 +5,7 @@ import math
 import moments
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from agent.vehicle.interface import FlightMode
 from protocol.messages import Stage
@@ -175,6 +176,20 @@ def test_a_drone_that_is_not_where_it_says_and_nobody_suspects_it() -> None:
     motor, spoofed = ({"kind": kind, "at_s": 5.0, "target": "d3"} for kind in ("motor", "spoofed"))
     assert unsuspected(motor) == [("d2",)]  # its neighbour still knows where it is
     assert unsuspected(spoofed) == []
+
+
+def test_sightings_that_keep_the_frame_of_a_drone_right_whose_slam_drifts_leave_nobody_to_be_named() -> None:
+    def unnamed(localization, x) -> bool:
+        jump = {"kind": "spoofed", "at_s": 1.0, "target": "d2", "speed_mps": 1.0, "most_m": 12.0}
+        setting = moments.setting(jump, sightings=True)
+        drones = [replace(drone, localization=localization) for drone in setting.mission.drones]
+        setting.mission = replace(setting.mission, drones=drones)
+        pilots = moments.changed(1, moments.pilot(placed=moments.whereabouts(x=x)), moments.pilot)
+        return told(Named(setting), *(moments.moment(float(t), pilots=pilots) for t in np.arange(5.0, 30.0, 0.05))) == [("d2",)]
+
+    assert not unnamed("slam", x=20.5)  # where it is: 20.0
+    assert unnamed("slam", x=23.0)
+    assert unnamed("gnss", x=20.5)  # its fixes contradict what the others see
 
 
 def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
