@@ -275,8 +275,9 @@ def test_an_agent_started_in_flight_keeps_clear_of_the_home_of_a_revoked_one_tha
     places = []
     for second in (300, 340, 500):
         found = hood.around(peers, replace(me, now_ns=second * SECOND))
-        places.append([one.plan.positions[0][:2] for one in found])
-    assert places == [[(10.0, 0.0)], [(10.0, 0.0)], []]
+        homes = [home.place for home in hood.absence.homes] if hood.absence is not None else None
+        places.append(([one.plan.positions[0][:2] for one in found], homes))
+    assert places == [([(10.0, 0.0)], None), ([(10.0, 0.0)], [(10.0, 0.0)]), ([], [])]
 
 
 @pytest.mark.parametrize(
