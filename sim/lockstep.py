@@ -42,7 +42,7 @@ from sim.scoring.recorder import LONGEST_START_S, Recorder
 from sim.sharing import Folds, Readings
 from sim.streams import streams
 from sim.telemetry import Telemetry
-from sim.vehicle.autopilot import Autopilot
+from sim.vehicle.autopilot import autopilots
 from sim.vehicle.multirotor import Multirotors, Setpoints
 from sim.world.cameras import Cameras
 from sim.world.launch import launch_places
@@ -146,8 +146,7 @@ class _World:
         self._multirotors = Multirotors(scenario.vehicle, position, np.zeros(count), TICK_NS * 1e-9, random.vehicle)
         errors = Localization(scenario.localization, count, TICK_NS * 1e-9, random.localization)
         self._localization = with_dead_reckoning(scenario.fault, errors)
-        places = zip(self._frames.local(position), self._frames.yaw_rad.tolist(), mission.return_heights_m, strict=True)
-        self._autopilots = [Autopilot(home, -yaw, TICK_NS * 1e-9, height_m) for home, yaw, height_m in places]
+        self._autopilots = autopilots(mission, self._frames.local(position), self._frames.yaw_rad, TICK_NS * 1e-9)
         world = (self._frames, self._localization, self._multirotors, self._autopilots, (scenario.camera, self._cameras))
         self._onboard = OnboardFaults(self._faults, EPOCH_NS, TICK_NS * 1e-9, *world)
         self._telemetry = Telemetry(self._multirotors, self._localization, self._frames, self._terrain, self._onboard, EPOCH_NS)

@@ -7,7 +7,7 @@ places of that way. Positions are horizontal, mission frame; times in seconds si
 
 from __future__ import annotations
 
-from math import dist, inf
+from math import dist, hypot, inf
 
 import numpy as np
 from msgspec import Struct
@@ -19,13 +19,14 @@ from agent.navigation.peers import Peer
 from protocol.messages import Pose, Stage
 
 CIRCLING = (Stage.TRACK, Stage.REACQUIRE)
+_STEERED = (*CIRCLING, Stage.SURVEY, Stage.RETURN)  # by setpoints
 # An autopilot without setpoints (PX4: COM_OF_LOSS_T): it flies on for a second, stops, climbs (MPC_Z_V_AUTO_UP, which preflight
 # checks, and slower near the height), goes home at 3 to 6 m/s (MPC_XY_CRUISE: 5), and comes down at half a metre per second or
 # more. From the last setpoint until it leaves, PX4 takes 4.2 s for a rise of 2 m, 8.4 s for 10 m, and 12 s for 20 m.
 _GOES_ON_S, _STOPPED_S = 1.0, 3.5
 _CLIMB_MPS, _DESCENT_MPS, _DOWN_S = 1.5, 0.5, 10.0
 _SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
-_STOPS_S, _FARTHEST_S = 1.5, 2.0  # it stops about this many seconds of its velocity ahead, and at most so many
+_NEAREST_S, _STOPS_S, _FARTHEST_S = 0.5, 1.5, 2.0  # it stops so many seconds of its velocity ahead: at least, about, at most
 _LOWER_M = 12.0  # nearer to its home than this it may return lower (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
 
 
@@ -52,6 +53,7 @@ class Stretch(Struct, frozen=True):
 class Course(Struct, frozen=True):
     """What one vehicle does: it stops somewhere on ``stop``, and stays there until ``leaves_s``; infinity: it does not leave.
     ``way``: from there home, at the height ``cruise_m``; there it is down at ``down_s``. None: it does not return.
+    ``goes_on_m``: how far along ``stop`` it gets at least before it stops.
     """
 
     stop: Stretch
@@ -59,13 +61,14 @@ class Course(Struct, frozen=True):
     way: tuple[Point2, Point2] | None = None
     cruise_m: float = 0.0
     down_s: float = 0.0
+    goes_on_m: float = 0.0
 
     def stretches(self, times: Array, below_m: float) -> list[Stretch]:
         """Where it may be at some times (K,), ascending, the first of which is now; nowhere once it must be down.
 
         ``below_m``: what crosses above this height is not in the way.
         """
-        found = [self.stop] if times[0] < self.leaves_s else []
+        found = [self._stop(times)] if times[0] < self.leaves_s else []
         if self.way is None or times[0] >= self.down_s:
             return found
         start, home = self.way
@@ -76,6 +79,14 @@ class Course(Struct, frozen=True):
         front = np.clip(_FASTEST_MPS * (times - _GOES_ON_S), 0.0, way_m)
         back = np.clip(_SLOWEST_MPS * (times - self.leaves_s), 0.0, way_m)
         return [*found, Stretch(start, home, back, front)]
+
+    def _stop(self, times: Array) -> Stretch:
+        """Where it stops. It goes on at first, and is not any more where it was: one that follows it has to brake, and not to go
+        around.
+        """
+        start, end = self.stop.start, self.stop.end
+        back = self.goes_on_m * np.clip(times / _GOES_ON_S, 0.0, 1.0)
+        return Stretch(start, end, back, np.full(len(times), dist(start, end)))
 
 
 class Agentless:
@@ -93,17 +104,19 @@ class Agentless:
         x, y, z = mission_from_theirs.apply_point(pose.position_m)
         u, v, _ = mission_from_theirs.rotate_direction(pose.velocity_mps)
         stop = Stretch((x, y), (x + _FARTHEST_S * u, y + _FARTHEST_S * v))
-        reaction = self._reaction(name, peer.status.stage if peer.status is not None else Stage.SURVEY)
+        stage = peer.status.stage if peer.status is not None else Stage.SURVEY
+        reaction = self._reaction(name, stage)
+        goes_on_m = _NEAREST_S * hypot(u, v) if pose.steered and stage in _STEERED else 0.0
         if reaction == "hold":
-            return Course(stop, inf)
+            return Course(stop, inf, goes_on_m=goes_on_m)
         if reaction == "land":
-            return Course(stop, _STOPPED_S + _DOWN_S + max(z, 0.0) / _DESCENT_MPS)
+            return Course(stop, _STOPPED_S + _DOWN_S + max(z, 0.0) / _DESCENT_MPS, goes_on_m=goes_on_m)
         home_x, home_y, home_z = self.home(name, peer, mission_from_theirs)
         cruise_m = max(z, home_z + self._return_m[name])
         leaves_s = _STOPPED_S + (cruise_m - z) / _CLIMB_MPS
         way = (x + _STOPS_S * u, y + _STOPS_S * v), (home_x, home_y)
         down_s = leaves_s + dist(*way) / _SLOWEST_MPS + (cruise_m - home_z) / _DESCENT_MPS + _DOWN_S
-        return Course(stop, leaves_s, way, cruise_m, down_s)
+        return Course(stop, leaves_s, way, cruise_m, down_s, goes_on_m)
 
     def returns_above(self, name: str, other: str) -> bool:
         """Whether one returns higher than the other, and so comes down through the height of the other's return."""
@@ -119,7 +132,7 @@ class Agentless:
         """What its autopilot does; without offboard mode, what it did before."""
         if stage in (Stage.LANDING, Stage.ABORT):
             return "land"
-        if stage not in (*CIRCLING, Stage.SURVEY, Stage.RETURN):
+        if stage not in _STEERED:
             return "hold"
         return "hold" if name in self._homeless and self._agent_lost == "return" else self._agent_lost
 

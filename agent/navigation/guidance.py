@@ -19,6 +19,7 @@ from agent.motion.orbit import Orbit
 from agent.motion.reference import PeerState, Reference
 from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, margin_m
 from agent.navigation.agentless import CIRCLING
+from agent.navigation.aroundhomes import AroundHomes
 from agent.navigation.crossing import WayHome
 from agent.navigation.home import Home
 from agent.navigation.neighbours import Neighbour
@@ -88,7 +89,7 @@ class Guidance:
         self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + _ROOM_M)
         self._encirclement = Encirclement(mission.encirclement, mission.limits)
         self._shared = SharedCircle(mission, drone.id)
-        self._way = WayHome(mission, drone.id)
+        self._way, self._around = WayHome(mission, drone.id), AroundHomes(mission)
         self._absence: Absence | None = None
         self.has_room = True
         self._yaw_rad = 0.0
@@ -149,7 +150,7 @@ class Guidance:
         if frame is not None:
             self._waits = None
         if moment.stage is Stage.RETURN:
-            return self._return(moment, state)
+            return self._return(moment, state, deviation_m)
         self._way.begin()
         if frame is None:
             return self._wait(moment, state)
@@ -295,20 +296,29 @@ class Guidance:
         over_x = x + _WAITING_RADIUS_M * (np.cos(turned) - 1.0)
         return self._level(moment, over_x, y + _WAITING_RADIUS_M * np.sin(turned))
 
-    def _return(self, moment: Moment, state: PeerState) -> Reference:
-        """Straight home at the survey's speed and height; if home is not known, stay.
+    def _return(self, moment: Moment, state: PeerState, deviation_m: float) -> Reference:
+        """Home at the survey's speed and height, around the homes of others that are not heard; if home is not known, stay.
 
         Above all circles as long as there are drones that are not heard: it cannot know where they are, nor they that it comes.
         """
         x, y, _ = state.position
         home = self._home.in_local or (x, y, 0.0)
         unheard, height_m = self._absence is not None, moment.vehicle.height_m
-        (to_x, to_y), over_m = self._way.course((x, y), height_m, home[:2], unheard=unheard, taken=self._home_is_taken)
-        way = np.array([to_x - x, to_y - y])
-        distance = hypot(*way.tolist())
-        travelled = np.minimum(self._config.survey.speed_mps * STEP_S * np.arange(HORIZON + 2.0), distance)
-        along = way / max(distance, 1e-9)
-        return self._level(moment, x + travelled * along[0], y + travelled * along[1], over_m)
+        to, over_m = self._way.course((x, y), height_m, home[:2], unheard=unheard, taken=self._home_is_taken)
+        way = self._way_to((x, y), to, deviation_m)
+        along = np.append(0.0, np.cumsum(np.hypot(*np.diff(way, axis=0).T)))
+        travelled = self._config.survey.speed_mps * STEP_S * np.arange(HORIZON + 2.0)
+        return self._level(moment, np.interp(travelled, along, way[:, 0]), np.interp(travelled, along, way[:, 1]), over_m)
+
+    def _way_to(self, here: Point2, to: Point2, deviation_m: float) -> Array:
+        """Points (P, 2) of the way to a place, local frame as both."""
+        frame, homes = self._own.frame, self._absence.homes if self._absence is not None else ()
+        if frame is None or not homes:
+            return np.array([here, to])
+        ends = frame.mission_from_local.apply(np.array([(*here, 0.0), (*to, 0.0)]))[:, :2].tolist()
+        way = self._around.way((ends[0][0], ends[0][1]), (ends[1][0], ends[1][1]), homes, deviation_m)
+        placed: Array = frame.local_from_mission.apply(np.column_stack((way, np.zeros(len(way)))))
+        return placed[:, :2]
 
     @property
     def _home_is_taken(self) -> bool:

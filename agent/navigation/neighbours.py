@@ -136,14 +136,14 @@ class Neighbourhood:
         for name in peers.names:
             peer = peers[name]
             on_ground = peer.sources.is_on_ground(me.now_ns)
-            if peer.pose is None and not on_ground and (me.resumed or name in me.measured):
-                missing += [name] if self._is_unheard(name, me.now_ns) else []
-                if me.local_from_mission is not None:
-                    viewer = _viewer(me, me.local_from_mission)
-                    unknown = self._silent.unknown(name, viewer, excluded=name in me.excluded)
-                    found += [Neighbour(name, plan, False) for plan in unknown]
             if peer.pose is None or on_ground:
                 self._silent.heard(name)
+                if not on_ground and (me.resumed or name in me.measured):
+                    missing += [name] if self._is_unheard(name, me.now_ns) else []
+                    if me.local_from_mission is not None:
+                        viewer = _viewer(me, me.local_from_mission)
+                        unknown = self._silent.unknown(name, viewer, excluded=name in me.excluded)
+                        found += [Neighbour(name, plan, False) for plan in unknown]
                 continue
             self._compare(name, peer, peer.pose)
             mission_from_theirs = self._frame_of(name, peer.pose)

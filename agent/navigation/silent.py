@@ -28,6 +28,7 @@ from agent.frames.transform import Transform
 from agent.geometry import Array, Point2, Vector3
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
+from agent.navigation.aroundhomes import KeptHome
 from agent.navigation.crossing import is_over_m
 from agent.navigation.peers import Peer, Peers
 from protocol.messages import Pose, Stage
@@ -71,7 +72,7 @@ class Absence(Struct, frozen=True):
     ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it shares the mission with no other drone;
     ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both ends of each
     stretch; of those that do not hear this one, too, as they reckon with the same of it. ``coming_home``: those that may be on
-    their way home then, and not down yet.
+    their way home then, and not down yet. ``homes``: those that are kept clear of, as others may come down there.
     """
 
     missing: tuple[str, ...]
@@ -82,6 +83,7 @@ class Absence(Struct, frozen=True):
     alone: bool
     stops: Array
     coming_home: tuple[str, ...]
+    homes: tuple[KeptHome, ...] = ()
 
     @property
     def unheard(self) -> tuple[str, ...]:
@@ -135,6 +137,7 @@ class Silent:
         self._courses: dict[str, tuple[int, Course]] = {}  # the same, if its agent is gone
         self._contacts: dict[str, Contact] = {}  # the last ones with those that are not heard, or do not hear this drone
         self._unhearing: set[str] = set()  # of these, who is heard
+        self._homes: dict[str, KeptHome] = {}  # that are kept clear of at present
         self._excluded_ns: dict[str, int] = {}  # who was never heard and is revoked: since when that is known
         self._set_ns = 0
 
@@ -152,6 +155,7 @@ class Silent:
         self._walls.pop(name, None)
         self._courses.pop(name, None)
         self._contacts.pop(name, None)
+        self._homes.pop(name, None)
         self._unhearing.discard(name)
 
     def is_unhearing(self, name: str) -> bool:
@@ -161,6 +165,7 @@ class Silent:
     def seen(self, name: str, pose: Pose, place: Point2) -> None:
         """It is not heard, but seen at this place."""
         self._unhearing.discard(name)
+        self._homes.pop(name, None)
         self._courses[name] = pose.stamp_ns, Course(Stretch(place, place), LEFT_S)
 
     def absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
@@ -183,7 +188,15 @@ class Silent:
             stops += [course.stop.start, course.stop.end] if silent_s < min(LEFT_S, course.leaves_s) else []
             coming_home += [name] if name in self._courses and silent_s < course.down_s else []
         return Absence(
-            tuple(missing), unhearing, ring, kept, walls, not partners, np.array(stops).reshape(-1, 2), tuple(coming_home)
+            tuple(missing),
+            unhearing,
+            ring,
+            kept,
+            walls,
+            not partners,
+            np.array(stops).reshape(-1, 2),
+            tuple(coming_home),
+            tuple(home for _, home in sorted(self._homes.items())),
         )
 
     def _is_kept(self, name: str, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
@@ -201,6 +214,7 @@ class Silent:
         """Where it may be along the horizon, as far as that is nearest to this drone's own plan."""
         stage = peer.status.stage if peer.status is not None else Stage.SURVEY
         self._unhearing.discard(name)
+        self._homes.pop(name, None)
         silent_s = (me.now_ns - pose.stamp_ns) * 1e-9
         own_way = me.local_from_mission.inverse().apply(me.ahead())
         ahead, below_m = own_way[:, :2], float(own_way[:, 2].max()) + self._above_m
@@ -218,7 +232,10 @@ class Silent:
         walls = [] if wall is None or crosses else [_beyond(name, wall, ahead, sigma_m, me)]
         places = [stretch.nearest(ahead) for stretch in course.stretches(times, below_m)]
         walls += self._coming_down(name, self._agentless.home(name, peer, mission_from_theirs), me)
-        return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), hypot(sigma_m, _SIGMA_M)) for one in places]
+        sigma_m = hypot(sigma_m, _SIGMA_M)
+        if course.way is not None and silent_s < course.down_s:
+            self._homes[name] = KeptHome(course.way[1], sigma_m)
+        return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), sigma_m) for one in places]
 
     def contact(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, stage: Stage, circled: bool) -> Contact:
         """A contact at this pose of it. ``stage``: its own then; ``circled``: whether this drone circled."""
@@ -229,6 +246,7 @@ class Silent:
         ``me``: None while the own frame is not known.
         """
         self._courses.pop(name, None)
+        self._homes.pop(name, None)
         self._unhearing.add(name)
         known = self._contacts.setdefault(name, contact)
         if me is None or me.height_m > self._is_over_m or not 0 <= me.now_ns - known.stamp_ns < APART_NS:
@@ -240,6 +258,7 @@ class Silent:
     def excluded(self, name: str) -> list[PeerPlan]:
         """It is heard, and has ceased to hear this drone, which has been revoked and returns: there is no side to keep to."""
         self._unhearing.add(name)
+        self._homes.pop(name, None)
         return []
 
     def unknown(self, name: str, me: Viewer, *, excluded: bool) -> list[PeerPlan]:
@@ -248,6 +267,7 @@ class Silent:
         ``excluded``: revoked, so that it comes home whatever this drone does, and waits over home where others hinder it.
         """
         home = self._agentless.launch(name)
+        self._homes.pop(name, None)
         if excluded:
             since_ns = self._excluded_ns.setdefault(name, me.now_ns)
             if me.now_ns - since_ns < self._agentless.longest_s(name) * 1e9:
@@ -265,6 +285,7 @@ class Silent:
 
     def _over(self, name: str, home: Vector3, me: Viewer) -> PeerPlan:
         """Over its home, at whatever height."""
+        self._homes[name] = KeptHome(home[:2])
         return blind_plan(name, me.now_ns, me.step_s, _local(np.tile(home[:2], (len(me.ahead()), 1)), me))
 
     def _wall(self, name: str, contact: Contact, me: Viewer) -> Wall | None:

@@ -6,8 +6,11 @@ not repeat a request that was fulfilled before somebody else chose another mode.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from agent.config.mission import MissionConfig
 from agent.vehicle.interface import FlightMode, Request, VehicleCommand
-from sim.geometry import Vector3
+from sim.geometry import Array, Vector3
 from sim.vehicle.guidance import ARRIVED_M, BELOW_GROUND_M, Guidance, Reframing, Target, rest_place
 
 ARMING_S = 1.0
@@ -28,9 +31,13 @@ class Autopilot:
     of mode by the agent are refused. ``knows_position``: its filter does.
     """
 
-    def __init__(self, home: Vector3, yaw: float, step_s: float, return_height_m: float = RETURN_HEIGHT_M) -> None:
-        """``return_height_m``: of a return, above home (PX4: RTL_RETURN_ALT)."""
-        self._return_height_m = return_height_m
+    def __init__(
+        self, home: Vector3, yaw: float, step_s: float, return_height_m: float = RETURN_HEIGHT_M, *, has_home: bool = True
+    ) -> None:
+        """``return_height_m``: of a return, above home (PX4: RTL_RETURN_ALT). ``has_home``: a PX4 without satellites has none,
+        and lands where it would return; preflight refuses a return for want of setpoints there (COM_OBL_RC_ACT).
+        """
+        self._return_height_m, self._has_home = return_height_m, has_home
         self.mode = FlightMode.HOLD
         self.armed = False
         self.in_air = False
@@ -191,6 +198,8 @@ class Autopilot:
 
     def _switch(self, mode: FlightMode) -> None:
         """Change to an autonomous mode: it begins from the vehicle's position, not from the last setpoint."""
+        if mode is FlightMode.RETURN and not self._has_home:
+            mode = FlightMode.LAND
         self.mode = mode
         rests = mode in (FlightMode.HOLD, FlightMode.MANUAL)
         self._guidance.stay(rest_place(self._position, self._velocity) if rests else self._position)
@@ -223,3 +232,11 @@ class Autopilot:
                 self.armed = self.in_air = False
                 self.failsafe = self._failed
                 self.mode, self._intended, self._acts = FlightMode.HOLD, None, None
+
+
+def autopilots(mission: MissionConfig, homes: Iterable[Vector3], yaws: Array, step_s: float) -> list[Autopilot]:
+    """Those of a mission's drones. ``homes``: in each one's local frame; ``yaws``: (N,) rad, of these frames in the mission's."""
+    places = zip(homes, yaws.tolist(), mission.return_heights_m, mission.drones, strict=True)
+    return [
+        Autopilot(home, -yaw, step_s, height_m, has_home=drone.localization != "slam") for home, yaw, height_m, drone in places
+    ]

@@ -97,6 +97,12 @@ class Setting:
             return self.struck(OWN_FAULTS, drone, time_s, inf)
         return self.struck((*OWN_FAULTS, "clock"), drone, time_s, inf) or self.misled_s(("pose", "liar")) <= time_s
 
+    def was_set_down(self, drone: int, time_s: float) -> bool:
+        """Whether the autopilot of a drone may have landed it where it was, for want of setpoints: one without satellites has no
+        home to return to, and its agent or its link to the autopilot was faulted.
+        """
+        return self.mission.drones[drone].localization == "slam" and self.struck(("process", "vehicle"), drone, time_s, inf)
+
     def named(self, *drones: int) -> tuple[str, ...]:
         """Ids of drones."""
         return tuple(self.names[drone] for drone in drones)

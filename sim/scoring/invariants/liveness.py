@@ -19,7 +19,7 @@ _COMING_HOME = (Stage.RETURN, Stage.LANDING, Stage.LANDED)
 class Landed(Invariant[Scene]):
     """The able drones end the mission landed, and at home; every other one has landed or returns, or its human pilot flies it.
 
-    Exempt from home is who may land elsewhere (``Setting``).
+    Exempt from home is who may land elsewhere, or was set down by its autopilot (``Setting``).
     """
 
     name = "landing"
@@ -49,7 +49,8 @@ class Landed(Invariant[Scene]):
 
     def _away_m(self, moment: Scene, drone: int) -> float:
         """Horizontal distance from the place of its launch; 0 for who is exempt."""
-        if self._launch is None or self.setting.may_land_elsewhere(drone, moment.time_s):
+        setting, time_s = self.setting, moment.time_s
+        if self._launch is None or setting.may_land_elsewhere(drone, time_s) or setting.was_set_down(drone, time_s):
             return 0.0
         return hypot(*(moment.position_m[drone, :2] - self._launch[drone, :2]).tolist())
 

@@ -15,7 +15,7 @@ HOME = (0.0, 0.0, 0.0)
 NOW = np.array([3.0, 5.0, 7.0])
 
 
-def course(stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), **safety):
+def course(stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), steered=True, **safety):
     """Of the drone b, whose home is the origin, and which returns at 13 m."""
     mission = MissionConfig(
         name="test",
@@ -32,6 +32,7 @@ def course(stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), 
         quaternion=(1.0, 0.0, 0.0, 0.0),
         position_sigma_m=0.1,
         yaw_sigma_rad=0.01,
+        steered=steered,
     )
     peer = Peer(pose=pose, status=Status(stamp_ns=0, drone="b", mission="0" * 16, boot="1" * 16, stage=stage))
     return Agentless(mission).course("b", peer, pose, Transform())
@@ -50,6 +51,18 @@ def test_it_stops_climbs_and_goes_home():
     assert len(left) == 1
     assert left[0].back == pytest.approx((9.0, 15.0, 21.0))
     assert flown.stretches(NOW + flown.down_s, below_m=20.0) == []
+
+
+@pytest.mark.parametrize(
+    ("stage", "steered", "least_m"), [(Stage.TRACK, True, 1.0), (Stage.TRACK, False, 0.0), (Stage.HOLD, True, 0.0)]
+)
+def test_it_goes_on_at_first_where_it_flew_by_setpoints(stage, steered, least_m):
+    """One that followed it took it to be beside itself, went around where it was, and flew on below where it stopped."""
+    stop, *_ = course(stage, steered=steered).stretches(np.array([0.0, 0.5, 1.0, 4.0]), below_m=20.0)
+    assert stop.back == pytest.approx((0.0, 0.5 * least_m, least_m, least_m))
+    behind = np.tile((30.0, -5.0), (4, 1))
+    assert stop.nearest(behind)[:, 1] == pytest.approx(stop.back)
+    assert stop.nearest(-behind)[:, 1] == pytest.approx(4.0)
 
 
 def test_what_crosses_high_above_is_not_in_the_way_until_it_comes_down():

@@ -9,7 +9,7 @@ from one_pilot import MISSION as ANY_MISSION
 from one_pilot import SECOND, START_NS, TICK_NS, own_pose, state
 
 from agent.config.drone import DroneConfig, ResponseConfig, VehicleConfig
-from agent.config.mission import EncirclementConfig, MissionConfig
+from agent.config.mission import DroneInMission, EncirclementConfig, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.fusion.estimator import Hypothesis, Sight
@@ -184,6 +184,29 @@ def test_who_misses_another_drone_comes_home_in_its_own_layer(missing, again_s):
     assert len(across) > 50
     assert across[:, 2] == pytest.approx(np.full(len(across), layer_m), abs=1.1)
     assert places[-1] == pytest.approx((10.0, 25.0, MISSION.survey.height_m), abs=0.3)
+
+
+def test_who_misses_others_comes_home_around_theirs_in_a_row_before_its_own():
+    """They may come down there; it stopped before the row, and hovered until they must be down."""
+    row = tuple(DroneInMission(id=f"d{k}", origin_m=(22.0, y, 0.0)) for k, y in enumerate((13.0, 19.0, 25.0, 31.0, 37.0), 2))
+    mission, peers = replace(MISSION, drones=(MISSION.drones[0], *row)), Peers([one.id for one in row])
+    for name in peers.names:
+        pose = Pose(
+            stamp_ns=START_NS,
+            drone=name,
+            epoch=0,
+            position_m=(20.0, 0.0, 3.0),
+            velocity_mps=(0.0, 0.0, 0.0),
+            quaternion=(1.0, 0.0, 0.0, 0.0),
+            position_sigma_m=0.1,
+            yaw_sigma_rad=0.01,
+        )
+        status = Status(stamp_ns=START_NS, drone=name, mission=mission.mission_id, boot="1" * 16, stage=Stage.TRACK)
+        assert {peers.receive(message, START_NS) for message in (pose, status)} == {None}
+    places = flown(lambda _: None, mission=mission, stage=Stage.RETURN, peers=peers, home_m=(10.0, 25.0, 0.0))
+    assert places[-1, :2] == pytest.approx((10.0, 25.0), abs=0.5)
+    apart_m = min(np.hypot(*(places[:, :2] - member.origin_m[:2]).T).min() for member in row)
+    assert apart_m > mission.limits.separation_m + 1.0
 
 
 def test_the_circle_of_a_drone_that_misses_another_has_room_again_when_its_centre_moves_into_the_fence():

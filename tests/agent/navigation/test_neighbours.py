@@ -87,9 +87,7 @@ def test_a_drone_that_is_heard_no_more_may_stop_or_be_on_its_way_home():
     """b flew at (10, 1) m, along y at 2 m/s; home is at (10, 0)."""
     stops, comes_home = (one.plan for one in after_silence(5.0)[0])
     x, y, _ = stops.positions[0]
-    assert (x, y) == pytest.approx(
-        (10.0, 1.0), abs=1e-6
-    )  # nearest to a, between the place of its last pose and the farthest stop
+    assert (x, y) == pytest.approx((10.0, 2.0), abs=1e-6)  # nearest to a, between the nearest and the farthest stop
     assert comes_home.positions[0][:2] == pytest.approx((10.0, 0.0), abs=1e-6)
     assert stops.blind
     assert not any(one.takes_part for one in after_silence(1.5)[0])
@@ -275,8 +273,9 @@ def test_an_agent_started_in_flight_keeps_clear_of_the_home_of_a_revoked_one_tha
     places = []
     for second in (300, 340, 500):
         found = hood.around(peers, replace(me, now_ns=second * SECOND))
-        places.append([one.plan.positions[0][:2] for one in found])
-    assert places == [[(10.0, 0.0)], [(10.0, 0.0)], []]
+        homes = [home.place for home in hood.absence.homes] if hood.absence is not None else None
+        places.append(([one.plan.positions[0][:2] for one in found], homes))
+    assert places == [([(10.0, 0.0)], None), ([(10.0, 0.0)], [(10.0, 0.0)]), ([], [])]
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,8 @@ def run(autopilot, seconds, command=None):
         autopilot.step(autopilot.target.position)
 
 
-def airborne():
-    autopilot = Autopilot((0.0, 0.0, 0.0), 0.0, STEP_S)
+def airborne(has_home=True):
+    autopilot = Autopilot((0.0, 0.0, 0.0), 0.0, STEP_S, has_home=has_home)
     run(autopilot, 6.0, VehicleCommand(Request.TAKEOFF, takeoff_height_m=3.0))
     assert autopilot.in_air
     return autopilot
@@ -48,6 +48,17 @@ def test_follows_setpoints_and_returns_when_they_stop():
     run(autopilot, 0.2)
     assert autopilot.mode is FlightMode.RETURN
     assert autopilot.failsafe
+
+
+def test_without_a_home_it_lands_where_it_is_when_setpoints_stop():
+    """A PX4 without satellites has none: a simulated one returned, through the layers of others that climbed."""
+    autopilot = airborne(has_home=False)
+    run(autopilot, 1.0, VehicleCommand(Request.OFFBOARD, SETPOINT))
+    run(autopilot, 1.2)
+    assert (autopilot.mode, autopilot.failsafe) == (FlightMode.LAND, True)
+    run(autopilot, 20.0)
+    assert not autopilot.armed
+    assert autopilot.target.position[:2] == SETPOINT.position_m[:2]
 
 
 def test_resumed_stream_takes_it_back_to_offboard():

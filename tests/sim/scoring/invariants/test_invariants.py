@@ -313,6 +313,25 @@ def test_where_frames_are_estimated_a_faulted_position_that_is_not_announced_may
     assert not ends_elsewhere({"kind": "lie", "at_s": 5.0, "for_s": 2.0, "target": "d2", "what": "pose"})
 
 
+def test_a_drone_without_satellites_whose_agent_was_gone_may_have_been_set_down_elsewhere() -> None:
+    (x, y, _), *others = [(x, y, 0.0) for x, y, _ in moments.PLACES]
+    stopped = [moments.autopilot(FlightMode.HOLD, armed=False, setpoint_age_s=None) for _ in range(3)]
+    freeze = {"kind": "freeze", "at_s": 40.0, "for_s": 9.0, "target": "d1"}
+    for localization, fault, expected in (
+        ("slam", freeze, []),
+        ("rtk", freeze, ["d1"]),
+        ("slam", freeze | {"target": "d2"}, ["d1"]),
+    ):
+        setting = moments.setting(fault)
+        first, *rest = setting.mission.drones
+        setting.mission = replace(setting.mission, drones=(replace(first, localization=localization), *rest))
+        invariant = Landed(setting)
+        for time_s in (0.0, moments.HEAL_S):
+            invariant.look(moments.moment(time_s))
+        end = moments.moment(moments.END_S, [(x + 9.9, y + 2.0, 0.0), *others], autopilots=stopped)
+        assert [violation.drones[0] for violation in invariant.finish(end)] == expected
+
+
 def test_who_is_able_is_decided_by_the_faults_and_by_who_is_in_the_air_at_the_heal() -> None:
     lie = {"kind": "lie", "at_s": 5.0, "for_s": 5.0, "target": "d1"}
     cases = [
