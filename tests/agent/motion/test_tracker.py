@@ -246,6 +246,32 @@ def test_a_drone_whose_place_is_doubtful_does_not_push_it_into_one_whose_place_i
     assert hypot(state.position[0] + 4.5, state.position[1]) > 8.0  # in the end it is farther from the doubtful one, too
 
 
+@pytest.mark.parametrize("sigma_m", [1.7, 5.0])
+def test_between_two_lines_without_room_for_both_distances_a_drone_goes_on_along_its_reference(sigma_m: float) -> None:
+    """The lines are 13 m apart, and farther by 7 cm in a metre ahead: it flew there, with 7.4 m/s, and through the fence."""
+    fence = Fence(shapely.box(-200.0, -20.0, 200.0, 58.0), 1.5, 60.0)
+    tracker, state, farthest_m = Tracker(LIMITS, fence, drone_id="d4"), PeerState((0.0, 9.0, 3.0), (-2.0, 3.0, 0.0)), 0.0
+    tracker.reset(state.position, state.velocity)
+    for step in range(60):
+        now_ns = step * STEP_NS
+        ahead = [state.position[1]] * 21
+        if tracker.has_plan:
+            ahead = [tracker.state(now_ns + k * STEP_NS).position[1] for k in range(21)]
+        lines = []
+        for name, x, slope in (("d3", -6.0, 0.03), ("d5", 7.0, 0.04)):
+            away = np.array([1.0, -slope]) if x < 0.0 else np.array([-1.0, slope])
+            places = [(x + slope * (y - 9.0), y, 3.0) for y in ahead]
+            lines.append(PeerPlan(name, now_ns, 0.2, places, sigma_m, blind=True, away=np.tile(away, (21, 1))))
+        y = np.minimum(state.position[1] + 0.6 * np.arange(31.0), 37.0)
+        moving = np.where(y < 37.0, 3.0, 0.0)
+        along = Reference(np.column_stack((0.0 * y, y, 0.0 * y + 3.0)), np.column_stack((0.0 * y, moving, 0.0 * y)), 0.2)
+        tracker.plan(now_ns, state, along, lines)
+        state = tracker.state(now_ns + STEP_NS)
+        farthest_m = max(farthest_m, state.position[1])
+    assert farthest_m == pytest.approx(37.0, abs=0.3)
+    assert -6.0 + LIMITS.separation_m < state.position[0] < 7.0 - LIMITS.separation_m
+
+
 def test_pushed_out_of_the_circle_of_others_a_drone_brakes_in_time_before_the_fence() -> None:
     """Somebody who is not heard may be anywhere on the circle; the reference lies inside, far from the fence."""
     fence = Fence(shapely.box(-20.5, -200.0, 200.0, 200.0), 1.5, 60.0)
