@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from enum import StrEnum
 from itertools import combinations
-from math import inf, sqrt
+from math import hypot, inf, sqrt
 
 import numpy as np
 from msgspec import Struct
@@ -67,7 +67,7 @@ class _Neighbour(Struct, frozen=True):
     """A nearby peer: positions (H + 1, 2) now and at the steps, distance to keep, and bare separation.
 
     ``away``: (H, 2), normals of the lines that it is beyond; None where it is at these positions. ``yields``: metres per metre of
-    slack, as in ``HalfPlanes``.
+    slack, as in ``HalfPlanes``, of all steps or of each (H,).
     """
 
     positions: Array
@@ -75,7 +75,7 @@ class _Neighbour(Struct, frozen=True):
     bare: float
     has_right_of_way: bool
     away: Array | None = None
-    yields: float = 1.0
+    yields: float | Array = 1.0
 
 
 class Steering:
@@ -89,6 +89,7 @@ class Steering:
         self._problem = LimitedProblem(prediction, step_s, 2, flat, _ROWS)
         self._speed_squared = (limits.speed_mps * OCTAGON_INRADIUS) ** 2
         self._acceleration_squared = (limits.acceleration_mps2 * OCTAGON_INRADIUS) ** 2
+        self._lasting: Array = np.linspace(1.0, 0.0, horizon)  # share at each step of what is lacking now
         self._fading: list[float] = np.exp(-step_s * np.arange(horizon + 1) / _DEVIATION_S).tolist()
 
     def jerk(self, situation: Situation, optimum: Array, peaks: Peaks, peers: Sequence[PeerPlan]) -> tuple[Status, Array]:
@@ -145,7 +146,7 @@ class Steering:
             clearance = sqrt(min(apart)) - distance
             if clearance < _NEAR_M:
                 bare = self._limits.separation_m + peer.doubt_m
-                yields = _UNHEARD_YIELDS if peer.blind and peer.measured is None else _yields(peer)
+                yields = self._yields(peer, distance - hypot(virtual_x - theirs[0][0], virtual_y - theirs[0][1]))
                 neighbours.append(_Neighbour(np.array(theirs), distance, bare, peer.goes_before(self._id), yields=yields))
                 clear = clear and clearance >= 0.0
         for line in _with_room(lines, self._limits.separation_m):
@@ -154,6 +155,20 @@ class Steering:
             neighbours += [line] if least_m < _NEAR_M else []
             clear = clear and least_m >= 0.0
         return neighbours, clear
+
+    def _yields(self, peer: PeerPlan, lacking_m: float) -> float | Array:
+        """Metres per metre of slack by which the distance from a drone yields, of which so much is lacking now.
+
+        What is lacking because a place is doubtful can be had only after a while, at the end of the plan: until then the others,
+        and the fence, must not lose as many metres. One that gives no way may keep it from that for long.
+        """
+        if peer.blind and peer.measured is None:
+            return _UNHEARD_YIELDS
+        doubted_m = _doubted_m(peer)
+        if peer.blind:
+            return 1.0 + doubted_m / LEAST_MARGIN_M
+        lacking_m = min(lacking_m, doubted_m)
+        return 1.0 if lacking_m <= 0.0 else 1.0 + (lacking_m / LEAST_MARGIN_M) * self._lasting
 
     def _corrected(self, peer: PeerPlan, now_ns: int, x: float, y: float) -> list[tuple[float, float]]:
         """A peer's planned positions (H + 1, 2), shifted by its deviation from its plan minus this drone's own (x, y).
@@ -247,8 +262,6 @@ def _room_m(one: _Neighbour, other: _Neighbour) -> float:
     return float(apart_m.min()) if len(apart_m) else inf
 
 
-def _yields(peer: PeerPlan) -> float:
-    """Metres per metre of slack by which the distance from a drone that is heard yields: as much as it holds beyond the bare
-    separation. From one whose place is doubtful it may not be possible to keep it; the others must not lose as much of theirs.
-    """
-    return 1.0 + max(0.0, DOUBT_SIGMAS * peer.sigma_m - peer.doubt_m) / LEAST_MARGIN_M
+def _doubted_m(peer: PeerPlan) -> float:
+    """What is held of a drone for the sake of its doubtful place, beyond the bare separation."""
+    return max(0.0, DOUBT_SIGMAS * peer.sigma_m - peer.doubt_m)
