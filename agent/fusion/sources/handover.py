@@ -1,0 +1,194 @@
+"""The estimator ``sources`` with a source that moves: when it is handed over to a track of ``bayes``, and when it is taken back.
+
+A fit of sources at rest tells a source that moves as several along its way, each as strong as it was there on average. So a
+track (``tracker``) goes along with the fit, of the nuclide of which there is most. It supposes that there is one source of it, at
+rest or moving; sources of other nuclides count as known. With the log Bayes factors, against background alone, of what was
+measured since the last moves,
+
+    M  given the track, each measurement predicted from those before it,
+    R  given the sources at rest, as fitted to all measurements, these included,
+
+the source is handed over at the moves where the track excludes that it is at rest, P(at rest) <= ``_MOVES``, and M - R is at
+least ``_LEAST_GAIN``. One source at rest fails the first condition; several, which no single track explains, fail the second.
+Moves are made at once, at the next time of a refinement, where both hold for the fit of the last moves, which does not know what
+was measured since: so a source that moves is handed over within seconds.
+
+From then on the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its way. Sources
+of other nuclides are told as they were, and count as known. Nothing that is measured while it moves tells of sources at rest.
+Once it has been at rest for ``_RESTED_NS``, a new fit of what was measured meanwhile takes the track's place, if that finds the
+same and nothing else was told; otherwise the track goes on. A track is on the ground: where sources may be above it, there is
+none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec.structs import replace
+from shapely import Polygon
+
+from agent.config.mission import MissionConfig
+from agent.fusion.estimator import GridStep, Hypothesis, Outlook
+from agent.fusion.observation import Observation
+from agent.fusion.sources.data import Cones, Rows
+from agent.fusion.sources.estimator import SourcesEstimator, SourcesState
+from agent.fusion.sources.fit import Fitted
+from agent.fusion.sources.solution import Solution
+from agent.fusion.sources.tracker import Track, Tracker
+
+_MOVES, _RESTS = 1e-3, 0.99  # of P(at rest)
+_LEAST_GAIN = 20.0  # of log evidence
+_RESTED_NS = 30_000_000_000
+_SAME_M = 1.5  # between a track at rest and the fit that takes its place
+_STRONGER = 2.0  # so much more there has to be of another nuclide for the track to be of that one
+
+
+class FollowingEstimator(SourcesEstimator):
+    """Sources at rest, or one that moves. A pure function of the observations and their grid steps."""
+
+    def __init__(self, mission: MissionConfig, area: Polygon) -> None:
+        """As ``SourcesEstimator``. The time grid is that of ``bayes``: a source that moves is elsewhere half a second later."""
+        super().__init__(mission, area)
+        self.grid_s = mission.fusion.bayes.grid_s
+        self._mission = mission
+        self._trackers: dict[int, Tracker] = {}
+
+    def step(self, state: SourcesState, step: GridStep, observations: Sequence[Observation]) -> SourcesState:
+        """As ``SourcesEstimator``, with the track; moves also where what was measured since the last ones contradicts the fit."""
+        refined, moved = step.start_ns // self._refined_ns, step.start_ns // self._moved_ns
+        if refined > state.refined and moved == state.moved and self._favoured(state.track, state, state.pending):
+            state = replace(self._moved_once(state, step), refined=refined)
+        after = super().step(state, step, observations)
+        if after.track is None:
+            return after
+        track = self._tracked(after.track, step, observations)
+        if track.moves and (track.beside or not track.at_rest >= _RESTS):
+            after, track = replace(after, pending=()), replace(track, rests_ns=0)
+        elif track.moves:
+            track = replace(track, rests_ns=track.rests_ns or step.end_ns)
+        return replace(after, track=track)
+
+    def work(self, state: SourcesState, observations: int) -> int:
+        """The fits on average over the steps."""
+        track = state.track
+        tracking = 0 if track is None else self._tracker(track.nuclide).work(track.state, observations)
+        return 8 + observations + len(state.rows) // 10 + tracking
+
+    def hypothesis(self, state: SourcesState, step: GridStep) -> Hypothesis | None:
+        """As ``SourcesEstimator``; of a source that moves the track, None while that searches."""
+        track = _moving(state)
+        if track is None:
+            return super().hypothesis(state, step)
+        told = self._tracker(track.nuclide).hypothesis(track.state, step)
+        if told is None:
+            return None
+        others = tuple(replace(other, stamp_ns=step.middle_ns) for other in track.beside)
+        nuclide = self._spectra.nuclides[track.nuclide]
+        return replace(told, nuclide=nuclide, x0_stamp_ns=state.x0_stamp_ns or told.x0_stamp_ns, others=others)
+
+    def outlook(self, state: SourcesState, step: GridStep) -> Outlook | None:
+        """As ``SourcesEstimator``; that of the track's search, if a source that moves has been lost."""
+        track = _moving(state)
+        return super().outlook(state, step) if track is None else self._tracker(track.nuclide).outlook(track.state, step)
+
+    def _moved(self, state: SourcesState, step: GridStep) -> SourcesState:
+        """Moves of the fit, and what follows for the track; while a source moves, whether it is taken back."""
+        if (track := _moving(state)) is not None:
+            return self._taken_back(state, track, step)
+        after = super()._moved(state, step)
+        if after.fitted is None or not len(after.fitted.solution) or self._raised:
+            return replace(after, track=None)
+        track = self._with_fit(state, after.fitted, step)
+        if self._favoured(track, after, state.pending):
+            return self._handed_over(after, after.fitted, track, step)
+        held = track.state.track is not None
+        track = replace(track, since_ns=step.start_ns if held else 0, evidence=track.state.evidence)
+        return replace(after, track=track)
+
+    def _with_fit(self, state: SourcesState, fitted: Fitted, step: GridStep) -> Track:
+        """The track beside a new fit; where there is none of its nuclide, a new one, with what was pending."""
+        nuclide = _most_of(fitted.solution, state.track)
+        others = _without(fitted.solution, nuclide)
+        if state.track is not None and state.track.nuclide == nuclide:
+            return replace(state.track, others=others)
+        track = Track(nuclide, self._tracker(nuclide).initial(None), others)
+        width_ns = step.end_ns - step.start_ns
+        by_step: dict[int, list[Observation]] = {}
+        for one in state.pending:
+            by_step.setdefault(one.stamp_ns // width_ns, []).append(one)
+        for index in sorted(by_step):
+            track = self._tracked(track, GridStep(index, index * width_ns, (index + 1) * width_ns), by_step[index])
+        return track
+
+    def _tracked(self, track: Track, step: GridStep, observations: Sequence[Observation]) -> Track:
+        tracker = self._tracker(track.nuclide)
+        seen = [one for one in (tracker.seen(each, track.others) for each in observations) if one is not None]
+        if not seen:
+            return track
+        before, after = track.state.track, tracker.step(track.state, step, seen)
+        if after.track is None:
+            return replace(track, state=after, since_ns=0)
+        if before is None:
+            return replace(track, state=after, since_ns=step.end_ns, evidence=after.evidence)
+        return replace(track, state=after)
+
+    def _favoured(self, track: Track | None, after: SourcesState, pending: Sequence[Observation]) -> bool:
+        """Whether what was pending favours a source that moves: see this module's docstring."""
+        if after.fitted is None or track is None or track.since_ns == 0 or not track.at_rest <= _MOVES:
+            return False
+        since = tuple(one for one in pending if one.stamp_ns >= track.since_ns)
+        newest = self._summed(replace(after, rows=Rows.none(), cones=Cones.none(), pending=since))
+        if not len(newest.rows):
+            return False
+        tracker, background = self._tracker(track.nuclide), track.state.background
+        at_rest = tracker.evidence_at_rest(self._problem(newest), after.fitted.solution, background)
+        return track.state.evidence - track.evidence - at_rest >= _LEAST_GAIN
+
+    def _handed_over(self, state: SourcesState, fitted: Fitted, track: Track, step: GridStep) -> SourcesState:
+        kept = [k for k, n in enumerate(fitted.solution.nuclide) if n != track.nuclide and self._is_located(fitted, k)]
+        track = replace(track, moves=True, beside=tuple(self._told(state, fitted, k, step) for k in kept))
+        return replace(self._anew(state), track=replace(track, others=fitted.solution.only(kept)))
+
+    def _taken_back(self, state: SourcesState, track: Track, step: GridStep) -> SourcesState:
+        """With the fit of what was measured at rest, if that finds the same; else the track goes on."""
+        if track.rests_ns == 0 or step.start_ns - track.rests_ns < _RESTED_NS:
+            return state
+        after = super()._moved(state, step)
+        if after.fitted is None or not self._is_same(after.fitted, track):
+            return replace(state, pending=(), track=replace(track, rests_ns=step.start_ns))
+        track = replace(track, moves=False, since_ns=step.start_ns, evidence=track.state.evidence, rests_ns=0)
+        return replace(after, track=track)
+
+    def _is_same(self, fitted: Fitted, track: Track) -> bool:
+        """Whether what was fitted is what the track tells, and known as well as it has to be."""
+        if track.state.track is None or fitted.solution.nuclide != (track.nuclide,) or not self._is_declared(fitted):
+            return False
+        off = fitted.solution.place[0] - track.state.track.moments()[0][:2]
+        return bool(np.hypot(*off) <= _SAME_M)
+
+    def _anew(self, state: SourcesState) -> SourcesState:
+        """With no measurement of sources at rest."""
+        return replace(state, pending=(), rows=Rows.none(), cones=Cones.none(), fitted=None, hiding=None, refinement=None)
+
+    def _tracker(self, nuclide: int) -> Tracker:
+        if nuclide not in self._trackers:
+            self._trackers[nuclide] = Tracker(self._mission, self._area, self._spectra, self._windows, nuclide)
+        return self._trackers[nuclide]
+
+
+def _moving(state: SourcesState) -> Track | None:
+    """The track of a source that moves."""
+    return state.track if state.track is not None and state.track.moves else None
+
+
+def _most_of(solution: Solution, track: Track | None) -> int:
+    """The nuclide of which there is most, Bq; that of the track, unless there is much more of another."""
+    total = np.bincount(solution.nuclide, np.exp(solution.log_activity))
+    most = int(total.argmax())
+    held = track is not None and track.nuclide < len(total) and total[most] < _STRONGER * total[track.nuclide]
+    return track.nuclide if track is not None and held else most
+
+
+def _without(solution: Solution, nuclide: int) -> Solution:
+    return solution.only([k for k, n in enumerate(solution.nuclide) if n != nuclide])
