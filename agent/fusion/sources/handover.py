@@ -1,17 +1,18 @@
 """The estimator ``sources`` with a source that moves: when it is handed over to a track of ``bayes``, and when it is taken back.
 
 A fit of sources at rest tells a source that moves as several along its way, each as strong as it was there on average. So a
-track (``tracker``) goes along with the fit, of the nuclide of which there is most. It supposes that there is one source of it, at
-rest or moving; sources of other nuclides count as known. With the log Bayes factors, against background alone, of what was
-measured since the last moves,
+track (``tracker``) goes along with the fit, of the nuclide of which most is counted. It supposes that there is one source of it,
+at rest or moving; sources of other nuclides count as known. With the log Bayes factors, against background alone, of what was
+measured since the last moves but one, 10 to 20 s, or at least ``_LEAST_NS`` since it is tracked,
 
     M  given the track, each measurement predicted from those before it,
-    R  given the sources at rest, as fitted to all measurements, these included,
+    R  given the sources at rest, as fitted to all measurements, these included; less ``_BORN`` for each source that is new in it,
 
 the source is handed over at the moves where the track excludes that it is at rest, P(at rest) <= ``_MOVES``, and M - R is at
 least ``_LEAST_GAIN``. One source at rest fails the first condition; several, which no single track explains, fail the second.
 Moves are made at once, at the next time of a refinement, where both hold for the fit of the last moves, which does not know what
-was measured since: so a source that moves is handed over within seconds.
+was measured since: so a source that moves is handed over within seconds. Before it is, sources at rest are fitted anew, from
+none: a fit that has gone astray must not look like motion.
 
 From then on the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its way. Sources
 of other nuclides are told as they were, and count as known. Nothing that is measured while it moves tells of sources at rest.
@@ -22,6 +23,7 @@ none.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -35,13 +37,14 @@ from agent.fusion.sources.data import Cones, Rows
 from agent.fusion.sources.estimator import SourcesEstimator, SourcesState
 from agent.fusion.sources.fit import Fitted
 from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.tracker import Track, Tracker
+from agent.fusion.sources.tracker import Mark, Track, Tracker
 
-_MOVES, _RESTS = 1e-3, 0.99  # of P(at rest)
-_LEAST_GAIN = 20.0  # of log evidence
-_RESTED_NS = 30_000_000_000
+_MOVES, _MAY_MOVE, _RESTS = 1e-3, 0.2, 0.99  # of P(at rest)
+_LEAST_GAIN = 10.0  # of log evidence
+_BORN = 8.0  # log evidence that a further source costs for its place and activity, about
+_LEAST_NS, _RESTED_NS = 5_000_000_000, 30_000_000_000
 _SAME_M = 1.5  # between a track at rest and the fit that takes its place
-_STRONGER = 2.0  # so much more there has to be of another nuclide for the track to be of that one
+_MORE = 2.0  # so many more photons have to be counted of another nuclide for the track to be of that one
 
 
 class FollowingEstimator(SourcesEstimator):
@@ -57,12 +60,13 @@ class FollowingEstimator(SourcesEstimator):
     def step(self, state: SourcesState, step: GridStep, observations: Sequence[Observation]) -> SourcesState:
         """As ``SourcesEstimator``, with the track; moves also where what was measured since the last ones contradicts the fit."""
         refined, moved = step.start_ns // self._refined_ns, step.start_ns // self._moved_ns
-        if refined > state.refined and moved == state.moved and self._favoured(state.track, state, state.pending):
+        if refined > state.refined and moved == state.moved and self._favoured(state.track, state):
             state = replace(self._moved_once(state, step), refined=refined)
         after = super().step(state, step, observations)
         if after.track is None:
             return after
-        track = self._tracked(after.track, step, observations)
+        track = after.track.marked(step.start_ns, _number(after)) if moved > state.moved else after.track
+        track = self._tracked(track, step, observations, _number(after))
         if track.moves and (track.beside or not track.at_rest >= _RESTS):
             after, track = replace(after, pending=()), replace(track, rests_ns=0)
         elif track.moves:
@@ -96,56 +100,83 @@ class FollowingEstimator(SourcesEstimator):
         """Moves of the fit, and what follows for the track; while a source moves, whether it is taken back."""
         if (track := _moving(state)) is not None:
             return self._taken_back(state, track, step)
-        after = super()._moved(state, step)
+        after = self._with_track(state, super()._moved(state, step), step)
+        if self._favoured(after.track, after):
+            anew = self._with_track(state, super()._moved(replace(state, fitted=None), step), step)
+            after = max(after, anew, key=_evidence)
+            if self._favoured(after.track, after):
+                return self._handed_over(after, step)
+        return after
+
+    def _with_track(self, before: SourcesState, after: SourcesState, step: GridStep) -> SourcesState:
+        """The state after moves with the track beside its fit: the one before them, or a new one, with what was pending, if that
+        was of another nuclide or did not know others.
+        """
         if after.fitted is None or not len(after.fitted.solution) or self._raised:
             return replace(after, track=None)
-        track = self._with_fit(state, after.fitted, step)
-        if self._favoured(track, after, state.pending):
-            return self._handed_over(after, after.fitted, track, step)
-        held = track.state.track is not None
-        track = replace(track, since_ns=step.start_ns if held else 0, evidence=track.state.evidence)
-        return replace(after, track=track)
+        solution = after.fitted.solution
+        nuclide = self._most_counted(after, solution)
+        others, track = _without(solution, nuclide), before.track
+        if track is None or track.nuclide != nuclide or len(others) > len(track.others):
+            track = self._begun(nuclide, others, before.pending, step, len(solution))
+        return replace(after, track=replace(track, others=others))
 
-    def _with_fit(self, state: SourcesState, fitted: Fitted, step: GridStep) -> Track:
-        """The track beside a new fit; where there is none of its nuclide, a new one, with what was pending."""
-        nuclide = _most_of(fitted.solution, state.track)
-        others = _without(fitted.solution, nuclide)
-        if state.track is not None and state.track.nuclide == nuclide:
-            return replace(state.track, others=others)
+    def _begun(self, nuclide: int, others: Solution, observations: Sequence[Observation], step: GridStep, sources: int) -> Track:
         track = Track(nuclide, self._tracker(nuclide).initial(None), others)
         width_ns = step.end_ns - step.start_ns
         by_step: dict[int, list[Observation]] = {}
-        for one in state.pending:
+        for one in observations:
             by_step.setdefault(one.stamp_ns // width_ns, []).append(one)
         for index in sorted(by_step):
-            track = self._tracked(track, GridStep(index, index * width_ns, (index + 1) * width_ns), by_step[index])
+            track = self._tracked(track, GridStep(index, index * width_ns, (index + 1) * width_ns), by_step[index], sources)
         return track
 
-    def _tracked(self, track: Track, step: GridStep, observations: Sequence[Observation]) -> Track:
-        tracker = self._tracker(track.nuclide)
-        seen = [one for one in (tracker.seen(each, track.others) for each in observations) if one is not None]
-        if not seen:
-            return track
-        before, after = track.state.track, tracker.step(track.state, step, seen)
-        if after.track is None:
-            return replace(track, state=after, since_ns=0)
-        if before is None:
-            return replace(track, state=after, since_ns=step.end_ns, evidence=after.evidence)
-        return replace(track, state=after)
+    def _most_counted(self, state: SourcesState, solution: Solution) -> int:
+        """The nuclide of which most photons were counted; that of the track if that may move, or not many more are of another."""
+        held = -1 if state.track is None else state.track.nuclide
+        if state.track is not None and held in solution.nuclide and state.track.at_rest < _MAY_MOVE:
+            return held
+        model = self._problem(state).counts
+        nothing = float(model.background(solution).sum())
+        counted = {n: float(model.expected(_of(solution, n)).clear.sum()) - nothing for n in sorted(set(solution.nuclide))}
+        most = max(counted, key=counted.__getitem__)
+        return held if _MORE * counted.get(held, -1.0) > counted[most] else most
 
-    def _favoured(self, track: Track | None, after: SourcesState, pending: Sequence[Observation]) -> bool:
-        """Whether what was pending favours a source that moves: see this module's docstring."""
-        if after.fitted is None or track is None or track.since_ns == 0 or not track.at_rest <= _MOVES:
+    def _tracked(self, track: Track, step: GridStep, observations: Sequence[Observation], sources: int) -> Track:
+        """With what was observed in a step. ``sources``: number of those fitted."""
+        tracker = self._tracker(track.nuclide)
+        pairs = [(one, seen) for one in observations if (seen := tracker.seen(one, track.others)) is not None]
+        if not pairs:
+            return track
+        before, after = track.state, tracker.step(track.state, step, [seen for _, seen in pairs])
+        track = replace(track, state=after)
+        if after.track is None or track.moves:
+            return replace(track, marks=(), newest=())
+        if before.track is None:
+            return replace(track, marks=(Mark(step.end_ns, after.evidence, sources),))
+        return replace(track, newest=(*track.newest, *pairs))
+
+    def _favoured(self, track: Track | None, state: SourcesState) -> bool:
+        """Whether what was measured last favours a source that moves: see this module's docstring."""
+        if state.fitted is None or track is None or not track.newest or not track.at_rest <= _MOVES:
             return False
-        since = tuple(one for one in pending if one.stamp_ns >= track.since_ns)
-        newest = self._summed(replace(after, rows=Rows.none(), cones=Cones.none(), pending=since))
+        if track.newest[-1][0].stamp_ns - track.marks[0].stamp_ns < _LEAST_NS:
+            return False
+        pending = tuple(one for one, _ in track.newest)
+        newest = self._summed(replace(state, rows=Rows.none(), cones=Cones.none(), pending=pending))
         if not len(newest.rows):
             return False
         tracker, background = self._tracker(track.nuclide), track.state.background
-        at_rest = tracker.evidence_at_rest(self._problem(newest), after.fitted.solution, background)
-        return track.state.evidence - track.evidence - at_rest >= _LEAST_GAIN
+        moving = track.state.evidence - track.marks[0].evidence
+        moving += tracker.evidence_beside((seen for _, seen in track.newest), background)
+        at_rest = tracker.evidence_at_rest(self._problem(newest), state.fitted.solution, background)
+        at_rest -= _BORN * max(0, _number(state) - track.marks[0].sources)
+        return moving - at_rest >= _LEAST_GAIN
 
-    def _handed_over(self, state: SourcesState, fitted: Fitted, track: Track, step: GridStep) -> SourcesState:
+    def _handed_over(self, state: SourcesState, step: GridStep) -> SourcesState:
+        fitted, track = state.fitted, state.track
+        assert fitted is not None
+        assert track is not None
         kept = [k for k, n in enumerate(fitted.solution.nuclide) if n != track.nuclide and self._is_located(fitted, k)]
         track = replace(track, moves=True, beside=tuple(self._told(state, fitted, k, step) for k in kept))
         return replace(self._anew(state), track=replace(track, others=fitted.solution.only(kept)))
@@ -157,8 +188,7 @@ class FollowingEstimator(SourcesEstimator):
         after = super()._moved(state, step)
         if after.fitted is None or not self._is_same(after.fitted, track):
             return replace(state, pending=(), track=replace(track, rests_ns=step.start_ns))
-        track = replace(track, moves=False, since_ns=step.start_ns, evidence=track.state.evidence, rests_ns=0)
-        return replace(after, track=track)
+        return replace(after, track=replace(track, moves=False, rests_ns=0))
 
     def _is_same(self, fitted: Fitted, track: Track) -> bool:
         """Whether what was fitted is what the track tells, and known as well as it has to be."""
@@ -173,7 +203,7 @@ class FollowingEstimator(SourcesEstimator):
 
     def _tracker(self, nuclide: int) -> Tracker:
         if nuclide not in self._trackers:
-            self._trackers[nuclide] = Tracker(self._mission, self._area, self._spectra, self._windows, nuclide)
+            self._trackers[nuclide] = Tracker(self._mission, self._area, self._spectra, self._windows, self._walls, nuclide)
         return self._trackers[nuclide]
 
 
@@ -182,12 +212,18 @@ def _moving(state: SourcesState) -> Track | None:
     return state.track if state.track is not None and state.track.moves else None
 
 
-def _most_of(solution: Solution, track: Track | None) -> int:
-    """The nuclide of which there is most, Bq; that of the track, unless there is much more of another."""
-    total = np.bincount(solution.nuclide, np.exp(solution.log_activity))
-    most = int(total.argmax())
-    held = track is not None and track.nuclide < len(total) and total[most] < _STRONGER * total[track.nuclide]
-    return track.nuclide if track is not None and held else most
+def _evidence(state: SourcesState) -> float:
+    """Of the fit."""
+    return -math.inf if state.fitted is None else state.fitted.evidence
+
+
+def _number(state: SourcesState) -> int:
+    """Of the sources that are fitted."""
+    return 0 if state.fitted is None else len(state.fitted.solution)
+
+
+def _of(solution: Solution, nuclide: int) -> Solution:
+    return solution.only([k for k, n in enumerate(solution.nuclide) if n == nuclide])
 
 
 def _without(solution: Solution, nuclide: int) -> Solution:

@@ -8,6 +8,7 @@ the source is on the ground.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -24,11 +25,13 @@ from agent.fusion.bayes.motion import REST
 from agent.fusion.bayes.response import Channel, Response
 from agent.fusion.estimator import Hypothesis
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
-from agent.fusion.sources.data import UNTOLD_HITS
+from agent.fusion.sources.counts import CountModel
+from agent.fusion.sources.data import UNTOLD_HITS, Rows
 from agent.fusion.sources.fit import Problem
 from agent.fusion.sources.hidden import HIDDEN
+from agent.fusion.sources.shades import KnownWalls
 from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
+from agent.fusion.sources.spectra import Spectra
 from agent.geometry import Array
 from protocol.spectrum import BINS, EDGES_KEV
 
@@ -38,12 +41,21 @@ _ITERATIONS = 6
 _LEAST_PS, _LEAST_MM2 = 1e-6, 1e-9  # so that nothing counted is impossible
 
 
+class Mark(Struct, frozen=True):
+    """A time with the track's evidence until then, and the number of sources that were fitted."""
+
+    stamp_ns: int
+    evidence: float
+    sources: int
+
+
 class Track(Struct, frozen=True, eq=False):
     """What is believed of a source that may move (``handover``).
 
     nuclide: its index. state: of its tracker. others: fitted sources of other nuclides. moves: whether it has been handed over;
-    beside: what was told of the others then. since_ns, evidence: from when on M counts, and the track's evidence until then; 0:
-    nothing is tracked. rests_ns: from when on what is measured is kept, as the source is at rest; 0: it is not.
+    beside: what was told of the others then. rests_ns: from when on what is measured is kept, as the source is at rest; 0: it is
+    not. marks: the last two moves at fixed times, or since when it is tracked; newest: what was measured since the first of them,
+    and as the tracker saw it.
     """
 
     nuclide: int
@@ -51,15 +63,22 @@ class Track(Struct, frozen=True, eq=False):
     others: Solution
     moves: bool = False
     beside: tuple[Hypothesis, ...] = ()
-    since_ns: int = 0
-    evidence: float = 0.0
     rests_ns: int = 0
+    marks: tuple[Mark, ...] = ()
+    newest: tuple[tuple[Observation, Observation], ...] = ()
 
     @property
     def at_rest(self) -> float:
         """Probability that it is at rest; not a number where nothing is tracked."""
         track = self.state.track
         return math.nan if track is None else float(track.weight[:, REST].sum() / track.weight.sum())
+
+    def marked(self, now_ns: int, sources: int) -> Track:
+        """With another mark, and without the last but one."""
+        if not self.marks:
+            return self
+        marks = (*self.marks[-1:], Mark(now_ns, self.state.evidence, sources))
+        return replace(self, marks=marks, newest=tuple(one for one in self.newest if one[0].stamp_ns >= marks[0].stamp_ns))
 
 
 class Apart(CountObservation, frozen=True, eq=False, kw_only=True):
@@ -71,11 +90,12 @@ class Apart(CountObservation, frozen=True, eq=False, kw_only=True):
 class Tracker(BayesEstimator):
     """``bayes`` for a nuclide; it reads what ``seen`` makes of the observations."""
 
-    def __init__(self, mission: MissionConfig, area: Polygon, spectra: Spectra, windows: Windows, nuclide: int) -> None:
+    def __init__(
+        self, mission: MissionConfig, area: Polygon, spectra: Spectra, windows: Windows, walls: KnownWalls, nuclide: int
+    ) -> None:
         """``windows``: in which the detector takes coincidences for a line's. ``nuclide``: its index among the spectra's."""
+        self._spectra, self._walls = spectra, walls
         self._bins = _bins(Windows((spectra.nuclides[nuclide],), mission.detection))
-        self._air_per_m = spectra.air_per_m
-        self._near, self._far = (each @ self._bins for each in spectra.templates(0.0, 0.0))  # (N, 2) each
         self._lines = np.array([window.energy_kev for window in windows.each])
         of_lines = [
             spectra.cones(window.energy_kev, windows.reach_kev(place), window.unsure_kev)
@@ -121,21 +141,28 @@ class Tracker(BayesEstimator):
             total += float(np.logaddexp(*(likelihood + prior)) - background_log_likelihood(k, h0, TRACK_TEMPER))
         return total
 
+    def evidence_beside(self, seen: Iterable[Observation], background: float) -> float:
+        """Log Bayes factor of the other sources against background alone, which a track takes for part of the background."""
+        total = 0.0
+        for one in seen:
+            if isinstance(one, Apart):
+                counts, alone = self._response.apart(one.counts), self._response.background_ps * (background * one.live_time_s)
+                known = background_log_likelihood(counts, alone + one.beside, TRACK_TEMPER)
+                total += float(known - background_log_likelihood(counts, alone, TRACK_TEMPER))
+        return total
+
     def _exposed(self, state: BayesState, vehicle: int, observation: CountObservation) -> Exposed:
         exposed = super()._exposed(state, vehicle, observation)
         return replace(exposed, background=exposed.background + observation.beside) if isinstance(observation, Apart) else exposed
 
     def _beside(self, observation: CountObservation, others: Solution) -> Array:
-        """(2,) counts expected of the others, in the mean over all headings and with nothing in between."""
-        expected = np.zeros(2)
-        for k, n in enumerate(others.nuclide):
-            x, y = others.place[k].tolist()
-            way = np.array((x, y, self._ground.height_m(x, y) + others.height_of(k))) - observation.position
-            distance = max(float(np.sqrt(way @ way)), NEAREST_M)
-            depth = float(self._air_per_m[n]) * distance
-            per_mm2 = PER_MM2 * math.exp(float(others.log_activity[k]) - depth) / distance**2
-            expected += per_mm2 * np.maximum(self._near[n] + depth * self._far[n], 0.0)
-        return expected * observation.live_time_s
+        """(2,) counts expected of the others, as fitted, in a clear view."""
+        if not len(others):
+            return np.zeros(2)
+        rows = Rows.none().plus([observation], self._vehicles)
+        model = CountModel(rows, self._spectra, self._ground, len(self._vehicles), self._walls)
+        counts: Array = (model.expected(others).clear - model.background(others))[0] @ self._bins
+        return np.maximum(counts, 0.0)
 
 
 def _fields(observation: CountObservation) -> dict[str, Any]:
