@@ -3,22 +3,23 @@
 A fit of sources at rest tells a source that moves as several along its way, each as strong as it was there on average. So a
 track (``tracker``) goes along with the fit, of the nuclide of which most is counted. It supposes that there is one source of it,
 at rest or moving; sources of other nuclides count as known. With the log Bayes factors, against background alone, of what was
-measured since the last moves but one, 10 to 20 s, or at least ``_LEAST_NS`` since it is tracked,
+measured in the last 20 to 30 s, or at least ``_LEAST_NS`` since it is tracked,
 
     M  given the track, each measurement predicted from those before it,
     R  given the sources at rest, as fitted to all measurements, these included; less ``_BORN`` for each source that is new in it,
 
 the source is handed over at the moves where the track excludes that it is at rest, P(at rest) <= ``_MOVES``, and M - R is at
-least ``_LEAST_GAIN``. One source at rest fails the first condition; several, which no single track explains, fail the second.
+least ``_LEAST_GAIN``. One source at rest fails the first condition; several, which no single track explains, fail the second,
+and the third, that the track does without anything unknown in its cameras' views: so a track can explain a lot away.
 Moves are made at once, at the next time of a refinement, where both hold for the fit of the last moves, which does not know what
 was measured since: so a source that moves is handed over within seconds. Before it is, sources at rest are fitted anew, from
 none: a fit that has gone astray must not look like motion.
 
 From then on the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its way. Sources
 of other nuclides are told as they were, and count as known. Nothing that is measured while it moves tells of sources at rest.
-Once it has been at rest for ``_RESTED_NS``, a new fit of what was measured meanwhile takes the track's place, if that finds the
-same and nothing else was told; otherwise the track goes on. A track is on the ground: where sources may be above it, there is
-none.
+Once it has been at rest for ``_KEPT_NS``, a new fit of what was measured meanwhile takes the track's place, if that finds the
+same and nothing else was told; otherwise the track goes on. A track that is lost searches as ``bayes`` does, and after as long a
+time sources at rest are fitted anew. A track is on the ground: where sources may be above it, there is none.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from agent.fusion.sources.tracker import Mark, Track, Tracker
 _MOVES, _MAY_MOVE, _RESTS = 1e-3, 0.2, 0.99  # of P(at rest)
 _LEAST_GAIN = 10.0  # of log evidence
 _BORN = 8.0  # log evidence that a further source costs for its place and activity, about
-_LEAST_NS, _RESTED_NS = 5_000_000_000, 30_000_000_000
+_LEAST_NS, _KEPT_NS = 5_000_000_000, 30_000_000_000
 _SAME_M = 1.5  # between a track at rest and the fit that takes its place
 _MORE = 2.0  # so many more photons have to be counted of another nuclide for the track to be of that one
 
@@ -67,10 +68,10 @@ class FollowingEstimator(SourcesEstimator):
             return after
         track = after.track.marked(step.start_ns, _number(after)) if moved > state.moved else after.track
         track = self._tracked(track, step, observations, _number(after))
-        if track.moves and (track.beside or not track.at_rest >= _RESTS):
-            after, track = replace(after, pending=()), replace(track, rests_ns=0)
+        if track.moves and (track.is_lost or (track.at_rest >= _RESTS and not track.beside)):
+            track = replace(track, kept_ns=track.kept_ns or step.end_ns)
         elif track.moves:
-            track = replace(track, rests_ns=track.rests_ns or step.end_ns)
+            after, track = replace(after, pending=()), replace(track, kept_ns=0)
         return replace(after, track=track)
 
     def work(self, state: SourcesState, observations: int) -> int:
@@ -158,7 +159,7 @@ class FollowingEstimator(SourcesEstimator):
 
     def _favoured(self, track: Track | None, state: SourcesState) -> bool:
         """Whether what was measured last favours a source that moves: see this module's docstring."""
-        if state.fitted is None or track is None or not track.newest or not track.at_rest <= _MOVES:
+        if state.fitted is None or track is None or not track.newest or not track.at_rest <= _MOVES or not track.in_view:
             return False
         if track.newest[-1][0].stamp_ns - track.marks[0].stamp_ns < _LEAST_NS:
             return False
@@ -182,13 +183,16 @@ class FollowingEstimator(SourcesEstimator):
         return replace(self._anew(state), track=replace(track, others=fitted.solution.only(kept)))
 
     def _taken_back(self, state: SourcesState, track: Track, step: GridStep) -> SourcesState:
-        """With the fit of what was measured at rest, if that finds the same; else the track goes on."""
-        if track.rests_ns == 0 or step.start_ns - track.rests_ns < _RESTED_NS:
+        """With a fit of what was measured at rest, if that finds the same, or since it was lost; otherwise the track goes on."""
+        if track.kept_ns == 0 or step.start_ns - track.kept_ns < _KEPT_NS:
             return state
         after = super()._moved(state, step)
+        if track.is_lost:
+            return replace(after, track=None)
         if after.fitted is None or not self._is_same(after.fitted, track):
-            return replace(state, pending=(), track=replace(track, rests_ns=step.start_ns))
-        return replace(after, track=replace(track, moves=False, rests_ns=0))
+            return replace(state, pending=(), track=replace(track, kept_ns=step.start_ns))
+        mark = Mark(step.start_ns, track.state.evidence, _number(after))
+        return replace(after, track=replace(track, moves=False, kept_ns=0, marks=(mark,)))
 
     def _is_same(self, fitted: Fitted, track: Track) -> bool:
         """Whether what was fitted is what the track tells, and known as well as it has to be."""

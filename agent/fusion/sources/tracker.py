@@ -38,6 +38,8 @@ from protocol.spectrum import BINS, EDGES_KEV
 _CLEAR_SIGMA = 0.05  # of the log rate of a source as fitted, by the model's error
 _HIDDEN_SIGMA = 2.0  # and behind something that nobody knows of
 _ITERATIONS = 6
+_MARKS = 3
+_IN_VIEW = 0.5  # probability of a clear view
 _LEAST_PS, _LEAST_MM2 = 1e-6, 1e-9  # so that nothing counted is impossible
 
 
@@ -53,9 +55,9 @@ class Track(Struct, frozen=True, eq=False):
     """What is believed of a source that may move (``handover``).
 
     nuclide: its index. state: of its tracker. others: fitted sources of other nuclides. moves: whether it has been handed over;
-    beside: what was told of the others then. rests_ns: from when on what is measured is kept, as the source is at rest; 0: it is
-    not. marks: the last two moves at fixed times, or since when it is tracked; newest: what was measured since the first of them,
-    and as the tracker saw it.
+    beside: what was told of the others then. kept_ns: from when on what is measured is kept, as the source is at rest or lost; 0:
+    it is not kept. marks: the last ``_MARKS`` moves at fixed times, or since when it is tracked; newest: what was measured since
+    the first of them, and as the tracker saw it.
     """
 
     nuclide: int
@@ -63,9 +65,14 @@ class Track(Struct, frozen=True, eq=False):
     others: Solution
     moves: bool = False
     beside: tuple[Hypothesis, ...] = ()
-    rests_ns: int = 0
+    kept_ns: int = 0
     marks: tuple[Mark, ...] = ()
     newest: tuple[tuple[Observation, Observation], ...] = ()
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether nothing is tracked."""
+        return self.state.track is None
 
     @property
     def at_rest(self) -> float:
@@ -73,11 +80,17 @@ class Track(Struct, frozen=True, eq=False):
         track = self.state.track
         return math.nan if track is None else float(track.weight[:, REST].sum() / track.weight.sum())
 
+    @property
+    def in_view(self) -> bool:
+        """Whether nothing unknown seems to stand between the source and any camera."""
+        track = self.state.track
+        return track is not None and float((track.weight.sum(axis=1) @ track.hidden[..., 0]).min()) >= _IN_VIEW
+
     def marked(self, now_ns: int, sources: int) -> Track:
-        """With another mark, and without the last but one."""
+        """With another mark, and without the first of ``_MARKS``."""
         if not self.marks:
             return self
-        marks = (*self.marks[-1:], Mark(now_ns, self.state.evidence, sources))
+        marks = (*self.marks[1 - _MARKS :], Mark(now_ns, self.state.evidence, sources))
         return replace(self, marks=marks, newest=tuple(one for one in self.newest if one[0].stamp_ns >= marks[0].stamp_ns))
 
 

@@ -29,6 +29,10 @@ def beside_another(time_s):
     return [walker(time_s), ("Ir-192", 20.0, 36.0, 4e8)]
 
 
+def carried_off(time_s):
+    return [walker(time_s)] if time_s < 30.0 else []
+
+
 def fusion_of(mission):
     return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("sources", mission))
 
@@ -103,6 +107,23 @@ def test_it_is_taken_back_once_it_has_been_at_rest(kit, walk):
     assert off_m(told, 95.0) < 0.3
     assert told.watched_s > 0.0
     assert fusion.state.rows.live_s.sum() < 2 * 60.0  # of two cameras, without what was measured while it walked
+    assert fusion.state.track.marks  # it may be handed over again
+
+
+def test_after_one_that_is_lost_sources_at_rest_are_fitted_anew(kit, among):
+    """It is carried off after 30 s, and what was fitted before says nothing any more."""
+    mission = among.mission_of()
+    entries = among.entries_of(mission, np.random.default_rng(6), 90.0, carried_off)
+    fusion = fusion_of(mission)
+    kit.feed(fusion, entries)
+    kit.settle(fusion, kit.T0_NS + 28_000_000_000)
+    assert fusion.state.track.moves
+    assert kit.settle(fusion, kit.T0_NS + 60_000_000_000) is None
+    assert fusion.outlook is not None  # the track's search
+    told = kit.settle(fusion, kit.T0_NS + 91_000_000_000)
+    assert fusion.state.track is None
+    assert told is None
+    assert 0.0 < fusion.state.rows.live_s.sum() < 2 * 60.0
 
 
 def test_the_order_of_arrival_does_not_matter(kit, walk):
