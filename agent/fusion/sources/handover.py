@@ -40,8 +40,8 @@ from agent.fusion.sources.fit import Fitted
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.tracker import Mark, Track, Tracker
 
-_MOVES, _MAY_MOVE, _RESTS = 1e-3, 0.2, 0.99  # of P(at rest)
-_LEAST_GAIN = 10.0  # of log evidence
+_MOVES, _MAY_MOVE, _RESTS = 0.01, 0.2, 0.99  # of P(at rest)
+_LEAST_GAIN = 5.0  # of log evidence
 _BORN = 8.0  # log evidence that a further source costs for its place and activity, about
 _LEAST_NS, _KEPT_NS = 5_000_000_000, 30_000_000_000
 _SAME_M = 1.5  # between a track at rest and the fit that takes its place
