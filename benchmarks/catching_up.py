@@ -19,7 +19,7 @@ from shapely import Polygon
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.fusion.estimator import GridStep, Hypothesis
 from agent.fusion.observation import Observation
-from agent.fusion.sources.estimator import SourcesEstimator
+from agent.fusion.sources.handover import FollowingEstimator
 
 sys.path.append(str(Path(__file__).parent))
 
@@ -38,7 +38,9 @@ def placed(seed: int) -> list[Placed]:
     return found
 
 
-def fold(estimator: SourcesEstimator, grid_ns: int, seen: Sequence[Observation]) -> tuple[Hypothesis | None, list[float], float]:
+def fold(
+    estimator: FollowingEstimator, grid_ns: int, seen: Sequence[Observation]
+) -> tuple[Hypothesis | None, list[float], float]:
     """What is told at the end; the times of all moves, and of the refinement at the end."""
     by_step: dict[int, list[Observation]] = {}
     for one in seen:
@@ -65,7 +67,9 @@ def main(
     sources, tally = placed(seed), Tally()
     seen = observed(seed, sources, Truth.real(), (seconds - LANES_S) / len(sources), mission.nuclide)
     start = time.process_time()
-    estimate, moving_s, refining_s = fold(SourcesEstimator(mission, Polygon(square)), round(mission.fusion.grid_s * NS), seen)
+    estimate, moving_s, refining_s = fold(
+        FollowingEstimator(mission, Polygon(square)), round(mission.fusion.bayes.grid_s * NS), seen
+    )
     took_s = time.process_time() - start
     judge(sources, estimate, tally)
     half_s = np.median(moving_s)

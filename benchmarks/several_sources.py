@@ -29,6 +29,7 @@ from agent.frames.transform import Transform
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis
 from agent.fusion.observation import ConeObservation, ConeSurface, CountObservation, Observation
 from agent.fusion.registry import estimator_named
+from agent.fusion.sources.tracker import Track
 from protocol.entries import EntryId
 from protocol.spectrum import SpectrumBin
 from sim.radiation.camera import Camera, SourceView
@@ -91,6 +92,7 @@ class Tally:
     height_m: list[float] = field(default_factory=list)
     activity: list[float] = field(default_factory=list)
     inside: list[bool] = field(default_factory=list)
+    handed_over: int = 0
     refining_s: list[float] = field(default_factory=list)
     moving_s: list[float] = field(default_factory=list)
 
@@ -209,9 +211,10 @@ def estimate(name: str, mission: MissionConfig, seen: Sequence[Observation], tal
     for one in seen:
         by_step.setdefault(one.stamp_ns // grid_ns, []).append(one)
     period = round(mission.fusion.sources.moved_s * NS)
-    last = GridStep(max(by_step) // 20 * 20 + 40, 0, 0)
+    each = period // grid_ns
+    last = GridStep((max(by_step) // each + 2) * each, 0, 0)
     by_step[last.index] = []  # a last fit with all that was measured
-    before = 0
+    before, moves = 0, False
     for index in sorted(by_step):
         step = GridStep(index, index * grid_ns, (index + 1) * grid_ns)
         start = time.process_time()
@@ -220,6 +223,9 @@ def estimate(name: str, mission: MissionConfig, seen: Sequence[Observation], tal
         took, now = time.process_time() - start, step.start_ns // period
         (tally.moving_s if now > before else tally.refining_s).append(took)
         before = now
+        track = getattr(state, "track", None)
+        moves = moves or (isinstance(track, Track) and track.moves)
+    tally.handed_over += moves
     return estimator.hypothesis(state, step)
 
 
@@ -251,7 +257,8 @@ def told(name: str, tally: Tally) -> str:
     weak, strong = 100.0 * np.quantile(tally.activity or [math.nan], (0.5, 0.9))
     return (
         f"{name}: number right {tally.right}/{tally.flights}, sources {len(tally.error_m)}/{tally.sources}, nuclides right "
-        f"{tally.nuclides}, false {tally.false}; error 50/90 % {half:.3f}/{most:.3f} m, activity {weak:.1f}/{strong:.1f} %, "
+        f"{tally.nuclides}, false {tally.false}, handed over as moving {tally.handed_over}; "
+        f"error 50/90 % {half:.3f}/{most:.3f} m, activity {weak:.1f}/{strong:.1f} %, "
         f"height {high[0]:.3f}/{high[1]:.3f} m, in 90 % region {np.mean(tally.inside or [math.nan]):.2f}; "
         f"refinement at most {1e3 * max(tally.refining_s):.0f} ms, "
         f"with moves {1e3 * np.median(tally.moving_s):.0f} ms, at most {1e3 * max(tally.moving_s):.0f} ms"

@@ -30,7 +30,7 @@ def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
     - ``paper``: the paper's filter, with the projection rule as printed.
     - ``paper-geometric``: the same with the rule that the geometry asks for.
     - ``bayes``: the posterior from cones and counts, at rest or moving, with the poses' biases.
-    - ``sources``: several sources at rest, of unknown number and nuclides, from spectra and cones.
+    - ``sources``: several sources at rest, of unknown number and nuclides, or one that moves, from spectra and cones.
     - ``given``: the schedule of fusion.given.
     - any other: of an installed package.
 
@@ -107,9 +107,9 @@ def _bayes(mission: MissionConfig) -> Estimator[Any]:
 def _sources(mission: MissionConfig) -> Estimator[Any]:
     from shapely import Polygon  # noqa: PLC0415
 
-    from agent.fusion.sources.estimator import SourcesEstimator  # noqa: PLC0415
+    from agent.fusion.sources.handover import FollowingEstimator  # noqa: PLC0415
 
-    return SourcesEstimator(mission, Polygon(mission.area.polygon_m))
+    return FollowingEstimator(mission, Polygon(mission.area.polygon_m))
 
 
 def _given(mission: MissionConfig) -> Estimator[Any]:

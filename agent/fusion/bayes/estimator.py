@@ -28,7 +28,7 @@ from agent.fusion.bayes.cones import Orders
 from agent.fusion.bayes.exposed import Exposed, Fit
 from agent.fusion.bayes.mixture import Mixture, apparent_rms_m, with_variance
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, GAIN, Motion
-from agent.fusion.bayes.response import REFERENCE_BQ, response_of
+from agent.fusion.bayes.response import REFERENCE_BQ, Response, response_of
 from agent.fusion.bayes.search import Grid, SearchState
 from agent.fusion.bayes.sight import Scene
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
@@ -87,8 +87,8 @@ class BayesEstimator:
     grid_s: float | None
     hold_s = _HOLD_S
 
-    def __init__(self, mission: MissionConfig, area: Polygon) -> None:
-        """``area``: in which the source is searched for, mission frame.
+    def __init__(self, mission: MissionConfig, area: Polygon, response: Response | None = None) -> None:
+        """``area``: in which the source is searched for, mission frame. ``response``: None: that to the mission's nuclide.
 
         Raises:
             ConfigError: the response to the mission's nuclide is not known.
@@ -98,7 +98,7 @@ class BayesEstimator:
         self.grid_s = config.grid_s
         self._ground = Ground.from_config(mission)
         self._grid = Grid(area, config, self._ground)
-        response = response_of(mission.named())
+        response = response or response_of(mission.named())
         self._scene = Scene(response, self._ground, Buildings(mission.buildings, response.air_per_m, self._ground))
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._gain_variance = config.gain_sigma**2

@@ -23,7 +23,7 @@ _COARSE = 4  # voxels on a side of a coarse one
 _KEY, _LIVE, _PLACE, _FACING, _COUNTS = slice(0, 4), 4, slice(5, 8), slice(8, 10), slice(10, 10 + BINS)
 _COLUMNS = 10 + BINS
 _FINE = 1_000_000  # units of facing
-_UNTOLD_HITS = 5  # an exposure of so many hits without any spectrum is of a program that publishes none
+UNTOLD_HITS = 5  # an exposure of so many hits without any spectrum is of a program that publishes none
 
 Integers = NDArray[np.int64]
 
@@ -97,7 +97,7 @@ def summing(group: NDArray[np.intp], groups: int) -> csr_array:
 
 def _row(observation: CountObservation, number: int) -> list[int] | None:
     live_ns = round(observation.live_time_s * 1e9)
-    if not observation.spectrum and observation.counts[0] >= _UNTOLD_HITS:
+    if not observation.spectrum and observation.counts[0] >= UNTOLD_HITS:
         return None
     mm = [round(1e3 * part) for part in observation.position]
     counts = [0] * BINS

@@ -37,6 +37,7 @@ from agent.fusion.sources.moves import Moves
 from agent.fusion.sources.shades import KnownWalls
 from agent.fusion.sources.solution import BIAS, Solution
 from agent.fusion.sources.spectra import KNOWN, REFERENCE_BQ, Spectra
+from agent.fusion.sources.tracker import Track
 from agent.geometry import Array
 from agent.motion.orbit import ring_radius_m
 from agent.terrain.ground import Ground
@@ -60,7 +61,7 @@ class SourcesState(Struct, frozen=True, eq=False):
     """pending: observations that no moves have used yet. rows, cones: the others. position_sigma_m: by drone, as last told.
     refined, moved: numbers of the last times of either kind that are past. none: log evidence of no source. hiding: where further
     ones may hide, at the last moves; None: nobody searches for them. refinement: of this state, if there has been one since the
-    moves.
+    moves. track: beside the fit (``handover``); None before anything was fitted.
     """
 
     pending: tuple[Observation, ...] = ()
@@ -74,6 +75,7 @@ class SourcesState(Struct, frozen=True, eq=False):
     hiding: Hiding | None = None
     x0_stamp_ns: int = 0
     refinement: Refinement | None = None
+    track: Track | None = None
 
 
 class Refinement:

@@ -121,7 +121,7 @@ class Problem:
             vector[numbers] += _limited(solved(information + prior, gradient), len(sources), solution.size)
             new = self.prior.inside(solution.moved(vector))
             scored = self.counts.scored_alone(new, sources, others)
-            if scored[0] < value + _CONVERGED:
+            if not scored[0] >= value + _CONVERGED:  # true for NaN too
                 break
             solution, (value, gradient, information) = new, scored
         return solution, value

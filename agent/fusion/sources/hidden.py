@@ -1,7 +1,7 @@
 """What stands unknown between sources and cameras: the view from a place may be hidden, by something that nobody knows.
 
 With M the counts that are expected in a clear view and D those of them that come straight from the sources, a cell is either
-clear, or hidden with the probability ``_HIDDEN``. A cell is a row with ``_ALONE`` events or more; of rows with fewer, all within
+clear, or hidden with the probability ``HIDDEN``. A cell is a row with ``_ALONE`` events or more; of rows with fewer, all within
 6 m, for they can only tell together. What a hidden cell counts altogether, K, may be anything up to what a clear one does:
 log-uniform, so that it tells nothing of how much there would be without the wall. Its spectrum is that of M_h = M - (1 - s) D,
 with s = ``_SHARE``. In groups g of energy bins, w the mean of the rows' weights, the log likelihoods of the two are
@@ -26,7 +26,7 @@ from agent.fusion.sources.data import Rows, summing
 from agent.geometry import Array
 from protocol.spectrum import BINS
 
-_HIDDEN = 0.056  # as in fusion.bayes.hidden
+HIDDEN = 0.056  # as in fusion.bayes.hidden
 _SHARE = 0.1
 _DECADES = np.log(1e3)  # L
 # Squared sigmas by which the direct photons show in a cell: below the first nothing can be told, and the prior holds from the
@@ -119,12 +119,12 @@ class Cells:
         more = spectrum + total - w * (events * np.log(whole / some) - whole + events)
         shown = w * ((d * d / m) @ _EACH_GROUP)
         noticed = (shown - _NOTICED[0]) / (_NOTICED[1] - _NOTICED[0])
-        prior = _HIDDEN * np.clip(noticed, 0.0, 1.0)
+        prior = HIDDEN * np.clip(noticed, 0.0, 1.0)
         more = np.where(prior > 0.0, more, 0.0)
         top = np.maximum(more, 0.0)
         both = (1.0 - prior) * np.exp(-top) + prior * np.exp(more - top)
         hidden = prior * np.exp(more - top) / both
-        rises = _HIDDEN / (_NOTICED[1] - _NOTICED[0]) * ((noticed > 0.0) & (noticed < 1.0))
+        rises = HIDDEN / (_NOTICED[1] - _NOTICED[0]) * ((noticed > 0.0) & (noticed < 1.0))
         by_shown = rises * (np.exp(more - top) - np.exp(-top)) / both * w  # through the prior
 
         off = w[:, None] * (k / m - 1.0)  # derivatives by M: in a clear view

@@ -52,7 +52,9 @@ def place_of(time_s, index, drones):
 
 
 def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True, passing=None):
-    """Exposures, and cones of Cs-137; sources: (nuclide, x, y, Bq), or with their height; bias: by drone, measured minus true.
+    """Exposures, and cones of Cs-137; sources: (nuclide, x, y, Bq), or with their height, or these by the time in seconds.
+
+    bias: by drone, measured minus true.
 
     passing: share of the direct photons between two places (3,).
     """
@@ -67,7 +69,7 @@ def entries_of(kit, mission, rng, seconds, sources, bias=None, cones=True, passi
             true = place_of(time_s + 0.25, index, len(drones))
             measured = true + (0.0 if bias is None else np.array([*bias[index], 0.0]))
             expected = spectra.background_ps(0.0).copy()
-            for nuclide, x, y, becquerel, *high in sources:
+            for nuclide, x, y, becquerel, *high in sources(time_s + 0.25) if callable(sources) else sources:
                 z = high[0] if high else 0.0
                 n = NUCLIDES.index(nuclide)
                 square = (x - true[0]) ** 2 + (y - true[1]) ** 2 + (z - true[2]) ** 2

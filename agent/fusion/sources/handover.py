@@ -1,0 +1,234 @@
+"""The estimator ``sources`` with a source that moves: when it is handed over to a track of ``bayes``, and when it is taken back.
+
+A fit of sources at rest tells a source that moves as several along its way, each as strong as it was there on average. So a
+track (``tracker``) goes along with the fit, of the nuclide of which most is counted. It supposes that there is one source of it,
+at rest or moving; sources of other nuclides count as known. With the log Bayes factors, against background alone, of what was
+measured in the last 20 to 30 s, or at least ``_LEAST_NS`` since it is tracked,
+
+    M  given the track, each measurement predicted from those before it,
+    R  given the sources at rest, as fitted to all measurements, these included; less ``_BORN`` for each source that is new in it,
+
+the source is handed over at the moves where the track excludes that it is at rest, P(at rest) <= ``_MOVES``, and M - R is at
+least ``_LEAST_GAIN``. One source at rest fails the first condition; several, which no single track explains, fail the second,
+and the third, that the track does without anything unknown in its cameras' views: so a track can explain a lot away.
+Moves are made at once, at the next time of a refinement, where both hold for the fit of the last moves, which does not know what
+was measured since: so a source that moves is handed over within seconds. Before it is, sources at rest are fitted anew, from
+none: a fit that has gone astray must not look like motion.
+
+From then on the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its way. Sources
+of other nuclides are told as they were, and count as known. Nothing that is measured while it moves tells of sources at rest.
+Once it has been at rest for ``_KEPT_NS``, a new fit of what was measured meanwhile takes the track's place, if that finds the
+same and nothing else was told; otherwise the track goes on. A track that is lost searches as ``bayes`` does, and after as long a
+time sources at rest are fitted anew. A track is on the ground: where sources may be above it, there is none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec.structs import replace
+from shapely import Polygon
+
+from agent.config.mission import MissionConfig
+from agent.fusion.estimator import GridStep, Hypothesis, Outlook
+from agent.fusion.observation import Observation
+from agent.fusion.sources.data import Cones, Rows
+from agent.fusion.sources.estimator import SourcesEstimator, SourcesState
+from agent.fusion.sources.fit import Fitted
+from agent.fusion.sources.solution import Solution
+from agent.fusion.sources.tracker import Mark, Track, Tracker
+
+_MOVES, _MAY_MOVE, _RESTS = 0.01, 0.2, 0.99  # of P(at rest)
+_LEAST_GAIN = 5.0  # of log evidence
+_BORN = 8.0  # log evidence that a further source costs for its place and activity, about
+_LEAST_NS, _KEPT_NS = 5_000_000_000, 30_000_000_000
+_SAME_M = 1.5  # between a track at rest and the fit that takes its place
+_MORE = 2.0  # so many more photons have to be counted of another nuclide for the track to be of that one
+
+
+class FollowingEstimator(SourcesEstimator):
+    """Sources at rest, or one that moves. A pure function of the observations and their grid steps."""
+
+    def __init__(self, mission: MissionConfig, area: Polygon) -> None:
+        """As ``SourcesEstimator``. The time grid is that of ``bayes``: a source that moves is elsewhere half a second later."""
+        super().__init__(mission, area)
+        self.grid_s = mission.fusion.bayes.grid_s
+        self._mission = mission
+        self._trackers: dict[int, Tracker] = {}
+
+    def step(self, state: SourcesState, step: GridStep, observations: Sequence[Observation]) -> SourcesState:
+        """As ``SourcesEstimator``, with the track; moves also where what was measured since the last ones contradicts the fit."""
+        refined, moved = step.start_ns // self._refined_ns, step.start_ns // self._moved_ns
+        if refined > state.refined and moved == state.moved and self._favoured(state.track, state):
+            state = replace(self._moved_once(state, step), refined=refined)
+        after = super().step(state, step, observations)
+        if after.track is None:
+            return after
+        track = after.track.marked(step.start_ns, _number(after)) if moved > state.moved else after.track
+        track = self._tracked(track, step, observations, _number(after))
+        if track.moves and (track.is_lost or (track.at_rest >= _RESTS and not track.beside)):
+            track = replace(track, kept_ns=track.kept_ns or step.end_ns)
+        elif track.moves:
+            after, track = replace(after, pending=()), replace(track, kept_ns=0)
+        return replace(after, track=track)
+
+    def work(self, state: SourcesState, observations: int) -> int:
+        """The fits on average over the steps."""
+        track = state.track
+        tracking = 0 if track is None else self._tracker(track.nuclide).work(track.state, observations)
+        return 8 + observations + len(state.rows) // 10 + tracking
+
+    def hypothesis(self, state: SourcesState, step: GridStep) -> Hypothesis | None:
+        """As ``SourcesEstimator``; of a source that moves the track, None while that searches."""
+        track = _moving(state)
+        if track is None:
+            return super().hypothesis(state, step)
+        told = self._tracker(track.nuclide).hypothesis(track.state, step)
+        if told is None:
+            return None
+        others = tuple(replace(other, stamp_ns=step.middle_ns) for other in track.beside)
+        nuclide = self._spectra.nuclides[track.nuclide]
+        return replace(told, nuclide=nuclide, x0_stamp_ns=state.x0_stamp_ns or told.x0_stamp_ns, others=others)
+
+    def outlook(self, state: SourcesState, step: GridStep) -> Outlook | None:
+        """As ``SourcesEstimator``; that of the track's search, if a source that moves has been lost."""
+        track = _moving(state)
+        return super().outlook(state, step) if track is None else self._tracker(track.nuclide).outlook(track.state, step)
+
+    def _moved(self, state: SourcesState, step: GridStep) -> SourcesState:
+        """Moves of the fit, and what follows for the track; while a source moves, whether it is taken back."""
+        if (track := _moving(state)) is not None:
+            return self._taken_back(state, track, step)
+        after = self._with_track(state, super()._moved(state, step), step)
+        if self._favoured(after.track, after):
+            anew = self._with_track(state, super()._moved(replace(state, fitted=None), step), step)
+            after = max(after, anew, key=_evidence)
+            if self._favoured(after.track, after):
+                return self._handed_over(after, step)
+        return after
+
+    def _with_track(self, before: SourcesState, after: SourcesState, step: GridStep) -> SourcesState:
+        """The state after moves with the track beside its fit: the one before them, or a new one, with what was pending, if that
+        was of another nuclide or did not know others.
+        """
+        if after.fitted is None or not len(after.fitted.solution) or self._raised:
+            return replace(after, track=None)
+        solution = after.fitted.solution
+        nuclide = self._most_counted(after, solution)
+        others, track = _without(solution, nuclide), before.track
+        if track is None or track.nuclide != nuclide or len(others) > len(track.others):
+            track = self._begun(nuclide, others, before.pending, step, len(solution))
+        return replace(after, track=replace(track, others=others))
+
+    def _begun(self, nuclide: int, others: Solution, observations: Sequence[Observation], step: GridStep, sources: int) -> Track:
+        track = Track(nuclide, self._tracker(nuclide).initial(None), others)
+        width_ns = step.end_ns - step.start_ns
+        by_step: dict[int, list[Observation]] = {}
+        for one in observations:
+            by_step.setdefault(one.stamp_ns // width_ns, []).append(one)
+        for index in sorted(by_step):
+            track = self._tracked(track, GridStep(index, index * width_ns, (index + 1) * width_ns), by_step[index], sources)
+        return track
+
+    def _most_counted(self, state: SourcesState, solution: Solution) -> int:
+        """The nuclide of which most photons were counted; that of the track if that may move, or not many more are of another."""
+        held = -1 if state.track is None else state.track.nuclide
+        if state.track is not None and held in solution.nuclide and state.track.at_rest < _MAY_MOVE:
+            return held
+        model = self._problem(state).counts
+        nothing = float(model.background(solution).sum())
+        counted = {n: float(model.expected(_of(solution, n)).clear.sum()) - nothing for n in sorted(set(solution.nuclide))}
+        most = max(counted, key=counted.__getitem__)
+        return held if _MORE * counted.get(held, -1.0) > counted[most] else most
+
+    def _tracked(self, track: Track, step: GridStep, observations: Sequence[Observation], sources: int) -> Track:
+        """With what was observed in a step. ``sources``: number of those fitted."""
+        tracker = self._tracker(track.nuclide)
+        pairs = [(one, seen) for one in observations if (seen := tracker.seen(one, track.others)) is not None]
+        if not pairs:
+            return track
+        before, after = track.state, tracker.step(track.state, step, [seen for _, seen in pairs])
+        track = replace(track, state=after)
+        if after.track is None or track.moves:
+            return replace(track, marks=(), newest=())
+        if before.track is None:
+            return replace(track, marks=(Mark(step.end_ns, after.evidence, sources),))
+        return replace(track, newest=(*track.newest, *pairs))
+
+    def _favoured(self, track: Track | None, state: SourcesState) -> bool:
+        """Whether what was measured last favours a source that moves: see this module's docstring."""
+        if state.fitted is None or track is None or not track.newest or not track.at_rest <= _MOVES or not track.in_view:
+            return False
+        if track.newest[-1][0].stamp_ns - track.marks[0].stamp_ns < _LEAST_NS:
+            return False
+        pending = tuple(one for one, _ in track.newest)
+        newest = self._summed(replace(state, rows=Rows.none(), cones=Cones.none(), pending=pending))
+        if not len(newest.rows):
+            return False
+        tracker, background = self._tracker(track.nuclide), track.state.background
+        moving = track.state.evidence - track.marks[0].evidence
+        moving += tracker.evidence_beside((seen for _, seen in track.newest), background)
+        at_rest = tracker.evidence_at_rest(self._problem(newest), state.fitted.solution, background)
+        at_rest -= _BORN * max(0, _number(state) - track.marks[0].sources)
+        return moving - at_rest >= _LEAST_GAIN
+
+    def _handed_over(self, state: SourcesState, step: GridStep) -> SourcesState:
+        fitted, track = state.fitted, state.track
+        assert fitted is not None
+        assert track is not None
+        kept = [k for k, n in enumerate(fitted.solution.nuclide) if n != track.nuclide and self._is_located(fitted, k)]
+        track = replace(track, moves=True, beside=tuple(self._told(state, fitted, k, step) for k in kept))
+        return replace(self._anew(state), track=replace(track, others=fitted.solution.only(kept)))
+
+    def _taken_back(self, state: SourcesState, track: Track, step: GridStep) -> SourcesState:
+        """With a fit of what was measured at rest, if that finds the same, or since it was lost; otherwise the track goes on."""
+        if track.kept_ns == 0 or step.start_ns - track.kept_ns < _KEPT_NS:
+            return state
+        after = super()._moved(state, step)
+        if track.is_lost:
+            return replace(after, track=None)
+        if after.fitted is None or not self._is_same(after.fitted, track):
+            return replace(state, pending=(), track=replace(track, kept_ns=step.start_ns))
+        mark = Mark(step.start_ns, track.state.evidence, _number(after))
+        return replace(after, track=replace(track, moves=False, kept_ns=0, marks=(mark,)))
+
+    def _is_same(self, fitted: Fitted, track: Track) -> bool:
+        """Whether what was fitted is what the track tells, and known as well as it has to be."""
+        if track.state.track is None or fitted.solution.nuclide != (track.nuclide,) or not self._is_declared(fitted):
+            return False
+        off = fitted.solution.place[0] - track.state.track.moments()[0][:2]
+        return bool(np.hypot(*off) <= _SAME_M)
+
+    def _anew(self, state: SourcesState) -> SourcesState:
+        """With no measurement of sources at rest."""
+        return replace(state, pending=(), rows=Rows.none(), cones=Cones.none(), fitted=None, hiding=None, refinement=None)
+
+    def _tracker(self, nuclide: int) -> Tracker:
+        if nuclide not in self._trackers:
+            self._trackers[nuclide] = Tracker(self._mission, self._area, self._spectra, self._windows, self._walls, nuclide)
+        return self._trackers[nuclide]
+
+
+def _moving(state: SourcesState) -> Track | None:
+    """The track of a source that moves."""
+    return state.track if state.track is not None and state.track.moves else None
+
+
+def _evidence(state: SourcesState) -> float:
+    """Of the fit."""
+    return -math.inf if state.fitted is None else state.fitted.evidence
+
+
+def _number(state: SourcesState) -> int:
+    """Of the sources that are fitted."""
+    return 0 if state.fitted is None else len(state.fitted.solution)
+
+
+def _of(solution: Solution, nuclide: int) -> Solution:
+    return solution.only([k for k, n in enumerate(solution.nuclide) if n == nuclide])
+
+
+def _without(solution: Solution, nuclide: int) -> Solution:
+    return solution.only([k for k, n in enumerate(solution.nuclide) if n != nuclide])

@@ -1,0 +1,198 @@
+"""The tracker of a source that may move: ``bayes`` for one of the candidates, with what the tables of ``spectra`` say of it.
+
+It reads the exposures' spectra in two channels, the energy bins of the nuclide's lines and the others, so it knows every nuclide
+that may be fitted, whatever lines the detector looks for. Of the directional response it takes the mean over all headings, and
+the source is on the ground.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+from shapely import Polygon
+
+from agent.config.mission import MissionConfig
+from agent.detector.windows import Windows
+from agent.fusion.bayes.counts import TRACK_TEMPER, background_log_likelihood, fit_rate
+from agent.fusion.bayes.estimator import BayesEstimator, BayesState
+from agent.fusion.bayes.exposed import Exposed
+from agent.fusion.bayes.motion import REST
+from agent.fusion.bayes.response import Channel, Response
+from agent.fusion.estimator import Hypothesis
+from agent.fusion.observation import ConeObservation, CountObservation, Observation
+from agent.fusion.sources.counts import CountModel
+from agent.fusion.sources.data import UNTOLD_HITS, Rows
+from agent.fusion.sources.fit import Problem
+from agent.fusion.sources.hidden import HIDDEN
+from agent.fusion.sources.shades import KnownWalls
+from agent.fusion.sources.solution import Solution
+from agent.fusion.sources.spectra import Spectra
+from agent.geometry import Array
+from protocol.spectrum import BINS, EDGES_KEV
+
+_CLEAR_SIGMA = 0.05  # of the log rate of a source as fitted, by the model's error
+_HIDDEN_SIGMA = 2.0  # and behind something that nobody knows of
+_ITERATIONS = 6
+_MARKS = 3
+_IN_VIEW = 0.5  # probability of a clear view
+_LEAST_PS, _LEAST_MM2 = 1e-6, 1e-9  # so that nothing counted is impossible
+
+
+class Mark(Struct, frozen=True):
+    """A time with the track's evidence until then, and the number of sources that were fitted."""
+
+    stamp_ns: int
+    evidence: float
+    sources: int
+
+
+class Track(Struct, frozen=True, eq=False):
+    """What is believed of a source that may move (``handover``).
+
+    nuclide: its index. state: of its tracker. others: fitted sources of other nuclides. moves: whether it has been handed over;
+    beside: what was told of the others then. kept_ns: from when on what is measured is kept, as the source is at rest or lost; 0:
+    it is not kept. marks: the last ``_MARKS`` moves at fixed times, or since when it is tracked; newest: what was measured since
+    the first of them, and as the tracker saw it.
+    """
+
+    nuclide: int
+    state: BayesState
+    others: Solution
+    moves: bool = False
+    beside: tuple[Hypothesis, ...] = ()
+    kept_ns: int = 0
+    marks: tuple[Mark, ...] = ()
+    newest: tuple[tuple[Observation, Observation], ...] = ()
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether nothing is tracked."""
+        return self.state.track is None
+
+    @property
+    def at_rest(self) -> float:
+        """Probability that it is at rest; not a number where nothing is tracked."""
+        track = self.state.track
+        return math.nan if track is None else float(track.weight[:, REST].sum() / track.weight.sum())
+
+    @property
+    def in_view(self) -> bool:
+        """Whether nothing unknown seems to stand between the source and any camera."""
+        track = self.state.track
+        return track is not None and float((track.weight.sum(axis=1) @ track.hidden[..., 0]).min()) >= _IN_VIEW
+
+    def marked(self, now_ns: int, sources: int) -> Track:
+        """With another mark, and without the first of ``_MARKS``."""
+        if not self.marks:
+            return self
+        marks = (*self.marks[1 - _MARKS :], Mark(now_ns, self.state.evidence, sources))
+        return replace(self, marks=marks, newest=tuple(one for one in self.newest if one[0].stamp_ns >= marks[0].stamp_ns))
+
+
+class Apart(CountObservation, frozen=True, eq=False, kw_only=True):
+    """An exposure whose counts are those of the tracker's channels. beside: (2,) expected of sources of other nuclides."""
+
+    beside: Array
+
+
+class Tracker(BayesEstimator):
+    """``bayes`` for a nuclide; it reads what ``seen`` makes of the observations."""
+
+    def __init__(
+        self, mission: MissionConfig, area: Polygon, spectra: Spectra, windows: Windows, walls: KnownWalls, nuclide: int
+    ) -> None:
+        """``windows``: in which the detector takes coincidences for a line's. ``nuclide``: its index among the spectra's."""
+        self._spectra, self._walls = spectra, walls
+        self._bins = _bins(Windows((spectra.nuclides[nuclide],), mission.detection))
+        self._lines = np.array([window.energy_kev for window in windows.each])
+        of_lines = [
+            spectra.cones(window.energy_kev, windows.reach_kev(place), window.unsure_kev)
+            for place, window in enumerate(windows.each)
+        ]
+        self._own = [bool(pointing[nuclide] > 0.0) for pointing, _, _ in of_lines]
+        area_mm2 = math.fsum(float(pointing[nuclide]) for pointing, _, _ in of_lines)
+        cones_ps = math.fsum(cones_ps for (_, _, cones_ps), own in zip(of_lines, self._own, strict=True) if own)
+        cones = Channel(max(area_mm2, _LEAST_MM2), 1.0, 0.0, max(cones_ps, _LEAST_PS))
+        self._response = _response(spectra, nuclide, self._bins, cones)
+        super().__init__(mission, area, self._response)
+
+    def seen(self, observation: Observation, others: Solution) -> Observation | None:
+        """The observation as the tracker reads it, None where it tells nothing of the nuclide. ``others``: known sources of other
+        nuclides.
+        """
+        if isinstance(observation, ConeObservation):
+            return observation if self._own[int(np.abs(self._lines - observation.energy_kev).argmin())] else None
+        if not observation.spectrum and observation.counts[0] >= UNTOLD_HITS:
+            return None
+        events = np.zeros(BINS)
+        for one in observation.spectrum:
+            events[one.place] = one.singles + one.coincidences
+        partial, full = (events @ self._bins).tolist()
+        counts = np.array([partial + full, full, 0.0])  # which ``Response.apart`` takes apart again
+        return Apart(**{**_fields(observation), "counts": counts}, beside=self._beside(observation, others))
+
+    def evidence_at_rest(self, newest: Problem, solution: Solution, background: float) -> float:
+        """Log Bayes factor of these measurements given sources at rest against background alone, whose strength is that of a
+        track, in the track's channels and with its cones.
+
+        For each sum over exposures the view is clear, or it is hidden and any share of the photons passes.
+        """
+        model = newest.counts
+        counts, expected, alone = (
+            each @ self._bins for each in (model.counts, model.expected(solution).clear, model.background(solution))
+        )
+        none = self._response.background_ps * background * model.live_s[:, None]
+        prior, variance = np.log([1.0 - HIDDEN, HIDDEN]), np.square([_CLEAR_SIGMA, _HIDDEN_SIGMA])
+        total = newest.cones.log_likelihood(solution)
+        for k, signal, b, h0 in zip(counts, np.maximum(expected - alone, _LEAST_PS), alone, none, strict=True):
+            _, _, likelihood = fit_rate(k, np.stack((signal, signal)), b, variance, TRACK_TEMPER, _ITERATIONS)
+            total += float(np.logaddexp(*(likelihood + prior)) - background_log_likelihood(k, h0, TRACK_TEMPER))
+        return total
+
+    def evidence_beside(self, seen: Iterable[Observation], background: float) -> float:
+        """Log Bayes factor of the other sources against background alone, which a track takes for part of the background."""
+        total = 0.0
+        for one in seen:
+            if isinstance(one, Apart):
+                counts, alone = self._response.apart(one.counts), self._response.background_ps * (background * one.live_time_s)
+                known = background_log_likelihood(counts, alone + one.beside, TRACK_TEMPER)
+                total += float(known - background_log_likelihood(counts, alone, TRACK_TEMPER))
+        return total
+
+    def _exposed(self, state: BayesState, vehicle: int, observation: CountObservation) -> Exposed:
+        exposed = super()._exposed(state, vehicle, observation)
+        return replace(exposed, background=exposed.background + observation.beside) if isinstance(observation, Apart) else exposed
+
+    def _beside(self, observation: CountObservation, others: Solution) -> Array:
+        """(2,) counts expected of the others, as fitted, in a clear view."""
+        if not len(others):
+            return np.zeros(2)
+        rows = Rows.none().plus([observation], self._vehicles)
+        model = CountModel(rows, self._spectra, self._ground, len(self._vehicles), self._walls)
+        counts: Array = (model.expected(others).clear - model.background(others))[0] @ self._bins
+        return np.maximum(counts, 0.0)
+
+
+def _fields(observation: CountObservation) -> dict[str, Any]:
+    return {name: getattr(observation, name) for name in CountObservation.__struct_fields__}
+
+
+def _bins(windows: Windows) -> Array:
+    """(BINS, 2) which of the energy bins are of each channel: those with no line's window in their middle, and those with one."""
+    middle = (np.array(EDGES_KEV[1:]) + np.array(EDGES_KEV[:-1])) / 2.0
+    full = np.array([windows.line_of(kev) is not None for kev in middle.tolist()])
+    return np.column_stack((~full, full)).astype(np.float64)
+
+
+def _response(spectra: Spectra, n: int, bins: Array, cones: Channel) -> Response:
+    """What a camera counts of nuclide n in the channels; areas in the tables are times photons per decay."""
+    near, far = (each[n] @ bins for each in spectra.templates(0.0, 0.0))
+    direct = np.maximum(spectra.direct_templates(0.0)[0][n] @ bins, _LEAST_MM2)
+    background_ps = np.maximum(spectra.background_ps(0.0) @ bins, _LEAST_PS)
+    partial, full = (Channel(*row) for row in np.column_stack((direct, near / direct, far / direct, background_ps)).tolist())
+    return Response(spectra.nuclides[n], 1.0, float(spectra.air_per_m[n]), (partial, full), cones)

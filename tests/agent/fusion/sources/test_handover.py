@@ -1,0 +1,173 @@
+"""A source that moves among sources at rest: when it is handed over to a track, what is told then, and when it is taken back."""
+
+import random
+
+import numpy as np
+import pytest
+
+from agent.frames.graph import FrameGraph
+from agent.frames.transform import Transform
+from agent.fusion.deferred import Deferred, Folder
+from agent.fusion.engine import Fusion
+from agent.fusion.observation import observe
+from agent.fusion.registry import estimator_named
+from agent.fusion.sources.solution import Solution
+
+SPEED_MPS, WALKS_S = 0.8, 30.0
+
+
+def walker(time_s):
+    """From west to east for ``WALKS_S``, then at rest."""
+    return "Cs-137", 8.0 + SPEED_MPS * min(time_s, WALKS_S), 20.0, 1e10
+
+
+def alone(time_s):
+    return [walker(time_s)]
+
+
+def beside_another(time_s):
+    return [walker(time_s), ("Ir-192", 20.0, 36.0, 4e8)]
+
+
+def carried_off(time_s):
+    return [walker(time_s)] if time_s < 30.0 else []
+
+
+def fusion_of(mission):
+    return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("sources", mission))
+
+
+def after(kit, mission, entries, seconds):
+    fusion = fusion_of(mission)
+    assert all(kit.feed(fusion, entries))
+    kit.settle(fusion, kit.T0_NS + round(seconds * 1e9))
+    return fusion
+
+
+def off_m(hypothesis, time_s):
+    _, x, y, _ = walker(time_s)
+    return float(np.hypot(*(hypothesis.position[:2] - (x, y))))
+
+
+@pytest.fixture(scope="module")
+def walk(among):
+    mission = among.mission_of()
+    return mission, among.entries_of(mission, np.random.default_rng(1), 95.0, alone)
+
+
+def until(kit, entries, seconds):
+    return [entry for entry in entries if entry.stamp_ns < kit.T0_NS + seconds * 1e9]
+
+
+def test_a_source_that_walks_is_followed_and_told_alone(kit, walk):
+    """As ``bayes`` tells it: its velocity, and no turns of the circle."""
+    mission, entries = walk
+    told = after(kit, mission, until(kit, entries, 25.0), 25.0).hypothesis
+    assert (told.nuclide, told.others, told.watched_s) == ("Cs-137", (), None)
+    assert off_m(told, 25.0) < 1.0
+    assert told.velocity[:2] == pytest.approx((SPEED_MPS, 0.0), abs=0.3)
+    assert told.activity_bq == pytest.approx(1e10, rel=0.2)
+
+
+def test_another_nuclide_at_rest_is_told_beside_it(kit, among):
+    mission = among.mission_of()
+    entries = among.entries_of(mission, np.random.default_rng(2), 30.0, beside_another)
+    told = after(kit, mission, entries, 30.0).hypothesis
+    assert off_m(told, 30.0) < 2.5
+    assert [one.nuclide for one in told.others] == ["Ir-192"]
+    assert told.others[0].position[:2] == pytest.approx((20.0, 36.0), abs=1.5)
+    assert told.others[0].stamp_ns == told.stamp_ns
+
+
+@pytest.mark.parametrize(
+    "sources",
+    [
+        [("Cs-137", 12.0, 20.0, 3e9)],
+        [("Ir-192", 8.0, 10.0, 6e8), ("Ir-192", 30.0, 30.0, 1e9)],
+        [("Ir-192", 8.0, 10.0, 1e9), ("Ir-192", 30.0, 30.0, 1e9), ("Cs-137", 12.0, 30.0, 1e9)],
+    ],
+)
+def test_sources_at_rest_are_not_handed_over(kit, among, sources):
+    """Drones fly from one to another, and a single track of either nuclide would have to follow them."""
+    mission = among.mission_of()
+    fusion = after(kit, mission, among.entries_of(mission, np.random.default_rng(3), 40.0, sources), 42.0)
+    assert fusion.state.track is not None
+    assert not fusion.state.track.moves
+    assert 1 + len(fusion.hypothesis.others) == len(sources)
+
+
+def test_it_is_taken_back_once_it_has_been_at_rest(kit, walk):
+    fusion = fusion_of(walk[0])
+    kit.feed(fusion, walk[1])
+    kit.settle(fusion, kit.T0_NS + 45_000_000_000)
+    assert fusion.state.track.moves
+    told = kit.settle(fusion, kit.T0_NS + 96_000_000_000)
+    assert not fusion.state.track.moves
+    assert (told.nuclide, told.others) == ("Cs-137", ())
+    assert off_m(told, 95.0) < 0.3
+    assert told.watched_s > 0.0
+    assert fusion.state.rows.live_s.sum() < 2 * 60.0  # of two cameras, without what was measured while it walked
+    assert fusion.state.track.marks  # it may be handed over again
+
+
+def test_after_one_that_is_lost_sources_at_rest_are_fitted_anew(kit, among):
+    """It is carried off after 30 s, and what was fitted before says nothing any more."""
+    mission = among.mission_of()
+    entries = among.entries_of(mission, np.random.default_rng(6), 90.0, carried_off)
+    fusion = fusion_of(mission)
+    kit.feed(fusion, entries)
+    kit.settle(fusion, kit.T0_NS + 28_000_000_000)
+    assert fusion.state.track.moves
+    assert kit.settle(fusion, kit.T0_NS + 60_000_000_000) is None
+    assert fusion.outlook is not None  # the track's search
+    told = kit.settle(fusion, kit.T0_NS + 91_000_000_000)
+    assert fusion.state.track is None
+    assert told is None
+    assert 0.0 < fusion.state.rows.live_s.sum() < 2 * 60.0
+
+
+def test_the_order_of_arrival_does_not_matter(kit, walk):
+    """All at once, and mixed up in parts with the fusion advancing in between; through hand-over and return."""
+    mission, entries = walk
+    mixed = random.Random(1).sample(entries, len(entries))
+    fusion = fusion_of(mission)
+    part = len(mixed) // 4 + 1
+    for number, start in enumerate(range(0, len(mixed), part)):
+        kit.feed(fusion, mixed[start : start + part])
+        fusion.advance(kit.T0_NS + round(24e9 * number))
+    for time_s in (30.0, 96.0):
+        in_order = after(kit, mission, until(kit, entries, time_s), time_s).hypothesis
+        late = fusion if time_s > 90.0 else after(kit, mission, until(kit, mixed, time_s), time_s)
+        assert kit.same_bits(kit.settle(late, kit.T0_NS + round(time_s * 1e9)), in_order)
+
+
+def test_computed_elsewhere_it_tells_the_same(kit, walk):
+    mission, entries = walk
+    deferred = Deferred(estimator_named("sources", mission))
+    fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), deferred)
+    kit.feed(fusion, until(kit, entries, 25.0))
+    fusion.advance(kit.T0_NS + 25_000_000_000, 10**9)
+    folder = Folder(estimator_named("sources", mission))
+    task = deferred.task(folder.held)
+    fusion.answered(task.question, folder.answer(deferred, task.question))
+    fusion.advance(kit.T0_NS + 25_000_000_000)
+    assert kit.same_bits(fusion.hypothesis, after(kit, mission, until(kit, entries, 25.0), 25.0).hypothesis)
+
+
+def test_where_sources_may_be_above_the_ground_none_is_handed_over(kit, among):
+    mission = among.mission_of(source_height_m=(0.0, 10.0))
+    entries = among.entries_of(mission, np.random.default_rng(4), 12.0, alone)
+    assert after(kit, mission, entries, 12.0).state.track is None
+
+
+def test_the_tracker_expects_what_the_tables_say(kit, among):
+    """Counts of a source and of one of another nuclide beside it, in the mean of many exposures: to 5 %."""
+    mission = among.mission_of()
+    estimator = estimator_named("sources", mission)
+    tracker = estimator._tracker(among.NUCLIDES.index("Cs-137"))
+    other = Solution((among.NUCLIDES.index("Ir-192"),), np.array([(30.0, 15.0)]), np.zeros(1), 0.0, np.zeros((2, 3)))
+    entries = among.entries_of(mission, np.random.default_rng(5), 400.0, [("Ir-192", 30.0, 15.0, 1e9)], cones=False)
+    seen = [tracker.seen(observe(entry, Transform()), other) for entry in entries]
+    counted = sum(tracker._response.apart(one.counts) for one in seen)
+    expected = sum(one.beside + tracker._response.background_ps * one.live_time_s for one in seen)
+    assert expected == pytest.approx(counted, rel=0.05)
