@@ -160,6 +160,18 @@ class CountModel:
         gradients, informations = self._derived(mixture, expected, seen, [slice(None)])
         return seen.log_likelihood, gradients[0], informations[0]
 
+    def aside(self, solution: Solution, k: int) -> tuple[Array, Array, Array]:
+        """(R,) each, of source k: distances; f - ``MEAN_FACING``; live times as they count for it, with the sensitivity of the
+        cameras and known walls, but without air and distance.
+        """
+        near, _, faced = self._unshaded(solution, k)[:, 2]
+        x, y = solution.place[k].tolist()
+        distance, *_ = ways(self._ground, (x, y, solution.height_of(k)), self.place, solution.bias[self.drone])
+        live: Array = self.live_s * np.exp(solution.bias[self.drone, 2])
+        if self._shades is not None:
+            live = live * self._shades.passing(solution.nuclide[k], self._source(solution, k))
+        return distance, faced / near, live
+
     def derivatives(self, solution: Solution) -> Iterator[Array]:
         """(R, BINS) derivatives of M, in the order of ``Solution.vector``."""
         shapes, _ = self._shapes(solution)
