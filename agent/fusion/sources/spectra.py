@@ -42,6 +42,7 @@ _LEAST_PS = 1e-6  # of background in a bin, so that an event there is never impo
 _LEAST_MM2 = 1e-9
 UNKNOWN_AIR_PER_M = 0.0093  # of unknown nuclides: that of 662 keV
 _UNKNOWN_MM2 = 16.0  # sum of the bins of an unknown nuclide: about that of Cs-137, whatever it sends out
+_POOLED = 2  # bins, up to 69 keV
 _SHOWN = 0.02  # of a nuclide's greatest bin
 _MOST_CHANGE = 2.5  # of the logarithm of a bin
 
@@ -166,6 +167,17 @@ def _scaled(shape: Array, by_scale: Array, scale: float) -> Array:
     return result
 
 
+def pooled(by_bin: Array) -> Array:
+    """(..., BINS) with the softest bins as if they were one: each has their mean, so that a Poisson likelihood is that of their sum.
+
+    Between them lies the peak of Am-241, less the charge that is lost. From the front of the sensor that is more than in the mean
+    over front and back: on a circle, where cameras face the source, half as many events again are below that edge as expected.
+    """
+    result = by_bin.copy()
+    result[..., :_POOLED] = by_bin[..., :_POOLED].mean(axis=-1, keepdims=True)
+    return result
+
+
 def _overlap(low_kev: float, high_kev: float) -> Array:
     """(BINS,) share of each bin that lies between two energies."""
     edges = np.array(EDGES_KEV)
@@ -200,19 +212,22 @@ def _spectra(nuclides: tuple[str, ...]) -> Spectra:
     def of(key: str) -> Array:
         return np.array([TABLES[name][key] for name in nuclides])
 
+    def areas(key: str) -> Array:
+        return pooled(of(key))
+
     background = TABLES["background"]
     return Spectra(
         nuclides=nuclides,
         air_per_m=of("air_per_m")[:, 0],
-        direct=of("direct"),
-        softer=of("softer"),
-        direct_by_scale=of("direct_by_scale"),
-        by_facing=of("by_facing"),
-        scattered=of("scattered"),
-        scattered_by_scale=of("scattered_by_scale"),
+        direct=areas("direct"),
+        softer=areas("softer"),
+        direct_by_scale=areas("direct_by_scale"),
+        by_facing=areas("by_facing"),
+        scattered=areas("scattered"),
+        scattered_by_scale=areas("scattered_by_scale"),
         complete=of("complete"),
         partial=of("partial") + NEAR * of("scattered_pairs"),
-        background=np.array(background["every"]),
-        background_by_scale=np.array(background["by_scale"]),
+        background=pooled(np.array(background["every"])),
+        background_by_scale=pooled(np.array(background["by_scale"])),
         background_pairs=np.array(background["pairs"]),
     )
