@@ -3,7 +3,7 @@
 Three simulated cameras fly lanes of 11 m over 100 x 100 m for 110 s and then circles of 6 m around each source by turns, 3 m
 high at 3 m/s. Number (0 to 6), nuclides (those named), places and activities (0.3 to 6 GBq, log uniform) are drawn from the seed,
 same-named ones at least 5 m apart, or 20 m if one is ten times as strong. ``--real``: positions off by 0.15 m along each axis,
-sensitivities by 5 %, energy scales by 0.5 %, background x 1.2. ``--alone``: one source of 3 GBq, beside ``bayes``.
+sensitivities by 5 %, energy scales by 0.5 %, background x 1.2, 7 % from direction to direction. ``--alone``: one of 3 GBq, beside ``bayes``.
 ``--walls``: behind the walls of the scenario ``mismatch-walls``, of which no estimator is told; with ``--map`` all are.
 """
 
@@ -66,7 +66,9 @@ class Truth:
     @classmethod
     def real(cls) -> Truth:
         """With the errors of ``--real``."""
-        return cls(0.15, CameraTruth(sensitivity_spread=0.05, energy_gain_spread=0.005, background_hits_per_s=1.8))
+        return cls(
+            0.15, CameraTruth(sensitivity_spread=0.05, energy_gain_spread=0.005, background_hits_per_s=1.8, anisotropy=0.07)
+        )
 
     @property
     def quiet(self) -> CameraTruth:
@@ -75,6 +77,7 @@ class Truth:
             background_hits_per_s=0.0,
             sensitivity_spread=self.camera.sensitivity_spread,
             energy_gain_spread=self.camera.energy_gain_spread,
+            anisotropy=self.camera.anisotropy,
         )
 
 

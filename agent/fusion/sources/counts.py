@@ -121,6 +121,10 @@ class CountModel:
         result: Array = self._background_s(solution)[:, None] * self._spectra.background_ps(solution.scale)
         return result
 
+    def of_source(self, solution: Solution, k: int) -> Array:
+        """(R, BINS) what source k adds to M."""
+        return self._mixture(solution, [k]).counts
+
     def camera_height_m(self, place: Array) -> float:
         """Height above the ground at a place (2,) from which most photons of a source there are counted: the mean of the rows'
         heights, weighted by live time over squared horizontal distance.

@@ -33,6 +33,7 @@ from agent.fusion.sources.data import Cones, Rows
 from agent.fusion.sources.directions import ConeModel
 from agent.fusion.sources.fit import Fitted, Prior, Problem
 from agent.fusion.sources.hiding import Hiding, Target
+from agent.fusion.sources.misled import misled
 from agent.fusion.sources.moves import Moves
 from agent.fusion.sources.shades import KnownWalls
 from agent.fusion.sources.solution import BIAS, Solution
@@ -207,7 +208,7 @@ class SourcesEstimator:
             hiding = self._target.hiding(state.rows, problem.counts, spectra, self._ground, fitted, self._walls)
             if not all(self._is_located(fitted, k) for k in range(len(fitted.solution))):
                 hiding = replace(hiding, left=hiding.left | hiding.glare)  # more measurements there would locate what is fitted
-        fitted = _strongest_first(fitted)
+        fitted = misled(_strongest_first(fitted), problem, state.rows)
         return replace(
             state,
             fitted=fitted,
@@ -226,8 +227,9 @@ class SourcesEstimator:
         if state.fitted is None:
             return state
         start, state = state.fitted.solution, self._summed(state)
-        fitted = self._problem(state, self._spectra.plus(state.unknown)).fitted(start, _REFINEMENTS)
-        return replace(state, fitted=_strongest_first(fitted))
+        problem = self._problem(state, self._spectra.plus(state.unknown))
+        fitted = _strongest_first(problem.fitted(start, _REFINEMENTS))
+        return replace(state, fitted=misled(fitted, problem, state.rows))
 
     def _summed(self, state: SourcesState) -> SourcesState:
         """With no observation pending."""

@@ -168,7 +168,7 @@ def _scaled(shape: Array, by_scale: Array, scale: float) -> Array:
 
 
 def pooled(by_bin: Array) -> Array:
-    """(..., BINS) with the softest bins as if they were one: each has their mean, so that a Poisson likelihood is that of their sum.
+    """(..., BINS) with the softest bins as if they were one: each is their mean, so that a Poisson likelihood is that of the sum.
 
     Between them lies the peak of Am-241, less the charge that is lost. From the front of the sensor that is more than in the mean
     over front and back: on a circle, where cameras face the source, half as many events again are below that edge as expected.
