@@ -3,8 +3,9 @@
 Three simulated cameras fly lanes of 11 m over 100 x 100 m for 110 s and then circles of 6 m around each source by turns, 3 m
 high at 3 m/s. Number (0 to 6), nuclides (those named), places and activities (0.3 to 6 GBq, log uniform) are drawn from the seed,
 same-named ones at least 5 m apart, or 20 m if one is ten times as strong. ``--real``: positions off by 0.15 m along each axis,
-sensitivities by 5 %, energy scales by 0.5 %, background x 1.2. ``--alone``: one source of 3 GBq, beside ``bayes``.
-``--walls``: behind the walls of the scenario ``mismatch-walls``, of which no estimator is told; with ``--map`` all are.
+sensitivities by 5 %, energy scales by 0.5 %, background x 1.2, 7 % from direction to direction. ``--alone``: one source of 3 GBq,
+beside ``bayes``. ``--higher-m``: by which the second half of each circle is flown higher. ``--walls``: behind the walls of the
+scenario ``mismatch-walls``, of which no estimator is told; with ``--map`` all are.
 """
 
 from __future__ import annotations
@@ -67,7 +68,9 @@ class Truth:
     @classmethod
     def real(cls) -> Truth:
         """With the errors of ``--real``."""
-        return cls(0.15, CameraTruth(sensitivity_spread=0.05, energy_gain_spread=0.005, background_hits_per_s=1.8))
+        return cls(
+            0.15, CameraTruth(sensitivity_spread=0.05, energy_gain_spread=0.005, background_hits_per_s=1.8, anisotropy=0.07)
+        )
 
     @property
     def quiet(self) -> CameraTruth:
@@ -76,6 +79,7 @@ class Truth:
             background_hits_per_s=0.0,
             sensitivity_spread=self.camera.sensitivity_spread,
             energy_gain_spread=self.camera.energy_gain_spread,
+            anisotropy=self.camera.anisotropy,
         )
 
 
@@ -117,7 +121,9 @@ def may_lie_beside(one: Placed, other: Placed) -> bool:
     return one.nuclide != other.nuclide or float(np.hypot(*(one.place - other.place))) > least_m
 
 
-def path(drone: int, sources: Sequence[Placed], circle_s: float, rng: np.random.Generator) -> tuple[Array, Array]:
+def path(
+    drone: int, sources: Sequence[Placed], circle_s: float, rng: np.random.Generator, higher_m: float = 0.0
+) -> tuple[Array, Array]:
     """Positions (S, 3) and headings (S,) every STEP_S: lanes, then circles, on which the camera faces the source."""
     way = np.arange(STEP_S / 2.0, LANES_S, STEP_S) * SPEED_MPS
     lane, along = np.divmod(way, SIDE_M)
@@ -130,13 +136,14 @@ def path(drone: int, sources: Sequence[Placed], circle_s: float, rng: np.random.
         off = RADIUS_M * np.column_stack((np.cos(phase), np.sin(phase)))
         wobble = np.column_stack((np.sin(0.21 * turn + drone), np.cos(0.17 * turn + drone)))
         at = source.place + off + 0.8 * wobble
-        places.append(np.column_stack((at, HEIGHT_M + 0.3 * np.sin(0.13 * turn + drone))))
+        level_m = HEIGHT_M + higher_m * (turn >= circle_s / 2.0)
+        places.append(np.column_stack((at, level_m + 0.3 * np.sin(0.13 * turn + drone))))
         headings.append(np.arctan2(*(source.place - at).T[::-1]) + rng.normal(0.0, 0.15, len(turn)))
     return np.concatenate(places), np.concatenate(headings)
 
 
 def observed(
-    seed: int, sources: Sequence[Placed], truth: Truth, circle_s: float, nuclide: str | tuple[str, ...]
+    seed: int, sources: Sequence[Placed], truth: Truth, circle_s: float, nuclide: str | tuple[str, ...], higher_m: float = 0.0
 ) -> list[Observation]:
     """What the swarm logs; ``nuclide``: the mission's, whose lines make cones."""
     rng = np.random.default_rng(seed)
@@ -150,7 +157,7 @@ def observed(
             for k, name in enumerate(names)
         ]
         chains = [DetectorChain(DetectionConfig(), nuclide, Calibration.nominal()) for _ in names]
-        for step, (place, heading) in enumerate(zip(*path(drone, sources, circle_s, rng), strict=True)):
+        for step, (place, heading) in enumerate(zip(*path(drone, sources, circle_s, rng, higher_m), strict=True)):
             start_ns = START_NS + round(step * STEP_S * NS)
             axes = _camera_axes(heading, rng)
             parts = []
@@ -274,6 +281,7 @@ def main(
     mapped: Annotated[bool, typer.Option("--map")] = False,
     highest_m: Annotated[float, typer.Option(help="Sources are up to so high, and at most three.")] = 0.0,
     circle_s: Annotated[float, typer.Option(help="Time around each source.")] = 40.0,
+    higher_m: Annotated[float, typer.Option(help="Added to the height in the second half of each circle.")] = 0.0,
     nuclides: Annotated[str, typer.Option(help="Of the sources.")] = "Cs-137,Ir-192",
     sought: Annotated[str, typer.Option(help="The mission's nuclide, whose lines make cones.")] = "auto",
 ) -> None:
@@ -303,7 +311,7 @@ def main(
             sources = drawn(rng, nuclides.split(","), highest_m)
         else:
             sources = [Placed(mission.named(), alone_at, 3e9)]
-        seen = observed(number, sources, truth, circle_s, mission.nuclide)
+        seen = observed(number, sources, truth, circle_s, mission.nuclide, higher_m)
         for name, tally in tallies.items():
             judge(sources, estimate(name, mission, seen, tally), tally)
             print(f"after {number - seed + 1}: {told(name, tally)}", flush=True)

@@ -23,6 +23,7 @@ from protocol.checks import flaw_of_covariance, is_unit
 from protocol.entries import SIGNATURE_BYTES, AnyEntry, Cone, Coverage, Credential, Exposure, Fix, Sighting
 from protocol.message import DroneMessage, StationMessage
 from protocol.revocations import Revocation, Revoked
+from protocol.spectrum import BINS, Line
 from protocol.units import (
     BootId,
     Certificate,
@@ -145,7 +146,8 @@ class Frame(DroneMessage, frozen=True, kw_only=True):
 class Source(Struct, frozen=True, kw_only=True):
     """One estimated source (mission frame).
 
-    ``evidence``: natural logarithm of the likelihood ratio of this source to none.
+    ``evidence``: natural logarithm of the likelihood ratio of this source to none. ``lines_kev``: of a source whose spectrum none
+    of the candidates explains, and which has neither nuclide nor activity: the energies of the lines in it, ascending.
     """
 
     position_m: Position
@@ -156,6 +158,7 @@ class Source(Struct, frozen=True, kw_only=True):
     activity_sigma_bq: Becquerels | None = None
     evidence: Annotated[float, Meta(ge=-1e9, le=1e9)] | None = None
     cones: Count = 0
+    lines_kev: Annotated[tuple[Line, ...], Meta(max_length=BINS)] | UnsetType = UNSET
 
 
 class Estimate(DroneMessage, frozen=True, kw_only=True):

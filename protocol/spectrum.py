@@ -5,6 +5,7 @@ So a bin is 13 keV wide at 40 keV, 51 keV at 662 keV and 75 keV at the end, abou
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 from math import sqrt
 from typing import Annotated
@@ -27,7 +28,14 @@ class SpectrumBin(Struct, frozen=True, array_like=True):
     coincidences: Count
 
 
+Line = Annotated[int, Meta(ge=1, le=2000)]  # energy of a spectral line, keV
 Spectrum = Annotated[tuple[SpectrumBin, ...], Meta(max_length=BINS)]  # bins without events are left out
+
+
+def unknown_nuclide(lines_kev: Iterable[int]) -> str:
+    """How a nuclide that is none of the candidates is told, by the lines of its spectrum: "unknown, lines at 136, 265 keV"."""
+    lines = ", ".join(map(str, lines_kev))
+    return f"unknown, lines at {lines} keV" if lines else "unknown, no clear lines"
 
 
 def is_in_order(spectrum: tuple[SpectrumBin, ...]) -> bool:

@@ -61,7 +61,8 @@ class Hypothesis(Struct, frozen=True, eq=False):
     evidence: log Bayes factor of a source against background alone; None if the estimator does not compute it: then
     ``covariance`` is the filter's own, and need not match the actual error.
     sights: the apparent place by drone; empty if the estimator has no pose biases. nuclide: None if the estimator takes the
-    mission's. others: further sources, in the order in which they count. watched_s: live time of all cameras on or inside the
+    mission's, or where it is none of them: then lines_kev is not None, and has the energies of the lines that its spectrum shows,
+    ascending. others: further sources, in the order in which they count. watched_s: live time of all cameras on or inside the
     circle around this source, with a share of it farther out; None if the estimator tells one source only.
     """
 
@@ -76,6 +77,7 @@ class Hypothesis(Struct, frozen=True, eq=False):
     evidence: float | None = None
     sights: Mapping[str, Sight] = field(default_factory=lambda: MappingProxyType({}))
     nuclide: str | None = None
+    lines_kev: tuple[int, ...] | None = None
     others: tuple[Hypothesis, ...] = ()
     watched_s: float | None = None
 

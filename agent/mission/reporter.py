@@ -224,4 +224,5 @@ def _source(hypothesis: Hypothesis) -> Source:
         activity_sigma_bq=hypothesis.activity_sigma_bq,
         evidence=hypothesis.evidence,
         cones=hypothesis.cones,
+        lines_kev=UNSET if hypothesis.lines_kev is None else hypothesis.lines_kev,
     )

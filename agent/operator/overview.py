@@ -27,6 +27,7 @@ from protocol.mesh.session import Mesh, MeshConfig
 from protocol.message import DroneMessage
 from protocol.messages import Estimate, Source, Status
 from protocol.signing import Verifier
+from protocol.spectrum import unknown_nuclide
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -156,6 +157,8 @@ class Overview:
             parts.append(f"{latitude_deg:.7f}, {longitude_deg:.7f} (WGS84)")
         if source.activity_bq is not None:
             parts.append(f"{source.nuclide or 'activity'} {source.activity_bq:.3g} Bq")
+        if source.lines_kev is not UNSET:
+            parts.append(f"nuclide {unknown_nuclide(source.lines_kev)}")
         return ", ".join(parts)
 
 

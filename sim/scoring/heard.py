@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from msgspec import UNSET
 from msgspec.structs import replace
 
 from protocol.entries import Cone, Exposure
@@ -11,6 +12,7 @@ from sim.result import ConeTrace, EstimateTrace
 from sim.scoring.following import Following
 from sim.world.frame import LocalFrames
 
+UNKNOWN = "unknown"  # nuclide of a source that is told as one of none of the candidates
 KINDS = ("/cone", "/exposure", "/plan", "/pose", "/estimate")  # ends of the keys of what is scored
 
 
@@ -46,6 +48,8 @@ class Heard:
             self.cones.append(self._cone(time_s, drone, message))
 
     def _told(self, source: Source) -> Source:
+        if source.lines_kev is not UNSET:
+            return replace(source, nuclide=UNKNOWN)
         return source if source.nuclide is not None else replace(source, nuclide=self._nuclide)
 
     def _cone(self, time_s: float, drone: int, cone: Cone) -> ConeTrace:

@@ -111,6 +111,8 @@ def _source(findings: Findings, source: SourceFrame) -> list[Row]:
     if source.activity_bq is not None:
         sigma = f" ± {source.activity_sigma_bq:.3g}" if source.activity_sigma_bq is not None else ""
         rows.append(("Activity", f"{source.nuclide}: {source.activity_bq:.3g}{sigma} Bq (1 sigma), unshielded"))
+    else:
+        rows.append(("Nuclide", source.nuclide))
     if source.dose_usvph is not None:
         rows.append(("Dose rate at 1 m", f"{source.dose_usvph:.3g} µSv/h (ambient dose equivalent, H*(10))"))
     radius_m = cordon_radius_m(source.nuclide, source.activity_bq)

@@ -24,7 +24,7 @@ from protocol.errors import ProtocolError
 from protocol.messages import AnyDroneMessage, Order, Status
 from protocol.revocations import Revocation, Revoked
 from protocol.signing import Verifier
-from protocol.spectrum import EDGES_KEV
+from protocol.spectrum import EDGES_KEV, unknown_nuclide
 from station.picture.curves import ground_curves
 from station.picture.dose import rate_usvph
 from station.picture.events import Events, told
@@ -246,7 +246,7 @@ class Picture:
         short_m, long_m = (NINETY * math.sqrt(max(0.0, variance)) for variance in variances.tolist())
         x, y, z = hypothesis.position.tolist()
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = hypothesis.covariance.tolist()
-        nuclide, activity, datum = hypothesis.nuclide or self.mission.nuclide_text, hypothesis.activity_bq, self.mission.datum
+        nuclide, activity, datum = self._nuclide(hypothesis), hypothesis.activity_bq, self.mission.datum
         latitude_deg, longitude_deg, _ = geodetic_from_mission(datum, (x, y, z)) if datum is not None else (0.0, 0.0, 0.0)
         return SourceFrame(
             place=(x, y, z),
@@ -261,6 +261,11 @@ class Picture:
             dose_usvph=rate_usvph(nuclide, activity) if activity is not None else None,
             position_deg=(latitude_deg, longitude_deg) if datum is not None else None,
         )
+
+    def _nuclide(self, hypothesis: Hypothesis) -> str:
+        if hypothesis.lines_kev is not None:
+            return unknown_nuclide(hypothesis.lines_kev)
+        return hypothesis.nuclide or self.mission.nuclide_text
 
 
 def _search(outlook: Outlook) -> SearchFrame:

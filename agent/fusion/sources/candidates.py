@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from shapely import Polygon, contains_xy
 
 from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.data import Rows
@@ -16,6 +18,8 @@ from agent.terrain.ground import Ground
 _LEAST_GAIN = 6.0  # of log likelihood by the score test; the fit that follows usually gains more
 _MOST = 6  # candidates that are fitted
 _APART_M = 5.0  # of two candidates of the same nuclide
+_GRID_M, _MOST_PLACES = 2.5, 2500  # where births are tried
+_LEVEL_M = 5.0  # of heights above the ground
 _AIR_PER_M = 0.009  # in the score test, for all nuclides
 
 
@@ -74,3 +78,23 @@ class Scan:
             near = ((self._places[:, :2] - place) ** 2).sum(axis=1) < _APART_M**2
             left[near, n] = 0.0
         return found
+
+
+def raised_grid(area: Polygon, lowest_m: float, highest_m: float) -> Array:
+    """(G, 3) places of the area with heights above the ground: on the lowest level ``_GRID_M`` apart, or further where that would
+    be too many; on the others, ``_LEVEL_M`` above each other, twice as far.
+    """
+    levels = np.linspace(lowest_m, highest_m, 1 + math.ceil((highest_m - lowest_m) / _LEVEL_M)).tolist()
+    places = [grid_of(area, _GRID_M, _MOST_PLACES), *[grid_of(area, 2.0 * _GRID_M, _MOST_PLACES // 4)] * (len(levels) - 1)]
+    return np.vstack([np.column_stack((at, np.full(len(at), level))) for at, level in zip(places, levels, strict=True)])
+
+
+def grid_of(area: Polygon, apart_m: float, most: int) -> Array:
+    """(G, 2) places of the area so far apart, or further where that would be too many."""
+    west, south, east, north = area.bounds
+    spacing = max(apart_m, math.sqrt((east - west) * (north - south) / most))
+    x, y = np.meshgrid(np.arange(west + spacing / 2, east, spacing), np.arange(south + spacing / 2, north, spacing))
+    places = np.column_stack((x.ravel(), y.ravel()))
+    inside: Array = places[contains_xy(area, places[:, 0], places[:, 1])]
+    inside = inside if len(inside) else np.array([[area.centroid.x, area.centroid.y]])
+    return inside

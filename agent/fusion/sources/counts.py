@@ -121,6 +121,10 @@ class CountModel:
         result: Array = self._background_s(solution)[:, None] * self._spectra.background_ps(solution.scale)
         return result
 
+    def of_source(self, solution: Solution, k: int) -> Array:
+        """(R, BINS) what source k adds to M."""
+        return self._mixture(solution, [k]).counts
+
     def camera_height_m(self, place: Array) -> float:
         """Height above the ground at a place (2,) from which most photons of a source there are counted: the mean of the rows'
         heights, weighted by live time over squared horizontal distance.
@@ -159,6 +163,18 @@ class CountModel:
         seen = self.views(expected)
         gradients, informations = self._derived(mixture, expected, seen, [slice(None)])
         return seen.log_likelihood, gradients[0], informations[0]
+
+    def aside(self, solution: Solution, k: int) -> tuple[Array, Array, Array]:
+        """(R,) each, of source k: distances; f - ``MEAN_FACING``; live times as they count for it, with the sensitivity of the
+        cameras and known walls, but without air and distance.
+        """
+        near, _, faced = self._unshaded(solution, k)[:, 2]
+        x, y = solution.place[k].tolist()
+        distance, *_ = ways(self._ground, (x, y, solution.height_of(k)), self.place, solution.bias[self.drone])
+        live: Array = self.live_s * np.exp(solution.bias[self.drone, 2])
+        if self._shades is not None:
+            live = live * self._shades.passing(solution.nuclide[k], self._source(solution, k))
+        return distance, faced / near, live
 
     def derivatives(self, solution: Solution) -> Iterator[Array]:
         """(R, BINS) derivatives of M, in the order of ``Solution.vector``."""

@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 
 from agent.fusion.bayes.cones import Orders
 from agent.fusion.observation import ConeObservation, CountObservation
+from agent.fusion.sources.spectra import pooled
 from agent.geometry import Array
 from protocol.spectrum import BINS
 
@@ -80,8 +81,8 @@ class Rows:
 
     @property
     def counts(self) -> Array:
-        """(R, BINS) events."""
-        return self.table[:, _COUNTS].astype(np.float64)
+        """(R, BINS) events, those of the softest bins pooled."""
+        return pooled(self.table[:, _COUNTS].astype(np.float64))
 
     @cached_property
     def coarse(self) -> csr_array:

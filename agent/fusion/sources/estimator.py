@@ -12,12 +12,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
-from shapely import Polygon, contains_xy
+from shapely import Polygon
 
 from agent.config.mission import MissionConfig
 from agent.detector.windows import Windows, candidates_of
@@ -27,17 +27,19 @@ from agent.fusion.bayes.motion import ACTIVITY, BIASES, GAIN
 from agent.fusion.bayes.motion import BIAS as ERRORS
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
-from agent.fusion.sources.candidates import Scan
+from agent.fusion.sources.candidates import Scan, grid_of, raised_grid
 from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.data import Cones, Rows
 from agent.fusion.sources.directions import ConeModel
 from agent.fusion.sources.fit import Fitted, Prior, Problem
 from agent.fusion.sources.hiding import Hiding, Target
+from agent.fusion.sources.misled import misled
 from agent.fusion.sources.moves import Moves
 from agent.fusion.sources.shades import KnownWalls
 from agent.fusion.sources.solution import BIAS, Solution
-from agent.fusion.sources.spectra import KNOWN, REFERENCE_BQ, Spectra
+from agent.fusion.sources.spectra import KNOWN, REFERENCE_BQ, UNKNOWN_AIR_PER_M, Spectra, UnknownSpectrum
 from agent.fusion.sources.tracker import Track
+from agent.fusion.sources.unknown import judged, only_told, only_unknown, settled
 from agent.geometry import Array
 from agent.motion.orbit import ring_radius_m
 from agent.terrain.ground import Ground
@@ -51,14 +53,13 @@ _BACKGROUND_SIGMA, _SCALE_SIGMA, _SCATTER_SIGMA = 0.3, 0.03, 0.15
 _BESIDE_M = 1.0  # by which a camera on the circle around a source may be farther out
 _EXPECTED = 1.5  # sources
 _REFINEMENTS = 3  # iterations
-_GRID_M, _MOST_PLACES = 2.5, 2500  # where births are tried
-_LEVEL_M = 5.0  # of heights above the ground
 _RECENT = 2  # moves that are remembered: agents that share an estimator, as in simulations, may differ by an observation
 _HIDDEN_M, _MOST_HIDDEN = 5.0, 900  # where a further source may hide
 
 
 class SourcesState(Struct, frozen=True, eq=False):
     """pending: observations that no moves have used yet. rows, cones: the others. position_sigma_m: by drone, as last told.
+    unknown: spectra of the nuclides of ``fitted`` that nobody knows.
     refined, moved: numbers of the last times of either kind that are past. none: log evidence of no source. hiding: where further
     ones may hide, at the last moves; None: nobody searches for them. refinement: of this state, if there has been one since the
     moves. track: beside the fit (``handover``); None before anything was fitted.
@@ -71,6 +72,7 @@ class SourcesState(Struct, frozen=True, eq=False):
     refined: int = 0
     moved: int = 0
     fitted: Fitted | None = None
+    unknown: tuple[UnknownSpectrum, ...] = ()
     none: float = 0.0
     hiding: Hiding | None = None
     x0_stamp_ns: int = 0
@@ -114,13 +116,14 @@ class SourcesEstimator:
         self._circle_m = ring_radius_m(mission, 0, fits_hypothesis=False) + _BESIDE_M
         self._outermost_m = max(ring_radius_m(mission, outermost, fits) + _BESIDE_M, self._circle_m)
         self._spectra = Spectra.of(mission.nuclide if isinstance(mission.nuclide, tuple) else KNOWN)
-        self._walls = KnownWalls(mission.buildings, self._spectra.air_per_m, self._ground)
+        air_per_m = np.append(self._spectra.air_per_m, np.full(self._config.most + 1, UNKNOWN_AIR_PER_M))
+        self._walls = KnownWalls(mission.buildings, air_per_m, self._ground)
         self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._windows = Windows(candidates_of(mission.nuclide), mission.detection)
         self._refined_ns, self._moved_ns = round(self._config.refined_s * 1e9), round(self._config.moved_s * 1e9)
         self._height_m = mission.source_height_m
         self._raised = self._height_m[1] > self._height_m[0]
-        self._places = _raised_grid(area, *self._height_m)
+        self._places = raised_grid(area, *self._height_m)
         self._target = self._searched(mission)
         self._recent: deque[tuple[SourcesState, int, SourcesState]] = deque(maxlen=_RECENT)
 
@@ -170,7 +173,7 @@ class SourcesEstimator:
         if least_bq is None:
             return None
         most_bq = max(self._config.activity_bq[1], least_bq)
-        return Target(_grid(self._area, _HIDDEN_M, _MOST_HIDDEN), least_bq / REFERENCE_BQ, most_bq / REFERENCE_BQ, height_m)
+        return Target(grid_of(self._area, _HIDDEN_M, _MOST_HIDDEN), least_bq / REFERENCE_BQ, most_bq / REFERENCE_BQ, height_m)
 
     def _moved_once(self, state: SourcesState, step: GridStep) -> SourcesState:
         """As ``_moved``, remembered: when an observation of this very step comes late, the step is computed again from the same
@@ -188,31 +191,47 @@ class SourcesEstimator:
         state = self._summed(state)
         if not len(state.rows):
             return state
-        problem, nothing = self._problem(state), Solution.nothing(len(self._numbers), raised=self._raised)
-        scan = Scan(state.rows, problem.counts, self._spectra, self._ground, self._places)
-        moves = Moves(problem, scan, self._spectra, self._config.most, self._config.least_gain)
-        fitted = moves.improved(nothing if state.fitted is None else state.fitted.solution, state.moved)
+        nothing = Solution.nothing(len(self._numbers), raised=self._raised)
+        spectra, problem_of = self._spectra.plus(state.unknown), cache(partial(self._problem, state))
+        start = nothing if state.fitted is None else state.fitted.solution
+        if state.unknown:
+            settling, spectra = settled(start, spectra, problem_of)
+            start = settling.solution
+        found = self._improved(state, problem_of(spectra), start, spectra)
+        fitted, spectra = judged(found, spectra, problem_of)
+        if fitted is not found:
+            starts = fitted.solution, only_unknown(fitted.solution, spectra)
+            each = [self._improved(state, problem_of(spectra), start, spectra) for start in starts]
+            fitted = max(each, key=lambda one: one.evidence)
+        fitted, spectra = only_told(fitted, spectra)
+        problem = problem_of(spectra)
         hiding = None
         if self._target is not None:
-            hiding = self._target.hiding(state.rows, problem.counts, self._spectra, self._ground, fitted, self._walls)
+            hiding = self._target.hiding(state.rows, problem.counts, spectra, self._ground, fitted, self._walls)
             if not all(self._is_located(fitted, k) for k in range(len(fitted.solution))):
                 hiding = replace(hiding, left=hiding.left | hiding.glare)  # more measurements there would locate what is fitted
-        fitted = _strongest_first(fitted)
+        fitted = misled(_strongest_first(fitted), problem, state.rows)
         return replace(
             state,
             fitted=fitted,
+            unknown=spectra.unknown,
             none=problem.fitted(nothing, _REFINEMENTS).evidence,
             hiding=hiding,
             x0_stamp_ns=state.x0_stamp_ns or (step.start_ns if self._is_declared(fitted) else 0),
         )
+
+    def _improved(self, state: SourcesState, problem: Problem, start: Solution, spectra: Spectra) -> Fitted:
+        scan = Scan(state.rows, problem.counts, spectra, self._ground, self._places)
+        return Moves(problem, scan, spectra, self._config.most, self._config.least_gain).improved(start, state.moved)
 
     def _refined(self, state: SourcesState) -> SourcesState:
         """With all measurements in the fit of the last moves, if there is one."""
         if state.fitted is None:
             return state
         start, state = state.fitted.solution, self._summed(state)
-        fitted = self._problem(state).fitted(start, _REFINEMENTS)
-        return replace(state, fitted=_strongest_first(fitted))
+        problem = self._problem(state, self._spectra.plus(state.unknown))
+        fitted = _strongest_first(problem.fitted(start, _REFINEMENTS))
+        return replace(state, fitted=misled(fitted, problem, state.rows))
 
     def _summed(self, state: SourcesState) -> SourcesState:
         """With no observation pending."""
@@ -221,14 +240,14 @@ class SourcesEstimator:
         rows, cone_table = state.rows.plus(counts, self._numbers), state.cones.plus(cones, self._numbers)
         return replace(state, pending=(), rows=rows, cones=cone_table, refinement=None)
 
-    def _problem(self, state: SourcesState) -> Problem:
+    def _problem(self, state: SourcesState, spectra: Spectra) -> Problem:
         drones = len(self._numbers)
-        counts = CountModel(state.rows, self._spectra, self._ground, drones, self._walls)
+        counts = CountModel(state.rows, spectra, self._ground, drones, self._walls)
         if state.fitted is not None:
             places = [state.fitted.sigma_of(k)[:2] for k in range(len(state.fitted.solution))]
             counts = counts.doubting(state.fitted.solution, np.array(places))
-        directions = ConeModel(state.cones, self._spectra, self._ground, drones, self._windows, self._walls)
-        return Problem(counts, directions, self._prior(state), len(self._spectra.nuclides))
+        directions = ConeModel(state.cones, spectra, self._ground, drones, self._windows, self._walls)
+        return Problem(counts, directions, self._prior(state), len(spectra.nuclides))
 
     def _prior(self, state: SourcesState) -> Prior:
         """An autopilot's position sigma is that of the horizontal distance, so each axis has sigma / sqrt(2)."""
@@ -261,6 +280,9 @@ class SourcesEstimator:
         solution = fitted.solution
         mean, covariance = self._as_of_bayes(fitted, k)
         (x, y), height_m = solution.place[k].tolist(), solution.height_of(k)
+        spectra = self._spectra.plus(state.unknown)
+        relative = math.sqrt(float(covariance[ACTIVITY, ACTIVITY]) + self._config.area_sigma**2)
+        lines_kev = spectra.lines_of(solution.nuclide[k])
         activity = math.exp(solution.log_activity[k]) * REFERENCE_BQ
         return Hypothesis(
             stamp_ns=step.middle_ns,
@@ -269,10 +291,11 @@ class SourcesEstimator:
             velocity=np.zeros(3),
             cones=len(state.cones),
             x0_stamp_ns=state.x0_stamp_ns,
-            activity_bq=activity,
-            activity_sigma_bq=activity * math.sqrt(float(covariance[ACTIVITY, ACTIVITY]) + self._config.area_sigma**2),
+            activity_bq=activity if lines_kev is None else None,
+            activity_sigma_bq=activity * relative if lines_kev is None else None,
             sights=Sights(self._numbers, mean, covariance, self._ground, height_m),
-            nuclide=self._spectra.nuclides[solution.nuclide[k]],
+            nuclide=spectra.name_of(solution.nuclide[k]),
+            lines_kev=lines_kev,
             watched_s=self._watched_s(state.rows, solution.place[k]),
         )
 
@@ -308,26 +331,6 @@ class SourcesEstimator:
         mean[theirs] = fitted.solution.vector[own]
         covariance[np.ix_(theirs, theirs)] = fitted.covariance[np.ix_(own, own)]
         return mean, covariance
-
-
-def _raised_grid(area: Polygon, lowest_m: float, highest_m: float) -> Array:
-    """(G, 3) places of the area with heights above the ground: on the lowest level ``_GRID_M`` apart, or further where that would
-    be too many; on the others, ``_LEVEL_M`` above each other, twice as far.
-    """
-    levels = np.linspace(lowest_m, highest_m, 1 + math.ceil((highest_m - lowest_m) / _LEVEL_M)).tolist()
-    places = [_grid(area, _GRID_M, _MOST_PLACES), *[_grid(area, 2.0 * _GRID_M, _MOST_PLACES // 4)] * (len(levels) - 1)]
-    return np.vstack([np.column_stack((at, np.full(len(at), level))) for at, level in zip(places, levels, strict=True)])
-
-
-def _grid(area: Polygon, apart_m: float, most: int) -> Array:
-    """(G, 2) places of the area so far apart, or further where that would be too many."""
-    west, south, east, north = area.bounds
-    spacing = max(apart_m, math.sqrt((east - west) * (north - south) / most))
-    x, y = np.meshgrid(np.arange(west + spacing / 2, east, spacing), np.arange(south + spacing / 2, north, spacing))
-    places = np.column_stack((x.ravel(), y.ravel()))
-    inside: Array = places[contains_xy(area, places[:, 0], places[:, 1])]
-    inside = inside if len(inside) else np.array([[area.centroid.x, area.centroid.y]])
-    return inside
 
 
 def _strongest_first(fitted: Fitted) -> Fitted:

@@ -151,7 +151,7 @@ class Problem:
         gradient = np.zeros(len(precision))
         information = np.diag(precision)
         gradient[count - 1 :] -= (precision * solution.vector)[count - 1 :]
-        shift = _by_bias(solution)
+        shift = by_bias(solution)
         for drone, (g, h) in enumerate(zip(gradients, informations, strict=True)):
             own = slice(count + BIAS * drone, count + BIAS * (drone + 1))
             gradient[:count] += g
@@ -180,7 +180,7 @@ def solved(matrix: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(matrix, right), np.float64)
 
 
-def _by_bias(solution: Solution) -> Array:
+def by_bias(solution: Solution) -> Array:
     """(size K + 1, BIAS): a drone's bias shifts all sources as it sees them, its sensitivity strengthens them and the
     background.
     """

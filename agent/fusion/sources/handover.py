@@ -32,6 +32,7 @@ from msgspec.structs import replace
 from shapely import Polygon
 
 from agent.config.mission import MissionConfig
+from agent.fusion.bayes.motion import ACTIVITY
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import Observation
 from agent.fusion.sources.data import Cones, Rows
@@ -44,6 +45,7 @@ _MOVES, _MAY_MOVE, _RESTS = 0.01, 0.2, 0.99  # of P(at rest)
 _LEAST_GAIN = 5.0  # of log evidence
 _BORN = 8.0  # log evidence that a further source costs for its place and activity, about
 _LEAST_NS, _KEPT_NS = 5_000_000_000, 30_000_000_000
+_ITERATIONS = 12  # of the fit that takes a track's place
 _SAME_M = 1.5  # between a track at rest and the fit that takes its place
 _MORE = 2.0  # so many more photons have to be counted of another nuclide for the track to be of that one
 
@@ -103,7 +105,7 @@ class FollowingEstimator(SourcesEstimator):
             return self._taken_back(state, track, step)
         after = self._with_track(state, super()._moved(state, step), step)
         if self._favoured(after.track, after):
-            anew = self._with_track(state, super()._moved(replace(state, fitted=None), step), step)
+            anew = self._with_track(state, super()._moved(replace(state, fitted=None, unknown=()), step), step)
             after = max(after, anew, key=_evidence)
             if self._favoured(after.track, after):
                 return self._handed_over(after, step)
@@ -117,13 +119,16 @@ class FollowingEstimator(SourcesEstimator):
             return replace(after, track=None)
         solution = after.fitted.solution
         nuclide = self._most_counted(after, solution)
+        if nuclide is None:
+            return replace(after, track=None)
         others, track = _without(solution, nuclide), before.track
         if track is None or track.nuclide != nuclide or len(others) > len(track.others):
-            track = self._begun(nuclide, others, before.pending, step, len(solution))
-        return replace(after, track=replace(track, others=others))
+            track = Track(nuclide, self._tracker(nuclide).initial(None), others, after.unknown)
+            track = self._begun(track, before.pending, step, len(solution))
+        return replace(after, track=replace(track, others=others, unknown=after.unknown))
 
-    def _begun(self, nuclide: int, others: Solution, observations: Sequence[Observation], step: GridStep, sources: int) -> Track:
-        track = Track(nuclide, self._tracker(nuclide).initial(None), others)
+    def _begun(self, track: Track, observations: Sequence[Observation], step: GridStep, sources: int) -> Track:
+        """With what was observed so far. ``sources``: number of those fitted."""
         width_ns = step.end_ns - step.start_ns
         by_step: dict[int, list[Observation]] = {}
         for one in observations:
@@ -132,21 +137,26 @@ class FollowingEstimator(SourcesEstimator):
             track = self._tracked(track, GridStep(index, index * width_ns, (index + 1) * width_ns), by_step[index], sources)
         return track
 
-    def _most_counted(self, state: SourcesState, solution: Solution) -> int:
-        """The nuclide of which most photons were counted; that of the track if that may move, or not many more are of another."""
+    def _most_counted(self, state: SourcesState, solution: Solution) -> int | None:
+        """The nuclide of which most photons were counted; that of the track if that may move, or not many more are of another.
+        None where there are only sources of nuclides that nobody knows.
+        """
         held = -1 if state.track is None else state.track.nuclide
         if state.track is not None and held in solution.nuclide and state.track.at_rest < _MAY_MOVE:
             return held
-        model = self._problem(state).counts
+        known = [n for n in sorted(set(solution.nuclide)) if n < len(self._spectra.nuclides)]
+        if not known:
+            return None
+        model = self._problem(state, self._spectra.plus(state.unknown)).counts
         nothing = float(model.background(solution).sum())
-        counted = {n: float(model.expected(_of(solution, n)).clear.sum()) - nothing for n in sorted(set(solution.nuclide))}
+        counted = {n: float(model.expected(_of(solution, n)).clear.sum()) - nothing for n in known}
         most = max(counted, key=counted.__getitem__)
         return held if _MORE * counted.get(held, -1.0) > counted[most] else most
 
     def _tracked(self, track: Track, step: GridStep, observations: Sequence[Observation], sources: int) -> Track:
         """With what was observed in a step. ``sources``: number of those fitted."""
         tracker = self._tracker(track.nuclide)
-        pairs = [(one, seen) for one in observations if (seen := tracker.seen(one, track.others)) is not None]
+        pairs = [(one, seen) for one in observations if (seen := tracker.seen(one, track.others, track.unknown)) is not None]
         if not pairs:
             return track
         before, after = track.state, tracker.step(track.state, step, [seen for _, seen in pairs])
@@ -170,7 +180,8 @@ class FollowingEstimator(SourcesEstimator):
         tracker, background = self._tracker(track.nuclide), track.state.background
         moving = track.state.evidence - track.marks[0].evidence
         moving += tracker.evidence_beside((seen for _, seen in track.newest), background)
-        at_rest = tracker.evidence_at_rest(self._problem(newest), state.fitted.solution, background)
+        problem = self._problem(newest, self._spectra.plus(state.unknown))
+        at_rest = tracker.evidence_at_rest(problem, state.fitted.solution, background)
         at_rest -= _BORN * max(0, _number(state) - track.marks[0].sources)
         return moving - at_rest >= _LEAST_GAIN
 
@@ -186,13 +197,23 @@ class FollowingEstimator(SourcesEstimator):
         """With a fit of what was measured at rest, if that finds the same, or since it was lost; otherwise the track goes on."""
         if track.kept_ns == 0 or step.start_ns - track.kept_ns < _KEPT_NS:
             return state
-        after = super()._moved(state, step)
         if track.is_lost:
-            return replace(after, track=None)
+            return replace(super()._moved(state, step), track=None)
+        after = super()._moved(self._at_track(state, track), step)
         if after.fitted is None or not self._is_same(after.fitted, track):
             return replace(state, pending=(), track=replace(track, kept_ns=step.start_ns))
         mark = Mark(step.start_ns, track.state.evidence, _number(after))
         return replace(after, track=replace(track, moves=False, kept_ns=0, marks=(mark,)))
+
+    def _at_track(self, state: SourcesState, track: Track) -> SourcesState:
+        """With the fit of one source where the track is: from none it may be found far too strong, and hidden everywhere."""
+        state = self._summed(state)
+        if track.state.track is None or not len(state.rows):
+            return state
+        mean, _ = track.state.track.moments()
+        nothing = Solution.nothing(len(self._numbers), raised=self._raised)
+        start = nothing.plus(track.nuclide, mean[:2], float(mean[ACTIVITY]))
+        return replace(state, fitted=self._problem(state, self._spectra).fitted(start, _ITERATIONS))
 
     def _is_same(self, fitted: Fitted, track: Track) -> bool:
         """Whether what was fitted is what the track tells, and known as well as it has to be."""
@@ -203,7 +224,8 @@ class FollowingEstimator(SourcesEstimator):
 
     def _anew(self, state: SourcesState) -> SourcesState:
         """With no measurement of sources at rest."""
-        return replace(state, pending=(), rows=Rows.none(), cones=Cones.none(), fitted=None, hiding=None, refinement=None)
+        none = replace(state, pending=(), rows=Rows.none(), cones=Cones.none(), fitted=None)
+        return replace(none, unknown=(), hiding=None, refinement=None)
 
     def _tracker(self, nuclide: int) -> Tracker:
         if nuclide not in self._trackers:

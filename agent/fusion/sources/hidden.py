@@ -9,10 +9,11 @@ with s = ``_SHARE``. In groups g of energy bins, w the mean of the rows' weights
     clear     w sum_g k_g log (M_g / M)    + w [K log (M / K) - M + K]
     hidden    w sum_g k_g log (M_hg / M_h) + log [sqrt(2 pi K / w) / (L (K + 1))] + log Phi((M - K) sqrt(w / M)),
 
-Phi the normal distribution, exp(L) the ratio of the greatest to the least counts. Within the groups, and from row to row, counts
-are those of a clear view. So a cell far below its expectation neither pulls sources away nor makes them weaker. Its information
-is that of a clear one times the probability of that, less the variance of the gradient (Louis's formula), by the rate of the
-direct photons.
+each count of a row times its own weight where these differ, Phi the normal distribution, exp(L) the ratio of the greatest to the
+least counts. (With a mean weight instead, hidden views would tell of the strength of a source after all, and without a limit.)
+Within the groups, and from row to row, counts are those of a clear view. So a cell far below its expectation neither pulls
+sources away nor makes them weaker. Its information is that of a clear one times the probability of that, less the variance of the
+gradient (Louis's formula), by the rate of the direct photons.
 """
 
 from __future__ import annotations
@@ -107,17 +108,18 @@ class Cells:
     def views(self, counts: Array, weight: Array, expected: Expected) -> Views:
         """Of counts (R, BINS) with weights (R,)."""
         clear, direct, least = expected
-        k, m, d, floor = (self.sums(_grouped(part)) for part in (counts, clear, direct, least))  # (N, G) each
         w = self.sums(weight) / self._rows
+        parts = (counts, clear, direct, least)
+        k, m, d, floor = (self.sums(weight[:, None] * _grouped(part)) for part in parts)  # (N, G) each, times their weights
         h = np.maximum(m - (1.0 - _SHARE) * d, floor)
         events, whole, rest = k @ _EACH_GROUP, m @ _EACH_GROUP, h @ _EACH_GROUP
-        some = np.maximum(events, 1.0)
-        above = (whole - events) * np.sqrt(w / whole)
+        some = np.maximum(events, w)
+        above = (whole - events) / np.sqrt(whole)
         log_below = log_ndtr(above)
-        spectrum = w * ((k * np.log(h / m)) @ _EACH_GROUP + events * np.log(whole / rest))  # log likelihoods, hidden less clear
-        total = 0.5 * np.log(2.0 * np.pi * some / w) - np.log(_DECADES * (events + 1.0)) + log_below
-        more = spectrum + total - w * (events * np.log(whole / some) - whole + events)
-        shown = w * ((d * d / m) @ _EACH_GROUP)
+        spectrum = (k * np.log(h / m)) @ _EACH_GROUP + events * np.log(whole / rest)  # log likelihoods, hidden less clear
+        total = 0.5 * np.log(2.0 * np.pi * some / w**2) - np.log(_DECADES * (events / w + 1.0)) + log_below
+        more = spectrum + total - (events * np.log(whole / some) - whole + events)
+        shown = (d * d / m) @ _EACH_GROUP
         noticed = (shown - _NOTICED[0]) / (_NOTICED[1] - _NOTICED[0])
         prior = HIDDEN * np.clip(noticed, 0.0, 1.0)
         more = np.where(prior > 0.0, more, 0.0)
@@ -125,21 +127,22 @@ class Cells:
         both = (1.0 - prior) * np.exp(-top) + prior * np.exp(more - top)
         hidden = prior * np.exp(more - top) / both
         rises = HIDDEN / (_NOTICED[1] - _NOTICED[0]) * ((noticed > 0.0) & (noticed < 1.0))
-        by_shown = rises * (np.exp(more - top) - np.exp(-top)) / both * w  # through the prior
+        by_shown = rises * (np.exp(more - top) - np.exp(-top)) / both  # through the prior
 
-        off = w[:, None] * (k / m - 1.0)  # derivatives by M: in a clear view
-        shape = w[:, None] * (k / h - (events / rest)[:, None])  # and in a hidden one, by M_h and by M
+        off = k / m - 1.0  # derivatives by M: in a clear view
+        shape = k / h - (events / rest)[:, None]  # and in a hidden one, by M_h and by M
         density = np.exp(-0.5 * above * above - log_below) / np.sqrt(2.0 * np.pi)
-        limit = density * np.sqrt(w / whole) * (whole + events) / (2.0 * whole)
+        limit = density / np.sqrt(whole) * (whole + events) / (2.0 * whole)
         pull, other = (off * d) @ _EACH_GROUP, _SHARE * ((shape * d) @ _EACH_GROUP) + limit * (d @ _EACH_GROUP)
         spread = hidden * (1.0 - hidden) * (pull - other) ** 2 / np.maximum(shown, _TINY)
         left = np.clip(1.0 - hidden - spread, _LEAST_LEFT, 1.0)
+        own = weight[:, None]
         counted = h / m * (np.minimum(some, whole) / rest)[:, None]  # share of what a clear view would count
         return Views(
             log_likelihood=float((weight @ (counts * np.log(clear) - clear)).sum() + (top + np.log(both)).sum()),
-            excess=weight[:, None] * (counts / clear - 1.0),
-            changed=self.each(hidden[:, None] * (shape + limit[:, None] - off) - by_shown[:, None] * (d / m) ** 2),
-            blocked=self.each(hidden[:, None] * (1.0 - _SHARE) * shape - 2.0 * by_shown[:, None] * d / m),
+            excess=own * (counts / clear - 1.0),
+            changed=own * self.each(hidden[:, None] * (shape + limit[:, None] - off) - by_shown[:, None] * (d / m) ** 2),
+            blocked=own * self.each(hidden[:, None] * (1.0 - _SHARE) * shape - 2.0 * by_shown[:, None] * d / m),
             clear=clear,
             counted=self.each(1.0 - hidden[:, None] * (1.0 - counted)),
             hidden=self.each(hidden),

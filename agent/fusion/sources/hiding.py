@@ -90,7 +90,7 @@ class Target:
         """After a fit to these rows, of which there has to be one at least."""
         at = np.column_stack((self.places, ground.heights_m(self.places)))
         seen = _Seen(rows, counts, spectra, at, fitted, walls)
-        glare = _glare(at, self, spectra, ground, fitted.solution)
+        glare = _glare(at, self, spectra, ground, fitted.solution)[: len(spectra.nuclides)]
         log_odds, left = np.full(len(at), -np.inf), np.zeros(len(at), np.bool_)
         limits = np.empty(len(spectra.nuclides))
         for n in range(len(limits)):

@@ -8,7 +8,7 @@ the source is on the ground.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from agent.fusion.sources.fit import Problem
 from agent.fusion.sources.hidden import HIDDEN
 from agent.fusion.sources.shades import KnownWalls
 from agent.fusion.sources.solution import Solution
-from agent.fusion.sources.spectra import Spectra
+from agent.fusion.sources.spectra import Spectra, UnknownSpectrum, pooled
 from agent.geometry import Array
 from protocol.spectrum import BINS, EDGES_KEV
 
@@ -54,15 +54,16 @@ class Mark(Struct, frozen=True):
 class Track(Struct, frozen=True, eq=False):
     """What is believed of a source that may move (``handover``).
 
-    nuclide: its index. state: of its tracker. others: fitted sources of other nuclides. moves: whether it has been handed over;
-    beside: what was told of the others then. kept_ns: from when on what is measured is kept, as the source is at rest or lost; 0:
-    it is not kept. marks: the last ``_MARKS`` moves at fixed times, or since when it is tracked; newest: what was measured since
-    the first of them, and as the tracker saw it.
+    nuclide: its index. state: of its tracker. others: fitted sources of other nuclides, and unknown: spectra of those that nobody
+    knows. moves: whether it has been handed over; beside: what was told of the others then. kept_ns: from when on what is
+    measured is kept, as the source is at rest or lost; 0: it is not kept. marks: the last ``_MARKS`` moves at fixed times, or
+    since when it is tracked; newest: what was measured since the first of them, and as the tracker saw it.
     """
 
     nuclide: int
     state: BayesState
     others: Solution
+    unknown: tuple[UnknownSpectrum, ...] = ()
     moves: bool = False
     beside: tuple[Hypothesis, ...] = ()
     kept_ns: int = 0
@@ -121,9 +122,9 @@ class Tracker(BayesEstimator):
         self._response = _response(spectra, nuclide, self._bins, cones)
         super().__init__(mission, area, self._response)
 
-    def seen(self, observation: Observation, others: Solution) -> Observation | None:
-        """The observation as the tracker reads it, None where it tells nothing of the nuclide. ``others``: known sources of other
-        nuclides.
+    def seen(self, observation: Observation, others: Solution, unknown: Sequence[UnknownSpectrum] = ()) -> Observation | None:
+        """The observation as the tracker reads it, None where it tells nothing of the nuclide. ``others``, ``unknown``: as in
+        ``Track``.
         """
         if isinstance(observation, ConeObservation):
             return observation if self._own[int(np.abs(self._lines - observation.energy_kev).argmin())] else None
@@ -132,9 +133,9 @@ class Tracker(BayesEstimator):
         events = np.zeros(BINS)
         for one in observation.spectrum:
             events[one.place] = one.singles + one.coincidences
-        partial, full = (events @ self._bins).tolist()
+        partial, full = (pooled(events) @ self._bins).tolist()
         counts = np.array([partial + full, full, 0.0])  # which ``Response.apart`` takes apart again
-        return Apart(**{**_fields(observation), "counts": counts}, beside=self._beside(observation, others))
+        return Apart(**{**_fields(observation), "counts": counts}, beside=self._beside(observation, others, unknown))
 
     def evidence_at_rest(self, newest: Problem, solution: Solution, background: float) -> float:
         """Log Bayes factor of these measurements given sources at rest against background alone, whose strength is that of a
@@ -168,12 +169,12 @@ class Tracker(BayesEstimator):
         exposed = super()._exposed(state, vehicle, observation)
         return replace(exposed, background=exposed.background + observation.beside) if isinstance(observation, Apart) else exposed
 
-    def _beside(self, observation: CountObservation, others: Solution) -> Array:
+    def _beside(self, observation: CountObservation, others: Solution, unknown: Sequence[UnknownSpectrum]) -> Array:
         """(2,) counts expected of the others, as fitted, in a clear view."""
         if not len(others):
             return np.zeros(2)
         rows = Rows.none().plus([observation], self._vehicles)
-        model = CountModel(rows, self._spectra, self._ground, len(self._vehicles), self._walls)
+        model = CountModel(rows, self._spectra.plus(unknown), self._ground, len(self._vehicles), self._walls)
         counts: Array = (model.expected(others).clear - model.background(others))[0] @ self._bins
         return np.maximum(counts, 0.0)
 

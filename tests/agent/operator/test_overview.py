@@ -153,6 +153,13 @@ def test_the_source_is_told_in_metres_and_on_earth_once_where_drones_agree():
     assert len(overview(estimate("d1"), estimate("d2", x=11.0)).sources()) == 2
 
 
+def test_a_source_whose_nuclide_is_none_of_the_candidates_is_told_by_its_lines():
+    told = estimate("d1")
+    nameless = replace(told.sources[0], nuclide=None, activity_bq=None, lines_kev=(136, 265))
+    (line,) = overview(replace(told, sources=(nameless,))).sources()
+    assert line.endswith("(WGS84), nuclide unknown, lines at 136, 265 keV")
+
+
 def test_a_finding_is_told_where_nothing_was_found():
     assert overview(status(finding="no source above 50 MBq")).sources() == ["no source above 50 MBq"]
 

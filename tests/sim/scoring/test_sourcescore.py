@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from protocol.messages import Source as Found
+from sim.scoring.heard import Heard
 from sim.scoring.sourcescore import SourceScore, score_sources
+from sim.world.frame import LocalFrames
 from sim.world.sources import Source
 
 
@@ -47,6 +50,13 @@ def test_two_nuclides_at_one_place_are_matched_by_their_nuclides():
     told = [found(0.0, 0.0, "Co-60"), found(0.3, 0.0, "Cs-137")]
     score = score_sources(truths, told)
     assert (score.nuclides_right, score.matched_error_median_m) == (2, pytest.approx(0.3))
+
+
+def test_a_source_of_an_unknown_nuclide_is_not_taken_for_one_of_the_missions():
+    heard = Heard(LocalFrames([((0.0, 0.0, 0.0), 0.0)]), "Cs-137")
+    told = found("Cs-137", 0.0, 0.0, 1e9)
+    assert heard._told(replace(told, nuclide=None)).nuclide == "Cs-137"
+    assert heard._told(replace(told, nuclide=None, lines_kev=())).nuclide == "unknown"
 
 
 def test_an_estimate_beyond_the_limit_is_false_and_its_source_is_missed():

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rasterio
+from msgspec.structs import replace as replace_struct
 
 from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
 from station.findings.earth import dose_geotiff, geojson, kml
@@ -57,6 +58,10 @@ def test_the_report_has_the_rows_of_each_source(findings: Findings) -> None:
     first, second = text.index("Source 1"), text.index("Source 2")
     assert first < text.index("Cs-137: 3e+09 ± 3e+08 Bq") < second < text.index("Co-60: 5e+08 ± 5e+07 Bq")
     assert text.count("Dose rate at 1 m") == 2
+    nameless = replace_struct(
+        OTHER, nuclide="unknown, lines at 136, 265 keV", activity_bq=None, activity_sigma_bq=None, dose_usvph=None
+    )
+    assert "unknown, lines at 136, 265 keV" in report_html(replace(findings, best=Located(60_000, ONE, (nameless,))))
     alone = report_html(replace(findings, best=Located(60_000, ONE), last=BOTH))
     assert "from 120 cones" in alone
     assert "Source 1" not in alone

@@ -119,6 +119,9 @@ def test_all_sources_of_the_hypothesis_are_shown_each_with_its_own_nuclide(pictu
     assert [(other.place[0], other.nuclide) for other in frame.others] == [(20.0, "Co-60"), (40.0, "Ir-192")]
     assert frame.others[0].dose_usvph > 3.0 * frame.source.dose_usvph  # 0.35 against 0.09 uSv/h at 1 m from 1 MBq
     assert [one.number for one in (frame.source, *frame.others)] == [1, 2, 3]
+    picture.log.fusion.hypothesis = replace(told, activity_bq=None, lines_kev=(136, 265))
+    shown = picture.frame(NOW_NS).source
+    assert (shown.nuclide, shown.dose_usvph) == ("unknown, lines at 136, 265 keV", None)
     picture.log.fusion.hypothesis = hypothesis(20.0, "Co-60", (hypothesis(1.0, None),))
     frame = picture.frame(NOW_NS + 10**9)
     assert [one.number for one in (frame.source, *frame.others)] == [2, 1]

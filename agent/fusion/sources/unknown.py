@@ -1,0 +1,254 @@
+"""Sources of nuclides that are not among the candidates: those whose spectrum no candidates explain.
+
+Beside a source the spectrum is measured as it is, bin by bin: the areas S (BINS,) with which the counts, less what the other
+sources and the background add, are those of a point source at its place,
+
+    M_re = others_re + w_r S_e.
+
+S is compared with the best of the spectra of one candidate, or of two at one place, at any energy scale and excess of scatter
+within reason. The misfit is chi squared, with the errors of S by chance and by those of the others, the share ``_MODEL_ERROR`` by
+which the tables may be wrong, and the different energy scales of cameras. Where it is more than ``_MOST_MISFIT``, neither errors
+of the model nor chance explain it: the source, with those beside it that only made up for its spectrum, is replaced by one whose
+spectrum is S. It has a place and lines, but no activity: nobody knows how many photons it sends out per decay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from msgspec.structs import replace
+
+from agent.fusion.sources.fit import Fitted, Prior, Problem
+from agent.fusion.sources.solution import Solution
+from agent.fusion.sources.spectra import NEAREST_M, PER_MM2, UNKNOWN_AIR_PER_M, Spectra, UnknownSpectrum
+from agent.geometry import Array
+from protocol.spectrum import BINS, EDGES_KEV
+
+_MODEL_ERROR = 0.05  # relative, of each bin
+_OTHERS_ERROR = 0.1  # of what other sources and the background add
+_CAMERA_SCALE = 0.01  # differences between the energy scales of cameras
+_MOST_MISFIT, _EXPLAINED = 80.0, 40.0  # chi squared of 32 bins: of known nuclides; and of unknown ones that are known by now
+_REACH_M = 15.0  # within which a source's spectrum is measured
+_TOGETHER_M = 3.0  # within which other sources may only make up for the spectrum of one
+_SCALES, _SCATTERS = np.linspace(-2.0, 2.0, 17), (-2.0, 0.0, 2.0)  # sigmas of their priors
+_WITHIN = 2.0  # of their priors' sigmas: farther off, the nuisances make up for a wrong spectrum
+_UPDATES = 8  # of S
+_ITERATIONS = 12
+_SETTLING = 2  # rounds of the spectrum and the place
+_LINE_LEFT, _LINE_SIGMAS = 0.6, 5.0  # of a line's peak: most that is left within two bins on both sides, least height above that
+_EDGES_KEV = np.array(EDGES_KEV)
+_TINY = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A spectrum as it is measured. area: S; sigma: its errors by chance, and by those of what is taken off for the other sources
+    and the background; (BINS,) each, mm2 of a source of REFERENCE_BQ. distance_m, facing: means, see ``spectra``.
+    """
+
+    area: Array
+    sigma: Array
+    distance_m: float
+    facing: float
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The candidates, one or two, that explain a spectrum best, with their activities. misfit: chi squared."""
+
+    nuclides: tuple[int, ...]
+    activity: tuple[float, ...]
+    misfit: float
+
+
+def judged(fitted: Fitted, spectra: Spectra, problem_of: Callable[[Spectra], Problem]) -> tuple[Fitted, Spectra]:
+    """The fit with the source that candidates explain worst replaced by one of an unknown nuclide, if they do not explain it; or
+    with one of an unknown nuclide replaced by what explains it by now. And the spectra with those of its unknown nuclides.
+
+    ``problem_of``: of the same measurements with given spectra, of which ``spectra`` are those of the fit. Where nothing changes,
+    the same objects come back.
+    """
+    problem, worst = problem_of(spectra), _MOST_MISFIT
+    likely = _likely(fitted.solution, problem.prior)
+    changed: tuple[Solution, Spectra] | None = None
+    for group in _groups(fitted.solution):
+        measured = measured_at(problem, likely, group)
+        if measured is None:
+            continue
+        best = explained(measured, spectra, problem.prior)
+        unknown = any(spectra.name_of(fitted.solution.nuclide[k]) is None for k in group)
+        if best.misfit < _EXPLAINED and unknown:
+            return problem.fitted(_with(fitted.solution, group, best.nuclides, best.activity), _ITERATIONS), spectra
+        if best.misfit > worst and (not unknown or len(group) > 1):
+            worst = best.misfit
+            changed = _unknown(likely, group, spectra, measured)
+    if changed is None:
+        return fitted, spectra
+    return settled(*changed, problem_of)
+
+
+def settled(solution: Solution, spectra: Spectra, problem_of: Callable[[Spectra], Problem]) -> tuple[Fitted, Spectra]:
+    """The fit with the spectra of its unknown nuclides measured in turn with the sources' places."""
+    problem = problem_of(spectra)
+    fitted = problem.fitted(solution, _ITERATIONS)
+    for _ in range(_SETTLING):
+        solution = fitted.solution
+        for k, n in enumerate(fitted.solution.nuclide):
+            measured = measured_at(problem, fitted.solution, (k,)) if spectra.name_of(n) is None else None
+            if measured is not None:
+                solution, spectra = _unknown(solution, (k,), spectra, measured)
+        problem = problem_of(spectra)
+        fitted = problem.fitted(solution, _ITERATIONS)
+    return fitted, spectra
+
+
+def only_told(fitted: Fitted, spectra: Spectra) -> tuple[Fitted, Spectra]:
+    """With the spectra of those unknown nuclides alone of which there is a source."""
+    known = len(spectra.nuclides)
+    told = sorted({n for n in fitted.solution.nuclide if n >= known})
+    if len(told) == len(spectra.unknown):
+        return fitted, spectra
+    number = {n: known + place for place, n in enumerate(told)}
+    nuclide = tuple(number.get(n, n) for n in fitted.solution.nuclide)
+    kept = Spectra.of(spectra.nuclides).plus([spectra.unknown[n - known] for n in told])
+    return replace(fitted, solution=replace(fitted.solution, nuclide=nuclide)), kept
+
+
+def only_unknown(solution: Solution, spectra: Spectra) -> Solution:
+    """With the sources of unknown nuclides alone: the others may have made up for a spectrum that was wrong."""
+    return solution.only([k for k, n in enumerate(solution.nuclide) if spectra.name_of(n) is None])
+
+
+def measured_at(problem: Problem, solution: Solution, group: Sequence[int]) -> Measured | None:
+    """The spectrum at the place of the first source of a group, of all of them; None where too little was measured."""
+    counts = problem.counts
+    distance, facing, live = counts.aside(solution, group[0])
+    near = distance < _REACH_M
+    if not near.any():
+        return None
+    others = counts.expected(solution.only([k for k in range(len(solution)) if k not in group])).clear[near]
+    weight = counts.views(counts.expected(solution)).information[near, None]
+    distance, facing = np.maximum(distance[near], NEAREST_M), facing[near]
+    w = (PER_MM2 * live[near] * np.exp(-UNKNOWN_AIR_PER_M * distance) / distance**2)[:, None]
+    seen = counts.counts[near]
+    area = np.maximum(((weight * w * (seen - others) / others).sum(axis=0)) / (weight * w * w / others).sum(axis=0), _TINY)
+    for _ in range(_UPDATES):
+        expected = others + w * area
+        information = weight * w * w / expected
+        area = np.maximum(area + (weight * w * (seen / expected - 1.0)).sum(axis=0) / information.sum(axis=0), _TINY)
+    share = information @ area**2
+    share /= share.sum()
+    taken = (information * others / w).sum(axis=0) / information.sum(axis=0)
+    sigma = np.sqrt(1.0 / information.sum(axis=0) + (_OTHERS_ERROR * taken) ** 2)
+    return Measured(area, sigma, float(share @ distance), float(share @ facing))
+
+
+def explained(measured: Measured, spectra: Spectra, prior: Prior) -> Explanation:
+    """By the best of all pairs of candidates, or of single ones."""
+    return min(_explanations(measured, spectra, prior), key=lambda one: one.misfit)
+
+
+def _explanations(measured: Measured, spectra: Spectra, prior: Prior) -> Iterator[Explanation]:
+    """The best ones for each energy scale and excess of scatter."""
+    known = slice(0, len(spectra.nuclides))
+    pairs = np.array(list(combinations_with_replacement(range(len(spectra.nuclides)), 2)))
+    variance = measured.sigma**2 + (_MODEL_ERROR * measured.area) ** 2
+    for scatter in _SCATTERS:
+        shapes = np.stack([_seen(measured, spectra, prior.scale * scale, prior.scatter * scatter)[known] for scale in _SCALES])
+        by_scale = np.gradient(shapes, prior.scale * _SCALES, axis=0)
+        for scale, shape, slope in zip(_SCALES, shapes, by_scale, strict=True):
+            activity = _activities(shape, pairs, measured.area, 1.0 / variance)
+            model, change = (np.einsum("pi,pib->pb", activity, part[pairs]) for part in (shape, slope))
+            allowed = measured.sigma**2 + (_MODEL_ERROR * np.maximum(measured.area, model)) ** 2 + (_CAMERA_SCALE * change) ** 2
+            misfit = ((measured.area - model) ** 2 / allowed).sum(axis=1)
+            best = int(misfit.argmin())
+            used = [(int(n), float(a)) for n, a in zip(pairs[best], activity[best], strict=True) if a > 0.0]
+            nuclides, activities = tuple(n for n, _ in used), tuple(a for _, a in used)
+            yield Explanation(nuclides, activities, float(misfit[best]) + scale**2 + scatter**2)
+
+
+def _seen(measured: Measured, spectra: Spectra, scale: float, scatter: float) -> Array:
+    """(N + U, BINS) areas of all nuclides as they would be measured with the attenuation of unknown ones."""
+    near, far = spectra.templates(scale, scatter)
+    air = spectra.air_per_m[:, None] * measured.distance_m
+    seen = near + air * far + measured.facing * spectra.facing(scale)
+    return np.maximum(seen, 0.0) * np.exp(UNKNOWN_AIR_PER_M * measured.distance_m - air)
+
+
+def _activities(shapes: Array, pairs: Array, area: Array, precision: Array) -> Array:
+    """(P, 2) of the pairs (P, 2), least squares: those of one alone where the other's would be negative, or is the same."""
+    products, right = (shapes * precision) @ shapes.T, (shapes * precision) @ area
+    first, second = pairs.T
+    alone: Array = np.maximum(right / np.diag(products), _TINY)
+    determinant = products[first, first] * products[second, second] - products[first, second] ** 2
+    safe = np.where(first == second, 1.0, determinant)
+    one = (right[first] * products[second, second] - right[second] * products[first, second]) / safe
+    other = (right[second] * products[first, first] - right[first] * products[first, second]) / safe
+    both = (one > 0.0) & (other > 0.0) & (first != second)
+    return np.column_stack((np.where(both, one, alone[first]), np.where(both, other, 0.0)))
+
+
+def lines_kev(measured: Measured) -> tuple[int, ...]:
+    """Energies (keV, ascending) of the peaks that stand out of what is beside them, to about half a bin: 7 to 35 keV."""
+    area, middle = np.pad(measured.area, 2), np.pad(0.5 * (_EDGES_KEV[1:] + _EDGES_KEV[:-1]), 2)
+    found = []
+    for e in range(2, BINS + 2):
+        beside = float(max(area[e - 2 : e].min(), area[e + 1 : e + 3].min()))
+        apex = area[e - 1] <= area[e] > area[e + 1]
+        if apex and beside < _LINE_LEFT * area[e] and area[e] - beside > _LINE_SIGMAS * measured.sigma[e - 2]:
+            above = np.maximum(area[e - 1 : e + 2] - beside, 0.0)
+            found.append(round(float(above @ middle[e - 1 : e + 2] / above.sum())))
+    return tuple(found)
+
+
+def _unknown(solution: Solution, group: Sequence[int], spectra: Spectra, measured: Measured) -> tuple[Solution, Spectra]:
+    """With one source of a new unknown nuclide in the place of a group."""
+    spectrum = UnknownSpectrum.measured(
+        measured.area, UNKNOWN_AIR_PER_M * measured.distance_m, measured.facing, lines_kev(measured)
+    )
+    extended = spectra.plus([spectrum])
+    activity = float(measured.area.sum() / _seen(measured, extended, 0.0, 0.0)[-1].sum())
+    return _with(solution, group, (len(extended.air_per_m) - 1,), (activity,)), extended
+
+
+def _with(solution: Solution, group: Sequence[int], nuclides: Sequence[int], activity: Sequence[float]) -> Solution:
+    """With sources of these nuclides in the place of a group: the first one in the order of its first one."""
+    first = group[0]
+    place, height = solution.place[first], solution.height_of(first)
+    nuclide = tuple(nuclides[0] if k == first else n for k, n in enumerate(solution.nuclide))
+    activities = solution.log_activity.copy()
+    activities[first] = np.log(activity[0])
+    changed = replace(solution, nuclide=nuclide, log_activity=activities)
+    changed = changed.only([k for k in range(len(solution)) if k == first or k not in group])
+    for n, one in zip(nuclides[1:], activity[1:], strict=True):
+        changed = changed.plus(n, place, float(np.log(one)), height)
+    return changed
+
+
+def _groups(solution: Solution) -> list[tuple[int, ...]]:
+    """The sources with those near them, the strongest one of each group first; each in one group."""
+    left = sorted(range(len(solution)), key=lambda k: (-solution.log_activity[k], k))
+    groups = []
+    while left:
+        away = np.hypot(*(solution.place[left] - solution.place[left[0]]).T)
+        group = [k for k, apart_m in zip(left, away, strict=True) if apart_m <= _TOGETHER_M]
+        left = [k for k in left if k not in group]
+        groups.append(tuple(group))
+    return groups
+
+
+def _likely(solution: Solution, prior: Prior) -> Solution:
+    """With the nuisances that a wrong spectrum may have spoilt within reason."""
+
+    def within(value: float, sigma: float) -> float:
+        return min(max(value, -_WITHIN * sigma), _WITHIN * sigma)
+
+    return replace(
+        solution,
+        scale=within(solution.scale, prior.scale),
+        scatter=within(solution.scatter, prior.scatter),
+        log_background=within(solution.log_background, prior.background),
+    )
