@@ -3,6 +3,6 @@
 Greedy search with continuous point sources, joint Fisher scoring, evidence by Laplace's method. Modules: what a camera counts of
 a nuclide (``spectra``, ``tables``); the measurements (``data``); the likelihoods of counts (``counts``), also behind what nobody
 knows of (``hidden``), and of cones (``directions``); the sources and nuisances that are fitted (``solution``); the fit (``fit``);
-how sources come and go (``candidates``, ``moves``); those of nuclides that are no candidates (``unknown``); errors that the fit does
-not know (``misled``); where more may hide (``hiding``); the estimator (``estimator``).
+how sources come and go (``candidates``, ``moves``); those of nuclides that are no candidates (``unknown``); errors that the fit
+does not know (``misled``); where more may hide (``hiding``); the estimator (``estimator``).
 """
