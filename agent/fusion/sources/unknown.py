@@ -20,6 +20,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 from msgspec.structs import replace
+from scipy.ndimage import maximum_filter1d
 
 from agent.fusion.sources.fit import Fitted, Prior, Problem
 from agent.fusion.sources.solution import Solution
@@ -35,6 +36,7 @@ _REACH_M = 15.0  # within which a source's spectrum is measured
 _TOGETHER_M = 3.0  # within which other sources may only make up for the spectrum of one
 _SCALES, _SCATTERS = np.linspace(-2.0, 2.0, 17), (-2.0, 0.0, 2.0)  # sigmas of their priors
 _WITHIN = 2.0  # of their priors' sigmas: farther off, the nuisances make up for a wrong spectrum
+_AROUND = 5  # bins
 _UPDATES = 8  # of S
 _ITERATIONS = 12
 _SETTLING = 2  # rounds of the spectrum and the place
@@ -45,14 +47,28 @@ _TINY = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A spectrum as it is measured. area: S; sigma: its errors by chance, and by those of what is taken off for the other sources
-    and the background; (BINS,) each, mm2 of a source of REFERENCE_BQ. distance_m, facing: means, see ``spectra``.
+    """A spectrum as it is measured. area: S; chance: its statistical errors; taken: what was taken off for the other sources and
+    the background; (BINS,) each, mm2 of a source of REFERENCE_BQ. distance_m, facing: means, see ``spectra``.
     """
 
     area: Array
-    sigma: Array
+    chance: Array
+    taken: Array
     distance_m: float
     facing: float
+
+    def variance(self, expected: Array) -> Array:
+        """Of S (..., BINS), where so much is expected: by chance, which is that of what is expected wherever it is more than was
+        counted, and by errors of what was taken off.
+        """
+        more = (self.taken + np.maximum(self.area, expected)) / (self.taken + self.area)
+        result: Array = self.chance**2 * more + (_OTHERS_ERROR * self.taken) ** 2
+        return result
+
+    @property
+    def sigma(self) -> Array:
+        """Of S, as it was counted."""
+        return np.sqrt(self.variance(self.area))
 
 
 @dataclass(frozen=True)
@@ -142,8 +158,7 @@ def measured_at(problem: Problem, solution: Solution, group: Sequence[int]) -> M
     share = information @ area**2
     share /= share.sum()
     taken = (information * others / w).sum(axis=0) / information.sum(axis=0)
-    sigma = np.sqrt(1.0 / information.sum(axis=0) + (_OTHERS_ERROR * taken) ** 2)
-    return Measured(area, sigma, float(share @ distance), float(share @ facing))
+    return Measured(area, information.sum(axis=0) ** -0.5, taken, float(share @ distance), float(share @ facing))
 
 
 def explained(measured: Measured, spectra: Spectra, prior: Prior) -> Explanation:
@@ -155,14 +170,17 @@ def _explanations(measured: Measured, spectra: Spectra, prior: Prior) -> Iterato
     """The best ones for each energy scale and excess of scatter."""
     known = slice(0, len(spectra.nuclides))
     pairs = np.array(list(combinations_with_replacement(range(len(spectra.nuclides)), 2)))
-    variance = measured.sigma**2 + (_MODEL_ERROR * measured.area) ** 2
+    around = maximum_filter1d(measured.area, _AROUND)  # a bin where nothing was counted by chance must not decide
+    variance = measured.variance(around) + (_MODEL_ERROR * measured.area) ** 2
     for scatter in _SCATTERS:
         shapes = np.stack([_seen(measured, spectra, prior.scale * scale, prior.scatter * scatter)[known] for scale in _SCALES])
         by_scale = np.gradient(shapes, prior.scale * _SCALES, axis=0)
         for scale, shape, slope in zip(_SCALES, shapes, by_scale, strict=True):
             activity = _activities(shape, pairs, measured.area, 1.0 / variance)
             model, change = (np.einsum("pi,pib->pb", activity, part[pairs]) for part in (shape, slope))
-            allowed = measured.sigma**2 + (_MODEL_ERROR * np.maximum(measured.area, model)) ** 2 + (_CAMERA_SCALE * change) ** 2
+            allowed = (
+                measured.variance(model) + (_MODEL_ERROR * np.maximum(measured.area, model)) ** 2 + (_CAMERA_SCALE * change) ** 2
+            )
             misfit = ((measured.area - model) ** 2 / allowed).sum(axis=1)
             best = int(misfit.argmin())
             used = [(int(n), float(a)) for n, a in zip(pairs[best], activity[best], strict=True) if a > 0.0]
