@@ -199,7 +199,7 @@ class FollowingEstimator(SourcesEstimator):
             return state
         if track.is_lost:
             return replace(super()._moved(state, step), track=None)
-        after = super()._moved(self._at_track(state, track), step)
+        after = super()._moved(state, step)
         if after.fitted is None or not self._is_same(after.fitted, track):
             return replace(state, pending=(), track=replace(track, kept_ns=step.start_ns))
         mark = Mark(step.start_ns, track.state.evidence, _number(after))

@@ -25,6 +25,7 @@ _CERTAIN = 12.0  # sigmas of a source's log activity beyond which its death is n
 _SPLIT_M = 1.3
 _SPLIT_DIRECTIONS = 4
 _MERGED_M = 8.0
+_MOSTLY = 0.5  # of the photons of a source that would be counted in clear views
 _NUISANCE_STEP = 0.3  # of its prior's sigma
 
 
@@ -109,7 +110,7 @@ class Moves:
 
     def _reshaped(self, fitted: Fitted, k: int) -> Fitted:
         """With source k of another nuclide, or two in its place, if that is better."""
-        best = self._mirrored(self._swapped(fitted, k), k)
+        best = self._mirrored(self._swapped(self._in_sight(fitted, k), k), k)
         if len(best.solution) < self.most:
             own, others = [k, len(best.solution)], self.problem.counts.expected(best.solution.without(k))
             pairs = [self.problem.fitted_alone(one, own, others, _ITERATIONS) for one in _split(best.solution, k)]
@@ -119,6 +120,21 @@ class Moves:
                 joint = self.problem.fitted(pair, _ITERATIONS)
                 best = joint if joint.evidence > best.evidence + self.least_gain else best
         return best
+
+    def _in_sight(self, fitted: Fitted, k: int) -> Fitted:
+        """With source k as weak as it has to be to count in a clear view what was counted, if that is better. A source that was
+        found too strong seems hidden wherever it counts, and nothing makes it weaker then.
+        """
+        counts, solution = self.problem.counts, fitted.solution
+        expected = counts.expected(solution)
+        own, hidden = counts.of_source(solution, k).sum(axis=1), counts.views(expected).hidden
+        if own @ hidden < _MOSTLY * own.sum():
+            return fitted
+        seen = float((counts.counts - expected.clear).sum(axis=1) @ hidden + own @ hidden)
+        activity = solution.log_activity.copy()
+        activity[k] += np.log(max(seen, 1.0) / (own @ hidden))
+        weaker = self.problem.fitted(replace(solution, log_activity=activity), _ITERATIONS)
+        return weaker if weaker.evidence > fitted.evidence else fitted
 
     def _swapped(self, fitted: Fitted, k: int) -> Fitted:
         """Source k may be of the nuclide that explains the counts best, with all else as it is."""

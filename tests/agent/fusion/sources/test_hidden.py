@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from agent.frames.graph import FrameGraph
+from agent.fusion.engine import Fusion
+from agent.fusion.registry import estimator_named
 from agent.fusion.sources.data import Rows
 from agent.fusion.sources.hidden import Cells, Expected
 from agent.fusion.sources.solution import Solution
@@ -55,6 +58,18 @@ def test_a_row_far_below_pulls_no_more_and_tells_little():
     assert abs(one.along(DIRECT, DIRECT)[0, 0]) < 2.0  # by the logarithm of the rate; with a clear view -33
     assert one.information[0] < 0.05
     assert one.mean.sum() == pytest.approx(33.0, rel=0.05)
+
+
+@pytest.mark.parametrize("weights", [(1.0, 1.0), (0.95, 1.0), (1.0, 0.95)])
+def test_what_is_hidden_does_not_tell_how_strong_a_source_is(weights):
+    """Rows of one cell, one of which sees the source ten times as strong, weigh differently: the stronger, the better it was."""
+    counts = np.array([np.repeat((8.0, 2.0), 16), np.repeat((3.0, 1.0), 16)]) / 16.0
+    cells = Cells(Rows(np.zeros((2, 42), np.int64)))
+    likelihood = []
+    for of in (1e2, 1e4, 1e6):
+        clear, direct = (of * np.vstack((part, 0.1 * part)) for part in (CLEAR, DIRECT))
+        likelihood.append(cells.views(counts, np.array(weights), Expected(clear, direct, 0.1 * clear)).log_likelihood)
+    assert likelihood == pytest.approx([likelihood[0]] * 3, abs=1e-3)
 
 
 def test_a_row_without_any_count_is_hidden_and_still_expects_some():
@@ -114,3 +129,16 @@ def test_a_source_behind_a_wall_is_one_source_where_it_is(among, estimated):
     assert np.all(np.abs(hypothesis.position[:2] - SOURCE[1:3]) < 4.0 * sigma_m + 0.05)
     assert hypothesis.rms_m < 0.3
     assert hypothesis.activity_bq == pytest.approx(SOURCE[3], rel=0.15)
+
+
+@pytest.mark.parametrize(("seed", "bq"), [(3, 1e10), (6, 1e10), (2, 5e10), (6, 5e10)])
+def test_a_strong_source_is_not_found_far_too_strong_and_hidden_everywhere(kit, among, seed, bq):
+    """From none, in one fit of 30 s: steps towards it went too far, 6 to 60 times, and nothing made it weaker again."""
+    mission, rng = among.mission_of(moved_s=30.0), np.random.default_rng(seed)
+    place = rng.uniform(5.0, 35.0, 2).tolist()
+    fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("sources", mission))
+    kit.feed(fusion, among.entries_of(mission, rng, 32.0, [("Cs-137", *place, bq)]))
+    told = kit.settle(fusion, kit.T0_NS + 32_000_000_000)
+    assert told.activity_bq == pytest.approx(bq, rel=0.1)
+    assert told.position[:2] == pytest.approx(place, abs=0.3)
+    assert told.others == ()
