@@ -38,6 +38,23 @@ def ring_lift_m(mission: MissionConfig, ring: int) -> float:
     return mission.limits.separation_m * (ring % 2)
 
 
+def highest_circle_m(mission: MissionConfig) -> float:
+    """Height (m) above the ground that no circle exceeds: every second ring is lifted."""
+    return mission.encirclement.height_m + ring_lift_m(mission, 1)
+
+
+def second_height_m(mission: MissionConfig) -> float | None:
+    """Height (m) above the ground of the second half of a turn around a source; None: its height is known, and one will do.
+
+    From one height alone, counts fit a source above the cameras and its mirror image below them alike. No higher than the highest
+    circle, which those that cross or return pass over, and below the lowest layer of vehicles that return without their agents.
+    """
+    if mission.source_height_m[1] <= 0.0:
+        return None
+    below_layers_m = min(mission.return_heights_m) - mission.limits.separation_m
+    return min(highest_circle_m(mission), below_layers_m, mission.area.ceiling_m - _OVER_FLOOR_M)
+
+
 class Orbit:
     """Radius and height of one drone's circle; they start at the configured values and change gradually."""
 
@@ -57,6 +74,7 @@ class Orbit:
         lost: bool = False,
         ring_m: float | None = None,
         lift_m: float = 0.0,
+        least_m: float = 0.0,
     ) -> None:
         """Approach the circle that is best now.
 
@@ -67,11 +85,12 @@ class Orbit:
             lost: the circle may be wider than configured: all that is known is that the source is within ``rms_m``.
             ring_m: the radius that it has to be, whatever the accuracy.
             lift_m: by how much it has to be higher than is best.
+            least_m: the height that it has to have at least, though lower is better.
         """
         elapsed_s = 0.0 if self._stamp_ns is None else min((now_ns - self._stamp_ns) * 1e-9, _LONGEST_S)
         self._stamp_ns = now_ns
         radius_m = ring_m or self._wanted(rms_m, activity_bq, lost)
-        height_m = max(self._lowest_m, self._config.height_m * min(radius_m / self._config.radius_m, 1.0))
+        height_m = max(self._lowest_m, least_m, self._config.height_m * min(radius_m / self._config.radius_m, 1.0))
         self.radius_m += _step(radius_m - self.radius_m, _RADIUS_MPS, elapsed_s)
         self.height_m += _step(height_m + lift_m - self.height_m, _HEIGHT_MPS, elapsed_s)
 

@@ -11,7 +11,7 @@ from math import dist
 
 from agent.config.mission import MissionConfig
 from agent.geometry import Point2
-from agent.motion.orbit import ring_lift_m
+from agent.motion.orbit import highest_circle_m
 
 _NEAR_M = 1.0  # so near to its height or its circle it has arrived
 _OVER_HOME_M = 2.0
@@ -25,8 +25,7 @@ def is_over_m(mission: MissionConfig, drone: str) -> float:
 
 def crossing_height_m(mission: MissionConfig, drone: str) -> float:
     """Height (m) above the ground at which a drone crosses."""
-    highest_m = mission.encirclement.height_m + ring_lift_m(mission, 1)  # of circles: every second one is lifted
-    return max(mission.return_height_m(drone), highest_m + mission.limits.separation_m + _NEAR_M)
+    return max(mission.return_height_m(drone), highest_circle_m(mission) + mission.limits.separation_m + _NEAR_M)
 
 
 class Crossing:

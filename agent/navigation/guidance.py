@@ -15,12 +15,13 @@ from agent.geometry import Array, Point2, Vector3
 from agent.localization.ownpose import LocalFrame, OwnPose
 from agent.motion.encirclement import Encirclement
 from agent.motion.leading import Leading
-from agent.motion.orbit import Orbit
+from agent.motion.orbit import Orbit, second_height_m
 from agent.motion.reference import PeerState, Reference
 from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, margin_m
 from agent.navigation.agentless import CIRCLING
 from agent.navigation.aroundhomes import AroundHomes
 from agent.navigation.crossing import WayHome
+from agent.navigation.focus import is_in_second_half
 from agent.navigation.home import Home
 from agent.navigation.neighbours import Neighbour
 from agent.navigation.ownground import OwnGround
@@ -85,6 +86,7 @@ class Guidance:
         self._own, self._ground, self._home = own, ground, home
         self._search, self._informed = search, informed
         self._orbit = Orbit(mission.encirclement, mission.area.floor_m)
+        self._second_m = second_height_m(mission)
         most_mps = _SPEED_SHARE * mission.limits.speed_mps - mission.encirclement.speed_mps
         self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + _ROOM_M)
         self._encirclement = Encirclement(mission.encirclement, mission.limits)
@@ -219,7 +221,8 @@ class Guidance:
         if fits and hypothesis is not None:
             rms_m = hypothesis.sight_of(self._id).rms_m
             lost = moment.stage is Stage.REACQUIRE
-            self._orbit.update(moment.now_ns, rms_m, hypothesis.activity_bq, lost, ring_m, lift_m)
+            least_m = self._least_m(moment, hypothesis)
+            self._orbit.update(moment.now_ns, rms_m, hypothesis.activity_bq, lost, ring_m, lift_m, least_m)
             radius_m, height_m = self._orbit.radius_m, self._orbit.height_m
             doubt_m = DOUBT_SIGMAS * max((partner.plan.sigma_m for partner in partners), default=0.0)
         elif ring_m is not None:
@@ -243,6 +246,12 @@ class Guidance:
             doubt_m=doubt_m,
             stands=stands,
         )
+
+    def _least_m(self, moment: Moment, source: Hypothesis) -> float:
+        """Height above ground for the second half of a turn, while all are heard: sides that are apart differ in height."""
+        if self._second_m is None or self._absence is not None or moment.stage is not Stage.TRACK:
+            return 0.0
+        return self._second_m if is_in_second_half(source, self._config) else 0.0
 
     def circles_of_others(
         self, moment: Moment, centre: Centre | None, absence: Absence | None, ahead: Callable[[], Array]

@@ -53,3 +53,18 @@ def test_a_search_where_nothing_is_ends_when_everything_is_excluded():
     assert set(flight.trace.stage[-1]) <= {"return", "landing", "landed"}
     assert flight.result.excluded_bq < 2e8
     assert flight.result.sources_found == 0
+
+
+@pytest.mark.slow
+def test_a_source_above_the_ground_is_circled_at_two_heights():
+    """3.6 m high, of a nuclide without cones: its mirror image below the lower circle is 1 m high."""
+    high = SourceTruth(activity_bq=1e9, nuclide="Co-57", start_m=(20.0, 24.0), height_m=3.6)
+    flight = flown((high,), 100.0, **{"mission.source_height_m": [0.0, 20.0]})
+    trace, result = flight.trace, flight.result
+    circling = (away_m(trace, high, 0.0, np.inf) < 9.0) & (trace.stage == "track")
+    heights = trace.position_m[..., 2][circling]
+    assert np.quantile(heights, 0.1) < 2.8
+    assert 5.5 < heights.max() < 6.6
+    assert (result.sources_found, result.false_sources) == (1, 0)
+    assert result.height_error_median_m < 0.4
+    assert result.min_separation_m > 3.0

@@ -8,8 +8,8 @@ import pytest
 from msgspec.structs import replace
 from one_pilot import MISSION
 
-from agent.config.mission import EncirclementConfig
-from agent.motion.orbit import Orbit, ring_lift_m
+from agent.config.mission import EncirclementConfig, MissionConfig, SafetyConfig
+from agent.motion.orbit import Orbit, ring_lift_m, second_height_m
 
 SECOND = 1_000_000_000
 CONFIG = EncirclementConfig(radius_m=12.0, nearest_m=5.0, height_m=3.0)
@@ -83,3 +83,30 @@ def test_circles_next_to_each_other_are_the_separation_apart_in_height_too() -> 
     for tick in range(200):
         orbit.update(tick * SECOND // 5, 0.0, STRONG_BQ, ring_m=18.0, lift_m=3.0)
     assert orbit.height_m == pytest.approx(CONFIG.height_m + 3.0, abs=1e-3)
+
+
+def test_a_second_height_is_approached_gradually_and_left_again() -> None:
+    orbit, heights = Orbit(CONFIG, 1.0), []
+    for tick in range(400):
+        orbit.update(tick * SECOND // 5, 0.0, STRONG_BQ, least_m=6.0 if tick < 200 else 0.0)
+        heights.append(orbit.height_m)
+    assert max(abs(a - b) for a, b in pairwise(heights)) <= 0.5 * 0.2 + 1e-9
+    assert heights[199] == pytest.approx(6.0, abs=1e-3)
+    assert heights[-1] == pytest.approx(1.8, abs=1e-3)
+    assert settled(20.0).height_m == pytest.approx(3.0, abs=1e-3)  # a wide circle is high enough without it
+
+
+@pytest.mark.parametrize(
+    ("values", "second_m"),
+    [
+        ({}, 6.0),
+        ({"source_height_m": (0.0, 0.0)}, None),
+        ({"area": replace(MISSION.area, ceiling_m=5.0)}, 1.5),  # the autopilots return at 4.5 m
+        ({"area": replace(MISSION.area, ceiling_m=5.0), "limits": replace(MISSION.limits, separation_m=0.1)}, 3.1),
+        ({"safety": SafetyConfig(return_height_m=7.0)}, 4.0),
+    ],
+    ids=["highest circle", "height known", "ceiling", "little separation", "layers"],
+)
+def test_the_second_height_is_below_all_that_others_fly_above_circles(values: dict[str, object], second_m: float | None) -> None:
+    mission: MissionConfig = replace(MISSION, **{"encirclement": CONFIG, "source_height_m": (0.0, 20.0), **values})
+    assert second_height_m(mission) == (None if second_m is None else pytest.approx(second_m))

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig, TrackConfig
 from agent.fusion.estimator import Hypothesis
-from agent.navigation.focus import focus, have_had_turns
+from agent.navigation.focus import focus, have_had_turns, is_in_second_half
 
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0)))
 
@@ -63,3 +63,11 @@ def test_all_have_had_their_turns_when_the_last_one_has() -> None:
     assert not had(59.0)
     assert had(70.0, 61.0)
     assert not had(300.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("watched_s", "second"), [(0.0, False), (29.0, False), (31.0, True), (59.0, True), (61.0, False), (95.0, True), (None, False)]
+)
+def test_the_second_half_of_each_turn_is_the_same_for_all_with_equal_logs(watched_s: float | None, second: bool) -> None:
+    """A turn of two drones is 60 s of both together; a source that moves has none."""
+    assert is_in_second_half(source(1.0, watched_s), mission()) is second
