@@ -1,4 +1,7 @@
-"""Which of several sources the swarm circles, and where it looks whether one moves: it follows from the hypothesis alone, so drones with equal logs choose alike."""
+"""Which of several sources the swarm circles, and where it looks whether one moves.
+
+It follows from the hypothesis alone, so drones with equal logs choose alike.
+"""
 
 from __future__ import annotations
 
