@@ -18,6 +18,7 @@ none: a fit that has gone astray must not look like motion.
 Until then sources are told at rest, and of one that moves neither its motion nor its place may show from lanes that pass it. So
 for ``_LOOK_NS`` from when something is told the first one is told with a ``look``, as long as P(at rest) < ``_CLEAR``: the track,
 or the mean and covariance of its search, which knows better than the fit where a source is that moves. Drones circle that place.
+Where several of the nuclide are told, its search, which is for one, tells nothing.
 
 Once it is handed over the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its
 way. Sources of other nuclides are told as they were, and count as known. Nothing that is measured while it moves tells of sources
@@ -125,10 +126,13 @@ class FollowingEstimator(SourcesEstimator):
         return after
 
     def _looked_for(self, told: Hypothesis, track: Track, step: GridStep) -> Hypothesis | None:
-        """Where the source is if it moves: by the track, or by its search."""
+        """Where the source is if it moves: by the track, or by its search; None where that has nothing to say."""
         tracker = self._tracker(track.nuclide)
         if (tracked := tracker.hypothesis(track.state, step)) is not None:
             return tracked
+        nuclide = self._spectra.nuclides[track.nuclide]
+        if sum(one.nuclide == nuclide for one in (told, *told.others)) > 1:
+            return None  # a search for one source is in the middle of several
         outlook = tracker.outlook(track.state, step)
         if outlook is None or outlook.none >= _IS_NONE:
             return None

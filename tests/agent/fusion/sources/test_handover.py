@@ -4,6 +4,7 @@ import random
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
@@ -84,18 +85,21 @@ def test_until_it_is_handed_over_the_drones_look_where_it_has_walked_to(kit, wal
 
 
 def test_before_it_is_tracked_they_look_where_its_search_takes_it_to_be(kit, among):
+    """With its covariance; not where several of its nuclide are told, for the search is for one."""
     mission = among.mission_of()
-    estimator = estimator_named("sources", mission)
-    fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), estimator)
-    kit.feed(fusion, among.entries_of(mission, np.random.default_rng(3), 12.0, IR_APART))
-    told = kit.settle(fusion, kit.T0_NS + 12_000_000_000)
-    track = fusion.state.track
+    fusion = fusion_of(mission)
+    kit.feed(fusion, among.entries_of(mission, np.random.default_rng(3), 11.0, IR_APART))
+    told = kit.settle(fusion, kit.T0_NS + 11_000_000_000)
+    track, step, estimator = fusion.state.track, fusion._now_step, fusion.estimator
     assert track.is_lost
-    outlook = estimator._tracker(track.nuclide).outlook(track.state, fusion._now_step)
+    assert [one.nuclide for one in (told, *told.others)] == ["Ir-192", "Ir-192"]
+    assert told.look is None
+    look = estimator._looked_for(replace(told, others=()), track, step)
+    outlook = estimator._tracker(track.nuclide).outlook(track.state, step)
     mean = outlook.weight @ outlook.places / outlook.weight.sum()
-    assert told.look.position[:2] == pytest.approx(mean)
+    assert look.position[:2] == pytest.approx(mean)
     square = ((outlook.places - mean) ** 2).sum(axis=1)
-    assert told.look.rms_m == pytest.approx(np.sqrt(outlook.weight @ square / outlook.weight.sum()))
+    assert look.rms_m == pytest.approx(np.sqrt(outlook.weight @ square / outlook.weight.sum()))
 
 
 def test_another_nuclide_at_rest_is_told_beside_it(kit, among):
