@@ -63,7 +63,8 @@ class Hypothesis(Struct, frozen=True, eq=False):
     sights: the apparent place by drone; empty if the estimator has no pose biases. nuclide: None if the estimator takes the
     mission's, or where it is none of them: then lines_kev is not None, and has the energies of the lines that its spectrum shows,
     ascending. others: further sources, in the order in which they count. watched_s: live time of all cameras on or inside the
-    circle around this source, with a share of it farther out; None if the estimator tells one source only.
+    circle around this source, with a share of it farther out; None if the estimator tells one source only. look: of a source that
+    is told at rest, where it is if it moves, while that is not clear; the drones look there before they go on.
     """
 
     stamp_ns: int
@@ -80,6 +81,7 @@ class Hypothesis(Struct, frozen=True, eq=False):
     lines_kev: tuple[int, ...] | None = None
     others: tuple[Hypothesis, ...] = ()
     watched_s: float | None = None
+    look: Hypothesis | None = None
 
     def __post_init__(self) -> None:
         for array in (self.position, self.covariance, self.velocity):

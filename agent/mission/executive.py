@@ -19,7 +19,7 @@ from agent.mission.reserve import Reserve
 from agent.mission.situation import Situation
 from agent.mission.stages import Mission
 from agent.mission.worldmodel import WorldModel
-from agent.navigation.focus import focus, have_had_turns
+from agent.navigation.focus import focus, have_had_turns, looks
 from agent.navigation.guidance import Moment
 from agent.navigation.home import NO_NEARER_S
 from agent.navigation.navigator import Navigator, Reckoning
@@ -234,13 +234,14 @@ class Executive:
             battery_low=self._battery_low,
             no_nearer=returning_s >= NO_NEARER_S and self._navigator.home.is_no_nearer,
             searches_on=self._searches_on(hypothesis, now_ns),
+            looks=looks(hypothesis),
         )
 
     def _searches_on(self, hypothesis: Hypothesis | None, now_ns: int) -> bool:
         """Whether to search for more beside several sources: until all of the area is covered, and again once each source has had
-        its turn, while anything may hide; neither when the time for it is over.
+        its turn, while anything may hide; neither when the time for it is over, nor while it is not clear whether one moves.
         """
-        if hypothesis is None or hypothesis.watched_s is None:
+        if hypothesis is None or hypothesis.watched_s is None or looks(hypothesis):
             return False
         longest_s = self._config.survey.duration_s
         began = self._mission.tracking_since_ns is not None

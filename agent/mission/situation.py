@@ -12,7 +12,7 @@ class Situation(Struct, frozen=True):
 
     ``at_home``: the drone hovers over the place where it took off. ``problems``: those that prevent a start. ``rms_m``: of the
     source estimate, by an estimator with a posterior; else None. ``nothing_found``: the search has ended without a source.
-    ``searches_on``: for further sources, beside those that have been found.
+    ``searches_on``: for further sources, beside those that have been found. ``looks``: at one of them, whether it moves.
     ``stranded``: other drones are not heard, and the mission, or the fence, leaves this one nothing but to return; or it may be
     far from where it believes to be.
     ``revoked``: an operator has excluded this drone from the swarm.
@@ -32,6 +32,7 @@ class Situation(Struct, frozen=True):
     battery_low: bool = False
     no_nearer: bool = False
     searches_on: bool = False
+    looks: bool = False
 
     @property
     def goes_home(self) -> bool:

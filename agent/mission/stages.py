@@ -215,6 +215,13 @@ class Mission:
             self._search(situation)
         elif self.stage is Stage.HOLD and situation.goes_home:
             self._enter(Stage.RETURN, now_ns)
+        self._time_tracking(situation)
+
+    def _time_tracking(self, situation: Situation) -> None:
+        """A look at what may move neither ends the search nor begins the tracking."""
+        if self.stage is Stage.TRACK and not situation.looks:
+            self._search_since_ns = None
+            self.tracking_since_ns = situation.now_ns if self.tracking_since_ns is None else self.tracking_since_ns
 
     def _search(self, situation: Situation) -> None:
         now_ns = situation.now_ns
@@ -302,9 +309,5 @@ class Mission:
         if stage not in STEERED or self.stage not in STEERED:
             self._takeover.changed()
         self.stage, self.since_ns = stage, now_ns
-        if stage is Stage.TRACK:
-            self._search_since_ns = None
-        elif stage is Stage.SURVEY and self._search_since_ns is None:
+        if stage is Stage.SURVEY and self._search_since_ns is None:
             self._search_since_ns = now_ns
-        if stage is Stage.TRACK and self.tracking_since_ns is None:
-            self.tracking_since_ns = now_ns

@@ -1,4 +1,7 @@
-"""Which of several sources the swarm circles: it follows from the hypothesis alone, so drones with equal logs choose alike."""
+"""Which of several sources the swarm circles, and where it looks whether one moves.
+
+It follows from the hypothesis alone, so drones with equal logs choose alike.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,10 @@ def focus(hypothesis: Hypothesis | None, mission: MissionConfig) -> Hypothesis |
     """The source to circle; where there is but one, the hypothesis itself.
 
     Each has its turns of ``track.each_s`` with every drone: a source that has had fewer than another comes first, and of those
-    the one whose turn has begun. The policy begins when each has had one.
+    the one whose turn has begun. The policy begins when each has had one. Before all of that comes a look at one that may move.
     """
+    if hypothesis is not None and hypothesis.look is not None:
+        return replace(hypothesis.look, evidence=hypothesis.evidence, others=())
     if hypothesis is None or not hypothesis.others:
         return hypothesis
     track, sources, turns = mission.track, (hypothesis, *hypothesis.others), _turns(hypothesis, mission)
@@ -24,6 +29,11 @@ def focus(hypothesis: Hypothesis | None, mission: MissionConfig) -> Hypothesis |
     else:
         chosen = next((one for one in sources if one.nuclide == track.policy), hypothesis)
     return replace(chosen, evidence=hypothesis.evidence, others=())
+
+
+def looks(hypothesis: Hypothesis | None) -> bool:
+    """Whether a source may move, and is looked at until that is clear."""
+    return hypothesis is not None and hypothesis.look is not None
 
 
 def have_had_turns(hypothesis: Hypothesis, mission: MissionConfig) -> bool:

@@ -15,8 +15,14 @@ Moves are made at once, at the next time of a refinement, where both hold for th
 was measured since: so a source that moves is handed over within seconds. Before it is, sources at rest are fitted anew, from
 none: a fit that has gone astray must not look like motion.
 
-From then on the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its way. Sources
-of other nuclides are told as they were, and count as known. Nothing that is measured while it moves tells of sources at rest.
+Until then sources are told at rest, and of one that moves neither its motion nor its place may show from lanes that pass it. So
+for ``_LOOK_NS`` from when something is told the first one is told with a ``look``, as long as P(at rest) < ``_CLEAR``: the track,
+or the mean and covariance of its search, which knows better than the fit where a source is that moves. Drones circle that place.
+Where several of the nuclide are told, its search, which is for one, tells nothing.
+
+Once it is handed over the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its
+way. Sources of other nuclides are told as they were, and count as known. Nothing that is measured while it moves tells of sources
+at rest.
 Once it has been at rest for ``_KEPT_NS``, a new fit of what was measured meanwhile takes the track's place, if that finds the
 same and nothing else was told; otherwise the track goes on. A track that is lost searches as ``bayes`` does, and after as long a
 time sources at rest are fitted anew. A track is on the ground: where sources may be above it, there is none.
@@ -47,6 +53,9 @@ _BORN = 8.0  # log evidence that a further source costs for its place and activi
 _LEAST_NS, _KEPT_NS = 5_000_000_000, 30_000_000_000
 _ITERATIONS = 12  # of the fit that takes a track's place
 _SAME_M = 1.5  # between a track at rest and the fit that takes its place
+_CLEAR = 0.8  # P(at rest) from which on a source needs no look
+_LOOK_NS = 25_000_000_000  # after the first doubt whether it is at rest; later on there is no look at it
+_IS_NONE = 0.5  # P(no source), with which there is nothing to look at
 _MORE = 2.0  # so many more photons have to be counted of another nuclide for the track to be of that one
 
 
@@ -74,6 +83,8 @@ class FollowingEstimator(SourcesEstimator):
             track = replace(track, kept_ns=track.kept_ns or step.end_ns)
         elif track.moves:
             after, track = replace(after, pending=()), replace(track, kept_ns=0)
+        if after.x0_stamp_ns and track.doubted_ns == 0 and not track.at_rest >= _CLEAR:
+            track = replace(track, doubted_ns=step.start_ns)
         return replace(after, track=track)
 
     def work(self, state: SourcesState, observations: int) -> int:
@@ -86,7 +97,10 @@ class FollowingEstimator(SourcesEstimator):
         """As ``SourcesEstimator``; of a source that moves the track, None while that searches."""
         track = _moving(state)
         if track is None:
-            return super().hypothesis(state, step)
+            told = super().hypothesis(state, step)
+            if told is None or state.track is None or not _is_doubted(state.track, step):
+                return told
+            return replace(told, look=self._looked_for(told, state.track, step))
         told = self._tracker(track.nuclide).hypothesis(track.state, step)
         if told is None:
             return None
@@ -111,6 +125,24 @@ class FollowingEstimator(SourcesEstimator):
                 return self._handed_over(after, step)
         return after
 
+    def _looked_for(self, told: Hypothesis, track: Track, step: GridStep) -> Hypothesis | None:
+        """Where the source is if it moves: by the track, or by its search; None where that has nothing to say."""
+        tracker = self._tracker(track.nuclide)
+        if (tracked := tracker.hypothesis(track.state, step)) is not None:
+            return tracked
+        nuclide = self._spectra.nuclides[track.nuclide]
+        if sum(one.nuclide == nuclide for one in (told, *told.others)) > 1:
+            return None  # a search for one source is in the middle of several
+        outlook = tracker.outlook(track.state, step)
+        if outlook is None or outlook.none >= _IS_NONE:
+            return None
+        weight = outlook.weight / outlook.weight.sum()
+        mean = weight @ outlook.places
+        covariance = np.zeros((3, 3))
+        covariance[:2, :2] = np.cov(outlook.places.T, aweights=weight, ddof=0)
+        position = np.array((*mean, self._ground.height_m(*mean.tolist())))
+        return replace(told, position=position, covariance=covariance, sights={}, others=())
+
     def _with_track(self, before: SourcesState, after: SourcesState, step: GridStep) -> SourcesState:
         """The state after moves with the track beside its fit: the one before them, or a new one, with what was pending, if that
         was of another nuclide or did not know others.
@@ -125,6 +157,8 @@ class FollowingEstimator(SourcesEstimator):
         if track is None or track.nuclide != nuclide or len(others) > len(track.others):
             track = Track(nuclide, self._tracker(nuclide).initial(None), others, after.unknown)
             track = self._begun(track, before.pending, step, len(solution))
+            if before.track is not None and before.track.nuclide == nuclide:
+                track = replace(track, doubted_ns=before.track.doubted_ns)
         return replace(after, track=replace(track, others=others, unknown=after.unknown))
 
     def _begun(self, track: Track, observations: Sequence[Observation], step: GridStep, sources: int) -> Track:
@@ -236,6 +270,11 @@ class FollowingEstimator(SourcesEstimator):
 def _moving(state: SourcesState) -> Track | None:
     """The track of a source that moves."""
     return state.track if state.track is not None and state.track.moves else None
+
+
+def _is_doubted(track: Track, step: GridStep) -> bool:
+    """Whether it is not clear that the source is at rest, and a look at it does not last too long."""
+    return not track.at_rest >= _CLEAR and step.start_ns - track.doubted_ns < _LOOK_NS
 
 
 def _evidence(state: SourcesState) -> float:

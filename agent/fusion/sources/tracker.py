@@ -57,7 +57,8 @@ class Track(Struct, frozen=True, eq=False):
     nuclide: its index. state: of its tracker. others: fitted sources of other nuclides, and unknown: spectra of those that nobody
     knows. moves: whether it has been handed over; beside: what was told of the others then. kept_ns: from when on what is
     measured is kept, as the source is at rest or lost; 0: it is not kept. marks: the last ``_MARKS`` moves at fixed times, or
-    since when it is tracked; newest: what was measured since the first of them, and as the tracker saw it.
+    since when it is tracked; newest: what was measured since the first of them, and as the tracker saw it. doubted_ns: since
+    when something is told of which it was not clear at first whether it is at rest; 0: there was no doubt.
     """
 
     nuclide: int
@@ -69,6 +70,7 @@ class Track(Struct, frozen=True, eq=False):
     kept_ns: int = 0
     marks: tuple[Mark, ...] = ()
     newest: tuple[tuple[Observation, Observation], ...] = ()
+    doubted_ns: int = 0
 
     @property
     def is_lost(self) -> bool:

@@ -135,6 +135,21 @@ def test_a_search_for_further_sources_goes_on_beside_one_that_is_found():
     assert mission.stage is Stage.TRACK
 
 
+def test_a_look_at_what_may_move_neither_ends_the_search_nor_begins_the_tracking():
+    mission = surveying(duration_s=60.0)
+    mission.step(at(10.0, has_hypothesis=True, looks=True))
+    assert mission.stage is Stage.TRACK
+    assert mission.tracking_since_ns is None
+    mission.step(at(20.0, has_hypothesis=True, searches_on=True))
+    assert mission.stage is Stage.SURVEY
+    assert mission.searched_s(32 * SECOND) == pytest.approx(30.0)
+    mission.step(at(100.0, has_hypothesis=True, looks=True))
+    mission.step(at(110.0, has_hypothesis=True))  # all of the area is covered meanwhile
+    assert mission.stage is Stage.TRACK
+    assert mission.tracking_since_ns == 110 * SECOND
+    assert mission.searched_s(115 * SECOND) == 0.0
+
+
 def test_it_begins_again_once_all_that_were_found_have_had_their_turns_and_ends_with_the_mission():
     mission = surveying(duration_s=60.0)
     mission.step(at(20.0, has_hypothesis=True))

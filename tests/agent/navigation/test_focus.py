@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig, TrackConfig
 from agent.fusion.estimator import Hypothesis
-from agent.navigation.focus import focus, have_had_turns, is_in_second_half
+from agent.navigation.focus import focus, have_had_turns, is_in_second_half, looks
 
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0)))
 
@@ -71,3 +71,15 @@ def test_all_have_had_their_turns_when_the_last_one_has() -> None:
 def test_the_second_half_of_each_turn_is_the_same_for_all_with_equal_logs(watched_s: float | None, second: bool) -> None:
     """A turn of two drones is 60 s of both together; a source that moves has none."""
     assert is_in_second_half(source(1.0, watched_s), mission()) is second
+
+
+@pytest.mark.parametrize("others", [(), (source(2.0, 5.0),)])
+def test_where_one_may_be_that_moves_they_look_before_all_turns(others: tuple[Hypothesis, ...]) -> None:
+    hypothesis = replace(source(1.0, 10.0), evidence=50.0, others=others)
+    assert not looks(hypothesis)
+    assert not looks(None)
+    doubted = replace(hypothesis, look=source(7.0, None))
+    assert looks(doubted)
+    chosen = focus(doubted, mission())
+    assert chosen is not None
+    assert (chosen.position[0], chosen.evidence, chosen.others, chosen.look) == (7.0, 50.0, (), None)

@@ -4,6 +4,7 @@ import random
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
@@ -12,9 +13,13 @@ from agent.fusion.engine import Fusion
 from agent.fusion.observation import observe
 from agent.fusion.registry import estimator_named
 from agent.fusion.sources.solution import Solution
+from agent.navigation.focus import focus
 
 SPEED_MPS, WALKS_S = 0.8, 30.0
 END_S = 120.0  # it may take 40 s until it is clear that it rests, and it is taken back 30 s later, with the next moves
+
+
+IR_APART = [("Ir-192", 8.0, 10.0, 1e9), ("Ir-192", 30.0, 30.0, 1e9), ("Cs-137", 12.0, 30.0, 1e9)]
 
 
 def walker(time_s):
@@ -70,6 +75,33 @@ def test_a_source_that_walks_is_followed_and_told_alone(kit, walk):
     assert told.activity_bq == pytest.approx(1e10, rel=0.2)
 
 
+def test_until_it_is_handed_over_the_drones_look_where_it_has_walked_to(kit, walk):
+    """Sources at rest are told as they were fitted: it walks away from there."""
+    mission, entries = walk
+    told = after(kit, mission, until(kit, entries, 10.0), 10.0).hypothesis
+    assert off_m(told, 10.0) > 2.5
+    assert off_m(told.look, 10.0) < 1.0
+    assert focus(told, mission).rms_m == told.look.rms_m
+
+
+def test_before_it_is_tracked_they_look_where_its_search_takes_it_to_be(kit, among):
+    """With its covariance; not where several of its nuclide are told, for the search is for one."""
+    mission = among.mission_of()
+    fusion = fusion_of(mission)
+    kit.feed(fusion, among.entries_of(mission, np.random.default_rng(3), 11.0, IR_APART))
+    told = kit.settle(fusion, kit.T0_NS + 11_000_000_000)
+    track, step, estimator = fusion.state.track, fusion._now_step, fusion.estimator
+    assert track.is_lost
+    assert [one.nuclide for one in (told, *told.others)] == ["Ir-192", "Ir-192"]
+    assert told.look is None
+    look = estimator._looked_for(replace(told, others=()), track, step)
+    outlook = estimator._tracker(track.nuclide).outlook(track.state, step)
+    mean = outlook.weight @ outlook.places / outlook.weight.sum()
+    assert look.position[:2] == pytest.approx(mean)
+    square = ((outlook.places - mean) ** 2).sum(axis=1)
+    assert look.rms_m == pytest.approx(np.sqrt(outlook.weight @ square / outlook.weight.sum()))
+
+
 def test_another_nuclide_at_rest_is_told_beside_it(kit, among):
     mission = among.mission_of()
     entries = among.entries_of(mission, np.random.default_rng(2), 30.0, beside_another)
@@ -85,16 +117,19 @@ def test_another_nuclide_at_rest_is_told_beside_it(kit, among):
     [
         [("Cs-137", 12.0, 20.0, 3e9)],
         [("Ir-192", 8.0, 10.0, 6e8), ("Ir-192", 30.0, 30.0, 1e9)],
-        [("Ir-192", 8.0, 10.0, 1e9), ("Ir-192", 30.0, 30.0, 1e9), ("Cs-137", 12.0, 30.0, 1e9)],
+        IR_APART,
     ],
 )
 def test_sources_at_rest_are_not_handed_over(kit, among, sources):
-    """Drones fly from one to another, and a single track of either nuclide would have to follow them."""
+    """Drones fly from one to another, and a single track of either nuclide would have to follow them: so it never becomes clear
+    that they are at rest, but after a while nobody looks any more.
+    """
     mission = among.mission_of()
     fusion = after(kit, mission, among.entries_of(mission, np.random.default_rng(3), 40.0, sources), 42.0)
     assert fusion.state.track is not None
     assert not fusion.state.track.moves
     assert 1 + len(fusion.hypothesis.others) == len(sources)
+    assert fusion.hypothesis.look is None
 
 
 def test_it_is_taken_back_once_it_has_been_at_rest(kit, walk):
@@ -129,7 +164,7 @@ def test_after_one_that_is_lost_sources_at_rest_are_fitted_anew(kit, among):
 
 
 def test_the_order_of_arrival_does_not_matter(kit, walk):
-    """All at once, and mixed up in parts with the fusion advancing in between; through hand-over and return."""
+    """All at once, and mixed up in parts with the fusion advancing in between; through looks, hand-over and return."""
     mission, entries = walk
     mixed = random.Random(1).sample(entries, len(entries))
     fusion = fusion_of(mission)
@@ -137,10 +172,13 @@ def test_the_order_of_arrival_does_not_matter(kit, walk):
     for number, start in enumerate(range(0, len(mixed), part)):
         kit.feed(fusion, mixed[start : start + part])
         fusion.advance(kit.T0_NS + round(0.25 * END_S * 1e9 * number))
-    for time_s in (30.0, END_S + 1.0):
+    for time_s in (10.0, 30.0, END_S + 1.0):
         in_order = after(kit, mission, until(kit, entries, time_s), time_s).hypothesis
         late = fusion if time_s > 90.0 else after(kit, mission, until(kit, mixed, time_s), time_s)
-        assert kit.same_bits(kit.settle(late, kit.T0_NS + round(time_s * 1e9)), in_order)
+        told = kit.settle(late, kit.T0_NS + round(time_s * 1e9))
+        assert kit.same_bits(told, in_order)
+        assert kit.same_bits(told.look, in_order.look)
+        assert (told.look is not None) == (time_s < 15.0)
 
 
 def test_computed_elsewhere_it_tells_the_same(kit, walk):
