@@ -8,6 +8,11 @@ No round trip takes less than no time. Where the two delays add up to less, one 
 the larger delay is from before that. Whose larger one it is finds that its newest delay fits, and forgets the others: so a clock
 that is set is known anew after an exchange of statuses, however long delays are kept, and a forged delay alone moves nothing.
 
+Where delays change, the smallest one of each way begins to count, and leaves the window, at another time than that of the other
+way. In between the two are not of one time, and half their difference is wrong by half of the change. But the offset of before is
+still possible by both, unless one of the clocks has been set. As long as it is, it holds for some seconds, until the delays of
+both ways are of one time again.
+
 Where the own clock is set, the others' are not: all that is known moves along, whether they are heard then or not. Until they
 have heard a status with a new stamp, they go on to report a delay by the former clock, which moves along too.
 
@@ -21,6 +26,9 @@ from collections import deque
 from collections.abc import Iterable
 from statistics import median_high, median_low
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from protocol.messages import Status
 
 WINDOW_NS = 10_000_000_000
@@ -29,8 +37,18 @@ LIMIT_S = 0.05  # a drone with a larger offset reports it, and adds it to the un
 MOST_LATENCY_NS = 2_000_000_000  # of a status; two delays whose mean is larger are not believed
 MOST_SIGMA_M = 1_000.0  # whatever the clocks say, a drone can tell where it is
 _LEAST_TRIP_NS = -50_000_000  # of the two delays together: clocks drift, and a status tells of a second ago
+# An offset that is possible still holds against another one for this long: statuses come once a second, so that the smallest
+# delays of the two ways are at most a second apart, and one may be lost and the next one late.
+_HELD_NS = 5_000_000_000
 _SET_BACK_NS = 1_000_000_000  # of the common time; estimates of it differ by less
 _MOST_DELAY_NS = 2**62  # the limit of the message's field
+
+
+class _Held(Struct, frozen=True):
+    """How far the own clock is ahead of another one, and since when (own clock) the delays have told something else."""
+
+    ahead_ns: int
+    doubted_ns: int | None = None
 
 
 class Clocks:
@@ -40,6 +58,7 @@ class Clocks:
         self._drone = drone
         self._heard: dict[str, deque[tuple[int, int]]] = {name: deque() for name in others}  # arrival, delay
         self._returned: dict[str, tuple[int, int]] = {}  # arrival, and this drone's delay as each of them reports it
+        self._held: dict[str, _Held] = {}
         self._ahead_ns: dict[str, int] = {}  # how far theirs are ahead of the own clock, as last known and beyond the limit
         self._known: dict[str, float] = {}  # how far the own clock is ahead of theirs (s), as last heard
         self._set_ns = 0
@@ -73,6 +92,7 @@ class Clocks:
             if set_anew:
                 heard.clear()
                 heard.append((now_ns, delay_ns))
+        self._hold(now_ns)
         self._vote(self.offsets_s(now_ns))
         self._watch_common(now_ns)
         return set_anew
@@ -98,6 +118,7 @@ class Clocks:
             self._heard[name] = deque((at_ns + by_ns, delay_ns + by_ns) for at_ns, delay_ns in heard)
         self._returned = {name: (at_ns + by_ns, delay_ns - by_ns) for name, (at_ns, delay_ns) in self._returned.items()}
         self._since_ns = {name: self._since_ns.get(name, 0) + by_ns for name in self._heard}
+        self._held = {name: _Held(held.ahead_ns + by_ns) for name, held in self._held.items()}
         before_s, known = self._outvoted_s, {name: offset_s + by_ns * 1e-9 for name, offset_s in self._known.items()}
         self._vote(known)
         step_s = by_ns * 1e-9 - (self._outvoted_s - before_s)  # of the common time
@@ -133,13 +154,19 @@ class Clocks:
 
     def offsets_s(self, now_ns: int) -> dict[str, float]:
         """How far the own clock is ahead of each drone's for which both delays are known, and can belong together."""
+        both = self._both_ns(now_ns)
+        return {name: 1e-9 * self._held[name].ahead_ns for name in both if name in self._held}
+
+    def _hold(self, now_ns: int) -> None:
+        """Note the offsets that the delays tell, or hold those of before."""
+        both = self._both_ns(now_ns)
+        self._held |= {name: _held(self._held.get(name), *delays_ns, now_ns) for name, delays_ns in both.items()}
+
+    def _both_ns(self, now_ns: int) -> dict[str, tuple[int, int]]:
+        """The own smallest delay of each drone, and that which it reports, where both are known, and can belong together."""
         returned = {name: delay_ns for name, (at_ns, delay_ns) in self._returned.items() if abs(now_ns - at_ns) <= WINDOW_NS}
         both = {name: (delay_ns, returned[name]) for name, delay_ns in self._delays_ns(now_ns).items() if name in returned}
-        return {
-            name: 0.5e-9 * (own_ns - other_ns)
-            for name, (own_ns, other_ns) in both.items()
-            if _LEAST_TRIP_NS <= own_ns + other_ns <= 2 * MOST_LATENCY_NS
-        }
+        return {name: delays for name, delays in both.items() if _LEAST_TRIP_NS <= sum(delays) <= 2 * MOST_LATENCY_NS}
 
     def _delays_ns(self, now_ns: int) -> dict[str, int]:
         """The smallest delay of each drone heard in the last seconds."""
@@ -176,3 +203,18 @@ class Clocks:
         """1 sigma (m) that the own clock's offset, or a step of the common time, adds to a position; 0 within the limit."""
         error_s = max(abs(self.offset_s), self._back_s)
         return 0.0 if error_s <= LIMIT_S else min(speed_mps * error_s, MOST_SIGMA_M)
+
+
+def _held(before: _Held | None, own_ns: int, returned_ns: int, now_ns: int) -> _Held:
+    """The offset by these two delays, or the one of before.
+
+    No way takes less than no time: the offset is the own delay at most, and at least the other one's with the sign reversed.
+    """
+    told = _Held((own_ns - returned_ns) // 2)
+    if before is None or abs(told.ahead_ns - before.ahead_ns) <= 1e9 * LIMIT_S:
+        return told
+    slack_ns = -_LEAST_TRIP_NS // 2
+    if not -returned_ns - slack_ns <= before.ahead_ns <= own_ns + slack_ns:
+        return told
+    since_ns = now_ns if before.doubted_ns is None or before.doubted_ns > now_ns else before.doubted_ns
+    return told if now_ns - since_ns >= _HELD_NS else replace(before, doubted_ns=since_ns)

@@ -15,7 +15,7 @@ from agent.motion.orbit import highest_circle_m
 
 _NEAR_M = 1.0  # so near to its height or its circle it has arrived
 _OVER_HOME_M = 2.0
-_CLEAR_M = 5.0  # from a circle that it may not touch, while it climbs: the separation, and the margin of plans
+CLEAR_M = 5.0  # from a circle that it may not touch, while it climbs: the separation, and the margin of plans
 
 
 def is_over_m(mission: MissionConfig, drone: str) -> float:
@@ -49,7 +49,7 @@ class Crossing:
         between_m = [taken for taken in taken_m if (far_m - taken) * (radius_m - taken) < 0.0]
         if self._held_m is None and between_m:
             outward = radius_m > far_m
-            self._held_m = min(far_m, min(between_m) - _CLEAR_M) if outward else max(far_m, max(between_m) + _CLEAR_M)
+            self._held_m = min(far_m, min(between_m) - CLEAR_M) if outward else max(far_m, max(between_m) + CLEAR_M)
         if self._held_m is None or (not between_m and abs(far_m - radius_m) < _NEAR_M):
             self.end()
             return radius_m, None

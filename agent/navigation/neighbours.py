@@ -18,8 +18,9 @@ revoked before, or is out of reach. It counts as missing, like one that is not h
 
 One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both.
 
-From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``). One
-that is heard, but whose plans tell that it does not hear this drone, never gives way, and does not take part.
+From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``), and
+where a plan of up to two seconds ago leads: messages may only be lost, or take as long. One that is heard, but whose plans tell
+that it does not hear this drone, never gives way, and does not take part.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from agent.localization.continuity import carried_on
 from agent.motion.feedforward import Deviation
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan, margin_m
-from agent.navigation.peers import RECENT_NS, Peer, Peers
+from agent.navigation.peers import OLDEST_NS, RECENT_NS, Peer, Peers
 from agent.navigation.placing import (
     SIGMAS,
     WORST_SIGMA_M,
@@ -52,6 +53,7 @@ from agent.navigation.placing import (
     expected,
     held,
     placed_by_sightings,
+    planned,
     sigma_of_m,
 )
 from agent.navigation.relative import offset, places
@@ -166,8 +168,7 @@ class Neighbourhood:
                 plan = placed_by_sightings(name, peer.sightings, peer.pose, me.epoch, me.now_ns)
                 plan = plan or self._placed_by_layout(name, peer.pose, me)
             if plan is not None:
-                is_blind = plan.blind or apart is not None
-                followed = replace(plan, deviation_m=self._deviations[name].rms_m, blind=is_blind)
+                followed = replace(plan, deviation_m=self._deviations[name].rms_m, blind=plan.blind or apart is not None)
                 found.append(Neighbour(name, followed, takes_part))
             elsewhere = (self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me))
             found += [Neighbour(name, place, False) for place in elsewhere if place is not None]
@@ -227,10 +228,9 @@ class Neighbourhood:
     def _of_silent(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self
     ) -> Iterator[Neighbour]:
-        """A drone not heard any more: by sightings since then, or wherever it may be."""
+        """A drone not heard any more: by sightings since then, or wherever it may be, at first also where its last plan leads."""
         recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
-        seen = placed_by_sightings(name, recent, pose, me.epoch, me.now_ns)
-        if seen is not None:
+        if (seen := placed_by_sightings(name, recent, pose, me.epoch, me.now_ns)) is not None:
             if me.local_from_mission is not None:
                 x, y, _ = bare(me.local_from_mission).inverse().apply_point(seen.positions[0])
                 self._silent.seen(name, pose, (x, y))
@@ -238,8 +238,11 @@ class Neighbourhood:
         elif peer.status is not None and mission_from_theirs is not None and me.local_from_mission is not None:
             sigma_m = min(hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
             viewer = _viewer(me, me.local_from_mission)
-            for plan in self._silent.plans(name, peer, pose, bare(mission_from_theirs), sigma_m, viewer):
-                yield Neighbour(name, plan, False)
+            plans = self._silent.plans(name, peer, pose, bare(mission_from_theirs), sigma_m, viewer)
+            yield from (Neighbour(name, plan, False) for plan in plans)
+            last = self._followed(name, peer, pose, me.now_ns, OLDEST_NS)
+            if last is not None:
+                yield Neighbour(name, planned(name, last, viewer.local_from_mission @ bare(mission_from_theirs), sigma_m), False)
 
     def _frame_of(self, name: str, pose: Pose) -> Transform | None:
         """Its frame; after a jump one by the continuity of its motion; one that has become unknown with a large covariance."""
@@ -318,15 +321,14 @@ class Neighbourhood:
         )
         plan = self._followed(name, peer, pose, now_ns)
         if plan is None:
-            is_blind = self._is_blind(name, peer, pose, now_ns)
-            return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m, blind=is_blind)
+            return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m, blind=peer.plan is not None)
         ahead = local_from_theirs.apply_points(plan.positions_m)
         return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, measured, doubt_m)
 
-    def _followed(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> Plan | None:
+    def _followed(self, name: str, peer: Peer, pose: Pose, now_ns: int, oldest_ns: int = PLAN_AGE_NS) -> Plan | None:
         """Its recent plan that it follows."""
         plan, followed = peer.plan, pose.steered and name not in self._departed and not peer.sources.are_two(now_ns)
-        if not followed or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > PLAN_AGE_NS:
+        if not followed or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > oldest_ns:
             return None
         return plan
 

@@ -15,7 +15,7 @@ from agent.motion.separation import PeerPlan
 from agent.navigation.peers import Peer
 from agent.navigation.relative import placed_alone, places
 from protocol.entries import Sighting
-from protocol.messages import Pose
+from protocol.messages import Plan, Pose
 
 WORST_SIGMA_M = 5.0  # separation grows no further: a drone with a larger sigma could drive the swarm off its circle
 SIGMAS = 3.0
@@ -78,6 +78,12 @@ def blind(name: str, pose: Pose, local_from_theirs: Transform, now_ns: int) -> P
         age_s=(now_ns - pose.stamp_ns) * 1e-9,
     )
     return PeerPlan.from_pose(name, now_ns, state, blind=True)
+
+
+def planned(name: str, plan: Plan, local_from_theirs: Transform, sigma_m: float) -> PeerPlan:
+    """A drone that follows its last plan, and is not known to hear anybody."""
+    ahead = local_from_theirs.apply_points(plan.positions_m)
+    return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, blind=True)
 
 
 def held(name: str, now_ns: int, state: PeerState, sigma_m: float) -> PeerPlan:

@@ -15,7 +15,7 @@ from agent.geometry import Array, Point2, Vector3
 from agent.motion.orbit import ring_lift_m, ring_radius_m
 from agent.motion.reference import PeerState
 from agent.motion.separation import LEAST_MARGIN_M, PeerPlan
-from agent.navigation.crossing import Crossing
+from agent.navigation.crossing import CLEAR_M, Crossing
 from agent.navigation.silent import Absence, blind_plan
 
 _ROOM_M = 3.0  # between a circle and the fence
@@ -59,6 +59,8 @@ class SharedCircle:
     ) -> list[PeerPlan]:
         """The next circles inside and outside of the own one that missing drones may fly on, where nearest to the own plan.
 
+        One that belongs on a circle inside may still be outside, and climb there before it crosses.
+
         ``ahead``: (K, 3), the own planned positions, ``step_s`` apart, local frame as the ``centre``; ``climbs``: it climbs
         before it goes home, and none of the circles is its own any more.
         """
@@ -76,6 +78,10 @@ class SharedCircle:
             within = [one for one in circles if one.ring < absence.ring][-1:]
             # One who is further away is on the way in.
             around = [one for one in circles if one.ring > absence.ring][:1]
+            if within:
+                clear_m = ring_radius_m(self._mission, absence.ring, fits_hypothesis) + CLEAR_M
+                climbing = _Circle(within[0].name, absence.ring, clear_m)
+                around = [min([climbing, *around], key=lambda one: one.radius_m)]
             around = [one for one in around if far[0] <= one.radius_m]
         found = []
         for side, (name, _, radius_m) in [(1.0, one) for one in within] + [(-1.0, one) for one in around]:

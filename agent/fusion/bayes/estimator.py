@@ -25,6 +25,7 @@ from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform, same
 from agent.fusion.bayes.apparent import Sights, on_ground
 from agent.fusion.bayes.cones import Orders
+from agent.fusion.bayes.doubted import Sure, is_left_out, noted, of_counting
 from agent.fusion.bayes.exposed import Exposed, Fit
 from agent.fusion.bayes.mixture import Mixture, apparent_rms_m, with_variance
 from agent.fusion.bayes.motion import ACTIVITY, BIAS, GAIN, Motion
@@ -58,7 +59,7 @@ class BayesState(Struct, frozen=True, eq=False):
     odds 1 - doubt : doubt). recent_evidence: that of the last seconds. background: E[f | H1] at the end of the search, the
     relative strength of the background; a track keeps it. bias_variance: (BIAS V,) P0 of the vehicles that made the search's
     observations; a track has its own. frames: by vehicle, epoch and estimated frame of its last observation in the track.
-    waiting: by vehicle, its last exposure if that waits for the next one (``Mixture.waits``).
+    waiting: by vehicle, its last exposure if that waits for the next one (``Mixture.waits``). sure: see ``doubted``.
     moments: mean and covariance of the track after the step, for the hypotheses until the next one.
     """
 
@@ -72,6 +73,7 @@ class BayesState(Struct, frozen=True, eq=False):
     bias_variance: Array | None = None
     frames: Mapping[int, tuple[int, Transform]] = {}
     waiting: Mapping[int, Exposed] = {}
+    sure: Sure = {}
     moments: tuple[Array, Array] | None = None
 
 
@@ -165,6 +167,10 @@ class BayesEstimator:
         return replace(state, track=state.track.later(self._motion, step.start_ns / _NS))
 
     def _updated(self, state: BayesState, step: GridStep, observation: Observation) -> BayesState:
+        vehicle = self._vehicles[observation.identity.drone]
+        if is_left_out(state.sure, vehicle, observation):
+            return state
+        state = replace(state, sure=noted(state.sure, vehicle, observation))
         if state.track is None:
             return self._update_search(state, observation)
         return self._update_track(state, state.track, step, observation)
@@ -175,17 +181,18 @@ class BayesEstimator:
             return self._declared_or_searching(state, step)
         if not state.recent_evidence >= _EVIDENCE_FLOOR:  # true for NaN too
             search = SearchState.prior(self._grid, step.start_ns / _NS)
-            return BayesState(search, cones=state.cones, x0_stamp_ns=state.x0_stamp_ns)
+            return BayesState(search, cones=state.cones, x0_stamp_ns=state.x0_stamp_ns, sure=state.sure)
         reduced = state.track.reduced()
         moments = reduced.moments()
-        if apparent_rms_m(moments[1], reduced.bias_variance) > self._config.given_up_rms_m:
+        counting = of_counting(reduced.bias_variance, state.sure, step.start_ns)
+        if apparent_rms_m(moments[1], counting) > self._config.given_up_rms_m:
             return self._reacquiring(state, reduced)
         return replace(state, track=reduced, moments=moments)
 
     def _reacquiring(self, state: BayesState, track: Mixture) -> BayesState:
         """A search that begins with the density of a track that has become too wide."""
         search = SearchState.of_track(self._grid, track, self._config.doubt)
-        return BayesState(search, cones=state.cones, x0_stamp_ns=state.x0_stamp_ns, bias_variance=track.bias_variance)
+        return BayesState(search, None, state.cones, state.x0_stamp_ns, bias_variance=track.bias_variance, sure=state.sure)
 
     def _update_track(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
         vehicle, variance = self._errors_of(observation)
@@ -243,8 +250,7 @@ class BayesEstimator:
     def _update_search(self, state: BayesState, observation: Observation) -> BayesState:
         time_s = observation.stamp_ns / _NS
         cones = state.cones + isinstance(observation, ConeObservation)
-        search = state.search or SearchState.prior(self._grid, time_s)
-        search = search.later(self._grid, time_s)
+        search = (state.search or SearchState.prior(self._grid, time_s)).later(self._grid, time_s)
         if isinstance(observation, CountObservation):
             search = search.after_counts(
                 self._grid,
@@ -266,12 +272,13 @@ class BayesEstimator:
         if not search.place(self._grid)[2] <= self._config.declared_rms_m:
             return state
         return BayesState(
-            track=self._sites(search, state.bias_variance),
+            track=self._sites(search, of_counting(state.bias_variance, state.sure, step.start_ns)),
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns or step.start_ns,
             evidence=search.evidence,
             recent_evidence=min(search.evidence, _EVIDENCE_CAP),
             background=search.background_factor(self._grid),
+            sure=state.sure,
         )
 
     def _sites(self, search: SearchState, bias_variance: Array) -> Mixture:

@@ -8,6 +8,7 @@ import random
 import msgspec
 import numpy as np
 import pytest
+from bayesflights import entries_of, errors_of, fusion_of, hypotheses
 
 from agent.frames.carried import told
 from agent.frames.graph import FrameGraph
@@ -18,79 +19,7 @@ from agent.fusion.engine import Fusion
 from agent.fusion.estimator import GridStep
 from agent.fusion.registry import estimator_named
 from protocol.codec import encode
-from protocol.entries import ConeOrder, Counts, Exposure, PoseSample
-
-# Events of one cluster with less than a photon's energy and with all of it, and of two clusters.
-BACKGROUND_PS = np.array([1.45, 0.03, 0.01, 0.0])
-AREAS_MM2 = np.array([14.0, 2.0, 1.1, 0.9])
-
-
-def fusion_of(mission):
-    return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("bayes", mission))
-
-
-def entries_of(kit, mission, rng, seconds, source_at, activity_bq, background=1.0):
-    """Exposures and cones of drones that close in on the source on circles; ``source_at`` None: background only.
-
-    A source at None of ``source_at(time_s)`` has gone. background: how strong it is against the configured one.
-    """
-    entries = []
-    ids = [drone.id for drone in mission.drones]
-    for number in range(int(seconds / 0.5)):
-        time_s = number * 0.5
-        for index, drone in enumerate(ids):
-            phase = time_s * 0.25 + 2.0 * math.pi * index / len(ids)
-            source = None if source_at is None else source_at(time_s)
-            middle = (50.0, 50.0) if source is None else source
-            radius = max(12.0, 45.0 - time_s)
-            place = np.array([middle[0] + radius * math.cos(phase), middle[1] + radius * math.sin(phase), 3.0])
-            flux, cones = 0.0, 0
-            if source is not None:
-                distance = float(np.linalg.norm(np.array([*middle, 0.0]) - place))
-                flux = activity_bq * 0.851 / (4e6 * math.pi * distance**2) * math.exp(-0.0093 * distance)
-                cones = int(rng.poisson(0.55 * flux * 0.5))
-            expected = (AREAS_MM2 * flux + background * BACKGROUND_PS) * 0.5
-            partial, full, partial_pair, full_pair = rng.poisson(expected).tolist()
-            pairs = partial_pair + full_pair
-            counts = Counts(hits=partial + full + 2 * pairs, photopeak=full + full_pair, coincidences=pairs)
-            exposure = kit.exposure_entry(mission, time_s, place, drone=drone, sequence=10 * number, duration_s=0.5)
-            entries.append(msgspec.structs.replace(exposure, counts=counts))
-            for k in range(cones):
-                entries.append(_cone(kit, mission, rng, time_s, place, (*middle, 0.0), drone, 10 * number + 1 + k))
-    return entries
-
-
-def _cone(kit, mission, rng, time_s, place, target, drone, sequence):
-    """A cone of which one in eight points anywhere, and whose orders are mixed up in three of ten."""
-    if rng.random() < 0.12:
-        target = place + rng.normal(size=3)
-    axis, theta = kit.cone_towards(rng, place, target, 0.1)
-    cone = kit.cone_entry(mission, time_s + 0.2, place, axis, theta, drone=drone, sequence=sequence, probability=0.7)
-    if rng.random() < 0.3:
-        right, wrong = cone.orders
-        cone = msgspec.structs.replace(
-            cone, orders=(ConeOrder(wrong.axis, wrong.theta_rad, 0.1, 0.7), ConeOrder(right.axis, right.theta_rad, 0.1, 0.3))
-        )
-    return cone
-
-
-def hypotheses(kit, mission, entries, seconds):
-    """Times and hypotheses twice a second, entries coming in as they are measured."""
-    fusion = fusion_of(mission)
-    waiting = sorted(entries, key=lambda entry: entry.entry_id)
-    found = []
-    for number in range(1, int(seconds * 2)):
-        now_ns = kit.T0_NS + number * 500_000_000
-        while waiting and waiting[0].stamp_ns < now_ns - 500_000_000:
-            kit.feed(fusion, [waiting.pop(0)])
-        fusion.advance(now_ns, 10**6)
-        if fusion.hypothesis is not None:
-            found.append((number * 0.5, fusion.hypothesis))
-    return found
-
-
-def errors_of(found, source_at):
-    return np.array([hypothesis.position[:2] - source_at(time_s) for time_s, hypothesis in found])
+from protocol.entries import Counts, Exposure, PoseSample
 
 
 def test_a_static_source_is_found_with_its_activity(kit):

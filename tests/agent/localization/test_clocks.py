@@ -80,6 +80,41 @@ def test_a_clock_that_is_set_in_flight_is_known_within_two_seconds(jump_ms, name
     assert known_s <= 2.0
 
 
+def exchanged_over(seconds, way_ns, ahead_ns, phases=(3, 13)):
+    """Offsets of two clocks, as a and b tell them after every twentieth of a second. ``way_ns``: of a message sent then, by its
+    sender; ``ahead_ns``: of the clock of b.
+    """
+    clocks, flying, told = {"a": Clocks("a", ["b"]), "b": Clocks("b", ["a"])}, [], []
+    for tick in range(seconds * 20):
+        true_ns = START_NS + tick * SECOND // 20
+        own_ns = {"a": true_ns, "b": true_ns + ahead_ns(tick / 20)}
+        for sender, phase in zip("ab", phases, strict=True):
+            if tick % 20 == phase:
+                delays_ns = clocks[sender].delays_ns(own_ns[sender])
+                status = replace(STATUS, drone=sender, stamp_ns=own_ns[sender], delays_ns=delays_ns)
+                flying.append((true_ns + way_ns(tick / 20, sender), "ab"[sender == "a"], status))
+        for arrival in sorted((one for one in flying if one[0] <= true_ns), key=lambda one: one[0]):
+            flying.remove(arrival)
+            clocks[arrival[1]].hear(arrival[2], arrival[0] + own_ns[arrival[1]] - true_ns)
+        told.append((clocks["a"].offsets_s(own_ns["a"]).get("b", 0.0), -clocks["b"].offsets_s(own_ns["b"]).get("a", 0.0)))
+    return told
+
+
+@pytest.mark.parametrize("phases", [(3, 13), (3, 4), (13, 3)])
+@pytest.mark.parametrize("late_ms", [400, 1480])
+def test_the_offset_stays_while_the_delays_of_messages_change(phases, late_ms):
+    """It moved by half of the change while the smallest delays of the two ways were not of one time."""
+    told = exchanged_over(60, lambda s, _: (late_ms if 15.0 <= s < 35.0 else 5) * MS, lambda _: 0, phases)
+    assert max(abs(one) for both in told for one in both) < 0.03
+
+
+def test_a_clock_that_is_set_while_messages_take_long_is_known_after_a_while():
+    """Where it is set by less than they take, nobody can tell it from other delays until those of before are forgotten."""
+    told = exchanged_over(60, lambda _, __: 700 * MS, lambda s: 400 * MS if s >= 20.0 else 0)
+    assert told[20 * 20 - 1] == pytest.approx((0.0, 0.0), abs=0.03)
+    assert all(both == pytest.approx((-0.4, -0.4), abs=0.03) for both in told[40 * 20 :])
+
+
 def test_a_delay_forged_alone_moves_nothing():
     clocks, now_ns = exchanged({"a": 0, "b": 0, "c": 0})
     for seconds, forged_ns in enumerate((-900 * MS, -20 * SECOND, 30 * SECOND), 1):

@@ -99,6 +99,26 @@ def test_it_is_kept_clear_of_until_it_must_be_down_and_on_the_ground_no_more():
     assert after_silence(5.0, Stage.LANDED)[0] == []
 
 
+@pytest.mark.parametrize(("late_s", "places"), [(1.2, 2), (1.9, 2), (2.1, 1)])
+def test_one_whose_messages_take_long_is_also_where_its_plan_leads(late_s, places):
+    """Each is silent by the stamp of its last message. A vehicle without its agent would stop, one with it flies on."""
+    peers, now_ns = Peers(["b"]), round(late_s * SECOND)
+    for message in (
+        pose(),
+        status(Stage.TRACK),
+        replace(plan(), positions_m=((1.0, 0.0, 3.0), (1.0, 4.0, 3.0), (1.0, 8.0, 3.0))),
+    ):
+        assert peers.receive(message, min(now_ns, 2 * SECOND)) is None
+    me = Self(now_ns, 0, 0.0, Transform(), ahead=lambda: np.zeros((1, 3)))
+    found = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a").around(peers, me)
+    assert len([one for one in found if one.plan.away is None]) == places + 1  # it may have left for home, too
+    if places == 2:
+        x, y, _ = found[-1].plan.state(now_ns).position
+        assert (x, y) == pytest.approx((10.0 - 4.0 * late_s, 1.0))
+        assert found[-1].plan.blind
+    assert not any(one.takes_part for one in found)
+
+
 def test_a_drone_in_hold_stays_and_one_that_lands_is_down_some_time():
     for stage, minutes in ((Stage.HOLD, 60.0), (Stage.LANDING, 0.3)):
         (other,) = (one.plan for one in after_silence(60.0 * minutes, stage)[0])

@@ -1,0 +1,85 @@
+"""What a vehicle measures that does not know its place, beside others that do."""
+
+import math
+
+import numpy as np
+import pytest
+from bayesflights import entries_of, errors_of, fusion_of, hypotheses
+from msgspec.structs import replace
+
+from agent.fusion.bayes.doubted import MOST_SIGMA_M, RECENT_NS, of_counting
+from agent.fusion.bayes.motion import BIAS
+from protocol.entries import Cone
+
+SOURCE = np.array([35.0, 62.0])
+
+
+def doubted(entry, sigma_m, off_m=(0.0, 0.0)):
+    """As measured at a place that is wrong by ``off_m``, and stated with that sigma."""
+    if isinstance(entry, Cone):
+        x, y, z = entry.apex_m
+        return replace(entry, apex_m=(x + off_m[0], y + off_m[1], z), apex_sigma_m=sigma_m)
+    moved = [
+        replace(pose, position_m=(pose.position_m[0] + off_m[0], pose.position_m[1] + off_m[1], pose.position_m[2]))
+        for pose in entry.poses
+    ]
+    return replace(entry, poses=tuple(moved), position_sigma_m=sigma_m)
+
+
+def flown(kit, mission, *, of, since_s, until_s, sigma_m, off_m=(0.0, 0.0), seconds=70.0):
+    """Entries of a flight in which some drones doubt their places for a while."""
+    entries = entries_of(kit, mission, np.random.default_rng(3), seconds, lambda _: SOURCE, 3e9)
+    times = [(entry.stamp_ns - kit.T0_NS) * 1e-9 for entry in entries]
+    return [
+        doubted(entry, sigma_m, off_m) if entry.drone in of and since_s <= time_s < until_s else entry
+        for entry, time_s in zip(entries, times, strict=True)
+    ]
+
+
+def test_who_does_not_know_its_place_moves_nothing_while_others_do(kit):
+    """Half of the circle off, as by a clock that is 6 s ahead, and told so: it pulled the track along."""
+    mission = kit.mission_of()
+    entries = flown(kit, mission, of="c", since_s=40.0, until_s=65.0, sigma_m=20.0, off_m=(14.0, -18.0))
+    without = [entry for entry in entries if not (entry.drone == "c" and 40.0 <= (entry.stamp_ns - kit.T0_NS) * 1e-9 < 65.0)]
+    (end_s, found), (_, expected) = hypotheses(kit, mission, entries, 64.0)[-1], hypotheses(kit, mission, without, 64.0)[-1]
+    assert end_s > 62.0
+    assert found.cones == expected.cones
+    assert found.position == pytest.approx(expected.position, abs=1e-3)  # predicted in other steps
+    assert found.covariance == pytest.approx(expected.covariance, abs=1e-3)
+    assert np.linalg.norm(errors_of([(end_s, found)], lambda _: SOURCE)) < 0.5
+
+
+def test_who_does_not_know_its_place_counts_where_nobody_else_does(kit):
+    """As where the clocks of a swarm split into halves: else nothing would be left."""
+    mission = kit.mission_of()
+    entries = flown(kit, mission, of="abc", since_s=0.0, until_s=math.inf, sigma_m=MOST_SIGMA_M + 0.1)
+    assert hypotheses(kit, mission, entries, 70.0)[-1][1].cones > 20
+
+
+def test_a_place_that_is_doubted_does_not_end_a_track_when_others_are_heard_again(kit):
+    """While it was alone it counted, and the doubt of its place is part of the track since then."""
+    mission = kit.mission_of()
+    entries = flown(kit, mission, of="c", since_s=40.0, until_s=65.0, sigma_m=20.0)
+    gap = [entry for entry in entries if entry.drone == "c" or not 42.0 <= (entry.stamp_ns - kit.T0_NS) * 1e-9 < 49.0]
+    found = hypotheses(kit, mission, gap, 64.0)
+    assert len([time_s for time_s, _ in found if time_s > 52.0]) >= 23  # twice a second
+    assert np.linalg.norm(errors_of(found[-1:], lambda _: SOURCE)) < 0.5
+
+
+def test_the_order_of_arrival_leaves_no_trace(kit):
+    mission = kit.mission_of()
+    entries = flown(kit, mission, of="c", since_s=20.0, until_s=30.0, sigma_m=20.0, off_m=(9.0, 0.0), seconds=40.0)
+    found = []
+    for shuffled in (sorted(entries, key=lambda entry: entry.entry_id), sorted(entries, key=lambda entry: entry.stamp_ns)[::-1]):
+        fusion = fusion_of(mission)
+        kit.feed(fusion, shuffled)
+        found.append(kit.settle(fusion, kit.T0_NS + 41_000_000_000))
+    assert kit.same_bits(*found)
+
+
+@pytest.mark.parametrize(("later_ns", "kept"), [(0, [True, False]), (RECENT_NS, [True, False]), (RECENT_NS + 1, [True, True])])
+def test_the_doubt_of_a_vehicle_counts_once_no_other_is_heard(later_ns, kept):
+    variance = np.tile([0.0, 0.0, 0.1, 0.1], 2)
+    variance[[0, 1]], variance[[BIAS, BIAS + 1]] = 0.5, 200.0
+    counting = of_counting(variance, {0: 7, 1: 3}, 7 + later_ns)
+    assert counting.reshape(2, BIAS).any(axis=1).tolist() == kept
