@@ -231,10 +231,9 @@ class Neighbourhood:
         """A drone not heard any more: by sightings since then, or wherever it may be, at first also where its last plan leads."""
         recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
         if (seen := placed_by_sightings(name, recent, pose, me.epoch, me.now_ns)) is not None:
-            if me.local_from_mission is not None:
-                x, y, _ = bare(me.local_from_mission).inverse().apply_point(seen.positions[0])
-                self._silent.seen(name, pose, (x, y))
-            yield Neighbour(name, replace(seen, blind=True), False)
+            viewer = _viewer(me, me.local_from_mission) if me.local_from_mission is not None else None
+            if viewer is None or self._silent.seen(name, pose, seen.positions[0], viewer):
+                yield Neighbour(name, replace(seen, blind=True), False)
         elif peer.status is not None and mission_from_theirs is not None and me.local_from_mission is not None:
             sigma_m = min(hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
             viewer = _viewer(me, me.local_from_mission)

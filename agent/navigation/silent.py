@@ -51,6 +51,7 @@ _ABOVE = 2.0
 COMING_DOWN_S = 45.0
 _BEHIND_M = 2.0  # nearest place of the other beyond the line half-way: with margins, each stays 3.6 m from it
 _SIGMA_M = 0.3  # of its way to the side
+_LOW_M = 1.5  # a vehicle that is seen no higher is on the ground, if it may be
 
 
 class Wall(Struct, frozen=True):
@@ -162,11 +163,17 @@ class Silent:
         """Whether it is heard, but was last known not to hear this drone."""
         return name in self._unhearing
 
-    def seen(self, name: str, pose: Pose, place: Point2) -> None:
-        """It is not heard, but seen at this place."""
+    def seen(self, name: str, pose: Pose, place: Vector3, me: Viewer) -> bool:
+        """It is not heard, but seen at this place, own local frame. Whether it may fly: not if that is near the ground, and it
+        has been silent for so long that its vehicle must be down. There it would keep others from homes beside it for good.
+        """
         self._unhearing.discard(name)
         self._homes.pop(name, None)
-        self._courses[name] = pose.stamp_ns, Course(Stretch(place, place), LEFT_S)
+        x, y, _ = me.local_from_mission.inverse().apply_point(place)
+        self._courses[name] = pose.stamp_ns, Course(Stretch((x, y), (x, y)), LEFT_S)
+        above_ground_m = place[2] - (float(me.ahead()[0, 2]) - me.height_m)
+        silent_s = (me.now_ns - pose.stamp_ns) * 1e-9
+        return above_ground_m > _LOW_M or silent_s < self._agentless.longest_s(name)
 
     def absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, now_ns: int) -> Absence:
         """What follows from the silence of these drones. ``partners``: those that take part and are heard.

@@ -499,9 +499,21 @@ def test_a_drone_that_is_heard_no_more_is_where_it_is_seen(seconds):
     assert not other.takes_part
 
 
-def hanging():
-    """What a sees of b that hangs at (10, 15, 3)."""
-    place = (10.0, 15.0, 3.0)
+@pytest.mark.parametrize(("seconds", "height_m", "counts"), [(20.0, 0.2, True), (300.0, 0.2, False), (300.0, 3.0, True)])
+def test_one_that_is_seen_on_the_ground_after_it_must_be_down_is_in_nobodys_way(seconds, height_m, counts):
+    """Its agent is dead: it would keep others from homes beside it for good."""
+    now_ns, peers, graph = NOW_NS + round(seconds * SECOND), Peers(["b"]), FrameGraph()
+    graph.place("b", 0, TRUE)
+    for message in flying_b():
+        assert peers.receive(message, message.stamp_ns) is None
+    for sight in hanging((10.0, 15.0, height_m)):
+        peers.see(replace(sight, stamp_ns=sight.stamp_ns + now_ns - NOW_NS))
+    found = Neighbourhood(ESTIMATED, graph, "a").around(peers, Self(now_ns, 0, 0.1, HERE))
+    assert [one.id for one in found] == (["b"] if counts else [])
+
+
+def hanging(place=(10.0, 15.0, 3.0)):
+    """What a sees of b that hangs there."""
     distance = float(np.linalg.norm(place))
     direction = tuple(axis / distance for axis in place)
     return [replace(sight, direction=direction, range_m=distance) for sight in sights_of_b(TRUE)]
