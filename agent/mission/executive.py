@@ -239,8 +239,12 @@ class Executive:
 
     def _searches_on(self, hypothesis: Hypothesis | None, now_ns: int) -> bool:
         """Whether to search for more beside several sources: until all of the area is covered, and again once each source has had
-        its turn, while anything may hide; neither when the time for it is over, nor while it is not clear whether one moves.
+        its turn, while anything may hide; neither when the time for it is over, nor while it is not clear whether one moves, nor
+        while drones may circle that are not heard: who leaves the circle could meet them.
         """
+        absence = self._navigator.absence
+        if absence is not None and absence.may_circle:
+            return False
         if hypothesis is None or hypothesis.watched_s is None or looks(hypothesis):
             return False
         longest_s = self._config.survey.duration_s

@@ -91,6 +91,11 @@ class Absence(Struct, frozen=True):
         """Those that are not heard."""
         return tuple(name for name in self.missing if name not in self.unhearing)
 
+    @property
+    def may_circle(self) -> bool:
+        """Whether one may circle with no line between it and this drone: until its vehicle must be down, if its agent is gone."""
+        return any(name not in self.walls for name in self.coming_home)
+
 
 class Contact(Struct, frozen=True):
     """When two drones last heard each other: the earlier of both directions. What the other one's vehicle would have done from

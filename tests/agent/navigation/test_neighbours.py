@@ -146,6 +146,26 @@ def test_who_searched_keeps_to_its_own_side():
     assert hood.absence.walls == {}  # it returns, and need not wait over home until nobody searches there
 
 
+@pytest.mark.parametrize(
+    ("stage", "circles", "seconds", "may"),
+    [
+        (Stage.SURVEY, False, 3, False),
+        (Stage.TRACK, False, 3, False),
+        (Stage.TRACK, True, 3, True),
+        (Stage.TRACK, True, 300, False),
+    ],
+)
+def test_one_that_circled_as_this_drone_did_may_circle_until_its_vehicle_must_be_down(stage, circles, seconds, may):
+    """There is no line between the two, so who leaves the circle for the search could meet it."""
+    me = Self(SECOND, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0), circles=circles)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(stage)):
+        assert peers.receive(message, 0) is None
+    for now_s in (3, seconds):
+        hood.around(peers, replace(me, now_ns=now_s * SECOND))
+    assert hood.absence.may_circle is may
+
+
 def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_never_gives_way():
     """As if neither heard the other: b takes a to keep to the line between the two of them from when they last heard of each
     other. a flew on into b's half, and b did not know of it.
