@@ -26,6 +26,9 @@ LOOK_NS = 1_000_000_000  # period of the outlook, and of the choice of a waypoin
 _PORTION = 3.0  # of the work on new coverage, in a step
 _LONGEST_SHARE = 1.5  # of the way at the speed limit between two coverage reports: no longer path is believed
 _TURN_SHARE = 0.75  # of the acceleration limit, assumed for turns
+# Beside a corner so near to the end of its path, where the reference turns round, a drone may come to a standstill: then it is
+# taken to go on by so much in each step, so that the area is divided anew.
+_END_M, _ONWARD_M = 3.0, 0.05
 
 
 class Search:
@@ -78,7 +81,10 @@ class Search:
         if self._follower is None or tuple(active) != self._shared_by or self._progress >= self._follower.length_m:
             self._shared_by, self._progress = tuple(active), 0.0
             self._follower = self._divide(active, position)
-        self._progress = self._follower.advance(self._progress, position)
+        progress = self._follower.advance(self._progress, position)
+        if progress == self._progress and self._follower.length_m - progress < _END_M:
+            progress += _ONWARD_M
+        self._progress = progress
         return self._follower.reference(self._progress, position, self._survey.speed_mps, steps, step_s)
 
     def divide_anew(self) -> None:

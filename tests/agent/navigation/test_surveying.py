@@ -85,6 +85,20 @@ def test_coverage_of_others_is_read_in_their_own_frame(search):
     assert after[-1, 0] > 10.0  # nothing to do in the strip that b has seen
 
 
+def test_a_standstill_near_the_end_of_its_path_ends_with_another_division(search):
+    """Beside a corner the reference turns round soon after it, and a drone may hover there; all else has been covered by then."""
+    search.reference(["a"], (0.0, 0.0), 5, STEP_S)
+    follower = search._follower
+    near_s = follower.length_m - 1.6
+    while search._progress < near_s:  # it flies the path up to there
+        search.reference(["a"], tuple(follower.at(np.array([min(search._progress + 0.5, near_s)]))[0]), 5, STEP_S)
+    take(search, "a", follower.at(np.arange(0.0, follower.length_m, 1.0)))
+    there = tuple(follower.at(np.array([near_s]))[0])
+    for _ in range(40):
+        search.reference(["a"], there, 5, STEP_S)
+    assert search.is_complete
+
+
 def test_coverage_in_an_unknown_frame_waits(search):
     search.take(coverage("b", [(0.0, 0.0), (100.0, 100.0)], epoch=7))
     assert unseen_m2(fly(search, ["a"], (0.0, 0.0), 60.0)) < 0.02 * 1600
