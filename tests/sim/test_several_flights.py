@@ -34,7 +34,8 @@ def test_a_weak_source_beside_a_strong_one_is_found_and_the_named_one_circled_un
 
     Each is circled, what more may hide is searched for, and then the policy decides.
     """
-    flight = flown((STRONG, replace(WEAK, nuclide="Co-60"), OUTSIDE), 150.0, **{"mission.track.policy": "Co-60"})
+    seconds = 180.0  # with looks whether one of them moves
+    flight = flown((STRONG, replace(WEAK, nuclide="Co-60"), OUTSIDE), seconds, **{"mission.track.policy": "Co-60"})
     trace, result = flight.trace, flight.result
     found_s = min(estimate.time_s for estimate in trace.estimates if len(estimate.sources) == 2)
     assert (result.sources_found, result.false_sources, result.nuclides_right) == (2, 0, 2)
