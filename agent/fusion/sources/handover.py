@@ -38,7 +38,6 @@ from msgspec.structs import replace
 from shapely import Polygon
 
 from agent.config.mission import MissionConfig
-from agent.fusion.bayes.motion import ACTIVITY
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import Observation
 from agent.fusion.sources.data import Cones, Rows
@@ -51,7 +50,6 @@ _MOVES, _MAY_MOVE, _RESTS = 0.01, 0.2, 0.99  # of P(at rest)
 _LEAST_GAIN = 5.0  # of log evidence
 _BORN = 8.0  # log evidence that a further source costs for its place and activity, about
 _LEAST_NS, _KEPT_NS = 5_000_000_000, 30_000_000_000
-_ITERATIONS = 12  # of the fit that takes a track's place
 _SAME_M = 1.5  # between a track at rest and the fit that takes its place
 _CLEAR = 0.8  # P(at rest) from which on a source needs no look
 _LOOK_NS = 25_000_000_000  # after the first doubt whether it is at rest; later on there is no look at it
@@ -231,23 +229,13 @@ class FollowingEstimator(SourcesEstimator):
         """With a fit of what was measured at rest, if that finds the same, or since it was lost; otherwise the track goes on."""
         if track.kept_ns == 0 or step.start_ns - track.kept_ns < _KEPT_NS:
             return state
-        if track.is_lost:
-            return replace(super()._moved(state, step), track=None)
         after = super()._moved(state, step)
+        if track.is_lost:
+            return replace(after, track=None)
         if after.fitted is None or not self._is_same(after.fitted, track):
             return replace(state, pending=(), track=replace(track, kept_ns=step.start_ns))
         mark = Mark(step.start_ns, track.state.evidence, _number(after))
         return replace(after, track=replace(track, moves=False, kept_ns=0, marks=(mark,)))
-
-    def _at_track(self, state: SourcesState, track: Track) -> SourcesState:
-        """With the fit of one source where the track is: from none it may be found far too strong, and hidden everywhere."""
-        state = self._summed(state)
-        if track.state.track is None or not len(state.rows):
-            return state
-        mean, _ = track.state.track.moments()
-        nothing = Solution.nothing(len(self._numbers), raised=self._raised)
-        start = nothing.plus(track.nuclide, mean[:2], float(mean[ACTIVITY]))
-        return replace(state, fitted=self._problem(state, self._spectra).fitted(start, _ITERATIONS))
 
     def _is_same(self, fitted: Fitted, track: Track) -> bool:
         """Whether what was fitted is what the track tells, and known as well as it has to be."""
