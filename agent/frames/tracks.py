@@ -219,13 +219,22 @@ class Track:
         gap_ns = after.stamp_ns - before.stamp_ns
         place = self._places.vector(index - 1)
         heading = before.yaw_rad + self._segments[-1].joined.yaw_rad
-        if index - 2 >= self._segments[-1].first and before.stamp_ns - self._stamps[index - 2] <= _SLOPE_NS >= gap_ns:
+        if gap_ns <= _SLOPE_NS and self._has_slope(index - 1):
             share = gap_ns / (before.stamp_ns - self._stamps[index - 2])
             place = _between(self._places.vector(index - 2), place, 1.0 + share)
             heading += share * math.remainder(before.yaw_rad - self._local.last(index - 2), math.tau)
         yaw_rad = math.remainder(heading - after.yaw_rad, math.tau)
         x, y, z = Transform(yaw_rad).rotate_direction(after.position_m)
         return Transform(yaw_rad, (place[0] - x, place[1] - y, place[2] - z)), 1e-9 * gap_ns
+
+    def _has_slope(self, index: int) -> bool:
+        """Whether the sample and the one before it, in its segment, tell a velocity that a vehicle can have. Two samples a
+        microsecond apart may differ by a correction of the autopilot, which is no motion to go on with.
+        """
+        if index <= self._segments[-1].first:
+            return False
+        apart_ns = self._stamps[index] - self._stamps[index - 1]
+        return apart_ns <= _SLOPE_NS and self._places.last(index) - self._places.last(index - 1) <= _FASTEST_MPS * 1e-9 * apart_ns
 
 
 class _Rows:

@@ -103,6 +103,13 @@ def test_the_order_of_arrival_leaves_no_trace(seed, asked):
     assert state(track, stamps) == expected
 
 
+def test_a_correction_within_a_microsecond_is_no_motion_to_go_on_with():
+    """Extrapolated as a velocity, half a metre in a microsecond would be 50 km until the next sample."""
+    corrected = [Sample(0, 0, (0.0, 0.0, 1.0), 0.0), Sample(1_000, 0, (0.5, 0.0, 1.0), 0.0)]
+    track = track_of([*corrected, Sample(TENTH, 1, (7.0, 7.0, 7.0), 0.0)])
+    assert track.reference(TENTH) == (pytest.approx((0.5, 0.0, 1.0)), pytest.approx(0.5))
+
+
 def test_insertion_tells_from_where_on_the_track_is_another():
     first, second, third = circling(3)
     track = track_of([first, third])
