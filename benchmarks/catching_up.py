@@ -48,9 +48,9 @@ def fold(
     state, moving_s = estimator.initial(None), list[float]()
     for index, observations in sorted(by_step.items()):
         step = GridStep(index, index * grid_ns, (index + 1) * grid_ns)
-        before, start = state.moved, time.process_time()
+        before, start = state.rest.moved, time.process_time()
         state = estimator.step(state, step, observations)
-        if state.moved > before:
+        if state.rest.moved > before:
             moving_s.append(time.process_time() - start)
     start = time.process_time()
     told = estimator.hypothesis(state, step)

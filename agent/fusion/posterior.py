@@ -42,7 +42,8 @@ def posterior_of(fusion: Fusion, now_ns: int) -> Posterior | None:
 
 def _sum_of(fusion: Fusion, stamp_ns: int) -> Posterior | None:
     """The Gaussian sum of ``bayes``, its components those of all sites and modes of motion; None of another estimator."""
-    from agent.fusion.bayes.estimator import BayesEstimator, BayesState  # noqa: PLC0415  on board nobody asks
+    from agent.fusion.bayes.estimator import BayesEstimator  # noqa: PLC0415  on board nobody asks
+    from agent.fusion.bayes.state import BayesState  # noqa: PLC0415
 
     if not isinstance(fusion.state, BayesState):
         return None

@@ -30,8 +30,9 @@ from agent.detector.calibration import Calibration
 from agent.detector.chain import DetectorChain
 from agent.frames.transform import Transform
 from agent.fusion.bayes.cones import Orders, cone_likelihood
-from agent.fusion.bayes.estimator import BayesEstimator, BayesState
+from agent.fusion.bayes.estimator import BayesEstimator
 from agent.fusion.bayes.response import REFERENCE_BQ, response_of
+from agent.fusion.bayes.state import BayesState
 from agent.fusion.estimator import GridStep, Outlook
 from agent.fusion.observation import ConeObservation, Observation, observe
 from agent.localization.history import PoseHistory

@@ -13,25 +13,24 @@ Rules (parameters: ``agent.config.BayesEstimatorConfig``):
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from msgspec import Struct
 from msgspec.structs import replace
 from shapely import Polygon
 
 from agent.config.estimators import BayesEstimatorConfig
 from agent.config.mission import MissionConfig
-from agent.frames.transform import Transform, same
 from agent.fusion.bayes.apparent import Sights, on_ground
 from agent.fusion.bayes.cones import Orders
-from agent.fusion.bayes.doubted import Sure, is_left_out, noted, of_counting
-from agent.fusion.bayes.exposed import Exposed, Fit
+from agent.fusion.bayes.doubted import is_left_out, noted, of_counting
 from agent.fusion.bayes.mixture import Mixture, apparent_rms_m, with_variance
-from agent.fusion.bayes.motion import ACTIVITY, BIAS, GAIN, Motion
+from agent.fusion.bayes.motion import ACTIVITY, BIAS, Motion
 from agent.fusion.bayes.response import REFERENCE_BQ, Response, response_of
 from agent.fusion.bayes.search import Grid, SearchState
 from agent.fusion.bayes.sight import Scene
+from agent.fusion.bayes.state import BayesState
+from agent.fusion.bayes.tracking import EVIDENCE_CAP, Tracking
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
 from agent.geometry import Array
@@ -45,36 +44,8 @@ _TRACK_UNITS, _SEARCH_UNITS = 10, 60  # of work for an observation
 _SHIELDED_UNITS = 16  # more, in a track, where buildings are known
 _SITE_SIGMA = 0.45  # of a site that replaces a cell, in cells
 _LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
-_EVIDENCE_CAP = 40.0  # of the recent evidence, so that a wrong track is dropped before long
-_EVIDENCE_FADE_S = 10.0
 _EVIDENCE_FLOOR = -5.0
 _AREA_VARIANCE = 0.08**2  # of the log activity: cameras face the source (I-131: 9 % more), areas are means of all sides
-_REJECTED_COST = 1.0  # loss of log Bayes factor by an exposure that the innovation gate rejects
-
-
-class BayesState(Struct, frozen=True, eq=False):
-    """The posterior: a search (grid), or a track (Gaussian sum) once the source is found.
-
-    evidence: log Bayes factor H1 : H0 of the observations since the last search from the prior (a reacquisition starts at the
-    odds 1 - doubt : doubt). recent_evidence: that of the last seconds. background: E[f | H1] at the end of the search, the
-    relative strength of the background; a track keeps it. bias_variance: (BIAS V,) P0 of the vehicles that made the search's
-    observations; a track has its own. frames: by vehicle, epoch and estimated frame of its last observation in the track.
-    waiting: by vehicle, its last exposure if that waits for the next one (``Mixture.waits``). sure: see ``doubted``.
-    moments: mean and covariance of the track after the step, for the hypotheses until the next one.
-    """
-
-    search: SearchState | None = None
-    track: Mixture | None = None
-    cones: int = 0
-    x0_stamp_ns: int = 0
-    evidence: float = 0.0
-    recent_evidence: float = 0.0
-    background: float = 1.0
-    bias_variance: Array | None = None
-    frames: Mapping[int, tuple[int, Transform]] = {}
-    waiting: Mapping[int, Exposed] = {}
-    sure: Sure = {}
-    moments: tuple[Array, Array] | None = None
 
 
 class BayesEstimator:
@@ -89,8 +60,16 @@ class BayesEstimator:
     grid_s: float | None
     hold_s = _HOLD_S
 
-    def __init__(self, mission: MissionConfig, area: Polygon, response: Response | None = None) -> None:
+    def __init__(
+        self,
+        mission: MissionConfig,
+        area: Polygon,
+        response: Response | None = None,
+        beside: Callable[[CountObservation], Array] | None = None,
+    ) -> None:
         """``area``: in which the source is searched for, mission frame. ``response``: None: that to the mission's nuclide.
+
+        ``beside``: (2,) counts that a track expects of an exposure besides source and background; None: nothing.
 
         Raises:
             ConfigError: the response to the mission's nuclide is not known.
@@ -103,7 +82,7 @@ class BayesEstimator:
         response = response or response_of(mission.named())
         self._scene = Scene(response, self._ground, Buildings(mission.buildings, response.air_per_m, self._ground))
         self._vehicles = {drone.id: number for number, drone in enumerate(mission.drones)}
-        self._gain_variance = config.gain_sigma**2
+        self._tracking = Tracking(self._scene, self._vehicles, config.gain_sigma, beside)
         self._motion = _motion(config)
 
     def initial(self, start_ns: int | None) -> BayesState:
@@ -173,7 +152,7 @@ class BayesEstimator:
         state = replace(state, sure=noted(state.sure, vehicle, observation))
         if state.track is None:
             return self._update_search(state, observation)
-        return self._update_track(state, state.track, step, observation)
+        return self._tracking.updated(state, state.track, step, observation)
 
     def _decided(self, state: BayesState, step: GridStep) -> BayesState:
         """Whether a step ends in a search or a track: the rules in this module's docstring."""
@@ -194,59 +173,6 @@ class BayesEstimator:
         search = SearchState.of_track(self._grid, track, self._config.doubt)
         return BayesState(search, None, state.cones, state.x0_stamp_ns, bias_variance=track.bias_variance, sure=state.sure)
 
-    def _update_track(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
-        vehicle, variance = self._errors_of(observation)
-        change, frames = _frame_change(state.frames, vehicle, variance, observation)
-        track = track.with_vehicle(vehicle, variance, change)
-        is_new_epoch = vehicle in state.frames and state.frames[vehicle][0] != observation.epoch
-        waiting = _without(state.waiting, vehicle) if is_new_epoch else state.waiting  # which has the former epoch's biases
-        state = replace(state, frames=frames, waiting=waiting)
-        if isinstance(observation, CountObservation):
-            recent = state.recent_evidence * math.exp(-observation.live_time_s / _EVIDENCE_FADE_S)
-            return self._counted(replace(state, recent_evidence=recent), track, step, self._exposed(state, vehicle, observation))
-        age_s = (step.start_ns - observation.stamp_ns) / _NS
-        after = track.after_cone(self._scene, vehicle, observation.apex, Orders.of(observation), age_s)
-        return _gained(replace(state, cones=state.cones + 1), *after)
-
-    def _exposed(self, state: BayesState, vehicle: int, observation: CountObservation) -> Exposed:
-        return Exposed(
-            vehicle,
-            observation.position,
-            observation.live_time_s,
-            self._scene.response.apart(observation.counts),
-            self._scene.response.background_ps * (state.background * observation.live_time_s),
-            observation.middle_ns,
-        )
-
-    def _counted(self, state: BayesState, track: Mixture, step: GridStep, exposed: Exposed) -> BayesState:
-        """Update with the vehicle's exposure that waited for this one, if any, and with this one, unless it is to wait itself.
-
-        One that waited for too long is left out.
-        """
-        earlier, waiting = state.waiting.get(exposed.vehicle), _without(state.waiting, exposed.vehicle)
-        fit = self._fit(track, step, exposed)
-        if earlier is not None and exposed.follows(earlier):
-            after = track.after_counts(self._fit(track, step, earlier), track.ahead(fit))
-            track, gained = after or (track, -_REJECTED_COST)
-            state = _gained(state, track, gained)
-            fit = self._fit(track, step, exposed)
-        if track.waits(fit):
-            return replace(state, track=track, waiting={**waiting, exposed.vehicle: exposed})
-        track, gained = track.after_counts(fit) or (track, -_REJECTED_COST)
-        return _gained(replace(state, waiting=waiting), track, gained)
-
-    def _fit(self, track: Mixture, step: GridStep, exposed: Exposed) -> Fit:
-        return track.fit(self._scene, exposed, (step.start_ns - exposed.middle_ns) / _NS)
-
-    def _errors_of(self, observation: Observation) -> tuple[int, tuple[float, ...]]:
-        """Index of the vehicle, and the stationary variances P0 (BIAS,) of its biases as its own localisation states them.
-
-        An autopilot's position sigma is that of the horizontal distance, so each axis has sigma^2 / 2.
-        """
-        axis = observation.position_sigma_m**2 / 2.0
-        variance = axis, axis, observation.yaw_sigma_rad**2, self._gain_variance
-        return self._vehicles[observation.identity.drone], variance
-
     def _update_search(self, state: BayesState, observation: Observation) -> BayesState:
         time_s = observation.stamp_ns / _NS
         cones = state.cones + isinstance(observation, ConeObservation)
@@ -262,7 +188,8 @@ class BayesEstimator:
         else:
             search = search.after_cone(self._grid, self._scene.response, observation.apex, Orders.of(observation))
         known = np.zeros(BIAS * len(self._vehicles)) if state.bias_variance is None else state.bias_variance
-        return replace(state, search=search, cones=cones, bias_variance=with_variance(known, *self._errors_of(observation)))
+        bias_variance = with_variance(known, *self._tracking.errors_of(observation))
+        return replace(state, search=search, cones=cones, bias_variance=bias_variance)
 
     def _declared_or_searching(self, state: BayesState, step: GridStep) -> BayesState:
         """A track if the rule of the initial estimate is met, else the search as it is."""
@@ -276,7 +203,7 @@ class BayesEstimator:
             cones=state.cones,
             x0_stamp_ns=state.x0_stamp_ns or step.start_ns,
             evidence=search.evidence,
-            recent_evidence=min(search.evidence, _EVIDENCE_CAP),
+            recent_evidence=min(search.evidence, EVIDENCE_CAP),
             background=search.background_factor(self._grid),
             sure=state.sure,
         )
@@ -304,37 +231,6 @@ class BayesEstimator:
             self._motion,
             bias_variance,
         ).reduced()
-
-
-def _without(waiting: Mapping[int, Exposed], vehicle: int) -> Mapping[int, Exposed]:
-    return {other: exposed for other, exposed in waiting.items() if other != vehicle} if vehicle in waiting else waiting
-
-
-def _gained(state: BayesState, track: Mixture, gained: float) -> BayesState:
-    """The state with a track that has been updated; gained: log Bayes factor of what it was updated with."""
-    recent = min(state.recent_evidence + gained, _EVIDENCE_CAP)
-    return replace(state, track=track, evidence=state.evidence + gained, recent_evidence=recent)
-
-
-def _frame_change(
-    frames: Mapping[int, tuple[int, Transform]], vehicle: int, variance: tuple[float, ...], observation: Observation
-) -> tuple[tuple[float, ...] | None, Mapping[int, tuple[int, Transform]]]:
-    """By how much (BIAS,) the estimate of a vehicle's frame has changed since its last observation (None: not), and the frames
-    with the new one. The change of a place is that at the observation. A new epoch has errors of its own: 1 sigma of each bias.
-    """
-    epoch, transform = observation.epoch, observation.mission_from_local
-    before = frames.get(vehicle)
-    if before is not None and same(before[1], transform):
-        return None, frames
-    now = {**frames, vehicle: (epoch, transform)}
-    if before is None:
-        return None, now
-    if before[0] != epoch:
-        return (*(math.sqrt(part) for part in variance[:GAIN]), 0.0), now
-    place = observation.apex if isinstance(observation, ConeObservation) else observation.position
-    was = before[1].apply_point(transform.inverse().apply_point(place))
-    turned = math.remainder(transform.yaw_rad - before[1].yaw_rad, math.tau)
-    return (place[0] - was[0], place[1] - was[1], turned, 0.0), now
 
 
 def _motion(config: BayesEstimatorConfig) -> Motion:

@@ -31,20 +31,26 @@ time sources at rest are fitted anew. A track is on the ground: where sources ma
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec import Struct
 from msgspec.structs import replace
 from shapely import Polygon
 
 from agent.config.mission import MissionConfig
 from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import Observation
-from agent.fusion.sources.data import Cones, Rows
-from agent.fusion.sources.estimator import SourcesEstimator, SourcesState
+from agent.fusion.sources.estimator import SourcesAtRest
 from agent.fusion.sources.fit import Fitted
 from agent.fusion.sources.solution import Solution
+from agent.fusion.sources.state import SourcesState
 from agent.fusion.sources.tracker import Mark, Track, Tracker
+from protocol.entries import AnyEntry, Cone, Exposure
+
+_HOLD_S = 0.25  # as of ``bayes``
+_RECENT = 2  # moves that are remembered: agents that share an estimator, as in simulations, may differ by an observation
 
 _MOVES, _MAY_MOVE, _RESTS = 0.01, 0.2, 0.99  # of P(at rest)
 _LEAST_GAIN = 5.0  # of log evidence
@@ -57,78 +63,119 @@ _IS_NONE = 0.5  # P(no source), with which there is nothing to look at
 _MORE = 2.0  # so many more photons have to be counted of another nuclide for the track to be of that one
 
 
-class FollowingEstimator(SourcesEstimator):
+class FollowingState(Struct, frozen=True, eq=False):
+    """rest: the fit of sources at rest. track: beside it; None before anything was fitted."""
+
+    rest: SourcesState = SourcesState()
+    track: Track | None = None
+
+
+class FollowingEstimator:
     """Sources at rest, or one that moves. A pure function of the observations and their grid steps."""
 
-    def __init__(self, mission: MissionConfig, area: Polygon) -> None:
-        """As ``SourcesEstimator``. The time grid is that of ``bayes``: a source that moves is elsewhere half a second later."""
-        super().__init__(mission, area)
-        self.grid_s = mission.fusion.bayes.grid_s
-        self._mission = mission
-        self._trackers: dict[int, Tracker] = {}
+    name = "sources"
+    reads: tuple[type[AnyEntry], ...] = (Cone, Exposure)
+    grid_s: float | None
+    hold_s = _HOLD_S
 
-    def step(self, state: SourcesState, step: GridStep, observations: Sequence[Observation]) -> SourcesState:
-        """As ``SourcesEstimator``, with the track; moves also where what was measured since the last ones contradicts the fit."""
-        refined, moved = step.start_ns // self._refined_ns, step.start_ns // self._moved_ns
-        if refined > state.refined and moved == state.moved and self._favoured(state.track, state):
-            state = replace(self._moved_once(state, step), refined=refined)
-        after = super().step(state, step, observations)
-        if after.track is None:
-            return after
-        track = after.track.marked(step.start_ns, _number(after)) if moved > state.moved else after.track
-        track = self._tracked(track, step, observations, _number(after))
+    def __init__(self, mission: MissionConfig, area: Polygon) -> None:
+        """As ``SourcesAtRest``. The time grid is that of ``bayes``: a source that moves is elsewhere half a second later."""
+        self.grid_s = mission.fusion.bayes.grid_s
+        self._at_rest = SourcesAtRest(mission, area)
+        self._telling = self._at_rest.telling
+        self._mission, self._area = mission, area
+        self._trackers: dict[int, Tracker] = {}
+        self._recent: deque[tuple[FollowingState, int, FollowingState]] = deque(maxlen=_RECENT)
+
+    def initial(self, start_ns: int | None) -> FollowingState:
+        """Nothing measured; it does not depend on the mission's start."""
+        return FollowingState()
+
+    def step(self, state: FollowingState, step: GridStep, observations: Sequence[Observation]) -> FollowingState:
+        """Fit what was measured before the step where it is time, then take the step's observations, also with the track.
+
+        Moves are made also where what was measured since the last ones contradicts the fit.
+        """
+        rest = state.rest
+        refined, moved = self._at_rest.due(step)
+        is_marked = moved > rest.moved
+        if is_marked or (refined > rest.refined and self._favoured(state.track, rest)):
+            state = self._moved_once(state, step)
+            rest = replace(state.rest, refined=refined, moved=moved)
+        elif refined > rest.refined:
+            rest = replace(self._at_rest.to_refine(rest), refined=refined)
+        rest, track = rest.taken(observations), state.track
+        if track is None:
+            return FollowingState(rest)
+        if is_marked:
+            track = track.marked(step.start_ns, _number(rest))
+        track = self._tracked(track, step, observations, _number(rest))
         if track.moves and (track.is_lost or (track.at_rest >= _RESTS and not track.beside)):
             track = replace(track, kept_ns=track.kept_ns or step.end_ns)
         elif track.moves:
-            after, track = replace(after, pending=()), replace(track, kept_ns=0)
-        if after.x0_stamp_ns and track.doubted_ns == 0 and not track.at_rest >= _CLEAR:
+            rest, track = replace(rest, pending=()), replace(track, kept_ns=0)
+        if rest.x0_stamp_ns and track.doubted_ns == 0 and not track.at_rest >= _CLEAR:
             track = replace(track, doubted_ns=step.start_ns)
-        return replace(after, track=track)
+        return FollowingState(rest, track)
 
-    def work(self, state: SourcesState, observations: int) -> int:
+    def work(self, state: FollowingState, observations: int) -> int:
         """The fits on average over the steps."""
         track = state.track
-        tracking = 0 if track is None else self._tracker(track.nuclide).work(track.state, observations)
-        return 8 + observations + len(state.rows) // 10 + tracking
+        tracking = 0 if track is None else self._tracker(track.nuclide).bayes.work(track.state, observations)
+        return 8 + observations + len(state.rest.rows) // 10 + tracking
 
-    def hypothesis(self, state: SourcesState, step: GridStep) -> Hypothesis | None:
-        """As ``SourcesEstimator``; of a source that moves the track, None while that searches."""
+    def hypothesis(self, state: FollowingState, step: GridStep) -> Hypothesis | None:
+        """As ``Telling``; of a source that moves the track, None while that searches."""
         track = _moving(state)
         if track is None:
-            told = super().hypothesis(state, step)
+            told = self._telling.hypothesis(state.rest, step)
             if told is None or state.track is None or not _is_doubted(state.track, step):
                 return told
             return replace(told, look=self._looked_for(told, state.track, step))
-        told = self._tracker(track.nuclide).hypothesis(track.state, step)
+        told = self._tracker(track.nuclide).bayes.hypothesis(track.state, step)
         if told is None:
             return None
         others = tuple(replace(other, stamp_ns=step.middle_ns) for other in track.beside)
-        nuclide = self._spectra.nuclides[track.nuclide]
-        return replace(told, nuclide=nuclide, x0_stamp_ns=state.x0_stamp_ns or told.x0_stamp_ns, others=others)
+        nuclide = self._at_rest.spectra.nuclides[track.nuclide]
+        return replace(told, nuclide=nuclide, x0_stamp_ns=state.rest.x0_stamp_ns or told.x0_stamp_ns, others=others)
 
-    def outlook(self, state: SourcesState, step: GridStep) -> Outlook | None:
-        """As ``SourcesEstimator``; that of the track's search, if a source that moves has been lost."""
+    def outlook(self, state: FollowingState, step: GridStep) -> Outlook | None:
+        """As ``SourcesAtRest``; that of the track's search, if a source that moves has been lost."""
         track = _moving(state)
-        return super().outlook(state, step) if track is None else self._tracker(track.nuclide).outlook(track.state, step)
+        if track is None:
+            return self._at_rest.outlook(state.rest)
+        return self._tracker(track.nuclide).bayes.outlook(track.state, step)
 
-    def _moved(self, state: SourcesState, step: GridStep) -> SourcesState:
+    def _moved_once(self, state: FollowingState, step: GridStep) -> FollowingState:
+        """As ``_moved``, remembered: when an observation of this very step comes late, the step is computed again from the same
+        state.
+        """
+        for before, index, after in self._recent:
+            if before is state and index == step.index:
+                return after
+        moved = self._moved(state, step)
+        self._recent.append((state, step.index, moved))
+        return moved
+
+    def _moved(self, state: FollowingState, step: GridStep) -> FollowingState:
         """Moves of the fit, and what follows for the track; while a source moves, whether it is taken back."""
         if (track := _moving(state)) is not None:
             return self._taken_back(state, track, step)
-        after = self._with_track(state, super()._moved(state, step), step)
-        if self._favoured(after.track, after):
-            anew = self._with_track(state, super()._moved(replace(state, fitted=None, unknown=()), step), step)
+        after = self._with_track(state, self._at_rest.moved(state.rest, step), step)
+        if self._favoured(after.track, after.rest):
+            from_none = replace(state.rest, fitted=None, unknown=())
+            anew = self._with_track(state, self._at_rest.moved(from_none, step), step)
             after = max(after, anew, key=_evidence)
-            if self._favoured(after.track, after):
+            if self._favoured(after.track, after.rest):
                 return self._handed_over(after, step)
         return after
 
     def _looked_for(self, told: Hypothesis, track: Track, step: GridStep) -> Hypothesis | None:
         """Where the source is if it moves: by the track, or by its search; None where that has nothing to say."""
-        tracker = self._tracker(track.nuclide)
+        tracker = self._tracker(track.nuclide).bayes
         if (tracked := tracker.hypothesis(track.state, step)) is not None:
             return tracked
-        nuclide = self._spectra.nuclides[track.nuclide]
+        nuclide = self._at_rest.spectra.nuclides[track.nuclide]
         if sum(one.nuclide == nuclide for one in (told, *told.others)) > 1:
             return None  # a search for one source is in the middle of several
         outlook = tracker.outlook(track.state, step)
@@ -138,26 +185,26 @@ class FollowingEstimator(SourcesEstimator):
         mean = weight @ outlook.places
         covariance = np.zeros((3, 3))
         covariance[:2, :2] = np.cov(outlook.places.T, aweights=weight, ddof=0)
-        position = np.array((*mean, self._ground.height_m(*mean.tolist())))
+        position = np.array((*mean, self._at_rest.ground.height_m(*mean.tolist())))
         return replace(told, position=position, covariance=covariance, sights={}, others=())
 
-    def _with_track(self, before: SourcesState, after: SourcesState, step: GridStep) -> SourcesState:
+    def _with_track(self, before: FollowingState, rest: SourcesState, step: GridStep) -> FollowingState:
         """The state after moves with the track beside its fit: the one before them, or a new one, with what was pending, if that
         was of another nuclide or did not know others.
         """
-        if after.fitted is None or not len(after.fitted.solution) or self._raised:
-            return replace(after, track=None)
-        solution = after.fitted.solution
-        nuclide = self._most_counted(after, solution)
+        if rest.fitted is None or not len(rest.fitted.solution) or self._at_rest.raised:
+            return FollowingState(rest)
+        solution, track = rest.fitted.solution, before.track
+        nuclide = self._most_counted(rest, track, solution)
         if nuclide is None:
-            return replace(after, track=None)
-        others, track = _without(solution, nuclide), before.track
+            return FollowingState(rest)
+        others = _without(solution, nuclide)
         if track is None or track.nuclide != nuclide or len(others) > len(track.others):
-            track = Track(nuclide, self._tracker(nuclide).initial(None), others, after.unknown)
-            track = self._begun(track, before.pending, step, len(solution))
+            track = Track(nuclide, self._tracker(nuclide).bayes.initial(None), others, rest.unknown)
+            track = self._begun(track, before.rest.pending, step, len(solution))
             if before.track is not None and before.track.nuclide == nuclide:
                 track = replace(track, doubted_ns=before.track.doubted_ns)
-        return replace(after, track=replace(track, others=others, unknown=after.unknown))
+        return FollowingState(rest, replace(track, others=others, unknown=rest.unknown))
 
     def _begun(self, track: Track, observations: Sequence[Observation], step: GridStep, sources: int) -> Track:
         """With what was observed so far. ``sources``: number of those fitted."""
@@ -169,17 +216,17 @@ class FollowingEstimator(SourcesEstimator):
             track = self._tracked(track, GridStep(index, index * width_ns, (index + 1) * width_ns), by_step[index], sources)
         return track
 
-    def _most_counted(self, state: SourcesState, solution: Solution) -> int | None:
+    def _most_counted(self, rest: SourcesState, track: Track | None, solution: Solution) -> int | None:
         """The nuclide of which most photons were counted; that of the track if that may move, or not many more are of another.
         None where there are only sources of nuclides that nobody knows.
         """
-        held = -1 if state.track is None else state.track.nuclide
-        if state.track is not None and held in solution.nuclide and state.track.at_rest < _MAY_MOVE:
+        held = -1 if track is None else track.nuclide
+        if track is not None and held in solution.nuclide and track.at_rest < _MAY_MOVE:
             return held
-        known = [n for n in sorted(set(solution.nuclide)) if n < len(self._spectra.nuclides)]
+        known = [n for n in sorted(set(solution.nuclide)) if n < len(self._at_rest.spectra.nuclides)]
         if not known:
             return None
-        model = self._problem(state, self._spectra.plus(state.unknown)).counts
+        model = self._at_rest.problem(rest).counts
         nothing = float(model.background(solution).sum())
         counted = {n: float(model.expected(_of(solution, n)).clear.sum()) - nothing for n in known}
         most = max(counted, key=counted.__getitem__)
@@ -191,7 +238,7 @@ class FollowingEstimator(SourcesEstimator):
         pairs = [(one, seen) for one in observations if (seen := tracker.seen(one, track.others, track.unknown)) is not None]
         if not pairs:
             return track
-        before, after = track.state, tracker.step(track.state, step, [seen for _, seen in pairs])
+        before, after = track.state, tracker.bayes.step(track.state, step, [seen for _, seen in pairs])
         track = replace(track, state=after)
         if after.track is None or track.moves:
             return replace(track, marks=(), newest=())
@@ -199,63 +246,58 @@ class FollowingEstimator(SourcesEstimator):
             return replace(track, marks=(Mark(step.end_ns, after.evidence, sources),))
         return replace(track, newest=(*track.newest, *pairs))
 
-    def _favoured(self, track: Track | None, state: SourcesState) -> bool:
+    def _favoured(self, track: Track | None, rest: SourcesState) -> bool:
         """Whether what was measured last favours a source that moves: see this module's docstring."""
-        if state.fitted is None or track is None or not track.newest or not track.at_rest <= _MOVES or not track.in_view:
+        if rest.fitted is None or track is None or not track.newest or not track.at_rest <= _MOVES or not track.in_view:
             return False
         if track.newest[-1][0].stamp_ns - track.marks[0].stamp_ns < _LEAST_NS:
             return False
-        pending = tuple(one for one, _ in track.newest)
-        newest = self._summed(replace(state, rows=Rows.none(), cones=Cones.none(), pending=pending))
-        if not len(newest.rows):
+        newest = self._at_rest.problem_of(rest, [one for one, _ in track.newest])
+        if newest is None:
             return False
         tracker, background = self._tracker(track.nuclide), track.state.background
         moving = track.state.evidence - track.marks[0].evidence
         moving += tracker.evidence_beside((seen for _, seen in track.newest), background)
-        problem = self._problem(newest, self._spectra.plus(state.unknown))
-        at_rest = tracker.evidence_at_rest(problem, state.fitted.solution, background)
-        at_rest -= _BORN * max(0, _number(state) - track.marks[0].sources)
+        at_rest = tracker.evidence_at_rest(newest, rest.fitted.solution, background)
+        at_rest -= _BORN * max(0, _number(rest) - track.marks[0].sources)
         return moving - at_rest >= _LEAST_GAIN
 
-    def _handed_over(self, state: SourcesState, step: GridStep) -> SourcesState:
-        fitted, track = state.fitted, state.track
-        assert fitted is not None
+    def _handed_over(self, state: FollowingState, step: GridStep) -> FollowingState:
+        rest, track = state.rest, state.track
+        assert rest.fitted is not None
         assert track is not None
-        kept = [k for k, n in enumerate(fitted.solution.nuclide) if n != track.nuclide and self._is_located(fitted, k)]
-        track = replace(track, moves=True, beside=tuple(self._told(state, fitted, k, step) for k in kept))
-        return replace(self._anew(state), track=replace(track, others=fitted.solution.only(kept)))
+        solution = rest.fitted.solution
+        kept = [k for k, n in enumerate(solution.nuclide) if n != track.nuclide and self._telling.is_located(rest.fitted, k)]
+        beside = tuple(self._telling.told(rest, rest.fitted, k, step.middle_ns) for k in kept)
+        return FollowingState(rest.emptied(), replace(track, moves=True, beside=beside, others=solution.only(kept)))
 
-    def _taken_back(self, state: SourcesState, track: Track, step: GridStep) -> SourcesState:
+    def _taken_back(self, state: FollowingState, track: Track, step: GridStep) -> FollowingState:
         """With a fit of what was measured at rest, if that finds the same, or since it was lost; otherwise the track goes on."""
         if track.kept_ns == 0 or step.start_ns - track.kept_ns < _KEPT_NS:
             return state
-        after = super()._moved(state, step)
+        rest = self._at_rest.moved(state.rest, step)
         if track.is_lost:
-            return replace(after, track=None)
-        if after.fitted is None or not self._is_same(after.fitted, track):
-            return replace(state, pending=(), track=replace(track, kept_ns=step.start_ns))
-        mark = Mark(step.start_ns, track.state.evidence, _number(after))
-        return replace(after, track=replace(track, moves=False, kept_ns=0, marks=(mark,)))
+            return FollowingState(rest)
+        if rest.fitted is None or not self._is_same(rest.fitted, track):
+            return FollowingState(replace(state.rest, pending=()), replace(track, kept_ns=step.start_ns))
+        mark = Mark(step.start_ns, track.state.evidence, _number(rest))
+        return FollowingState(rest, replace(track, moves=False, kept_ns=0, marks=(mark,)))
 
     def _is_same(self, fitted: Fitted, track: Track) -> bool:
         """Whether what was fitted is what the track tells, and known as well as it has to be."""
-        if track.state.track is None or fitted.solution.nuclide != (track.nuclide,) or not self._is_declared(fitted):
+        if track.state.track is None or fitted.solution.nuclide != (track.nuclide,) or not self._telling.is_declared(fitted):
             return False
         off = fitted.solution.place[0] - track.state.track.moments()[0][:2]
         return bool(np.hypot(*off) <= _SAME_M)
 
-    def _anew(self, state: SourcesState) -> SourcesState:
-        """With no measurement of sources at rest."""
-        none = replace(state, pending=(), rows=Rows.none(), cones=Cones.none(), fitted=None)
-        return replace(none, unknown=(), hiding=None, refinement=None)
-
     def _tracker(self, nuclide: int) -> Tracker:
         if nuclide not in self._trackers:
-            self._trackers[nuclide] = Tracker(self._mission, self._area, self._spectra, self._windows, self._walls, nuclide)
+            known = self._at_rest
+            self._trackers[nuclide] = Tracker(self._mission, self._area, known.spectra, known.windows, known.walls, nuclide)
         return self._trackers[nuclide]
 
 
-def _moving(state: SourcesState) -> Track | None:
+def _moving(state: FollowingState) -> Track | None:
     """The track of a source that moves."""
     return state.track if state.track is not None and state.track.moves else None
 
@@ -265,14 +307,14 @@ def _is_doubted(track: Track, step: GridStep) -> bool:
     return not track.at_rest >= _CLEAR and step.start_ns - track.doubted_ns < _LOOK_NS
 
 
-def _evidence(state: SourcesState) -> float:
+def _evidence(state: FollowingState) -> float:
     """Of the fit."""
-    return -math.inf if state.fitted is None else state.fitted.evidence
+    return -math.inf if state.rest.fitted is None else state.rest.fitted.evidence
 
 
-def _number(state: SourcesState) -> int:
+def _number(rest: SourcesState) -> int:
     """Of the sources that are fitted."""
-    return 0 if state.fitted is None else len(state.fitted.solution)
+    return 0 if rest.fitted is None else len(rest.fitted.solution)
 
 
 def _of(solution: Solution, nuclide: int) -> Solution:

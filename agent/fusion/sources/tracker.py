@@ -19,10 +19,10 @@ from shapely import Polygon
 from agent.config.mission import MissionConfig
 from agent.detector.windows import Windows
 from agent.fusion.bayes.counts import TRACK_TEMPER, background_log_likelihood, fit_rate
-from agent.fusion.bayes.estimator import BayesEstimator, BayesState
-from agent.fusion.bayes.exposed import Exposed
+from agent.fusion.bayes.estimator import BayesEstimator
 from agent.fusion.bayes.motion import REST
 from agent.fusion.bayes.response import Channel, Response
+from agent.fusion.bayes.state import BayesState
 from agent.fusion.estimator import Hypothesis
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
 from agent.fusion.sources.counts import CountModel
@@ -33,6 +33,7 @@ from agent.fusion.sources.shades import KnownWalls
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import Spectra, UnknownSpectrum, pooled
 from agent.geometry import Array
+from agent.terrain.ground import Ground
 from protocol.spectrum import BINS, EDGES_KEV
 
 _CLEAR_SIGMA = 0.05  # of the log rate of a source as fitted, by the model's error
@@ -103,8 +104,8 @@ class Apart(CountObservation, frozen=True, eq=False, kw_only=True):
     beside: Array
 
 
-class Tracker(BayesEstimator):
-    """``bayes`` for a nuclide; it reads what ``seen`` makes of the observations."""
+class Tracker:
+    """``bayes`` for a nuclide, which reads what ``seen`` makes of the observations."""
 
     def __init__(
         self, mission: MissionConfig, area: Polygon, spectra: Spectra, windows: Windows, walls: KnownWalls, nuclide: int
@@ -122,7 +123,9 @@ class Tracker(BayesEstimator):
         cones_ps = math.fsum(cones_ps for (_, _, cones_ps), own in zip(of_lines, self._own, strict=True) if own)
         cones = Channel(max(area_mm2, _LEAST_MM2), 1.0, 0.0, max(cones_ps, _LEAST_PS))
         self._response = _response(spectra, nuclide, self._bins, cones)
-        super().__init__(mission, area, self._response)
+        self._ground = Ground.from_config(mission)
+        self._drones = {drone.id: number for number, drone in enumerate(mission.drones)}
+        self.bayes = BayesEstimator(mission, area, self._response, _beside_of)
 
     def seen(self, observation: Observation, others: Solution, unknown: Sequence[UnknownSpectrum] = ()) -> Observation | None:
         """The observation as the tracker reads it, None where it tells nothing of the nuclide. ``others``, ``unknown``: as in
@@ -167,18 +170,18 @@ class Tracker(BayesEstimator):
                 total += float(known - background_log_likelihood(counts, alone, TRACK_TEMPER))
         return total
 
-    def _exposed(self, state: BayesState, vehicle: int, observation: CountObservation) -> Exposed:
-        exposed = super()._exposed(state, vehicle, observation)
-        return replace(exposed, background=exposed.background + observation.beside) if isinstance(observation, Apart) else exposed
-
     def _beside(self, observation: CountObservation, others: Solution, unknown: Sequence[UnknownSpectrum]) -> Array:
         """(2,) counts expected of the others, as fitted, in a clear view."""
         if not len(others):
             return np.zeros(2)
-        rows = Rows.none().plus([observation], self._vehicles)
-        model = CountModel(rows, self._spectra.plus(unknown), self._ground, len(self._vehicles), self._walls)
+        rows = Rows.none().plus([observation], self._drones)
+        model = CountModel(rows, self._spectra.plus(unknown), self._ground, len(self._drones), self._walls)
         counts: Array = (model.expected(others).clear - model.background(others))[0] @ self._bins
         return np.maximum(counts, 0.0)
+
+
+def _beside_of(observation: CountObservation) -> Array:
+    return observation.beside if isinstance(observation, Apart) else np.zeros(2)
 
 
 def _fields(observation: CountObservation) -> dict[str, Any]:

@@ -95,7 +95,7 @@ def test_before_it_is_tracked_they_look_where_its_search_takes_it_to_be(kit, amo
     assert [one.nuclide for one in (told, *told.others)] == ["Ir-192", "Ir-192"]
     assert told.look is None
     look = estimator._looked_for(replace(told, others=()), track, step)
-    outlook = estimator._tracker(track.nuclide).outlook(track.state, step)
+    outlook = estimator._tracker(track.nuclide).bayes.outlook(track.state, step)
     mean = outlook.weight @ outlook.places / outlook.weight.sum()
     assert look.position[:2] == pytest.approx(mean)
     square = ((outlook.places - mean) ** 2).sum(axis=1)
@@ -143,7 +143,7 @@ def test_it_is_taken_back_once_it_has_been_at_rest(kit, walk):
     assert off_m(told, END_S) < 0.3
     assert told.activity_bq == pytest.approx(1e10, rel=0.2)
     assert told.watched_s > 0.0
-    assert fusion.state.rows.live_s.sum() < 2 * (END_S - WALKS_S)  # of two cameras, without what was measured while it walked
+    assert fusion.state.rest.rows.live_s.sum() < 2 * (END_S - WALKS_S)  # of two cameras, without the walk
     assert fusion.state.track.marks  # it may be handed over again
 
 
@@ -160,7 +160,7 @@ def test_after_one_that_is_lost_sources_at_rest_are_fitted_anew(kit, among):
     told = kit.settle(fusion, kit.T0_NS + 91_000_000_000)
     assert fusion.state.track is None
     assert told is None
-    assert 0.0 < fusion.state.rows.live_s.sum() < 2 * 60.0
+    assert 0.0 < fusion.state.rest.rows.live_s.sum() < 2 * 60.0
 
 
 def test_the_order_of_arrival_does_not_matter(kit, walk):

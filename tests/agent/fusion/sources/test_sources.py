@@ -12,9 +12,11 @@ from agent.fusion.engine import Fusion
 from agent.fusion.estimator import GridStep
 from agent.fusion.registry import estimator_named
 from agent.fusion.sources.data import Rows
-from agent.fusion.sources.estimator import SourcesState, _strongest_first
+from agent.fusion.sources.estimator import _strongest_first
 from agent.fusion.sources.fit import Fitted
+from agent.fusion.sources.handover import FollowingState
 from agent.fusion.sources.solution import Solution
+from agent.fusion.sources.state import SourcesState
 
 TWO = [("Cs-137", 12.0, 20.0, 6e8), ("Ir-192", 30.0, 15.0, 1e9)]
 
@@ -129,8 +131,8 @@ def test_a_source_that_is_told_first_because_the_strongest_is_not_known_well_has
     estimator = estimator_named("sources", among.mission_of(drones=("a",)))
     solution = Solution((0, 1), np.array([(1.0, 1.0), (2.0, 2.0)]), np.log([2.0, 1.0]), 0.0, np.zeros((1, 3)))
     covariance = np.diag([100.0, 100.0, *np.full(8, 0.01)])
-    state = SourcesState(fitted=Fitted(solution, 0.0, covariance, 25.0), none=5.0, x0_stamp_ns=kit.T0_NS)
-    told = estimator.hypothesis(state, GridStep(1, kit.T0_NS, kit.T0_NS + 1))
+    rest = SourcesState(fitted=Fitted(solution, 0.0, covariance, 25.0), none=5.0, x0_stamp_ns=kit.T0_NS)
+    told = estimator.hypothesis(FollowingState(rest), GridStep(1, kit.T0_NS, kit.T0_NS + 1))
     assert (told.position[0], told.evidence, told.others) == (2.0, 20.0, ())
 
 
@@ -154,7 +156,8 @@ class Asked:
 
     def __init__(self, estimator):
         self.estimator, self.refinements = estimator, 0
-        self._refined, estimator._refined = estimator._refined, self.refined
+        at_rest = estimator._at_rest
+        self._refined, at_rest._refined = at_rest._refined, self.refined
 
     def refined(self, state):
         self.refinements += 1
@@ -170,12 +173,13 @@ def test_moves_are_computed_once_although_an_observation_of_their_step_comes_lat
     late_ns = kit.T0_NS + 31_000_000_000
     step = GridStep(late_ns // 500_000_000, late_ns, late_ns + 500_000_000)
     estimator, state = fusion.estimator, fusion.state
-    late = state.pending[-1]
-    without, with_late = (estimator.step(state, step, observations) for observations in ((), (late,)))
-    assert without.moved > state.moved
+    late = state.rest.pending[-1]
+    without, with_late = (estimator.step(state, step, observations).rest for observations in ((), (late,)))
+    assert without.moved > state.rest.moved
     assert with_late.fitted is without.fitted
     assert with_late.pending == (late,)
-    assert estimator.step(replace(state, pending=state.pending[:-1]), step, ()).fitted is not without.fitted
+    other = replace(state, rest=replace(state.rest, pending=state.rest.pending[:-1]))
+    assert estimator.step(other, step, ()).rest.fitted is not without.fitted
 
 
 def test_a_drone_alone_on_the_outermost_ring_watches_a_source_too(among):
@@ -185,7 +189,7 @@ def test_a_drone_alone_on_the_outermost_ring_watches_a_source_too(among):
     def watched_s(away_m):
         table = np.zeros((1, 40), np.int64)
         table[0, 4:8] = 10 * 10**9, round(1e3 * away_m) * 10 * 10**9, 0, 0
-        return estimator._watched_s(Rows(table), np.zeros(2))
+        return estimator._telling._watched_s(Rows(table), np.zeros(2))
 
     assert watched_s(6.0) == watched_s(12.5) == pytest.approx(10.0)
     assert 3.0 < watched_s(18.0) < 10.0

@@ -1,0 +1,39 @@
+"""What is believed of the source after a step of the estimator ``bayes``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from msgspec import Struct
+
+from agent.frames.transform import Transform
+from agent.fusion.bayes.doubted import Sure
+from agent.fusion.bayes.exposed import Exposed
+from agent.fusion.bayes.mixture import Mixture
+from agent.fusion.bayes.search import SearchState
+from agent.geometry import Array
+
+
+class BayesState(Struct, frozen=True, eq=False):
+    """The posterior: a search (grid), or a track (Gaussian sum) once the source is found.
+
+    evidence: log Bayes factor H1 : H0 of the observations since the last search from the prior (a reacquisition starts at the
+    odds 1 - doubt : doubt). recent_evidence: that of the last seconds. background: E[f | H1] at the end of the search, the
+    relative strength of the background; a track keeps it. bias_variance: (BIAS V,) P0 of the vehicles that made the search's
+    observations; a track has its own. frames: by vehicle, epoch and estimated frame of its last observation in the track.
+    waiting: by vehicle, its last exposure if that waits for the next one (``Mixture.waits``). sure: see ``doubted``.
+    moments: mean and covariance of the track after the step, for the hypotheses until the next one.
+    """
+
+    search: SearchState | None = None
+    track: Mixture | None = None
+    cones: int = 0
+    x0_stamp_ns: int = 0
+    evidence: float = 0.0
+    recent_evidence: float = 0.0
+    background: float = 1.0
+    bias_variance: Array | None = None
+    frames: Mapping[int, tuple[int, Transform]] = {}
+    waiting: Mapping[int, Exposed] = {}
+    sure: Sure = {}
+    moments: tuple[Array, Array] | None = None

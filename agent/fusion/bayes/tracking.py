@@ -1,0 +1,122 @@
+"""What a track makes of an observation: a cone, an exposure or one that waited for it, a change of the vehicle's frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from msgspec.structs import replace
+
+from agent.frames.transform import Transform, same
+from agent.fusion.bayes.cones import Orders
+from agent.fusion.bayes.exposed import Exposed, Fit
+from agent.fusion.bayes.mixture import Mixture
+from agent.fusion.bayes.motion import GAIN
+from agent.fusion.bayes.sight import Scene
+from agent.fusion.bayes.state import BayesState
+from agent.fusion.estimator import GridStep
+from agent.fusion.observation import ConeObservation, CountObservation, Observation
+from agent.geometry import Array
+
+EVIDENCE_CAP = 40.0  # of the recent evidence, so that a wrong track is dropped before long
+_NS = 1e9
+_EVIDENCE_FADE_S = 10.0
+_REJECTED_COST = 1.0  # loss of log Bayes factor by an exposure that the innovation gate rejects
+
+
+class Tracking:
+    """Updates a track."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        vehicles: Mapping[str, int],
+        gain_sigma: float,
+        beside: Callable[[CountObservation], Array] | None,
+    ) -> None:
+        """``vehicles``: their numbers. ``gain_sigma``: of a camera's log sensitivity. ``beside``: as in ``BayesEstimator``."""
+        self._scene, self._vehicles = scene, vehicles
+        self._gain_variance, self._beside = gain_sigma**2, beside
+
+    def updated(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
+        """The state after an observation of the step; ``track``: at the step's beginning."""
+        vehicle, variance = self.errors_of(observation)
+        change, frames = _frame_change(state.frames, vehicle, variance, observation)
+        track = track.with_vehicle(vehicle, variance, change)
+        is_new_epoch = vehicle in state.frames and state.frames[vehicle][0] != observation.epoch
+        waiting = _without(state.waiting, vehicle) if is_new_epoch else state.waiting  # which has the former epoch's biases
+        state = replace(state, frames=frames, waiting=waiting)
+        if isinstance(observation, CountObservation):
+            recent = state.recent_evidence * math.exp(-observation.live_time_s / _EVIDENCE_FADE_S)
+            return self._counted(replace(state, recent_evidence=recent), track, step, self._exposed(state, vehicle, observation))
+        age_s = (step.start_ns - observation.stamp_ns) / _NS
+        after = track.after_cone(self._scene, vehicle, observation.apex, Orders.of(observation), age_s)
+        return _gained(replace(state, cones=state.cones + 1), *after)
+
+    def _exposed(self, state: BayesState, vehicle: int, observation: CountObservation) -> Exposed:
+        response = self._scene.response
+        background = response.background_ps * (state.background * observation.live_time_s)
+        if self._beside is not None:
+            background = background + self._beside(observation)
+        counts = response.apart(observation.counts)
+        return Exposed(vehicle, observation.position, observation.live_time_s, counts, background, observation.middle_ns)
+
+    def _counted(self, state: BayesState, track: Mixture, step: GridStep, exposed: Exposed) -> BayesState:
+        """Update with the vehicle's exposure that waited for this one, if any, and with this one, unless it is to wait itself.
+
+        One that waited for too long is left out.
+        """
+        earlier, waiting = state.waiting.get(exposed.vehicle), _without(state.waiting, exposed.vehicle)
+        fit = self._fit(track, step, exposed)
+        if earlier is not None and exposed.follows(earlier):
+            after = track.after_counts(self._fit(track, step, earlier), track.ahead(fit))
+            track, gained = after or (track, -_REJECTED_COST)
+            state = _gained(state, track, gained)
+            fit = self._fit(track, step, exposed)
+        if track.waits(fit):
+            return replace(state, track=track, waiting={**waiting, exposed.vehicle: exposed})
+        track, gained = track.after_counts(fit) or (track, -_REJECTED_COST)
+        return _gained(replace(state, waiting=waiting), track, gained)
+
+    def _fit(self, track: Mixture, step: GridStep, exposed: Exposed) -> Fit:
+        return track.fit(self._scene, exposed, (step.start_ns - exposed.middle_ns) / _NS)
+
+    def errors_of(self, observation: Observation) -> tuple[int, tuple[float, ...]]:
+        """Index of the vehicle, and the stationary variances P0 (BIAS,) of its biases as its own localisation states them.
+
+        An autopilot's position sigma is that of the horizontal distance, so each axis has sigma^2 / 2.
+        """
+        axis = observation.position_sigma_m**2 / 2.0
+        variance = axis, axis, observation.yaw_sigma_rad**2, self._gain_variance
+        return self._vehicles[observation.identity.drone], variance
+
+
+def _without(waiting: Mapping[int, Exposed], vehicle: int) -> Mapping[int, Exposed]:
+    return {other: exposed for other, exposed in waiting.items() if other != vehicle} if vehicle in waiting else waiting
+
+
+def _gained(state: BayesState, track: Mixture, gained: float) -> BayesState:
+    """The state with a track that has been updated; gained: log Bayes factor of what it was updated with."""
+    recent = min(state.recent_evidence + gained, EVIDENCE_CAP)
+    return replace(state, track=track, evidence=state.evidence + gained, recent_evidence=recent)
+
+
+def _frame_change(
+    frames: Mapping[int, tuple[int, Transform]], vehicle: int, variance: tuple[float, ...], observation: Observation
+) -> tuple[tuple[float, ...] | None, Mapping[int, tuple[int, Transform]]]:
+    """By how much (BIAS,) the estimate of a vehicle's frame has changed since its last observation (None: not), and the frames
+    with the new one. The change of a place is that at the observation. A new epoch has errors of its own: 1 sigma of each bias.
+    """
+    epoch, transform = observation.epoch, observation.mission_from_local
+    before = frames.get(vehicle)
+    if before is not None and same(before[1], transform):
+        return None, frames
+    now = {**frames, vehicle: (epoch, transform)}
+    if before is None:
+        return None, now
+    if before[0] != epoch:
+        return (*(math.sqrt(part) for part in variance[:GAIN]), 0.0), now
+    place = observation.apex if isinstance(observation, ConeObservation) else observation.position
+    was = before[1].apply_point(transform.inverse().apply_point(place))
+    turned = math.remainder(transform.yaw_rad - before[1].yaw_rad, math.tau)
+    return (place[0] - was[0], place[1] - was[1], turned, 0.0), now

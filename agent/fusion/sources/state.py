@@ -1,0 +1,66 @@
+"""What the fit of sources at rest goes on from: measurements, what was fitted to them, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from agent.fusion.observation import ConeObservation, CountObservation, Observation
+from agent.fusion.sources.data import Cones, Rows
+from agent.fusion.sources.fit import Fitted
+from agent.fusion.sources.hiding import Hiding
+from agent.fusion.sources.spectra import UnknownSpectrum
+
+
+class SourcesState(Struct, frozen=True, eq=False):
+    """pending: observations that no moves have used yet. rows, cones: the others. position_sigma_m: by drone, as last told.
+    unknown: spectra of the nuclides of ``fitted`` that nobody knows.
+    refined, moved: numbers of the last times of either kind that are past. none: log evidence of no source. hiding: where further
+    ones may hide, at the last moves; None: nobody searches for them. refinement: of this state, if there has been one since the
+    moves.
+    """
+
+    pending: tuple[Observation, ...] = ()
+    rows: Rows = Rows.none()
+    cones: Cones = Cones.none()
+    position_sigma_m: Mapping[str, float] = {}
+    refined: int = 0
+    moved: int = 0
+    fitted: Fitted | None = None
+    unknown: tuple[UnknownSpectrum, ...] = ()
+    none: float = 0.0
+    hiding: Hiding | None = None
+    x0_stamp_ns: int = 0
+    refinement: Refinement | None = None
+
+    def taken(self, observations: Sequence[Observation]) -> SourcesState:
+        """With observations of a step, not used yet."""
+        sigmas = {one.identity.drone: one.position_sigma_m for one in observations}
+        return replace(self, pending=(*self.pending, *observations), position_sigma_m={**self.position_sigma_m, **sigmas})
+
+    def summed(self, drones: dict[str, int]) -> SourcesState:
+        """With no observation pending. ``drones``: their numbers."""
+        counts = [one for one in self.pending if isinstance(one, CountObservation)]
+        cones = [one for one in self.pending if isinstance(one, ConeObservation)]
+        rows, cone_table = self.rows.plus(counts, drones), self.cones.plus(cones, drones)
+        return replace(self, pending=(), rows=rows, cones=cone_table, refinement=None)
+
+    def emptied(self) -> SourcesState:
+        """With no measurement, and nothing fitted."""
+        none = replace(self, pending=(), rows=Rows.none(), cones=Cones.none(), fitted=None)
+        return replace(none, unknown=(), hiding=None, refinement=None)
+
+
+class Refinement:
+    """The state after a refinement, computed when it is first asked for."""
+
+    def __init__(self, compute: Callable[[], SourcesState]) -> None:
+        self._compute = compute
+
+    @cached_property
+    def state(self) -> SourcesState:
+        """The same for whoever asks."""
+        return self._compute()

@@ -1,0 +1,113 @@
+"""What ``sources`` tells of sources at rest: which of the fitted ones, and each with its errors as the other parts know them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from msgspec.structs import replace
+
+from agent.config.mission import MissionConfig
+from agent.fusion.bayes.apparent import Sights
+from agent.fusion.bayes.motion import ACTIVITY, BIASES, GAIN
+from agent.fusion.bayes.motion import BIAS as ERRORS
+from agent.fusion.estimator import GridStep, Hypothesis
+from agent.fusion.sources.data import Rows
+from agent.fusion.sources.fit import Fitted
+from agent.fusion.sources.solution import BIAS
+from agent.fusion.sources.spectra import REFERENCE_BQ, Spectra
+from agent.fusion.sources.state import SourcesState
+from agent.geometry import Array
+from agent.motion.orbit import ring_radius_m
+from agent.terrain.ground import Ground
+
+_BESIDE_M = 1.0  # by which a camera on the circle around a source may be farther out
+
+
+class Telling:
+    """What is told of the sources of a fit, as hypotheses."""
+
+    def __init__(self, mission: MissionConfig, spectra: Spectra, ground: Ground, numbers: Mapping[str, int]) -> None:
+        """``spectra``: of the candidates. ``numbers``: of the drones."""
+        self._config, self._spectra, self._ground, self._numbers = mission.fusion.sources, spectra, ground, numbers
+        outermost, fits = len(mission.drones) - 1, mission.encirclement.law == "smooth"
+        self._circle_m = ring_radius_m(mission, 0, fits_hypothesis=False) + _BESIDE_M
+        self._outermost_m = max(ring_radius_m(mission, outermost, fits) + _BESIDE_M, self._circle_m)
+
+    def hypothesis(self, state: SourcesState, step: GridStep) -> Hypothesis | None:
+        """The first source with those beside it in ``others``; None while its place is not known to ``declared_rms_m``."""
+        if state.refinement is not None and state.x0_stamp_ns:
+            state = state.refinement.state
+        if state.x0_stamp_ns == 0 or state.fitted is None:
+            return None
+        told = [self.told(state, state.fitted, k, step.middle_ns) for k in range(len(state.fitted.solution))]
+        known = [one for one in told if one.rms_m <= self._config.declared_rms_m]
+        if not known:
+            return None
+        return replace(known[0], evidence=state.fitted.evidence - state.none, others=tuple(known[1:]))
+
+    def is_declared(self, fitted: Fitted) -> bool:
+        """Whether the first source is located, with which something is told for the first time."""
+        return len(fitted.solution) > 0 and self.is_located(fitted, 0)
+
+    def is_located(self, fitted: Fitted, k: int) -> bool:
+        """Whether the place of source k is known as well as it has to be to be told."""
+        return math.hypot(*fitted.sigma_of(k)[:2].tolist()) <= self._config.declared_rms_m
+
+    def told(self, state: SourcesState, fitted: Fitted, k: int, stamp_ns: int) -> Hypothesis:
+        """Source k of a fit to the state's measurements, alone."""
+        solution = fitted.solution
+        mean, covariance = self._as_of_bayes(fitted, k)
+        (x, y), height_m = solution.place[k].tolist(), solution.height_of(k)
+        spectra = self._spectra.plus(state.unknown)
+        relative = math.sqrt(float(covariance[ACTIVITY, ACTIVITY]) + self._config.area_sigma**2)
+        lines_kev = spectra.lines_of(solution.nuclide[k])
+        activity = math.exp(solution.log_activity[k]) * REFERENCE_BQ
+        return Hypothesis(
+            stamp_ns=stamp_ns,
+            position=np.array((x, y, self._ground.height_m(x, y) + height_m)),
+            covariance=self._of_place(fitted, k),
+            velocity=np.zeros(3),
+            cones=len(state.cones),
+            x0_stamp_ns=state.x0_stamp_ns,
+            activity_bq=activity if lines_kev is None else None,
+            activity_sigma_bq=activity * relative if lines_kev is None else None,
+            sights=Sights(self._numbers, mean, covariance, self._ground, height_m),
+            nuclide=spectra.name_of(solution.nuclide[k]),
+            lines_kev=lines_kev,
+            watched_s=self._watched_s(state.rows, solution.place[k]),
+        )
+
+    def _of_place(self, fitted: Fitted, k: int) -> Array:
+        """(3, 3) covariance of the place of source k: J P J', with the height above the ground, where it is estimated, in P."""
+        size = fitted.solution.size
+        own = [size * k, size * k + 1, size * k + 3][: size - 1]
+        jacobian = np.eye(3)[:, : size - 1]
+        jacobian[2, :2] = self._ground.slope(*fitted.solution.place[k].tolist())
+        result: Array = jacobian @ fitted.covariance[np.ix_(own, own)] @ jacobian.T
+        return result
+
+    def _watched_s(self, rows: Rows, place: Array) -> float:
+        """Live time of all cameras near a source: on the circle and inside in full; farther out, up to the outermost ring of
+        drones that do not hear each other, by the square of the distance.
+        """
+        away_m = np.hypot(*(rows.place[:, :2] - place).T)
+        share = np.where(away_m < self._outermost_m, (self._circle_m / np.maximum(away_m, self._circle_m)) ** 2, 0.0)
+        return float(rows.live_s @ share)
+
+    def _as_of_bayes(self, fitted: Fitted, k: int) -> tuple[Array, Array]:
+        """Mean and covariance of source k and the biases in the order of ``bayes``: x, y, velocity, log activity, and of each
+        drone x, y, heading, sensitivity; velocity and headings are 0.
+        """
+        size = fitted.solution.size
+        own = [size * k, size * k + 1, size * k + 2]
+        theirs, first = [0, 1, ACTIVITY], size * len(fitted.solution) + 1
+        for number in range(len(self._numbers)):
+            own += [first + BIAS * number + part for part in range(BIAS)]
+            theirs += [BIASES + ERRORS * number + part for part in (0, 1, GAIN)]
+        whole = BIASES + ERRORS * len(self._numbers)
+        mean, covariance = np.zeros(whole), np.zeros((whole, whole))
+        mean[theirs] = fitted.solution.vector[own]
+        covariance[np.ix_(theirs, theirs)] = fitted.covariance[np.ix_(own, own)]
+        return mean, covariance
