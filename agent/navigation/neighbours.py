@@ -33,15 +33,14 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.config.drone import ResponseConfig
 from agent.config.mission import MissionConfig
 from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
 from agent.frames.transform import Transform
 from agent.geometry import Array, Vector3
 from agent.localization.continuity import carried_on
-from agent.motion.feedforward import Deviation
 from agent.motion.reference import PeerState
-from agent.motion.separation import PeerPlan, margin_m
+from agent.motion.separation import PeerPlan
+from agent.navigation.following import Following
 from agent.navigation.peers import OLDEST_NS, RECENT_NS, Peer, Peers
 from agent.navigation.placing import (
     SIGMAS,
@@ -58,13 +57,11 @@ from agent.navigation.placing import (
 )
 from agent.navigation.relative import offset, places
 from agent.navigation.silent import SILENT_NS, TAKING_PART, Absence, Silent, Viewer
-from protocol.messages import Plan, Pose, Stage
+from protocol.messages import Pose, Stage
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
-PLAN_AGE_NS = 1_000_000_000  # an older plan is stale
 NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone that waits near its launch place
 _STOPPED_NS = 2_000_000_000  # after this long without its agent a drone has stopped: older sightings show where it still flew
-_EXPECTED_M = ResponseConfig().tracking_error_m  # prior of a drone's deviation from its plans
 
 
 class Neighbour(Struct, frozen=True):
@@ -122,8 +119,7 @@ class Neighbourhood:
         self._members = {member.id: member for member in mission.drones}
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
         self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity
-        self._deviations: dict[str, Deviation] = {}
-        self._departed: set[str] = set()  # whose poses do not follow their plans
+        self._following = Following()
         self._silent = Silent(mission, drone)
         self._id = drone
         self._while_heard: dict[str, tuple[Stage, bool]] = {}  # stage of each that hears this drone, and whether this one circles
@@ -147,7 +143,7 @@ class Neighbourhood:
                         unknown = self._silent.unknown(name, viewer, excluded=name in me.excluded)
                         found += [Neighbour(name, plan, False) for plan in unknown]
                 continue
-            self._compare(name, peer, peer.pose)
+            self._following.compare(name, peer, peer.pose)
             mission_from_theirs = self._frame_of(name, peer.pose)
             took_part = peer.status is not None and peer.status.stage in TAKING_PART
             if me.now_ns - peer.pose.stamp_ns > SILENT_NS:
@@ -168,7 +164,7 @@ class Neighbourhood:
                 plan = placed_by_sightings(name, peer.sightings, peer.pose, me.epoch, me.now_ns)
                 plan = plan or self._placed_by_layout(name, peer.pose, me)
             if plan is not None:
-                followed = replace(plan, deviation_m=self._deviations[name].rms_m, blind=plan.blind or apart is not None)
+                followed = replace(plan, deviation_m=self._following.deviation_m(name), blind=plan.blind or apart is not None)
                 found.append(Neighbour(name, followed, takes_part))
             elsewhere = (self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me))
             found += [Neighbour(name, place, False) for place in elsewhere if place is not None]
@@ -208,23 +204,6 @@ class Neighbourhood:
             if peer.pose is not None and not peer.sources.is_on_ground(peer.pose.stamp_ns):
                 self._frame_of(name, peer.pose)
 
-    def _compare(self, name: str, peer: Peer, pose: Pose) -> None:
-        """Compare a drone's pose with its plan; both are in its own frame, known or not.
-
-        Deviations beyond the margin of plans are no part of how well it follows them.
-        """
-        deviation = self._deviations.setdefault(name, Deviation(_EXPECTED_M))
-        plan = peer.plan
-        if plan is None or plan.epoch != pose.epoch or not 0 <= pose.stamp_ns - plan.stamp_ns + PLAN_AGE_NS <= 2 * PLAN_AGE_NS:
-            return
-        x, y, _ = PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, plan.positions_m).state(pose.stamp_ns).position
-        dx, dy = pose.position_m[0] - x, pose.position_m[1] - y
-        if hypot(dx, dy) > margin_m(0.0, deviation.rms_m):
-            self._departed.add(name)
-        else:
-            self._departed.discard(name)
-            deviation.add(pose.stamp_ns, dx, dy)
-
     def _of_silent(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self
     ) -> Iterator[Neighbour]:
@@ -239,7 +218,7 @@ class Neighbourhood:
             viewer = _viewer(me, me.local_from_mission)
             plans = self._silent.plans(name, peer, pose, bare(mission_from_theirs), sigma_m, viewer)
             yield from (Neighbour(name, plan, False) for plan in plans)
-            last = self._followed(name, peer, pose, me.now_ns, OLDEST_NS)
+            last = self._following.plan(name, peer, pose, me.now_ns, OLDEST_NS)
             if last is not None:
                 yield Neighbour(name, planned(name, last, viewer.local_from_mission @ bare(mission_from_theirs), sigma_m), False)
 
@@ -292,7 +271,7 @@ class Neighbourhood:
         if seen is None:
             alone = placed_by_sightings(name, peer.sightings, pose, me.epoch, me.now_ns)
             if alone is not None and contradicts(alone, blind(name, pose, local_from_theirs, me.now_ns), sigma_m):
-                return replace(alone, blind=self._is_blind(name, peer, pose, me.now_ns))
+                return replace(alone, blind=self._following.is_blind(name, peer, pose, me.now_ns))
         else:
             far = hypot(*seen.vector[:2]) > SIGMAS * hypot(sigma_m, seen.sigma_m)  # then the frames are wrong, not the sightings
             share = 1.0 if far else sigma_m**2 / (sigma_m**2 + seen.sigma_m**2)
@@ -318,22 +297,11 @@ class Neighbourhood:
             local_from_theirs.rotate_direction(pose.velocity_mps),
             age_s=(now_ns - pose.stamp_ns) * 1e-9,
         )
-        plan = self._followed(name, peer, pose, now_ns)
+        plan = self._following.plan(name, peer, pose, now_ns)
         if plan is None:
             return PeerPlan.from_pose(name, now_ns, measured, sigma_m, doubt_m, blind=peer.plan is not None)
         ahead = local_from_theirs.apply_points(plan.positions_m)
         return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, measured, doubt_m)
-
-    def _followed(self, name: str, peer: Peer, pose: Pose, now_ns: int, oldest_ns: int = PLAN_AGE_NS) -> Plan | None:
-        """Its recent plan that it follows."""
-        plan, followed = peer.plan, pose.steered and name not in self._departed and not peer.sources.are_two(now_ns)
-        if not followed or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > oldest_ns:
-            return None
-        return plan
-
-    def _is_blind(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> bool:
-        """Whether it has published plans, and follows none now: it is not steered by its agent."""
-        return peer.plan is not None and self._followed(name, peer, pose, now_ns) is None
 
     def _placed_by_layout(self, name: str, pose: Pose, me: Self) -> PeerPlan | None:
         member = self._members[name]

@@ -1,0 +1,54 @@
+"""Whether another drone follows its plans, and how well, by its poses; both are in its own frame, known or not."""
+
+from __future__ import annotations
+
+from math import hypot
+
+from agent.config.drone import ResponseConfig
+from agent.motion.feedforward import Deviation
+from agent.motion.separation import PeerPlan, margin_m
+from agent.navigation.peers import Peer
+from protocol.messages import Plan, Pose
+
+_PLAN_AGE_NS = 1_000_000_000  # an older plan is stale
+_EXPECTED_M = ResponseConfig().tracking_error_m  # prior of a drone's deviation from its plans
+
+
+class Following:
+    """How each of the others has followed its plans so far."""
+
+    def __init__(self) -> None:
+        self._deviations: dict[str, Deviation] = {}
+        self._departed: set[str] = set()  # whose poses do not follow their plans
+
+    def compare(self, name: str, peer: Peer, pose: Pose) -> None:
+        """Compare a drone's pose with its plan.
+
+        Deviations beyond the margin of plans are no part of how well it follows them.
+        """
+        deviation = self._deviations.setdefault(name, Deviation(_EXPECTED_M))
+        plan = peer.plan
+        if plan is None or plan.epoch != pose.epoch or not 0 <= pose.stamp_ns - plan.stamp_ns + _PLAN_AGE_NS <= 2 * _PLAN_AGE_NS:
+            return
+        x, y, _ = PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, plan.positions_m).state(pose.stamp_ns).position
+        dx, dy = pose.position_m[0] - x, pose.position_m[1] - y
+        if hypot(dx, dy) > margin_m(0.0, deviation.rms_m):
+            self._departed.add(name)
+        else:
+            self._departed.discard(name)
+            deviation.add(pose.stamp_ns, dx, dy)
+
+    def deviation_m(self, name: str) -> float:
+        """RMS of a compared drone's deviation from its plans."""
+        return self._deviations[name].rms_m
+
+    def plan(self, name: str, peer: Peer, pose: Pose, now_ns: int, oldest_ns: int = _PLAN_AGE_NS) -> Plan | None:
+        """The plan that a drone follows; None where it follows none that is recent enough."""
+        plan, followed = peer.plan, pose.steered and name not in self._departed and not peer.sources.are_two(now_ns)
+        if not followed or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > oldest_ns:
+            return None
+        return plan
+
+    def is_blind(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> bool:
+        """Whether a drone has published plans, and follows none now: it is not steered by its agent."""
+        return peer.plan is not None and self.plan(name, peer, pose, now_ns) is None
