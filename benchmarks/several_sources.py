@@ -5,7 +5,8 @@ high at 3 m/s. Number (0 to 6), nuclides (those named), places and activities (0
 same-named ones at least 5 m apart, or 20 m if one is ten times as strong. ``--real``: positions off by 0.15 m along each axis,
 sensitivities by 5 %, energy scales by 0.5 %, background x 1.2, 7 % from direction to direction. ``--alone``: one source of 3 GBq,
 beside ``bayes``. ``--higher-m``: by which the second half of each circle is flown higher. ``--walls``: behind the walls of the
-scenario ``mismatch-walls``, of which no estimator is told; with ``--map`` all are.
+scenario ``mismatch-walls``, of which no estimator is told; with ``--map`` all are. ``--unknown Co-60,F-18``: nuclides that are no
+candidates, of sources or not. NEES: mean squared error of place over stated covariance, 2 if they match.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from agent.frames.transform import Transform
 from agent.fusion.estimator import Estimator, GridStep, Hypothesis
 from agent.fusion.observation import ConeObservation, ConeSurface, CountObservation, Observation
 from agent.fusion.registry import estimator_named
+from agent.fusion.sources.spectra import KNOWN
 from agent.fusion.sources.tracker import Track
 from protocol.entries import EntryId
 from protocol.spectrum import SpectrumBin
@@ -95,7 +97,8 @@ class Tally:
     error_m: list[float] = field(default_factory=list)
     height_m: list[float] = field(default_factory=list)
     activity: list[float] = field(default_factory=list)
-    inside: list[bool] = field(default_factory=list)
+    nees: list[float] = field(default_factory=list)
+    unknown: int = 0
     handed_over: int = 0
     refining_s: list[float] = field(default_factory=list)
     moving_s: list[float] = field(default_factory=list)
@@ -250,11 +253,14 @@ def judge(sources: Sequence[Placed], told: Hypothesis | None, tally: Tally) -> N
         best = min(range(len(left)), key=lambda k: (left[k].nuclide not in (source.nuclide, None), off[k]))
         found = left.pop(best)
         error = found.position[:2] - source.place
-        tally.nuclides += found.nuclide in (source.nuclide, None)
+        is_unknown = found.lines_kev is not None
+        tally.unknown += is_unknown
+        tally.nuclides += found.nuclide in (source.nuclide, None) and not is_unknown
         tally.error_m.append(off[best])
         tally.height_m.append(abs(float(found.position[2]) - source.height_m))
-        tally.activity.append(abs((found.activity_bq or 0.0) / source.activity_bq - 1.0))
-        tally.inside.append(float(error @ np.linalg.solve(found.covariance[:2, :2], error)) <= IN_90)
+        if found.activity_bq is not None:
+            tally.activity.append(abs(found.activity_bq / source.activity_bq - 1.0))
+        tally.nees.append(float(error @ np.linalg.solve(found.covariance[:2, :2], error)))
 
 
 def told(name: str, tally: Tally) -> str:
@@ -262,11 +268,12 @@ def told(name: str, tally: Tally) -> str:
     half, most = np.quantile(tally.error_m or [math.nan], (0.5, 0.9))
     high = np.quantile(tally.height_m or [math.nan], (0.5, 0.9))
     weak, strong = 100.0 * np.quantile(tally.activity or [math.nan], (0.5, 0.9))
+    nees, inside = np.mean(tally.nees or [math.nan]), np.mean([one <= IN_90 for one in tally.nees] or [math.nan])
     return (
         f"{name}: number right {tally.right}/{tally.flights}, sources {len(tally.error_m)}/{tally.sources}, nuclides right "
-        f"{tally.nuclides}, false {tally.false}, handed over as moving {tally.handed_over}; "
+        f"{tally.nuclides}, told as unknown {tally.unknown}, false {tally.false}, handed over as moving {tally.handed_over}; "
         f"error 50/90 % {half:.3f}/{most:.3f} m, activity {weak:.1f}/{strong:.1f} %, "
-        f"height {high[0]:.3f}/{high[1]:.3f} m, in 90 % region {np.mean(tally.inside or [math.nan]):.2f}; "
+        f"height {high[0]:.3f}/{high[1]:.3f} m, in 90 % region {inside:.2f}, NEES {nees:.1f}; "
         f"refinement at most {1e3 * max(tally.refining_s):.0f} ms, "
         f"with moves {1e3 * np.median(tally.moving_s):.0f} ms, at most {1e3 * max(tally.moving_s):.0f} ms"
     )
@@ -284,6 +291,7 @@ def main(
     higher_m: Annotated[float, typer.Option(help="Added to the height in the second half of each circle.")] = 0.0,
     nuclides: Annotated[str, typer.Option(help="Of the sources.")] = "Cs-137,Ir-192",
     sought: Annotated[str, typer.Option(help="The mission's nuclide, whose lines make cones.")] = "auto",
+    unknown: Annotated[str, typer.Option(help="Nuclides that are no candidates; instead of --sought.")] = "",
 ) -> None:
     if mapped and not walls:
         raise typer.BadParameter("--map is of the walls of --walls: give both")
@@ -293,7 +301,7 @@ def main(
     square = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M))
     drones = tuple(DroneInMission(id=f"d{k + 1}") for k in range(DRONES))
     fusion = FusionConfig(estimator="bayes" if alone else "sources")
-    nuclide = "Cs-137" if alone else sought
+    nuclide = "Cs-137" if alone else sought if not unknown else tuple(name for name in KNOWN if name not in unknown.split(","))
     mission = MissionConfig(
         name="several",
         drones=drones,
