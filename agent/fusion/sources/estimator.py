@@ -87,12 +87,6 @@ class SourcesAtRest:
         before = replace(state, refinement=None)
         return replace(state, refinement=Refinement(lambda: self._refined(before)))
 
-    def outlook(self, state: SourcesState) -> Outlook | None:
-        """Where further sources may hide; None before the first measurements, and where the mission names no least activity."""
-        if state.hiding is None or self._target is None:
-            return None
-        return state.hiding.outlook(self._target, self.spectra.nuclides)
-
     def problem(self, state: SourcesState) -> Problem:
         """What the state's fit is judged by, given all of its measurements but those that are pending."""
         return self._problem(state, self.spectra.plus(state.unknown))
@@ -129,20 +123,23 @@ class SourcesAtRest:
             fitted = max(each, key=lambda one: one.evidence)
         fitted, spectra = only_told(fitted, spectra)
         problem = problem_of(spectra)
-        hiding = None
-        if self._target is not None:
-            hiding = self._target.hiding(state.rows, problem.counts, spectra, self.ground, fitted, self.walls)
-            if not all(self.telling.is_located(fitted, k) for k in range(len(fitted.solution))):
-                hiding = replace(hiding, left=hiding.left | hiding.glare)  # more measurements there would locate what is fitted
+        outlook = None if self._target is None else self._outlook(state.rows, self._target, problem, spectra, fitted)
         fitted = misled(_strongest_first(fitted), problem, state.rows)
         return replace(
             state,
             fitted=fitted,
             unknown=spectra.unknown,
             none=problem.fitted(nothing, _REFINEMENTS).evidence,
-            hiding=hiding,
+            outlook=outlook,
             x0_stamp_ns=state.x0_stamp_ns or (step.start_ns if self.telling.is_declared(fitted) else 0),
         )
+
+    def _outlook(self, rows: Rows, target: Target, problem: Problem, spectra: Spectra, fitted: Fitted) -> Outlook:
+        """What is not excluded beside what was fitted to these rows."""
+        hiding = target.hiding(rows, problem.counts, spectra, self.ground, fitted, self.walls)
+        if not all(self.telling.is_located(fitted, k) for k in range(len(fitted.solution))):
+            hiding = replace(hiding, left=hiding.left | hiding.glare)  # more measurements there would locate what is fitted
+        return hiding.outlook(target, self.spectra.nuclides)
 
     def _improved(self, state: SourcesState, problem: Problem, start: Solution, spectra: Spectra) -> Fitted:
         scan = Scan(state.rows, problem.counts, spectra, self.ground, self._places)

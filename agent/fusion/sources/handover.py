@@ -143,7 +143,7 @@ class FollowingEstimator:
         """As ``SourcesAtRest``; that of the track's search, if a source that moves has been lost."""
         track = _moving(state)
         if track is None:
-            return self._at_rest.outlook(state.rest)
+            return state.rest.outlook
         return self._tracker(track.nuclide).bayes.outlook(track.state, step)
 
     def _moved_once(self, state: FollowingState, step: GridStep) -> FollowingState:

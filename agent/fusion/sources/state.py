@@ -8,19 +8,18 @@ from functools import cached_property
 from msgspec import Struct
 from msgspec.structs import replace
 
+from agent.fusion.estimator import Outlook
 from agent.fusion.observation import ConeObservation, CountObservation, Observation
 from agent.fusion.sources.data import Cones, Rows
 from agent.fusion.sources.fit import Fitted
-from agent.fusion.sources.hiding import Hiding
 from agent.fusion.sources.spectra import UnknownSpectrum
 
 
 class SourcesState(Struct, frozen=True, eq=False):
     """pending: observations that no moves have used yet. rows, cones: the others. position_sigma_m: by drone, as last told.
-    unknown: spectra of the nuclides of ``fitted`` that nobody knows.
-    refined, moved: numbers of the last times of either kind that are past. none: log evidence of no source. hiding: where further
-    ones may hide, at the last moves; None: nobody searches for them. refinement: of this state, if there has been one since the
-    moves.
+    refined, moved: numbers of the last times of either kind that are past. unknown: spectra of the nuclides of ``fitted`` that
+    nobody knows. none: log evidence of no source. outlook: where further ones may hide, at the last moves; None: nobody searches
+    for them. refinement: of this state, if there has been one since the moves.
     """
 
     pending: tuple[Observation, ...] = ()
@@ -32,7 +31,7 @@ class SourcesState(Struct, frozen=True, eq=False):
     fitted: Fitted | None = None
     unknown: tuple[UnknownSpectrum, ...] = ()
     none: float = 0.0
-    hiding: Hiding | None = None
+    outlook: Outlook | None = None
     x0_stamp_ns: int = 0
     refinement: Refinement | None = None
 
@@ -51,7 +50,7 @@ class SourcesState(Struct, frozen=True, eq=False):
     def emptied(self) -> SourcesState:
         """With no measurement, and nothing fitted."""
         none = replace(self, pending=(), rows=Rows.none(), cones=Cones.none(), fitted=None)
-        return replace(none, unknown=(), hiding=None, refinement=None)
+        return replace(none, unknown=(), outlook=None, refinement=None)
 
 
 class Refinement:

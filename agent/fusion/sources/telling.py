@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
@@ -23,6 +24,7 @@ from agent.motion.orbit import ring_radius_m
 from agent.terrain.ground import Ground
 
 _BESIDE_M = 1.0  # by which a camera on the circle around a source may be farther out
+_REMEMBERED = 2  # fits: agents that share an estimator, as in simulations, may differ by an observation
 
 
 class Telling:
@@ -34,6 +36,7 @@ class Telling:
         outermost, fits = len(mission.drones) - 1, mission.encirclement.law == "smooth"
         self._circle_m = ring_radius_m(mission, 0, fits_hypothesis=False) + _BESIDE_M
         self._outermost_m = max(ring_radius_m(mission, outermost, fits) + _BESIDE_M, self._circle_m)
+        self._recent: deque[tuple[SourcesState, list[Hypothesis]]] = deque(maxlen=_REMEMBERED)
 
     def hypothesis(self, state: SourcesState, step: GridStep) -> Hypothesis | None:
         """The first source with those beside it in ``others``; None while its place is not known to ``declared_rms_m``."""
@@ -41,11 +44,23 @@ class Telling:
             state = state.refinement.state
         if state.x0_stamp_ns == 0 or state.fitted is None:
             return None
-        told = [self.told(state, state.fitted, k, step.middle_ns) for k in range(len(state.fitted.solution))]
-        known = [one for one in told if one.rms_m <= self._config.declared_rms_m]
+        known = self._located(state, state.fitted)
         if not known:
             return None
-        return replace(known[0], evidence=state.fitted.evidence - state.none, others=tuple(known[1:]))
+        first, *others = (replace(one, stamp_ns=step.middle_ns) for one in known)
+        return replace(first, evidence=state.fitted.evidence - state.none, others=tuple(others))
+
+    def _located(self, state: SourcesState, fitted: Fitted) -> list[Hypothesis]:
+        """The sources whose places are known well enough to be told; their stamps are not yet set. Remembered, as many steps tell
+        of one fit.
+        """
+        for before, known in self._recent:
+            if before.fitted is fitted and before.rows is state.rows and before.cones is state.cones:
+                return known
+        told = [self.told(state, fitted, k, 0) for k in range(len(fitted.solution))]
+        known = [one for one in told if one.rms_m <= self._config.declared_rms_m]
+        self._recent.append((state, known))
+        return known
 
     def is_declared(self, fitted: Fitted) -> bool:
         """Whether the first source is located, with which something is told for the first time."""

@@ -136,6 +136,16 @@ def test_a_source_that_is_told_first_because_the_strongest_is_not_known_well_has
     assert (told.position[0], told.evidence, told.others) == (2.0, 20.0, ())
 
 
+def test_steps_without_a_new_fit_tell_the_same_sources_at_their_own_times(kit, among):
+    estimator = estimator_named("sources", among.mission_of(drones=("a",)))
+    solution = Solution((0,), np.array([(1.0, 1.0)]), np.zeros(1), 0.0, np.zeros((1, 3)))
+    rest = SourcesState(fitted=Fitted(solution, 0.0, 0.01 * np.eye(7), 25.0), x0_stamp_ns=kit.T0_NS)
+    steps = [GridStep(k, kit.T0_NS + k * 10, kit.T0_NS + k * 10 + 10) for k in range(2)]
+    first, second = (estimator.hypothesis(FollowingState(rest), step) for step in steps)
+    assert first.sights is second.sights
+    assert second.stamp_ns - first.stamp_ns == 10
+
+
 def test_an_agent_that_catches_up_refines_once_and_tells_the_same(kit, flight):
     """One is asked at every step, the other only at the end."""
     mission, entries = flight
