@@ -11,9 +11,10 @@ their shadows. That is with a view that is otherwise clear; what may hide the so
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 
 import numpy as np
@@ -31,7 +32,10 @@ from protocol.spectrum import BINS
 _MODEL_ERROR = 0.05  # eps
 _EDGE_ON = 0.05  # f of a camera with its edge towards the source, which counts by its sides
 _LEAST_PASSING = 1e-3
+_SHAPES_KEPT = 8  # for the energy scales and excesses of scatter that a fit compares
 _LEAST_SHARE = 0.3  # of the background: expectations are never less, where attenuation beyond the model's reach would make them
+
+Derivatives = Callable[[], tuple[Array, Array]]  # a gradient and a Fisher information, computed only where they are wanted
 
 
 @dataclass(frozen=True)
@@ -90,9 +94,13 @@ class CountModel:
         self._facing = rows.facing
         self.weight: Array = 1.0 / (1.0 + _MODEL_ERROR**2 * self.counts.sum(axis=1))
         self.drone = rows.drone
-        self._cells = Cells(rows)
+        self._rows = rows
         edges = np.searchsorted(self.drone, np.arange(drones + 1))
         self._of_drone = [slice(start, end) for start, end in pairwise(edges.tolist())]
+
+    @cached_property
+    def _cells(self) -> Cells:
+        return Cells(self._rows)
 
     def doubting(self, solution: Solution, sigma_m: Array) -> CountModel:
         """With less weight on rows at the edges of the shadows of these sources, whose places are known to sigma_m (K, 2)."""
@@ -142,7 +150,7 @@ class CountModel:
         """Without the terms that do not depend on the sources."""
         return self.views(expected).log_likelihood
 
-    def scored(self, solution: Solution) -> tuple[float, Array, Array]:
+    def scored(self, solution: Solution) -> tuple[float, Derivatives]:
         """Log likelihood; and by drone its gradient (V, p) and Fisher information (V, p, p) by the p = size K + 1 numbers of the
         sources and the background.
         """
@@ -151,9 +159,10 @@ class CountModel:
         background: Array = time[:, None] * spectrum
         expected = _limited(background + sources.counts, sources.straight, background)
         seen = self.views(expected)
-        return seen.log_likelihood, *self._derived(sources.plus(spectrum, time), expected, seen, self._of_drone)
+        mixture = sources.plus(spectrum, time)
+        return seen.log_likelihood, lambda: self._derived(mixture, expected, seen, self._of_drone)
 
-    def scored_alone(self, solution: Solution, sources: Sequence[int], others: Expected) -> tuple[float, Array, Array]:
+    def scored_alone(self, solution: Solution, sources: Sequence[int], others: Expected) -> tuple[float, Derivatives]:
         """Log likelihood, its gradient (p,) and Fisher information (p, p) by the p numbers of these sources alone,
         given ``others``, what is expected without them.
         """
@@ -161,16 +170,19 @@ class CountModel:
         clear = np.maximum(others.clear + mixture.counts, others.least)
         expected = Expected(clear, others.direct + mixture.straight, others.least)
         seen = self.views(expected)
-        gradients, informations = self._derived(mixture, expected, seen, [slice(None)])
-        return seen.log_likelihood, gradients[0], informations[0]
+
+        def derivatives() -> tuple[Array, Array]:
+            (gradient,), (information,) = self._derived(mixture, expected, seen, [slice(None)])
+            return gradient, information
+
+        return seen.log_likelihood, derivatives
 
     def aside(self, solution: Solution, k: int) -> tuple[Array, Array, Array]:
         """(R,) each, of source k: distances; f - ``MEAN_FACING``; live times as they count for it, with the sensitivity of the
         cameras and known walls, but without air and distance.
         """
-        near, _, faced = self._unshaded(solution, k)[:, 2]
-        x, y = solution.place[k].tolist()
-        distance, *_ = ways(self._ground, (x, y, solution.height_of(k)), self.place, solution.bias[self.drone])
+        near, _, faced = self._unshaded(solution, [k])[0, :, 2]
+        distance = self._ways(solution, [k])[0][0]
         live: Array = self.live_s * np.exp(solution.bias[self.drone, 2])
         if self._shades is not None:
             live = live * self._shades.passing(solution.nuclide[k], self._source(solution, k))
@@ -179,8 +191,8 @@ class CountModel:
     def derivatives(self, solution: Solution) -> Iterator[Array]:
         """(R, BINS) derivatives of M, in the order of ``Solution.vector``."""
         shapes, _ = self._shapes(solution)
-        for k, n in enumerate(solution.nuclide):
-            yield from (by.T @ shapes[n] for by in self._by_source(solution, k).swapaxes(0, 1))
+        for n, one in zip(solution.nuclide, self._by_source(solution, range(len(solution))), strict=True):
+            yield from (by.T @ shapes[n] for by in one.swapaxes(0, 1))
         yield self.background(solution)
 
     def _background_s(self, solution: Solution) -> Array:
@@ -192,15 +204,15 @@ class CountModel:
         """Gradient (G, p) and Fisher information (G, p, p) of each group of rows, by the p numbers of a mixture."""
         towards = seen.along(mixture.shapes, mixture.direct).T  # (Q, R)
         between, pairs = _products(mixture.shapes, seen.information[:, None] / expected.clear)
-        size = mixture.ends[-1]
+        ends, size = mixture.ends, mixture.ends[-1]
         gradients, informations = np.empty((len(groups), size)), np.empty((len(groups), size, size))
         for place, part in enumerate(mixture.parts):
-            own = slice(mixture.ends[place], mixture.ends[place + 1])
+            own = slice(ends[place], ends[place + 1])
             by_row = (part.by * towards[part.of, None]).sum(axis=0)  # (numbers, R)
             for group, rows in enumerate(groups):
                 gradients[group, own] = by_row[:, rows].sum(axis=1)
             for other in range(place + 1):
-                theirs = slice(mixture.ends[other], mixture.ends[other + 1])
+                theirs = slice(ends[other], ends[other + 1])
                 before = mixture.parts[other]
                 crossed = np.einsum("abr,bjr->ajr", between[pairs[part.of, before.of]], before.by)
                 for group, rows in enumerate(groups):
@@ -216,94 +228,96 @@ class CountModel:
         several = shapes.shape[1]
         parts = []
         strengths = np.zeros((several * len(nuclides), len(self.live_s)))
-        for k in sources:
+        for k, by in zip(sources, self._by_source(solution, sources), strict=True):
             place = nuclides.index(solution.nuclide[k])
-            part = Part(slice(several * place, several * (place + 1)), self._by_source(solution, k))
+            part = Part(slice(several * place, several * (place + 1)), by)
             parts.append(part)
             strengths[part.of] += part.by[:, 2]
         return Mixture(shapes.reshape(-1, BINS), direct.reshape(-1, BINS), parts, strengths)
 
     def _shapes(self, solution: Solution) -> tuple[Array, Array]:
-        """(N, Q, BINS) shapes of each nuclide, and the direct photons in them: N, F and G of ``spectra``; with known walls, what
-        is direct in the three by itself, after b Q, what is scattered nearby.
-        """
-        facing = self._spectra.facing(solution.scale)
-        whole = np.stack((*self._spectra.templates(solution.scale, solution.scatter), facing), axis=1)
-        direct = np.stack((*self._spectra.direct_templates(solution.scale), facing), axis=1)
-        if self._shades is None:
-            return whole, direct
-        scattered = (whole - direct)[:, :1]
-        return np.concatenate((scattered, direct), axis=1), np.concatenate((np.zeros_like(scattered), direct), axis=1)
+        return _shapes(self._spectra, solution.scale, solution.scatter, self._shades is not None)
 
-    def _by_source(self, solution: Solution, k: int) -> Array:
-        """(Q, size, R) derivatives of the shapes' strengths by x, y, log activity and, where it may be above the ground, height
-        of source k; those by log activity are the strengths.
+    def _by_source(self, solution: Solution, sources: Sequence[int]) -> Array:
+        """(K, Q, size, R) derivatives of the shapes' strengths by x, y, log activity and, where it may be above the ground,
+        height of each of K sources; those by log activity are the strengths.
         """
-        by = self._unshaded(solution, k)
+        by = self._unshaded(solution, sources)
         if self._shades is None:
             return by
-        passing = self._shades.passing(solution.nuclide[k], self._source(solution, k))
-        return np.concatenate((by[:1] + AIR / NEAR * by[1:2], passing * by))
+        passing = [self._shades.passing(solution.nuclide[k], self._source(solution, k)) for k in sources]
+        share = np.reshape(passing, (len(sources), 1, 1, len(self.live_s)))
+        return np.concatenate((by[:, :1] + AIR / NEAR * by[:, 1:2], share * by), axis=1)
 
-    def _unshaded(self, solution: Solution, k: int) -> Array:
-        """(3, size, R) as ``_by_source``, of N, F and G without walls."""
-        x, y = solution.place[k].tolist()
-        distance, east, north, up = ways(self._ground, (x, y, solution.height_of(k)), self.place, solution.bias[self.drone])
-        air = self._spectra.air_per_m[solution.nuclide[k]]
+    def _unshaded(self, solution: Solution, sources: Sequence[int]) -> Array:
+        """(K, 3, size, R) as ``_by_source``, of N, F and G without walls."""
+        distance, way, along = self._ways(solution, sources)
+        air = self._spectra.air_per_m[[solution.nuclide[k] for k in sources]][:, None]
         depth = air * distance
-        logarithm = solution.log_activity[k] + solution.bias[self.drone, 2] - depth
+        logarithm = solution.log_activity[list(sources), None] + solution.bias[self.drone, 2] - depth
         near = PER_MM2 * self.live_s * np.exp(logarithm) / distance**2
-        ways_m = (east, north) if solution.height is None else (east, north, up)
-        facing, turns = self._faced(solution, k, distance, ways_m)
+        facing, turns = self._faced(distance, way, along)
         nearer, farther = -near * (2.0 / distance + air), -near * (1.0 + depth) * air
-        by_place = (
-            [nearer * way for way in ways_m],
-            [farther * way for way in ways_m],
-            [nearer * way * facing + near * turn for way, turn in zip(ways_m, turns, strict=True)],
-        )
-        strengths = near, near * depth, near * facing
-        return np.array(
-            [(x, y, strength, *height) for (x, y, *height), strength in zip(by_place, strengths, strict=True)],
-        )
+        by = np.empty((len(distance), 3, solution.size, distance.shape[1]))
+        by[:, 0, 2], by[:, 1, 2], by[:, 2, 2] = near, near * depth, near * facing
+        for number, one, turn in zip((0, 1, 3)[: solution.size - 1], along, turns, strict=False):
+            by[:, 0, number] = nearer * one
+            by[:, 1, number] = farther * one
+            by[:, 2, number] = by[:, 0, number] * facing + near * turn
+        return by
 
     def _source(self, solution: Solution, k: int) -> Vector3:
         """Place of source k, mission frame."""
         x, y = solution.place[k].tolist()
         return x, y, self._ground.height_m(x, y) + solution.height_of(k)
 
-    def _faced(self, solution: Solution, k: int, distance: Array, by_place: Sequence[Array]) -> tuple[Array, list[Array]]:
-        """(R,) each: f - ``MEAN_FACING`` of source k and its derivatives by x, y and height; ``by_place``: those of the distance.
+    def _ways(self, solution: Solution, sources: Sequence[int]) -> tuple[Array, Array, Array]:
+        """Distances (K, R) of K sources, and the ways (3, K, R) to them; derivatives (3, K, R) of the distances by x, y and
+        height of the sources.
+        """
+        at = solution.place[list(sources)]
+        height = self._ground.heights_m(at) + [solution.height_of(k) for k in sources]
+        way = np.column_stack((at, height)).T[:, :, None] - self.place.T[:, None]
+        way[:2] += solution.bias[self.drone, :2].T[:, None]
+        distance = np.maximum(np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2), NEAREST_M)
+        along = way / distance
+        along[:2] += self._ground.slopes(at).T[:, :, None] * along[2]
+        return distance, way, along
+
+    def _faced(self, distance: Array, way: Array, along: Array) -> tuple[Array, list[Array]]:
+        """(K, R) each: f - ``MEAN_FACING`` of K sources, and its derivatives by x, y and height; the arguments are of ``_ways``.
 
         With the way (x, y, z) to the source, f^2 = (x^2 + y^2 + C (x^2 - y^2) + 2 S x y) / 2 d^2, of a level camera whose heading
         stays; C and S are the row's means.
         """
-        x, y = (solution.place[k] + solution.bias[self.drone, :2] - self.place[:, :2]).T
-        twice_cos, twice_sin = self._facing.T
+        (x, y, _), (twice_cos, twice_sin) = way, self._facing.T
         ahead, aside = x + twice_cos * x + twice_sin * y, y - twice_cos * y + twice_sin * x
-        square = 0.5 * (x * ahead + y * aside) / distance**2
+        per_square = 0.5 / distance**2
+        square = per_square * (x * ahead + y * aside)
         facing = np.sqrt(np.maximum(square, 0.0) + _EDGE_ON**2)
-        along = (ahead, aside, np.zeros_like(ahead))
-        turns = [(0.5 * one / distance**2 - square * by / distance) / facing for one, by in zip(along, by_place, strict=False)]
+        slope = square / distance
+        turns = [(per_square * one - slope * by) / facing for one, by in zip((ahead, aside, 0.0), along, strict=True)]
         return facing - MEAN_FACING, turns
+
+
+@lru_cache(_SHAPES_KEPT)
+def _shapes(spectra: Spectra, scale: float, scatter: float, shaded: bool) -> tuple[Array, Array]:
+    """(N, Q, BINS) shapes of each nuclide, and the direct photons in them: N, F and G of ``spectra``; with known walls, what is
+    direct in the three by itself, after b Q, what is scattered nearby.
+    """
+    facing = spectra.facing(scale)
+    whole = np.stack((*spectra.templates(scale, scatter), facing), axis=1)
+    direct = np.stack((*spectra.direct_templates(scale), facing), axis=1)
+    if not shaded:
+        return whole, direct
+    scattered = (whole - direct)[:, :1]
+    return np.concatenate((scattered, direct), axis=1), np.concatenate((np.zeros_like(scattered), direct), axis=1)
 
 
 def _limited(clear: Array, direct: Array, background: Array) -> Expected:
     """With expectations that are never less than a share of the background's."""
     least = _LEAST_SHARE * background
     return Expected(np.maximum(clear, least), direct, least)
-
-
-def ways(ground: Ground, source: Vector3, places: Array, bias: Array) -> tuple[Array, Array, Array, Array]:
-    """Distances (N,) from measured places (N, 3) with biases (N, 3) to a source (x, y, height above the ground), and their
-    derivatives by its three numbers.
-    """
-    x, y, height = source
-    rise = ground.slope(x, y)
-    way = np.array((x, y, ground.height_m(x, y) + height)) - places
-    way[:, :2] += bias[:, :2]
-    distance = np.maximum(np.sqrt((way**2).sum(axis=1)), NEAREST_M)
-    east, north, up = way.T
-    return distance, (east + rise[0] * up) / distance, (north + rise[1] * up) / distance, up / distance
 
 
 def _products(shapes: Array, weight: Array) -> tuple[Array, NDArray[np.int64]]:

@@ -44,6 +44,12 @@ class Rows:
         """Without exposures."""
         return cls(np.zeros((0, _COLUMNS), np.int64))
 
+    @classmethod
+    def single(cls, observation: CountObservation, number: int) -> Rows:
+        """Of one exposure by the drone of that number; none if it has no spectrum."""
+        row = _row(observation, number)
+        return cls.none() if row is None else cls(np.array([row], np.int64))
+
     def __len__(self) -> int:
         return len(self.table)
 

@@ -9,11 +9,15 @@ its event is in the exposure's spectrum. The information is estimated by the out
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from agent.detector.windows import Windows
 from agent.fusion.bayes.cones import OUTLIER_FRACTION
+from agent.fusion.sources.counts import Derivatives
 from agent.fusion.sources.data import Cones
 from agent.fusion.sources.shades import KnownWalls, Shades
 from agent.fusion.sources.solution import Solution
@@ -23,6 +27,26 @@ from agent.terrain.ground import Ground
 
 _PER_ROOT_TWO_PI = (2.0 * np.pi) ** -0.5
 _LEAST_SINE = 1e-3
+
+
+class _Source(NamedTuple):
+    """A source as C cones see it, D of which may point to it.
+
+    own: (D,) which ones. unit: (C, 3) of the way from the camera to the source, and distance: (C,). cosine: (D, 2) of the angle
+    to each reading's axis; off: (D, 2, 1) by which it differs from that of the cone; density: (D, 2, 2), the terms of rho.
+    pointing: (C,) w K. seen, missed: (C,) terms above and below the line. weakening: (C,) derivative of log w by the distance.
+    """
+
+    own: NDArray[np.intp]
+    unit: Array
+    distance: Array
+    cosine: Array
+    off: Array
+    density: Array
+    pointing: Array
+    seen: Array
+    missed: Array
+    weakening: Array
 
 
 class ConeModel:
@@ -49,38 +73,40 @@ class ConeModel:
 
     def log_likelihood(self, solution: Solution) -> float:
         """Relative to cones from anywhere."""
-        if not len(self._cones) or not len(solution):
-            return 0.0
-        above = below = self._background * np.exp(solution.log_background)
-        for k in range(len(solution)):
-            seen, missed, _, _ = self._source(solution, k)
-            above, below = above + seen, below + missed
-        return float(np.log(above / below).sum())
+        return self.scored(solution)[0]
 
-    def scored(self, solution: Solution) -> tuple[float, Array, Array]:
+    def scored(self, solution: Solution) -> tuple[float, Derivatives]:
         """As ``CountModel.scored``."""
-        each, free = solution.size, [0, 1] if solution.height is None else [0, 1, 3]
-        size = each * len(solution) + 1
+        size = solution.size * len(solution) + 1
         if not len(self._cones) or not len(solution):
-            return 0.0, np.zeros((self._drones, size)), np.zeros((self._drones, size, size))
+            return 0.0, lambda: (np.zeros((self._drones, size)), np.zeros((self._drones, size, size)))
         background = self._background * np.exp(solution.log_background)
-        parts = [self._source(solution, k) for k in range(len(solution))]
-        above = background + sum(part[0] for part in parts)
-        below = background + sum(part[1] for part in parts)
-        gradient = np.empty((len(self._cones), size))
-        for k, (seen, missed, by_place, weakening) in enumerate(parts):
-            share = seen / above - missed / below
-            gradient[:, [each * k + part for part in free]] = by_place / above[:, None] + share[:, None] * weakening
+        sources = [self._source(solution, k) for k in range(len(solution))]
+        above = background + sum(one.seen for one in sources)
+        below = background + sum(one.missed for one in sources)
+        return float(np.log(above / below).sum()), lambda: self._derived(solution, sources, background, above, below)
+
+    def _derived(
+        self, solution: Solution, sources: Sequence[_Source], background: Array, above: Array, below: Array
+    ) -> tuple[Array, Array]:
+        """By drone, gradients (V, p) and informations (V, p, p)."""
+        each, free = solution.size, [0, 1] if solution.height is None else [0, 1, 3]
+        gradient = np.empty((len(self._cones), each * len(solution) + 1))
+        for k, one in enumerate(sources):
+            rise = np.array(self._ground.slope(*solution.place[k].tolist()))
+            weakening = _by_place(one.weakening[:, None] * one.unit, rise, solution)
+            turned = one.pointing[one.own, None] * _by_place(self._turned(one), rise, solution)
+            share = one.seen / above - one.missed / below
+            by_place = share[:, None] * weakening
+            by_place[one.own] += turned / above[one.own, None]
+            gradient[:, [each * k + part for part in free]] = by_place
             gradient[:, each * k + 2] = share
         gradient[:, -1] = background / above - background / below
-        return float(np.log(above / below).sum()), *_parts_by_drone(self._drones, self._cones.drone, gradient)
+        return _parts_by_drone(self._drones, self._cones.drone, gradient)
 
-    def _source(self, solution: Solution, k: int) -> tuple[Array, Array, Array, Array]:
-        """Of source k for each cone: its terms (C,) above and below the line; w K times the derivative (C, 2) of rho by x and y,
-        or (C, 3) by x, y and height; the derivative of log w by the same.
-        """
+    def _source(self, solution: Solution, k: int) -> _Source:
+        """Source k as the cones see it."""
         x, y = solution.place[k].tolist()
-        rise = np.array(self._ground.slope(x, y))
         source = x, y, self._ground.height_m(x, y) + solution.height_of(k)
         way = np.array(source) - self._cones.apex
         way[:, :2] += solution.bias[self._cones.drone, :2]
@@ -90,28 +116,24 @@ class ConeModel:
         w = PER_MM2 * np.exp(solution.log_activity[k] - air * distance) / distance**2
         unit = way / distance[:, None]
         own = self._own[n]
-        directed, by_way = self._directed(own, unit[own], distance[own])
+        cosine = np.clip(np.einsum("cki,ci->ck", self._cones.axis[own], unit[own]), -1.0, 1.0)
+        off = (np.arccos(cosine) - self._cones.theta[own])[..., None]
+        density = self._height[own] * np.exp(-0.5 * off * off * self._precision[own])
         pointing, other = w * self._pointing[:, n], w * self._other[:, n]
         if self._shades is not None:
             pointing *= self._shades.passing(n, source)
-        weakening = _by_place(-(2.0 / distance + air)[:, None] * unit, rise, solution)
-        seen, turned = OUTLIER_FRACTION * pointing + other, np.zeros_like(weakening)
-        seen[own] += pointing[own] * directed
-        turned[own] = pointing[own, None] * _by_place(by_way, rise, solution)
-        return seen, pointing + other, turned, weakening
+        seen = OUTLIER_FRACTION * pointing + other
+        seen[own] += pointing[own] * density.sum(axis=(1, 2))
+        return _Source(own, unit, distance, cosine, off, density, pointing, seen, pointing + other, -(2.0 / distance + air))
 
-    def _directed(self, own: NDArray[np.intp], unit: Array, distance: Array) -> tuple[Array, Array]:
-        """rho of C of the cones, ``own``, and its derivative (C, 3) by the way from the camera to the source, 1/m; unit: (C, 3)
-        of that way.
-        """
-        axis, precision = self._cones.axis[own], self._precision[own]
-        cosine = np.clip(np.einsum("cki,ci->ck", axis, unit), -1.0, 1.0)
-        off = (np.arccos(cosine) - self._cones.theta[own])[..., None]
-        density = self._height[own] * np.exp(-0.5 * off * off * precision)
-        slope = -(density * off * precision).sum(axis=2)  # of rho, by each reading's angle
-        sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _LEAST_SINE)
-        turn = -(axis - cosine[..., None] * unit[:, None, :]) / (sine * distance[:, None])[..., None]
-        return density.sum(axis=(1, 2)), (slope[..., None] * turn).sum(axis=1)
+    def _turned(self, one: _Source) -> Array:
+        """Derivative (D, 3) of rho by the way from the camera to the source, 1/m, of the D cones that may point to it."""
+        unit, distance = one.unit[one.own], one.distance[one.own]
+        slope = -(one.density * one.off * self._precision[one.own]).sum(axis=2)  # of rho, by each reading's angle
+        sine = np.maximum(np.sqrt(1.0 - one.cosine * one.cosine), _LEAST_SINE)
+        turn = -(self._cones.axis[one.own] - one.cosine[..., None] * unit[:, None, :]) / (sine * distance[:, None])[..., None]
+        result: Array = (slope[..., None] * turn).sum(axis=1)
+        return result
 
 
 def _by_place(by_way: Array, rise: Array, solution: Solution) -> Array:

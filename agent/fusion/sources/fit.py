@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from agent.fusion.sources.counts import CountModel
+from agent.fusion.sources.counts import CountModel, Derivatives
 from agent.fusion.sources.directions import ConeModel
 from agent.fusion.sources.hidden import Expected
 from agent.fusion.sources.solution import BIAS, Solution
@@ -95,7 +95,8 @@ class Problem:
     def fitted(self, solution: Solution, iterations: int) -> Fitted:
         """The best solution near the given one, after at most so many iterations."""
         solution = self.prior.inside(solution)
-        value, gradient, information = self._scored(solution)
+        value, derivatives = self._scored(solution)
+        gradient, information = derivatives()
         for _ in range(iterations):
             found = self._better(solution, value, gradient, information)
             if found is None:
@@ -115,15 +116,16 @@ class Problem:
         solution = self.prior.inside(solution)
         numbers = [solution.size * k + part for k in sources for part in range(solution.size)]
         prior = np.diag(self.prior.precision(solution)[numbers])
-        value, gradient, information = self.counts.scored_alone(solution, sources, others)
+        value, derivatives = self.counts.scored_alone(solution, sources, others)
         for _ in range(iterations):
+            gradient, information = derivatives()
             vector = solution.vector
             vector[numbers] += _limited(solved(information + prior, gradient), len(sources), solution.size)
             new = self.prior.inside(solution.moved(vector))
             scored = self.counts.scored_alone(new, sources, others)
             if not scored[0] >= value + _CONVERGED:  # true for NaN too
                 break
-            solution, (value, gradient, information) = new, scored
+            solution, (value, derivatives) = new, scored
         return solution, value
 
     def _better(
@@ -136,16 +138,21 @@ class Problem:
             if float(gradient @ step) < _CONVERGED:
                 return None
             new = self.prior.inside(solution.moved(solution.vector + _limited(step, len(solution), solution.size)))
-            scored = self._scored(new)
-            if scored[0] > value:
-                return new, *scored
+            better, derivatives = self._scored(new)
+            if better > value:
+                return new, better, *derivatives()
         return None
 
-    def _scored(self, solution: Solution) -> tuple[float, Array, Array]:
-        """Log posterior density, gradient (d,) and information (d, d), in the order of ``Solution.vector``."""
-        value, gradients, informations = self.counts.scored(solution)
-        cone_value, cone_gradients, cone_informations = self.cones.scored(solution)
-        gradients, informations = gradients + cone_gradients, informations + cone_informations
+    def _scored(self, solution: Solution) -> tuple[float, Derivatives]:
+        """Log posterior density; gradient (d,) and information (d, d), in the order of ``Solution.vector``."""
+        value, of_counts = self.counts.scored(solution)
+        cone_value, of_cones = self.cones.scored(solution)
+        value += cone_value + self.prior.log_density(solution)
+        return value, lambda: self._joint(solution, of_counts(), of_cones())
+
+    def _joint(self, solution: Solution, *by_drone: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Gradient and information of the posterior density, from those of the likelihoods by drone."""
+        gradients, informations = (sum(part) for part in zip(*by_drone, strict=True))
         precision = self.prior.precision(solution)
         count = solution.size * len(solution) + 1
         gradient = np.zeros(len(precision))
@@ -160,7 +167,7 @@ class Problem:
             information[:count, own] += h @ shift
             information[own, :count] += shift.T @ h
             information[own, own] += shift.T @ h @ shift
-        return value + cone_value + self.prior.log_density(solution), gradient, information
+        return gradient, information
 
     def _judged(self, solution: Solution, value: float, information: Array) -> Fitted:
         """With covariance and evidence: that of K sources relative to the same nuisances without any,

@@ -18,6 +18,7 @@ gradient (Louis's formula), by the rate of the direct photons.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -50,37 +51,6 @@ class Expected(NamedTuple):
     least: Array
 
 
-class Views(NamedTuple):
-    """What the counts of R rows say.
-
-    log_likelihood: of all. excess: (R, BINS) and changed: (R, G), alike in all bins of a group, add up to its derivative by M;
-    blocked: (R, G) that by -D. clear: (R, BINS) M. counted: (R, G) share of it that is expected in the mean of both views.
-    hidden: (R,) probability. information: (R,) weights of the rows in the Fisher information.
-    """
-
-    log_likelihood: float
-    excess: Array
-    changed: Array
-    blocked: Array
-    clear: Array
-    counted: Array
-    hidden: Array
-    information: Array
-
-    def along(self, shapes: Array, direct: Array) -> Array:
-        """(R, Q) derivatives of the log likelihood by strengths of the spectra ``shapes`` (Q, BINS) in each row, with the direct
-        photons (Q, BINS) in them.
-        """
-        result: Array = self.excess @ shapes.T + self.changed @ _grouped(shapes).T - self.blocked @ _grouped(direct).T
-        return result
-
-    @property
-    def mean(self) -> Array:
-        """(R, BINS) expected counts, mean of both views."""
-        result: Array = self.clear * np.repeat(self.counted, _GROUP, axis=1)
-        return result
-
-
 class Cells:
     """The rows by cells, which follow from the measurements alone."""
 
@@ -100,6 +70,10 @@ class Cells:
         result: Array = self._sums @ by_row
         return result
 
+    def means(self, by_row: Array) -> Array:
+        """(N,) of (R,)."""
+        return self.sums(by_row) / self._rows
+
     def each(self, by_cell: Array) -> Array:
         """(R, ...) of (N, ...)."""
         result: Array = by_cell[self._cell]
@@ -107,10 +81,21 @@ class Cells:
 
     def views(self, counts: Array, weight: Array, expected: Expected) -> Views:
         """Of counts (R, BINS) with weights (R,)."""
-        clear, direct, least = expected
-        w = self.sums(weight) / self._rows
-        parts = (counts, clear, direct, least)
-        k, m, d, floor = (self.sums(weight[:, None] * _grouped(part)) for part in parts)  # (N, G) each, times their weights
+        return Views(self, counts, weight, expected)
+
+
+class Views:
+    """What the counts of R rows say: what only derivatives need is computed when it is asked for.
+
+    log_likelihood: of all. hidden: (R,) probability.
+    """
+
+    def __init__(self, cells: Cells, counts: Array, weight: Array, expected: Expected) -> None:
+        self._cells, self._counts, self._weight, self._clear = cells, counts, weight, expected.clear
+        w = cells.means(weight)
+        parts = np.stack([_grouped(part) for part in (counts, *expected)], axis=1)
+        sums = cells.sums((weight[:, None, None] * parts).reshape(len(weight), -1)).reshape(-1, 4, BINS // _GROUP)
+        k, m, d, floor = np.ascontiguousarray(sums.swapaxes(0, 1))  # (N, G) each, times their weights
         h = np.maximum(m - (1.0 - _SHARE) * d, floor)
         events, whole, rest = k @ _EACH_GROUP, m @ _EACH_GROUP, h @ _EACH_GROUP
         some = np.maximum(events, w)
@@ -125,29 +110,57 @@ class Cells:
         more = np.where(prior > 0.0, more, 0.0)
         top = np.maximum(more, 0.0)
         both = (1.0 - prior) * np.exp(-top) + prior * np.exp(more - top)
-        hidden = prior * np.exp(more - top) / both
+        self._hidden = prior * np.exp(more - top) / both
         rises = HIDDEN / (_NOTICED[1] - _NOTICED[0]) * ((noticed > 0.0) & (noticed < 1.0))
-        by_shown = rises * (np.exp(more - top) - np.exp(-top)) / both  # through the prior
+        self._by_shown = rises * (np.exp(more - top) - np.exp(-top)) / both  # through the prior
+        self._of_cells = k, m, d, h, events, whole, rest, some, above, log_below, shown
+        self.log_likelihood = float((weight @ (counts * np.log(self._clear) - self._clear)).sum() + (top + np.log(both)).sum())
 
-        off = k / m - 1.0  # derivatives by M: in a clear view
-        shape = k / h - (events / rest)[:, None]  # and in a hidden one, by M_h and by M
-        density = np.exp(-0.5 * above * above - log_below) / np.sqrt(2.0 * np.pi)
-        limit = density / np.sqrt(whole) * (whole + events) / (2.0 * whole)
-        pull, other = (off * d) @ _EACH_GROUP, _SHARE * ((shape * d) @ _EACH_GROUP) + limit * (d @ _EACH_GROUP)
-        spread = hidden * (1.0 - hidden) * (pull - other) ** 2 / np.maximum(shown, _TINY)
-        left = np.clip(1.0 - hidden - spread, _LEAST_LEFT, 1.0)
-        own = weight[:, None]
+    @property
+    def hidden(self) -> Array:
+        """(R,) probability."""
+        return self._cells.each(self._hidden)
+
+    @property
+    def mean(self) -> Array:
+        """(R, BINS) expected counts, mean of both views."""
+        _, m, _, h, _, whole, rest, some, *_ = self._of_cells
         counted = h / m * (np.minimum(some, whole) / rest)[:, None]  # share of what a clear view would count
-        return Views(
-            log_likelihood=float((weight @ (counts * np.log(clear) - clear)).sum() + (top + np.log(both)).sum()),
-            excess=own * (counts / clear - 1.0),
-            changed=own * self.each(hidden[:, None] * (shape + limit[:, None] - off) - by_shown[:, None] * (d / m) ** 2),
-            blocked=own * self.each(hidden[:, None] * (1.0 - _SHARE) * shape - 2.0 * by_shown[:, None] * d / m),
-            clear=clear,
-            counted=self.each(1.0 - hidden[:, None] * (1.0 - counted)),
-            hidden=self.each(hidden),
-            information=weight * self.each(left),
-        )
+        shares = self._cells.each(1.0 - self._hidden[:, None] * (1.0 - counted))
+        result: Array = self._clear * np.repeat(shares, _GROUP, axis=1)
+        return result
+
+    @property
+    def information(self) -> Array:
+        """(R,) weights of the rows in the Fisher information."""
+        _, _, d, *_, shown = self._of_cells
+        off, shape, limit = self._slopes
+        pull, other = (off * d) @ _EACH_GROUP, _SHARE * ((shape * d) @ _EACH_GROUP) + limit * (d @ _EACH_GROUP)
+        spread = self._hidden * (1.0 - self._hidden) * (pull - other) ** 2 / np.maximum(shown, _TINY)
+        left = np.clip(1.0 - self._hidden - spread, _LEAST_LEFT, 1.0)
+        result: Array = self._weight * self._cells.each(left)
+        return result
+
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array, Array]:
+        """Derivatives of the cells' log likelihoods: by M (N, G) in a clear view; in a hidden one by M_h (N, G), by M (N,)."""
+        k, m, _, h, events, whole, rest, _, above, log_below, _ = self._of_cells
+        density = np.exp(-0.5 * above * above - log_below) / np.sqrt(2.0 * np.pi)
+        return k / m - 1.0, k / h - (events / rest)[:, None], density / np.sqrt(whole) * (whole + events) / (2.0 * whole)
+
+    def along(self, shapes: Array, direct: Array) -> Array:
+        """(R, Q) derivatives of the log likelihood by strengths of the spectra ``shapes`` (Q, BINS) in each row, with the direct
+        photons (Q, BINS) in them.
+        """
+        _, m, d, *_ = self._of_cells
+        off, shape, limit = self._slopes
+        hidden, by_shown, share = self._hidden[:, None], self._by_shown[:, None], d / m
+        changed = hidden * (shape + limit[:, None] - off) - by_shown * share**2  # by M and by -D, alike in all bins of a group
+        blocked = hidden * (1.0 - _SHARE) * shape - 2.0 * by_shown * share
+        by_cell = changed @ _grouped(shapes).T - blocked @ _grouped(direct).T
+        excess = (self._counts / self._clear - 1.0) @ shapes.T
+        result: Array = self._weight[:, None] * (excess + self._cells.each(by_cell))
+        return result
 
 
 def _grouped(by_bin: Array) -> Array:

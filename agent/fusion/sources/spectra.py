@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,6 +44,7 @@ UNKNOWN_AIR_PER_M = 0.0093  # of unknown nuclides: that of 662 keV
 _UNKNOWN_MM2 = 16.0  # sum of the bins of an unknown nuclide: about that of Cs-137, whatever it sends out
 _POOLED = 2  # bins, up to 69 keV
 _SHOWN = 0.02  # of a nuclide's greatest bin
+_KEPT = 8  # tables with spectra of unknown nuclides
 _MOST_CHANGE = 2.5  # of the logarithm of a bin
 
 
@@ -100,22 +101,7 @@ class Spectra:
 
     def plus(self, unknown: Sequence[UnknownSpectrum]) -> Spectra:
         """With further nuclides that nobody knows."""
-        if not unknown:
-            return self
-        area, none = np.array([one.area for one in unknown]), np.zeros((len(unknown), len(self.background)))
-        shares = _shares_of_known()
-        more = {
-            "air_per_m": np.full(len(unknown), UNKNOWN_AIR_PER_M),
-            "direct": (1.0 - NEAR * shares.scattered) * area,
-            "by_facing": shares.by_facing * area,
-            "scattered": shares.scattered * area,
-            "partial": shares.pairs * area,
-        }
-        rows = ("air_per_m", "direct", "softer", "direct_by_scale", "by_facing", "scattered", "scattered_by_scale")
-        tables: dict[str, Any] = {
-            key: np.concatenate((getattr(self, key), more.get(key, none))) for key in (*rows, "complete", "partial")
-        }
-        return replace(self, **tables, unknown=(*self.unknown, *unknown))
+        return _extended(self, tuple(unknown)) if unknown else self
 
     def name_of(self, nuclide: int) -> str | None:
         """None: of one that nobody knows."""
@@ -158,6 +144,24 @@ class Spectra:
         whole, part = self.complete @ share, self.partial @ share
         pointing = np.where(own, whole, 0.0)
         return pointing, whole - pointing + part, float(self.background_pairs @ share)
+
+
+@lru_cache(_KEPT)
+def _extended(spectra: Spectra, unknown: tuple[UnknownSpectrum, ...]) -> Spectra:
+    area, none = np.array([one.area for one in unknown]), np.zeros((len(unknown), len(spectra.background)))
+    shares = _shares_of_known()
+    more = {
+        "air_per_m": np.full(len(unknown), UNKNOWN_AIR_PER_M),
+        "direct": (1.0 - NEAR * shares.scattered) * area,
+        "by_facing": shares.by_facing * area,
+        "scattered": shares.scattered * area,
+        "partial": shares.pairs * area,
+    }
+    rows = ("air_per_m", "direct", "softer", "direct_by_scale", "by_facing", "scattered", "scattered_by_scale")
+    tables: dict[str, Any] = {
+        key: np.concatenate((getattr(spectra, key), more.get(key, none))) for key in (*rows, "complete", "partial")
+    }
+    return replace(spectra, **tables, unknown=(*spectra.unknown, *unknown))
 
 
 def _scaled(shape: Array, by_scale: Array, scale: float) -> Array:

@@ -174,7 +174,7 @@ class Tracker:
         """(2,) counts expected of the others, as fitted, in a clear view."""
         if not len(others):
             return np.zeros(2)
-        rows = Rows.none().plus([observation], self._drones)
+        rows = Rows.single(observation, self._drones[observation.identity.drone])
         model = CountModel(rows, self._spectra.plus(unknown), self._ground, len(self._drones), self._walls)
         counts: Array = (model.expected(others).clear - model.background(others))[0] @ self._bins
         return np.maximum(counts, 0.0)

@@ -34,7 +34,8 @@ _CAMERA_SCALE = 0.01  # differences between the energy scales of cameras
 _MOST_MISFIT, _EXPLAINED = 80.0, 40.0  # chi squared of 32 bins: of known nuclides; and of unknown ones that are known by now
 _REACH_M = 15.0  # within which a source's spectrum is measured
 _TOGETHER_M = 3.0  # within which other sources may only make up for the spectrum of one
-_SCALES, _SCATTERS = np.linspace(-2.0, 2.0, 17), (-2.0, 0.0, 2.0)  # sigmas of their priors
+_SCALES, _SCATTERS = np.linspace(-2.0, 2.0, 17), (0.0, -2.0, 2.0)  # sigmas of their priors
+_NEAREST_FIRST = np.argsort(np.abs(_SCALES), kind="stable")  # most spectra are explained without much of either
 _WITHIN = 2.0  # of their priors' sigmas: farther off, the nuisances make up for a wrong spectrum
 _AROUND = 5  # bins
 _UPDATES = 8  # of S
@@ -89,13 +90,14 @@ def judged(fitted: Fitted, spectra: Spectra, problem_of: Callable[[Spectra], Pro
     """
     problem, worst = problem_of(spectra), _MOST_MISFIT
     likely = _likely(fitted.solution, problem.prior)
+    information = problem.counts.views(problem.counts.expected(likely)).information
     changed: tuple[Solution, Spectra] | None = None
     for group in _groups(fitted.solution):
-        measured = measured_at(problem, likely, group)
+        measured = measured_at(problem, likely, group, information)
         if measured is None:
             continue
-        best = explained(measured, spectra, problem.prior)
         unknown = any(spectra.name_of(fitted.solution.nuclide[k]) is None for k in group)
+        best = explained(measured, spectra, problem.prior, 0.0 if unknown else worst)
         if best.misfit < _EXPLAINED and unknown:
             return problem.fitted(_with(fitted.solution, group, best.nuclides, best.activity), _ITERATIONS), spectra
         if best.misfit > worst and (not unknown or len(group) > 1):
@@ -112,8 +114,9 @@ def settled(solution: Solution, spectra: Spectra, problem_of: Callable[[Spectra]
     fitted = problem.fitted(solution, _ITERATIONS)
     for _ in range(_SETTLING):
         solution = fitted.solution
+        information = problem.counts.views(problem.counts.expected(solution)).information
         for k, n in enumerate(fitted.solution.nuclide):
-            measured = measured_at(problem, fitted.solution, (k,)) if spectra.name_of(n) is None else None
+            measured = measured_at(problem, fitted.solution, (k,), information) if spectra.name_of(n) is None else None
             if measured is not None:
                 solution, spectra = _unknown(solution, (k,), spectra, measured)
         problem = problem_of(spectra)
@@ -138,32 +141,38 @@ def only_unknown(solution: Solution, spectra: Spectra) -> Solution:
     return solution.only([k for k, n in enumerate(solution.nuclide) if spectra.name_of(n) is None])
 
 
-def measured_at(problem: Problem, solution: Solution, group: Sequence[int]) -> Measured | None:
-    """The spectrum at the place of the first source of a group, of all of them; None where too little was measured."""
+def measured_at(problem: Problem, solution: Solution, group: Sequence[int], information: Array) -> Measured | None:
+    """The spectrum at the place of the first source of a group, of all of them; None where too little was measured.
+    ``information``: (R,) of the views of the solution.
+    """
     counts = problem.counts
     distance, facing, live = counts.aside(solution, group[0])
     near = distance < _REACH_M
     if not near.any():
         return None
     others = counts.expected(solution.only([k for k in range(len(solution)) if k not in group])).clear[near]
-    weight = counts.views(counts.expected(solution)).information[near, None]
+    weight = information[near, None]
     distance, facing = np.maximum(distance[near], NEAREST_M), facing[near]
     w = (PER_MM2 * live[near] * np.exp(-UNKNOWN_AIR_PER_M * distance) / distance**2)[:, None]
     seen = counts.counts[near]
     area = np.maximum(((weight * w * (seen - others) / others).sum(axis=0)) / (weight * w * w / others).sum(axis=0), _TINY)
     for _ in range(_UPDATES):
         expected = others + w * area
-        information = weight * w * w / expected
-        area = np.maximum(area + (weight * w * (seen / expected - 1.0)).sum(axis=0) / information.sum(axis=0), _TINY)
-    share = information @ area**2
+        precision = weight * w * w / expected
+        area = np.maximum(area + (weight * w * (seen / expected - 1.0)).sum(axis=0) / precision.sum(axis=0), _TINY)
+    share = precision @ area**2
     share /= share.sum()
-    taken = (information * others / w).sum(axis=0) / information.sum(axis=0)
-    return Measured(area, information.sum(axis=0) ** -0.5, taken, float(share @ distance), float(share @ facing))
+    taken = (precision * others / w).sum(axis=0) / precision.sum(axis=0)
+    return Measured(area, precision.sum(axis=0) ** -0.5, taken, float(share @ distance), float(share @ facing))
 
 
-def explained(measured: Measured, spectra: Spectra, prior: Prior) -> Explanation:
-    """By the best of all pairs of candidates, or of single ones."""
-    return min(_explanations(measured, spectra, prior), key=lambda one: one.misfit)
+def explained(measured: Measured, spectra: Spectra, prior: Prior, enough: float = 0.0) -> Explanation:
+    """By the best of all pairs of candidates, or of single ones; or by the first ones with no more misfit than is ``enough``."""
+    each = _explanations(measured, spectra, prior)
+    best = next(each)
+    while best.misfit > enough and (other := next(each, None)) is not None:
+        best = min(best, other, key=lambda one: one.misfit)
+    return best
 
 
 def _explanations(measured: Measured, spectra: Spectra, prior: Prior) -> Iterator[Explanation]:
@@ -175,7 +184,7 @@ def _explanations(measured: Measured, spectra: Spectra, prior: Prior) -> Iterato
     for scatter in _SCATTERS:
         shapes = np.stack([_seen(measured, spectra, prior.scale * scale, prior.scatter * scatter)[known] for scale in _SCALES])
         by_scale = np.gradient(shapes, prior.scale * _SCALES, axis=0)
-        for scale, shape, slope in zip(_SCALES, shapes, by_scale, strict=True):
+        for scale, shape, slope in zip(_SCALES[_NEAREST_FIRST], shapes[_NEAREST_FIRST], by_scale[_NEAREST_FIRST], strict=True):
             activity = _activities(shape, pairs, measured.area, 1.0 / variance)
             model, change = (np.einsum("pi,pib->pb", activity, part[pairs]) for part in (shape, slope))
             allowed = (

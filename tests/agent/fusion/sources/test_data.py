@@ -78,3 +78,9 @@ def test_in_which_of_the_two_softest_bins_an_event_is_does_not_matter():
     above, below = (Rows.none().plus([exposure(1, bins=((e, 9, 0), (2, 4, 0)))], DRONES).counts for e in (1, 0))
     assert np.array_equal(above, below)
     assert (above.sum(), above[0, 2]) == (13.0, 4.0)
+
+
+def test_a_single_exposure_is_the_sum_of_one():
+    one = exposure(7, "b")
+    assert np.array_equal(Rows.single(one, 1).table, Rows.none().plus([one], DRONES).table)
+    assert len(Rows.single(exposure(7, bins=(), hits=9), 0)) == 0

@@ -45,14 +45,14 @@ def test_the_errors_are_those_that_wrong_counts_in_patches_would_make(flight, fi
     """To first order: counts of each patch raised by a small share of what each source adds, and the gradient's change."""
     problem, rows = flight
     counts, share = problem.counts, 1e-4
-    _, before, _ = problem._scored(fitted.solution)
+    before, _ = problem._scored(fitted.solution)[1]()
     patches, index = np.unique(np.column_stack((rows.drone, rows.table[:, 1:4] // 12)), axis=0, return_inverse=True)
     measured, added = counts.counts, np.zeros_like(fitted.covariance)
     for k in range(2):
         for patch in range(len(patches)):
             own = (index.ravel() == patch)[:, None]
             counts.counts = measured + share * own * counts.of_source(fitted.solution, k)
-            _, after, _ = problem._scored(fitted.solution)
+            after, _ = problem._scored(fitted.solution)[1]()
             moved = fitted.covariance @ (after - before) / share
             added += _COMMON_ERROR**2 * np.outer(moved, moved)
     counts.counts = measured

@@ -145,7 +145,7 @@ def test_the_gradient_is_that_of_the_value(models, number):
     step = np.zeros(7)
     step[number] = 1e-5
     after, before = (known.log_likelihood(known.expected(solution.moved(solution.vector + sign * step))) for sign in (1, -1))
-    _, by_drone, _ = known.scored(solution)
+    by_drone, _ = known.scored(solution)[1]()
     gradient = by_drone[0, number] if number < 4 else by_drone[0, 2] + by_drone[0, 3]  # sensitivity strengthens both
     assert gradient == pytest.approx((after - before) / 2e-5, rel=1e-3, abs=0.05)
 

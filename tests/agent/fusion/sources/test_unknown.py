@@ -59,6 +59,13 @@ def test_two_nuclides_at_one_place_are_not_an_unknown_one():
     assert sorted(found.activity) == pytest.approx([0.4, 1.0], rel=0.1)
 
 
+def test_a_spectrum_that_is_explained_well_enough_is_explained_no_further():
+    (shape,) = shapes(("Cs-137",), 0.02, 0.1)
+    seen = measured(shape, np.random.default_rng(5))
+    best, first = (explained(seen, Spectra.of(ALL), prior(), enough) for enough in (0.0, 80.0))
+    assert best.misfit < first.misfit <= 80.0
+
+
 @pytest.mark.parametrize(("name", "lines"), [("Se-75", (136, 265, 401)), ("Cs-137", (662,)), ("F-18", (511,)), ("Am-241", (60,))])
 def test_lines_are_told_to_half_a_bin(name, lines):
     (shape,) = shapes((name,))
