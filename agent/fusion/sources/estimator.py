@@ -115,12 +115,14 @@ class SourcesAtRest:
         if state.unknown:
             settling, spectra = settled(start, spectra, problem_of)
             start = settling.solution
-        found = self._improved(state, problem_of(spectra), start, spectra)
+        moves = self._moves(state, problem_of(spectra), spectra)
+        found = (
+            moves.anew(start, only_unknown(start, spectra), state.moved) if state.changed else moves.improved(start, state.moved)
+        )
         fitted, spectra = judged(found, spectra, problem_of)
-        if fitted is not found:
-            starts = fitted.solution, only_unknown(fitted.solution, spectra)
-            each = [self._improved(state, problem_of(spectra), start, spectra) for start in starts]
-            fitted = max(each, key=lambda one: one.evidence)
+        changed = fitted is not found
+        if changed:  # the next moves begin anew; now that would be a second search in one step
+            fitted = self._moves(state, problem_of(spectra), spectra).pruned(fitted)
         fitted, spectra = only_told(fitted, spectra)
         problem = problem_of(spectra)
         outlook = None if self._target is None else self._outlook(state.rows, self._target, problem, spectra, fitted)
@@ -129,6 +131,7 @@ class SourcesAtRest:
             state,
             fitted=fitted,
             unknown=spectra.unknown,
+            changed=changed,
             none=problem.fitted(nothing, _REFINEMENTS).evidence,
             outlook=outlook,
             x0_stamp_ns=state.x0_stamp_ns or (step.start_ns if self.telling.is_declared(fitted) else 0),
@@ -141,9 +144,9 @@ class SourcesAtRest:
             hiding = replace(hiding, left=hiding.left | hiding.glare)  # more measurements there would locate what is fitted
         return hiding.outlook(target, self.spectra.nuclides)
 
-    def _improved(self, state: SourcesState, problem: Problem, start: Solution, spectra: Spectra) -> Fitted:
+    def _moves(self, state: SourcesState, problem: Problem, spectra: Spectra) -> Moves:
         scan = Scan(state.rows, problem.counts, spectra, self.ground, self._places)
-        return Moves(problem, scan, spectra, self._config.most, self._config.least_gain).improved(start, state.moved)
+        return Moves(problem, scan, spectra, self._config.most, self._config.least_gain)
 
     def _refined(self, state: SourcesState) -> SourcesState:
         """With all measurements in the fit of the last moves, if there is one."""

@@ -55,6 +55,14 @@ class Moves:
             fitted = self._merged(self._reshaped(fitted, turn % len(fitted.solution)))
         return fitted
 
+    def anew(self, solution: Solution, kept: Solution, turn: int) -> Fitted:
+        """The best fit that the moves find from ``kept``, a part of a solution; or else that of the solution, without moves."""
+        return max(self.problem.fitted(solution, _ITERATIONS), self.improved(kept, turn), key=lambda one: one.evidence)
+
+    def pruned(self, fitted: Fitted) -> Fitted:
+        """Without the sources that the evidence does not ask for."""
+        return self._deaths(fitted)
+
     def _with_nuisances(self, fitted: Fitted) -> Fitted:
         """With better values of energy scale and scatter: those at the tops of parabolas through three values each, or the better
         neighbour where there is no top.

@@ -18,8 +18,9 @@ from agent.fusion.sources.spectra import UnknownSpectrum
 class SourcesState(Struct, frozen=True, eq=False):
     """pending: observations that no moves have used yet. rows, cones: the others. position_sigma_m: by drone, as last told.
     refined, moved: numbers of the last times of either kind that are past. unknown: spectra of the nuclides of ``fitted`` that
-    nobody knows. none: log evidence of no source. outlook: where further ones may hide, at the last moves; None: nobody searches
-    for them. refinement: of this state, if there has been one since the moves.
+    nobody knows; changed: whether another source became one of those, or a known one, at the last moves. none: log evidence of no
+    source. outlook: where further ones may hide, at the last moves; None: nobody searches for them. refinement: of this state, if
+    there has been one since the moves.
     """
 
     pending: tuple[Observation, ...] = ()
@@ -30,6 +31,7 @@ class SourcesState(Struct, frozen=True, eq=False):
     moved: int = 0
     fitted: Fitted | None = None
     unknown: tuple[UnknownSpectrum, ...] = ()
+    changed: bool = False
     none: float = 0.0
     outlook: Outlook | None = None
     x0_stamp_ns: int = 0
@@ -50,7 +52,7 @@ class SourcesState(Struct, frozen=True, eq=False):
     def emptied(self) -> SourcesState:
         """With no measurement, and nothing fitted."""
         none = replace(self, pending=(), rows=Rows.none(), cones=Cones.none(), fitted=None)
-        return replace(none, unknown=(), outlook=None, refinement=None)
+        return replace(none, unknown=(), changed=False, outlook=None, refinement=None)
 
 
 class Refinement:

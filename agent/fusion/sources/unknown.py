@@ -10,6 +10,9 @@ within reason. The misfit is chi squared, with the errors of S by chance and by 
 which the tables may be wrong, and the different energy scales of cameras. Where it is more than ``_MOST_MISFIT``, neither errors
 of the model nor chance explain it: the source, with those beside it that only made up for its spectrum, is replaced by one whose
 spectrum is S. It has a place and lines, but no activity: nobody knows how many photons it sends out per decay.
+
+Other sources, too, may have made up for the wrong spectrum. So the next moves begin with those of unknown nuclides alone, and
+what they find is compared with what there was: a search a step, not two.
 """
 
 from __future__ import annotations

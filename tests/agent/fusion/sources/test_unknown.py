@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from agent.fusion.sources.fit import Fitted, Prior
+from agent.fusion.sources.moves import Moves
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import MEAN_FACING, Spectra, UnknownSpectrum
 from agent.fusion.sources.unknown import Measured, _seen, explained, lines_kev, only_told
@@ -92,8 +93,10 @@ def test_spectra_of_which_there_is_no_source_are_forgotten():
     assert len(left.unknown) == 2
 
 
-def test_a_source_that_no_candidate_explains_is_told_once_with_its_place_and_lines(among, estimated):
-    """Co-60 beside a source of a nuclide that is among the candidates."""
+def test_a_source_that_no_candidate_explains_is_told_once_with_its_place_and_lines(among, estimated, monkeypatch):
+    """Co-60 beside a source of a nuclide that is among the candidates. No step takes more than one search."""
+    improved, turns = Moves.improved, []
+    monkeypatch.setattr(Moves, "improved", lambda self, start, turn: (turns.append(turn), improved(self, start, turn))[1])
     mission = among.mission_of(nuclides=("Cs-137", "Ir-192"), moved_s=10.0)
     sources = [("Co-60", 14.0, 22.0, 3e9), ("Ir-192", 31.0, 12.0, 1e9)]
     hypothesis = estimated(mission, among.entries_of(mission, np.random.default_rng(7), 40.0, sources), 42.0)
@@ -106,3 +109,4 @@ def test_a_source_that_no_candidate_explains_is_told_once_with_its_place_and_lin
         sigma_m = np.sqrt(np.diag(one.covariance)[:2])
         assert np.all(np.abs(one.position[:2] - (x, y)) < 4.0 * sigma_m + 0.05)
         assert one.rms_m < 0.5
+    assert len(turns) == len(set(turns)) == 4
