@@ -15,7 +15,7 @@ from agent.geometry import Point2
 from agent.motion.detour import Detours
 from agent.motion.informative import LARGEST_M2, Belief, Waypoints
 from agent.motion.path import PathFollower
-from agent.motion.survey import left, survey_path
+from agent.motion.survey import Area, left, survey_path
 from agent.navigation.covered import Covered, Path
 from agent.navigation.silent import KEPT_M, Wall
 from protocol.entries import Coverage
@@ -26,15 +26,16 @@ LOOK_NS = 1_000_000_000  # period of the outlook, and of the choice of a waypoin
 _PORTION = 3.0  # of the work on new coverage, in a step
 _LONGEST_SHARE = 1.5  # of the way at the speed limit between two coverage reports: no longer path is believed
 _TURN_SHARE = 0.75  # of the acceleration limit, assumed for turns
-# Beside a corner so near to the end of its path, where the reference turns round, a drone may come to a standstill: then it is
-# taken to go on by so much in each step, so that the area is divided anew.
-_END_M, _ONWARD_M = 3.0, 0.05
+# Beside a corner where its path turns round, or behind another drone, one may come to a standstill, moving by less than this in a
+# step: then it is taken to go on by so much in each. What it leaves out so is covered when the rest of the area is divided.
+_STILL_M, _ONWARD_M = 0.02, 0.05
 
 
 class Search:
     """Divides the uncovered area among the drones that take part: when their number changes, and at the end of the own path.
 
-    A division follows from the log's coverage alone, so drones with the same log divide alike. Mission frame throughout.
+    A division follows from the log's coverage alone, and so does whether all of the area is covered: drones with the same log
+    divide alike, and end the search alike. Mission frame throughout.
     """
 
     def __init__(self, mission: MissionConfig, drone: str, frames: FrameGraph) -> None:
@@ -49,21 +50,25 @@ class Search:
         self._shared_by: tuple[str, ...] = ()
         self._follower: PathFollower | None = None
         self._progress = 0.0
+        self._position: Point2 | None = None  # at the last step
         self._again = False  # the division is of less than is known by now
-        self.is_complete = False  # all of the area had been covered when it was to be divided
+        self._judged = False  # whether is_complete is of all that is known
+        self.is_complete = False  # all of the area has been covered
 
     def begin(self, started_ns: int) -> None:
         """A mission begins: only what is covered since its start counts."""
         self._covered.begin(started_ns)
-        self._follower, self.is_complete = None, False
+        self._follower, self._judged, self.is_complete = None, False, False
 
     def take(self, entry: Coverage) -> None:
         """Take a new entry of the log, in any order."""
         self._covered.take(entry)
+        self._judged = False
 
     def recount(self, drone: str, entries: Iterable[Coverage]) -> None:
         """Only these entries of a drone count: what is left is divided anew."""
         self._covered.recount(drone, entries)
+        self._judged = self.is_complete = False
         self.divide_anew()
 
     def reference(
@@ -82,9 +87,9 @@ class Search:
             self._shared_by, self._progress = tuple(active), 0.0
             self._follower = self._divide(active, position)
         progress = self._follower.advance(self._progress, position)
-        if progress == self._progress and self._follower.length_m - progress < _END_M:
+        if progress == self._progress and self._position is not None and _apart(position, self._position) < _STILL_M:
             progress += _ONWARD_M
-        self._progress = progress
+        self._progress, self._position = progress, position
         return self._follower.reference(self._progress, position, self._survey.speed_mps, steps, step_s)
 
     def divide_anew(self) -> None:
@@ -97,8 +102,15 @@ class Search:
             self._covered.moved(drone, from_ns)
         self._revision = self._frames.revision
         self._covered.work(_PORTION)
-        if self._again and not self._covered.pending:
+        if self._covered.pending:
+            return
+        if self._again:
             self._again, self._follower = False, None
+        if not self._judged and not self.is_complete:
+            self._judged, self.is_complete = True, self._left().is_empty
+
+    def _left(self) -> Area:
+        return left(self._area, self._covered.area, self._survey.lane_spacing_m)
 
     def _path_of(self, coverage: Coverage) -> Path | None:
         transform = self._frames.mission_from_local(coverage.drone, coverage.epoch, coverage.stamp_ns)
@@ -110,9 +122,7 @@ class Search:
         self._again = self._again or self._covered.pending
         ends = {drone: self._covered.end(drone) or self._launch[drone] for drone in active}  # positions that all drones know
         spacing_m = self._survey.lane_spacing_m
-        rest = left(self._area, self._covered.area, spacing_m)
-        path = survey_path(self._area, rest, self._drone, active, spacing_m, ends)
-        self.is_complete = self.is_complete or rest.is_empty
+        path = survey_path(self._area, self._left(), self._drone, active, spacing_m, ends)
         if len(path) == 0:  # all is covered and nothing was found: start again
             path = survey_path(self._area, self._area, self._drone, active, spacing_m, ends)
         return PathFollower(np.vstack([position, path]))  # the way to the first lane is part of the path

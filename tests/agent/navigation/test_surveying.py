@@ -85,17 +85,27 @@ def test_coverage_of_others_is_read_in_their_own_frame(search):
     assert after[-1, 0] > 10.0  # nothing to do in the strip that b has seen
 
 
-def test_a_standstill_near_the_end_of_its_path_ends_with_another_division(search):
-    """Beside a corner the reference turns round soon after it, and a drone may hover there; all else has been covered by then."""
+@pytest.mark.parametrize("left_m", [1.6, 12.0])
+def test_a_standstill_does_not_last(search, left_m):
+    """Beside a corner the reference turns round soon after it, and a drone may hover there."""
     search.reference(["a"], (0.0, 0.0), 5, STEP_S)
     follower = search._follower
-    near_s = follower.length_m - 1.6
+    near_s = follower.length_m - left_m
     while search._progress < near_s:  # it flies the path up to there
         search.reference(["a"], tuple(follower.at(np.array([min(search._progress + 0.5, near_s)]))[0]), 5, STEP_S)
-    take(search, "a", follower.at(np.arange(0.0, follower.length_m, 1.0)))
     there = tuple(follower.at(np.array([near_s]))[0])
-    for _ in range(40):
+    for _ in range(round(left_m / 0.05)):
         search.reference(["a"], there, 5, STEP_S)
+    search.reference(["a"], there, 5, STEP_S)
+    assert search._follower is not follower  # what is left has been divided again
+
+
+def test_all_that_is_covered_is_known_to_be_so_before_the_own_path_ends(search):
+    """All drones end the search by the same log, wherever on their paths they are."""
+    fly(search, ["a", "b"], (0.0, 0.0), 4.0)
+    assert not search.is_complete
+    take(search, "b", [(x, y) for k, x in enumerate(range(0, 41, 5)) for y in ((0, 40) if k % 2 == 0 else (40, 0))])
+    fly(search, ["a", "b"], (0.0, 16.0), 4.0)
     assert search.is_complete
 
 
