@@ -1,4 +1,4 @@
-"""Braking, for when there is no plan: jerks that reach a given velocity as fast as the limits allow."""
+"""Braking: where it comes to rest; jerks that reach a given velocity as fast as the limits allow, for when there is no plan."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from math import hypot
 
 import numpy as np
 
-from agent.geometry import Array
+from agent.config.mission import LimitsConfig
+from agent.geometry import Array, Vector3
+from agent.motion.reference import PeerState
 
 _TIME_S = 0.5  # time constant of the approach to the velocity once it is within the limits
 
@@ -36,3 +38,10 @@ def brake(
         ax, ay = ax + step_s * jx, ay + step_s * jy
         jerks.append((jx, jy))
     return np.array(jerks)
+
+
+def comes_to_rest(state: PeerState, limits: LimitsConfig) -> Vector3:
+    """Where a drone stops, at its height, if it brakes from now on as fast as acceleration and jerk allow."""
+    (x, y, z), (u, v, _) = state.position, state.velocity
+    stopping_s = 0.5 * (hypot(u, v) / limits.acceleration_mps2 + limits.acceleration_mps2 / limits.jerk_mps3)
+    return x + stopping_s * u, y + stopping_s * v, z

@@ -12,6 +12,7 @@ from math import cos, hypot, sin, sqrt
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from agent.config.mission import LimitsConfig
 from agent.geometry import Array, Vector3
@@ -64,6 +65,10 @@ class PeerPlan(Struct, frozen=True):
         (x, y, z), (u, v, w) = state.position, state.velocity
         positions = [(x + t * u, y + t * v, z + t * w) for t in (state.age_s, state.age_s + horizon_s)]
         return cls(peer, now_ns, horizon_s, positions, sigma_m, state, doubt_m, deviation_m, blind)
+
+    def ended(self, after_ns: int) -> PeerPlan:
+        """The same, but it has stopped for good so long after its stamp."""
+        return replace(self, positions=[self.state(self.stamp_ns + after_ns).position])
 
     def goes_before(self, me: str) -> bool:
         """Whether it has the right of way."""

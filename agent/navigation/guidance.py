@@ -13,6 +13,7 @@ from agent.config.mission import MissionConfig
 from agent.fusion.estimator import Hypothesis
 from agent.geometry import Array, Point2, Vector3
 from agent.localization.ownpose import LocalFrame, OwnPose
+from agent.motion.braking import comes_to_rest
 from agent.motion.encirclement import Encirclement
 from agent.motion.leading import Leading
 from agent.motion.orbit import Orbit, second_height_m
@@ -95,7 +96,7 @@ class Guidance:
         self._absence: Absence | None = None
         self.has_room = True
         self._yaw_rad = 0.0
-        self._stays: Vector3 | None = None  # the place held while the position cannot be trusted, local
+        self._stays: Vector3 | None = None  # the place held, local
         self._waits: tuple[int, float, float] | None = None  # since when and where it waits for its frame, local
 
     @property
@@ -233,7 +234,7 @@ class Guidance:
         doubt_m += max(0.0, widest_m - LEAST_MARGIN_M)
         if self._holds:
             return self._hover(moment, state, centre, radius_m)
-        heard = {partner.id: partner.plan.state(moment.now_ns) for partner in partners}
+        heard = {partner.id: partner.plan for partner in partners}
         stands = self._shared.stands(self._absence, self._in_mission(centre), radius_m)
         return self._encirclement.reference(
             self._ground.above_level(state, moment.vehicle),
@@ -287,8 +288,11 @@ class Guidance:
         return Reference(positions, np.zeros((HORIZON + 1, 3)), STEP_S)
 
     def _stay(self, state: PeerState) -> Reference:
-        """Stay while the position cannot be trusted; the tracker still keeps separation."""
-        place = self._stays = self._stays or state.position
+        """Stay where it comes to rest; the tracker still keeps separation.
+
+        Not where it begins to brake: it would fly back there, by several metres, against those that come behind it.
+        """
+        place = self._stays = self._stays or comes_to_rest(state, self._config.limits)
         return Reference(np.tile(place, (HORIZON + 1, 1)), np.zeros((HORIZON + 1, 3)), STEP_S)
 
     def _rise(self, moment: Moment, state: PeerState) -> Reference:

@@ -19,8 +19,8 @@ revoked before, or is out of reach. It counts as missing, like one that is not h
 One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both.
 
 From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``), and
-where a plan of up to two seconds ago leads: messages may only be lost, or take as long. One that is heard, but whose plans tell
-that it does not hear this drone, never gives way, and does not take part.
+where a plan of up to two seconds ago leads: messages may only be lost, or take as long; one that circled stands there then, until
+it leaves. One that is heard, but whose plans tell that it does not hear this drone, never gives way, and does not take part.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ from agent.geometry import Array, Vector3
 from agent.localization.continuity import carried_on
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
+from agent.navigation.agentless import CIRCLING
 from agent.navigation.following import Following
 from agent.navigation.peers import OLDEST_NS, RECENT_NS, Peer, Peers
 from agent.navigation.placing import (
@@ -56,7 +57,7 @@ from agent.navigation.placing import (
     sigma_of_m,
 )
 from agent.navigation.relative import offset, places
-from agent.navigation.silent import SILENT_NS, TAKING_PART, Absence, Silent, Viewer
+from agent.navigation.silent import LEAVING_NS, SILENT_NS, TAKING_PART, Absence, Silent, Viewer
 from protocol.messages import Pose, Stage
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
@@ -109,8 +110,7 @@ class Self(Struct, frozen=True):
 class Neighbourhood:
     """The drones that fly around one drone.
 
-    ``absence``: of those that took part, or may do so, and are not heard, as of the last call of ``around``; None where there are
-    none.
+    ``absence``: of those that took part, or may do so, and are not heard, as of the last ``around``; None where there are none.
     """
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
@@ -218,9 +218,11 @@ class Neighbourhood:
             viewer = _viewer(me, me.local_from_mission)
             plans = self._silent.plans(name, peer, pose, bare(mission_from_theirs), sigma_m, viewer)
             yield from (Neighbour(name, plan, False) for plan in plans)
-            last = self._following.plan(name, peer, pose, me.now_ns, OLDEST_NS)
+            oldest_ns = LEAVING_NS if peer.status.stage in CIRCLING else OLDEST_NS
+            last = self._following.plan(name, peer, pose, me.now_ns, oldest_ns)
             if last is not None:
-                yield Neighbour(name, planned(name, last, viewer.local_from_mission @ bare(mission_from_theirs), sigma_m), False)
+                theirs = viewer.local_from_mission @ bare(mission_from_theirs)
+                yield Neighbour(name, planned(name, last, theirs, sigma_m, me.now_ns), False)
 
     def _frame_of(self, name: str, pose: Pose) -> Transform | None:
         """Its frame; after a jump one by the continuity of its motion; one that has become unknown with a large covariance."""

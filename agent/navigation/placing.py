@@ -12,7 +12,7 @@ from agent.frames.transform import Transform
 from agent.geometry import Array
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
-from agent.navigation.peers import Peer
+from agent.navigation.peers import OLDEST_NS, Peer
 from agent.navigation.relative import placed_alone, places
 from protocol.entries import Sighting
 from protocol.messages import Plan, Pose
@@ -80,10 +80,11 @@ def blind(name: str, pose: Pose, local_from_theirs: Transform, now_ns: int) -> P
     return PeerPlan.from_pose(name, now_ns, state, blind=True)
 
 
-def planned(name: str, plan: Plan, local_from_theirs: Transform, sigma_m: float) -> PeerPlan:
-    """A drone that follows its last plan, and is not known to hear anybody."""
+def planned(name: str, plan: Plan, local_from_theirs: Transform, sigma_m: float, now_ns: int) -> PeerPlan:
+    """A drone that follows its last plan, and is not known to hear anybody; where that has led within two seconds it stands."""
     ahead = local_from_theirs.apply_points(plan.positions_m)
-    return PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, blind=True)
+    way = PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, blind=True)
+    return way if now_ns - plan.stamp_ns <= OLDEST_NS else way.ended(OLDEST_NS)
 
 
 def held(name: str, now_ns: int, state: PeerState, sigma_m: float) -> PeerPlan:

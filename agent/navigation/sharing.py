@@ -19,6 +19,9 @@ from agent.navigation.crossing import CLEAR_M, Crossing
 from agent.navigation.silent import Absence, blind_plan
 
 _ROOM_M = 3.0  # between a circle and the fence
+# One that is not heard has flown by its plan until it noticed that it hears nobody, when it ceased to count here, too; then it
+# brakes: from the speed of the circle and from that of the way to a place on it within this time, to a metre or two.
+_STOPS_NS = 1_000_000_000
 
 
 class _Circle(NamedTuple):
@@ -39,11 +42,12 @@ class SharedCircle:
         self._names = [member.id for member in mission.drones]
         self._fence = Polygon(mission.area.polygon_m).buffer(mission.area.fence_margin_m)
         shapely.prepare(self._fence)
-        self._angles: dict[str, tuple[int, float]] = {}  # where each was on the circle when it was last heard
+        # The plan of each when it was last heard, at a time and with the centre then.
+        self._heard: dict[str, tuple[int, PeerPlan, Vector3]] = {}
 
     def begin(self) -> None:
         """The local frame is another one."""
-        self._angles.clear()
+        self._heard.clear()
         self._crossing.end()
 
     def others(
@@ -137,7 +141,7 @@ class SharedCircle:
     def places(
         self,
         now_ns: int,
-        partners: Mapping[str, PeerState],
+        partners: Mapping[str, PeerPlan],
         absence: Absence | None,
         centre: tuple[Vector3, Vector3],
         radius_m: float,
@@ -145,18 +149,20 @@ class SharedCircle:
     ) -> dict[str, PeerState]:
         """The drones among which the circle is divided: those that are heard, and those that are missing but whose place is kept.
 
-        ``centre``: its position and velocity, local frame as all positions; ``stands``: nobody circles at present.
+        ``centre``: its position and velocity, local frame as all positions; ``stands``: nobody circles at present, and those that
+        are missing have come to rest as far along their plans as they got.
         """
         (x, y, z), (u, v, _) = centre
-        for name, state in partners.items():
-            self._angles[name] = now_ns, atan2(state.position[1] - y, state.position[0] - x)
-        found = dict(partners)
+        for name, plan in partners.items():
+            self._heard[name] = now_ns, plan, centre[0]
+        found = {name: plan.state(now_ns) for name, plan in partners.items()}
         speed_mps = 0.0 if stands else self._mission.encirclement.speed_mps
         for name in absence.kept if absence is not None else ():
-            if name not in self._angles:
+            if name not in self._heard:
                 continue
-            since_ns, angle = self._angles[name]
-            angle += (now_ns - since_ns) * 1e-9 * speed_mps / radius_m
+            since_ns, plan, (then_x, then_y, _) = self._heard[name]
+            last_x, last_y, _ = plan.state(since_ns + (_STOPS_NS if stands else 0)).position
+            angle = atan2(last_y - then_y, last_x - then_x) + (now_ns - since_ns) * 1e-9 * speed_mps / radius_m
             c, s = cos(angle), sin(angle)
             found[name] = PeerState((x + radius_m * c, y + radius_m * s, z), (u - speed_mps * s, v + speed_mps * c, 0.0))
         return found

@@ -168,6 +168,21 @@ def test_the_circle_of_a_drone_that_misses_another_has_room_again_when_its_centr
     assert rooms == [True, False, False, True]
 
 
+def test_who_has_to_stay_stops_ahead_of_itself_and_does_not_fly_back():
+    """At 6 m/s; it flew back by 5 m to where it had begun to brake, against those that came behind it."""
+    navigator, own, frames = made()
+    local = frames.mission_from_local("d1", 0).inverse()
+    position, velocity, travelled = local.apply_point((20.0, 25.0, 3.0)), local.rotate_direction((6.0, 0.0, 0.0)), []
+    for tick in range(round(8.0 * SECOND / TICK_NS)):
+        now_ns = START_NS + tick * TICK_NS
+        seen = replace(state(now_ns, FlightMode.OFFBOARD, position), velocity_mps=velocity, position_trusted=False)
+        setpoint, _ = navigator.step(Moment(now_ns, Stage.TRACK, START_NS, own.take(seen), hypothesis(now_ns)), Peers([]))
+        position, velocity = setpoint.position_m, setpoint.velocity_mps
+        travelled.append(frames.mission_from_local("d1", 0).apply_point(position)[0] - 20.0)
+    assert max(travelled) < 8.0
+    assert max(travelled) - travelled[-1] < 1.0
+
+
 def flown_in(frame_at, seconds: float = 40.0):
     """The way (T, 2) in the mission frame, by its newest transform, around a source near the fence, 10 m from the area at x = 50.
 

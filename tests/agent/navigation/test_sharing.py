@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION
+from one_pilot import MISSION, SECOND
 
 from agent.config.mission import DroneInMission
 from agent.motion.orbit import ring_radius_m
+from agent.motion.separation import PeerPlan
 from agent.navigation.crossing import CLEAR_M
 from agent.navigation.sharing import SharedCircle
 from agent.navigation.silent import Absence
@@ -36,3 +37,19 @@ def test_one_that_belongs_inside_may_climb_outside_before_it_crosses(missing):
 
 def test_who_is_further_away_itself_is_on_the_way_in():
     assert lines(("d1",), 1, RADII_M[1] + CLEAR_M + 0.5) == [(pytest.approx(RADII_M[0]), 1.0)]
+
+
+@pytest.mark.parametrize("stands", [True, False])
+def test_the_place_of_one_that_is_missing_is_as_far_along_its_plan_as_it_got(stands):
+    """At 5.4 m/s towards its place on the circle it stopped 10 m farther on than where it was heard last, and was run into."""
+    circle, radius_m, speed_mps = SharedCircle(FOUR, "d2"), 10.0, 5.4
+    turned = speed_mps / radius_m * np.arange(5.0)
+    way = np.column_stack((radius_m * np.cos(turned), radius_m * np.sin(turned), np.full(5, 3.0)))
+    plan = PeerPlan("d3", 0, 1.0, list(map(tuple, way.tolist())))
+    centre, absence = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), Absence(("d3",), (), 0, ("d3",), {}, False, np.zeros((0, 2)), ())
+    circle.places(SECOND, {"d3": plan}, None, centre, radius_m)
+    (found,) = circle.places(2 * SECOND, {}, absence, centre, radius_m, stands).values()
+    x, y, _ = found.position
+    expected = turned[1] + (speed_mps if stands else FOUR.encirclement.speed_mps) / radius_m
+    assert np.arctan2(y, x) == pytest.approx(expected)
+    assert np.hypot(*found.velocity[:2]) == pytest.approx(0.0 if stands else FOUR.encirclement.speed_mps)
