@@ -14,7 +14,7 @@ from agent.motion.reference import Reference
 Piece = tuple[Array, Array]  # half-planes n . p >= b: normals (M, 2), offsets (M,)
 
 _FENCE_INSIDE_M = 1.5  # margin of plans to the fence, for the vehicle's deviation from them
-_HEIGHT_INSIDE_M = 0.5
+HEIGHT_INSIDE_M = 0.5
 _REACH_S = 0.5  # goals may be this much further ahead than full speed allows
 
 
@@ -23,7 +23,7 @@ class Goals:
 
     def __init__(self, limits: LimitsConfig, fence: Fence, step_s: float, horizon: int) -> None:
         self._fence, self._step_s, self._horizon = fence, step_s, horizon
-        self._low, self._high = fence.floor_m + _HEIGHT_INSIDE_M, fence.ceiling_m - _HEIGHT_INSIDE_M
+        self._low, self._high = fence.floor_m + HEIGHT_INSIDE_M, fence.ceiling_m - HEIGHT_INSIDE_M
         self._known = (0.0, 0.0, 0.0)  # a position, and its clearance from the fence
         self._times: Array = step_s * np.arange(1, horizon + 1, dtype=np.float64)
         self._speed, self._climb = limits.speed_mps, limits.climb_mps

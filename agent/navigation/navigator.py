@@ -122,7 +122,7 @@ class Navigator:
         self.response = ResponseEstimator(drone.vehicle.response)
         self._own, self._measured = own, measured
         self.home = Home(self._own)
-        self._ground = OwnGround(Ground.from_config(mission), self._own)
+        self._ground = OwnGround(Ground.from_config(mission), self._own, mission.area)
         self._fence = OwnFence(mission.area, self._own)
         self._guidance = Guidance(mission, drone, self._own, self._ground, self.home, search, informed)
         self._neighbourhood = Neighbourhood(mission, frames, drone.id)
@@ -253,7 +253,8 @@ class Navigator:
         kept_from = [*(other.plan for other in others), *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
         mission_from_local = frame.mission_from_local if frame is not None else None
         here = PeerState(vehicle.position_m, vehicle.velocity_mps)
-        made = tracker.plan(moment.now_ns, here, reference, kept_from, self._ground.relief(vehicle))
+        wanted = self._ground.kept_off(reference, vehicle)
+        made = tracker.plan(moment.now_ns, here, wanted, kept_from, self._ground.relief(vehicle))
         self.reckoning = Reckoning(
             moment.now_ns, vehicle.position_m, kept_from, self._room, mission_from_local, made.positions, made.step_s
         )

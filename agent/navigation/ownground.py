@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from msgspec.structs import replace
 
+from agent.config.mission import AreaConfig
 from agent.localization.ownpose import OwnPose
-from agent.motion.reference import PeerState
+from agent.motion.goals import HEIGHT_INSIDE_M
+from agent.motion.reference import PeerState, Reference
 from agent.motion.tracker import Relief
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import VehicleState
@@ -15,9 +17,10 @@ from agent.vehicle.interface import VehicleState
 class OwnGround:
     """The mission's ground model, corrected by the rangefinder."""
 
-    def __init__(self, ground: Ground, own: OwnPose) -> None:
+    def __init__(self, ground: Ground, own: OwnPose, area: AreaConfig) -> None:
         self._ground = ground
         self._own = own
+        self._low_m, self._high_m = area.floor_m + HEIGHT_INSIDE_M, area.ceiling_m - HEIGHT_INSIDE_M
 
     def level_m(self, vehicle: VehicleState) -> float:
         """Local z of the ground below, from which the heights of references and fence count.
@@ -32,6 +35,17 @@ class OwnGround:
             return None
         (x, y, _), frame = vehicle.position_m, self._own.frame
         return self._ground.around(frame.mission_from_local if frame is not None else None, (x, y), _below_m(vehicle))
+
+    def kept_off(self, reference: Reference, vehicle: VehicleState) -> Reference:
+        """The reference, higher or lower by as much as the vehicle is nearer to floor or ceiling than plans come.
+
+        An autopilot that errs in its climb rate stays off its setpoint for some seconds, by a metre at worst; its rangefinder
+        tells.
+        """
+        lacking_m = max(0.0, self._low_m - vehicle.height_m) - max(0.0, vehicle.height_m - self._high_m)
+        if lacking_m == 0.0:
+            return reference
+        return replace(reference, positions=reference.positions + np.array([0.0, 0.0, lacking_m]))
 
     def above_level(self, state: PeerState, vehicle: VehicleState) -> PeerState:
         """A state near the vehicle with z above ground, as in references."""

@@ -1,0 +1,42 @@
+"""Heights above the ground by the rangefinder."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from one_navigator import MISSION, made
+from one_pilot import SECOND, START_NS, TICK_NS, state
+
+from agent.navigation.guidance import Moment
+from agent.navigation.peers import Peers
+from agent.vehicle.interface import FlightMode
+from protocol.messages import Stage
+
+FLOOR_M, CEILING_M = 1.5, 6.0
+
+
+def heights(off_m, wanted_m=3.0):
+    """The last heights of a vehicle in the search whose autopilot stays so far off its setpoints, upwards."""
+    area = replace(MISSION.area, floor_m=FLOOR_M, ceiling_m=CEILING_M)
+    mission = replace(MISSION, area=area, survey=replace(MISSION.survey, height_m=wanted_m))
+    navigator, own, frames = made(mission)
+    (x, y, z), velocity, found = frames.mission_from_local("d1", 0).inverse().apply_point((35.0, 25.0, wanted_m)), (0.0,) * 3, []
+    for tick in range(round(15.0 * SECOND / TICK_NS)):
+        now_ns = START_NS + tick * TICK_NS
+        vehicle = own.take(replace(state(now_ns, FlightMode.OFFBOARD, (x, y, z)), velocity_mps=velocity, height_m=z))
+        setpoint, _ = navigator.step(Moment(now_ns, Stage.SURVEY, START_NS, vehicle, None), Peers([]))
+        (x, y, z), velocity = setpoint.position_m, setpoint.velocity_mps
+        z += off_m
+        found.append(z)
+    return np.array(found[-40:])
+
+
+def test_who_keeps_its_distance_from_floor_and_ceiling_flies_as_high_as_it_is_told():
+    assert heights(-0.3) == pytest.approx(np.full(40, 2.7), abs=0.05)
+
+
+@pytest.mark.parametrize(("off_m", "wanted_m"), [(-0.8, 2.2), (0.8, 5.3)], ids=["floor", "ceiling"])
+def test_who_comes_near_floor_or_ceiling_by_its_rangefinder_is_told_to_keep_off(off_m, wanted_m):
+    """An autopilot whose climb rate was wrong flew a second below the floor, where it was told to fly 1.3 m above it."""
+    found = heights(off_m, wanted_m)
+    assert found.min() > FLOOR_M + 0.1
+    assert found.max() < CEILING_M - 0.1
