@@ -20,7 +20,6 @@ from agent.motion.orbit import Orbit, second_height_m
 from agent.motion.reference import PeerState, Reference
 from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, margin_m
 from agent.navigation.agentless import CIRCLING
-from agent.navigation.aroundhomes import AroundHomes
 from agent.navigation.crossing import WayHome
 from agent.navigation.focus import is_in_second_half
 from agent.navigation.home import Home
@@ -29,6 +28,7 @@ from agent.navigation.ownground import OwnGround
 from agent.navigation.sharing import SharedCircle
 from agent.navigation.silent import Absence
 from agent.navigation.surveying import InformedSearch, Search
+from agent.navigation.wayaround import WayAround, hovering
 from agent.vehicle.interface import VehicleState
 from protocol.messages import Stage
 
@@ -92,7 +92,7 @@ class Guidance:
         self._leading = Leading(mission.area, most_mps, mission.encirclement.radius_m + _ROOM_M)
         self._encirclement = Encirclement(mission.encirclement, mission.limits)
         self._shared = SharedCircle(mission, drone.id)
-        self._way, self._around = WayHome(mission, drone.id), AroundHomes(mission)
+        self._way, self._around = WayHome(mission, drone.id), WayAround(mission)
         self._absence: Absence | None = None
         self.has_room = True
         self._yaw_rad = 0.0
@@ -135,10 +135,12 @@ class Guidance:
         partners: Sequence[Neighbour],
         deviation_m: float = 0.0,
         absence: Absence | None = None,
+        others: Sequence[PeerPlan] = (),
     ) -> Reference:
         """The reference from ``state``, the tracker's own, together with the drones that take part.
 
-        ``deviation_m``: RMS deviation of this drone from its plans; ``absence``: of drones that are not heard any more.
+        ``deviation_m``: RMS deviation of this drone from its plans; ``absence``: of drones that are not heard any more;
+        ``others``: all that fly, or may.
         """
         self._absence = absence
         circles = centre is not None and moment.stage is not Stage.SURVEY
@@ -153,7 +155,7 @@ class Guidance:
         if frame is not None:
             self._waits = None
         if moment.stage is Stage.RETURN:
-            return self._return(moment, state, deviation_m)
+            return self._return(moment, state, deviation_m, others)
         self._way.begin()
         if frame is None:
             return self._wait(moment, state)
@@ -309,8 +311,9 @@ class Guidance:
         over_x = x + _WAITING_RADIUS_M * (np.cos(turned) - 1.0)
         return self._level(moment, over_x, y + _WAITING_RADIUS_M * np.sin(turned))
 
-    def _return(self, moment: Moment, state: PeerState, deviation_m: float) -> Reference:
-        """Home at the survey's speed and height, around the homes of others that are not heard; if home is not known, stay.
+    def _return(self, moment: Moment, state: PeerState, deviation_m: float, others: Sequence[PeerPlan]) -> Reference:
+        """Home at the survey's speed and height, around others that hover, and the homes of those that are not heard; if home is
+        not known, stay.
 
         Above all circles as long as there are drones that are not heard: it cannot know where they are, nor they that it comes.
         """
@@ -318,20 +321,14 @@ class Guidance:
         home = self._home.in_local or (x, y, 0.0)
         unheard, height_m = self._absence is not None, moment.vehicle.height_m
         to, over_m = self._way.course((x, y), height_m, home[:2], unheard=unheard, taken=self._home_is_taken)
-        way = self._way_to((x, y), to, deviation_m)
+        way = np.array([(x, y), to])
+        if (frame := self._own.frame) is not None:
+            homes = self._absence.homes if self._absence is not None else ()
+            kept = (*homes, *hovering(others, frame.mission_from_local))
+            way = self._around.local((x, y), to, frame, kept, deviation_m)
         along = np.append(0.0, np.cumsum(np.hypot(*np.diff(way, axis=0).T)))
         travelled = self._config.survey.speed_mps * STEP_S * np.arange(HORIZON + 2.0)
         return self._level(moment, np.interp(travelled, along, way[:, 0]), np.interp(travelled, along, way[:, 1]), over_m)
-
-    def _way_to(self, here: Point2, to: Point2, deviation_m: float) -> Array:
-        """Points (P, 2) of the way to a place, local frame as both."""
-        frame, homes = self._own.frame, self._absence.homes if self._absence is not None else ()
-        if frame is None or not homes:
-            return np.array([here, to])
-        ends = frame.mission_from_local.apply(np.array([(*here, 0.0), (*to, 0.0)]))[:, :2].tolist()
-        way = self._around.way((ends[0][0], ends[0][1]), (ends[1][0], ends[1][1]), homes, deviation_m)
-        placed: Array = frame.local_from_mission.apply(np.column_stack((way, np.zeros(len(way)))))
-        return placed[:, :2]
 
     @property
     def _home_is_taken(self) -> bool:

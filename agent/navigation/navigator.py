@@ -249,8 +249,9 @@ class Navigator:
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]
         deviation_m = self.response.response.tracking_error_m
-        reference = self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self._neighbourhood.absence)
-        kept_from = [*(other.plan for other in others), *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
+        plans = [other.plan for other in others]
+        reference = self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self.absence, plans)
+        kept_from = [*plans, *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
         mission_from_local = frame.mission_from_local if frame is not None else None
         here = PeerState(vehicle.position_m, vehicle.velocity_mps)
         wanted = self._ground.kept_off(reference, vehicle)

@@ -28,9 +28,9 @@ from agent.frames.transform import Transform
 from agent.geometry import Array, Point2, Vector3
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
-from agent.navigation.aroundhomes import KeptHome
 from agent.navigation.crossing import is_over_m
 from agent.navigation.peers import Peer, Peers
+from agent.navigation.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 
 TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
@@ -84,7 +84,7 @@ class Absence(Struct, frozen=True):
     alone: bool
     stops: Array
     coming_home: tuple[str, ...]
-    homes: tuple[KeptHome, ...] = ()
+    homes: tuple[KeptPlace, ...] = ()
 
     @property
     def unheard(self) -> tuple[str, ...]:
@@ -143,7 +143,7 @@ class Silent:
         self._courses: dict[str, tuple[int, Course]] = {}  # the same, if its agent is gone
         self._contacts: dict[str, Contact] = {}  # the last ones with those that are not heard, or do not hear this drone
         self._unhearing: set[str] = set()  # of these, who is heard
-        self._homes: dict[str, KeptHome] = {}  # that are kept clear of at present
+        self._homes: dict[str, KeptPlace] = {}  # that are kept clear of at present
         self._excluded_ns: dict[str, int] = {}  # who was never heard and is revoked: since when that is known
         self._set_ns = 0
 
@@ -246,7 +246,7 @@ class Silent:
         walls += self._coming_down(name, self._agentless.home(name, peer, mission_from_theirs), me)
         sigma_m = hypot(sigma_m, _SIGMA_M)
         if course.way is not None and silent_s < course.down_s:
-            self._homes[name] = KeptHome(course.way[1], sigma_m)
+            self._homes[name] = KeptPlace(course.way[1], sigma_m)
         return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), sigma_m) for one in places]
 
     def contact(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, stage: Stage, circled: bool) -> Contact:
@@ -297,7 +297,7 @@ class Silent:
 
     def _over(self, name: str, home: Vector3, me: Viewer) -> PeerPlan:
         """Over its home, at whatever height."""
-        self._homes[name] = KeptHome(home[:2])
+        self._homes[name] = KeptPlace(home[:2])
         return blind_plan(name, me.now_ns, me.step_s, _local(np.tile(home[:2], (len(me.ahead()), 1)), me))
 
     def _wall(self, name: str, contact: Contact, me: Viewer) -> Wall | None:

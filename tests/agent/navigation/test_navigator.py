@@ -18,7 +18,7 @@ from agent.navigation.neighbours import Self
 from agent.navigation.peers import Peers
 from agent.navigation.surveying import InformedSearch, Prospect, Search
 from agent.vehicle.interface import FlightMode
-from protocol.messages import Pose, Stage, Status
+from protocol.messages import Plan, Pose, Stage, Status
 
 
 def test_what_a_plan_was_made_with_is_known_until_somebody_else_flies():
@@ -145,6 +145,40 @@ def test_who_misses_others_comes_home_around_theirs_in_a_row_before_its_own():
     places = flown(lambda _: None, mission=mission, stage=Stage.RETURN, peers=peers, home_m=(10.0, 25.0, 0.0))
     assert places[-1, :2] == pytest.approx((10.0, 25.0), abs=0.5)
     apart_m = min(np.hypot(*(places[:, :2] - member.origin_m[:2]).T).min() for member in row)
+    assert apart_m > mission.limits.separation_m + 1.0
+
+
+@pytest.mark.parametrize("held_mps", [0.0, 0.4])
+def test_who_comes_home_flies_around_two_that_human_pilots_hold_beside_each_other(held_mps):
+    """There is no way between the two, 8 m apart; it stopped before them, and landed there after a minute."""
+    held = {"d2": (22.0, 21.0, 3.0), "d3": (22.0, 29.0, 3.0)}
+    pilots = tuple(DroneInMission(id=name, origin_m=(22.0, y, 0.0)) for name, y in (("d2", 5.0), ("d3", 45.0)))
+    mission, peers = replace(MISSION, drones=(MISSION.drones[0], *pilots)), Peers(list(held))
+    frames = FrameGraph.from_launch_layout(mission)
+
+    def keep_on(now_ns: int) -> None:
+        for name, place in held.items():
+            local = frames.mission_from_local(name, 0).inverse().apply_point(place)
+            told = {"stamp_ns": now_ns, "drone": name, "epoch": 0}
+            if now_ns == START_NS:  # since then a human pilot has the vehicle
+                assert peers.receive(Plan(**told, step_ns=SECOND, positions_m=(local, local)), now_ns) is None
+                status = Status(stamp_ns=now_ns, drone=name, mission=mission.mission_id, boot="1" * 16, stage=Stage.HOLD)
+                assert peers.receive(status, now_ns) is None
+            sway_mps = held_mps * np.cos((now_ns - START_NS) / SECOND)
+            pose = Pose(
+                **told,
+                position_m=local,
+                velocity_mps=(0.0, sway_mps, 0.0),
+                quaternion=(1.0, 0.0, 0.0, 0.0),
+                position_sigma_m=0.1,
+                yaw_sigma_rad=0.01,
+                steered=False,
+            )
+            assert peers.receive(pose, now_ns) is None
+
+    places = flown(keep_on, mission=mission, stage=Stage.RETURN, peers=peers, home_m=(10.0, 25.0, 0.0))
+    assert places[-1, :2] == pytest.approx((10.0, 25.0), abs=0.5)
+    apart_m = min(np.hypot(*(places[:, :2] - place[:2]).T).min() for place in held.values())
     assert apart_m > mission.limits.separation_m + 1.0
 
 

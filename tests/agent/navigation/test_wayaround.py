@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
-from agent.navigation.aroundhomes import AroundHomes, KeptHome
+from agent.navigation.wayaround import KeptPlace, WayAround
 
 
 def mission(left, right, margin_m):
@@ -13,7 +13,7 @@ def mission(left, right, margin_m):
 
 
 MISSION = mission(0.0, 40.0, 20.0)
-ROW = tuple(KeptHome((x, 9.0), 0.3) for x in (5.0, 12.0, 19.0, 26.0))
+ROW = tuple(KeptPlace((x, 9.0), 0.3) for x in (5.0, 12.0, 19.0, 26.0))
 HERE, HOME = (16.0, 20.0), (12.0, 2.0)
 
 
@@ -30,7 +30,7 @@ def nearest_m(way, place):
 
 def test_it_leads_around_a_row_of_homes_and_not_up_to_it():
     """Straight on, a drone hovered before the row for half a minute, where another one came home."""
-    way = AroundHomes(MISSION).way(HERE, HOME, ROW, 0.0)
+    way = WayAround(MISSION).way(HERE, HOME, ROW, 0.0)
     assert way[0] == pytest.approx(HERE)
     assert way[-1] == pytest.approx(HOME)
     assert min(nearest_m(way, home.place) for home in ROW) > 5.6 - 1e-3  # 3 m, the margin of plans, and 2 sigma
@@ -38,23 +38,23 @@ def test_it_leads_around_a_row_of_homes_and_not_up_to_it():
 
 
 def test_it_is_straight_where_no_home_lies_on_it():
-    assert AroundHomes(MISSION).way(HERE, HOME, (), 0.0) == pytest.approx(np.array([HERE, HOME]))
-    assert AroundHomes(MISSION).way(HERE, HOME, (KeptHome((30.0, 9.0)),), 0.0) == pytest.approx(np.array([HERE, HOME]))
+    assert WayAround(MISSION).way(HERE, HOME, (), 0.0) == pytest.approx(np.array([HERE, HOME]))
+    assert WayAround(MISSION).way(HERE, HOME, (KeptPlace((30.0, 9.0)),), 0.0) == pytest.approx(np.array([HERE, HOME]))
 
 
 def test_a_drone_that_is_nearer_to_a_home_than_plans_keep_comes_no_nearer():
-    way = AroundHomes(MISSION).way((16.0, 13.0), HOME, ROW, 0.0)
+    way = WayAround(MISSION).way((16.0, 13.0), HOME, ROW, 0.0)
     assert nearest_m(way, (19.0, 9.0)) > 5.0 - 0.5  # it is 5 m away; less the grain of circles, and corners for arcs
     assert length_m(way) > 20.0
 
 
 def test_a_home_next_to_its_own_does_not_keep_it_from_there():
-    beside = KeptHome((HOME[0] + 3.0, HOME[1]))
-    way = AroundHomes(MISSION).way(HERE, HOME, (beside,), 0.0)
+    beside = KeptPlace((HOME[0] + 3.0, HOME[1]))
+    way = WayAround(MISSION).way(HERE, HOME, (beside,), 0.0)
     assert way[-1] == pytest.approx(HOME)
     assert nearest_m(way, beside.place) > 2.0
 
 
 def test_it_stays_inside_the_fence_and_is_straight_where_there_is_no_way():
-    way = AroundHomes(mission(10.0, 20.0, 0.0)).way((16.0, 30.0), (13.0, 2.0), ROW, 0.0)
+    way = WayAround(mission(10.0, 20.0, 0.0)).way((16.0, 30.0), (13.0, 2.0), ROW, 0.0)
     assert way == pytest.approx(np.array([(16.0, 30.0), (13.0, 2.0)]))
