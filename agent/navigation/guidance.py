@@ -94,6 +94,7 @@ class Guidance:
         self._shared = SharedCircle(mission, drone.id)
         self._way, self._around = WayHome(mission, drone.id), WayAround(mission)
         self._absence: Absence | None = None
+        self._others: Sequence[PeerPlan] = ()
         self.has_room = True
         self._yaw_rad = 0.0
         self._stays: Vector3 | None = None  # the place held, local
@@ -142,7 +143,7 @@ class Guidance:
         ``deviation_m``: RMS deviation of this drone from its plans; ``absence``: of drones that are not heard any more;
         ``others``: all that fly, or may.
         """
-        self._absence = absence
+        self._absence, self._others = absence, others
         circles = centre is not None and moment.stage is not Stage.SURVEY
         self.has_room = centre is None or moment.stage not in CIRCLING or self._fits_in(moment, centre)
         if not moment.vehicle.position_trusted or (self._holds and not circles and moment.stage is not Stage.RETURN):
@@ -155,7 +156,7 @@ class Guidance:
         if frame is not None:
             self._waits = None
         if moment.stage is Stage.RETURN:
-            return self._return(moment, state, deviation_m, others)
+            return self._return(moment, state, deviation_m)
         self._way.begin()
         if frame is None:
             return self._wait(moment, state)
@@ -238,6 +239,7 @@ class Guidance:
             return self._hover(moment, state, centre, radius_m)
         heard = {partner.id: partner.plan for partner in partners}
         stands = self._shared.stands(self._absence, self._in_mission(centre), radius_m)
+        stands = stands or self._shared.is_crossed(moment.now_ns, centre.position, radius_m, self._others, heard)
         return self._encirclement.reference(
             self._ground.above_level(state, moment.vehicle),
             self._shared.places(moment.now_ns, heard, self._absence, (centre.position, centre.velocity), radius_m, stands),
@@ -311,7 +313,7 @@ class Guidance:
         over_x = x + _WAITING_RADIUS_M * (np.cos(turned) - 1.0)
         return self._level(moment, over_x, y + _WAITING_RADIUS_M * np.sin(turned))
 
-    def _return(self, moment: Moment, state: PeerState, deviation_m: float, others: Sequence[PeerPlan]) -> Reference:
+    def _return(self, moment: Moment, state: PeerState, deviation_m: float) -> Reference:
         """Home at the survey's speed and height, around others that hover, and the homes of those that are not heard; if home is
         not known, stay.
 
@@ -324,7 +326,7 @@ class Guidance:
         way = np.array([(x, y), to])
         if (frame := self._own.frame) is not None:
             homes = self._absence.homes if self._absence is not None else ()
-            kept = (*homes, *hovering(others, frame.mission_from_local))
+            kept = (*homes, *hovering(self._others, frame.mission_from_local))
             way = self._around.local((x, y), to, frame, kept, deviation_m)
         along = np.append(0.0, np.cumsum(np.hypot(*np.diff(way, axis=0).T)))
         travelled = self._config.survey.speed_mps * STEP_S * np.arange(HORIZON + 2.0)

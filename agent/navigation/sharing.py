@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from math import atan2, cos, sin
+from collections.abc import Mapping, Sequence
+from math import atan2, cos, hypot, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ _ROOM_M = 3.0  # between a circle and the fence
 # One that is not heard has flown by its plan until it noticed that it hears nobody, when it ceased to count here, too; then it
 # brakes: from the speed of the circle and from that of the way to a place on it within this time, to a metre or two.
 _STOPS_NS = 1_000_000_000
+_PASSES_MPS, _PASSED_M = 1.5, 8.0  # faster than this one flies past; so far outside of the circle it is none of its business
 
 
 class _Circle(NamedTuple):
@@ -137,6 +138,20 @@ class SharedCircle:
         away = np.hypot(*(absence.stops - centre).T)
         reach_m = self._mission.limits.separation_m + LEAST_MARGIN_M
         return bool((np.abs(away - radius_m) < reach_m).any())
+
+    def is_crossed(
+        self, now_ns: int, centre: Vector3, radius_m: float, others: Sequence[PeerPlan], partners: Mapping[str, PeerPlan]
+    ) -> bool:
+        """Whether others that follow their plans, but do not circle with it, fly across the circle or near it, on their way home.
+
+        Who circles stands until they have passed: flying on into the midst of them, one was carried along, as far as they flew.
+        """
+        for plan in others:
+            (x, y, _), (u, v, _) = (state := plan.state(now_ns)).position, state.velocity
+            near = hypot(x - centre[0], y - centre[1]) < radius_m + _PASSED_M
+            if near and hypot(u, v) > _PASSES_MPS and not plan.blind and plan.id not in partners:
+                return True
+        return False
 
     def places(
         self,

@@ -53,3 +53,20 @@ def test_the_place_of_one_that_is_missing_is_as_far_along_its_plan_as_it_got(sta
     expected = turned[1] + (speed_mps if stands else FOUR.encirclement.speed_mps) / radius_m
     assert np.arctan2(y, x) == pytest.approx(expected)
     assert np.hypot(*found.velocity[:2]) == pytest.approx(0.0 if stands else FOUR.encirclement.speed_mps)
+
+
+@pytest.mark.parametrize(
+    ("name", "x_m", "speed_mps", "blind", "crossed"),
+    [
+        ("d4", 15.0, 3.0, False, True),
+        ("d4", 25.0, 3.0, False, False),
+        ("d4", 15.0, 0.3, False, False),  # it waits over its home
+        ("d4", 15.0, 3.0, True, False),  # held by a human pilot, or on its autopilot's way home: for as long as he likes
+        ("d3", 15.0, 3.0, False, False),
+    ],
+)
+def test_who_circles_lets_those_pass_that_come_home_across_the_circle(name, x_m, speed_mps, blind, crossed):
+    """Flying on into the midst of four of them, with two ahead and two behind, it was carried home with them. d3 circles, too."""
+    way = [(x_m, 0.0, 3.0), (x_m - 4.0 * speed_mps, 0.0, 3.0)]
+    other, partner = PeerPlan(name, 0, 4.0, way, blind=blind), PeerPlan("d3", 0, 4.0, way)
+    assert SharedCircle(FOUR, "d2").is_crossed(0, (0.0, 0.0, 0.0), 10.0, [other], {"d3": partner}) == crossed
