@@ -21,9 +21,13 @@ class Climbing:
 
     def __init__(self, limits: LimitsConfig, fence: Fence, prediction: Prediction, step_s: float, horizon: int) -> None:
         self._limits = (limits.climb_mps, _ACCELERATION_SHARE * limits.acceleration_mps2, limits.jerk_mps3)
-        self._low, self._high = fence.floor_m, fence.ceiling_m
         self._step_s, self._horizon = step_s, horizon
         self._problem = LimitedProblem(prediction, step_s, 1, self._limits, 2)
+        self.confine(fence)
+
+    def confine(self, fence: Fence) -> None:
+        """Replace floor and ceiling."""
+        self._low, self._high, horizon = fence.floor_m, fence.ceiling_m, self._horizon
         normals = np.repeat(np.array([1.0, -1.0]), horizon).reshape(2, horizon, 1)
         offsets = np.repeat(np.array([fence.floor_m, -fence.ceiling_m]), horizon).reshape(2, horizon)
         self._planes = HalfPlanes(normals, offsets, np.ones((2, horizon)))

@@ -84,11 +84,9 @@ class Tracker:
         self._response = response
 
     def confine(self, fence: Fence) -> None:
-        """Replace the fence outline from the next plan on, when the area's position in this frame has been corrected.
-
-        Floor and ceiling are kept.
-        """
+        """Replace the fence from the next plan on, when the area's position or the ground's height in this frame is another."""
         self._goals = Goals(self._limits, fence, self._step_s, self._horizon)
+        self._climbing.confine(fence)
 
     def plan(
         self,

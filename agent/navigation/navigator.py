@@ -195,7 +195,7 @@ class Navigator:
             self._tracker = self._begin(moment.vehicle)
         elif due:
             self._virtual = self._tracker.state(moment.now_ns)
-            fence = self._fence.moved(moment.vehicle)
+            fence = self._fence.moved(moment.vehicle, self._ground.level_m(moment.vehicle))
             if fence is not None:
                 self._tracker.confine(fence)
                 self._room = fence.outline

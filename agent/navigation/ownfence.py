@@ -14,13 +14,13 @@ from agent.motion.separation import DOUBT_SIGMAS
 from agent.vehicle.interface import VehicleState
 
 _LEAST_MARGIN_M = 5.0  # of the fence, however uncertain the own position is
-_MOVED_M = 0.3  # smaller shifts of the fence in the local frame are not applied
+_MOVED_M = 0.3  # smaller shifts of the fence in the local frame, or of its heights, are not applied
 _WAITING_M = 12.0  # radius of the fence around a drone that does not know its frame
 _ROOM_M = 4.0  # a fence within which no circle of this radius fits leaves no room to fly
 
 
 class OwnFence:
-    """Placed where the area lies in the local frame, and moved as the estimate of that frame improves.
+    """Placed where the area lies in the local frame, and moved as the estimate of that frame improves, or its height drifts.
 
     While the drone may be in either of two places, both must be inside.
     """
@@ -37,9 +37,14 @@ class OwnFence:
         self._level_m = level_m
         return self._made(vehicle)
 
-    def moved(self, vehicle: VehicleState) -> Fence | None:
-        """The fence for the newest frame; None while the present one still fits."""
+    def moved(self, vehicle: VehicleState, level_m: float) -> Fence | None:
+        """The fence for the newest frame and ground; None while the present one still fits.
+
+        An autopilot's height drifts, and the ground in its frame with it: by metres in a long flight.
+        """
         frame = self._own.frame
+        if abs(level_m - self._level_m) >= _MOVED_M:
+            return self.put(vehicle, level_m)
         if self._outlined is not None and frame is not None:
             if frame.mission_from_local.covariance is None:
                 return None

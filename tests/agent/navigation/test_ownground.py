@@ -14,18 +14,22 @@ from protocol.messages import Stage
 FLOOR_M, CEILING_M = 1.5, 6.0
 
 
-def heights(off_m, wanted_m=3.0):
-    """The last heights of a vehicle in the search whose autopilot stays so far off its setpoints, upwards."""
+def heights(off_m=0.0, wanted_m=3.0, drift_m=0.0):
+    """The last heights of a vehicle in the search whose autopilot stays so far off its setpoints, upwards; ``drift_m``: by which
+    its own height is too high in the end.
+    """
     area = replace(MISSION.area, floor_m=FLOOR_M, ceiling_m=CEILING_M)
     mission = replace(MISSION, area=area, survey=replace(MISSION.survey, height_m=wanted_m))
     navigator, own, frames = made(mission)
     (x, y, z), velocity, found = frames.mission_from_local("d1", 0).inverse().apply_point((35.0, 25.0, wanted_m)), (0.0,) * 3, []
-    for tick in range(round(15.0 * SECOND / TICK_NS)):
-        now_ns = START_NS + tick * TICK_NS
-        vehicle = own.take(replace(state(now_ns, FlightMode.OFFBOARD, (x, y, z)), velocity_mps=velocity, height_m=z))
+    ticks = round(15.0 * SECOND / TICK_NS)
+    for tick in range(ticks):
+        now_ns, drifted_m = START_NS + tick * TICK_NS, drift_m * min(1.5 * tick / ticks, 1.0)
+        seen = replace(state(now_ns, FlightMode.OFFBOARD, (x, y, z + drifted_m)), velocity_mps=velocity, height_m=z)
+        vehicle = own.take(seen)
         setpoint, _ = navigator.step(Moment(now_ns, Stage.SURVEY, START_NS, vehicle, None), Peers([]))
         (x, y, z), velocity = setpoint.position_m, setpoint.velocity_mps
-        z += off_m
+        z += off_m - drifted_m
         found.append(z)
     return np.array(found[-40:])
 
@@ -40,3 +44,9 @@ def test_who_comes_near_floor_or_ceiling_by_its_rangefinder_is_told_to_keep_off(
     found = heights(off_m, wanted_m)
     assert found.min() > FLOOR_M + 0.1
     assert found.max() < CEILING_M - 0.1
+
+
+@pytest.mark.parametrize(("wanted_m", "drift_m"), [(2.2, -2.0), (5.3, 2.0)], ids=["floor", "ceiling"])
+def test_floor_and_ceiling_stay_where_they_are_while_the_autopilots_height_drifts(wanted_m, drift_m):
+    """They drifted along with it: a drone could not come down to its height any more, and flew by the drift too high."""
+    assert heights(wanted_m=wanted_m, drift_m=drift_m) == pytest.approx(np.full(40, wanted_m), abs=0.25)
