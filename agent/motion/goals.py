@@ -14,7 +14,7 @@ from agent.motion.reference import Reference
 Piece = tuple[Array, Array]  # half-planes n . p >= b: normals (M, 2), offsets (M,)
 
 _FENCE_INSIDE_M = 1.5  # margin of plans to the fence, for the vehicle's deviation from them
-HEIGHT_INSIDE_M = 0.5
+HEIGHT_INSIDE_M = 0.5  # the same to floor and ceiling
 _REACH_S = 0.5  # goals may be this much further ahead than full speed allows
 
 
