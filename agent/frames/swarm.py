@@ -179,8 +179,8 @@ class SwarmFrames:
         from_ns = min(line.taken_changed_ns(), track.taken_changed_ns())
         if from_ns == ALWAYS:
             return
-        if line.stamps_ns and from_ns <= line.stamps_ns[0]:
-            from_ns = 0  # the first known placement holds for all times before it
+        if not line.stamps_ns or from_ns <= line.stamps_ns[0]:
+            from_ns = 0  # the first known placement holds for all times before it, and without any none holds any more
         segments = track.segments
         epochs = self._epochs[drone] = self._epochs[drone] | {segment.epoch for segment in segments}
         known: dict[int, list[Known]] = {epoch: [] for epoch in sorted(epochs)}

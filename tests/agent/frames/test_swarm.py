@@ -350,6 +350,31 @@ def test_any_order_of_arrival_gives_the_same_frames(seed):
     assert lines(run(flown), flown) == expected
 
 
+def test_a_frame_that_late_sightings_make_ambiguous_again_is_unknown_for_all_times():
+    """d2 and d3 are found, then three of four sightings of their first seconds come late, and are nonsense."""
+    flown = fly(anchored(**UNKNOWN), 3.0, 1, Sensor(rate_hz=5.0))
+    rng = np.random.default_rng(1)
+    late = []
+    for place, entry in enumerate(flown.entries):
+        if isinstance(entry, Sighting) and rng.random() < 0.75:
+            direction = rng.standard_normal(3)
+            direction = tuple((direction / np.linalg.norm(direction)).tolist())
+            flown.entries[place] = structs.replace(entry, direction=direction, range_m=rng.uniform(1.0, 60.0))
+            late.append(flown.entries[place])
+    frames = SwarmFrames(flown.mission)
+    for entry in flown.entries:
+        if entry not in late:
+            frames.receive(entry, encode(entry))
+    end_ns = int(flown.stamps_ns[-1]) + SECOND
+    settle(frames, end_ns)
+    assert frames.suspects() == {}
+    for entry in late:
+        frames.receive(entry, encode(entry))
+    settle(frames, end_ns)
+    assert frames.graph.mission_from_local("d2", 0, START_NS) is None
+    assert lines(frames, flown) == lines(at_once(flown), flown)
+
+
 def test_what_comes_two_minutes_late_is_counted_as_if_in_time():
     """Longer ago than all checkpoints are kept; the way there is made in slices."""
     drones = slams()[:2]
