@@ -164,6 +164,11 @@ class Pilot:
         return self._world.pending
 
     @property
+    def backlog_s(self) -> float:
+        """For how long something that was received has been missing in frames or hypothesis, s."""
+        return self._world.backlog_s
+
+    @property
     def finding(self) -> str:
         """The result of a search that ended without finding a source; else empty."""
         return self._executive.finding

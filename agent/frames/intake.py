@@ -20,6 +20,7 @@ from protocol.codec import decode
 from protocol.entries import LONGEST_EXPOSURE_NS, Entry, EntryId, Exposure, Fix, Sighting
 
 E = TypeVar("E", bound=Entry)
+READS = (Exposure, Sighting, Fix)  # kinds of entries; others carry no information about frames
 _OUTAGE_NS = 5_000_000_000  # after so long without a fix, an autopilot is assumed to navigate by other means
 _ATTITUDE_VAR = math.radians(0.5) ** 2  # of the observer's roll and pitch, which the sightings' sigmas do not include
 # Of the other drone, if the clock of one of the two is wrong. Where that may be farther away than it can be seen, a sighting says
@@ -64,8 +65,8 @@ class Intake:
         self._earliest_ns = 0
 
     def receive(self, entry: Entry, payload: bytes) -> None:
-        """Add an exposure, a sighting or a fix, with the bytes that it was decoded from; other entries are ignored, as they
-        carry no information about frames. Each comes once: ``ObservationLog`` has seen to that.
+        """Add an entry of the kinds ``READS``, with the bytes that it was decoded from; other ones are ignored. Each comes once:
+        ``ObservationLog`` has seen to that.
         """
         number = self._number.get(entry.drone)
         if number is None:

@@ -7,18 +7,18 @@ from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 
 from agent.config.mission import MissionConfig
+from agent.frames.batches import LATE_NS, Batches
 from agent.frames.carried import CarriedFrames
 from agent.frames.checkpoint import Checkpoint, beginning
 from agent.frames.estimate import Estimate
 from agent.frames.graph import FrameGraph, Known
-from agent.frames.intake import Intake
+from agent.frames.intake import READS, Intake
 from agent.frames.placement import Placement
 from agent.frames.tracks import ALWAYS, Segment
 from agent.frames.transform import Transform
 from protocol.entries import Entry, EntryId
 
 BEFORE_START_NS = 60_000_000_000  # earlier measurements are ignored: clocks may be years off
-LATE_NS = 5_000_000_000
 _PORTION = 50  # entries that are taken back per call of ``advance``: 10 ms
 _SLICE = 24  # keyframe updates of one drone per call of ``advance``: about 20 ms
 _RECENT = 64  # number of recent checkpoints that are all kept; of older ones every 8th
@@ -33,8 +33,8 @@ class SwarmFrames:
     The graph is a pure function of what was received (in any order) and of the last keyframe that is due. Checkpoints are kept; a
     late entry rolls the estimate back to the last checkpoint before its interval, and the keyframes since are computed again. The
     graph and the suspects keep their values until that is complete, so that no drone flies by frames that lack the last minute.
-    Entries received meanwhile are processed afterwards. Entries that are late by more than ``LATE_NS`` are taken in batches, with
-    a pause in between as long as the last batch took, so that they never keep the graph from the new ones. Where all drones are
+    Entries received meanwhile are processed afterwards. Entries that are late by more than ``LATE_NS`` are taken in ``Batches``,
+    with a pause in between, so that they never keep the graph from the new ones. Where all drones are
     exact, nothing is computed. Their frames after a jump are in the graph, too, as they tell them (``carried``).
     """
 
@@ -57,8 +57,10 @@ class SwarmFrames:
         self._waiting: list[Received] = []  # while estimating
         self._late: list[Received] = []
         self._forgotten: list[EntryId] = []
-        self._took = 0  # calls since the last batch of late entries
-        self._rest: int | None = 0  # calls until the next one; None: the last one is still being estimated
+        self._batches = Batches()
+        self._is_batch, self._took = False, 0  # whether a batch of late entries is being estimated, and calls for it
+        self._put_ns: int | None = None  # when last nothing waited, but to be estimated
+        self.complete_ns = 0  # time of an ``advance``: all that was received before it is in the graph
         self._started = False
         self._due = self._wanted = -1  # the newest keyframe that is estimated, and that is due at the newest time
 
@@ -78,7 +80,7 @@ class SwarmFrames:
     def receive(self, entry: Entry, payload: bytes) -> None:
         """Add an entry of the log with the bytes that it was decoded from; each once, in any order."""
         self._carried.receive(entry)
-        if self._idle:
+        if self._idle or not isinstance(entry, READS):
             return
         if self._is_late(entry):
             self._late.append((entry, payload))
@@ -97,19 +99,25 @@ class SwarmFrames:
         self._waiting = [one for one in self._waiting if one[0].entry_id not in gone]
         self._forgotten += identities
 
-    def advance(self, now_ns: int) -> None:
-        """Estimate keyframes that are due, and recompute those that late entries have changed; a limited number per call."""
+    def advance(self, now_ns: int, *, takes_late: bool = True) -> None:
+        """Estimate keyframes that are due, and recompute those that late entries have changed; a limited number per call.
+
+        ``takes_late``: whether a batch of late entries may be taken. Who still computes what follows from the last one has to
+        begin again with every change that reaches far back, and would never come to the end.
+        """
         if self._idle:
+            self.complete_ns = now_ns
             return
         self._wanted = max(self._wanted, (now_ns - self._settle_ns) // self._intake.grid_ns)
+        are_due = self._batches.are_due(now_ns) and takes_late
         if not self._estimating:
             forgotten, self._forgotten = self._forgotten[:_PORTION], self._forgotten[_PORTION:]
             self._intake.forget(forgotten)
             if self._forgotten:  # the graph keeps its values until all is gone
                 return
-            waiting, self._waiting = [*self._taken_late(), *self._waiting], []
-            for entry, payload in waiting:
-                self._intake.receive(entry, payload)
+            self._take_waiting(are_due)
+            if self._put_ns is None and not self._late:
+                self._put_ns = now_ns
             self._due = self._wanted
             self._rewind()
         last = next(reversed(self._checkpoints.values()), self._beginning)
@@ -125,10 +133,15 @@ class SwarmFrames:
         self._thin()
         if self._estimating:
             return
+        if self._is_batch:
+            self._batches.took(self._took)
+            self._is_batch = False
         self._newest = last
         for drone, line in enumerate(self._lines):
             if self._estimated[drone]:
                 self._publish(drone, line)
+        if self._put_ns is not None:
+            self.complete_ns, self._put_ns = self._put_ns, None
 
     def suspects(self) -> Mapping[str, str]:
         """By drone: why its frame is not trusted, or not known."""
@@ -145,16 +158,13 @@ class SwarmFrames:
         last = next(reversed(self._checkpoints), -1)
         return entry.stamp_ns <= min(last, self._due - LATE_NS // self._intake.grid_ns) * self._intake.grid_ns
 
-    def _taken_late(self) -> list[Received]:
-        """The late entries, unless the last batch of them was a moment ago."""
-        if self._rest is None:
-            self._rest = self._took - 1
-        if not self._late or self._rest > 0:
-            self._rest -= self._rest > 0
-            return []
-        late, self._late = self._late, []
-        self._took, self._rest = 0, None
-        return late
+    def _take_waiting(self, takes_late: bool) -> None:
+        waiting, self._waiting = self._waiting, []
+        if takes_late and self._late:
+            waiting, self._late = [*self._late, *waiting], []
+            self._took, self._is_batch = 0, True
+        for entry, payload in waiting:
+            self._intake.receive(entry, payload)
 
     def _rewind(self) -> None:
         dirty = self._intake.taken()

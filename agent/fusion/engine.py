@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import Any, cast
 
 from agent.config.mission import MissionConfig
+from agent.frames.batches import LATE_NS, Batches
 from agent.frames.graph import FrameGraph
 from agent.frames.swarm import BEFORE_START_NS
 from agent.fusion.checkpoints import thin, undo
@@ -22,10 +23,6 @@ from agent.geometry import Vector3
 from protocol.entries import AnyEntry, Entry, EntryId
 
 SLICE_UNITS = 400  # work per call of advance, in units of ``Estimator.work``: about 10 ms
-LATE_NS = 5_000_000_000  # an entry that changes older steps than this waits for others of its kind
-# A batch of late entries begins once none has come for so many calls of ``advance``, and after so many at the latest: what two
-# sides of a swarm have measured apart arrives within a second after they hear each other again, and one replay takes it all.
-_QUIET_CALLS, _MOST_CALLS = 5, 25
 _NEVER, _AFTER = -1, 2**63  # before and after every step
 
 FrameKey = tuple[str, int]  # drone and epoch
@@ -50,10 +47,9 @@ class Fusion:
 
     Entries that come after their step has been computed are folded in batches (``lateness``), so that an entry that is late by a
     second is in the hypothesis a second later at most.
-    Of entries that are late by more than ``LATE_NS`` the replay is made beside the present chain of states,
-    which goes on without them until it is complete. The next batch waits for as many calls of ``advance`` as that took, and until
-    no more come. So a drone that publishes old entries again and again delays nothing, and all are in the hypothesis in the end
-    (``pending`` until then).
+    Of entries that are late by more than ``LATE_NS`` the replay is made beside the present chain of states, which goes on without
+    them until it is complete; the next one takes all that have come meanwhile (``Batches``). So a drone that publishes old
+    entries again and again delays nothing, and each is in the hypothesis some seconds later (``pending`` and ``complete_ns``).
 
     Entries of a frame that is not known yet are in the log and its digest, and enter the hypothesis once the frame is known.
     Entries measured long before the mission's start are in the log only.
@@ -71,8 +67,8 @@ class Fusion:
         self._latecomers = Latecomers()
         self._late: dict[EntryId, AnyEntry | None] = {}  # what is to take the place of what is held; None: nothing
         self._replay: dict[int, Any] | None = None  # the chain that takes the place of the present one
-        self._replayed = self._rest = 0  # calls of the present replay, and until the next one
-        self._gathered = self._quiet = 0  # calls since the first of the late entries came, and since the last one
+        self._replayed = 0  # calls of the present replay
+        self._batches = Batches()
         self._timeline = Timeline()
         self._observations = Observations(self.log, frames)
         self._base: Any = self.estimator.initial(None)  # state before the first step of the timeline
@@ -82,6 +78,8 @@ class Fusion:
         self._due_step = _NEVER  # the newest one that is to be computed
         self._stale = True
         self._current: tuple[Any, int] = (None, _NEVER)  # state and due step of the present hypothesis
+        self._put_ns: int | None = None  # when last nothing waited, but to be computed
+        self.complete_ns = 0  # time of an ``advance``: all that was received before it is in the hypothesis
 
     @property
     def digest(self) -> str:
@@ -102,6 +100,11 @@ class Fusion:
     def is_behind(self) -> bool:
         """As ``pending``, but for what another process has to compute first."""
         return self._stale or bool(self._latecomers) or bool(self._late) or self._revision != self._frames.revision
+
+    @property
+    def is_replaying(self) -> bool:
+        """Whether much is being computed again, beside the present states."""
+        return self._replay is not None
 
     def begin_ns(self, now_ns: int) -> int:
         """The first of all times now that have the same due step, and with it the same hypothesis."""
@@ -152,7 +155,6 @@ class Fusion:
             self._rewind(self._put(identity, read))
         elif step < self._oldest_step:
             self._late[identity] = read
-            self._quiet = 0
         elif step < self._due_step:
             self._latecomers.add(identity, read, self._due_step - step)
         else:
@@ -192,24 +194,28 @@ class Fusion:
         if due > before:
             self._due_step = due
             self._stale = True
+        takes_late = self._batches.are_due(self._due_step * self._grid_ns + self._hold_ns) and not self.is_replaying
         if self._revision != self._frames.revision:
             self._apply_frame_changes()
-        if self._latecomers:
-            for identity, entry in self._latecomers.taken(before, self._due_step).items():
-                self._rewind(self._put(identity, entry))
-        if self._late and self._replay is None:
-            self._take_late()
+        self._take_waiting(before, takes_late)
+        if self._put_ns is None and not self._late and not self._latecomers:
+            self._put_ns = now_ns
         if self._stale:
             self._fold(budget)
+        if not self._stale and self._put_ns is not None:
+            self.complete_ns, self._put_ns = self._put_ns, None
 
-    def _take_late(self) -> None:
-        """Begin a replay with the late entries, unless more are coming, or the last one was a moment ago."""
-        self._rest, self._gathered, self._quiet = self._rest - 1, self._gathered + 1, self._quiet + 1
-        if self._rest > 0 or (self._quiet < _QUIET_CALLS and self._gathered < _MOST_CALLS):
-            return
-        self._rest = self._gathered = 0
-        late, self._late = self._late, {}
-        self._begin_replay(min(self._put(identity, entry) for identity, entry in late.items()))
+    def _take_waiting(self, before: int, takes_late: bool) -> None:
+        """Take the entries whose batch is due, at a call that has brought the due step on from ``before``."""
+        late: dict[EntryId, AnyEntry | None] = {}
+        if takes_late:
+            late, self._late = self._late, {}
+        if self._latecomers:
+            latecomers = self._latecomers.all_taken() if late else self._latecomers.taken(before, self._due_step)
+            for identity, entry in latecomers.items():
+                self._rewind(self._put(identity, entry))
+        if late:
+            self._begin_replay(min(self._put(identity, entry) for identity, entry in late.items()))
 
     def _begin_replay(self, step: int) -> None:
         """Compute the states from the step on again, beside the present ones."""
@@ -264,7 +270,8 @@ class Fusion:
             self._replayed += 1
             complete_too, _ = self._extend(self._replay, left)
             if complete_too:
-                self._states, self._replay, self._rest = self._replay, None, self._replayed - 1
+                self._states, self._replay = self._replay, None
+                self._batches.took(self._replayed)
         self._stale = not complete or self._replay is not None
         state = self.state
         if complete and (state is not self._current[0] or self._due_step != self._current[1]):

@@ -19,7 +19,9 @@ class WorldModel:
     """Everything that follows from the log.
 
     ``frames``: of the whole swarm. ``fusion``: the log, and the estimator that the drone flies by; ``listeners``: others on the
-    same log, by name. ``last_cone_ns``: stamp of the newest cone in the log, of any drone; 0 where there is none.
+    same log, by name. ``last_cone_ns``: stamp of the newest cone in the log, of any drone; 0 where there is none. ``backlog_s``:
+    for how long something that was received has been missing in the frames, or in the hypothesis by these frames; seconds also
+    where late entries keep coming, and ``pending`` all the time.
     """
 
     def __init__(self, mission: MissionConfig, listeners: Sequence[str], estimators: Estimators) -> None:
@@ -27,7 +29,7 @@ class WorldModel:
         graph = self.frames.graph
         self.fusion = Fusion(mission, graph, estimators(mission.fusion.estimator, mission))
         self.listeners = {name: Fusion(mission, graph, estimators(name, mission)) for name in listeners}
-        self.last_cone_ns = 0
+        self.last_cone_ns, self.backlog_s = 0, 0.0
         self._started_ns = 0
         self._forgotten: list[EntryId] = []
 
@@ -88,6 +90,7 @@ class WorldModel:
         """Process new entries: almost free without any; a large backlog takes several calls."""
         if self._forgotten:
             self._forget(now_ns)
-        self.frames.advance(self.fusion.begin_ns(now_ns))
+        self.frames.advance(self.fusion.begin_ns(now_ns), takes_late=not self.fusion.is_replaying)
         for fusion in (self.fusion, *self.listeners.values()):
             fusion.advance(now_ns)
+        self.backlog_s = 1e-9 * max(0, now_ns - min(self.frames.complete_ns, self.fusion.complete_ns))

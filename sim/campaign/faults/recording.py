@@ -50,6 +50,11 @@ class _Recorded(RecordedPilot):
         return self._pilot.reckoning
 
     @property
+    def backlog_s(self) -> float:
+        """See ``Pilot``."""
+        return self._pilot.backlog_s
+
+    @property
     def problems(self) -> tuple[str, ...]:
         """See ``Pilot``."""
         return self._pilot.problems

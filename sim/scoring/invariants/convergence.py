@@ -21,12 +21,14 @@ _SEARCHING = frozenset((Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE))
 
 class Converged(Invariant[Moment]):
     """After the heal, until the first of the able drones comes home: what one of them holds, all of them hold 20 s later, or none
-    (what does not count any more); and at least every 20 s each of them has worked off its log, and their hypotheses are of
-    times at most 1 s apart. At the end, with all entries exchanged, they have one digest and one hypothesis, to the bit.
+    (what does not count any more); what its log has held for 20 s is in each one's frames and hypothesis; and at least every 20 s
+    their hypotheses are of times at most 1 s apart. At the end, with all entries exchanged, they have one digest and one
+    hypothesis, to the bit.
 
     While they measure, their logs are hardly ever equal at one moment: six drones add over a hundred entries a second, each of
     which is on its way for a tick or two, and longer to an agent that is slow. So each entry is judged by itself, by its bytes,
-    every 5 s. Hypotheses of equal logs are compared at each tick (``agreement``).
+    every 5 s. Nor is there always a moment at which one of them has worked off all of its log: where somebody's entries come late
+    all the time, some of them always wait. Hypotheses of equal logs are compared at each tick (``agreement``).
     """
 
     name = "convergence"
@@ -37,7 +39,7 @@ class Converged(Invariant[Moment]):
         self._ticks = 0
         self._looked_s: float | None = None  # first
         self._disputed_s: dict[bytes, float] = {}  # entries that some hold and others lack, and since when
-        self._worked_s = [setting.heal_s] * len(setting.names)
+        self._worked_s = [setting.heal_s] * len(setting.names)  # what was received before is in the hypothesis
         self._told_s = setting.heal_s  # when their hypotheses were of one time
         self.ever = False  # since the heal they have come to agree on what they held then, or there is nobody who could disagree
 
@@ -48,10 +50,10 @@ class Converged(Invariant[Moment]):
             return
         pilots = [moment.pilots[drone] for drone in able]
         for drone, pilot in zip(able, pilots, strict=True):
-            if pilot is not None and not pilot.pending:
-                self._worked_s[drone] = moment.time_s
-            elif moment.time_s - self._worked_s[drone] > AGREE_S:
-                yield Breach((drone,), f"it has not worked off its log for {AGREE_S:g} s")
+            if pilot is not None:
+                self._worked_s[drone] = max(self._worked_s[drone], moment.time_s - pilot.backlog_s)
+            if moment.time_s - self._worked_s[drone] > AGREE_S:
+                yield Breach((drone,), f"its hypothesis lacks what its log has held for {AGREE_S:g} s")
         if _are_of_one_time(pilots):
             self._told_s = moment.time_s
         elif moment.time_s - self._told_s > AGREE_S:

@@ -227,6 +227,29 @@ def fusion_at_rest(fusion, now_ns):
             return fusion
 
 
+def test_old_entries_all_the_time_are_in_the_hypotheses_of_all_at_the_same_times(kit):
+    """One each 0.3 s, 6.6 s late, and up to 0.1 s later at the other agent; a replay takes twelve calls."""
+    mission = kit.mission_of(initial_cones=6, grid_s=0.1)
+    cones = kit.flight(mission, np.random.default_rng(4), 40.0, lambda _: (40.0, 60.0), rate_hz=10.0)
+    rng, agents, same, looks = random.Random(4), (fusion_of(mission), fusion_of(mission)), 0, 0
+    late_ns = {cone.sequence: 6_600_000_000 for cone in cones if cone.sequence % 3 == 0}
+    ways = [[(cone.stamp_ns + late_ns.get(cone.sequence, 0), cone) for cone in cones]]
+    ways.append([(ns + rng.randrange(10**8) * (cone.sequence in late_ns), cone) for ns, cone in ways[0]])
+    for now_ns in range(kit.T0_NS, kit.T0_NS + 40 * 10**9, 50_000_000):
+        for fusion, way in zip(agents, ways, strict=True):
+            kit.feed(fusion, [cone for arrival_ns, cone in way if now_ns - 50_000_000 < arrival_ns <= now_ns])
+            fusion.advance(now_ns, budget=12)
+            assert now_ns - max(fusion.complete_ns, kit.T0_NS) <= 5_000_000_000  # two borders, and a replay
+        if now_ns > kit.T0_NS + 10 * 10**9:
+            same, looks = same + agrees_by(kit, *agents), looks + 1
+    assert same > 0.6 * looks
+
+
+def agrees_by(kit, one, other):
+    """Whether two hypotheses agree, whatever the logs hold that is not in them."""
+    return one.hypothesis.stamp_ns == other.hypothesis.stamp_ns and kit.same_bits(one.hypothesis, other.hypothesis)
+
+
 def test_what_comes_a_second_late_all_the_time_has_little_computed_again(kit):
     """Half of the entries: one after the other each would have ten steps computed again."""
     mission = kit.mission_of(initial_cones=6, grid_s=0.1)

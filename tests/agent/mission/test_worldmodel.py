@@ -9,6 +9,7 @@ import pytest
 from msgspec import structs
 from sighted_swarm import SECOND, START_NS, Drone, arrival_ns, fly
 
+from agent.fusion.paper import PaperEstimator
 from agent.fusion.registry import estimator_named
 from agent.mission.worldmodel import WorldModel
 from protocol.codec import encode
@@ -175,3 +176,36 @@ def test_the_frames_too_follow_from_the_step_of_the_hypothesis():
     assert stamp_of(worlds[0]) == stamp_of(worlds[1]) is not None
     assert belief(worlds[0]) == belief(worlds[1])
     assert frames_of(worlds[0], flown) == frames_of(worlds[1], flown)
+
+
+class Costly(PaperEstimator):
+    """As slow as others that are more accurate."""
+
+    units = 0
+
+    def work(self, state, observations):
+        return self.units
+
+
+@pytest.mark.parametrize(("units", "most_s"), [(200, 4.0), (400, 12.0)])
+def test_what_comes_late_all_the_time_waits_for_some_seconds_at_most(units, most_s):
+    """All of d2's entries come 6.6 s late, cones as well as what frames follow from. A call computes two steps, or one: then the
+    flight itself takes half of the calls, and a replay up to 4 s.
+    """
+    flown, entries = recorded(2)
+    mission = structs.replace(flown.mission, fusion=structs.replace(flown.mission.fusion, estimator="paper", grid_s=0.1))
+    entries = [structs.replace(entry, mission=mission.mission_id) for entry in entries]
+    plain = estimator_named("paper", mission)
+    estimator = Costly(plain._config, plain._search, plain._rule)
+    estimator.units = units
+    world, now_ns, waited_s = WorldModel(mission, (), lambda *_: estimator), START_NS, []
+    arrivals = [(arrival_ns(entry) + (6_600_000_000 if entry.drone == "d2" else 0), entry) for entry in entries]
+    arrivals.sort(key=lambda arrival: arrival[0], reverse=True)
+    while arrivals:
+        now_ns += TICK_NS
+        while arrivals and arrivals[-1][0] <= now_ns:
+            take(world, arrivals.pop()[1], now_ns)
+        world.advance(now_ns)
+        if now_ns > START_NS + 2 * SECOND:
+            waited_s.append(world.backlog_s)
+    assert max(waited_s) <= most_s

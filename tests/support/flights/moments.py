@@ -85,7 +85,7 @@ SOMEWHERE = whereabouts()
 
 def pilot(
     stage=Stage.TRACK, believed=None, digest="0", pending=False, counters=(), suspects=(), placed=None, problems=(), entries=(),
-    told=(), reckons=None, memory=None, fused=None,
+    told=(), reckons=None, memory=None, fused=None, backlog_s=0.0,
 ):  # fmt: skip
     return SimpleNamespace(
         stage=stage,
@@ -93,6 +93,7 @@ def pilot(
         digest=digest,
         counters=dict.fromkeys(counters, 1),
         pending=pending,
+        backlog_s=backlog_s,
         fusion=fused or SimpleNamespace(log=Log(entries, told)),
         frames=SimpleNamespace(suspects=lambda: dict.fromkeys(suspects, "")),
         whereabouts=placed,

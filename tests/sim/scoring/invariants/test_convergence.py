@@ -56,11 +56,17 @@ def test_what_does_not_count_any_more_is_held_by_none_in_the_end() -> None:
     assert judged(lambda t: [moments.pilot(entries=(1, 2) if k == 0 and t < 65.0 else (1,)) for k in range(3)]) == ([], True)
 
 
-def test_an_agent_that_never_works_off_its_log() -> None:
-    told, ever = judged(lambda _: [moments.pilot(pending=k == 1) for k in range(3)])
-    assert told == [(("d2",), "it has not worked off its log for 20 s")]
+def test_an_agent_that_does_not_work_off_its_log() -> None:
+    told, ever = judged(lambda t: [moments.pilot(backlog_s=t - 49.0 if k == 1 else 0.0) for k in range(3)])
+    assert told == [(("d2",), "its hypothesis lacks what its log has held for 20 s")]
     assert ever  # its log is that of the others
-    assert judged(lambda t: [moments.pilot(pending=k == 1 and t % 19.0 > 1.0) for k in range(3)])[0] == []
+
+
+def test_entries_that_come_late_all_the_time_may_wait_for_their_batch() -> None:
+    assert judged(lambda t: [moments.pilot(pending=True, backlog_s=1.0 + t % 4.0) for _ in range(3)])[0] == []
+    assert (
+        judged(lambda t: [moments.pilot(backlog_s=11.0 if t < 60.0 else 0.0) for _ in range(3)])[0] == []
+    )  # a clock that was set
 
 
 def at_times(*stamps_s):
@@ -85,7 +91,7 @@ class Agent:
 
     def __init__(self, entries, ordered=False, short=False):
         self.held, self.ordered, self.short = list(entries), ordered, short
-        self.pending, self.stage, self.now_ns = False, "landed", 0
+        self.pending, self.backlog_s, self.stage, self.now_ns = False, 0.0, "landed", 0
         self.frames = SimpleNamespace(advance=lambda _: None)
         self.fusion = SimpleNamespace(log=moments.Log(entries), begin_ns=lambda now_ns: now_ns, advance=self.advance)
 
