@@ -109,7 +109,7 @@ class SwarmFrames:
             self.complete_ns = now_ns
             return
         self._wanted = max(self._wanted, (now_ns - self._settle_ns) // self._intake.grid_ns)
-        are_due = self._batches.are_due(now_ns) and takes_late
+        are_due = self._batches.are_due(now_ns, free=takes_late and not self._estimating and not self._forgotten)
         if not self._estimating:
             forgotten, self._forgotten = self._forgotten[:_PORTION], self._forgotten[_PORTION:]
             self._intake.forget(forgotten)

@@ -102,9 +102,9 @@ class Fusion:
         return self._stale or bool(self._latecomers) or bool(self._late) or self._revision != self._frames.revision
 
     @property
-    def is_replaying(self) -> bool:
-        """Whether much is being computed again, beside the present states."""
-        return self._replay is not None
+    def is_busy(self) -> bool:
+        """Whether much is being computed again, or was a moment ago: what reaches far back is to wait."""
+        return self._replay is not None or self._batches.is_resting
 
     def begin_ns(self, now_ns: int) -> int:
         """The first of all times now that have the same due step, and with it the same hypothesis."""
@@ -194,10 +194,12 @@ class Fusion:
         if due > before:
             self._due_step = due
             self._stale = True
-        takes_late = self._batches.are_due(self._due_step * self._grid_ns + self._hold_ns) and not self.is_replaying
+        was_replaying = self._replay is not None
+        are_due = self._batches.are_due(self._due_step * self._grid_ns + self._hold_ns, free=not was_replaying)
         if self._revision != self._frames.revision:
             self._apply_frame_changes()
-        self._take_waiting(before, takes_late)
+        begins = self._replay is not None and not was_replaying
+        self._take_waiting(before, are_due or begins)
         if self._put_ns is None and not self._late and not self._latecomers:
             self._put_ns = now_ns
         if self._stale:

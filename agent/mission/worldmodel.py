@@ -90,7 +90,7 @@ class WorldModel:
         """Process new entries: almost free without any; a large backlog takes several calls."""
         if self._forgotten:
             self._forget(now_ns)
-        self.frames.advance(self.fusion.begin_ns(now_ns), takes_late=not self.fusion.is_replaying)
+        self.frames.advance(self.fusion.begin_ns(now_ns), takes_late=not self.fusion.is_busy)
         for fusion in (self.fusion, *self.listeners.values()):
             fusion.advance(now_ns)
         self.backlog_s = 1e-9 * max(0, now_ns - min(self.frames.complete_ns, self.fusion.complete_ns))

@@ -5,25 +5,32 @@ from agent.frames.batches import Batches
 TICK_NS = 50_000_000
 
 
-def due(batches, ticks):
-    return [tick for tick in ticks if batches.are_due(tick * TICK_NS)]
+def due(batches, ticks, free=True):
+    return [tick for tick in ticks if batches.are_due(tick * TICK_NS, free=free)]
 
 
 def test_batches_are_due_at_the_same_times_whenever_one_began():
     one, other = Batches(), Batches()
-    assert due(one, range(1, 130)) == [40, 80, 120]
-    assert due(other, range(63, 130)) == [63, 80, 120]  # who has just started may take what there is at once
+    assert due(one, range(11, 140)) == [50, 90, 130]
+    assert due(other, range(73, 140)) == [73, 90, 130]  # who has just started may take what there is at once
 
 
-def test_a_batch_that_took_long_has_borders_left_out():
+def test_who_is_not_free_at_a_border_takes_the_batch_as_soon_as_it_is():
     batches = Batches()
-    due(batches, range(1, 81))
+    assert due(batches, range(11, 55), free=False) == []
+    assert due(batches, range(55, 140)) == [55, 90, 130]
+
+
+def test_a_batch_rests_for_as_long_as_the_last_one_took():
+    batches = Batches()
+    due(batches, range(11, 91))
     batches.took(39)
-    assert due(batches, range(81, 161)) == [120, 160]
-    batches.took(41)
-    assert due(batches, range(161, 241)) == [240]
+    assert due(batches, range(91, 171)) == [130, 170]
+    batches.took(44)
+    assert batches.is_resting
+    assert due(batches, range(171, 251)) == [214, 250]
 
 
 def test_where_time_stands_still_batches_are_taken_all_the_same():
     batches = Batches()
-    assert sum(batches.are_due(TICK_NS) for _ in range(200)) == 4
+    assert sum(batches.are_due(TICK_NS, free=True) for _ in range(200)) == 5  # one at once
