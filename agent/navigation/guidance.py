@@ -20,6 +20,7 @@ from agent.motion.orbit import Orbit, second_height_m
 from agent.motion.reference import PeerState, Reference
 from agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, margin_m
 from agent.navigation.agentless import CIRCLING
+from agent.navigation.contact import Circle
 from agent.navigation.crossing import WayHome
 from agent.navigation.focus import is_in_second_half
 from agent.navigation.home import Home
@@ -164,6 +165,13 @@ class Guidance:
             return self._survey(moment, state, partners, frame)
         return self._circle(moment, state, centre, partners, deviation_m)
 
+    def circle(self, moment: Moment, centre: Centre | None) -> Circle | None:
+        """The circle that the drone tracks on, mission frame; None where it does not track."""
+        if centre is None or moment.stage not in CIRCLING:
+            return None
+        radius_m = self._orbit.radius_m if self._fits(moment) else self._config.encirclement.radius_m
+        return Circle(self._in_mission(centre), radius_m)
+
     def _fits_in(self, moment: Moment, centre: Centre) -> bool:
         return self._shared.has_room(self._absence, self._in_mission(centre), self._fits(moment))
 
@@ -196,9 +204,7 @@ class Guidance:
         walls = tuple(self._absence.walls.values()) if self._absence is not None else ()
         found = self._informed.reference(moment.now_ns, here, moves, others, HORIZON, STEP_S, walls, self._search.is_complete)
         if found is None:
-            searching = (
-                self._absence.missing if self._absence is not None and walls else ()
-            )  # a share of the area is left to each
+            searching = self._absence.missing if self._absence is not None and walls else ()  # a share is left to each
             active = sorted([self._id, *(partner.id for partner in partners), *searching])
             found = self._search.reference(active, here, HORIZON, STEP_S)
         positions, velocities = found

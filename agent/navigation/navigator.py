@@ -19,7 +19,6 @@ from agent.localization.ownpose import OwnPose
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.motion.tracker import Tracker
-from agent.navigation.agentless import CIRCLING
 from agent.navigation.guidance import HORIZON, STEP_S, Centre, Guidance, Moment
 from agent.navigation.home import Home
 from agent.navigation.identification import ResponseEstimator
@@ -238,7 +237,7 @@ class Navigator:
             ahead=ahead,
             step_s=STEP_S,
             place_at=self._own.place_at,
-            circles=moment.stage in CIRCLING,
+            circle=self._guidance.circle(moment, centre),
             height_m=vehicle.height_m,
             returning_s=moment.stage_s if moment.stage is Stage.RETURN else None,
             resumed=self.home.is_remembered,

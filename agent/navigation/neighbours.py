@@ -41,6 +41,7 @@ from agent.localization.continuity import carried_on
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING
+from agent.navigation.contact import Circle
 from agent.navigation.following import Following
 from agent.navigation.peers import OLDEST_NS, RECENT_NS, Peer, Peers
 from agent.navigation.placing import (
@@ -85,10 +86,10 @@ class Self(Struct, frozen=True):
     """The own drone: epoch of its frame, and that frame; None while it is not known.
 
     ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance). ``ahead``: gives its planned positions
-    (K, 3) from now on, ``step_s`` apart, local frame; ``place_at``: where it was at a stamp, mission frame; ``circles``: it
-    tracks; ``height_m``: above ground; ``returning_s``: since it began to return, None where it does not; ``resumed``: its agent
-    was started in flight; ``measured``: the drones that may fly, by the measurements in its log; ``revoked``: nobody hears it;
-    ``excluded``: the others that are revoked.
+    (K, 3) from now on, ``step_s`` apart, local frame; ``place_at``: where it was at a stamp, mission frame; ``circle``: None
+    where it does not track; ``height_m``: above ground; ``returning_s``: since it began to return, None where it does not;
+    ``resumed``: its agent was started in flight; ``measured``: the drones that may fly, by the measurements in its log;
+    ``revoked``: nobody hears it; ``excluded``: the others that are revoked.
     """
 
     now_ns: int
@@ -98,7 +99,7 @@ class Self(Struct, frozen=True):
     ahead: Callable[[], Array] = _nowhere_ahead
     step_s: float = 0.2
     place_at: Callable[[int], Vector3 | None] = _no_place
-    circles: bool = False
+    circle: Circle | None = None
     height_m: float = 0.0
     returning_s: float | None = None
     resumed: bool = False
@@ -122,7 +123,8 @@ class Neighbourhood:
         self._following = Following()
         self._silent = Silent(mission, drone)
         self._id = drone
-        self._while_heard: dict[str, tuple[Stage, bool]] = {}  # stage of each that hears this drone, and whether this one circles
+        # The stage of each that hears this drone, and the circle of this one then.
+        self._while_heard: dict[str, tuple[Stage, Circle | None]] = {}
         self._unheard_ns: dict[str, int] = {}  # who was never heard: since when it may fly
         self.absence: Absence | None = None
 
@@ -177,7 +179,7 @@ class Neighbourhood:
         plan, pose, status = peer.plan, peer.pose, peer.status
         if plan is None or not isinstance(plan.unheard, tuple) or self._id not in plan.unheard:
             if status is not None:
-                self._while_heard[name] = status.stage, me.circles
+                self._while_heard[name] = status.stage, me.circle
             return None
         is_known = self._silent.is_unhearing(name)
         if not is_known and me.now_ns - plan.stamp_ns > RECENT_NS:
@@ -187,8 +189,9 @@ class Neighbourhood:
         stamp_ns = plan.stamp_ns - SILENT_NS  # it has noticed then
         poses = (one for one in peer.poses if one.epoch == pose.epoch)
         last = min(poses, key=lambda one: abs(one.stamp_ns - stamp_ns), default=pose)
-        stage, circled = self._while_heard.get(name, (status.stage, me.circles))
-        contact = self._silent.contact(name, peer, last, bare(mission_from_theirs), stage, circled)
+        stage, circle = self._while_heard.get(name, (status.stage, me.circle))
+        mine = me.place_at(last.stamp_ns)
+        contact = self._silent.contact(name, peer, last, bare(mission_from_theirs), stage, circle, mine)
         sigma_m = min(hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
         viewer = _viewer(me, me.local_from_mission) if me.local_from_mission is not None else None
         return self._silent.unhearing(name, contact, sigma_m, viewer)
@@ -315,5 +318,5 @@ class Neighbourhood:
 
 
 def _viewer(me: Self, local_from_mission: Transform) -> Viewer:
-    seen_from = bare(local_from_mission), me.ahead, me.place_at, me.circles, me.height_m, me.returning_s, me.revoked
+    seen_from = bare(local_from_mission), me.ahead, me.place_at, me.circle, me.height_m, me.returning_s, me.revoked
     return Viewer(me.now_ns, me.step_s, *seen_from)

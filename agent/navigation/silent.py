@@ -3,9 +3,9 @@
 Nobody can tell which of two things has happened:
 
 - its agent is gone, and its autopilot flies (``agentless``).
-- only the radio is. It flies on, and cannot hear this drone either. While it searched, both keep to their own side of the line
-  half-way between the places where they last heard of each other; while it tracked, both leave for circles of different radius
-  and height (``agent.motion.orbit``).
+- only the radio is. It flies on, and cannot hear this drone either. Where both were on the circle both leave for circles of
+  different radius and height (``agent.motion.orbit``). Where one of them searched, or was on its way to the circle, both keep to
+  their own side of the line half-way between the places where they last heard of each other.
 
 One that is heard, but does not hear this drone, reckons with the same of it: this drone does what it would do if neither heard
 the other. It keeps to its side of the same line, or stands on the circle for as long as that one does, and leaves for its own
@@ -28,6 +28,7 @@ from agent.frames.transform import Transform
 from agent.geometry import Array, Point2, Vector3
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
+from agent.navigation.contact import Circle, Contact, Wall, contact_at
 from agent.navigation.crossing import is_over_m
 from agent.navigation.peers import Peer, Peers
 from agent.navigation.wayaround import KeptPlace
@@ -52,17 +53,6 @@ COMING_DOWN_S = 45.0
 _BEHIND_M = 2.0  # nearest place of the other beyond the line half-way: with margins, each stays 3.6 m from it
 _SIGMA_M = 0.3  # of its way to the side
 _LOW_M = 1.5  # a vehicle that is seen no higher is on the ground, if it may be
-
-
-class Wall(Struct, frozen=True):
-    """The line half-way between this drone and a silent one; this drone keeps to where ``normal . p`` is at least ``offset``."""
-
-    normal: Point2
-    offset: float
-
-    def parts_from(self, place: Point2) -> bool:
-        """Whether a place lies beyond it."""
-        return self.normal[0] * place[0] + self.normal[1] * place[1] < self.offset
 
 
 class Absence(Struct, frozen=True):
@@ -97,25 +87,9 @@ class Absence(Struct, frozen=True):
         return any(name not in self.walls for name in self.coming_home)
 
 
-class Contact(Struct, frozen=True):
-    """When two drones last heard each other: the earlier of both directions. What the other one's vehicle would have done from
-    there if its agent had gone then, its stage, and whether this drone circled.
-    """
-
-    stamp_ns: int
-    course: Course
-    stage: Stage
-    circled: bool
-
-    @property
-    def theirs(self) -> Point2:
-        """Where the other one was."""
-        return self.course.stop.start
-
-
 class Viewer(Struct, frozen=True):
     """The drone that keeps clear: its frame, its planned positions (K, 3) from now on, ``step_s`` apart, local frame, and where
-    it was at a stamp, mission frame. ``circles``: it tracks. ``height_m``: above ground;
+    it was at a stamp, mission frame. ``circle``: None where it does not track. ``height_m``: above ground;
     ``returning_s``: since it began to return, None where it does not; ``revoked``: nobody hears it, as all know, and it returns.
     """
 
@@ -124,7 +98,7 @@ class Viewer(Struct, frozen=True):
     local_from_mission: Transform
     ahead: Callable[[], Array]
     place_at: Callable[[int], Vector3 | None]
-    circles: bool
+    circle: Circle | None
     height_m: float
     returning_s: float | None
     revoked: bool = False
@@ -233,8 +207,10 @@ class Silent:
         times: Array = silent_s + me.step_s * np.arange(float(len(ahead)))
         course = self._agentless.course(name, peer, pose, mission_from_theirs)
         self._courses[name] = pose.stamp_ns, course
-        contact = self._contacts.setdefault(name, Contact(pose.stamp_ns, course, stage, me.circles))
-        contact = replace(contact, circled=contact.circled and me.circles)
+        contact = self._contacts.get(name)
+        if contact is None:
+            contact = self._contacts[name] = contact_at(pose.stamp_ns, course, stage, me.circle, me.place_at(pose.stamp_ns))
+        contact = replace(contact, circled=contact.circled and me.circle is not None)
         wall = None
         if me.revoked:  # no side to keep to; waiting over home for the end of one, it would meet those that come home
             self._walls.pop(name, None)
@@ -249,9 +225,18 @@ class Silent:
             self._homes[name] = KeptPlace(course.way[1], sigma_m)
         return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), sigma_m) for one in places]
 
-    def contact(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, stage: Stage, circled: bool) -> Contact:
-        """A contact at this pose of it. ``stage``: its own then; ``circled``: whether this drone circled."""
-        return Contact(pose.stamp_ns, self._agentless.course(name, peer, pose, mission_from_theirs), stage, circled)
+    def contact(
+        self,
+        name: str,
+        peer: Peer,
+        pose: Pose,
+        mission_from_theirs: Transform,
+        stage: Stage,
+        circle: Circle | None,
+        mine: Vector3 | None,
+    ) -> Contact:
+        """A contact at this pose of it. ``stage``: its own then; ``circle``: that of this drone; ``mine``: where this one was."""
+        return contact_at(pose.stamp_ns, self._agentless.course(name, peer, pose, mission_from_theirs), stage, circle, mine)
 
     def unhearing(self, name: str, contact: Contact, sigma_m: float, me: Viewer | None) -> list[PeerPlan]:
         """The side that is left to one that does not hear this drone. ``contact``: the last one, unless one is known already;
@@ -301,7 +286,7 @@ class Silent:
         return blind_plan(name, me.now_ns, me.step_s, _local(np.tile(home[:2], (len(me.ahead()), 1)), me))
 
     def _wall(self, name: str, contact: Contact, me: Viewer) -> Wall | None:
-        """The line between the two of them; None where both circled already when they last heard of each other."""
+        """The line between the two of them; None where both were on the circle when they last heard of each other."""
         known, theirs = self._walls.get(name), contact.theirs
         if known is not None and known[0] == contact.stamp_ns:
             return known[1]

@@ -8,6 +8,7 @@ from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.motion.reference import PeerState
+from agent.navigation.contact import Circle
 from agent.navigation.neighbours import Neighbourhood, Self
 from agent.navigation.peers import Peers
 from agent.navigation.placing import WORST_SIGMA_M, blind, contradicts, held
@@ -20,6 +21,9 @@ MISSION = MissionConfig(
     area=AreaConfig(polygon_m=((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))),
     drones=(DroneInMission(id="a"), DroneInMission(id="b", origin_m=(10.0, 0.0, 0.0), yaw_deg=90.0)),
 )
+
+BOTH_ON = Circle((5.0, 0.0), 5.0)  # a at (0, 0) and b about (10, 0) are on it
+ON_THE_WAY = Circle((12.0, 0.0), 5.0)  # a is not there yet
 
 
 def pose(stamp_ns=0, sigma_m=0.1, epoch=0):
@@ -158,17 +162,21 @@ def test_who_searched_keeps_to_its_own_side():
 
 
 @pytest.mark.parametrize(
-    ("stage", "circles", "seconds", "may"),
+    ("stage", "circle", "seconds", "may"),
     [
-        (Stage.SURVEY, False, 3, False),
-        (Stage.TRACK, False, 3, False),
-        (Stage.TRACK, True, 3, True),
-        (Stage.TRACK, True, 300, False),
+        (Stage.SURVEY, None, 3, False),
+        (Stage.TRACK, None, 3, False),
+        (Stage.TRACK, BOTH_ON, 3, True),
+        (Stage.TRACK, BOTH_ON, 300, False),
+        (Stage.TRACK, ON_THE_WAY, 3, False),
     ],
 )
-def test_one_that_circled_as_this_drone_did_may_circle_until_its_vehicle_must_be_down(stage, circles, seconds, may):
-    """There is no line between the two, so who leaves the circle for the search could meet it."""
-    me = Self(SECOND, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0), circles=circles)
+def test_one_that_was_on_the_circle_as_this_drone_was_may_circle_until_its_vehicle_must_be_down(stage, circle, seconds, may):
+    """There is no line between the two, so who leaves the circle for the search could meet it.
+
+    On their way to the circle, two that went on to circles of different radius crossed each other's ways, and came to 0.4 m.
+    """
+    me = Self(SECOND, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0), circle=circle)
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for message in (pose(), status(stage)):
         assert peers.receive(message, 0) is None
@@ -191,7 +199,7 @@ def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_nev
         told = (replace(pose(stamp_ns), position_m=(3.0, 0.0, 3.0)), replace(plan(stamp_ns), unheard=("a",)))
         for message in (*told, replace(status(Stage.TRACK), stamp_ns=stamp_ns)):
             assert peers.receive(message, stamp_ns) is None
-        side, heard = hood.around(peers, replace(me, now_ns=stamp_ns, circles=True))
+        side, heard = hood.around(peers, replace(me, now_ns=stamp_ns, circle=BOTH_ON))
         assert side.plan.away is not None
         assert (heard.plan.blind, heard.plan.away, heard.takes_part) == (True, None, False)
         absence = hood.absence
@@ -234,7 +242,7 @@ def test_drones_on_the_circle_stand_for_one_that_does_not_hear_them_as_it_stands
     """It takes them for vehicles that hover without their agents where they last heard each other; one that flew on around the
     circle passed it at 5 m, and was expected 7 m farther away.
     """
-    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0), circles=True)
+    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0), circle=BOTH_ON)
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     heard_from(hood, peers, me, 0, 0.0, stage=Stage.TRACK)
     for second in (1, 4, 20):
@@ -377,10 +385,10 @@ def test_where_a_vehicle_hovers_without_its_agent_is_told_until_it_has_left(seco
     )
     for message in (pose(), status(Stage.TRACK)):
         assert peers.receive(message, 0) is None
-    hood.around(peers, Self(now_ns, 0, 0.1, Transform(), circles=True))
+    hood.around(peers, Self(now_ns, 0, 0.1, Transform(), circle=BOTH_ON))
     assert hood.absence.stops == pytest.approx(np.array(stops).reshape(-1, 2), abs=1e-6)
     assert hood.absence.coming_home == ("b",)
-    hood.around(peers, Self(120 * SECOND, 0, 0.1, Transform(), circles=True))
+    hood.around(peers, Self(120 * SECOND, 0, 0.1, Transform(), circle=BOTH_ON))
     assert hood.absence.coming_home == ()
 
 
