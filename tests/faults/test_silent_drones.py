@@ -97,6 +97,27 @@ def test_two_sides_that_do_not_hear_each_other_circle_apart_and_come_together_ag
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "at_s", "groups"),
+    [
+        (4, 11.7, ("d1", "d2", "d3", "x1", "x2")),
+        pytest.param(14, 21.0, ("d1 x1", "d2 x2", "d3"), marks=pytest.mark.long),
+        (19, 15.3, ("d1 x1", "d2 x2", "d3")),
+    ],
+)
+def test_a_swarm_that_is_split_on_its_way_to_the_circle_keeps_apart(seed, at_s, groups):
+    """1 to 2 s after all track. Each went on to a circle of its own, across the ways of the others: 0.8 to 2.8 m."""
+
+    def watch(moment):
+        closest(moment)
+        return moment.time_s >= at_s + 14.0
+
+    closest = Closest()
+    watched(found(5, split(at_s, 8.0, *groups)), seed, watch)
+    assert closest.least_m >= LEAST_M
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "again_s"), [(3, 45.0), (2, 52.0)])
 def test_a_side_that_is_split_again_crosses_above_the_circle_of_those_that_it_lost_before(seed, again_s):
     """Nobody knows any more where d2 is on the circle in between: straight through it, d3 came to 1.0 and 0.4 m."""
