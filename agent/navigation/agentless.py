@@ -68,7 +68,7 @@ class Course(Struct, frozen=True):
 
         ``below_m``: what crosses above this height is not in the way.
         """
-        found = [self._stop(times)] if times[0] < self.leaves_s else []
+        found = [self.stops(times)] if times[0] < self.leaves_s else []
         if self.way is None or times[0] >= self.down_s:
             return found
         start, home = self.way
@@ -80,9 +80,9 @@ class Course(Struct, frozen=True):
         back = np.clip(_SLOWEST_MPS * (times - self.leaves_s), 0.0, way_m)
         return [*found, Stretch(start, home, back, front)]
 
-    def _stop(self, times: Array) -> Stretch:
-        """Where it stops. It goes on at first, and is not any more where it was: one that follows it has to brake, and not to go
-        around.
+    def stops(self, times: Array) -> Stretch:
+        """Where it stops, at times as in ``stretches``. It goes on at first, and is not any more where it was: who follows it has
+        to brake, and not to go around.
         """
         start, end = self.stop.start, self.stop.end
         back = self.goes_on_m * np.clip(times / _GOES_ON_S, 0.0, 1.0)

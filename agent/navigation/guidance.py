@@ -146,7 +146,8 @@ class Guidance:
         """
         self._absence, self._others = absence, others
         circles = centre is not None and moment.stage is not Stage.SURVEY
-        self.has_room = centre is None or moment.stage not in CIRCLING or self._fits_in(moment, centre)
+        circle = self.circle(moment, centre)
+        self.has_room = circle is None or self._shared.has_room(absence, circle.centre, self._fits(moment))
         if not moment.vehicle.position_trusted or (self._holds and not circles and moment.stage is not Stage.RETURN):
             return self._stay(state)
         if not self.has_room:
@@ -171,9 +172,6 @@ class Guidance:
             return None
         radius_m = self._orbit.radius_m if self._fits(moment) else self._config.encirclement.radius_m
         return Circle(self._in_mission(centre), radius_m)
-
-    def _fits_in(self, moment: Moment, centre: Centre) -> bool:
-        return self._shared.has_room(self._absence, self._in_mission(centre), self._fits(moment))
 
     @property
     def _holds(self) -> bool:

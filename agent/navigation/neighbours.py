@@ -58,7 +58,7 @@ from agent.navigation.placing import (
     sigma_of_m,
 )
 from agent.navigation.relative import offset, places
-from agent.navigation.silent import LEAVING_NS, SILENT_NS, TAKING_PART, Absence, Silent, Viewer
+from agent.navigation.silent import LEAVING_NS, QUIET_NS, SILENT_NS, TAKING_PART, Absence, Silent, Viewer
 from protocol.messages import Pose, Stage
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
@@ -168,7 +168,7 @@ class Neighbourhood:
             if plan is not None:
                 followed = replace(plan, deviation_m=self._following.deviation_m(name), blind=plan.blind or apart is not None)
                 found.append(Neighbour(name, followed, takes_part))
-            elsewhere = (self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me))
+            elsewhere = (self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me), self._stop(name, peer, me))
             found += [Neighbour(name, place, False) for place in elsewhere if place is not None]
         partners = [one.id for one in found if one.takes_part]
         self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing else None
@@ -254,6 +254,16 @@ class Neighbourhood:
         if launch is None or pose.epoch == LAUNCH_EPOCH or pose.position_sigma_m < WORST_SIGMA_M or me.local_from_mission is None:
             return None
         return blind(name, pose, bare(me.local_from_mission) @ launch, me.now_ns)
+
+    def _stop(self, name: str, peer: Peer, me: Self) -> PeerPlan | None:
+        """Where one comes to rest if its agent is gone; None as long as its poses come."""
+        pose = peer.pose
+        if pose is None or me.local_from_mission is None or me.now_ns - pose.stamp_ns < QUIET_NS + peer.usual_delay_ns:
+            return None
+        mission_from_theirs = self._frame_of(name, pose)
+        if mission_from_theirs is None:
+            return None
+        return self._silent.stop(name, peer, pose, bare(mission_from_theirs), _viewer(me, me.local_from_mission))
 
     def _second_place(self, name: str, peer: Peer, me: Self) -> PeerPlan | None:
         """Where it is by the news of a second source (``sources``)."""

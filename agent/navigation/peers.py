@@ -50,6 +50,13 @@ class Peer:
     poses: deque[Pose] = field(default_factory=deque)
     sightings: deque[Sighting] = field(default_factory=partial(deque, maxlen=_MOST_SIGHTINGS))
 
+    @property
+    def usual_delay_ns(self) -> int:
+        """Of its newest messages, by their stamps (median); 0 without any."""
+        if not self.delays_ns:
+            return 0
+        return max(0, sorted(self.delays_ns)[len(self.delays_ns) // 2] + self.ahead_ns)
+
     def shift(self, by_ns: int) -> None:
         """Move all stamps: the own clock was set."""
         self._shift_news(by_ns)

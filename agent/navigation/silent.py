@@ -36,6 +36,9 @@ from protocol.messages import Pose, Stage
 
 TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
 SILENT_NS = 1_000_000_000  # without a pose: ten of their periods
+# Later than usual by so much, four poses are missing. Its agent may be gone, and its vehicle stops soon: where it flew at 6 m/s
+# ahead of another one, that one could not stop any more when it noticed after a second.
+QUIET_NS = 400_000_000
 APART_NS = 60_000_000_000  # drones that do not hear each other keep to their own sides for this long after their last contact
 # The same for the places of a shared circle. Each side notices after a second, and moves to a circle of its own, 6 m or more from
 # the next, at up to 2 m/s (``agent.motion.orbit``): by then they are 5 m apart.
@@ -224,6 +227,13 @@ class Silent:
         if course.way is not None and silent_s < course.down_s:
             self._homes[name] = KeptPlace(course.way[1], sigma_m)
         return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), sigma_m) for one in places]
+
+    def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
+        """Where one that has been quiet for a moment comes to rest if its agent is gone, nearest to this drone's own plan."""
+        ahead = me.local_from_mission.inverse().apply(me.ahead())[:, :2]
+        times: Array = (me.now_ns - pose.stamp_ns) * 1e-9 + me.step_s * np.arange(float(len(ahead)))
+        places = self._agentless.course(name, peer, pose, mission_from_theirs).stops(times).nearest(ahead)
+        return blind_plan(name, me.now_ns, me.step_s, _local(places, me), _SIGMA_M)
 
     def contact(
         self,

@@ -97,6 +97,23 @@ def test_a_drone_that_is_heard_no_more_may_stop_or_be_on_its_way_home():
     assert not any(one.takes_part for one in after_silence(1.5)[0])
 
 
+@pytest.mark.parametrize(("delay_s", "stops"), [(0.0, True), (0.3, False)])
+def test_one_that_is_quiet_for_longer_than_usual_may_stop(delay_s, stops):
+    """Its agent may be gone: one that flew behind it at the speed of the search could not stop any more when it noticed after a
+    second.
+    """
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    me = Self(SECOND // 2, 0, 0.1, Transform(), ahead=lambda: np.zeros((1, 3)))
+    for message in (pose(), status(Stage.TRACK), plan()):
+        assert peers.receive(message, round(delay_s * SECOND)) is None
+    found = hood.around(peers, me)
+    assert [(one.takes_part, one.plan.blind) for one in found] == [(True, False), (False, True)][: 1 + stops]
+    if stops:
+        assert found[1].plan.positions[0][:2] == pytest.approx((10.0, 1.5), abs=0.01)  # half a second of its velocity further on
+    later = replace(me, now_ns=3 * SECOND // 10)
+    assert len(hood.around(peers, later)) == 1
+
+
 def test_it_is_kept_clear_of_until_it_must_be_down_and_on_the_ground_no_more():
     assert len(after_silence(30.0)[0]) == 1  # no longer where it stopped
     assert after_silence(120.0)[0] == []
@@ -205,17 +222,18 @@ def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_nev
         absence = hood.absence
         assert (absence.missing, absence.unhearing, absence.unheard, absence.alone) == (("b",), ("b",), (), True)
         assert absence.walls["b"].offset == pytest.approx(-math.hypot(5.0, 0.5))
-    assert peers.receive(plan(5 * SECOND // 2), 5 * SECOND // 2) is None
+    for message in (plan(5 * SECOND // 2), pose(5 * SECOND // 2)):
+        assert peers.receive(message, 5 * SECOND // 2) is None
     (heard,) = hood.around(peers, replace(me, now_ns=5 * SECOND // 2))
     assert (heard.takes_part, hood.absence) == (True, None)
 
 
 def heard_from(hood, peers, me, stamp_ns, x, unheard=(), stage=Stage.SURVEY):
-    """b is heard at a place, and tells whom it does not hear; what a makes of it half a second later."""
+    """b is heard at a place, and tells whom it does not hear; what a makes of it 0.3 s later."""
     told = replace(plan(stamp_ns), unheard=unheard) if unheard else plan(stamp_ns)
     for message in (replace(pose(stamp_ns), position_m=(x, 0.0, 3.0)), told, replace(status(stage), stamp_ns=stamp_ns)):
         assert peers.receive(message, stamp_ns) is None
-    return hood.around(peers, replace(me, now_ns=stamp_ns + SECOND // 2))
+    return hood.around(peers, replace(me, now_ns=stamp_ns + 3 * SECOND // 10))
 
 
 def test_the_line_stays_where_the_first_of_the_two_directions_was_lost():
@@ -670,7 +688,7 @@ def test_whoever_was_lost_while_the_own_clock_was_set_back_is_not_heard_like_any
     for message in (pose(30 * SECOND), plan(30 * SECOND), replace(status(Stage.TRACK), stamp_ns=30 * SECOND)):
         assert peers.receive(message, 30 * SECOND) is None
     peers.keep_time(10 * SECOND)
-    (other,) = hood.around(peers, Self(10 * SECOND + SECOND // 2, 0, 0.0, Transform()))
+    other = hood.around(peers, Self(10 * SECOND + SECOND // 2, 0, 0.0, Transform()))[0]
     assert other.plan.state(10 * SECOND + SECOND // 2).position == pytest.approx((8.0, 1.0, 3.0))
     for now_ns in (11 * SECOND + SECOND // 10, 40 * SECOND):
         hood.around(peers, Self(now_ns, 0, 0.0, Transform()))
