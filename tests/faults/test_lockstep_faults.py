@@ -52,7 +52,8 @@ def test_a_killed_agent_is_back_with_the_whole_log_and_its_flight():
     assert all(pilots[1] is None for at, pilots in seen.pilots.items() if 25.1 < at < 37.0)
     assert [seen.pilots[24.0][k] is seen.pilots[60.0][k] for k in (0, 2)] == [True, True]
     assert seen.one_log_after(37.5) < 3.0
-    assert seen.stages[39.0][1] is Stage.TRACK  # its vehicle was on its way home
+    # Its vehicle was on its way home. A request for the log may be lost, one in a hundred, and is repeated after 2 s.
+    assert seen.stages[41.0][1] is Stage.TRACK
     assert again.counters["rejoined"] == 1
     cones = [cone.time_s for cone in flight.trace.cones if cone.drone == 1]
     assert not [time_s for time_s in cones if 25.5 < time_s < 36.9]
