@@ -54,6 +54,7 @@ PICTURES = (  # words of a command, file in its folder, file in docs
     ("run demo --seed 5", "map.png", "demo.png"),
     ("run paper-moving-swarm --seed 5 --estimator bayes", "posterior.png", "posterior.png"),
     ("run stop-and-go --seed 0", "posterior.png", "stop-and-go.png"),
+    ("run many-real --seed 743011", "sources.png", "sources.png"),
 )
 
 

@@ -70,6 +70,14 @@ class Telling:
         """Whether the place of source k is known as well as it has to be to be told."""
         return math.hypot(*fitted.sigma_of(k)[:2].tolist()) <= self._config.declared_rms_m
 
+    def watched_s(self, rows: Rows, place: Array) -> float:
+        """Live time of all cameras near a source: on the circle and inside in full; farther out, up to the outermost ring of
+        drones that do not hear each other, by the square of the distance.
+        """
+        away_m = np.hypot(*(rows.place[:, :2] - place).T)
+        share = np.where(away_m < self._outermost_m, (self._circle_m / np.maximum(away_m, self._circle_m)) ** 2, 0.0)
+        return float(rows.live_s @ share)
+
     def told(self, state: SourcesState, fitted: Fitted, k: int, stamp_ns: int) -> Hypothesis:
         """Source k of a fit to the state's measurements, alone."""
         solution = fitted.solution
@@ -91,7 +99,7 @@ class Telling:
             sights=Sights(self._numbers, mean, covariance, self._ground, height_m),
             nuclide=spectra.name_of(solution.nuclide[k]),
             lines_kev=lines_kev,
-            watched_s=self._watched_s(state.rows, solution.place[k]),
+            watched_s=self.watched_s(state.rows, solution.place[k]),
         )
 
     def _of_place(self, fitted: Fitted, k: int) -> Array:
@@ -102,14 +110,6 @@ class Telling:
         jacobian[2, :2] = self._ground.slope(*fitted.solution.place[k].tolist())
         result: Array = jacobian @ fitted.covariance[np.ix_(own, own)] @ jacobian.T
         return result
-
-    def _watched_s(self, rows: Rows, place: Array) -> float:
-        """Live time of all cameras near a source: on the circle and inside in full; farther out, up to the outermost ring of
-        drones that do not hear each other, by the square of the distance.
-        """
-        away_m = np.hypot(*(rows.place[:, :2] - place).T)
-        share = np.where(away_m < self._outermost_m, (self._circle_m / np.maximum(away_m, self._circle_m)) ** 2, 0.0)
-        return float(rows.live_s @ share)
 
     def _as_of_bayes(self, fitted: Fitted, k: int) -> tuple[Array, Array]:
         """Mean and covariance of source k and the biases in the order of ``bayes``: x, y, velocity, log activity, and of each

@@ -12,6 +12,7 @@ from agent.fusion.deferred import Deferred, Folder
 from agent.fusion.engine import Fusion
 from agent.fusion.observation import observe
 from agent.fusion.registry import estimator_named
+from agent.fusion.sources.handover import FollowingEstimator
 from agent.fusion.sources.solution import Solution
 from agent.navigation.focus import focus
 
@@ -130,6 +131,23 @@ def test_sources_at_rest_are_not_handed_over(kit, among, sources):
     assert not fusion.state.track.moves
     assert 1 + len(fusion.hypothesis.others) == len(sources)
     assert fusion.hypothesis.look is None
+
+
+@pytest.mark.parametrize(("each_s", "watched"), [(30.0, 0), (1.0, 2)])
+def test_the_sources_of_a_nuclide_that_have_been_watched_for_a_turn_are_counted(kit, among, each_s, watched):
+    mission = among.mission_of()
+    mission = replace(mission, track=replace(mission.track, each_s=each_s))
+    fusion = after(kit, mission, among.entries_of(mission, np.random.default_rng(3), 11.0, IR_APART), 11.0)
+    estimator, rest = fusion.estimator, fusion.state.rest
+    assert estimator._watched(rest, rest.fitted, estimator._at_rest.spectra.nuclides.index("Ir-192")) == watched
+
+
+def test_where_two_have_been_watched_for_a_turn_none_is_handed_over(kit, walk, monkeypatch):
+    """A track that followed the drones from one source at rest to the next of its nuclide took the place of all of them."""
+    mission, entries = walk
+    monkeypatch.setattr(FollowingEstimator, "_watched", lambda *_: 2)
+    told = after(kit, mission, until(kit, entries, 25.0), 25.0).hypothesis
+    assert told.watched_s is not None  # it is one of sources at rest
 
 
 def test_it_is_taken_back_once_it_has_been_at_rest(kit, walk):
