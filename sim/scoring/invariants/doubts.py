@@ -9,6 +9,7 @@ from math import hypot, inf, pi, sqrt, tau
 
 from agent.pilot import Pilot
 from protocol.entries import Exposure
+from sim.faults.machines import Clock
 from sim.geometry import Array
 from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import EPOCH_NS, Moment
@@ -27,7 +28,8 @@ class Mistimed(Invariant[Moment]):
     """Of what a drone has measured while it told that its clock was wrong, at most half is fused, at the end, at a place that
     excludes by 6 sigma, and 0.5 m, where it was at the time that it told.
 
-    Exempt is what was measured after the first liar, or the first own position faulted unannounced.
+    Exempt is what was measured after the first liar, the first own position faulted unannounced, or the first time at which half
+    of the clocks or more jump at once: the others' clocks are all that tells of the time.
     """
 
     name = "mistimed"
@@ -35,7 +37,7 @@ class Mistimed(Invariant[Moment]):
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         self._wrong = any(fault.family == "clock" for fault in setting.scenario.fault)
-        self._until_s = setting.misled_s(("pose", "liar"))
+        self._until_s = min(setting.misled_s(("pose", "liar")), _outvoted_s(setting))
         self._times_s: list[float] = []
         self._places: list[Array] = []  # (N, 3) at these times
 
@@ -67,6 +69,12 @@ class Mistimed(Invariant[Moment]):
         for drone, found in excluded.items():
             if len(found) >= FEWEST and 2 * sum(found) > len(found):
                 yield Breach((drone,), f"{sum(found)} of its {len(found)} measurements with a wrong clock exclude where it was")
+
+
+def _outvoted_s(setting: Setting) -> float:
+    """When half of the clocks or more first jump at once; infinite if they never do."""
+    jumps = (fault for fault in setting.scenario.fault if isinstance(fault, Clock) and fault.jump_s != 0.0)
+    return min((jump.at_s for jump in jumps if 2 * len(jump.strikes(setting.names)) >= len(setting.names)), default=inf)
 
 
 class PlaceBound(Invariant[Moment]):

@@ -104,6 +104,8 @@ class Measured:
         (Measured(2.0, 0.1, count=7), (CLOCK,), []),
         (Measured(2.0, 0.1, told_m=0.0), (CLOCK,), []),  # it does not know it
         (Measured(2.0, 0.1), (CLOCK, LIAR), []),
+        (Measured(2.0, 0.1), (CLOCK, {"kind": "clock", "at_s": 4.0, "jump_s": -6.0}), []),  # of all of them
+        (Measured(2.0, 0.1), (CLOCK, {"kind": "clock", "at_s": 4.0, "drift_ppm": 600.0}), [("d1",)]),
     ],
 )
 def test_measurements_with_a_wrong_clock_that_are_fused_as_if_it_were_right(measured, faults, expected) -> None:
