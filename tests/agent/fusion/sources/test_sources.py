@@ -199,7 +199,7 @@ def test_a_drone_alone_on_the_outermost_ring_watches_a_source_too(among):
     def watched_s(away_m):
         table = np.zeros((1, 40), np.int64)
         table[0, 4:8] = 10 * 10**9, round(1e3 * away_m) * 10 * 10**9, 0, 0
-        return estimator._telling._watched_s(Rows(table), np.zeros(2))
+        return estimator._telling.watched_s(Rows(table), np.zeros(2))
 
     assert watched_s(6.0) == watched_s(12.5) == pytest.approx(10.0)
     assert 3.0 < watched_s(18.0) < 10.0
