@@ -168,7 +168,8 @@ class Neighbourhood:
             if plan is not None:
                 followed = replace(plan, deviation_m=self._following.deviation_m(name), blind=plan.blind or apart is not None)
                 found.append(Neighbour(name, followed, takes_part))
-            elsewhere = (self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me), self._stop(name, peer, me))
+            stop = self._stop(name, peer, peer.pose, mission_from_theirs, me)
+            elsewhere = (self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me), stop)
             found += [Neighbour(name, place, False) for place in elsewhere if place is not None]
         partners = [one.id for one in found if one.takes_part]
         self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing else None
@@ -255,13 +256,11 @@ class Neighbourhood:
             return None
         return blind(name, pose, bare(me.local_from_mission) @ launch, me.now_ns)
 
-    def _stop(self, name: str, peer: Peer, me: Self) -> PeerPlan | None:
+    def _stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
         """Where one comes to rest if its agent is gone; None as long as its poses come."""
-        pose = peer.pose
-        if pose is None or me.local_from_mission is None or me.now_ns - pose.stamp_ns < QUIET_NS + peer.usual_delay_ns:
+        if mission_from_theirs is None or me.local_from_mission is None:
             return None
-        mission_from_theirs = self._frame_of(name, pose)
-        if mission_from_theirs is None:
+        if me.now_ns - pose.stamp_ns < QUIET_NS + peer.usual_delay_ns:
             return None
         return self._silent.stop(name, peer, pose, bare(mission_from_theirs), _viewer(me, me.local_from_mission))
 

@@ -106,6 +106,10 @@ class Viewer(Struct, frozen=True):
     returning_s: float | None
     revoked: bool = False
 
+    def way(self) -> Array:
+        """Its planned positions (K, 3), mission frame."""
+        return self.local_from_mission.inverse().apply(self.ahead())
+
 
 class Silent:
     """The silent drones of a mission."""
@@ -205,7 +209,7 @@ class Silent:
         self._unhearing.discard(name)
         self._homes.pop(name, None)
         silent_s = (me.now_ns - pose.stamp_ns) * 1e-9
-        own_way = me.local_from_mission.inverse().apply(me.ahead())
+        own_way = me.way()
         ahead, below_m = own_way[:, :2], float(own_way[:, 2].max()) + self._above_m
         times: Array = silent_s + me.step_s * np.arange(float(len(ahead)))
         course = self._agentless.course(name, peer, pose, mission_from_theirs)
@@ -230,7 +234,7 @@ class Silent:
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
         """Where one that has been quiet for a moment comes to rest if its agent is gone, nearest to this drone's own plan."""
-        ahead = me.local_from_mission.inverse().apply(me.ahead())[:, :2]
+        ahead = me.way()[:, :2]
         times: Array = (me.now_ns - pose.stamp_ns) * 1e-9 + me.step_s * np.arange(float(len(ahead)))
         places = self._agentless.course(name, peer, pose, mission_from_theirs).stops(times).nearest(ahead)
         return blind_plan(name, me.now_ns, me.step_s, _local(places, me), _SIGMA_M)
@@ -259,7 +263,7 @@ class Silent:
         if me is None or me.height_m > self._is_over_m or not 0 <= me.now_ns - known.stamp_ns < APART_NS:
             return []
         wall = self._wall(name, known, me)
-        ahead = me.local_from_mission.inverse().apply(me.ahead())[:, :2]
+        ahead = me.way()[:, :2]
         return [] if wall is None else [_beyond(name, wall, ahead, sigma_m, me)]
 
     def excluded(self, name: str) -> list[PeerPlan]:
