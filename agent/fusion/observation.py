@@ -71,7 +71,8 @@ class CountObservation(Struct, frozen=True):
     """The counts of an exposure, and the camera's position in the middle of it, mission frame, metres.
 
     ``stamp_ns``: the exposure's end, before which it is not known. ``facing``: means of cos 2 psi and sin 2 psi, psi the drone's
-    heading from east; 0, 0 tells nothing of it. The other fields as for a cone.
+    heading from east; 0, 0 tells nothing of it. ``way_m``: from where the camera was first to where it was last. The other fields
+    as for a cone.
     """
 
     stamp_ns: int
@@ -86,6 +87,7 @@ class CountObservation(Struct, frozen=True):
     epoch: int
     spectrum: Spectrum = ()
     facing: tuple[float, float] = (0.0, 0.0)
+    way_m: float = 0.0
 
 
 Observation = ConeObservation | CountObservation
@@ -133,6 +135,7 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform, identity:
         exposure.epoch,
         tuple(map(_alike, exposure.spectrum)),
         _facing(exposure.poses, mission_from_local.yaw_rad),
+        math.dist(exposure.poses[0].position_m, exposure.poses[-1].position_m),
     )
 
 

@@ -4,9 +4,10 @@
 
 T_r live time, p_r the measured position, f_rk from the mean heading (the camera looks along the drone's x axis), b and g the
 drone's position bias and the logarithm of its camera's sensitivity, v that of the background. A row's log likelihood is weighted
-by 1 / (1 + eps^2 k_r), k_r its events: no row tells its rate better than to the share eps, by which the model may be wrong. Known
-walls let a share of the direct photons in S pass (``shades``), whose derivatives are left out; eps is greater at the edges of
-their shadows. That is with a view that is otherwise clear; what may hide the sources unknown is in ``hidden``.
+by 1 / (1 + eps^2 k_r), k_r its events: no row tells its rate better than to the share eps, by which the model may be wrong.
+Near a source, whose counts change on the way of an exposure, eps grows by about s^2 / d^2, s^2 the mean squared distance from
+p_r. Known walls let a share of the direct photons in S pass (``shades``), whose derivatives are left out; at the edges of their
+shadows eps grows, too. That is with a view that is otherwise clear; what may hide the sources unknown is in ``hidden``.
 """
 
 from __future__ import annotations
@@ -103,14 +104,21 @@ class CountModel:
         return Cells(self._rows)
 
     def doubting(self, solution: Solution, sigma_m: Array) -> CountModel:
-        """With less weight on rows at the edges of the shadows of these sources, whose places are known to sigma_m (K, 2)."""
-        if self._shades is None or not len(solution):
+        """With less weight on rows near these sources or at the edges of their shadows.
+
+        sigma_m: (K, 2) errors of the sources' places.
+        """
+        if not len(solution):
             return self
-        doubtful = np.zeros(len(self.live_s))
+        spread_m2, doubtful = self._rows.spread_m2, np.zeros(len(self.live_s))
         for k, n in enumerate(solution.nuclide):
-            share, sigma = self._shades.spread(n, self._source(solution, k), sigma_m[k])
-            alone = self._mixture(solution, [k]).straight.sum(axis=1)
-            doubtful += (alone * sigma / np.maximum(share, _LEAST_PASSING)) ** 2
+            alone = self._mixture(solution, [k])
+            distance = self._ways(solution, [k])[0][0]
+            doubtful += (alone.strengths.T @ alone.shapes.sum(axis=1) * np.minimum(spread_m2 / distance**2, 1.0)) ** 2
+            if self._shades is not None:
+                share, sigma = self._shades.spread(n, self._source(solution, k), sigma_m[k])
+                straight = alone.strengths.T @ alone.direct.sum(axis=1)
+                doubtful += (straight * sigma / np.maximum(share, _LEAST_PASSING)) ** 2
         relative = doubtful / self.expected(solution).clear.sum(axis=1) ** 2
         model = copy(self)
         model.weight = 1.0 / (1.0 + (_MODEL_ERROR**2 + relative) * self.counts.sum(axis=1))

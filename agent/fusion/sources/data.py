@@ -21,9 +21,10 @@ from protocol.spectrum import BINS
 
 _VOXEL_MM = 500
 _COARSE = 4  # voxels on a side of a coarse one
-_KEY, _LIVE, _PLACE, _FACING, _COUNTS = slice(0, 4), 4, slice(5, 8), slice(8, 10), slice(10, 10 + BINS)
-_COLUMNS = 10 + BINS
+_KEY, _LIVE, _PLACE, _FACING, _SPREAD, _COUNTS = slice(0, 4), 4, slice(5, 8), slice(8, 10), 10, slice(11, 11 + BINS)
+_COLUMNS = 11 + BINS
 _FINE = 1_000_000  # units of facing
+_LONGEST_WAY_M = 10.0  # of an exposure, as far as it counts
 UNTOLD_HITS = 5  # an exposure of so many hits without any spectrum is of a program that publishes none
 
 Integers = NDArray[np.int64]
@@ -33,8 +34,8 @@ Integers = NDArray[np.int64]
 class Rows:
     """R sums over exposures, ascending by drone and voxel.
 
-    table: (R, 42) drone's number, voxel (3), live time (ns), sums of position (mm, 3) and facing (1e-6, 2) times live time (ns),
-    counts by bin.
+    table: (R, 43) drone's number, voxel (3), live time (ns), sums of position (mm, 3) and facing (1e-6, 2) times live time (ns),
+    sum of the mean squared distance from the voxel's middle (mm2) times live time (us), counts by bin.
     """
 
     table: Integers
@@ -81,6 +82,13 @@ class Rows:
         return np.asarray(self.table[:, _PLACE] / self.table[:, _LIVE, None] * 1e-3, np.float64)
 
     @property
+    def spread_m2(self) -> Array:
+        """(R,) mean squared distance of the cameras from the mean position."""
+        middle = (self.table[:, 1:4] + 0.5) * _VOXEL_MM * 1e-3
+        about_middle = self.table[:, _SPREAD] / self.table[:, _LIVE] * 1e-3
+        return np.asarray(np.maximum(about_middle - ((self.place - middle) ** 2).sum(axis=1), 0.0), np.float64)
+
+    @property
     def facing(self) -> Array:
         """(R, 2) means of cos 2 psi and sin 2 psi, psi the heading."""
         return np.asarray(self.table[:, _FACING] / self.table[:, _LIVE, None] / _FINE, np.float64)
@@ -111,7 +119,14 @@ def _row(observation: CountObservation, number: int) -> list[int] | None:
     for one in observation.spectrum:
         counts[one.place] = one.singles + one.coincidences
     facing = [round(_FINE * part) for part in observation.facing]
-    return [number, *(part // _VOXEL_MM for part in mm), live_ns, *(part * live_ns for part in (*mm, *facing)), *counts]
+    spread = round(_spread_mm2(mm, observation.way_m)) * (live_ns // 1000)
+    return [number, *(part // _VOXEL_MM for part in mm), live_ns, *(part * live_ns for part in (*mm, *facing)), spread, *counts]
+
+
+def _spread_mm2(mm: Sequence[int], way_m: float) -> float:
+    """Mean squared distance from the middle of its voxel of a camera that flew a straight way about a place."""
+    off = [part % _VOXEL_MM - _VOXEL_MM / 2 for part in mm]
+    return sum(part * part for part in off) + (1e3 * min(way_m, _LONGEST_WAY_M)) ** 2 / 12.0
 
 
 @dataclass(frozen=True, eq=False)

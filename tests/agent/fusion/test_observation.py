@@ -104,3 +104,10 @@ def test_the_heading_of_an_exposure_is_that_of_the_mission_frame(kit):
     for half_turns in (0.0, math.pi):
         seen = observe(msgspec.structs.replace(exposure, poses=poses), Transform(0.3 + half_turns, (5.0, 0.0, 0.0)))
         assert seen.facing == pytest.approx((math.cos(2.2), math.sin(2.2)))
+
+
+def test_an_exposure_tells_how_far_the_camera_flew_meanwhile(kit):
+    exposure = kit.exposure_entry(kit.mission_of(), 0.0, (1.0, 0.0, 3.0))
+    poses = tuple(PoseSample(k * 100_000_000, (1.0 + 3.0 * k, 4.0 * k, 3.0), (1.0, 0.0, 0.0, 0.0)) for k in range(3))
+    assert observe(msgspec.structs.replace(exposure, poses=poses), Transform(1.0)).way_m == pytest.approx(10.0)
+    assert observe(msgspec.structs.replace(exposure, poses=poses[:1]), Transform()).way_m == 0.0

@@ -17,12 +17,12 @@ DRONES = {"a": 0, "b": 1}
 NS = 1_000_000_000
 
 
-def exposure(number, drone="a", place=(1.2345, 2.0, 3.0), live_s=0.5, bins=((3, 2, 1),), hits=4, facing=(0.28, 0.96)):
+def exposure(number, drone="a", place=(1.2345, 2.0, 3.0), live_s=0.5, bins=((3, 2, 1),), hits=4, facing=(0.28, 0.96), way_m=0.0):
     spectrum = tuple(SpectrumBin(*one) for one in bins)
     counts = np.array([hits, 0.0, 0.0])
     identity = EntryId("m", number, drone, "boot", number)
     sigmas, stamps = (0.1, 0.01), (number * NS, number * NS)
-    return CountObservation(*stamps, place, live_s, counts, *sigmas, Transform(), identity, 0, spectrum, facing)
+    return CountObservation(*stamps, place, live_s, counts, *sigmas, Transform(), identity, 0, spectrum, facing, way_m)
 
 
 EXPOSURES = st.lists(
@@ -35,6 +35,7 @@ EXPOSURES = st.lists(
         bins=st.lists(st.tuples(st.integers(0, 31), st.integers(0, 99), st.integers(0, 9)), max_size=2, unique_by=lambda b: b[0]),
         hits=st.just(0),
         facing=st.floats(-np.pi, np.pi).map(lambda angle: (math.cos(angle), math.sin(angle))),
+        way_m=st.floats(0.0, 20.0),
     ),
     min_size=1,
     max_size=12,
@@ -61,6 +62,16 @@ def test_a_voxel_holds_what_its_exposures_told():
 def test_the_headings_of_a_voxel_count_by_live_time():
     rows = Rows.none().plus([exposure(1, facing=(1.0, 0.0)), exposure(2, facing=(0.0, -1.0), live_s=1.5)], DRONES)
     assert rows.facing[0] == pytest.approx((0.25, -0.75), abs=1e-6)
+
+
+def test_a_voxel_tells_how_far_from_its_place_was_measured():
+    """Mean squares: of a straight way its length squared over 12; between exposures by live time."""
+    still = Rows.none().plus([exposure(1)], DRONES)
+    assert still.spread_m2[0] == pytest.approx(0.0, abs=1e-5)
+    flown = Rows.none().plus([exposure(1, way_m=3.0)], DRONES)
+    assert flown.spread_m2[0] == pytest.approx(0.75, abs=1e-5)
+    two = Rows.none().plus([exposure(1, place=(1.1, 2.1, 3.1)), exposure(2, place=(1.3, 2.1, 3.1), live_s=1.5)], DRONES)
+    assert two.spread_m2[0] == pytest.approx(0.25 * 0.15**2 + 0.75 * 0.05**2, abs=1e-5)
 
 
 def test_drones_and_voxels_are_kept_apart():

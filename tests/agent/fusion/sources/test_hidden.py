@@ -38,9 +38,9 @@ def seen(*rows, apart=0, of=1.0):
     apart: voxels between two rows.
     """
     counts = np.array([np.repeat(row, 16) for row in rows]) / 16.0
-    table = np.zeros((len(rows), 42), np.int64)
+    table = np.zeros((len(rows), 43), np.int64)
     table[:, 1] = apart * np.arange(len(rows))
-    table[:, 10] = counts.sum(axis=1)
+    table[:, 11] = counts.sum(axis=1)
     clear, direct = (np.repeat(of * part, len(rows), axis=0) for part in (CLEAR, DIRECT))
     return Cells(Rows(table)).views(counts, np.ones(len(rows)), Expected(clear, direct, 0.1 * clear))
 

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from agent.frames.transform import Transform
+from agent.fusion.observation import observe
+from agent.fusion.sources.counts import CountModel
+from agent.fusion.sources.data import Rows
 from agent.fusion.sources.solution import Solution
+from agent.fusion.sources.spectra import Spectra
+from agent.terrain.ground import Ground
+from protocol.entries import Counts, PoseSample
+from protocol.spectrum import SpectrumBin
+
+NS = 1_000_000_000
 
 SOURCES = [("Cs-137", 12.0, 20.0, 3e9), ("Ir-192", 30.0, 15.0, 5e8)]
 
@@ -71,3 +81,24 @@ def test_what_is_left_is_fitted_as_alone(problem):
 def test_expectations_stay_positive_at_any_scale(problem):
     for scale in (-0.1, 0.1):
         assert problem.counts.expected(replace(somewhere(), scale=scale)).clear.min() > 0.0
+
+
+def test_what_was_counted_while_flying_by_near_a_source_weighs_less(kit, among):
+    """By s^2 / d^2 of the rate, with s^2 = L^2 / 12 of a way of L = 1.5 m: 0.19 m2, which is 0.5 % at 6 m and 19 % at 1 m."""
+    mission = among.mission_of()
+    entries = [flown_by(kit, mission, number, away_m) for number, away_m in enumerate((1.0, 2.0, 6.0))]
+    rows = Rows.none().plus([observe(entry, Transform()) for entry in entries], {"a": 0})
+    model = CountModel(rows, Spectra.of(among.NUCLIDES), Ground.from_config(mission), 1)
+    strong = Solution((0,), np.array([(12.0, 20.0)]), np.array([5.0]), 0.0, np.zeros((1, 3)))
+    doubting = model.doubting(strong, np.array([(0.1, 0.1)]))
+    relative = (1.0 / doubting.weight - 1.0 / model.weight) / rows.counts.sum(axis=1)
+    assert np.sqrt(relative) == pytest.approx(1.5**2 / 12.0 / np.array([1.0, 4.0, 36.0]), rel=0.02)
+    assert model.doubting(Solution.nothing(1), np.zeros((0, 2))) is model
+
+
+def flown_by(kit, mission, number, away_m):
+    """400 events while a camera flew 1.5 m at some distance from (12, 20) m, as high as a source there."""
+    exposure = kit.exposure_entry(mission, float(number), (12.0 + away_m, 20.0, 0.0), sequence=number, duration_s=0.5)
+    x, turned = exposure.poses[0].position_m[0], exposure.poses[0].quaternion
+    ends = (PoseSample(offset, (x, 20.0 + aside, 0.0), turned) for offset, aside in ((0, -0.75), (NS // 2, 0.75)))
+    return replace(exposure, poses=tuple(ends), spectrum=(SpectrumBin(20, 400, 0),), counts=Counts(400, 0, 0))

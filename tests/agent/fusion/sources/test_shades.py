@@ -117,12 +117,12 @@ def test_a_source_behind_a_known_wall_is_one_source_where_it_is(flown, estimated
 @pytest.fixture(scope="module")
 def models(among):
     """Expected counts of places along x = 12, with and without the map; between y = 8 and 40 the wall hides the source."""
-    table = np.zeros((41, 42), np.int64)
+    table = np.zeros((41, 43), np.int64)
     table[:, 4] = 1_000_000_000
     table[:, 5] = 12_000 * table[:, 4]
     table[:, 6] = 1_000 * np.arange(4, 45) * table[:, 4]
     table[:, 7] = 1_000 * table[:, 4]
-    table[:, 10:] = 1
+    table[:, 11:] = 1
     known, blind = (CountModel(Rows(table), SPECTRA, FLAT, 1, each) for each in (walls(WALL), None))
     return known, blind, Solution((0,), np.array([(18.0, 24.0)]), np.array([1.0]), 0.0, np.zeros((1, 3)))
 
@@ -157,4 +157,4 @@ def test_places_at_an_edge_weigh_less(models):
     y = known.place[:, 1]
     assert (doubting.weight[(y == 8.0) | (y == 40.0)] < 0.5 * known.weight[0]).all()
     assert doubting.weight[(y < 5.0) | ((y > 20.0) & (y < 28.0))] == pytest.approx(known.weight[0], rel=0.02)
-    assert blind.doubting(solution, np.array([(0.5, 0.5)])) is blind
+    assert np.array_equal(blind.doubting(solution, np.array([(0.5, 0.5)])).weight, blind.weight)
