@@ -247,7 +247,7 @@ def test_a_drone_whose_place_is_doubtful_does_not_push_it_into_one_whose_place_i
 
 
 def test_pushed_aside_by_a_line_a_drone_keeps_clear_of_one_that_is_far_from_its_unconstrained_way() -> None:
-    """Drawn across the line, it slides along it, and the other one hovers there: it planned for seconds to end beside that one."""
+    """Drawn across the line, it slides along it, where the other one hovers, and planned for seconds to end beside that one."""
     tracker, state, clear_m = Tracker(LIMITS, WIDE, drone_id="b"), PeerState((0.0, 0.0, 3.0)), []
     tracker.reset(state.position)
     for step in range(30):
