@@ -8,7 +8,7 @@ again.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, hypot, sin, sqrt
+from math import cos, hypot, inf, sin, sqrt
 
 import numpy as np
 from msgspec import Struct
@@ -34,7 +34,8 @@ class PeerPlan(Struct, frozen=True):
     for the last resort; None without a fresh pose. doubt_m: added even to the bare separation, because the frames it is placed by
     are estimated. deviation_m: horizontal RMS deviation from its plans. blind: it does not know of this drone, or
     nobody steers it by what it knows, so it never gives way. away: (H, 2), unit vectors: it may be anywhere beyond lines across
-    these through its positions, not just there.
+    these through its positions, not just there. radius_m: of the circle of which these lines are the tangents nearest to this
+    drone, whose centre lies in their direction; negative: in the opposite one, and this drone keeps outside; infinite: straight.
     """
 
     id: str
@@ -47,6 +48,7 @@ class PeerPlan(Struct, frozen=True):
     deviation_m: float = 0.0
     blind: bool = False
     away: Array | None = None
+    radius_m: float = inf
 
     @classmethod
     def from_pose(

@@ -96,7 +96,7 @@ class Steering:
         """Jerks (H, 2) from the unconstrained optimum (4, H, 3): the optimum itself, the constrained solution, or the last
         resort.
         """
-        neighbours, clear = self._neighbours(situation, optimum[1, :, :2], peers)
+        neighbours, clear = self._neighbours(situation, optimum[1:2, :, :2], peers)
         clear = clear and self._within_limits(optimum[:, :, :2], peaks)
         if clear and situation.surely_inside:
             return Status.FREE, optimum[0, :, :2]
@@ -104,7 +104,9 @@ class Steering:
         clearances = (optimum[1, :, :2] @ normals.T - offsets).min(axis=0)
         if clear and float(clearances.min()) >= 0.0:
             return Status.FREE, optimum[0, :, :2]
-        previous = situation.previous()  # where others push it to the fence, the optimum may be far from there
+        # Where a line, the fence or others push it, the optimum may be far from there: so is who or what is in the way there.
+        previous = situation.previous()
+        neighbours, _ = self._neighbours(situation, np.array((optimum[1, :, :2], previous)), peers)
         near = np.minimum(clearances, (previous @ normals.T - offsets).min(axis=0)) < _NEAR_M
         planes = self._half_planes(situation, optimum[1, :, :2], previous, neighbours, (normals[near], offsets[near]))
         found = self._problem.solve(situation.start[:, :2], optimum[:, :, :2], planes, situation.guess[:, :2])
@@ -127,13 +129,13 @@ class Steering:
         within: bool = speed <= self._speed_squared and acceleration <= self._acceleration_squared
         return within
 
-    def _neighbours(self, situation: Situation, position: Array, peers: Sequence[PeerPlan]) -> tuple[list[_Neighbour], bool]:
-        """The peers close to the optimum (H, 2), and whether it keeps its distance from all of them."""
+    def _neighbours(self, situation: Situation, plans: Array, peers: Sequence[PeerPlan]) -> tuple[list[_Neighbour], bool]:
+        """The peers close to one of these plans (P, H, 2), and whether all of these keep their distance from all peers."""
         neighbours: list[_Neighbour] = []
         clear = True
         if not peers:
             return neighbours, clear
-        (x, y, _), (virtual_x, virtual_y, _), mine = situation.measured.position, situation.start[0].tolist(), position.tolist()
+        (x, y, _), (virtual_x, virtual_y, _), mine = situation.measured.position, situation.start[0].tolist(), plans.tolist()
         own_m = situation.response.tracking_error_m
         lines = []
         for peer in peers:
@@ -142,7 +144,9 @@ class Steering:
             if peer.away is not None:
                 lines.append(_Neighbour(np.array(theirs), distance, 0.0, has_right_of_way=True, away=peer.away[1:]))
                 continue
-            apart = [(px - qx) ** 2 + (py - qy) ** 2 for (px, py), (qx, qy) in zip(mine, theirs[1:], strict=True)]
+            apart = [
+                (px - qx) ** 2 + (py - qy) ** 2 for plan in mine for (px, py), (qx, qy) in zip(plan, theirs[1:], strict=True)
+            ]
             clearance = sqrt(min(apart)) - distance
             if clearance < _NEAR_M:
                 bare = self._limits.separation_m + peer.doubt_m
@@ -151,7 +155,7 @@ class Steering:
                 clear = clear and clearance >= 0.0
         for line in _with_room(lines, self._limits.separation_m):
             assert line.away is not None
-            least_m = float(np.einsum("kx,kx->k", position - line.positions[1:], line.away).min()) - line.distance
+            least_m = float(np.einsum("pkx,kx->pk", plans - line.positions[1:], line.away).min()) - line.distance
             neighbours += [line] if least_m < _NEAR_M else []
             clear = clear and least_m >= 0.0
         return neighbours, clear

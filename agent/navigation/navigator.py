@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from functools import partial
-from math import atan2, hypot, inf
+from math import atan2, copysign, hypot, inf, isinf
 
 import numpy as np
 from msgspec import UNSET, Struct
@@ -66,8 +66,8 @@ class Reckoning(Struct, frozen=True):
     def distance_m(self, drone: str, sigmas: float, place_m: Vector3, before_m: float = 0.0) -> float:
         """How near another drone may be, horizontally: where it is expected, less so many sigmas; infinite if it is not.
 
-        ``place_m``: where it really is, mission frame. A line that is kept from for the sake of one keeps from all beyond it, or
-        so little before it.
+        ``place_m``: where it really is, mission frame. A line or circle that is kept from for the sake of one keeps from all
+        beyond it, or so little before it.
         """
         frame = self.mission_from_local
         place = None if frame is None else frame.inverse().apply_point(place_m)
@@ -270,7 +270,7 @@ class Navigator:
 
 
 def _distance_m(place: Vector3, plan: PeerPlan, now_ns: int, sigmas: float) -> float:
-    """Distance from a place to where a plan expects another drone, or to the line that it is beyond, less its doubt."""
+    """Distance from a place to where a plan expects another drone, or to the line or circle that it is beyond, less its doubt."""
     if plan.away is not None:
         return max(0.0, _in_front_m(place, plan, plan.away, now_ns)) - sigmas * plan.sigma_m
     x, y = plan.at(now_ns, np.zeros(1))[0].tolist()
@@ -278,12 +278,17 @@ def _distance_m(place: Vector3, plan: PeerPlan, now_ns: int, sigmas: float) -> f
 
 
 def _is_beyond(place: Vector3 | None, plan: PeerPlan, now_ns: int, before_m: float) -> bool:
-    """Whether a place, where it is known, lies beyond the line of a plan that has one, or no more than ``before_m`` before it."""
+    """Whether a place, where it is known, lies beyond the line or circle of a plan, or at most ``before_m`` before it."""
     return place is not None and plan.away is not None and _in_front_m(place, plan, plan.away, now_ns) <= before_m
 
 
 def _in_front_m(place: Vector3, plan: PeerPlan, away: Array, now_ns: int) -> float:
-    """How far a place lies in front of the line of a plan."""
+    """How far a place lies in front of the line of a plan, or of the circle that it touches: seen from elsewhere, the tangent
+    would leave out a part of the circle, or hold what is inside.
+    """
     x, y = plan.at(now_ns, np.zeros(1))[0].tolist()
-    away_x, away_y = float(away[0, 0]), float(away[0, 1])
-    return (place[0] - float(x)) * away_x + (place[1] - float(y)) * away_y
+    away_x, away_y = away[0].tolist()
+    if isinf(plan.radius_m):
+        return float((place[0] - x) * away_x + (place[1] - y) * away_y)
+    centre_x, centre_y = x + plan.radius_m * away_x, y + plan.radius_m * away_y
+    return plan.radius_m - copysign(hypot(place[0] - centre_x, place[1] - centre_y), plan.radius_m)

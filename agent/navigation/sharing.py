@@ -92,7 +92,7 @@ class SharedCircle:
         for side, (name, _, radius_m) in [(1.0, one) for one in within] + [(-1.0, one) for one in around]:
             places = ahead.copy()
             places[:, :2] -= (far - radius_m)[:, None] * outward
-            found.append(blind_plan(name, now_ns, step_s, places, away=side * outward))
+            found.append(blind_plan(name, now_ns, step_s, places, away=side * outward, radius_m=-side * radius_m))
         return found
 
     def _circles(self, absence: Absence, fits_hypothesis: bool, *, kept: bool = True) -> list[_Circle]:

@@ -17,7 +17,7 @@ Positions are horizontal, mission frame.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import hypot
+from math import hypot, inf
 
 import numpy as np
 from msgspec import Struct
@@ -316,9 +316,20 @@ class Silent:
         return wall
 
 
-def blind_plan(name: str, now_ns: int, step_s: float, places: Array, sigma_m: float = 0.0, away: Array | None = None) -> PeerPlan:
-    """Places (K, 3) where a drone may be that does not know of this one; ``away``: (K, 2), it may be anywhere beyond these."""
-    return PeerPlan(name, now_ns, step_s, list(map(tuple, places.tolist())), sigma_m, blind=True, away=away)
+def blind_plan(
+    name: str,
+    now_ns: int,
+    step_s: float,
+    places: Array,
+    sigma_m: float = 0.0,
+    away: Array | None = None,
+    radius_m: float = inf,
+) -> PeerPlan:
+    """Places (K, 3) where a drone may be that does not know of this one; ``away``: (K, 2), it may be anywhere beyond these, or
+    beyond the circle of that radius that they touch (``PeerPlan``).
+    """
+    flat = list(map(tuple, places.tolist()))
+    return PeerPlan(name, now_ns, step_s, flat, sigma_m, blind=True, away=away, radius_m=radius_m)
 
 
 def _local(places: Array, me: Viewer) -> Array:

@@ -246,6 +246,24 @@ def test_a_drone_whose_place_is_doubtful_does_not_push_it_into_one_whose_place_i
     assert hypot(state.position[0] + 4.5, state.position[1]) > 8.0  # in the end it is farther from the doubtful one, too
 
 
+def test_pushed_aside_by_a_line_a_drone_keeps_clear_of_one_that_is_far_from_its_unconstrained_way() -> None:
+    """Drawn across the line, it slides along it, where the other one hovers, and planned for seconds to end beside that one."""
+    tracker, state, clear_m = Tracker(LIMITS, WIDE, drone_id="b"), PeerState((0.0, 0.0, 3.0)), []
+    tracker.reset(state.position)
+    for step in range(30):
+        now_ns = step * STEP_NS
+        line = [(x, 5.0, 3.0) for x, _, _ in tracker.ahead(now_ns, state.position).tolist()]
+        others = [
+            PeerPlan("c", now_ns, 0.2, line, blind=True, away=np.tile((0.0, -1.0), (21, 1))),
+            PeerPlan.from_pose("a", now_ns, PeerState((18.0, 0.0, 3.0))),
+        ]
+        plan = tracker.plan(now_ns, state, stay(20.0, 30.0), others)
+        state = tracker.state(now_ns + STEP_NS)
+        clear_m.append(float(np.hypot(plan.positions[:, 0] - 18.0, plan.positions[:, 1]).min()))
+    assert clear_m[0] < LIMITS.separation_m  # before it knows where it is pushed to
+    assert min(clear_m[1:]) > LIMITS.separation_m
+
+
 @pytest.mark.parametrize("sigma_m", [1.7, 5.0])
 def test_between_two_lines_without_room_for_both_distances_a_drone_goes_on_along_its_reference(sigma_m: float) -> None:
     """The lines are 13 m apart, and farther by 7 cm in a metre ahead: it flew there, with 7.4 m/s, and through the fence."""

@@ -16,11 +16,16 @@ FOUR = replace(MISSION, drones=tuple(DroneInMission(id=name) for name in ("d1", 
 RADII_M = [ring_radius_m(FOUR, ring, fits_hypothesis=False) for ring in range(4)]
 
 
-def lines(missing, ring, far_m):
-    """Distances from the centre of the lines that a drone on that circle, or so far from the centre, keeps between."""
+def kept_from(missing, ring, far_m):
+    """What a drone on that circle, or so far from the centre, keeps between."""
     absence = Absence(missing, (), ring, (), {}, alone=False, stops=np.zeros((0, 2)), coming_home=())
     ahead = np.array([[far_m, 0.0, 3.0]])
-    found = SharedCircle(FOUR, "d2").others(absence, 0, (0.0, 0.0, 0.0), ahead, 0.2, fits_hypothesis=False)
+    return SharedCircle(FOUR, "d2").others(absence, 0, (0.0, 0.0, 0.0), ahead, 0.2, fits_hypothesis=False)
+
+
+def lines(missing, ring, far_m):
+    """Distances from the centre of the lines that it keeps between."""
+    found = kept_from(missing, ring, far_m)
     return [(one.positions[0][0], float(one.away[0, 0])) for one in found]
 
 
@@ -37,6 +42,12 @@ def test_one_that_belongs_inside_may_climb_outside_before_it_crosses(missing):
 
 def test_who_is_further_away_itself_is_on_the_way_in():
     assert lines(("d1",), 1, RADII_M[1] + CLEAR_M + 0.5) == [(pytest.approx(RADII_M[0]), 1.0)]
+
+
+def test_its_lines_are_tangents_of_circles_around_the_centre():
+    for line in kept_from(("d1", "d4"), 1, RADII_M[1]):
+        centre = np.array(line.positions[0][:2]) + line.radius_m * line.away[0]
+        assert centre == pytest.approx((0.0, 0.0))
 
 
 @pytest.mark.parametrize("stands", [True, False])

@@ -69,12 +69,12 @@ def whereabouts(x=10.0, sigma_m=0.1, yaw_rad=0.0, yaw_sigma_rad=0.02):
 
 def reckoning(
     other=(20.0, 10.0, 3.0), sigma_m=0.0, room=20.0, name="d2", away=None, ends=(10.0, 10.0, 3.0), blind=False, stamp_ns=0,
-    more=(),
+    more=(), radius_m=np.inf,
 ):  # fmt: skip
     """Of the first drone, with another one expected at a place, and d3 at ``more`` places; ``room``: margin around the area;
     ``ends``: its own plan.
     """
-    plans = [PeerPlan(name, 0, 0.2, [other], sigma_m, away=away, blind=blind)]
+    plans = [PeerPlan(name, 0, 0.2, [other], sigma_m, away=away, blind=blind, radius_m=radius_m)]
     plans += [PeerPlan("d3", 0, 0.2, [place], sigma_m, blind=blind) for place in more]
     room = box(0.0, 0.0, 40.0, 40.0).buffer(room)
     return Reckoning(stamp_ns, (10.0, 10.0, 3.0), plans, room, Transform(), np.array([(10.0, 10.0, 3.0), ends]), 4.0)

@@ -148,6 +148,24 @@ def test_a_line_that_another_one_is_beyond_is_reckoned_with() -> None:
     assert told(25.0) == told(25.0, "d3") == [("d1", "d2")]
 
 
+@pytest.mark.parametrize(
+    ("at", "radius_m", "expected"),
+    [
+        ((16.7, 22.7), 18.0, []),  # on it, 14.4 m away, 5.3 m before the tangent
+        ((15.6, 21.6), 18.0, []),  # two sides' source estimates differ
+        ((12.8, 18.8), 18.0, [("d1", "d2")]),
+        ((25.0, 17.0), -6.0, []),  # beyond the tangent, and 2.6 m before the circle
+        ((17.0, 20.0), -6.0, [("d1", "d2")]),  # 5.2 m before it
+    ],
+)
+def test_a_circle_is_kept_from_all_around_and_not_where_it_is_nearest_alone(at, radius_m, expected) -> None:
+    """Its nearest place is 12 m away, in the east, and d1 is inside of it, or outside (``radius_m`` < 0)."""
+    kept = reckons(other=(22.0, 10.0, 3.0), away=np.array([[-1.0, 0.0]]), name="d3", radius_m=radius_m)
+    places = [moments.PLACES[0], (*at, 3.0), moments.PLACES[2]]
+    found = seen(Reckoned(moments.setting()), kept, places=places)
+    assert [drones for drones in found if drones == ("d1", "d2")] == expected
+
+
 def test_an_agent_that_was_started_again_may_not_know_of_others() -> None:
     invariant = Reckoned(moments.setting())
     first, again = reckons(), reckons(name="d3")
