@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import count
 
 from msgspec import Struct
 
@@ -38,6 +37,7 @@ from agent.mission.worldmodel import WorldModel
 from agent.navigation.navigator import Reckoning
 from agent.navigation.peers import Peers
 from agent.sensing.camera import Camera
+from agent.sensing.numbering import Numbering
 from agent.sensing.observer import Observer
 from agent.sensing.positionsensors import NOT_LOGGED, PositionSensors
 from agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
@@ -99,7 +99,8 @@ class Pilot:
         self._clocks = Clocks(drone.id, others)
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps
         self._own = OwnPose(member, graph, self._clocks, self.counters, speed_mps, epoch_offset)
-        history, numbers = self._own.history, count(1)
+        history, numbers = self._own.history, Numbering()
+        self._numbers = numbers
         self._observer = Observer(drone, mission, boot, history, numbers, self._own.carried)
         self._sensors = PositionSensors(drone.id, others, self._mission_id, boot, history, numbers, self.counters)
         self._camera = Camera(mission, drone.calibration, self._observer, self.counters)
@@ -291,7 +292,11 @@ class Pilot:
         Costs almost nothing without new entries; a large backlog is processed in slices over several calls.
         """
         self._news.keep_time(now_ns)
-        self._world.advance(self._clocks.common_ns(now_ns))
+        self._numbers.keep_time(now_ns)
+        if not self._clocks.is_doubted and (wrong := self._numbers.wrong()) is not None:
+            self._sensors.begin_anew()
+            self._record([self._observer.taken_back(now_ns, *wrong)], now_ns)
+        self._world.advance(self._clocks.followed_ns(now_ns))
 
     def step(self, now_ns: int) -> Step:
         """Process the log, advance the mission, plan, and report. To be called at 20 Hz or more."""

@@ -232,4 +232,17 @@ class Coverage(Entry, frozen=True, kw_only=True):
     swath_m: SwathMetres
 
 
+class Retraction(Entry, frozen=True, kw_only=True):
+    """The drone takes back its measurements with the numbers ``first`` to ``last`` of this boot: the clock that stamped them was
+    wrong. They stay in the log, and do not count. Coverage does: it is of a place, at whatever time.
+    """
+
+    first: Count
+    last: Count
+
+    def flaw(self) -> str | None:
+        """It can only take back what was published before."""
+        return None if self.first <= self.last < self.sequence else "it does not take back earlier entries"
+
+
 AnyEntry = Cone | Exposure | Sighting | Fix | Coverage  # measurements: what estimators can read

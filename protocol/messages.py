@@ -20,7 +20,7 @@ from typing import Annotated
 from msgspec import UNSET, Meta, Struct, UnsetType, field
 
 from protocol.checks import flaw_of_covariance, is_unit
-from protocol.entries import SIGNATURE_BYTES, AnyEntry, Cone, Coverage, Credential, Exposure, Fix, Sighting
+from protocol.entries import SIGNATURE_BYTES, AnyEntry, Cone, Coverage, Credential, Exposure, Fix, Retraction, Sighting
 from protocol.message import DroneMessage, StationMessage
 from protocol.revocations import Revocation, Revoked
 from protocol.spectrum import BINS, Line
@@ -299,7 +299,7 @@ class Upload(Order, frozen=True, kw_only=True):
     parts: Annotated[tuple[PartHash, ...], Meta(min_length=1, max_length=MOST_PARTS)]
 
 
-AnyDroneMessage = Credential | AnyEntry | Pose | Plan | Frame | Estimate | Status | Revoked
+AnyDroneMessage = Credential | AnyEntry | Retraction | Pose | Plan | Frame | Estimate | Status | Revoked
 AnyOrder = Command | Upload
 AnyMessage = AnyDroneMessage | AnyOrder | Revocation
 
@@ -310,6 +310,7 @@ DRONE_KINDS: dict[str, type[AnyDroneMessage]] = {
     "sighting": Sighting,
     "fix": Fix,
     "coverage": Coverage,
+    "retraction": Retraction,
     "pose": Pose,
     "plan": Plan,
     "frame": Frame,

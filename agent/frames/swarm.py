@@ -56,6 +56,7 @@ class SwarmFrames:
         self._estimating = False  # keyframes are due that the next call of ``advance`` estimates
         self._waiting: list[Received] = []  # while estimating
         self._late: list[Received] = []
+        self._retracted: list[EntryId] = []  # late ones
         self._forgotten: list[EntryId] = []
         self._batches = Batches()
         self._is_batch, self._took = False, 0  # whether a batch of late entries is being estimated, and calls for it
@@ -67,7 +68,7 @@ class SwarmFrames:
     @property
     def pending(self) -> bool:
         """Whether the graph lacks something that was received, or a keyframe that is due; further calls of ``advance`` add it."""
-        behind = self._estimating or self._due < self._wanted or bool(self._forgotten)
+        behind = self._estimating or self._due != self._wanted or bool(self._forgotten) or bool(self._retracted)
         return behind or self._intake.dirty is not None or bool(self._waiting) or bool(self._late)
 
     def start(self, stamp_ns: int) -> None:
@@ -82,7 +83,7 @@ class SwarmFrames:
         self._carried.receive(entry)
         if self._idle or not isinstance(entry, READS):
             return
-        if self._is_late(entry):
+        if self._is_late(entry.stamp_ns):
             self._late.append((entry, payload))
         elif self._estimating:
             self._waiting.append((entry, payload))
@@ -90,14 +91,35 @@ class SwarmFrames:
             self._intake.receive(entry, payload)
 
     def forget(self, identities: Sequence[EntryId]) -> None:
-        """Take entries back that do not count any more."""
+        """Take entries back that are not in the log any more."""
         self._carried.forget(identities)
-        if self._idle:
-            return
-        gone = set(identities)
+        if not self._idle:
+            self._forgotten += self._taken_in(identities)
+
+    def retract(self, identities: Sequence[EntryId]) -> None:
+        """Take entries back that their drones have taken back: late ones with the next batch."""
+        self._carried.forget(identities)
+        if not self._idle:
+            for identity in self._taken_in(identities):
+                (self._retracted if self._is_late(identity.stamp_ns) else self._forgotten).append(identity)
+
+    def receive_again(self, received: Sequence[Received]) -> None:
+        """Add entries that were retracted and count again."""
+        again, waiting = {entry.entry_id for entry, _ in received}, {*self._retracted, *self._forgotten}
+        self._retracted = [identity for identity in self._retracted if identity not in again]
+        self._forgotten = [identity for identity in self._forgotten if identity not in again]
+        for entry, payload in received:
+            if entry.entry_id not in waiting:
+                self.receive(entry, payload)
+            else:  # nothing but a carried frame has been taken back yet
+                self._carried.receive(entry)
+
+    def _taken_in(self, identities: Sequence[EntryId]) -> list[EntryId]:
+        """Those of the entries that do not wait any more; the others wait no longer."""
+        gone, waiting = set(identities), {one[0].entry_id for one in (*self._late, *self._waiting)}
         self._late = [one for one in self._late if one[0].entry_id not in gone]
         self._waiting = [one for one in self._waiting if one[0].entry_id not in gone]
-        self._forgotten += identities
+        return [identity for identity in identities if identity not in waiting]
 
     def advance(self, now_ns: int, *, takes_late: bool = True) -> None:
         """Estimate keyframes that are due, and recompute those that late entries have changed; a limited number per call.
@@ -108,15 +130,19 @@ class SwarmFrames:
         if self._idle:
             self.complete_ns = now_ns
             return
-        self._wanted = max(self._wanted, (now_ns - self._settle_ns) // self._intake.grid_ns)
+        self._wanted = (now_ns - self._settle_ns) // self._intake.grid_ns
         are_due = self._batches.are_due(now_ns, free=takes_late and not self._estimating and not self._forgotten)
         if not self._estimating:
+            if are_due and (self._late or self._retracted):
+                self._forgotten, self._retracted = [*self._forgotten, *self._retracted], []
+                self._took, self._is_batch = 0, True
             forgotten, self._forgotten = self._forgotten[:_PORTION], self._forgotten[_PORTION:]
             self._intake.forget(forgotten)
             if self._forgotten:  # the graph keeps its values until all is gone
+                self._took += 1
                 return
-            self._take_waiting(are_due)
-            if self._put_ns is None and not self._late:
+            self._take_waiting()
+            if self._put_ns is None and not self._late and not self._retracted:
                 self._put_ns = now_ns
             self._due = self._wanted
             self._rewind()
@@ -153,24 +179,24 @@ class SwarmFrames:
                 found[self._names[drone]] = "its frame is not known yet"
         return found
 
-    def _is_late(self, entry: Entry) -> bool:
-        """Whether an entry changes keyframes that were estimated long ago."""
+    def _is_late(self, stamp_ns: int) -> bool:
+        """Whether an entry of that stamp changes keyframes that were estimated long ago."""
         last = next(reversed(self._checkpoints), -1)
-        return entry.stamp_ns <= min(last, self._due - LATE_NS // self._intake.grid_ns) * self._intake.grid_ns
+        return stamp_ns <= min(last, self._due - LATE_NS // self._intake.grid_ns) * self._intake.grid_ns
 
-    def _take_waiting(self, takes_late: bool) -> None:
+    def _take_waiting(self) -> None:
         waiting, self._waiting = self._waiting, []
-        if takes_late and self._late:
+        if self._is_batch:
             waiting, self._late = [*self._late, *waiting], []
-            self._took, self._is_batch = 0, True
         for entry, payload in waiting:
             self._intake.receive(entry, payload)
 
     def _rewind(self) -> None:
         dirty = self._intake.taken()
-        if dirty is None:
+        first = self._due + 1 if dirty is None else min(dirty, self._due + 1)
+        if next(reversed(self._checkpoints), -1) < first:
             return
-        while self._checkpoints and next(reversed(self._checkpoints)) >= dirty:
+        while self._checkpoints and next(reversed(self._checkpoints)) >= first:
             self._checkpoints.popitem()
         last = next(reversed(self._checkpoints), -1)
         for line in self._lines:

@@ -22,6 +22,7 @@ from agent.fusion.timeline import Timeline
 from agent.geometry import Vector3
 from protocol.entries import AnyEntry, Entry, EntryId
 
+RECOUNTED = 250  # entries in a call of ``advance`` that cease to count, or begin again: some milliseconds
 SLICE_UNITS = 400  # work per call of advance, in units of ``Estimator.work``: about 10 ms
 _NEVER, _AFTER = -1, 2**63  # before and after every step
 
@@ -66,6 +67,7 @@ class Fusion:
         self._waits_in: dict[EntryId, FrameKey] = {}
         self._latecomers = Latecomers()
         self._late: dict[EntryId, AnyEntry | None] = {}  # what is to take the place of what is held; None: nothing
+        self._recounted = 0  # how many of ``log.recounted`` have been seen to
         self._replay: dict[int, Any] | None = None  # the chain that takes the place of the present one
         self._replayed = 0  # calls of the present replay
         self._batches = Batches()
@@ -99,7 +101,12 @@ class Fusion:
     @property
     def is_behind(self) -> bool:
         """As ``pending``, but for what another process has to compute first."""
-        return self._stale or bool(self._latecomers) or bool(self._late) or self._revision != self._frames.revision
+        return self._stale or self._waits or self._revision != self._frames.revision
+
+    @property
+    def _waits(self) -> bool:
+        """Whether entries wait that have come late, or that have ceased to count or begun again."""
+        return bool(self._latecomers) or bool(self._late) or self._recounted < len(self.log.recounted)
 
     @property
     def is_busy(self) -> bool:
@@ -120,8 +127,10 @@ class Fusion:
 
     def place(self, identity: EntryId) -> tuple[Vector3, float] | None:
         """Where the camera was, as an entry of the log is fused: mission frame, m, and 1 sigma of the horizontal distance; None
-        where the entry holds no information, or its frame is not known.
+        where the entry holds no information or does not count, or its frame is not known.
         """
+        if not self.log.counts(identity):
+            return None
         with suppress(KeyError):
             found = self._observations.of(identity)
             return found.position if isinstance(found, CountObservation) else found.apex, found.position_sigma_m
@@ -146,11 +155,13 @@ class Fusion:
         """Take an entry with the bytes that it was decoded from; False if the log does not take it (see ``log.counters``)."""
         if self.log.add(entry, payload) is not Outcome.ADDED:
             return False
-        read = entry if isinstance(entry, self.estimator.reads) else None
         identity = self.log.identity_of(entry)
-        if read is None:
-            return True
-        step = known_ns(entry) // self._grid_ns
+        if isinstance(entry, self.estimator.reads) and self.log.counts(identity):
+            self._take(identity, entry, known_ns(entry) // self._grid_ns)
+        return True
+
+    def _take(self, identity: EntryId, read: AnyEntry | None, step: int) -> None:
+        """Put an entry that changes a step, or nothing, in the place of what is held; now, or with a batch if it is late."""
         if not self._first_step <= step <= next(reversed(self._states), _NEVER):  # no step that was computed changes
             self._rewind(self._put(identity, read))
         elif step < self._oldest_step:
@@ -159,7 +170,23 @@ class Fusion:
             self._latecomers.add(identity, read, self._due_step - step)
         else:
             self._rewind(self._put(identity, read))
-        return True
+
+    def _recount(self) -> None:
+        """See to entries that have ceased to count, or begun again: as late as others of their time, so that a drone that takes
+        back again and again delays nothing.
+        """
+        portion = self.log.recounted[self._recounted : self._recounted + RECOUNTED]
+        self._recounted += len(portion)
+        for identity, _ in portion:
+            self._late.pop(identity, None)
+            self._latecomers.discard(identity)
+            entry = self.log.entry(identity) if self.log.counts(identity) else None
+            if isinstance(entry, self.estimator.reads):
+                self._take(identity, entry, known_ns(entry) // self._grid_ns)
+            elif (step := self._timeline.step_of(identity)) is not None:
+                self._take(identity, None, step)
+            else:
+                self._put(identity, None)  # it may wait for its frame
 
     def forget(self, identities: Iterable[EntryId]) -> list[EntryId]:
         """Take back entries that do not count any more; returns those that were held. What follows from them is computed again,
@@ -187,20 +214,21 @@ class Fusion:
         """Bring the hypothesis up to the grid step of ``now_ns``.
 
         ``budget``: at most so many units of the estimator's work; a step is never split and at least one is computed. ``pending``
-        tells whether work is left for the next call. Time does not run back: an earlier now counts as the latest one so far.
+        tells whether work is left for the next call. Where now goes back, so does the hypothesis, to what the log says of that time.
         """
-        due = (now_ns - self._hold_ns) // self._grid_ns
-        before = self._due_step
-        if due > before:
-            self._due_step = due
+        before, self._due_step = self._due_step, (now_ns - self._hold_ns) // self._grid_ns
+        if self._due_step < before:
+            self._rewind(self._due_step + 1)
+        if self._due_step != before:
             self._stale = True
+        self._recount()
         was_replaying = self._replay is not None
         are_due = self._batches.are_due(self._due_step * self._grid_ns + self._hold_ns, free=not was_replaying)
         if self._revision != self._frames.revision:
             self._apply_frame_changes()
         begins = self._replay is not None and not was_replaying
         self._take_waiting(before, are_due or begins)
-        if self._put_ns is None and not self._late and not self._latecomers:
+        if self._put_ns is None and not self._waits:
             self._put_ns = now_ns
         if self._stale:
             self._fold(budget)

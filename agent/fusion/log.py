@@ -16,9 +16,10 @@ from typing import TypeVar, cast
 from msgspec import Struct
 
 from agent.fusion.blocks import Blocks, Publisher, hash_of, numbers_of
-from agent.fusion.sequences import SequenceSet
+from agent.fusion.retractions import Retractions
+from agent.fusion.sequences import Range, SequenceSet
 from protocol.codec import decode
-from protocol.entries import Entry, EntryId
+from protocol.entries import Coverage, Entry, EntryId, Retraction
 from protocol.summary import BLOCK, MOST_PUBLISHERS, Held, Summary
 
 E = TypeVar("E", bound=Entry)
@@ -70,6 +71,10 @@ class ObservationLog:
     greater number in that boot. The first one that anybody proves decides, so that all who know the same entries leave out the
     same, in whatever order they got them. Whoever owns the log takes out what it holds of that (``beyond``, ``last_counted``).
 
+    What its own drone has taken back (``Retraction``) stays in the log, so that all logs have the same content, and does not count
+    (``counts``). ``recounted``: the entries held that have ceased to count (False), or begun again, in the order in which that
+    happened; it only grows, and whoever holds what follows from the entries reads on where it was.
+
     It only grows, but for what a contradiction or a revocation leaves out. It is never compacted: a restarted agent begins with
     an empty log and must be able to get all of it, and an entry may arrive late, after which all later grid steps are computed
     again. Memory: three drones at 3 GBq publish 5 exposures and 11 cones a second (scenario ``demo``, tracking), 8 kB/s or 30
@@ -91,6 +96,8 @@ class ObservationLog:
         self._contradictions: dict[Publisher, Contradiction] = {}  # the first of each publisher
         self._newest_ns: dict[str, int] = {}
         self._blocks = Blocks()
+        self._retractions = Retractions()
+        self.recounted: list[tuple[EntryId, bool]] = []
         self._sum = 0
 
     def __len__(self) -> int:
@@ -99,7 +106,7 @@ class ObservationLog:
 
     def __iter__(self) -> Iterator[Record]:
         """The records held, in the order of their identities."""
-        return (self._record(identity) for identity in sorted(chain.from_iterable(self._payloads.values())))
+        return (self.record(identity) for identity in sorted(chain.from_iterable(self._payloads.values())))
 
     def entries(self, kind: type[E], drone: str | None = None) -> list[E]:
         """The entries of one kind, of one drone or of all, in the order of their identities: a function of the log's content."""
@@ -108,11 +115,21 @@ class ObservationLog:
 
     def entry(self, identity: EntryId) -> Entry:
         """The entry held of this identity. Raises KeyError without one."""
-        return self._record(identity).entry
+        return self.record(identity).entry
 
     def identity_of(self, entry: Entry) -> EntryId:
         """The identity of an entry held, as the log holds it: whoever keeps that one needs no memory for another."""
         return self._numbered[entry.drone, entry.boot][entry.sequence]
+
+    def counts(self, identity: EntryId) -> bool:
+        """Whether the entry of this identity is held, and its drone has not taken it back."""
+        kind = self._kind_of(identity)
+        if kind is None or kind is Coverage:
+            return kind is not None
+        return not self._takes_back(identity)
+
+    def _takes_back(self, identity: EntryId) -> bool:
+        return self._retractions.takes_back((identity.drone, identity.boot), identity.sequence)
 
     @property
     def contradictions(self) -> Mapping[Publisher, Contradiction]:
@@ -152,12 +169,14 @@ class ObservationLog:
             return Outcome.LEFT_OUT
         held = self._numbered[publisher].get(entry.sequence)
         if held is not None:
-            present = self._record(held)
+            present = self.record(held)
             if present.payload == payload:
                 return Outcome.DUPLICATE
             self._contradictions[publisher] = Contradiction(entry.sequence, (present, Record(type(entry), payload)))
             return Outcome.CONTRADICTION
         self._put(publisher, entry.entry_id, type(entry), payload)
+        if isinstance(entry, Retraction):
+            self._recount(publisher, self._retractions.add(entry), counts=False)
         return Outcome.ADDED
 
     def _put(self, publisher: Publisher, identity: EntryId, kind: type[Entry], payload: bytes) -> None:
@@ -170,11 +189,16 @@ class ObservationLog:
         self._revisions[kind] += 1
         self._sum = (self._sum + _hash(payload)) % _MODULUS
 
+    def _recount(self, publisher: Publisher, changed: Iterable[Range], *, counts: bool) -> None:
+        """Note which of the entries held with these numbers have ceased to count, or begun again."""
+        numbered, held = self._numbered[publisher], self._held[publisher]
+        self.recounted += [(numbered[number], counts) for first, last in changed for number in held.within(first, last)]
+
     def _kind_of(self, identity: EntryId) -> type[Entry] | None:
         return next((kind for kind, held in self._payloads.items() if identity in held), None)
 
-    def _record(self, identity: EntryId) -> Record:
-        """The record of this identity. Raises KeyError without one."""
+    def record(self, identity: EntryId) -> Record:
+        """The record held of this identity. Raises KeyError without one."""
         kind = self._kind_of(identity)
         if kind is None:
             raise KeyError(identity)
@@ -190,8 +214,8 @@ class ObservationLog:
         )
 
     def newest_ns(self, kind: type[Entry]) -> int:
-        """The latest stamp of the entries of a kind; 0 without any."""
-        return max((identity.stamp_ns for identity in self._payloads[kind]), default=0)
+        """The latest stamp of the entries of a kind that count; 0 without any."""
+        return max((identity.stamp_ns for identity in self._payloads[kind] if not self._takes_back(identity)), default=0)
 
     def forget(self, identity: EntryId) -> bool:
         """Remove an entry that does not count any more; whether it was held."""
@@ -206,6 +230,7 @@ class ObservationLog:
         self._held[publisher].discard(identity.sequence)
         block = numbers_of(identity.sequence // BLOCK)
         self._blocks.change(publisher, identity.sequence, empty=not any(number in numbered for number in block))
+        self._recount(publisher, self._retractions.remove(publisher, identity.sequence), counts=True)
         if not numbered:
             del self._numbered[publisher], self._held[publisher]
             if publisher not in self._contradictions:
@@ -257,7 +282,7 @@ class ObservationLog:
             unwanted = () if told.cut is None else ((told.cut, _EVERYTHING),)
             for first, last in self._held.get(publisher, SequenceSet()).without(SequenceSet((*told.ranges, *unwanted))):
                 for sequence in range(first, last + 1):
-                    yield numbered[sequence], self._record(numbered[sequence])
+                    yield numbered[sequence], self.record(numbered[sequence])
 
     def _contradicting(self, summary: Summary) -> Iterator[tuple[EntryId, Record]]:
         """The proofs that a peer lacks; and whatever it holds in another version, with the rest of that block."""
@@ -273,7 +298,7 @@ class ObservationLog:
                 if all(number in numbered for number in numbers) and hashed != hash_of(
                     self._payload(numbered[number]) for number in numbers
                 ):
-                    yield from ((numbered[number], self._record(numbered[number])) for number in numbers)
+                    yield from ((numbered[number], self.record(numbered[number])) for number in numbers)
 
     def _hash_of_block(self, publisher: Publisher, block: int) -> bytes:
         """The hash of what is held of a block."""

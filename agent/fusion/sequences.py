@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
 
 Range = tuple[int, int]  # first and last, both held
@@ -25,21 +25,14 @@ class SequenceSet:
 
     def add(self, number: int) -> None:
         """Add a number; one that is held already changes nothing."""
-        place = bisect_right(self._firsts, number)  # ranges before this index start at or before the number
-        if place and number <= self._lasts[place - 1]:
-            return
-        touches_left = place > 0 and self._lasts[place - 1] == number - 1
-        touches_right = place < len(self._firsts) and self._firsts[place] == number + 1
-        if touches_left and touches_right:
-            self._lasts[place - 1] = self._lasts.pop(place)
-            self._firsts.pop(place)
-        elif touches_left:
-            self._lasts[place - 1] = number
-        elif touches_right:
-            self._firsts[place] = number
-        else:
-            self._firsts.insert(place, number)
-            self._lasts.insert(place, number)
+        self.add_range(number, number)
+
+    def add_range(self, first: int, last: int) -> None:
+        """Add all numbers of a range."""
+        begin, end = bisect_left(self._lasts, first - 1), bisect_right(self._firsts, last + 1)  # ranges that it meets or touches
+        if begin < end:
+            first, last = min(first, self._firsts[begin]), max(last, self._lasts[end - 1])
+        self._firsts[begin:end], self._lasts[begin:end] = [first], [last]
 
     def discard(self, number: int) -> None:
         """Remove a number; one that is not held changes nothing."""
@@ -57,6 +50,11 @@ class SequenceSet:
 
     def __iter__(self) -> Iterator[Range]:
         return zip(self._firsts, self._lasts, strict=True)
+
+    def within(self, first: int, last: int) -> Iterator[int]:
+        """The numbers held of a range, ascending; what is held beside it is not looked through."""
+        for place in range(bisect_left(self._lasts, first), bisect_right(self._firsts, last)):
+            yield from range(max(first, self._firsts[place]), min(last, self._lasts[place]) + 1)
 
     def without(self, other: SequenceSet) -> Iterator[Range]:
         """The numbers of this set that are not in the other one, as ranges; what the other one holds is not looked through."""

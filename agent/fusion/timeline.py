@@ -43,6 +43,10 @@ class Timeline:
         self._step_of[identity] = self._steps[bisect_left(self._steps, step)]  # one number in memory for all of its entries
         return place - _first(held, identity.drone) < MOST_OBSERVATIONS
 
+    def step_of(self, identity: EntryId) -> int | None:
+        """The step in which an entry was observed; None where it holds no observation."""
+        return self._step_of.get(identity)
+
     def remove(self, identity: EntryId) -> int | None:
         """Remove an entry's observation; the step that has changed by it, or None."""
         step = self._step_of.pop(identity, None)

@@ -16,8 +16,10 @@ both ways are of one time again.
 Where the own clock is set, the others' are not: all that is known moves along, whether they are heard then or not. Until they
 have heard a status with a new stamp, they go on to report a delay by the former clock, which moves along too.
 
-Where most clocks are set back, so is the time that they agree on. Until that has come again to where it was, all have measured at
-these stamps before, elsewhere: whoever measures then is wrong by the step, even if its clock is right by the new time.
+Where most clocks are set back, so is the time that they agree on. A clock that was right by it before, and was not set back, has
+stamped measurements of that time, which were made elsewhere: until it has come again to where it was, whoever measures then is
+wrong by the step, even if its clock is right by the new time. Without such a clock all that was stamped by the former time is
+void (``sensing.numbering``): the hypothesis follows the common time back.
 """
 
 from __future__ import annotations
@@ -41,6 +43,7 @@ _LEAST_TRIP_NS = -50_000_000  # of the two delays together: clocks drift, and a 
 # delays of the two ways are at most a second apart, and one may be lost and the next one late.
 _HELD_NS = 5_000_000_000
 _SET_BACK_NS = 1_000_000_000  # of the common time; estimates of it differ by less
+_AGAIN_NS = 2_000_000_000  # statuses come once a second, and tell until when a clock was right at least
 _MOST_DELAY_NS = 2**62  # the limit of the message's field
 
 
@@ -64,8 +67,9 @@ class Clocks:
         self._set_ns = 0
         self._since_ns: dict[str, int] = {}  # by how much the own clock was set, for who may report a delay by the former one
         self._outvoted_s = 0.0  # of the own clock from the common time; 0 where it is not known to be wrong
-        self._latest_ns = 0  # of the common time
-        self._back_s = 0.0  # by how much that was set back, until it has come to where it was
+        self._agreed_ns: dict[str, int] = {}  # the common time at which each of the others' clocks was right by it
+        self._back_s = 0.0  # by how much that was set back, while one that was right by it stamps what was measured elsewhere
+        self._followed_ns = 0
         # Offset of the own clock from the median of all known clocks, its own included. Where they split into halves (two drones)
         # nobody can tell which half is right: then the offset from the other half, on both sides.
         self.offset_s = 0.0
@@ -139,13 +143,14 @@ class Clocks:
 
     def _watch_common(self, now_ns: int) -> None:
         """Note where the common time is set back, as far as it is known."""
-        if not self._known:
-            return
         common_ns = self.common_ns(now_ns)
-        if common_ns >= self._latest_ns:
-            self._latest_ns, self._back_s = common_ns, 0.0
-        elif self._latest_ns - common_ns > _SET_BACK_NS:
-            self._back_s = max(self._back_s, 1e-9 * (self._latest_ns - common_ns))
+        right = {name for name, offset_s in self._known.items() if abs(offset_s - self._outvoted_s) <= LIMIT_S}
+        self._agreed_ns |= dict.fromkeys(right, common_ns)
+        back_ns = max((at_ns - common_ns for name, at_ns in self._agreed_ns.items() if name not in right), default=-_AGAIN_NS)
+        if back_ns <= -_AGAIN_NS:
+            self._back_s = 0.0
+        elif back_ns > _SET_BACK_NS:
+            self._back_s = max(self._back_s, 1e-9 * back_ns)
 
     def delays_ns(self, now_ns: int) -> dict[str, int]:
         """The smallest delay of each drone that is heard, as this drone publishes it."""
@@ -190,6 +195,21 @@ class Clocks:
         """
         return now_ns - round(1e9 * self._outvoted_s)
 
+    def followed_ns(self, now_ns: int) -> int:
+        """The common time as the hypothesis follows it, which stands still where it is set back to stamps that somebody else has
+        measured at, or by no more than estimates of it differ.
+        """
+        common_ns = self.common_ns(now_ns)
+        back_ns = self._followed_ns - common_ns
+        if back_ns < 0 or (back_ns > _SET_BACK_NS and self._back_s == 0.0):
+            self._followed_ns = common_ns
+        return self._followed_ns
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether stamps by the own clock may be wrong."""
+        return max(abs(self.offset_s), self._back_s) > LIMIT_S
+
     def problem(self, now_ns: int) -> str | None:
         """The problem of the own clock reported to the operator; None while it is right."""
         if abs(self.offset_s) <= LIMIT_S:
@@ -202,7 +222,7 @@ class Clocks:
     def sigma_m(self, speed_mps: float) -> float:
         """1 sigma (m) that the own clock's offset, or a step of the common time, adds to a position; 0 within the limit."""
         error_s = max(abs(self.offset_s), self._back_s)
-        return 0.0 if error_s <= LIMIT_S else min(speed_mps * error_s, MOST_SIGMA_M)
+        return min(speed_mps * error_s, MOST_SIGMA_M) if self.is_doubted else 0.0
 
 
 def _held(before: _Held | None, own_ns: int, returned_ns: int, now_ns: int) -> _Held:

@@ -7,7 +7,7 @@ from functools import partial
 
 from agent.config.mission import MissionConfig
 from agent.frames.swarm import SwarmFrames
-from agent.fusion.engine import Fusion
+from agent.fusion.engine import RECOUNTED, Fusion
 from agent.fusion.posterior import Posterior, posterior_of
 from agent.fusion.registry import Estimators
 from protocol.entries import Cone, Entry, EntryId
@@ -32,6 +32,7 @@ class WorldModel:
         self.last_cone_ns, self.backlog_s = 0, 0.0
         self._started_ns = 0
         self._forgotten: list[EntryId] = []
+        self._recounted = 0  # how many of the log's ``recounted`` the frames have seen to
 
     @property
     def pending(self) -> bool:
@@ -43,7 +44,8 @@ class WorldModel:
     @property
     def is_behind(self) -> bool:
         """As ``pending``, but for what another process has to compute first."""
-        return bool(self._forgotten) or self.frames.pending or self.fusion.is_behind
+        recounted = self._recounted == len(self.fusion.log.recounted)
+        return bool(self._forgotten) or not recounted or self.frames.pending or self.fusion.is_behind
 
     def posteriors(self, now_ns: int) -> dict[str, Posterior]:
         """What each estimator holds possible, by name; without those that tell nothing yet."""
@@ -66,9 +68,11 @@ class WorldModel:
             if log.last_counted(*publisher) < last:
                 self.forget(log.beyond(entry.drone, partial(log.last_counted, entry.drone)))
             return False
-        self.frames.receive(entry, payload)
         for listener in self.listeners.values():
             listener.receive(entry, payload)
+        if not log.counts(entry.entry_id):
+            return True
+        self.frames.receive(entry, payload)
         if isinstance(entry, Cone):
             self.last_cone_ns = max(self.last_cone_ns, min(entry.stamp_ns, now_ns))
         return True
@@ -83,13 +87,32 @@ class WorldModel:
         for listener in self.listeners.values():
             listener.forget(portion)
         if not self._forgotten:
-            newest_ns = self.fusion.log.newest_ns(Cone)
-            self.last_cone_ns = min(newest_ns, now_ns) if newest_ns >= self._started_ns else 0
+            self._look_for_cones(now_ns)
+
+    def _recount(self, now_ns: int) -> None:
+        """Have the frames see to a bounded number of the entries that have ceased to count, or begun again."""
+        log = self.fusion.log
+        changed: dict[EntryId, bool] = {}
+        for identity, counts in log.recounted[self._recounted : self._recounted + RECOUNTED]:
+            self._recounted += 1
+            if changed.pop(identity, None) is None:  # else it is as it was
+                changed[identity] = counts
+        self.frames.retract([identity for identity, counts in changed.items() if not counts])
+        again = [log.record(identity) for identity, counts in changed.items() if counts and log.counts(identity)]
+        self.frames.receive_again([(record.entry, record.payload) for record in again])
+        if self._recounted == len(log.recounted):
+            self._look_for_cones(now_ns)
+
+    def _look_for_cones(self, now_ns: int) -> None:
+        newest_ns = self.fusion.log.newest_ns(Cone)
+        self.last_cone_ns = min(newest_ns, now_ns) if newest_ns >= self._started_ns else 0
 
     def advance(self, now_ns: int) -> None:
         """Process new entries: almost free without any; a large backlog takes several calls."""
         if self._forgotten:
             self._forget(now_ns)
+        if self._recounted < len(self.fusion.log.recounted):
+            self._recount(now_ns)
         self.frames.advance(self.fusion.begin_ns(now_ns), takes_late=not self.fusion.is_busy)
         for fusion in (self.fusion, *self.listeners.values()):
             fusion.advance(now_ns)

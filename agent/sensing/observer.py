@@ -17,7 +17,7 @@ from agent.localization.history import HISTORY_NS, PoseHistory
 from agent.sensing.overground import OverGround
 from agent.terrain.ground import Ground
 from agent.vehicle.interface import VehicleState
-from protocol.entries import CarriedFrame, Cone, ConeOrder, Counts, Coverage, Entry, Exposure, PoseSample
+from protocol.entries import CarriedFrame, Cone, ConeOrder, Counts, Coverage, Entry, Exposure, PoseSample, Retraction
 
 EXPOSURE_NS = 500_000_000
 SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
@@ -79,6 +79,24 @@ class Observer:
             epoch=epoch,
             path_m=path_m,
             swath_m=swath_m,
+        )
+
+    def taken_back(self, stamp_ns: int, first: int, last: int) -> Retraction:
+        """The log entry that takes back those of these numbers, which a wrong clock has stamped: what is measured at the same
+        stamps from now on is used.
+        """
+        self._waiting.clear()
+        self._start_ns, self._end_ns, self._unused_ns, self._live_s = None, 0, 0, 0.0
+        self._hits = self._photopeak = self._coincidences = 0
+        self._spectrum = CoarseSpectrum()
+        return Retraction(
+            stamp_ns=stamp_ns,
+            drone=self._drone,
+            mission=self._mission,
+            boot=self._boot,
+            sequence=next(self._numbers),
+            first=first,
+            last=last,
         )
 
     @property

@@ -61,11 +61,16 @@ class PositionSensors:
             vertical_sigma_m=float(fix.vertical_sigma_m),
         )
 
+    def begin_anew(self) -> None:
+        """What was logged of later stamps is taken back."""
+        self._newest_ns = 0
+
     def sighting(self, seen: SeenDrone) -> Sighting | None:
         """The log entry of a relative observation, its direction in the local frame; None where it cannot be used.
 
         Where the clock was set back, the log holds this drone's poses of those stamps already, and that they are right: what it
-        sees of the others now would contradict where they were then. Such a sighting is ``NOT_LOGGED``.
+        sees of the others now would contradict where they were then. Such a sighting is ``NOT_LOGGED``, until these are taken
+        back (``begin_anew``).
         """
         if seen.target not in self._others:
             self._counters["sightings_of_nobody"] += 1

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 Delay = Annotated[float, Meta(ge=0.0, le=60.0)]
-LOG_KINDS = ("credential", "cone", "exposure", "sighting", "fix", "coverage")
+LOG_KINDS = ("credential", "cone", "exposure", "sighting", "fix", "coverage", "retraction")
 
 
 class RadioTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

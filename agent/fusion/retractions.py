@@ -1,0 +1,42 @@
+"""What its own drone has taken back: which entries of a log do not count, because the clock that stamped them was wrong.
+
+That depends on the retractions held alone, not on when they came. A drone can take back only what it has published itself.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+from agent.fusion.blocks import Publisher
+from agent.fusion.sequences import Range, SequenceSet
+from protocol.entries import Retraction
+
+
+class Retractions:
+    """The retractions in a log, by publisher."""
+
+    def __init__(self) -> None:
+        self._held: defaultdict[Publisher, dict[int, Range]] = defaultdict(dict)  # by the retraction's own number
+        self._numbers: dict[Publisher, SequenceSet] = {}  # all that they take back
+
+    def takes_back(self, publisher: Publisher, number: int) -> bool:
+        """Whether the measurement with that number does not count."""
+        numbers = self._numbers.get(publisher)
+        return numbers is not None and number in numbers
+
+    def add(self, retraction: Retraction) -> list[Range]:
+        """Take a retraction; the numbers that count no more since. Each does so once, however often it is taken back."""
+        publisher = retraction.drone, retraction.boot
+        self._held[publisher][retraction.sequence] = retraction.first, retraction.last
+        numbers = self._numbers.setdefault(publisher, SequenceSet())
+        changed = list(SequenceSet([(retraction.first, retraction.last)]).without(numbers))
+        numbers.add_range(retraction.first, retraction.last)
+        return changed
+
+    def remove(self, publisher: Publisher, number: int) -> list[Range]:
+        """The retraction with that number, if it is one, does not count any more; the numbers that count again."""
+        gone = self._held[publisher].pop(number, None) if publisher in self._held else None
+        if gone is None:
+            return []
+        self._numbers[publisher] = SequenceSet(self._held[publisher].values())
+        return list(SequenceSet([gone]).without(self._numbers[publisher]))

@@ -1,0 +1,74 @@
+"""Sequence numbers of the own log entries, and which of them were given while the clock was wrong.
+
+Whether a clock that is set back was wrong before, or is wrong since, it does not say itself. If it turns out to be right since,
+what it stamped before is taken back: where it had been set ahead by as much, all since then; else what it stamped later than the
+time to which it was set back. Where that time has come again before, nobody can tell any more.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+from msgspec import Struct
+
+_LONGEST_STEP_NS = 2_000_000_000  # of a clock that was not set, as the agent sees it
+_SET_BACK_NS = 1_000_000_000  # by less, stamps are hardly wrong
+_ALIKE_NS = 1_000_000_000  # two steps of a clock: of one that drifts, and of an agent that was late
+_NOTED_NS = 1_000_000_000
+_MOST_NOTED, _MOST_STEPS = 600, 8
+
+
+class _Doubted(Struct, frozen=True):
+    """Numbers of entries whose stamps may be wrong, and the time when they were given the last one, by that clock."""
+
+    first: int
+    last: int
+    until_ns: int
+
+
+class Numbering(Iterator[int]):
+    """Gives consecutive numbers, from 1 on."""
+
+    def __init__(self) -> None:
+        self._next = 1
+        self._now_ns: int | None = None
+        self._noted: deque[tuple[int, int]] = deque(maxlen=_MOST_NOTED)  # a time of each second, and the next number then
+        self._ahead: deque[tuple[int, int]] = deque(maxlen=_MOST_STEPS)  # the next number at a step ahead, and the step
+        self._doubted: _Doubted | None = None
+
+    def __next__(self) -> int:
+        """The next number."""
+        number, self._next = self._next, self._next + 1
+        return number
+
+    def keep_time(self, now_ns: int) -> None:
+        """Look at the own clock: before numbers are given by it, or at most a moment later."""
+        before_ns, self._now_ns = self._now_ns, now_ns
+        step_ns = 0 if before_ns is None else now_ns - before_ns
+        if before_ns is not None and step_ns < -_SET_BACK_NS:
+            self._set_back(before_ns, now_ns)
+        elif step_ns > _LONGEST_STEP_NS:  # or the agent has stood still
+            self._ahead.append((self._next, step_ns))
+        if self._doubted is not None and now_ns >= self._doubted.until_ns:
+            self._doubted = None
+        if not self._noted or now_ns - self._noted[-1][0] >= _NOTED_NS:
+            self._noted.append((now_ns, self._next))
+
+    def _set_back(self, before_ns: int, now_ns: int) -> None:
+        first = self._next
+        while self._noted and self._noted[-1][0] > now_ns:
+            first = self._noted.pop()[1]
+        alike = (number for number, step_ns in self._ahead if abs(before_ns - now_ns - step_ns) <= _ALIKE_NS)
+        first = max(alike, default=first)
+        if self._doubted is not None:
+            first, before_ns = min(first, self._doubted.first), max(before_ns, self._doubted.until_ns)
+        if first < self._next:
+            self._doubted = _Doubted(first, self._next - 1, before_ns)
+
+    def wrong(self) -> tuple[int, int] | None:
+        """The first and the last number of the entries that the clock has stamped wrongly, told once, where it is known to be
+        right now; None without any.
+        """
+        doubted, self._doubted = self._doubted, None
+        return None if doubted is None else (doubted.first, doubted.last)
