@@ -67,7 +67,7 @@ class Clocks:
         self._set_ns = 0
         self._since_ns: dict[str, int] = {}  # by how much the own clock was set, for who may report a delay by the former one
         self._outvoted_s = 0.0  # of the own clock from the common time; 0 where it is not known to be wrong
-        self._agreed_ns: dict[str, int] = {}  # the common time at which each of the others' clocks was right by it
+        self._agreed_ns: dict[str, int] = {}  # the common time at which each clock was last right by it
         self._back_s = 0.0  # by how much that was set back, while one that was right by it stamps what was measured elsewhere
         self._followed_ns = 0
         # Offset of the own clock from the median of all known clocks, its own included. Where they split into halves (two drones)
@@ -144,7 +144,8 @@ class Clocks:
     def _watch_common(self, now_ns: int) -> None:
         """Note where the common time is set back, as far as it is known."""
         common_ns = self.common_ns(now_ns)
-        right = {name for name, offset_s in self._known.items() if abs(offset_s - self._outvoted_s) <= LIMIT_S}
+        offsets_s = {self._drone: 0.0, **self._known}
+        right = {name for name, offset_s in offsets_s.items() if abs(offset_s - self._outvoted_s) <= LIMIT_S}
         self._agreed_ns |= dict.fromkeys(right, common_ns)
         back_ns = max((at_ns - common_ns for name, at_ns in self._agreed_ns.items() if name not in right), default=-_AGAIN_NS)
         if back_ns <= -_AGAIN_NS:

@@ -59,8 +59,10 @@ class Numbering(Iterator[int]):
         first = self._next
         while self._noted and self._noted[-1][0] > now_ns:
             first = self._noted.pop()[1]
-        alike = (number for number, step_ns in self._ahead if abs(before_ns - now_ns - step_ns) <= _ALIKE_NS)
-        first = max(alike, default=first)
+        if any(alike := [abs(before_ns - now_ns - step_ns) <= _ALIKE_NS for _, step_ns in self._ahead]):
+            while not alike.pop():
+                self._ahead.pop()
+            first = self._ahead.pop()[0]
         if self._doubted is not None:
             first, before_ns = min(first, self._doubted.first), max(before_ns, self._doubted.until_ns)
         if first < self._next:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from schema_messages import document, messages
 
 from protocol.codec import MAX_ENTRY_BYTES, MAX_PAYLOAD_BYTES, decode, decode_from, encode
-from protocol.entries import Cone, ConeOrder, Counts, Coverage, Exposure, PoseSample, Sighting
+from protocol.entries import Cone, ConeOrder, Counts, Coverage, Exposure, PoseSample, Retraction, Sighting
 from protocol.errors import ProtocolError
 from protocol.keys import command_key, drone_key, key_of
 from protocol.message import Message
@@ -279,6 +279,7 @@ SIGHTING = Sighting(
     **ENTRY, target="uav2", position_m=(0.0, 0.0, 3.0), direction=(0.0, 1.0, 0.0), direction_sigma_rad=0.01
 )  # fmt: skip
 COVERAGE = Coverage(**ENTRY, path_m=((0.0, 0.0),), swath_m=10.0)
+RETRACTION = Retraction(**SENDER, mission=HEX, boot=HEX, sequence=9, first=4, last=8)
 
 
 def sources(*covariance_m2: float) -> tuple[Source, ...]:
@@ -314,6 +315,8 @@ def orders(first: float, second: float) -> tuple[ConeOrder, ConeOrder]:
         (SIGHTING, {"range_m": 10.0}, "one is missing"),
         (SIGHTING, {"range_sigma_m": 1.0}, "one is missing"),
         (COVERAGE, {"swath_m": 0.0}, "swath_m"),
+        (RETRACTION, {"first": 9}, "earlier entries"),
+        (RETRACTION, {"last": 9}, "earlier entries"),
         (PLAN, {"step_ns": 0}, "step_ns"),
         (PLAN, {"step_ns": 1}, "step_ns"),
         (PLAN, {"step_ns": 10_000_000_001}, "step_ns"),

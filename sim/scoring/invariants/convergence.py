@@ -86,6 +86,8 @@ class Converged(Invariant[Moment]):
         if len(pilots) < 2:
             return
         now_ns = EPOCH_NS + round(moment.time_s * 1e9)
+        for pilot in pilots:  # one whose clock was wrong until now may take back what it has stamped
+            pilot.advance(now_ns)
         exchange(pilots, now_ns)
         work_off(pilots, now_ns)
         digests = {pilot.digest for pilot in pilots}
@@ -116,7 +118,7 @@ def work_off(pilots: Sequence[Pilot], now_ns: int) -> None:
             pilot.advance(now_ns)
             if not pilot.pending:
                 break
-        common_ns = max(stamps_ns) + _LATER_NS  # a clock may be ahead, and what was told by it does not run back
+        common_ns = max(stamps_ns) + _LATER_NS  # a clock may have been ahead
         for _ in range(_CALLS):
             pilot.frames.advance(pilot.fusion.begin_ns(common_ns))
             pilot.fusion.advance(common_ns)

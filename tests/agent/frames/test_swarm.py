@@ -416,6 +416,47 @@ def test_what_is_forgotten_leaves_no_trace_in_the_frames(seed):
     assert lines(frames, flown) == lines(at_once(flown), flown)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_taken_back_leaves_no_trace_and_counts_again_if_it_does(seed):
+    """Some of it while it waits, some after it has been estimated, some before anything was."""
+    flown = fly(satellites(), 14.0, seed, datum=True)
+    rng = random.Random(seed)
+    gone = rng.sample([entry for entry in flown.entries if entry.drone == "d2"], 40)
+    frames, never = SwarmFrames(flown.mission), SwarmFrames(flown.mission)
+    for place, entry in enumerate(rng.sample(flown.entries, len(flown.entries))):
+        frames.receive(entry, encode(entry))
+        if entry not in gone:
+            never.receive(entry, encode(entry))
+        if place % 200 == 0:
+            frames.advance(arrival_ns(entry))
+    end_ns = int(flown.stamps_ns[-1]) + SECOND
+    frames.retract([entry.entry_id for entry in gone])
+    for one in (frames, never):
+        settle(one, end_ns)
+    assert lines(frames, flown) == lines(never, flown)
+    frames.receive_again([(entry, encode(entry)) for entry in gone])
+    frames.advance(end_ns)
+    frames.retract([entry.entry_id for entry in gone])
+    frames.receive_again([(entry, encode(entry)) for entry in gone])
+    settle(frames, end_ns)
+    assert lines(frames, flown) == lines(at_once(flown), flown)
+
+
+def test_where_time_goes_back_so_do_the_frames():
+    flown = fly(satellites(), 14.0, 0, datum=True)
+    frames, never = SwarmFrames(flown.mission), SwarmFrames(flown.mission)
+    for entry in flown.entries:
+        frames.receive(entry, encode(entry))
+        never.receive(entry, encode(entry))
+    end_ns = int(flown.stamps_ns[-1]) + SECOND
+    settle(frames, end_ns)
+    for one in (frames, never):
+        settle(one, end_ns - 7 * SECOND)
+    assert lines(frames, flown) == lines(never, flown) != lines(at_once(flown), flown)
+    settle(frames, end_ns)
+    assert lines(frames, flown) == lines(at_once(flown), flown)
+
+
 def test_a_drone_of_which_nothing_counts_has_no_frame_any_more():
     flown = fly(satellites(), 14.0, 1, datum=True)
     gone = [entry for entry in flown.entries if entry.drone == "d2"]

@@ -493,9 +493,14 @@ def test_a_start_leaves_out_the_same_whenever_it_is_told(kit, mission, entries, 
     assert not agrees(kit, told_first, in_order)
 
 
-def test_time_does_not_run_back(kit, mission, entries, in_order):
-    fusion = fusion_of(mission)
-    kit.feed(fusion, entries)
+@pytest.mark.parametrize("back_s", [0.5, 7.0, 25.0, 45.0])
+def test_where_time_goes_back_so_does_the_hypothesis(kit, mission, entries, in_order, back_s):
+    """The swarm's common time was ahead: what the log says of the time that it is now counts, and again when that has passed."""
+    fusion, never = fusion_of(mission), fusion_of(mission)
+    for one in (fusion, never):
+        kit.feed(one, entries)
     kit.settle(fusion, kit.T0_NS + END_NS)
-    fusion.advance(kit.T0_NS)
+    back_ns = kit.T0_NS + END_NS - round(back_s * 1e9)
+    assert kit.same_bits(kit.settle(fusion, back_ns, budget=40), kit.settle(never, back_ns))
+    kit.settle(fusion, kit.T0_NS + END_NS)
     assert agrees(kit, fusion, in_order)

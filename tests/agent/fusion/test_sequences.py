@@ -47,6 +47,17 @@ def test_without(left, right):
     assert all(before[1] < after[0] for before, after in pairwise(ranges))
 
 
+@given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 6))), st.integers(0, 40), st.integers(0, 6))
+def test_ranges_are_added_whole_and_looked_up(several, first, length):
+    held = SequenceSet()
+    for start, more in several:
+        held.add_range(start, start + more)
+    numbers = {number for start, more in several for number in range(start, start + more + 1)}
+    assert spread(held) == numbers
+    assert all(right[0] > left[1] + 1 for left, right in pairwise(held))
+    assert list(held.within(first, first + length)) == sorted(numbers & set(range(first, first + length + 1)))
+
+
 @pytest.mark.parametrize("ranges", [[(1, 3), (2, 8)], [(1, 3), (4, 8)], [(1, 8), (2, 3)]])
 def test_overlapping_ranges_merge(ranges):
     assert list(SequenceSet(ranges)) == [(1, 8)]

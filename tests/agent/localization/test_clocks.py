@@ -145,7 +145,7 @@ def test_where_most_clocks_are_set_back_all_are_wrong_until_the_common_time_has_
     """All drones have measured at those stamps before, elsewhere, also the one whose clock is right by the new time."""
     names = ("a", "b", "c", "d")
     clocks, back_ms = {name: Clocks(name, [other for other in names if other != name]) for name in names}, 13_000
-    told = {name: [] for name in names}
+    told, followed_s = {name: [] for name in names}, {name: [] for name in names}
     for second in range(40):
         true_ns, set_ms = START_NS + second * SECOND, {"a": -back_ms, "b": 0, "c": 0, "d": 0}
         if second >= 10:
@@ -161,9 +161,44 @@ def test_where_most_clocks_are_set_back_all_are_wrong_until_the_common_time_has_
                     clocks[receiver].hear(status, true_ns + (2 + set_ms[receiver]) * MS)
         for name in names:
             told[name].append(clocks[name].sigma_m(1.0))
+            followed_s[name].append((clocks[name].followed_ns(true_ns + set_ms[name] * MS) - START_NS) / SECOND)
     for second, expected in ((9, "a"), (13, "abcd"), (20, "abcd"), (26, "b"), (39, "b")):
         assert {name for name in names if told[name][second] > 12.5} == set(expected)
         assert all(told[name][second] == 0.0 for name in set(names) - set(expected))
+    for one in followed_s.values():  # the hypothesis waits for it meanwhile
+        assert one[9] == pytest.approx(9.0, abs=0.1)
+        assert all(one[second] == pytest.approx(9.5, abs=0.6) for second in range(12, 22))
+        assert one[30] == pytest.approx(17.0, abs=0.1)
+
+
+@pytest.mark.parametrize("silent", ["", "d"])
+def test_where_most_clocks_were_ahead_for_a_while_all_follow_the_common_time_back(silent):
+    """Nobody who was right by it has measured at those stamps but who was wrong: also where one is not heard any more, soon."""
+    names, ahead_ms = ("a", "b", "c", "d"), 26_600
+    clocks = {name: Clocks(name, [other for other in names if other != name]) for name in names}
+    doubted, off_s = {name: [] for name in names}, {name: [] for name in names}
+    for second in range(60):
+        true_ns = START_NS + second * SECOND
+        set_ms = {"a": 0} | dict.fromkeys("bcd", ahead_ms if 10 <= second < 25 else 0)
+        heard = [name for name in names if second < 24 or name not in silent]
+        for name in "bcd" if second >= 25 else "":
+            clocks[name].keep_time(-ahead_ms * MS)
+        for sender in heard:
+            sent_ns = true_ns + set_ms[sender] * MS
+            status = replace(STATUS, drone=sender, stamp_ns=sent_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
+            for receiver in heard:
+                if receiver != sender:
+                    clocks[receiver].hear(status, true_ns + (2 + set_ms[receiver]) * MS)
+        for name in names:
+            doubted[name].append(clocks[name].is_doubted)
+            off_s[name].append((clocks[name].followed_ns(true_ns + set_ms[name] * MS) - true_ns) / SECOND)
+    for name in heard:
+        assert off_s[name][20] == pytest.approx(26.6, abs=0.1)
+        assert [doubted[one][20] for one in "abcd"] == [True, False, False, False]
+        known = 28 if not silent else 54  # d, as far as they know, has measured until then
+        assert all(abs(one) < 0.1 for one in off_s[name][known:])
+        assert not any(doubted[name][known:])
+        assert silent == "" or off_s[name][40] > 9.0
 
 
 @pytest.mark.parametrize("names", [("a", "b", "c"), ("a", "b")])

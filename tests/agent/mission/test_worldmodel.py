@@ -13,7 +13,7 @@ from agent.fusion.paper import PaperEstimator
 from agent.fusion.registry import estimator_named
 from agent.mission.worldmodel import WorldModel
 from protocol.codec import encode
-from protocol.entries import Cone, ConeOrder, Exposure, Sighting
+from protocol.entries import Cone, ConeOrder, Exposure, Retraction, Sighting
 
 TICK_NS = SECOND // 20
 SECONDS = 18.0
@@ -110,9 +110,20 @@ def bits(transform):
     return transform.yaw_rad, transform.translation, None if transform.covariance is None else transform.covariance.tobytes()
 
 
-def compare(estimator, seed):
+def taken_back(entries):
+    """What d2 has measured in three seconds, as stamped by a wrong clock: numbered anew, and taken back two seconds later."""
+    numbered = [entry for entry in entries if entry.drone == "d2" and 8.0 < 1e-9 * (entry.stamp_ns - START_NS) < 11.0]
+    others = [entry for entry in entries if entry not in numbered]
+    wrong = [structs.replace(entry, boot="a" * 16, sequence=k) for k, entry in enumerate(numbered)]
+    at = {"mission": wrong[0].mission, "drone": "d2", "boot": "a" * 16, "stamp_ns": START_NS + 13 * SECOND}
+    return others, [*wrong, Retraction(sequence=len(wrong), first=0, last=len(wrong) - 1, **at)]
+
+
+def compare(estimator, seed, *, takes_back=False):
     """Fly three agents' world models through the flight; how often two of them could be compared, and the final beliefs."""
     flown, entries = recorded(seed)
+    others, wrong = taken_back(entries) if takes_back else (entries, [])
+    entries = [*others, *wrong]
     mission = structs.replace(flown.mission, fusion=structs.replace(flown.mission.fusion, estimator=estimator))
     entries = [structs.replace(entry, mission=mission.mission_id) for entry in entries]
     rng = random.Random(seed)
@@ -132,15 +143,17 @@ def compare(estimator, seed):
                 assert belief(one) == belief(other), f"{1e-9 * (now_ns - START_NS):.2f} s"
                 assert frames_of(one, flown) == frames_of(other, flown), f"{1e-9 * (now_ns - START_NS):.2f} s"
                 compared += 1
-    whole = WorldModel(mission, (), estimator_named)
+    whole, never = (WorldModel(mission, (), estimator_named) for _ in range(2))
     for entry in rng.sample(entries, len(entries)):
         take(whole, entry, now_ns)
-    for world in (*worlds, whole):
+    for entry in entries[: len(others)]:
+        take(never, entry, now_ns)
+    for world in (*worlds, whole, never):
         world.advance(now_ns)
         while world.pending:
             world.advance(now_ns)
-    assert len({belief(world) for world in (*worlds, whole)}) == 1
-    assert all(frames_of(world, flown) == frames_of(whole, flown) for world in worlds)
+    assert len({belief(world) for world in (*worlds, whole, never)}) == 1
+    assert all(frames_of(world, flown) == frames_of(whole, flown) for world in (*worlds, never))
     assert whole.fusion.hypothesis is not None
     return compared
 
@@ -152,6 +165,11 @@ def stamp_of(world):
 @pytest.mark.parametrize("seed", [2, 7, 8])
 def test_agents_with_one_log_have_one_belief_at_any_time(seed):
     assert compare("paper", seed) > 30
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_what_a_drone_has_taken_back_is_in_nobodys_belief(seed):
+    assert compare("paper", seed, takes_back=True) > 20
 
 
 @pytest.mark.slow

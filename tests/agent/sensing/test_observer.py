@@ -329,6 +329,22 @@ def test_counts_from_before_the_clock_was_set_are_dropped(observer, history):
     assert (exposure.stamp_ns, exposure.counts.hits) == (100 * SECOND, 2)
 
 
+def test_times_that_come_again_are_measured_again_once_what_was_stamped_before_is_taken_back(observer, history):
+    """The clock was ahead, and is right since it was set back."""
+    still(history, 1.0, 6.0)
+    before = [entry for k in range(10) for entry in observer.observe(stretch(4.0 + 0.2 * k, 4.2 + 0.2 * k))]
+    assert before[-1].end_ns > 5 * SECOND
+    history.clear()
+    still(history, 1.0, 3.0)
+    assert observer.observe(stretch(1.0, 1.6)) == []
+    assert observer.dropped == 1
+    back = observer.taken_back(2 * SECOND, before[0].sequence, before[-1].sequence)
+    assert (back.first, back.last) == (before[0].sequence, before[-1].sequence)
+    (exposure,) = observer.observe(stretch(2.0, 2.6, hits=3))
+    assert (exposure.stamp_ns, exposure.end_ns, exposure.counts.hits) == (2 * SECOND, round(2.6 * SECOND), 3)
+    assert before[-1].sequence < back.sequence < exposure.sequence
+
+
 def test_live_time_is_never_longer_than_the_exposure(observer):
     (exposure,) = observer.observe(stretch(0.0, 0.6, live_s=0.7))
     assert exposure.live_time_s == pytest.approx(0.6)

@@ -135,3 +135,5 @@ def test_after_its_clock_was_set_back_a_drone_logs_no_sighting_of_stamps_that_it
     assert len(one._peers["d2"].sightings) == 3
     (entry,) = told(one.observe_sightings([replace(SEEN, stamp_ns=START_NS + SECOND // 4)]), Sighting)
     assert entry.sequence == 3
+    one._sensors.begin_anew()  # these are taken back
+    assert told(one.observe_sightings([replace(SEEN, stamp_ns=START_NS - back_ns + 2 * SECOND)]), Sighting)

@@ -8,7 +8,7 @@ import msgspec
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from protocol.entries import CarriedFrame, Cone, Exposure, Sighting
+from protocol.entries import CarriedFrame, Cone, Exposure, Retraction, Sighting
 from protocol.messages import KINDS, AnyMessage, Frame, Plan, Source
 
 UNIT_BOUND = 1.000001  # of the components of unit vectors and quaternions
@@ -94,6 +94,12 @@ def _of_another(values: dict[str, Any]) -> dict[str, Any]:
     return seen if seen["direction"] or seen["range_m"] is not None else {**seen, "range_m": 1.0, "range_sigma_m": 0.1}
 
 
+def _of_before(values: dict[str, Any]) -> dict[str, Any]:
+    """A retraction of entries with lower numbers than its own."""
+    first, last = sorted(min(values[name], 2**40 - 1) for name in ("first", "last"))
+    return {**values, "first": first, "last": last, "sequence": max(values["sequence"], last + 1)}
+
+
 def _product(numbers: tuple[float, ...], size: int) -> list[list[float]]:
     """The covariance v v^T + 1 of a vector."""
     v = [max(-1e5, min(1e5, number)) for number in numbers[:size]]
@@ -119,6 +125,7 @@ CONSISTENT: dict[type, Callable[[dict[str, Any]], dict[str, Any]]] = {
     Exposure: _ordered,
     Frame: _unsure_frame,
     Plan: _flyable,
+    Retraction: _of_before,
     Sighting: _of_another,
     Source: _unsure_source,
 }
