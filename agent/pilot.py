@@ -99,10 +99,9 @@ class Pilot:
         self._clocks = Clocks(drone.id, others)
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps
         self._own = OwnPose(member, graph, self._clocks, self.counters, speed_mps, epoch_offset)
-        history, numbers = self._own.history, Numbering()
-        self._numbers = numbers
-        self._observer = Observer(drone, mission, boot, history, numbers, self._own.carried)
-        self._sensors = PositionSensors(drone.id, others, self._mission_id, boot, history, numbers, self.counters)
+        history, self._numbers = self._own.history, Numbering()
+        self._observer = Observer(drone, mission, boot, history, self._numbers, self._own.carried)
+        self._sensors = PositionSensors(drone.id, others, self._mission_id, boot, history, self._numbers, self.counters)
         self._camera = Camera(mission, drone.calibration, self._observer, self.counters)
         self._peers = Peers(others)
         self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory)

@@ -22,7 +22,7 @@ from agent.fusion.timeline import Timeline
 from agent.geometry import Vector3
 from protocol.entries import AnyEntry, Entry, EntryId
 
-RECOUNTED = 250  # entries in a call of ``advance`` that cease to count, or begin again: some milliseconds
+RECOUNTED = 250  # entries that cease to count, or begin again, in a call of ``advance``: some milliseconds
 SLICE_UNITS = 400  # work per call of advance, in units of ``Estimator.work``: about 10 ms
 _NEVER, _AFTER = -1, 2**63  # before and after every step
 
@@ -172,9 +172,7 @@ class Fusion:
             self._rewind(self._put(identity, read))
 
     def _recount(self) -> None:
-        """See to entries that have ceased to count, or begun again: as late as others of their time, so that a drone that takes
-        back again and again delays nothing.
-        """
+        """See to entries that have ceased to count, or begun again: as late as what comes now, which delays nothing."""
         portion = self.log.recounted[self._recounted : self._recounted + RECOUNTED]
         self._recounted += len(portion)
         for identity, _ in portion:
@@ -183,10 +181,9 @@ class Fusion:
             entry = self.log.entry(identity) if self.log.counts(identity) else None
             if isinstance(entry, self.estimator.reads):
                 self._take(identity, entry, known_ns(entry) // self._grid_ns)
-            elif (step := self._timeline.step_of(identity)) is not None:
-                self._take(identity, None, step)
-            else:
-                self._put(identity, None)  # it may wait for its frame
+            else:  # without a step it waits for its frame, or holds no observation
+                step = self._timeline.step_of(identity)
+                self._take(identity, None, _AFTER if step is None else step)
 
     def forget(self, identities: Iterable[EntryId]) -> list[EntryId]:
         """Take back entries that do not count any more; returns those that were held. What follows from them is computed again,
@@ -211,10 +208,10 @@ class Fusion:
             self._current, self._stale = (None, _NEVER), True
 
     def advance(self, now_ns: int, budget: int = SLICE_UNITS) -> None:
-        """Bring the hypothesis up to the grid step of ``now_ns``.
+        """Bring the hypothesis up to the grid step of ``now_ns``, or back to it.
 
         ``budget``: at most so many units of the estimator's work; a step is never split and at least one is computed. ``pending``
-        tells whether work is left for the next call. Where now goes back, so does the hypothesis, to what the log says of that time.
+        tells whether work is left for the next call.
         """
         before, self._due_step = self._due_step, (now_ns - self._hold_ns) // self._grid_ns
         if self._due_step < before:

@@ -71,7 +71,7 @@ class ObservationLog:
     greater number in that boot. The first one that anybody proves decides, so that all who know the same entries leave out the
     same, in whatever order they got them. Whoever owns the log takes out what it holds of that (``beyond``, ``last_counted``).
 
-    What its own drone has taken back (``Retraction``) stays in the log, so that all logs have the same content, and does not count
+    What its own drone has taken back (``Retraction``) stays in the log, so that all logs have one content, and does not count
     (``counts``). ``recounted``: the entries held that have ceased to count (False), or begun again, in the order in which that
     happened; it only grows, and whoever holds what follows from the entries reads on where it was.
 

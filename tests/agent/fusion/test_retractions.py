@@ -113,7 +113,9 @@ def test_one_that_takes_back_all_that_it_says_keeps_nobody_from_folding_the_othe
             kit.feed(fusion, [flown.pop()])
         if tick % 20 == 0:
             second = tick // 20
-            liar = kit.cone_entry(mission, max(0.0, second - 20.0), (0.0, 0.0, 3.0), (0.0, 0.0, 1.0), 1.0, sequence=5000 + 2 * second)
+            liar = kit.cone_entry(
+                mission, max(0.0, second - 20.0), (0.0, 0.0, 3.0), (0.0, 0.0, 1.0), 1.0, sequence=5000 + 2 * second
+            )
             kit.feed(fusion, [liar, retraction(kit, mission, 0, liar.sequence, sequence=liar.sequence + 1)])
         fusion.advance(now_ns, 30)
         waited = waited + 1 if fusion.pending else 0
