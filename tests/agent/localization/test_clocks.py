@@ -7,10 +7,15 @@ from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, messages, pilot, state, tracking
 
 from agent.localization.clocks import HEARD_NS, WINDOW_NS, Clocks
-from protocol.codec import encode
+from agent.vehicle.interface import GnssFix
+from protocol.codec import decode_from, encode
+from protocol.entries import Fix, Retraction
 from protocol.keys import key_of
 from protocol.messages import Pose, Stage, Status
 
+FIX = GnssFix(
+    stamp_ns=START_NS, latitude_deg=50.0, longitude_deg=14.0, altitude_m=300.0, horizontal_sigma_m=1.2, vertical_sigma_m=2.0
+)
 STATUS = Status(stamp_ns=0, drone="a", mission="0" * 16, boot="1" * 16, stage=Stage.TRACK)
 MS = 1_000_000
 
@@ -267,6 +272,30 @@ def test_the_hypothesis_grows_old_where_the_clock_is_set_back_while_nobody_is_he
         one.observe_vehicle(state(set_back_ns))
         one.step(set_back_ns)
     assert one.hypothesis.stamp_ns == pytest.approx(now_ns + 5 * SECOND, abs=SECOND)
+
+
+def test_what_was_stamped_while_the_clock_was_ahead_is_taken_back_and_the_hypothesis_follows():
+    """It stood still until that time had come again, and went on from what was measured 20 s before."""
+    one, ahead_ns, logged = tracking(), 20 * SECOND, []
+    for tick in range(1, 20 * 20):
+        true_ns = START_NS + 5 * SECOND + tick * SECOND // 20
+        now_ns = true_ns + (ahead_ns if tick < 300 else 0)
+        one.observe_vehicle(state(now_ns))
+        sent = one.observe_fix(replace(FIX, stamp_ns=now_ns)) if tick % 10 == 0 else []
+        if tick % 20 == 0:
+            delays_ns = {"d1": true_ns - now_ns + 2 * MS}
+            status = replace(STATUS, drone="d2", stamp_ns=true_ns, mission=MISSION.mission_id, delays_ns=delays_ns)
+            one.receive(key_of("radron", status), encode(status), now_ns + 2 * MS)
+        logged += [decode_from(key, payload) for key, payload in (*sent, *one.step(now_ns).publications)]
+        if tick == 299:
+            assert one.hypothesis.stamp_ns == pytest.approx(now_ns, abs=SECOND)
+    assert one.hypothesis.stamp_ns == pytest.approx(now_ns, abs=SECOND)
+    (back,) = (entry for entry in logged if isinstance(entry, Retraction))
+    assert 0 <= back.stamp_ns - START_NS - 20 * SECOND <= 2 * SECOND
+    fixes = [entry for entry in logged if isinstance(entry, Fix)]
+    wrong = [entry for entry in fixes if back.first <= entry.sequence <= back.last]
+    assert [entry for entry in fixes if entry.stamp_ns > START_NS + 24.9 * SECOND] == wrong != fixes
+    assert [entry for entry in fixes if not one.fusion.log.counts(entry.entry_id)] == wrong
 
 
 def test_half_the_asymmetry_of_the_ways_remains():
