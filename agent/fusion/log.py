@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from functools import partial
 from itertools import chain, islice, zip_longest
@@ -72,8 +72,7 @@ class ObservationLog:
     same, in whatever order they got them. Whoever owns the log takes out what it holds of that (``beyond``, ``last_counted``).
 
     What its own drone has taken back (``Retraction``) stays in the log, so that all logs have one content, and does not count
-    (``counts``). ``recounted``: the entries held that have ceased to count (False), or begun again, in the order in which that
-    happened; it only grows, and whoever holds what follows from the entries reads on where it was.
+    (``counts``).
 
     It only grows, but for what a contradiction or a revocation leaves out. It is never compacted: a restarted agent begins with
     an empty log and must be able to get all of it, and an entry may arrive late, after which all later grid steps are computed
@@ -97,7 +96,7 @@ class ObservationLog:
         self._newest_ns: dict[str, int] = {}
         self._blocks = Blocks()
         self._retractions = Retractions()
-        self.recounted: list[tuple[EntryId, bool]] = []
+        self._recounted: list[tuple[EntryId, bool]] = []
         self._sum = 0
 
     def __len__(self) -> int:
@@ -128,7 +127,21 @@ class ObservationLog:
             return kind is not None
         return not self._takes_back(identity)
 
+    @property
+    def recounted(self) -> Sequence[tuple[EntryId, bool]]:
+        """The entries held that have ceased to count (False), or begun again, in the order in which that happened.
+
+        It only grows: whoever holds what follows from the entries reads on where it was.
+        """
+        self._settle()
+        return self._recounted
+
+    def _settle(self) -> None:
+        for publisher, changed in self._retractions.settled():
+            self._recount(publisher, changed, counts=True)
+
     def _takes_back(self, identity: EntryId) -> bool:
+        self._settle()
         return self._retractions.takes_back((identity.drone, identity.boot), identity.sequence)
 
     @property
@@ -174,6 +187,7 @@ class ObservationLog:
                 return Outcome.DUPLICATE
             self._contradictions[publisher] = Contradiction(entry.sequence, (present, Record(type(entry), payload)))
             return Outcome.CONTRADICTION
+        self._settle()  # what comes now counts from the beginning, or does not
         self._put(publisher, entry.entry_id, type(entry), payload)
         if isinstance(entry, Retraction):
             self._recount(publisher, self._retractions.add(entry), counts=False)
@@ -191,8 +205,8 @@ class ObservationLog:
 
     def _recount(self, publisher: Publisher, changed: Iterable[Range], *, counts: bool) -> None:
         """Note which of the entries held with these numbers have ceased to count, or begun again."""
-        numbered, held = self._numbered[publisher], self._held[publisher]
-        self.recounted += [(numbered[number], counts) for first, last in changed for number in held.within(first, last)]
+        numbered, held = self._numbered.get(publisher, {}), self._held.get(publisher, SequenceSet())
+        self._recounted += [(numbered[number], counts) for first, last in changed for number in held.within(first, last)]
 
     def _kind_of(self, identity: EntryId) -> type[Entry] | None:
         return next((kind for kind, held in self._payloads.items() if identity in held), None)
@@ -230,7 +244,7 @@ class ObservationLog:
         self._held[publisher].discard(identity.sequence)
         block = numbers_of(identity.sequence // BLOCK)
         self._blocks.change(publisher, identity.sequence, empty=not any(number in numbered for number in block))
-        self._recount(publisher, self._retractions.remove(publisher, identity.sequence), counts=True)
+        self._retractions.remove(publisher, identity.sequence)
         if not numbered:
             del self._numbered[publisher], self._held[publisher]
             if publisher not in self._contradictions:

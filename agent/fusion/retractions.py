@@ -18,14 +18,15 @@ class Retractions:
     def __init__(self) -> None:
         self._held: defaultdict[Publisher, dict[int, Range]] = defaultdict(dict)  # by the retraction's own number
         self._numbers: dict[Publisher, SequenceSet] = {}  # all that they take back
+        self._stale: set[Publisher] = set()  # of which retractions were removed since
 
     def takes_back(self, publisher: Publisher, number: int) -> bool:
-        """Whether the measurement with that number does not count."""
+        """Whether the measurement with that number does not count; after ``settled``."""
         numbers = self._numbers.get(publisher)
         return numbers is not None and number in numbers
 
     def add(self, retraction: Retraction) -> list[Range]:
-        """Take a retraction; the numbers that count no more since. Each does so once, however often it is taken back."""
+        """Take a retraction, after ``settled``; the numbers that count no more since: each once, however often it is taken back."""
         publisher = retraction.drone, retraction.boot
         self._held[publisher][retraction.sequence] = retraction.first, retraction.last
         numbers = self._numbers.setdefault(publisher, SequenceSet())
@@ -33,10 +34,18 @@ class Retractions:
         numbers.add_range(retraction.first, retraction.last)
         return changed
 
-    def remove(self, publisher: Publisher, number: int) -> list[Range]:
-        """The retraction with that number, if it is one, does not count any more; the numbers that count again."""
-        gone = self._held[publisher].pop(number, None) if publisher in self._held else None
-        if gone is None:
-            return []
-        self._numbers[publisher] = SequenceSet(self._held[publisher].values())
-        return list(SequenceSet([gone]).without(self._numbers[publisher]))
+    def remove(self, publisher: Publisher, number: int) -> None:
+        """The retraction with that number, if it is one, does not count any more."""
+        if number in self._held.get(publisher, ()):
+            del self._held[publisher][number]
+            self._stale.add(publisher)
+
+    def settled(self) -> list[tuple[Publisher, list[Range]]]:
+        """The numbers that count again, as their retractions have been removed since the last call."""
+        changed = []
+        for publisher in sorted(self._stale):
+            before, now = self._numbers[publisher], SequenceSet(self._held[publisher].values())
+            self._numbers[publisher] = now
+            changed.append((publisher, list(before.without(now))))
+        self._stale.clear()
+        return changed

@@ -123,3 +123,24 @@ def test_one_that_takes_back_all_that_it_says_keeps_nobody_from_folding_the_othe
         assert fusion.hypothesis is None or now_ns - fusion.hypothesis.stamp_ns <= 700_000_000
     assert longest <= 100
     assert fusion.hypothesis is not None
+
+
+def test_many_retractions_that_do_not_count_any_more_are_worked_off_together(kit, mission, entries):
+    """One for each number: to look for what counts again after each of them would take seconds."""
+    back = [retraction(kit, mission, number, number, sequence=20_000 + number) for number in range(5000)]
+    log = log_of(mission, [*entries, *back])
+    own = [entry.entry_id for entry in entries if entry.drone == "a"]
+    assert not any(map(log.counts, own))
+    for entry in back:
+        log.forget(entry.entry_id)
+    assert [identity for identity, counts in log.recounted if counts] == sorted(own, key=lambda identity: identity.sequence)
+    assert all(map(log.counts, own))
+
+
+def test_what_comes_when_its_retraction_has_ceased_to_count_is_not_told_as_changed(kit, mission, entries):
+    log = log_of(mission, [back := retraction(kit, mission, 0, 9)])
+    log.forget(back.entry_id)
+    for entry in entries:
+        log.add(entry, encode(entry))
+    assert list(log.recounted) == []
+    assert all(log.counts(entry.entry_id) for entry in entries)
