@@ -26,7 +26,7 @@ class Retractions:
         return numbers is not None and number in numbers
 
     def add(self, retraction: Retraction) -> list[Range]:
-        """Take a retraction, after ``settled``; the numbers that count no more since: each once, however often it is taken back."""
+        """Take a retraction, after ``settled``; the numbers that count no more since: each once, however often taken back."""
         publisher = retraction.drone, retraction.boot
         self._held[publisher][retraction.sequence] = retraction.first, retraction.last
         numbers = self._numbers.setdefault(publisher, SequenceSet())
