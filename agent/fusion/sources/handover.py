@@ -274,7 +274,7 @@ class FollowingEstimator:
         places = [
             fitted.solution.place[k]
             for k, n in enumerate(fitted.solution.nuclide)
-            if n == nuclide and self._telling.is_located(fitted, k)
+            if n == nuclide and self._telling.is_known(fitted, k)
         ]
         return sum(self._telling.watched_s(rest.rows, place) >= turn_s for place in places)
 
@@ -283,7 +283,7 @@ class FollowingEstimator:
         assert rest.fitted is not None
         assert track is not None
         solution = rest.fitted.solution
-        kept = [k for k, n in enumerate(solution.nuclide) if n != track.nuclide and self._telling.is_located(rest.fitted, k)]
+        kept = [k for k, n in enumerate(solution.nuclide) if n != track.nuclide and self._telling.is_known(rest.fitted, k)]
         beside = tuple(self._telling.told(rest, rest.fitted, k, step.middle_ns) for k in kept)
         return FollowingState(rest.emptied(), replace(track, moves=True, beside=beside, others=solution.only(kept)))
 

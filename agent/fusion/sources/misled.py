@@ -4,23 +4,29 @@ Each row's weight reckons with an error of its own (``counts``). But what a came
 which it sees it, by the vehicle around it and by what is not in the tables; and on a circle around one source, all others are
 seen in directions that turn with the way around. So of what a drone counts of source k in a patch, rows within ``_SIDE`` voxels,
 the share that the model is wrong by is the same: independent from patch to patch and source to source, with the standard
-deviation ``_COMMON_ERROR``. To first order, a relative error 1 of patch c moves the solution by P g_ck,
+deviation ``_COMMON_ERROR``. So is the share by which the spectrum of source k is wrong in each of the energy bins, at all places;
+beside a strong source, a weak one of another nuclide can make good for that. To first order, a relative error 1 of patch c or
+bin e moves the solution by P g_ck or P g_ek,
 
-    g_ck = sum_r w_r sum_e S_kre / M_re dM_re / d theta,
+    g_ck = sum_(r in c) sum_e w_r S_kre / M_re dM_re / d theta,    g_ek = sum_r w_r S_kre / M_re dM_re / d theta,
 
 P the covariance of the fit, w_r the rows' weights. The fit remains as it is, and its covariance becomes
-P + sigma^2 sum_ck P g_ck (P g_ck)': the "sandwich" of a likelihood that is not quite right.
+P + sigma^2 [sum_ck P g_ck (P g_ck)' + sum_ek P g_ek (P g_ek)']: the "sandwich" of a likelihood that is not quite right.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from agent.fusion.sources.data import Rows, summing
 from agent.fusion.sources.fit import Fitted, Problem, by_bias
-from agent.fusion.sources.solution import BIAS
+from agent.fusion.sources.solution import BIAS, Solution
 from agent.geometry import Array
+from protocol.spectrum import BINS
 
 _COMMON_ERROR = 0.05
 _SIDE = 12  # voxels, 6 m: on a circle, about an eighth of the way around
@@ -31,25 +37,34 @@ def misled(fitted: Fitted, problem: Problem, rows: Rows) -> Fitted:
     solution = fitted.solution
     if not len(solution):
         return fitted
+    drones = np.arange(len(solution.bias))
     patches, index = np.unique(np.column_stack((rows.drone, rows.table[:, 1:4] // _SIDE)), axis=0, return_inverse=True)
-    sums = summing(index.ravel(), len(patches))
-    by_patch = np.stack([sums @ each for each in _by_source(fitted, problem)])  # (K, C, p)
-    pull = np.zeros((len(solution), len(patches), len(fitted.covariance)))
-    count = by_patch.shape[2]
-    pull[..., :count] = by_patch
-    biased = by_patch @ by_bias(solution)
-    for drone in range(len(solution.bias)):
-        own = patches[:, 0] == drone
-        pull[:, own, count + BIAS * drone : count + BIAS * (drone + 1)] = biased[:, own]
-    moved = _COMMON_ERROR * pull.reshape(-1, pull.shape[2]) @ fitted.covariance
+    by_patch, by_drone = summing(index.ravel(), len(patches)), summing(rows.drone, len(drones))
+    pulls = []
+    for pull in _pulls(fitted, problem):
+        pulls.append(_with_biases(by_patch @ pull.sum(axis=2), patches[:, 0], solution))
+        in_bins = (by_drone @ pull.reshape(len(pull), -1)).reshape(len(drones), *pull.shape[1:])
+        each = [_with_biases(in_bins[drone].T, np.full(BINS, drone), solution) for drone in drones]
+        pulls.append(np.sum(each, axis=0))
+    moved = _COMMON_ERROR * np.vstack(pulls) @ fitted.covariance
     return replace(fitted, covariance=fitted.covariance + moved.T @ moved)
 
 
-def _by_source(fitted: Fitted, problem: Problem) -> list[Array]:
-    """Of each source, (R, p) what an error of its counts in each row adds to the gradient by the p numbers but the biases."""
+def _pulls(fitted: Fitted, problem: Problem) -> Iterator[Array]:
+    """(R, p, BINS) of each source: what errors of its counts add to the gradient by the p numbers but the biases."""
     counts, solution = problem.counts, fitted.solution
     expected = counts.expected(solution)
     relative = counts.views(expected).information[:, None] / expected.clear
-    changes = np.stack(list(counts.derivatives(solution)), axis=1)  # (R, p, BINS)
-    sources = [counts.of_source(solution, k) * relative for k in range(len(solution))]
-    return [np.matmul(changes, one[..., None])[..., 0] for one in sources]
+    changes = np.stack(list(counts.derivatives(solution)), axis=1)
+    for k in range(len(solution)):
+        yield changes * (counts.of_source(solution, k) * relative)[:, None]
+
+
+def _with_biases(pull: Array, drone: NDArray[np.int64], solution: Solution) -> Array:
+    """(N, d) with the biases, of (N, p) without: those of the drone (N,) of each."""
+    count, biased = pull.shape[1], pull @ by_bias(solution)
+    whole = np.zeros((len(pull), count + BIAS * len(solution.bias)))
+    whole[:, :count] = pull
+    for part in range(BIAS):
+        whole[np.arange(len(pull)), count + BIAS * drone + part] = biased[:, part]
+    return whole

@@ -24,6 +24,7 @@ from agent.motion.orbit import ring_radius_m
 from agent.terrain.ground import Ground
 
 _BESIDE_M = 1.0  # by which a camera on the circle around a source may be farther out
+_SURE = 0.25  # 1 sigma of the log activity, by which a source is told from errors of the model
 _REMEMBERED = 2  # fits: agents that share an estimator, as in simulations, may differ by an observation
 
 
@@ -44,27 +45,32 @@ class Telling:
             state = state.refinement.state
         if state.x0_stamp_ns == 0 or state.fitted is None:
             return None
-        known = self._located(state, state.fitted)
+        known = self._known(state, state.fitted)
         if not known:
             return None
         first, *others = (replace(one, stamp_ns=step.middle_ns) for one in known)
         return replace(first, evidence=state.fitted.evidence - state.none, others=tuple(others))
 
-    def _located(self, state: SourcesState, fitted: Fitted) -> list[Hypothesis]:
-        """The sources whose places are known well enough to be told; their stamps are not yet set. Remembered, as many steps tell
-        of one fit.
+    def _known(self, state: SourcesState, fitted: Fitted) -> list[Hypothesis]:
+        """The sources that are known well enough to be told; their stamps are not yet set. Remembered, as many steps tell of one
+        fit.
         """
         for before, known in self._recent:
             if before.fitted is fitted and before.rows is state.rows and before.cones is state.cones:
                 return known
-        told = [self.told(state, fitted, k, 0) for k in range(len(fitted.solution))]
-        known = [one for one in told if one.rms_m <= self._config.declared_rms_m]
+        known = [self.told(state, fitted, k, 0) for k in range(len(fitted.solution)) if self.is_known(fitted, k)]
         self._recent.append((state, known))
         return known
 
     def is_declared(self, fitted: Fitted) -> bool:
-        """Whether the first source is located, with which something is told for the first time."""
-        return len(fitted.solution) > 0 and self.is_located(fitted, 0)
+        """Whether the first source is known, with which something is told for the first time."""
+        return len(fitted.solution) > 0 and self.is_known(fitted, 0)
+
+    def is_known(self, fitted: Fitted, k: int) -> bool:
+        """Whether place and activity of source k are known as well as they have to be to be told. A weak one beside a strong one
+        may stand for what is wrong in the strong one's spectrum.
+        """
+        return self.is_located(fitted, k) and bool(fitted.sigma_of(k)[2] <= _SURE)
 
     def is_located(self, fitted: Fitted, k: int) -> bool:
         """Whether the place of source k is known as well as it has to be to be told."""

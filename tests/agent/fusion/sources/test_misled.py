@@ -41,17 +41,17 @@ def test_nothing_fitted_has_no_more_errors(flight):
     assert misled(nothing, *flight) is nothing
 
 
-def test_the_errors_are_those_that_wrong_counts_in_patches_would_make(flight, fitted):
-    """To first order: counts of each patch raised by a small share of what each source adds, and the gradient's change."""
+def test_the_errors_are_those_that_wrong_counts_would_make(flight, fitted):
+    """To first order: the gradient's change when counts of a patch, or in a bin, rise by a small share of what a source adds."""
     problem, rows = flight
     counts, share = problem.counts, 1e-4
     before, _ = problem._scored(fitted.solution)[1]()
     patches, index = np.unique(np.column_stack((rows.drone, rows.table[:, 1:4] // 12)), axis=0, return_inverse=True)
+    groups = [(index.ravel() == patch)[:, None] for patch in range(len(patches))] + [one[None] for one in np.eye(32)]
     measured, added = counts.counts, np.zeros_like(fitted.covariance)
     for k in range(2):
-        for patch in range(len(patches)):
-            own = (index.ravel() == patch)[:, None]
-            counts.counts = measured + share * own * counts.of_source(fitted.solution, k)
+        for group in groups:
+            counts.counts = measured + share * group * counts.of_source(fitted.solution, k)
             after, _ = problem._scored(fitted.solution)[1]()
             moved = fitted.covariance @ (after - before) / share
             added += _COMMON_ERROR**2 * np.outer(moved, moved)
