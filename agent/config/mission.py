@@ -337,6 +337,11 @@ class MissionConfig(Section, frozen=True, kw_only=True):
         return self.return_heights_m[[member.id for member in self.drones].index(drone)]
 
     @property
+    def turn_s(self) -> float:
+        """For how long a source is watched in its turn, by all cameras together."""
+        return self.track.each_s * len(self.drones)
+
+    @property
     def mission_id(self) -> str:
         """16 hex digits that differ when anything in the mission differs."""
         content = msgspec.json.encode(content_of(self), order="sorted")

@@ -43,15 +43,9 @@ def have_had_turns(hypothesis: Hypothesis, mission: MissionConfig) -> bool:
 
 def is_in_second_half(source: Hypothesis, mission: MissionConfig) -> bool:
     """Whether the present turn of a source that is circled is half over; never of one that has no turns."""
-    return source.watched_s is not None and source.watched_s / _turn_s(mission) % 1.0 >= 0.5
-
-
-def _turn_s(mission: MissionConfig) -> float:
-    """Duration of a turn, of all cameras together."""
-    return mission.track.each_s * len(mission.drones)
+    return source.watched_s is not None and source.watched_s / mission.turn_s % 1.0 >= 0.5
 
 
 def _turns(hypothesis: Hypothesis, mission: MissionConfig) -> list[int]:
     """That the hypothesis and the other sources have had."""
-    turn_s = _turn_s(mission)
-    return [int((one.watched_s or 0.0) / turn_s) for one in (hypothesis, *hypothesis.others)]
+    return [int((one.watched_s or 0.0) / mission.turn_s) for one in (hypothesis, *hypothesis.others)]

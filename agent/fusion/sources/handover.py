@@ -270,13 +270,12 @@ class FollowingEstimator:
 
     def _watched(self, rest: SourcesState, fitted: Fitted, nuclide: int) -> int:
         """How many sources of a nuclide have been watched for a turn, and are known well enough to be told."""
-        turn_s = self._mission.track.each_s * len(self._mission.drones)
         places = [
             fitted.solution.place[k]
             for k, n in enumerate(fitted.solution.nuclide)
             if n == nuclide and self._telling.is_known(fitted, k)
         ]
-        return sum(self._telling.watched_s(rest.rows, place) >= turn_s for place in places)
+        return sum(self._telling.watched_s(rest.rows, place) >= self._mission.turn_s for place in places)
 
     def _handed_over(self, state: FollowingState, step: GridStep) -> FollowingState:
         rest, track = state.rest, state.track
