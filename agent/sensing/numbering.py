@@ -56,17 +56,29 @@ class Numbering(Iterator[int]):
             self._noted.append((now_ns, self._next))
 
     def _set_back(self, before_ns: int, now_ns: int) -> None:
-        first = self._next
-        while self._noted and self._noted[-1][0] > now_ns:
-            first = self._noted.pop()[1]
-        if any(alike := [abs(before_ns - now_ns - step_ns) <= _ALIKE_NS for _, step_ns in self._ahead]):
-            while not alike.pop():
-                self._ahead.pop()
-            first = self._ahead.pop()[0]
+        later, ahead = self._first_later_than(now_ns), self._first_ahead_by(before_ns - now_ns)
+        first = later if ahead is None else ahead
         if self._doubted is not None:
             first, before_ns = min(first, self._doubted.first), max(before_ns, self._doubted.until_ns)
         if first < self._next:
             self._doubted = _Doubted(first, self._next - 1, before_ns)
+
+    def _first_later_than(self, now_ns: int) -> int:
+        """The first number of a later stamp; what was noted at such times is forgotten."""
+        first = self._next
+        while self._noted and self._noted[-1][0] > now_ns:
+            first = self._noted.pop()[1]
+        return first
+
+    def _first_ahead_by(self, back_ns: int) -> int | None:
+        """The first number since the clock was last set ahead by as much, which is undone; None if it was not."""
+        alike = [place for place, (_, step_ns) in enumerate(self._ahead) if abs(back_ns - step_ns) <= _ALIKE_NS]
+        if not alike:
+            return None
+        first = self._ahead[alike[-1]][0]
+        while len(self._ahead) > alike[-1]:
+            self._ahead.pop()
+        return first
 
     def wrong(self) -> tuple[int, int] | None:
         """The first and the last number of the entries that the clock has stamped wrongly, told once, where it is known to be
