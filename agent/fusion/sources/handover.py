@@ -252,18 +252,19 @@ class FollowingEstimator:
 
     def _favoured(self, track: Track | None, rest: SourcesState) -> bool:
         """Whether what was measured last favours a source that moves: see this module's docstring."""
-        if rest.fitted is None or track is None or not track.newest or not track.at_rest <= _MOVES or not track.in_view:
+        if rest.fitted is None or track is None or not track.at_rest <= _MOVES or not track.in_view:
             return False
         if self._watched(rest, rest.fitted, track.nuclide) >= _AT_REST:
             return False
-        if track.newest[-1][0].stamp_ns - track.marks[0].stamp_ns < _LEAST_NS:
+        counted = track.counted
+        if not counted or counted[-1][0].stamp_ns - track.marks[0].stamp_ns < _LEAST_NS:
             return False
-        newest = self._at_rest.problem_of(rest, [one for one, _ in track.newest])
+        newest = self._at_rest.problem_of(rest, [one for one, _ in counted])
         if newest is None:
             return False
         tracker, background = self._tracker(track.nuclide), track.state.background
         moving = track.state.evidence - track.marks[0].evidence
-        moving += tracker.evidence_beside((seen for _, seen in track.newest), background)
+        moving += tracker.evidence_beside((seen for _, seen in counted), background)
         at_rest = tracker.evidence_at_rest(newest, rest.fitted.solution, background)
         at_rest -= _BORN * max(0, _number(rest) - track.marks[0].sources)
         return moving - at_rest >= _LEAST_GAIN

@@ -32,7 +32,7 @@ from agent.fusion.sources.hidden import HIDDEN
 from agent.fusion.sources.shades import KnownWalls
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.spectra import Spectra, UnknownSpectrum, pooled
-from agent.geometry import Array
+from agent.geometry import Array, Vector3
 from agent.terrain.ground import Ground
 from protocol.spectrum import BINS, EDGES_KEV
 
@@ -45,11 +45,15 @@ _LEAST_PS, _LEAST_MM2 = 1e-6, 1e-9  # so that nothing counted is impossible
 
 
 class Mark(Struct, frozen=True):
-    """A time with the track's evidence until then, and the number of sources that were fitted."""
+    """A time with the track's evidence until then, and the number of sources that were fitted.
+
+    waiting: middles and places of earlier exposures that enter the evidence afterwards, with the drone's next one.
+    """
 
     stamp_ns: int
     evidence: float
     sources: int
+    waiting: frozenset[tuple[int, Vector3]] = frozenset()
 
 
 class Track(Struct, frozen=True, eq=False):
@@ -58,8 +62,8 @@ class Track(Struct, frozen=True, eq=False):
     nuclide: its index. state: of its tracker. others: fitted sources of other nuclides, and unknown: spectra of those that nobody
     knows. moves: whether it has been handed over; beside: what was told of the others then. kept_ns: from when on what is
     measured is kept, as the source is at rest or lost; 0: it is not kept. marks: the last ``_MARKS`` moves at fixed times, or
-    since when it is tracked; newest: what was measured since the first of them, and as the tracker saw it. doubted_ns: since
-    when something is told of which it was not clear at first whether it is at rest; 0: there was no doubt.
+    since when it is tracked; newest: what enters the evidence after the first of them, and as the tracker saw it. doubted_ns:
+    since when something is told of which it was not clear at first whether it is at rest; 0: there was no doubt.
     """
 
     nuclide: int
@@ -90,12 +94,28 @@ class Track(Struct, frozen=True, eq=False):
         track = self.state.track
         return track is not None and float((track.weight.sum(axis=1) @ track.hidden[..., 0]).min()) >= _IN_VIEW
 
+    @property
+    def counted(self) -> tuple[tuple[Observation, Observation], ...]:
+        """Of ``newest`` what has entered the evidence."""
+        waiting = self._waiting
+        return tuple(one for one in self.newest if not _is_of(waiting, one[0]))
+
     def marked(self, now_ns: int, sources: int) -> Track:
         """With another mark, and without the first of ``_MARKS``."""
         if not self.marks:
             return self
-        marks = (*self.marks[1 - _MARKS :], Mark(now_ns, self.state.evidence, sources))
-        return replace(self, marks=marks, newest=tuple(one for one in self.newest if one[0].stamp_ns >= marks[0].stamp_ns))
+        marks = (*self.marks[1 - _MARKS :], Mark(now_ns, self.state.evidence, sources, self._waiting))
+        since_ns, waiting = marks[0].stamp_ns, marks[0].waiting
+        newest = tuple(one for one in self.newest if one[0].stamp_ns >= since_ns or _is_of(waiting, one[0]))
+        return replace(self, marks=marks, newest=newest)
+
+    @property
+    def _waiting(self) -> frozenset[tuple[int, Vector3]]:
+        return frozenset((one.middle_ns, one.position) for one in self.state.waiting.values())
+
+
+def _is_of(waiting: frozenset[tuple[int, Vector3]], observation: Observation) -> bool:
+    return isinstance(observation, CountObservation) and (observation.middle_ns, observation.position) in waiting
 
 
 class Apart(CountObservation, frozen=True, eq=False, kw_only=True):

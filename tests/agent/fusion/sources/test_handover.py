@@ -8,12 +8,15 @@ from msgspec.structs import replace
 
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
+from agent.fusion.bayes.exposed import Exposed
+from agent.fusion.bayes.state import BayesState
 from agent.fusion.deferred import Deferred, Folder
 from agent.fusion.engine import Fusion
 from agent.fusion.observation import observe
 from agent.fusion.registry import estimator_named
 from agent.fusion.sources.handover import FollowingEstimator
 from agent.fusion.sources.solution import Solution
+from agent.fusion.sources.tracker import Mark, Track
 from agent.navigation.focus import focus
 
 SPEED_MPS, WALKS_S = 0.8, 30.0
@@ -229,3 +232,29 @@ def test_the_tracker_expects_what_the_tables_say(kit, among):
     counted = sum(tracker._response.apart(one.counts) for one in seen)
     expected = sum(one.beside + tracker._response.background_ps * one.live_time_s for one in seen)
     assert expected == pytest.approx(counted, rel=0.05)
+
+
+def test_an_exposure_that_waits_for_the_next_one_counts_where_its_evidence_does(kit):
+    """Before a mark it enters the evidence after it; in the end it has not entered it yet."""
+    mission = kit.mission_of()
+    seen = [observe(kit.exposure_entry(mission, 0.5 * n, (float(n), 0.0, 3.0), sequence=n), Transform()) for n in range(4)]
+    track = Track(0, waiting_for(seen[0]), Solution.nothing(1), newest=((seen[0], seen[0]),), marks=(Mark(0, 0.0, 1),))
+    assert track.counted == ()
+    for n in range(2):
+        track = track.marked(seen[0].stamp_ns + 1 + n, 1)
+    assert [one for one, _ in track.newest] == seen[:1]
+    track = replace(track, newest=(*track.newest, *zip(seen[1:], seen[1:], strict=True)), state=waiting_for(seen[3]))
+    track = track.marked(seen[3].stamp_ns + 1, 1)
+    assert [one for one, _ in track.newest] == seen  # the first mark is that of the time when the first one waited
+    assert [one for one, _ in track.counted] == seen[:3]
+    track = replace(track, state=BayesState()).marked(seen[3].stamp_ns + 2, 1)
+    assert [one for one, _ in track.counted] == seen
+    track = track.marked(seen[3].stamp_ns + 3, 1)
+    assert [one for one, _ in track.counted] == seen[3:]
+
+
+def waiting_for(observation):
+    """A track's state in which an exposure of the first vehicle waits for the next one."""
+    nothing = np.zeros(2)
+    exposed = Exposed(0, observation.position, observation.live_time_s, nothing, nothing, observation.middle_ns)
+    return BayesState(waiting={0: exposed})
