@@ -101,6 +101,7 @@ def test_two_sides_that_do_not_hear_each_other_circle_apart_and_come_together_ag
     ("seed", "at_s", "groups"),
     [
         (4, 11.7, ("d1", "d2", "d3", "x1", "x2")),
+        (21, 11.7, ("d1", "d2", "d3", "x1", "x2")),
         pytest.param(14, 21.0, ("d1 x1", "d2 x2", "d3"), marks=pytest.mark.long),
         (19, 15.3, ("d1 x1", "d2 x2", "d3")),
     ],
