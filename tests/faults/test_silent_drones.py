@@ -107,7 +107,7 @@ def test_two_sides_that_do_not_hear_each_other_circle_apart_and_come_together_ag
     ],
 )
 def test_a_swarm_that_is_split_on_its_way_to_the_circle_keeps_apart(seed, at_s, groups):
-    """1 to 2 s after all track. Each went on to a circle of its own, across the ways of the others: 0.8 to 2.8 m."""
+    """About when all track. Each went on to a circle of its own, across the ways of the others: 0.8 to 2.8 m."""
 
     def watch(moment):
         closest(moment)
