@@ -41,7 +41,7 @@ from agent.localization.continuity import carried_on
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING
-from agent.navigation.contact import Circle
+from agent.navigation.contact import SILENT_NS, Circle
 from agent.navigation.following import Following
 from agent.navigation.peers import OLDEST_NS, RECENT_NS, Peer, Peers
 from agent.navigation.placing import (
@@ -58,7 +58,7 @@ from agent.navigation.placing import (
     sigma_of_m,
 )
 from agent.navigation.relative import offset, places
-from agent.navigation.silent import LEAVING_NS, QUIET_NS, SILENT_NS, TAKING_PART, Absence, Silent, Viewer
+from agent.navigation.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Absence, Silent, Viewer
 from protocol.messages import Pose, Stage
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown

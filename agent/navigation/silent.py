@@ -5,7 +5,7 @@ Nobody can tell which of two things has happened:
 - its agent is gone, and its autopilot flies (``agentless``).
 - only the radio is. It flies on, and cannot hear this drone either. Where both were on the circle both leave for circles of
   different radius and height (``agent.motion.orbit``). Where one of them searched, or was on its way to the circle (though it be
-  across it), both keep to their own side of the line half-way between the places where they last heard of each other.
+  across it), both keep to their own side of the line half-way between the places where they get until they notice.
 
 One that is heard, but does not hear this drone, reckons with the same of it: this drone does what it would do if neither heard
 the other. It keeps to its side of the same line, or stands on the circle for as long as that one does, and leaves for its own
@@ -29,14 +29,13 @@ from agent.geometry import Array, Point2, Vector3
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
-from agent.navigation.contact import Circle, Contact, Wall, contact_at
+from agent.navigation.contact import Circle, Contact, Wall, contact_at, wall_between
 from agent.navigation.crossing import is_over_m
 from agent.navigation.peers import Peer, Peers
 from agent.navigation.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 
 TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
-SILENT_NS = 1_000_000_000  # without a pose: ten of their periods
 # Later than usual by so much, four poses are missing. Its agent may be gone, and its vehicle stops soon: where it flew at 6 m/s
 # ahead of another one, that one could not stop any more when it noticed after a second.
 QUIET_NS = 400_000_000
@@ -311,12 +310,7 @@ class Silent:
         mine, stage = me.motion_at(contact.stamp_ns), contact.stage
         if mine is None or stage not in TAKING_PART or (stage in CIRCLING and contact.circled):
             return None
-        (x, y, _), (other_x, other_y) = mine.position, contact.theirs
-        dx, dy = x - other_x, y - other_y
-        apart_m = max(hypot(dx, dy), 1e-6)
-        normal = dx / apart_m, dy / apart_m
-        middle = 0.5 * (x + other_x), 0.5 * (y + other_y)
-        wall = Wall(normal, normal[0] * middle[0] + normal[1] * middle[1])
+        wall = wall_between(mine, contact.theirs)
         self._walls[name] = contact.stamp_ns, wall
         return wall
 

@@ -24,6 +24,9 @@ MISSION = MissionConfig(
 
 STANDING = PeerState((0.0, 0.0, 3.0))
 BOTH_ON = Circle((5.0, 0.0), (0.0, 0.0), 5.0, 3.0)  # a stands on it at (0, 0), b flies along it about (10, 0)
+HALF_WAY_M = (
+    0.5 * (10.0 * 10.0 + 1.0 * 3.0) / math.hypot(10.0, 1.0)
+)  # of the way from (0, 0) to (10, 3), in the direction of (10, 1)
 ON_THE_WAY = Circle((12.0, 0.0), (0.0, 0.0), 5.0, 3.0)  # a is not there yet
 
 
@@ -160,15 +163,15 @@ def test_a_drone_in_hold_stays_and_one_that_lands_is_down_some_time():
 
 
 def test_who_searched_keeps_to_its_own_side():
-    """Half-way between (0, 0), where a was, and (10, 1), where b was when they last heard of each other."""
+    """Half-way between (0, 0), where a was and stayed, and where b gets until a notices: to (10, 3) from (10, 1)."""
     me = Self(3 * SECOND, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for message in (pose(), status(Stage.SURVEY)):
         assert peers.receive(message, 0) is None
     beyond = hood.around(peers, me)[0].plan.positions[0]
-    assert math.hypot(beyond[0], beyond[1]) == pytest.approx(math.hypot(5.0, 0.5) + 2.0)
+    assert math.hypot(beyond[0], beyond[1]) == pytest.approx(HALF_WAY_M + 2.0)
     wall = hood.absence.walls["b"]
-    assert wall.offset == pytest.approx(-math.hypot(5.0, 0.5))
+    assert wall.offset == pytest.approx(-HALF_WAY_M)
     assert (hood.absence.missing, hood.absence.ring, hood.absence.alone) == (("b",), 0, True)
     assert [wall.parts_from(place) for place in ((0.0, 0.0), (10.0, 1.0))] == [False, True]
     over = hood.around(peers, replace(me, height_m=20.0))
@@ -236,7 +239,7 @@ def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_nev
         assert (heard.plan.blind, heard.plan.away, heard.takes_part) == (True, None, False)
         absence = hood.absence
         assert (absence.missing, absence.unhearing, absence.unheard, absence.alone) == (("b",), ("b",), (), True)
-        assert absence.walls["b"].offset == pytest.approx(-math.hypot(5.0, 0.5))
+        assert absence.walls["b"].offset == pytest.approx(-HALF_WAY_M)
     for message in (plan(5 * SECOND // 2), pose(5 * SECOND // 2)):
         assert peers.receive(message, 5 * SECOND // 2) is None
     (heard,) = hood.around(peers, replace(me, now_ns=5 * SECOND // 2))
