@@ -22,6 +22,7 @@ from agent.localization.continuity import carried_on
 from agent.localization.history import PoseHistory
 from agent.localization.jumps import JumpDetector
 from agent.localization.knownframe import KnownFrame
+from agent.motion.reference import PeerState
 from agent.vehicle.grounded import Grounded
 from agent.vehicle.interface import VehicleState
 from protocol.entries import CarriedFrame, Entry, Sighting
@@ -206,12 +207,15 @@ class OwnPose:
         transform = self._mission_from_local(epoch, stamp_ns)
         return transform.apply_point(position_m) if transform is not None else None
 
-    def place_at(self, stamp_ns: int) -> Vector3 | None:
-        """Where this drone was at a stamp of the last seconds, mission frame; None where that is not known."""
+    def motion_at(self, stamp_ns: int) -> PeerState | None:
+        """Where this drone was at a stamp of the last seconds, and how fast, mission frame; None where that is not known."""
         span_ns, state = self.history.span_ns, self.history.at(stamp_ns)
         if state is None or span_ns is None or stamp_ns < span_ns[0]:
             return None
-        return self.in_mission(state.epoch, state.stamp_ns, state.position_m)
+        frame = self._mission_from_local(state.epoch, state.stamp_ns)
+        if frame is None:
+            return None
+        return PeerState(frame.apply_point(state.position_m), frame.rotate_direction(state.velocity_mps))
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
         """What is not believed of the vehicle's telemetry: a recent jump that it did not announce, a landing that it is not."""

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import hypot
 
 from msgspec import Struct
 
-from agent.geometry import Point2, Vector3
+from agent.geometry import Point2
+from agent.motion.reference import PeerState
 from agent.navigation.agentless import Course
 from protocol.messages import Stage
 
-_ON_M = 3.0  # so near to the circle a drone is on it, and no longer on its way there
+SILENT_NS = 1_000_000_000  # without a pose: ten of their periods
+# So near to the circle, and so near to the velocity of those that fly along it or stand on it, a drone is on it, and no longer on
+# its way there. With a velocity that differs by so much it is half a metre from its place on it (``agent.motion.encirclement``).
+# Two that crossed the circle at 4 and 6 m/s, against its turn, were taken to circle, and met on their ways to two others: 1.4 m.
+_ON_M, _ON_MPS = 3.0, 1.5
+_NOTICES_S = SILENT_NS * 1e-9
 
 
 class Wall(Struct, frozen=True):
@@ -26,34 +31,55 @@ class Wall(Struct, frozen=True):
 
 
 class Circle(Struct, frozen=True):
-    """The circle that a drone tracks on; mission frame."""
+    """The circle that a drone tracks on, counter-clockwise at ``speed_mps`` around a centre with that velocity; mission frame."""
 
     centre: Point2
+    velocity: Point2
     radius_m: float
+    speed_mps: float
 
-    def has(self, place: Sequence[float]) -> bool:
-        """Whether a place lies on it, or so near that who is there has arrived."""
-        return abs(hypot(place[0] - self.centre[0], place[1] - self.centre[1]) - self.radius_m) < _ON_M
+    def has(self, one: PeerState) -> bool:
+        """Whether one that is there has arrived on it: it is near, and flies along it, stands on it, or something in between."""
+        dx, dy = one.position[0] - self.centre[0], one.position[1] - self.centre[1]
+        u, v = one.velocity[0] - self.velocity[0], one.velocity[1] - self.velocity[1]
+        far_m = max(hypot(dx, dy), 1e-6)
+        outward_mps, along_mps = (dx * u + dy * v) / far_m, (dx * v - dy * u) / far_m
+        beside_mps = along_mps - min(max(along_mps, 0.0), self.speed_mps)
+        return abs(far_m - self.radius_m) < _ON_M and hypot(outward_mps, beside_mps) < _ON_MPS
 
 
 class Contact(Struct, frozen=True):
     """When two drones last heard each other: the earlier of both directions. What the other one's vehicle would have done from
-    there if its agent had gone then, its stage, and whether both were on the circle.
+    there if its agent had gone then, its stage, how it moved, and whether both were on the circle.
     """
 
     stamp_ns: int
     course: Course
     stage: Stage
+    theirs: PeerState
     circled: bool
 
-    @property
-    def theirs(self) -> Point2:
-        """Where the other one was."""
-        return self.course.stop.start
+
+def contact_at(
+    stamp_ns: int, course: Course, stage: Stage, theirs: PeerState, circle: Circle | None, mine: PeerState | None
+) -> Contact:
+    """The contact at that stamp. ``course``, ``stage``, ``theirs``: of the other one, and how it moved; ``circle``, ``mine``: the
+    same of this one.
+    """
+    circled = circle is not None and mine is not None and circle.has(theirs) and circle.has(mine)
+    return Contact(stamp_ns, course, stage, theirs, circled)
 
 
-def contact_at(stamp_ns: int, course: Course, stage: Stage, circle: Circle | None, mine: Vector3 | None) -> Contact:
-    """The contact at that stamp. ``course``, ``stage``: of the other one; ``circle``, ``mine``: circle and place of this one."""
-    places = (course.stop.start, mine)
-    circled = circle is not None and all(place is not None and circle.has(place) for place in places)
-    return Contact(stamp_ns, course, stage, circled)
+def wall_between(mine: PeerState, theirs: PeerState) -> Wall:
+    """The line between two that moved so when they last heard each other: half-way between where they get until they notice.
+
+    With one half-way between where they were, who flew towards it at 5 m/s came to a stop 2 m beyond it. It is across the
+    direction from one to the other when they last heard each other, as they may have passed each other when they notice.
+    """
+    (x, y, _), (u, v, _) = mine.position, mine.velocity
+    (other_x, other_y, _), (other_u, other_v, _) = theirs.position, theirs.velocity
+    dx, dy = x - other_x, y - other_y
+    apart_m = max(hypot(dx, dy), 1e-6)
+    normal = dx / apart_m, dy / apart_m
+    middle_x, middle_y = 0.5 * (x + other_x + (u + other_u) * _NOTICES_S), 0.5 * (y + other_y + (v + other_v) * _NOTICES_S)
+    return Wall(normal, normal[0] * middle_x + normal[1] * middle_y)

@@ -59,10 +59,14 @@ class Moment(Struct, frozen=True):
 
 
 class Centre(Struct, frozen=True):
-    """Position and velocity of the source now, in the local frame, as seen by this drone's localisation."""
+    """Position and velocity of the source now, in the local frame, as seen by this drone's localisation.
+
+    ``in_mission``: the same in the mission frame, horizontal.
+    """
 
     position: Vector3
     velocity: Vector3
+    in_mission: tuple[Point2, Point2]
 
 
 class Guidance:
@@ -127,7 +131,7 @@ class Guidance:
         if hypothesis.evidence is not None:  # only such an estimator has a velocity
             (x, y), (u, v) = self._leading.centre(moment.now_ns, hypothesis.stamp_ns, (x, y), (u, v))
         to_local = frame.local_from_mission
-        return Centre(to_local.apply_point((x, y, z)), to_local.rotate_direction((u, v, w)))
+        return Centre(to_local.apply_point((x, y, z)), to_local.rotate_direction((u, v, w)), ((x, y), (u, v)))
 
     def reference(
         self,
@@ -171,7 +175,7 @@ class Guidance:
         if centre is None or moment.stage not in CIRCLING:
             return None
         radius_m = self._orbit.radius_m if self._fits(moment) else self._config.encirclement.radius_m
-        return Circle(self._in_mission(centre), radius_m)
+        return Circle(*centre.in_mission, radius_m, self._config.encirclement.speed_mps)
 
     @property
     def _holds(self) -> bool:
@@ -242,7 +246,7 @@ class Guidance:
         if self._holds:
             return self._hover(moment, state, centre, radius_m)
         heard = {partner.id: partner.plan for partner in partners}
-        stands = self._shared.stands(self._absence, self._in_mission(centre), radius_m)
+        stands = self._shared.stands(self._absence, centre.in_mission[0], radius_m)
         stands = stands or self._shared.is_crossed(moment.now_ns, centre.position, radius_m, self._others, heard)
         return self._encirclement.reference(
             self._ground.above_level(state, moment.vehicle),
@@ -280,12 +284,6 @@ class Guidance:
         return (
             self._config.encirclement.law == "smooth" and moment.hypothesis is not None and moment.hypothesis.evidence is not None
         )
-
-    def _in_mission(self, centre: Centre) -> Point2:
-        frame = self._own.frame
-        assert frame is not None  # without it there is no centre
-        x, y, _ = frame.mission_from_local.apply_point(centre.position)
-        return x, y
 
     def _hover(self, moment: Moment, state: PeerState, centre: Centre, radius_m: float) -> Reference:
         """On the circle, where it is nearest."""

@@ -236,7 +236,7 @@ class Navigator:
             local_from_mission,
             ahead=ahead,
             step_s=STEP_S,
-            place_at=self._own.place_at,
+            motion_at=self._own.motion_at,
             circle=self._guidance.circle(moment, centre),
             height_m=vehicle.height_m,
             returning_s=moment.stage_s if moment.stage is Stage.RETURN else None,

@@ -36,12 +36,12 @@ from msgspec.structs import replace
 from agent.config.mission import MissionConfig
 from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
 from agent.frames.transform import Transform
-from agent.geometry import Array, Vector3
+from agent.geometry import Array
 from agent.localization.continuity import carried_on
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING
-from agent.navigation.contact import Circle
+from agent.navigation.contact import SILENT_NS, Circle
 from agent.navigation.following import Following
 from agent.navigation.peers import OLDEST_NS, RECENT_NS, Peer, Peers
 from agent.navigation.placing import (
@@ -58,7 +58,7 @@ from agent.navigation.placing import (
     sigma_of_m,
 )
 from agent.navigation.relative import offset, places
-from agent.navigation.silent import LEAVING_NS, QUIET_NS, SILENT_NS, TAKING_PART, Absence, Silent, Viewer
+from agent.navigation.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Absence, Silent, Viewer
 from protocol.messages import Pose, Stage
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
@@ -78,7 +78,7 @@ def _nowhere_ahead() -> Array:
     return np.zeros((1, 3))
 
 
-def _no_place(_: int) -> None:
+def _no_motion(_: int) -> None:
     """Not known."""
 
 
@@ -86,9 +86,9 @@ class Self(Struct, frozen=True):
     """The own drone: epoch of its frame, and that frame; None while it is not known.
 
     ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance). ``ahead``: gives its planned positions
-    (K, 3) from now on, ``step_s`` apart, local frame; ``place_at``: where it was at a stamp, mission frame; ``circle``: None
-    where it does not track; ``height_m``: above ground; ``returning_s``: since it began to return, None where it does not;
-    ``resumed``: its agent was started in flight; ``measured``: the drones that may fly, by the measurements in its log;
+    (K, 3) from now on, ``step_s`` apart, local frame; ``motion_at``: where it was at a stamp, and how fast, mission frame;
+    ``circle``: None where it does not track; ``height_m``: above ground; ``returning_s``: since it began to return, None where it
+    does not; ``resumed``: its agent was started in flight; ``measured``: the drones that may fly, by the measurements in its log;
     ``revoked``: nobody hears it; ``excluded``: the others that are revoked.
     """
 
@@ -98,7 +98,7 @@ class Self(Struct, frozen=True):
     local_from_mission: Transform | None
     ahead: Callable[[], Array] = _nowhere_ahead
     step_s: float = 0.2
-    place_at: Callable[[int], Vector3 | None] = _no_place
+    motion_at: Callable[[int], PeerState | None] = _no_motion
     circle: Circle | None = None
     height_m: float = 0.0
     returning_s: float | None = None
@@ -191,7 +191,7 @@ class Neighbourhood:
         poses = (one for one in peer.poses if one.epoch == pose.epoch)
         last = min(poses, key=lambda one: abs(one.stamp_ns - stamp_ns), default=pose)
         stage, circle = self._while_heard.get(name, (status.stage, me.circle))
-        mine = me.place_at(last.stamp_ns)
+        mine = me.motion_at(last.stamp_ns)
         contact = self._silent.contact(name, peer, last, bare(mission_from_theirs), stage, circle, mine)
         sigma_m = min(hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
         viewer = _viewer(me, me.local_from_mission) if me.local_from_mission is not None else None
@@ -327,5 +327,5 @@ class Neighbourhood:
 
 
 def _viewer(me: Self, local_from_mission: Transform) -> Viewer:
-    seen_from = bare(local_from_mission), me.ahead, me.place_at, me.circle, me.height_m, me.returning_s, me.revoked
+    seen_from = bare(local_from_mission), me.ahead, me.motion_at, me.circle, me.height_m, me.returning_s, me.revoked
     return Viewer(me.now_ns, me.step_s, *seen_from)

@@ -4,8 +4,8 @@ Nobody can tell which of two things has happened:
 
 - its agent is gone, and its autopilot flies (``agentless``).
 - only the radio is. It flies on, and cannot hear this drone either. Where both were on the circle both leave for circles of
-  different radius and height (``agent.motion.orbit``). Where one of them searched, or was on its way to the circle, both keep to
-  their own side of the line half-way between the places where they last heard of each other.
+  different radius and height (``agent.motion.orbit``). Where one of them searched, or was on its way to the circle (though it be
+  across it), both keep to their own side of the line half-way between the places where they get until they notice.
 
 One that is heard, but does not hear this drone, reckons with the same of it: this drone does what it would do if neither heard
 the other. It keeps to its side of the same line, or stands on the circle for as long as that one does, and leaves for its own
@@ -26,16 +26,16 @@ from msgspec.structs import replace
 from agent.config.mission import MissionConfig
 from agent.frames.transform import Transform
 from agent.geometry import Array, Point2, Vector3
+from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
-from agent.navigation.contact import Circle, Contact, Wall, contact_at
+from agent.navigation.contact import Circle, Contact, Wall, contact_at, wall_between
 from agent.navigation.crossing import is_over_m
 from agent.navigation.peers import Peer, Peers
 from agent.navigation.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 
 TAKING_PART = (Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.REACQUIRE)
-SILENT_NS = 1_000_000_000  # without a pose: ten of their periods
 # Later than usual by so much, four poses are missing. Its agent may be gone, and its vehicle stops soon: where it flew at 6 m/s
 # ahead of another one, that one could not stop any more when it noticed after a second.
 QUIET_NS = 400_000_000
@@ -91,8 +91,8 @@ class Absence(Struct, frozen=True):
 
 
 class Viewer(Struct, frozen=True):
-    """The drone that keeps clear: its frame, its planned positions (K, 3) from now on, ``step_s`` apart, local frame, and where
-    it was at a stamp, mission frame. ``circle``: None where it does not track. ``height_m``: above ground;
+    """The drone that keeps clear: its frame, its planned positions (K, 3) from now on, ``step_s`` apart, local frame, and how
+    it moved at a stamp, mission frame. ``circle``: None where it does not track. ``height_m``: above ground;
     ``returning_s``: since it began to return, None where it does not; ``revoked``: nobody hears it, as all know, and it returns.
     """
 
@@ -100,7 +100,7 @@ class Viewer(Struct, frozen=True):
     step_s: float
     local_from_mission: Transform
     ahead: Callable[[], Array]
-    place_at: Callable[[int], Vector3 | None]
+    motion_at: Callable[[int], PeerState | None]
     circle: Circle | None
     height_m: float
     returning_s: float | None
@@ -216,7 +216,8 @@ class Silent:
         self._courses[name] = pose.stamp_ns, course
         contact = self._contacts.get(name)
         if contact is None:
-            contact = self._contacts[name] = contact_at(pose.stamp_ns, course, stage, me.circle, me.place_at(pose.stamp_ns))
+            mine = me.motion_at(pose.stamp_ns)
+            contact = self._contacts[name] = self.contact(name, peer, pose, mission_from_theirs, stage, me.circle, mine)
         contact = replace(contact, circled=contact.circled and me.circle is not None)
         wall = None
         if me.revoked:  # no side to keep to; waiting over home for the end of one, it would meet those that come home
@@ -247,10 +248,12 @@ class Silent:
         mission_from_theirs: Transform,
         stage: Stage,
         circle: Circle | None,
-        mine: Vector3 | None,
+        mine: PeerState | None,
     ) -> Contact:
-        """A contact at this pose of it. ``stage``: its own then; ``circle``: that of this drone; ``mine``: where this one was."""
-        return contact_at(pose.stamp_ns, self._agentless.course(name, peer, pose, mission_from_theirs), stage, circle, mine)
+        """A contact at this pose of it. ``stage``: its own then; ``circle``: that of this drone; ``mine``: how this one moved."""
+        course = self._agentless.course(name, peer, pose, mission_from_theirs)
+        place, moves = mission_from_theirs.apply_point(pose.position_m), mission_from_theirs.rotate_direction(pose.velocity_mps)
+        return contact_at(pose.stamp_ns, course, stage, PeerState(place, moves), circle, mine)
 
     def unhearing(self, name: str, contact: Contact, sigma_m: float, me: Viewer | None) -> list[PeerPlan]:
         """The side that is left to one that does not hear this drone. ``contact``: the last one, unless one is known already;
@@ -301,17 +304,13 @@ class Silent:
 
     def _wall(self, name: str, contact: Contact, me: Viewer) -> Wall | None:
         """The line between the two of them; None where both were on the circle when they last heard of each other."""
-        known, theirs = self._walls.get(name), contact.theirs
+        known = self._walls.get(name)
         if known is not None and known[0] == contact.stamp_ns:
             return known[1]
-        mine, stage = me.place_at(contact.stamp_ns), contact.stage
+        mine, stage = me.motion_at(contact.stamp_ns), contact.stage
         if mine is None or stage not in TAKING_PART or (stage in CIRCLING and contact.circled):
             return None
-        dx, dy = mine[0] - theirs[0], mine[1] - theirs[1]
-        apart_m = max(hypot(dx, dy), 1e-6)
-        normal = dx / apart_m, dy / apart_m
-        middle = 0.5 * (mine[0] + theirs[0]), 0.5 * (mine[1] + theirs[1])
-        wall = Wall(normal, normal[0] * middle[0] + normal[1] * middle[1])
+        wall = wall_between(mine, contact.theirs)
         self._walls[name] = contact.stamp_ns, wall
         return wall
 

@@ -101,12 +101,13 @@ def test_two_sides_that_do_not_hear_each_other_circle_apart_and_come_together_ag
     ("seed", "at_s", "groups"),
     [
         (4, 11.7, ("d1", "d2", "d3", "x1", "x2")),
+        (21, 11.7, ("d1", "d2", "d3", "x1", "x2")),
         pytest.param(14, 21.0, ("d1 x1", "d2 x2", "d3"), marks=pytest.mark.long),
         (19, 15.3, ("d1 x1", "d2 x2", "d3")),
     ],
 )
 def test_a_swarm_that_is_split_on_its_way_to_the_circle_keeps_apart(seed, at_s, groups):
-    """1 to 2 s after all track. Each went on to a circle of its own, across the ways of the others: 0.8 to 2.8 m."""
+    """About when all track. Each went on to a circle of its own, across the ways of the others: 0.8 to 2.8 m."""
 
     def watch(moment):
         closest(moment)

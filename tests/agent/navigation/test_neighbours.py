@@ -22,8 +22,12 @@ MISSION = MissionConfig(
     drones=(DroneInMission(id="a"), DroneInMission(id="b", origin_m=(10.0, 0.0, 0.0), yaw_deg=90.0)),
 )
 
-BOTH_ON = Circle((5.0, 0.0), 5.0)  # a at (0, 0) and b about (10, 0) are on it
-ON_THE_WAY = Circle((12.0, 0.0), 5.0)  # a is not there yet
+STANDING = PeerState((0.0, 0.0, 3.0))
+BOTH_ON = Circle((5.0, 0.0), (0.0, 0.0), 5.0, 3.0)  # a stands on it at (0, 0), b flies along it about (10, 0)
+HALF_WAY_M = (
+    0.5 * (10.0 * 10.0 + 1.0 * 3.0) / math.hypot(10.0, 1.0)
+)  # of the way from (0, 0) to (10, 3), in the direction of (10, 1)
+ON_THE_WAY = Circle((12.0, 0.0), (0.0, 0.0), 5.0, 3.0)  # a is not there yet
 
 
 def pose(stamp_ns=0, sigma_m=0.1, epoch=0):
@@ -159,15 +163,15 @@ def test_a_drone_in_hold_stays_and_one_that_lands_is_down_some_time():
 
 
 def test_who_searched_keeps_to_its_own_side():
-    """Half-way between (0, 0), where a was, and (10, 1), where b was when they last heard of each other."""
-    me = Self(3 * SECOND, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0))
+    """Half-way between (0, 0), where a was and stayed, and where b gets until a notices: to (10, 3) from (10, 1)."""
+    me = Self(3 * SECOND, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for message in (pose(), status(Stage.SURVEY)):
         assert peers.receive(message, 0) is None
     beyond = hood.around(peers, me)[0].plan.positions[0]
-    assert math.hypot(beyond[0], beyond[1]) == pytest.approx(math.hypot(5.0, 0.5) + 2.0)
+    assert math.hypot(beyond[0], beyond[1]) == pytest.approx(HALF_WAY_M + 2.0)
     wall = hood.absence.walls["b"]
-    assert wall.offset == pytest.approx(-math.hypot(5.0, 0.5))
+    assert wall.offset == pytest.approx(-HALF_WAY_M)
     assert (hood.absence.missing, hood.absence.ring, hood.absence.alone) == (("b",), 0, True)
     assert [wall.parts_from(place) for place in ((0.0, 0.0), (10.0, 1.0))] == [False, True]
     over = hood.around(peers, replace(me, height_m=20.0))
@@ -193,7 +197,7 @@ def test_one_that_was_on_the_circle_as_this_drone_was_may_circle_until_its_vehic
 
     On their way to the circle, two that went on to circles of different radius crossed each other's ways, and came to 0.4 m.
     """
-    me = Self(SECOND, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0), circle=circle)
+    me = Self(SECOND, 0, 0.1, Transform(), motion_at=lambda _: STANDING, circle=circle)
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for message in (pose(), status(stage)):
         assert peers.receive(message, 0) is None
@@ -202,12 +206,26 @@ def test_one_that_was_on_the_circle_as_this_drone_was_may_circle_until_its_vehic
     assert hood.absence.may_circle is may
 
 
+@pytest.mark.parametrize("velocity_mps", [(0.0, 4.0, 0.0), (3.0, 0.0, 0.0)])
+def test_who_only_crosses_the_circle_keeps_to_its_own_side(velocity_mps):
+    """a, against the turn and inwards. Two that did went on to circles of different radius, across each other's ways: 1.4 m."""
+    crossing = replace(STANDING, velocity=velocity_mps)
+    me = Self(3 * SECOND, 0, 0.1, Transform(), motion_at=lambda _: crossing, circle=BOTH_ON)
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.TRACK)):
+        assert peers.receive(message, 0) is None
+    hood.around(peers, me)
+    assert set(hood.absence.walls) == {"b"}
+    hood.around(peers, replace(me, now_ns=10 * SECOND))
+    assert not hood.absence.may_circle
+
+
 def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_never_gives_way():
     """As if neither heard the other: b takes a to keep to the line between the two of them from when they last heard of each
     other. a flew on into b's half, and b did not know of it.
     """
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
-    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0))
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
     for message in (pose(), status(Stage.SURVEY), plan()):
         assert peers.receive(message, 0) is None
     assert [(one.plan.blind, one.takes_part) for one in hood.around(peers, me)] == [(False, True)]
@@ -221,7 +239,7 @@ def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_nev
         assert (heard.plan.blind, heard.plan.away, heard.takes_part) == (True, None, False)
         absence = hood.absence
         assert (absence.missing, absence.unhearing, absence.unheard, absence.alone) == (("b",), ("b",), (), True)
-        assert absence.walls["b"].offset == pytest.approx(-math.hypot(5.0, 0.5))
+        assert absence.walls["b"].offset == pytest.approx(-HALF_WAY_M)
     for message in (plan(5 * SECOND // 2), pose(5 * SECOND // 2)):
         assert peers.receive(message, 5 * SECOND // 2) is None
     (heard,) = hood.around(peers, replace(me, now_ns=5 * SECOND // 2))
@@ -238,7 +256,7 @@ def heard_from(hood, peers, me, stamp_ns, x, unheard=(), stage=Stage.SURVEY):
 
 def test_the_line_stays_where_the_first_of_the_two_directions_was_lost():
     """The other one cannot know when the second direction is lost, whichever that is."""
-    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0))
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
     for silent_first in (False, True):
         hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
         heard_from(hood, peers, me, 0, 0.0)
@@ -260,7 +278,7 @@ def test_drones_on_the_circle_stand_for_one_that_does_not_hear_them_as_it_stands
     """It takes them for vehicles that hover without their agents where they last heard each other; one that flew on around the
     circle passed it at 5 m, and was expected 7 m farther away.
     """
-    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0), circle=BOTH_ON)
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING, circle=BOTH_ON)
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     heard_from(hood, peers, me, 0, 0.0, stage=Stage.TRACK)
     for second in (1, 4, 20):
@@ -271,7 +289,7 @@ def test_drones_on_the_circle_stand_for_one_that_does_not_hear_them_as_it_stands
 
 
 def test_one_that_was_told_not_to_hear_this_drone_hears_it_again_only_when_it_plans_so():
-    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0))
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     heard_from(hood, peers, me, 0, 0.0)
     heard_from(hood, peers, me, SECOND, 1.0, unheard=("a",))
@@ -285,7 +303,7 @@ def test_one_that_was_told_not_to_hear_this_drone_hears_it_again_only_when_it_pl
 
 
 def test_a_revoked_drone_gives_way_to_all_that_it_still_hears():
-    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0), revoked=True)
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING, revoked=True)
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     (heard,) = heard_from(hood, peers, me, 0, 0.0)
     assert (heard.plan.blind, heard.takes_part) == (True, False)
@@ -293,7 +311,7 @@ def test_a_revoked_drone_gives_way_to_all_that_it_still_hears():
 
 
 def test_the_line_does_not_move_with_an_epoch_of_the_other_one():
-    me = Self(0, 0, 0.1, Transform(), place_at=lambda _: (0.0, 0.0, 3.0))
+    me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
     lines = []
     for before in (0, 1):
         hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
@@ -702,7 +720,7 @@ def test_the_line_to_keep_behind_stays_when_the_own_clock_is_set_back():
         assert peers.receive(message, 30 * SECOND) is None
 
     def walls(now_ns):
-        hood.around(peers, Self(now_ns, 0, 0.0, Transform(), place_at=lambda ns: (0.0, 0.0, 3.0) if ns > 20 * SECOND else None))
+        hood.around(peers, Self(now_ns, 0, 0.0, Transform(), motion_at=lambda ns: STANDING if ns > 20 * SECOND else None))
         return hood.absence.walls
 
     before = walls(32 * SECOND)
