@@ -56,7 +56,7 @@ _HOLD_S = 0.25  # as of ``bayes``
 _RECENT = 2  # moves that are remembered: agents that share an estimator, as in simulations, may differ by an observation
 
 _MOVES, _MAY_MOVE, _RESTS = 0.01, 0.2, 0.99  # of P(at rest)
-_LEAST_GAIN = 5.0  # of log evidence
+_LEAST_GAIN = 15.0  # of log evidence: fits of few measurements may be metres off
 _BORN = 8.0  # log evidence that a further source costs for its place and activity, about
 _AT_REST = 2  # so many sources that have been watched long enough are at rest
 _LEAST_NS, _KEPT_NS = 5_000_000_000, 30_000_000_000
