@@ -60,16 +60,6 @@ class Contact(Struct, frozen=True):
     circled: bool
 
 
-def contact_at(
-    stamp_ns: int, course: Course, stage: Stage, theirs: PeerState, circle: Circle | None, mine: PeerState | None
-) -> Contact:
-    """The contact at that stamp. ``course``, ``stage``, ``theirs``: of the other one, and how it moved; ``circle``, ``mine``: the
-    same of this one.
-    """
-    circled = circle is not None and mine is not None and circle.has(theirs) and circle.has(mine)
-    return Contact(stamp_ns, course, stage, theirs, circled)
-
-
 def wall_between(mine: PeerState, theirs: PeerState) -> Wall:
     """The line between two that moved so when they last heard each other: half-way between where they get until they notice.
 

@@ -4,8 +4,8 @@ Nobody can tell which of two things has happened:
 
 - its agent is gone, and its autopilot flies (``agentless``).
 - only the radio is. It flies on, and cannot hear this drone either. Where both were on the circle both leave for circles of
-  different radius and height (``agent.motion.orbit``). Where one of them searched, or was on its way to the circle (though it be
-  across it), both keep to their own side of the line half-way between the places where they get until they notice.
+  different radius and height (``agent.motion.orbit``). Where one of them searched, or was on its way to the circle (even if
+  it was just crossing it), both keep to their own side of the line half-way between the places where they get until they notice.
 
 One that is heard, but does not hear this drone, reckons with the same of it: this drone does what it would do if neither heard
 the other. It keeps to its side of the same line, or stands on the circle for as long as that one does, and leaves for its own
@@ -29,7 +29,7 @@ from agent.geometry import Array, Point2, Vector3
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
-from agent.navigation.contact import Circle, Contact, Wall, contact_at, wall_between
+from agent.navigation.contact import Circle, Contact, Wall, wall_between
 from agent.navigation.crossing import is_over_m
 from agent.navigation.peers import Peer, Peers
 from agent.navigation.wayaround import KeptPlace
@@ -253,7 +253,9 @@ class Silent:
         """A contact at this pose of it. ``stage``: its own then; ``circle``: that of this drone; ``mine``: how this one moved."""
         course = self._agentless.course(name, peer, pose, mission_from_theirs)
         place, moves = mission_from_theirs.apply_point(pose.position_m), mission_from_theirs.rotate_direction(pose.velocity_mps)
-        return contact_at(pose.stamp_ns, course, stage, PeerState(place, moves), circle, mine)
+        theirs = PeerState(place, moves)
+        circled = circle is not None and mine is not None and circle.has(theirs) and circle.has(mine)
+        return Contact(pose.stamp_ns, course, stage, theirs, circled)
 
     def unhearing(self, name: str, contact: Contact, sigma_m: float, me: Viewer | None) -> list[PeerPlan]:
         """The side that is left to one that does not hear this drone. ``contact``: the last one, unless one is known already;

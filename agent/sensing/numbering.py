@@ -1,8 +1,8 @@
 """Sequence numbers of the own log entries, and which of them were given while the clock was wrong.
 
-Whether a clock that is set back was wrong before, or is wrong since, it does not say itself. If it turns out to be right since,
-what it stamped before is taken back: where it had been set ahead by as much, all since then; else what it stamped later than the
-time to which it was set back. Where that time has come again before, nobody can tell any more.
+When a clock is set back, it may have been wrong before, or be wrong from then on. Once the others' clocks tell that it is right
+now, the entries that it stamped wrongly are taken back: if it had been set ahead by the same step, all since then; otherwise
+those with later stamps than the time to which it was set back. If it reaches those stamps again first, nothing is taken back.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _MOST_NOTED, _MOST_STEPS = 600, 8
 
 
 class _Doubted(Struct, frozen=True):
-    """Numbers of entries whose stamps may be wrong, and the time when they were given the last one, by that clock."""
+    """Numbers of entries whose stamps may be wrong, and the latest time that the clock told before it was set back."""
 
     first: int
     last: int

@@ -86,9 +86,8 @@ class Observer:
         stamps from now on is used.
         """
         self._waiting.clear()
-        self._start_ns, self._end_ns, self._unused_ns, self._live_s = None, 0, 0, 0.0
-        self._hits = self._photopeak = self._coincidences = 0
-        self._spectrum = CoarseSpectrum()
+        self._end_ns = self._unused_ns = 0
+        self._empty()
         return Retraction(
             stamp_ns=stamp_ns,
             drone=self._drone,
@@ -221,12 +220,16 @@ class Observer:
             separation_mm=event.separation_mm,
         )
 
-    def _exposure(self) -> list[Entry]:
-        start_ns, self._start_ns = self._start_ns, None
-        counts = Counts(self._hits, self._photopeak, self._coincidences)
+    def _empty(self) -> None:
+        """Hold no counts."""
+        self._start_ns, self._live_s = None, 0.0
         self._hits = self._photopeak = self._coincidences = 0
-        spectrum, self._spectrum = self._spectrum.bins(), CoarseSpectrum()
-        live_s, self._live_s = self._live_s, 0.0
+        self._spectrum = CoarseSpectrum()
+
+    def _exposure(self) -> list[Entry]:
+        start_ns, live_s, spectrum = self._start_ns, self._live_s, self._spectrum.bins()
+        counts = Counts(self._hits, self._photopeak, self._coincidences)
+        self._empty()
         assert start_ns is not None
         state = self._history.at(start_ns)
         if state is None or not self._history.keeps(start_ns + HELD_NS):  # the clock has been set meanwhile

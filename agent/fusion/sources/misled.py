@@ -16,7 +16,7 @@ P + sigma^2 [sum_ck P g_ck (P g_ck)' + sum_ek P g_ek (P g_ek)']: the "sandwich" 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from msgspec.structs import replace
@@ -39,25 +39,30 @@ def misled(fitted: Fitted, problem: Problem, rows: Rows) -> Fitted:
         return fitted
     drones = np.arange(len(solution.bias))
     patches, index = np.unique(np.column_stack((rows.drone, rows.table[:, 1:4] // _SIDE)), axis=0, return_inverse=True)
-    by_patch, by_drone = summing(index.ravel(), len(patches)), summing(rows.drone, len(drones))
+    by_patch = summing(index.ravel(), len(patches))
+    edges = np.searchsorted(rows.drone, np.arange(len(drones) + 1)).tolist()
+    changes, shares = _changes(fitted, problem)
     pulls = []
-    for pull in _pulls(fitted, problem):
-        pulls.append(_with_biases(by_patch @ pull.sum(axis=2), patches[:, 0], solution))
-        in_bins = (by_drone @ pull.reshape(len(pull), -1)).reshape(len(drones), *pull.shape[1:])
-        each = [_with_biases(in_bins[drone].T, np.full(BINS, drone), solution) for drone in drones]
+    for share in shares:
+        pulls.append(_with_biases(by_patch @ np.matmul(changes, share[..., None])[..., 0], patches[:, 0], solution))
+        each = [
+            _with_biases(np.einsum("rpe,re->ep", changes[start:end], share[start:end]), np.full(BINS, drone), solution)
+            for drone, (start, end) in zip(drones, pairwise(edges), strict=True)
+        ]
         pulls.append(np.sum(each, axis=0))
     moved = _COMMON_ERROR * np.vstack(pulls) @ fitted.covariance
     return replace(fitted, covariance=fitted.covariance + moved.T @ moved)
 
 
-def _pulls(fitted: Fitted, problem: Problem) -> Iterator[Array]:
-    """(R, p, BINS) of each source: what errors of its counts add to the gradient by the p numbers but the biases."""
+def _changes(fitted: Fitted, problem: Problem) -> tuple[Array, list[Array]]:
+    """(R, p, BINS) derivatives of the expected counts by the p numbers but the biases, and of each source (R, BINS) what errors
+    of its counts weigh. Their product is what these errors add to the gradient.
+    """
     counts, solution = problem.counts, fitted.solution
     expected = counts.expected(solution)
     relative = counts.views(expected).information[:, None] / expected.clear
     changes = np.stack(list(counts.derivatives(solution)), axis=1)
-    for k in range(len(solution)):
-        yield changes * (counts.of_source(solution, k) * relative)[:, None]
+    return changes, [counts.of_source(solution, k) * relative for k in range(len(solution))]
 
 
 def _with_biases(pull: Array, drone: NDArray[np.int64], solution: Solution) -> Array:

@@ -47,7 +47,7 @@ _LEAST_PS, _LEAST_MM2 = 1e-6, 1e-9  # so that nothing counted is impossible
 class Mark(Struct, frozen=True):
     """A time with the track's evidence until then, and the number of sources that were fitted.
 
-    waiting: middles and places of earlier exposures that enter the evidence afterwards, with the drone's next one.
+    waiting: earlier exposures that enter the evidence only with the drone's next one, by the time of their middle (ns) and place.
     """
 
     stamp_ns: int

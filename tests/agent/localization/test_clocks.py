@@ -20,18 +20,23 @@ STATUS = Status(stamp_ns=0, drone="a", mission="0" * 16, boot="1" * 16, stage=St
 MS = 1_000_000
 
 
+def exchange_statuses(clocks, true_ns, set_ms, names, way_ns=lambda _: 2 * MS):
+    """Each of these drones sends a status to all others; ``way_ns``: for how long it is on its way to a receiver."""
+    for sender in names:
+        sent_ns = true_ns + set_ms[sender] * MS
+        status = replace(STATUS, drone=sender, stamp_ns=sent_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
+        for receiver in names:
+            if receiver != sender:
+                clocks[receiver].hear(status, true_ns + way_ns(receiver) + set_ms[receiver] * MS)
+
+
 def exchanged(ahead_ms, seconds=5, ways_ms=(2, 2), names=("a", "b", "c")):
     """Clocks of drones that hear each other once a second; ``ways_ms``: how long a message takes to a, and to others."""
     clocks = {name: Clocks(name, [other for other in names if other != name]) for name in names}
     for second in range(seconds):
         true_ns = START_NS + second * SECOND
-        for sender in names:
-            sent_ns = true_ns + ahead_ms[sender] * MS
-            status = replace(STATUS, drone=sender, stamp_ns=sent_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
-            for receiver in names:
-                if receiver != sender:
-                    way_ns = ways_ms[receiver != "a"] * MS + (second % 3) * 30 * MS  # some are queued for long
-                    clocks[receiver].hear(status, true_ns + way_ns + ahead_ms[receiver] * MS)
+        queued_ns = (second % 3) * 30 * MS  # some are queued for long
+        exchange_statuses(clocks, true_ns, ahead_ms, names, lambda to, more=queued_ns: ways_ms[to != "a"] * MS + more)
     return clocks, lambda name: true_ns + ahead_ms[name] * MS + SECOND // 2
 
 
@@ -158,12 +163,7 @@ def test_where_most_clocks_are_set_back_all_are_wrong_until_the_common_time_has_
         if second == 10:
             for name in "cd":
                 clocks[name].keep_time(-back_ms * MS)
-        for sender in names:
-            sent_ns = true_ns + set_ms[sender] * MS
-            status = replace(STATUS, drone=sender, stamp_ns=sent_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
-            for receiver in names:
-                if receiver != sender:
-                    clocks[receiver].hear(status, true_ns + (2 + set_ms[receiver]) * MS)
+        exchange_statuses(clocks, true_ns, set_ms, names)
         for name in names:
             told[name].append(clocks[name].sigma_m(1.0))
             followed_s[name].append((clocks[name].followed_ns(true_ns + set_ms[name] * MS) - START_NS) / SECOND)
@@ -188,12 +188,7 @@ def test_where_most_clocks_were_ahead_for_a_while_all_follow_the_common_time_bac
         heard = [name for name in names if second < 24 or name not in silent]
         for name in "bcd" if second >= 25 else "":
             clocks[name].keep_time(-ahead_ms * MS)
-        for sender in heard:
-            sent_ns = true_ns + set_ms[sender] * MS
-            status = replace(STATUS, drone=sender, stamp_ns=sent_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
-            for receiver in heard:
-                if receiver != sender:
-                    clocks[receiver].hear(status, true_ns + (2 + set_ms[receiver]) * MS)
+        exchange_statuses(clocks, true_ns, set_ms, heard)
         for name in names:
             doubted[name].append(clocks[name].is_doubted)
             off_s[name].append((clocks[name].followed_ns(true_ns + set_ms[name] * MS) - true_ns) / SECOND)
