@@ -178,10 +178,11 @@ class OwnPose:
     @property
     def whereabouts(self) -> Whereabouts | None:
         """Place and heading in the mission frame, with their errors; None where they are not known."""
-        vehicle, frame, place_m = self.vehicle, self.frame, self.place_m
-        if vehicle is None or frame is None or place_m is None:
+        vehicle, frame = self.vehicle, self.frame
+        if vehicle is None or frame is None:
             return None
         transform = frame.mission_from_local
+        place_m = transform.apply_point(vehicle.position_m)
         yaw_sigma_rad = max(transform.sigmas_at(vehicle.position_m)[1], vehicle.yaw_sigma_rad)
         return Whereabouts(place_m, self.sigma_m, yaw_of(vehicle.quaternion) + transform.yaw_rad, yaw_sigma_rad)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import dist, inf
 
 import shapely
@@ -11,7 +11,7 @@ from shapely import Polygon
 from agent.pilot import Pilot
 from sim.faults.agents import Late
 from sim.faults.base import Family
-from sim.geometry import Array
+from sim.geometry import Array, Vector3
 from sim.scoring.invariants.base import Breach, Invariant, Setting
 from sim.scoring.moment import Moment
 
@@ -51,44 +51,45 @@ class Reckoned(Invariant[Moment]):
         for drone, pilot in enumerate(moment.pilots):
             if self._first[drone] is None:
                 self._first[drone] = pilot
+        places = [(x, y, z) for x, y, z in moment.position_m.tolist()]
+        new = [self._is_new(drone, pilot) for drone, pilot in enumerate(moment.pilots)]
+        for drone, pilot in enumerate(moment.pilots):
+            flies = pilot is not None and pilot.whereabouts is not None and moment.autopilots[drone].setpoint_age_s is not None
             for other in range(len(moment.pilots)):
                 if other != drone:
-                    self._note(moment, drone, other, pilot)
+                    is_judged = flies and not new[drone] and not new[other] and self._is_near(moment.time_s, places, drone, other)
+                    self._note(moment.time_s, places, drone, other, pilot if is_judged else None)
         for pair, since_s in self._since_s.items():
             if moment.time_s - since_s > UNRECKONED_S:
                 yield Breach(pair, self._found[pair])
 
-    def _note(self, moment: Moment, drone: int, other: int, pilot: Pilot | None) -> None:
-        farther_m = self._farther_m(moment, drone, other, pilot)
+    def _is_near(self, time_s: float, places: Sequence[Vector3], drone: int, other: int) -> bool:
+        """Whether another vehicle is in the air near a drone, and both are where they tell that they are."""
+        mine_m, theirs_m = places[drone][2], places[other][2]
+        if _apart_m(places, drone, other) > NEAR_M or abs(mine_m - theirs_m) > LAYER_M or theirs_m < _LOW_M:
+            return False
+        return not any(self.setting.struck(_ELSEWHERE, one, time_s, 15.0) for one in (drone, other))
+
+    def _note(self, time_s: float, places: Sequence[Vector3], drone: int, other: int, pilot: Pilot | None) -> None:
+        """``pilot``: of the drone; None where nothing is to be judged."""
+        farther_m = 0.0 if pilot is None else self._farther_m(places, drone, other, pilot)
         if farther_m <= 0.0:
             self._since_s.pop((drone, other), None)
             return
-        self._since_s.setdefault((drone, other), moment.time_s)
-        apart_m = _apart_m(moment, drone, other)
+        self._since_s.setdefault((drone, other), time_s)
         taken = "does not reckon with it" if farther_m == inf else f"takes it for {farther_m:.1f} m farther away"
-        self._found[drone, other] = f"{apart_m:.1f} m from the other, and {taken}"
+        self._found[drone, other] = f"{_apart_m(places, drone, other):.1f} m from the other, and {taken}"
 
-    def _farther_m(self, moment: Moment, drone: int, other: int, pilot: Pilot | None) -> float:
+    def _farther_m(self, places: Sequence[Vector3], drone: int, other: int, pilot: Pilot) -> float:
         """How much farther away a drone takes another to be than allowed."""
-        if pilot is None or pilot.whereabouts is None or self._is_new(drone, pilot) or self._is_new(other, moment.pilots[other]):
-            return 0.0
-        reckoning, (mine, theirs) = pilot.reckoning, moment.position_m[[drone, other], 2].tolist()
-        if (
-            reckoning is None
-            or moment.autopilots[drone].setpoint_age_s is None
-            or abs(mine - theirs) > LAYER_M
-            or theirs < _LOW_M
-        ):
-            return 0.0
-        apart_m = _apart_m(moment, drone, other)
-        if apart_m > NEAR_M or any(self.setting.struck(_ELSEWHERE, one, moment.time_s, 15.0) for one in (drone, other)):
+        reckoning = pilot.reckoning
+        if reckoning is None:
             return 0.0
         judged, believed_m = self._believed.get((drone, other), (None, inf))
         if judged is not reckoning:  # worked out once for each of its plans
-            x, y, z = moment.position_m[other].tolist()
-            believed_m = reckoning.distance_m(self.setting.names[other], SIGMAS, (x, y, z), FARTHER_M)
+            believed_m = reckoning.distance_m(self.setting.names[other], SIGMAS, places[other], FARTHER_M)
             self._believed[drone, other] = reckoning, believed_m
-        return believed_m - apart_m - FARTHER_M
+        return believed_m - _apart_m(places, drone, other) - FARTHER_M
 
     def _is_new(self, drone: int, pilot: Pilot | None) -> bool:
         return drone in self._late or (pilot is not None and pilot is not self._first[drone])
@@ -148,6 +149,6 @@ class FreshTelemetry(Invariant[Moment]):
                 yield Breach((drone,), f"flown by telemetry of {moment.time_s - told_s:.1f} s ago")
 
 
-def _apart_m(moment: Moment, drone: int, other: int) -> float:
+def _apart_m(places: Sequence[Vector3], drone: int, other: int) -> float:
     """True horizontal distance."""
-    return dist(moment.position_m[drone, :2].tolist(), moment.position_m[other, :2].tolist())
+    return dist(places[drone][:2], places[other][:2])
