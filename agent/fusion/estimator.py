@@ -125,7 +125,7 @@ class Outlook:
     geometric mean of the activity given a source in the cell. none: P(no source).
     excluded_bq: sources of this activity or more are excluded, in the mean over the places where they may have been; None:
     nothing is excluded yet. exclusion: where the estimator is one of several sources; then ``excluded_bq`` is the largest of its
-    limits.
+    limits. lead: the search for a source of which something has been measured, but not enough to tell of it: it comes first.
     """
 
     places: NDArray[np.float64]
@@ -134,6 +134,7 @@ class Outlook:
     none: float
     excluded_bq: float | None
     exclusion: Exclusion | None = None
+    lead: Outlook | None = None
 
 
 class Estimator(Protocol, Generic[S]):

@@ -190,6 +190,7 @@ class InformedSearch:
                 outlook follows the flight too slowly to lead it from place to place.
         """
         outlook = self._prospect.at(now_ns) if self._waypoints is not None else None
+        outlook = outlook.lead if outlook is not None and outlook.lead is not None else outlook
         if outlook is not None and outlook.exclusion is not None and not (covered and outlook.exclusion.left.any()):
             outlook = None
         if outlook is None or self._waypoints is None:

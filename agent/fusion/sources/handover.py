@@ -11,17 +11,12 @@ measured in the last 20 to 30 s, or at least ``_LEAST_NS`` since it is tracked,
 the source is handed over at the moves where the track excludes that it is at rest, P(at rest) <= ``_MOVES``, and M - R is at
 least ``_LEAST_GAIN``. One source at rest fails the first condition; several, which no single track explains, fail the second,
 and the third, that the track does without anything unknown in its cameras' views: so a track can explain a lot away.
-Moves are made at once, at the next time of a refinement, where both hold for the fit of the last moves, which does not know what
-was measured since: so a source that moves is handed over within seconds. Before it is, sources at rest are fitted anew, from
-none: a fit that has gone astray must not look like motion. Nor is one handed over of whose nuclide two sources or more are
-told that the drones have watched for a turn each (``track.each_s``): nothing that moves is seen for so long at two places, but
-a track that follows the drones from one to the next explains what is measured there, with places that are free to differ by the
-errors that a fit has.
-
-Until then sources are told at rest, and of one that moves neither its motion nor its place may show from lanes that pass it. So
-for ``_LOOK_NS`` from when something is told the first one is told with a ``look``, as long as P(at rest) < ``_CLEAR``: the track,
-or the mean and covariance of its search, which knows better than the fit where a source is that moves. Drones circle that place.
-Where several of the nuclide are told, its search, which is for one, tells nothing.
+Moves are made at once, at the next time of a refinement, where the track is the first to find a source, and where both hold for
+the fit of the last moves, which does not know what was measured since: so a source that moves is handed over within seconds.
+Before it is, sources at rest are fitted anew, from none: a fit that has gone astray must not look like motion. Nor is one handed
+over of whose nuclide two sources or more are told that the drones have watched for a turn each (``track.each_s``): nothing that
+moves is seen for so long at two places, but a track that follows the drones from one to the next explains what is measured there,
+with places that are free to differ by the errors that a fit has. Where the swarm looks until then: ``looking``.
 
 Once it is handed over the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its
 way. Sources of other nuclides are told as they were, and count as known. Nothing that is measured while it moves tells of sources
@@ -47,6 +42,7 @@ from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import Observation
 from agent.fusion.sources.estimator import SourcesAtRest
 from agent.fusion.sources.fit import Fitted
+from agent.fusion.sources.looking import doubted, is_doubted, led, looked_for
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.state import SourcesState
 from agent.fusion.sources.tracker import Mark, Track, Tracker
@@ -61,17 +57,18 @@ _BORN = 8.0  # log evidence that a further source costs for its place and activi
 _AT_REST = 2  # so many sources that have been watched long enough are at rest
 _LEAST_NS, _KEPT_NS = 5_000_000_000, 30_000_000_000
 _SAME_M = 1.5  # between a track at rest and the fit that takes its place
-_CLEAR = 0.8  # P(at rest) from which on a source needs no look
-_LOOK_NS = 25_000_000_000  # after the first doubt whether it is at rest; later on there is no look at it
-_IS_NONE = 0.5  # P(no source), with which there is nothing to look at
+_BEFORE_NS = 60_000_000_000  # by which what was measured may precede a track that begins with it
 _MORE = 2.0  # so many more photons have to be counted of another nuclide for the track to be of that one
 
 
 class FollowingState(Struct, frozen=True, eq=False):
-    """rest: the fit of sources at rest. track: beside it; None before anything was fitted."""
+    """rest: the fit of sources at rest. track: beside it; None before anything was fitted. untracked: what was measured in the
+    last ``_BEFORE_NS`` before the last moves, while there is no track.
+    """
 
     rest: SourcesState = SourcesState()
     track: Track | None = None
+    untracked: tuple[Observation, ...] = ()
 
 
 class FollowingEstimator:
@@ -102,7 +99,7 @@ class FollowingEstimator:
         """
         rest = state.rest
         refined, moved = self._at_rest.due(step)
-        is_marked = moved > rest.moved
+        is_marked = moved > rest.moved or (refined > rest.refined and _is_first(state))
         if is_marked or (refined > rest.refined and self._favoured(state.track, rest)):
             state = self._moved_once(state, step)
             rest = replace(state.rest, refined=refined, moved=moved)
@@ -110,7 +107,7 @@ class FollowingEstimator:
             rest = replace(self._at_rest.to_refine(rest), refined=refined)
         rest, track = rest.taken(observations), state.track
         if track is None:
-            return FollowingState(rest)
+            return FollowingState(rest, untracked=state.untracked)
         if is_marked:
             track = track.marked(step.start_ns, _number(rest))
         track = self._tracked(track, step, observations, _number(rest))
@@ -118,9 +115,7 @@ class FollowingEstimator:
             track = replace(track, kept_ns=track.kept_ns or step.end_ns)
         elif track.moves:
             rest, track = replace(rest, pending=()), replace(track, kept_ns=0)
-        if rest.x0_stamp_ns and track.doubted_ns == 0 and not track.at_rest >= _CLEAR:
-            track = replace(track, doubted_ns=step.start_ns)
-        return FollowingState(rest, track)
+        return FollowingState(rest, doubted(track, step.start_ns) if rest.x0_stamp_ns else track)
 
     def work(self, state: FollowingState, observations: int) -> int:
         """The fits on average over the steps."""
@@ -133,9 +128,10 @@ class FollowingEstimator:
         track = _moving(state)
         if track is None:
             told = self._telling.hypothesis(state.rest, step)
-            if told is None or state.track is None or not _is_doubted(state.track, step):
+            if told is None or state.track is None or not is_doubted(state.track, step):
                 return told
-            return replace(told, look=self._looked_for(told, state.track, step))
+            bayes, nuclide = self._tracker(state.track.nuclide).bayes, self._at_rest.spectra.nuclides[state.track.nuclide]
+            return replace(told, look=looked_for(told, state.track, bayes, nuclide, self._at_rest.ground, step))
         told = self._tracker(track.nuclide).bayes.hypothesis(track.state, step)
         if told is None:
             return None
@@ -144,11 +140,14 @@ class FollowingEstimator:
         return replace(told, nuclide=nuclide, x0_stamp_ns=state.rest.x0_stamp_ns or told.x0_stamp_ns, others=others)
 
     def outlook(self, state: FollowingState, step: GridStep) -> Outlook | None:
-        """As ``SourcesAtRest``; that of the track's search, if a source that moves has been lost."""
-        track = _moving(state)
-        if track is None:
-            return state.rest.outlook
-        return self._tracker(track.nuclide).bayes.outlook(track.state, step)
+        """As ``SourcesAtRest``, led by the track's search until something is told; that search, if a source that moves has been
+        lost.
+        """
+        rest, track = state.rest, state.track
+        bayes = None if track is None else self._tracker(track.nuclide).bayes
+        if track is not None and bayes is not None and track.moves:
+            return bayes.outlook(track.state, step)
+        return rest.outlook if rest.x0_stamp_ns else led(rest.outlook, track, bayes, step)
 
     def _moved_once(self, state: FollowingState, step: GridStep) -> FollowingState:
         """As ``_moved``, remembered: when an observation of this very step comes late, the step is computed again from the same
@@ -174,38 +173,22 @@ class FollowingEstimator:
                 return self._handed_over(after, step)
         return after
 
-    def _looked_for(self, told: Hypothesis, track: Track, step: GridStep) -> Hypothesis | None:
-        """Where the source is if it moves: by the track, or by its search; None where that has nothing to say."""
-        tracker = self._tracker(track.nuclide).bayes
-        if (tracked := tracker.hypothesis(track.state, step)) is not None:
-            return tracked
-        nuclide = self._at_rest.spectra.nuclides[track.nuclide]
-        if sum(one.nuclide == nuclide for one in (told, *told.others)) > 1:
-            return None  # a search for one source is in the middle of several
-        outlook = tracker.outlook(track.state, step)
-        if outlook is None or outlook.none >= _IS_NONE:
-            return None
-        weight = outlook.weight / outlook.weight.sum()
-        mean = weight @ outlook.places
-        covariance = np.zeros((3, 3))
-        covariance[:2, :2] = np.cov(outlook.places.T, aweights=weight, ddof=0)
-        position = np.array((*mean, self._at_rest.ground.height_m(*mean.tolist())))
-        return replace(told, position=position, covariance=covariance, sights={}, others=())
-
     def _with_track(self, before: FollowingState, rest: SourcesState, step: GridStep) -> FollowingState:
         """The state after moves with the track beside its fit: the one before them, or a new one, with what was pending, if that
         was of another nuclide or did not know others.
         """
+        observed = (*before.untracked, *before.rest.pending)
+        untracked = FollowingState(rest, untracked=tuple(one for one in observed if step.start_ns - one.stamp_ns < _BEFORE_NS))
         if rest.fitted is None or not len(rest.fitted.solution) or self._at_rest.raised:
-            return FollowingState(rest)
+            return untracked
         solution, track = rest.fitted.solution, before.track
         nuclide = self._most_counted(rest, track, solution)
         if nuclide is None:
-            return FollowingState(rest)
+            return untracked
         others = _without(solution, nuclide)
         if track is None or track.nuclide != nuclide or len(others) > len(track.others):
-            track = Track(nuclide, self._tracker(nuclide).bayes.initial(None), others, rest.unknown)
-            track = self._begun(track, before.rest.pending, step, len(solution))
+            track = Track(nuclide, self._tracker(nuclide).bayes.initial(None), others, step.start_ns, rest.unknown)
+            track = self._begun(track, observed, step, len(solution))
             if before.track is not None and before.track.nuclide == nuclide:
                 track = replace(track, doubted_ns=before.track.doubted_ns)
         return FollowingState(rest, replace(track, others=others, unknown=rest.unknown))
@@ -318,9 +301,9 @@ def _moving(state: FollowingState) -> Track | None:
     return state.track if state.track is not None and state.track.moves else None
 
 
-def _is_doubted(track: Track, step: GridStep) -> bool:
-    """Whether it is not clear that the source is at rest, and a look at it does not last too long."""
-    return not track.at_rest >= _CLEAR and step.start_ns - track.doubted_ns < _LOOK_NS
+def _is_first(state: FollowingState) -> bool:
+    """Whether the track has found a source before any is told, and no moves have been made since."""
+    return state.track is not None and not state.rest.x0_stamp_ns and len(state.track.marks) == 1
 
 
 def _evidence(state: FollowingState) -> float:

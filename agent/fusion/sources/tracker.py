@@ -59,16 +59,17 @@ class Mark(Struct, frozen=True):
 class Track(Struct, frozen=True, eq=False):
     """What is believed of a source that may move (``handover``).
 
-    nuclide: its index. state: of its tracker. others: fitted sources of other nuclides, and unknown: spectra of those that nobody
-    knows. moves: whether it has been handed over; beside: what was told of the others then. kept_ns: from when on what is
-    measured is kept, as the source is at rest or lost; 0: it is not kept. marks: the last ``_MARKS`` moves at fixed times, or
-    since when it is tracked; newest: what enters the evidence after the first of them, and as the tracker saw it. doubted_ns:
-    since when something is told of which it was not clear at first whether it is at rest; 0: there was no doubt.
+    nuclide: its index. state: of its tracker. begun_ns: when it began. others: fitted sources of other nuclides, and unknown:
+    spectra of those that nobody knows. moves: whether it has been handed over; beside: what was told of the others then. kept_ns:
+    from when on what is measured is kept, as the source is at rest or lost; 0: it is not kept. marks: the last ``_MARKS`` moves
+    at fixed times, or since when it is tracked; newest: what enters the evidence after the first of them, and as the tracker saw
+    it. doubted_ns: since when something is told of which it was not clear at first whether it is at rest; 0: there was no doubt.
     """
 
     nuclide: int
     state: BayesState
     others: Solution
+    begun_ns: int
     unknown: tuple[UnknownSpectrum, ...] = ()
     moves: bool = False
     beside: tuple[Hypothesis, ...] = ()

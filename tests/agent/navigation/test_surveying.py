@@ -1,3 +1,4 @@
+import dataclasses
 from itertools import pairwise
 
 import numpy as np
@@ -296,6 +297,13 @@ def test_a_search_for_several_sources_flies_lanes_first_and_then_where_more_may_
     assert min(velocities[1]) > 0.0
     nothing = informed(outlook(left=np.zeros(len(PLACES), np.bool_)))
     assert nothing.reference(0, (1.0, 1.0), (0.0, 0.0), [], 20, STEP_S, covered=True) is None
+
+
+def test_what_was_measured_of_a_source_that_is_not_told_yet_leads_it_away_from_the_lanes():
+    near = np.exp(-((PLACES[:, 0] - 30.0) ** 2 + (PLACES[:, 1] - 33.0) ** 2) / 20.0)
+    known = dataclasses.replace(outlook(left=np.ones(len(PLACES), np.bool_)), lead=outlook(near))
+    position, _ = led(informed(known), 15.0)
+    assert np.hypot(position[0] - 30.0, position[1] - 33.0) < 4.0
 
 
 def test_its_way_goes_around_the_corner_of_an_area():

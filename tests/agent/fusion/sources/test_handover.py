@@ -15,6 +15,7 @@ from agent.fusion.engine import Fusion
 from agent.fusion.observation import observe
 from agent.fusion.registry import estimator_named
 from agent.fusion.sources.handover import FollowingEstimator
+from agent.fusion.sources.looking import led, looked_for
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.tracker import Mark, Track
 from agent.navigation.focus import focus
@@ -98,12 +99,55 @@ def test_before_it_is_tracked_they_look_where_its_search_takes_it_to_be(kit, amo
     assert track.is_lost
     assert sorted(one.nuclide for one in (told, *told.others)) == ["Cs-137", "Ir-192", "Ir-192"]
     assert told.look is None
-    look = estimator._looked_for(replace(told, others=()), track, step)
-    outlook = estimator._tracker(track.nuclide).bayes.outlook(track.state, step)
+    bayes = estimator._tracker(track.nuclide).bayes
+    look = looked_for(replace(told, others=()), track, bayes, "Ir-192", estimator._at_rest.ground, step)
+    outlook = bayes.outlook(track.state, step)
     mean = outlook.weight @ outlook.places / outlook.weight.sum()
     assert look.position[:2] == pytest.approx(mean)
     square = ((outlook.places - mean) ** 2).sum(axis=1)
     assert look.rms_m == pytest.approx(np.sqrt(outlook.weight @ square / outlook.weight.sum()))
+
+
+@pytest.fixture(scope="module")
+def weak(among):
+    mission = among.mission_of()
+    return mission, among.entries_of(mission, np.random.default_rng(7), 30.0, [("Cs-137", 30.0, 30.0, 4e8)])
+
+
+def test_before_anything_is_told_the_search_leads_the_drones_for_a_while(kit, weak):
+    """What is excluded stays that of the fit."""
+    fusion = after(kit, weak[0], until(kit, weak[1], 12.0), 12.0)
+    assert fusion.hypothesis is None
+    outlook, track, rest = fusion.outlook, fusion.state.track, fusion.state.rest.outlook
+    assert outlook.exclusion is rest.exclusion
+    assert outlook.excluded_bq == rest.excluded_bq
+    mean = outlook.lead.weight @ outlook.lead.places / outlook.lead.weight.sum()
+    assert mean == pytest.approx((30.0, 30.0), abs=8.0)
+    bayes, step = fusion.estimator._tracker(track.nuclide).bayes, fusion._now_step
+    late = replace(step, start_ns=track.begun_ns + 61_000_000_000)
+    assert led(rest, track, bayes, late) is rest
+    assert led(None, track, bayes, step).excluded_bq is None
+    assert led(rest, None, None, step) is rest
+
+
+def test_what_the_track_finds_first_is_told_at_the_next_refinement(kit, weak):
+    """Not only with the moves at 20 s."""
+    fusion = after(kit, weak[0], until(kit, weak[1], 15.0), 15.0)
+    assert (fusion.state.track.is_lost, fusion.hypothesis) == (True, None)
+    fusion = after(kit, weak[0], until(kit, weak[1], 17.9), 17.9)
+    assert not fusion.state.track.is_lost
+    assert fusion.hypothesis.position[:2] == pytest.approx((30.0, 30.0), abs=2.0)
+    assert fusion.outlook.lead is None
+
+
+def test_a_track_begins_with_what_was_measured_before_there_was_one(kit, weak):
+    """Until the moves at 5 s nothing was fitted, and the track began with those at 10 s."""
+    fusion = after(kit, weak[0], until(kit, weak[1], 4.9), 4.9)
+    assert (fusion.state.track, fusion.state.untracked) == (None, ())
+    fusion = after(kit, weak[0], until(kit, weak[1], 9.9), 9.9)
+    assert fusion.state.track is None
+    before = fusion.state.untracked
+    assert {one.identity for one in before} >= {entry.entry_id for entry in until(kit, weak[1], 4.5)}
 
 
 def test_another_nuclide_at_rest_is_told_beside_it(kit, among):
@@ -238,7 +282,7 @@ def test_an_exposure_that_waits_for_the_next_one_counts_where_its_evidence_does(
     """Before a mark it enters the evidence after it; in the end it has not entered it yet."""
     mission = kit.mission_of()
     seen = [observe(kit.exposure_entry(mission, 0.5 * n, (float(n), 0.0, 3.0), sequence=n), Transform()) for n in range(4)]
-    track = Track(0, waiting_for(seen[0]), Solution.nothing(1), newest=((seen[0], seen[0]),), marks=(Mark(0, 0.0, 1),))
+    track = Track(0, waiting_for(seen[0]), Solution.nothing(1), 0, newest=((seen[0], seen[0]),), marks=(Mark(0, 0.0, 1),))
     assert track.counted == ()
     for n in range(2):
         track = track.marked(seen[0].stamp_ns + 1 + n, 1)
