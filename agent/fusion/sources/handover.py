@@ -13,10 +13,8 @@ least ``_LEAST_GAIN``. One source at rest fails the first condition; several, wh
 and the third, that the track does without anything unknown in its cameras' views: so a track can explain a lot away.
 Moves are made at once, at the next time of a refinement, where the track is the first to find a source, and where both hold for
 the fit of the last moves, which does not know what was measured since: so a source that moves is handed over within seconds.
-Before it is, sources at rest are fitted anew, from none: a fit that has gone astray must not look like motion. Nor is one handed
-over of whose nuclide two sources or more are told that the drones have watched for a turn each (``track.each_s``): nothing that
-moves is seen for so long at two places, but a track that follows the drones from one to the next explains what is measured there,
-with places that are free to differ by the errors that a fit has. Where the swarm looks until then: ``looking``.
+Before it is, sources at rest are fitted anew, from none: a fit that has gone astray must not look like motion. Where the swarm
+looks until then: ``looking``.
 
 Once it is handed over the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its
 way. Sources of other nuclides are told as they were, and count as known. Nothing that is measured while it moves tells of sources
@@ -54,7 +52,6 @@ _RECENT = 2  # moves that are remembered: agents that share an estimator, as in 
 _MOVES, _MAY_MOVE, _RESTS = 0.01, 0.2, 0.99  # of P(at rest)
 _LEAST_GAIN = 15.0  # of log evidence: fits of few measurements may be metres off
 _BORN = 8.0  # log evidence that a further source costs for its place and activity, about
-_AT_REST = 2  # so many sources that have been watched long enough are at rest
 _LEAST_NS, _KEPT_NS = 5_000_000_000, 30_000_000_000
 _SAME_M = 1.5  # between a track at rest and the fit that takes its place
 _BEFORE_NS = 60_000_000_000  # by which what was measured may precede a track that begins with it
@@ -237,8 +234,6 @@ class FollowingEstimator:
         """Whether what was measured last favours a source that moves: see this module's docstring."""
         if rest.fitted is None or track is None or not track.at_rest <= _MOVES or not track.in_view:
             return False
-        if self._watched(rest, rest.fitted, track.nuclide) >= _AT_REST:
-            return False
         counted = track.counted
         if not counted or counted[-1][0].stamp_ns - track.marks[0].stamp_ns < _LEAST_NS:
             return False
@@ -251,15 +246,6 @@ class FollowingEstimator:
         at_rest = tracker.evidence_at_rest(newest, rest.fitted.solution, background)
         at_rest -= _BORN * max(0, _number(rest) - track.marks[0].sources)
         return moving - at_rest >= _LEAST_GAIN
-
-    def _watched(self, rest: SourcesState, fitted: Fitted, nuclide: int) -> int:
-        """How many sources of a nuclide have been watched for a turn, and are known well enough to be told."""
-        places = [
-            fitted.solution.place[k]
-            for k, n in enumerate(fitted.solution.nuclide)
-            if n == nuclide and self._telling.is_known(fitted, k)
-        ]
-        return sum(self._telling.watched_s(rest.rows, place) >= self._mission.turn_s for place in places)
 
     def _handed_over(self, state: FollowingState, step: GridStep) -> FollowingState:
         rest, track = state.rest, state.track

@@ -14,7 +14,6 @@ from agent.fusion.deferred import Deferred, Folder
 from agent.fusion.engine import Fusion
 from agent.fusion.observation import observe
 from agent.fusion.registry import estimator_named
-from agent.fusion.sources.handover import FollowingEstimator
 from agent.fusion.sources.looking import led, looked_for
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.tracker import Mark, Track
@@ -180,21 +179,23 @@ def test_sources_at_rest_are_not_handed_over(kit, among, sources):
     assert fusion.hypothesis.look is None
 
 
-@pytest.mark.parametrize(("each_s", "watched"), [(30.0, 0), (1.0, 2)])
-def test_the_sources_of_a_nuclide_that_have_been_watched_for_a_turn_are_counted(kit, among, each_s, watched):
+@pytest.mark.parametrize(
+    ("seed", "activity_bq", "way"),
+    [
+        (1, 3e9, lambda time_s: (6.0 + 1.2 * time_s, 20.0)),
+        (2, 3e9, lambda time_s: (12.0 + 0.5 * time_s, 20.0)),
+        (1, 2e9, lambda time_s: (20.0 + 10.0 * np.cos(time_s / 12.0), 20.0 + 10.0 * np.sin(time_s / 12.0))),
+    ],
+    ids=["fast", "slow", "ring"],
+)
+def test_places_along_its_way_that_have_had_their_turns_do_not_hide_that_it_moves(kit, among, seed, activity_bq, way):
+    """They are told as sources at rest meanwhile, and circled."""
     mission = among.mission_of()
-    mission = replace(mission, track=replace(mission.track, each_s=each_s))
-    fusion = after(kit, mission, among.entries_of(mission, np.random.default_rng(3), 16.0, IR_APART), 16.0)
-    estimator, rest = fusion.estimator, fusion.state.rest
-    assert estimator._watched(rest, rest.fitted, estimator._at_rest.spectra.nuclides.index("Ir-192")) == watched
-
-
-def test_where_two_have_been_watched_for_a_turn_none_is_handed_over(kit, walk, monkeypatch):
-    """A track that followed the drones from one source at rest to the next of its nuclide took the place of all of them."""
-    mission, entries = walk
-    monkeypatch.setattr(FollowingEstimator, "_watched", lambda *_: 2)
-    told = after(kit, mission, until(kit, entries, 25.0), 25.0).hypothesis
-    assert told.watched_s is not None  # it is one of sources at rest
+    mission = replace(mission, track=replace(mission.track, each_s=1.0))
+    flown = among.entries_of(mission, np.random.default_rng(seed), 60.0, lambda s: [("Cs-137", *way(s), activity_bq)])
+    fusion = after(kit, mission, until(kit, flown, 30.0), 30.0)
+    assert fusion.state.track.moves
+    assert fusion.hypothesis.others == ()
 
 
 def test_it_is_taken_back_once_it_has_been_at_rest(kit, walk):
