@@ -255,7 +255,9 @@ class Executive:
         if not began:
             return not self._search.is_complete
         outlook = self._prospect.at(now_ns)
-        hides = outlook is not None and outlook.exclusion is not None and bool(outlook.exclusion.left.any())
+        if outlook is None or outlook.lead is not None:
+            return outlook is not None
+        hides = outlook.exclusion is not None and bool(outlook.exclusion.left.any())
         return hides and have_had_turns(hypothesis, self._config)
 
     @property

@@ -2,19 +2,19 @@
 
 A fit of sources at rest tells a source that moves as several along its way, each as strong as it was there on average. So a
 track (``tracker``) goes along with the fit, of the nuclide of which most is counted. It supposes that there is one source of it,
-at rest or moving; sources of other nuclides count as known. With the log Bayes factors, against background alone, of what was
-measured in the last 20 to 30 s, or at least ``_LEAST_NS`` since it is tracked,
+at rest or moving; sources of other nuclides count as known. Of what was measured since the last moves, compare the log Bayes
+factors, against background alone,
 
     M  given the track, each measurement predicted from those before it,
-    R  given the sources at rest, as fitted to all measurements, these included; less ``_BORN`` for each source that is new in it,
+    R  given the sources at rest, as the last moves have fitted them.
 
-the source is handed over at the moves where the track excludes that it is at rest, P(at rest) <= ``_MOVES``, and M - R is at
-least ``_LEAST_GAIN``. One source at rest fails the first condition; several, which no single track explains, fail the second,
-and the third, that the track does without anything unknown in its cameras' views: so a track can explain a lot away.
-Moves are made at once, at the next time of a refinement, where the track is the first to find a source, and where both hold for
-the fit of the last moves, which does not know what was measured since: so a source that moves is handed over within seconds.
-Before it is, sources at rest are fitted anew, from none: a fit that has gone astray must not look like motion. Where the swarm
-looks until then: ``looking``.
+The track is ahead where it excludes that its source is at rest, P(at rest) <= ``_MOVES``, does without anything unknown in its
+cameras' views, with which it could explain a lot away, and M > R. Once it is ahead by ``_GAIN``, or is the first to find a
+source, moves are made at once, at the next time of a refinement, and count what was measured; the first time that it is ahead
+also from none: a fit that has gone astray must not look like motion. Once the track has been ahead at ``_AHEAD`` moves in a row,
+by ``_LEAST_GAIN`` in all, the source is handed over. For sources at rest a fit that has been wrong is right after its next moves;
+one that moves has gone on. R must not be of sources fitted to the same measurements that they have to explain: where one is fast,
+several at rest explain each part of its way well, afterwards. Where the swarm looks until then: ``looking``.
 
 Once it is handed over the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its
 way. Sources of other nuclides are told as they were, and count as known. Nothing that is measured while it moves tells of sources
@@ -40,19 +40,18 @@ from agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from agent.fusion.observation import Observation
 from agent.fusion.sources.estimator import SourcesAtRest
 from agent.fusion.sources.fit import Fitted
-from agent.fusion.sources.looking import doubted, is_doubted, led, looked_for
+from agent.fusion.sources.looking import doubted, led, looks
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.state import SourcesState
-from agent.fusion.sources.tracker import Mark, Track, Tracker
+from agent.fusion.sources.tracker import Track, Tracker
 from protocol.entries import AnyEntry, Cone, Exposure
 
 _HOLD_S = 0.25  # as of ``bayes``
 _RECENT = 2  # moves that are remembered: agents that share an estimator, as in simulations, may differ by an observation
 
 _MOVES, _MAY_MOVE, _RESTS = 0.01, 0.2, 0.99  # of P(at rest)
-_LEAST_GAIN = 15.0  # of log evidence: fits of few measurements may be metres off
-_BORN = 8.0  # log evidence that a further source costs for its place and activity, about
-_LEAST_NS, _KEPT_NS = 5_000_000_000, 30_000_000_000
+_GAIN, _LEAST_GAIN, _AHEAD = 15.0, 30.0, 2  # of log evidence between moves and in all, and so often in a row
+_KEPT_NS = 30_000_000_000
 _SAME_M = 1.5  # between a track at rest and the fit that takes its place
 _BEFORE_NS = 60_000_000_000  # by which what was measured may precede a track that begins with it
 _MORE = 2.0  # so many more photons have to be counted of another nuclide for the track to be of that one
@@ -96,8 +95,7 @@ class FollowingEstimator:
         """
         rest = state.rest
         refined, moved = self._at_rest.due(step)
-        is_marked = moved > rest.moved or (refined > rest.refined and _is_first(state))
-        if is_marked or (refined > rest.refined and self._favoured(state.track, rest)):
+        if moved > rest.moved or (refined > rest.refined and (_is_first(state) or self._gain(state) >= _GAIN)):
             state = self._moved_once(state, step)
             rest = replace(state.rest, refined=refined, moved=moved)
         elif refined > rest.refined:
@@ -105,9 +103,7 @@ class FollowingEstimator:
         rest, track = rest.taken(observations), state.track
         if track is None:
             return FollowingState(rest, untracked=state.untracked)
-        if is_marked:
-            track = track.marked(step.start_ns, _number(rest))
-        track = self._tracked(track, step, observations, _number(rest))
+        track = self._tracked(track, step, observations)
         if track.moves and (track.is_lost or (track.at_rest >= _RESTS and not track.beside)):
             track = replace(track, kept_ns=track.kept_ns or step.end_ns)
         elif track.moves:
@@ -125,10 +121,9 @@ class FollowingEstimator:
         track = _moving(state)
         if track is None:
             told = self._telling.hypothesis(state.rest, step)
-            if told is None or state.track is None or not is_doubted(state.track, step):
+            if told is None or state.track is None or not looks(state.track, step):
                 return told
-            bayes, nuclide = self._tracker(state.track.nuclide).bayes, self._at_rest.spectra.nuclides[state.track.nuclide]
-            return replace(told, look=looked_for(told, state.track, bayes, nuclide, self._at_rest.ground, step))
+            return replace(told, look=self._tracker(state.track.nuclide).bayes.hypothesis(state.track.state, step))
         told = self._tracker(track.nuclide).bayes.hypothesis(track.state, step)
         if told is None:
             return None
@@ -137,14 +132,16 @@ class FollowingEstimator:
         return replace(told, nuclide=nuclide, x0_stamp_ns=state.rest.x0_stamp_ns or told.x0_stamp_ns, others=others)
 
     def outlook(self, state: FollowingState, step: GridStep) -> Outlook | None:
-        """As ``SourcesAtRest``, led by the track's search until something is told; that search, if a source that moves has been
-        lost.
-        """
+        """As ``SourcesAtRest``, led by the track's search (``looking``); that search, if a source that moves has been lost."""
         rest, track = state.rest, state.track
-        bayes = None if track is None else self._tracker(track.nuclide).bayes
-        if track is not None and bayes is not None and track.moves:
+        if track is None:
+            return rest.outlook
+        bayes, nuclide = self._tracker(track.nuclide).bayes, self._at_rest.spectra.nuclides[track.nuclide]
+        if track.moves:
             return bayes.outlook(track.state, step)
-        return rest.outlook if rest.x0_stamp_ns else led(rest.outlook, track, bayes, step)
+        first = self._telling.hypothesis(rest, step)
+        told = [] if first is None else [one.nuclide or "" for one in (first, *first.others)]
+        return led(rest.outlook, told, track, bayes, nuclide, step)
 
     def _moved_once(self, state: FollowingState, step: GridStep) -> FollowingState:
         """As ``_moved``, remembered: when an observation of this very step comes late, the step is computed again from the same
@@ -161,14 +158,20 @@ class FollowingEstimator:
         """Moves of the fit, and what follows for the track; while a source moves, whether it is taken back."""
         if (track := _moving(state)) is not None:
             return self._taken_back(state, track, step)
+        gain = self._gain(state)
+        ahead, gained = (0, 0.0) if gain <= 0.0 or state.track is None else (state.track.ahead + 1, state.track.gained + gain)
+        if ahead >= _AHEAD and gained >= _LEAST_GAIN:
+            return self._handed_over(state, step)
         after = self._with_track(state, self._at_rest.moved(state.rest, step), step)
-        if self._favoured(after.track, after.rest):
+        if ahead == 1:  # a fit that has gone astray must not look like motion
             from_none = replace(state.rest, fitted=None, unknown=())
-            anew = self._with_track(state, self._at_rest.moved(from_none, step), step)
-            after = max(after, anew, key=_evidence)
-            if self._favoured(after.track, after.rest):
-                return self._handed_over(after, step)
-        return after
+            after = max(after, self._with_track(state, self._at_rest.moved(from_none, step), step), key=_evidence)
+        track = after.track
+        if track is None:
+            return after
+        if state.track is not None and track.begun_ns == state.track.begun_ns:
+            track = replace(track, ahead=ahead, gained=gained)
+        return replace(after, track=track.marked(step.start_ns))
 
     def _with_track(self, before: FollowingState, rest: SourcesState, step: GridStep) -> FollowingState:
         """The state after moves with the track beside its fit: the one before them, or a new one, with what was pending, if that
@@ -185,19 +188,19 @@ class FollowingEstimator:
         others = _without(solution, nuclide)
         if track is None or track.nuclide != nuclide or len(others) > len(track.others):
             track = Track(nuclide, self._tracker(nuclide).bayes.initial(None), others, step.start_ns, rest.unknown)
-            track = self._begun(track, observed, step, len(solution))
+            track = self._begun(track, observed, step)
             if before.track is not None and before.track.nuclide == nuclide:
                 track = replace(track, doubted_ns=before.track.doubted_ns)
         return FollowingState(rest, replace(track, others=others, unknown=rest.unknown))
 
-    def _begun(self, track: Track, observations: Sequence[Observation], step: GridStep, sources: int) -> Track:
-        """With what was observed so far. ``sources``: number of those fitted."""
+    def _begun(self, track: Track, observations: Sequence[Observation], step: GridStep) -> Track:
+        """With what was observed so far."""
         width_ns = step.end_ns - step.start_ns
         by_step: dict[int, list[Observation]] = {}
         for one in observations:
             by_step.setdefault(one.stamp_ns // width_ns, []).append(one)
         for index in sorted(by_step):
-            track = self._tracked(track, GridStep(index, index * width_ns, (index + 1) * width_ns), by_step[index], sources)
+            track = self._tracked(track, GridStep(index, index * width_ns, (index + 1) * width_ns), by_step[index])
         return track
 
     def _most_counted(self, rest: SourcesState, track: Track | None, solution: Solution) -> int | None:
@@ -216,36 +219,33 @@ class FollowingEstimator:
         most = max(counted, key=counted.__getitem__)
         return held if _MORE * counted.get(held, -1.0) > counted[most] else most
 
-    def _tracked(self, track: Track, step: GridStep, observations: Sequence[Observation], sources: int) -> Track:
-        """With what was observed in a step. ``sources``: number of those fitted."""
+    def _tracked(self, track: Track, step: GridStep, observations: Sequence[Observation]) -> Track:
+        """With what was observed in a step."""
         tracker = self._tracker(track.nuclide)
         pairs = [(one, seen) for one in observations if (seen := tracker.seen(one, track.others, track.unknown)) is not None]
         if not pairs:
             return track
         before, after = track.state, tracker.bayes.step(track.state, step, [seen for _, seen in pairs])
         track = replace(track, state=after)
-        if after.track is None or track.moves:
-            return replace(track, marks=(), newest=())
-        if before.track is None:
-            return replace(track, marks=(Mark(step.end_ns, after.evidence, sources),))
+        if before.track is None or after.track is None or track.moves:
+            return replace(track, newest=()).marked(step.end_ns, found=True)
         return replace(track, newest=(*track.newest, *pairs))
 
-    def _favoured(self, track: Track | None, rest: SourcesState) -> bool:
-        """Whether what was measured last favours a source that moves: see this module's docstring."""
-        if rest.fitted is None or track is None or not track.at_rest <= _MOVES or not track.in_view:
-            return False
+    def _gain(self, state: FollowingState) -> float:
+        """M - R of what was measured since the last moves (this module's docstring); below 0 where the track cannot be ahead."""
+        rest, track = state.rest, state.track
+        if track is None or track.moves or track.mark is None or rest.fitted is None:
+            return -math.inf
+        if not track.at_rest <= _MOVES or not track.in_view:
+            return -math.inf
         counted = track.counted
-        if not counted or counted[-1][0].stamp_ns - track.marks[0].stamp_ns < _LEAST_NS:
-            return False
         newest = self._at_rest.problem_of(rest, [one for one, _ in counted])
         if newest is None:
-            return False
+            return -math.inf
         tracker, background = self._tracker(track.nuclide), track.state.background
-        moving = track.state.evidence - track.marks[0].evidence
+        moving = track.state.evidence - track.mark.evidence
         moving += tracker.evidence_beside((seen for _, seen in counted), background)
-        at_rest = tracker.evidence_at_rest(newest, rest.fitted.solution, background)
-        at_rest -= _BORN * max(0, _number(rest) - track.marks[0].sources)
-        return moving - at_rest >= _LEAST_GAIN
+        return moving - tracker.evidence_at_rest(newest, rest.fitted.solution, background)
 
     def _handed_over(self, state: FollowingState, step: GridStep) -> FollowingState:
         rest, track = state.rest, state.track
@@ -265,8 +265,7 @@ class FollowingEstimator:
             return FollowingState(rest)
         if rest.fitted is None or not self._is_same(rest.fitted, track):
             return FollowingState(replace(state.rest, pending=()), replace(track, kept_ns=step.start_ns))
-        mark = Mark(step.start_ns, track.state.evidence, _number(rest))
-        return FollowingState(rest, replace(track, moves=False, kept_ns=0, marks=(mark,)))
+        return FollowingState(rest, replace(track, moves=False, kept_ns=0, ahead=0, gained=0.0).marked(step.start_ns))
 
     def _is_same(self, fitted: Fitted, track: Track) -> bool:
         """Whether what was fitted is what the track tells, and known as well as it has to be."""
@@ -289,17 +288,12 @@ def _moving(state: FollowingState) -> Track | None:
 
 def _is_first(state: FollowingState) -> bool:
     """Whether the track has found a source before any is told, and no moves have been made since."""
-    return state.track is not None and not state.rest.x0_stamp_ns and len(state.track.marks) == 1
+    return state.track is not None and not state.rest.x0_stamp_ns and state.track.mark is not None and state.track.mark.found
 
 
 def _evidence(state: FollowingState) -> float:
     """Of the fit."""
     return -math.inf if state.rest.fitted is None else state.rest.fitted.evidence
-
-
-def _number(rest: SourcesState) -> int:
-    """Of the sources that are fitted."""
-    return 0 if rest.fitted is None else len(rest.fitted.solution)
 
 
 def _of(solution: Solution, nuclide: int) -> Solution:

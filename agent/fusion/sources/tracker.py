@@ -39,21 +39,20 @@ from protocol.spectrum import BINS, EDGES_KEV
 _CLEAR_SIGMA = 0.05  # of the log rate of a source as fitted, by the model's error
 _HIDDEN_SIGMA = 2.0  # and behind something that nobody knows of
 _ITERATIONS = 6
-_MARKS = 3
 _IN_VIEW = 0.5  # probability of a clear view
 _LEAST_PS, _LEAST_MM2 = 1e-6, 1e-9  # so that nothing counted is impossible
 
 
 class Mark(Struct, frozen=True):
-    """A time with the track's evidence until then, and the number of sources that were fitted.
+    """The time of the last moves, or since when it is tracked (``found``), with the track's evidence until then.
 
     waiting: earlier exposures that enter the evidence only with the drone's next one, by the time of their middle (ns) and place.
     """
 
     stamp_ns: int
     evidence: float
-    sources: int
     waiting: frozenset[tuple[int, Vector3]] = frozenset()
+    found: bool = False
 
 
 class Track(Struct, frozen=True, eq=False):
@@ -61,9 +60,10 @@ class Track(Struct, frozen=True, eq=False):
 
     nuclide: its index. state: of its tracker. begun_ns: when it began. others: fitted sources of other nuclides, and unknown:
     spectra of those that nobody knows. moves: whether it has been handed over; beside: what was told of the others then. kept_ns:
-    from when on what is measured is kept, as the source is at rest or lost; 0: it is not kept. marks: the last ``_MARKS`` moves
-    at fixed times, or since when it is tracked; newest: what enters the evidence after the first of them, and as the tracker saw
-    it. doubted_ns: since when something is told of which it was not clear at first whether it is at rest; 0: there was no doubt.
+    from when on what is measured is kept, as the source is at rest or lost; 0: it is not kept. mark: None while nothing is
+    tracked; newest: what enters the evidence after it, and as the tracker saw it. ahead: at how many moves in a row the track
+    had explained what was measured since the last ones better than the fit; gained: by so much log evidence. doubted_ns: since
+    when something is told of which it was not clear at first whether it is at rest; 0: there was no doubt.
     """
 
     nuclide: int
@@ -74,8 +74,10 @@ class Track(Struct, frozen=True, eq=False):
     moves: bool = False
     beside: tuple[Hypothesis, ...] = ()
     kept_ns: int = 0
-    marks: tuple[Mark, ...] = ()
+    mark: Mark | None = None
     newest: tuple[tuple[Observation, Observation], ...] = ()
+    ahead: int = 0
+    gained: float = 0.0
     doubted_ns: int = 0
 
     @property
@@ -101,14 +103,13 @@ class Track(Struct, frozen=True, eq=False):
         waiting = self._waiting
         return tuple(one for one in self.newest if not _is_of(waiting, one[0]))
 
-    def marked(self, now_ns: int, sources: int) -> Track:
-        """With another mark, and without the first of ``_MARKS``."""
-        if not self.marks:
-            return self
-        marks = (*self.marks[1 - _MARKS :], Mark(now_ns, self.state.evidence, sources, self._waiting))
-        since_ns, waiting = marks[0].stamp_ns, marks[0].waiting
-        newest = tuple(one for one in self.newest if one[0].stamp_ns >= since_ns or _is_of(waiting, one[0]))
-        return replace(self, marks=marks, newest=newest)
+    def marked(self, now_ns: int, *, found: bool = False) -> Track:
+        """With a mark here, if anything is tracked."""
+        if self.is_lost:
+            return replace(self, mark=None, newest=(), ahead=0, gained=0.0)
+        waiting = self._waiting
+        newest = tuple(one for one in self.newest if _is_of(waiting, one[0]))
+        return replace(self, mark=Mark(now_ns, self.state.evidence, waiting, found), newest=newest)
 
     @property
     def _waiting(self) -> frozenset[tuple[int, Vector3]]:
