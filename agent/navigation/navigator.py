@@ -74,6 +74,13 @@ class Reckoning(Struct, frozen=True):
         expected = (one for one in self.others if one.id == drone or _is_beyond(place, one, self.stamp_ns, before_m))
         return min((_distance_m(self.position_m, one, self.stamp_ns, sigmas) for one in expected), default=inf)
 
+    def keeps_from_circle(self, place_m: Vector3, before_m: float) -> bool:
+        """Whether a place, mission frame, lies beyond a circle that is kept from for the sake of anyone, or so little before it."""
+        if self.mission_from_local is None:
+            return False
+        place = self.mission_from_local.inverse().apply_point(place_m)
+        return any(_is_beyond(place, one, self.stamp_ns, before_m) for one in self.others if not isinf(one.radius_m))
+
     def ends(self, sigmas: float) -> list[End]:
         """Where others are expected when the plan ends, as seen from there, less so many sigmas. One that is somewhere beyond a
         line is left out.

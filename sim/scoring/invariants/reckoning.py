@@ -29,7 +29,8 @@ class Reckoned(Invariant[Moment]):
     """No drone that flies by setpoints takes another one for farther away than it is, whether it hears that one or not.
 
     By 4 m and 3 sigma, for 1.5 s, of vehicles less than 15 m away and at its height. One that is less than 4 m before a line or
-    circle that a drone keeps from is not taken for so much farther away: each side of a split swarm has its own source estimate.
+    circle that a drone keeps from is not taken for so much farther away. Nobody knows the source estimate of those that it does
+    not hear: where theirs is the centre, the other one has to be beyond that circle, or less than 4 m before it.
     Exempt is whose own position or thrust is faulted or who lies; an agent that was started late, or again: it may never have
     heard others, nor they it; and a drone that does not know where it is: what the others tell of themselves means nothing to it
     until it has seen them.
@@ -58,7 +59,7 @@ class Reckoned(Invariant[Moment]):
             for other in range(len(moment.pilots)):
                 if other != drone:
                     is_judged = flies and not new[drone] and not new[other] and self._is_near(moment.time_s, places, drone, other)
-                    self._note(moment.time_s, places, drone, other, pilot if is_judged else None)
+                    self._note(moment.time_s, places, drone, other, moment.pilots if is_judged else None)
         for pair, since_s in self._since_s.items():
             if moment.time_s - since_s > UNRECKONED_S:
                 yield Breach(pair, self._found[pair])
@@ -70,9 +71,11 @@ class Reckoned(Invariant[Moment]):
             return False
         return not any(self.setting.struck(_ELSEWHERE, one, time_s, 15.0) for one in (drone, other))
 
-    def _note(self, time_s: float, places: Sequence[Vector3], drone: int, other: int, pilot: Pilot | None) -> None:
-        """``pilot``: of the drone; None where nothing is to be judged."""
-        farther_m = 0.0 if pilot is None else self._farther_m(places, drone, other, pilot)
+    def _note(
+        self, time_s: float, places: Sequence[Vector3], drone: int, other: int, pilots: Sequence[Pilot | None] | None
+    ) -> None:
+        """``pilots``: None where nothing is to be judged."""
+        farther_m = 0.0 if pilots is None else self._farther_m(places, drone, other, pilots)
         if farther_m <= 0.0:
             self._since_s.pop((drone, other), None)
             return
@@ -80,14 +83,16 @@ class Reckoned(Invariant[Moment]):
         taken = "does not reckon with it" if farther_m == inf else f"takes it for {farther_m:.1f} m farther away"
         self._found[drone, other] = f"{_apart_m(places, drone, other):.1f} m from the other, and {taken}"
 
-    def _farther_m(self, places: Sequence[Vector3], drone: int, other: int, pilot: Pilot) -> float:
+    def _farther_m(self, places: Sequence[Vector3], drone: int, other: int, pilots: Sequence[Pilot | None]) -> float:
         """How much farther away a drone takes another to be than allowed."""
-        reckoning = pilot.reckoning
-        if reckoning is None:
+        pilot = pilots[drone]
+        if pilot is None or (reckoning := pilot.reckoning) is None:
             return 0.0
         judged, believed_m = self._believed.get((drone, other), (None, inf))
         if judged is not reckoning:  # worked out once for each of its plans
             believed_m = reckoning.distance_m(self.setting.names[other], SIGMAS, places[other], FARTHER_M)
+            if (theirs := _around_source_of(pilot, pilots[other], places[other])) is not None:
+                believed_m = 0.0 if reckoning.keeps_from_circle(theirs, FARTHER_M) else believed_m
             self._believed[drone, other] = reckoning, believed_m
         return believed_m - _apart_m(places, drone, other) - FARTHER_M
 
@@ -147,6 +152,14 @@ class FreshTelemetry(Invariant[Moment]):
         for drone, (command, told_s) in enumerate(zip(moment.commands, moment.told_s, strict=True)):
             if command is not None and command.setpoint is not None and moment.time_s - told_s > UNTOLD_S:
                 yield Breach((drone,), f"flown by telemetry of {moment.time_s - told_s:.1f} s ago")
+
+
+def _around_source_of(pilot: Pilot, other: Pilot | None, place: Vector3) -> Vector3 | None:
+    """Where the other one flies relative to its own source estimate, put to the estimate of this one; None where one has none."""
+    if other is None or pilot.hypothesis is None or other.hypothesis is None:
+        return None
+    dx, dy, _ = (pilot.hypothesis.position - other.hypothesis.position).tolist()
+    return place[0] + dx, place[1] + dy, place[2]
 
 
 def _apart_m(places: Sequence[Vector3], drone: int, other: int) -> float:

@@ -166,6 +166,24 @@ def test_a_circle_is_kept_from_all_around_and_not_where_it_is_nearest_alone(at, 
     assert [drones for drones in found if drones == ("d1", "d2")] == expected
 
 
+def test_a_circle_is_around_the_source_estimate_of_the_one_that_flies_on_it() -> None:
+    """d2 is 12 m before the circle that d1 keeps from for its sake, and on the one around its own source estimate."""
+
+    def told(theirs, radius_m=18.0):
+        kept = reckons(other=(27.0, 10.0, 3.0), away=np.array([[-1.0, 0.0]]), radius_m=radius_m)
+        kept.hypothesis = moments.hypothesis(x=9.0, y=10.0)
+        pilots = [kept, moments.pilot(believed=theirs), moments.pilot()]
+        times_s = np.arange(10.0, 14.0, 0.05)
+        invariant, places = Reckoned(moments.setting()), [(10.0, 10.0, 3.0), (15.0, 10.0, 3.0), (60.0, 10.0, 3.0)]
+        found = [one for time_s in times_s for one in invariant.look(moments.moment(float(time_s), places, pilots=pilots))]
+        return [violation.drones for violation in found]
+
+    assert told(moments.hypothesis(x=-3.0, y=10.0)) == told(moments.hypothesis(x=0.5, y=10.0)) == []
+    assert told(moments.hypothesis(x=1.5, y=10.0)) == [("d1", "d2")]  # 4.5 m before it
+    assert told(moments.hypothesis(x=9.0, y=10.0)) == told(None) == [("d1", "d2")]
+    assert told(moments.hypothesis(x=-3.0, y=10.0), np.inf) == [("d1", "d2")]  # a line is where it is
+
+
 def test_an_agent_that_was_started_again_may_not_know_of_others() -> None:
     invariant = Reckoned(moments.setting())
     first, again = reckons(), reckons(name="d3")
