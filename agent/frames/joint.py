@@ -97,6 +97,15 @@ class Joint:
         covariance[np.arange(row, row + 4), np.arange(row, row + 4)] += variances
         return Joint(self.drones, self.pose, covariance, self.at, self.far)
 
+    def displaceable(self, variances: Array) -> Joint:
+        """A copy that may lie elsewhere as a whole: (4,) variances of a shift of all drones by the same, and of a turn of all
+        around their middle. Their poses relative to each other stay as certain as they are.
+        """
+        count = len(self.drones)
+        modes = np.tile(np.eye(4), (count, 1))
+        modes.reshape(count, 4, 4)[:, :3, 3] = turned_per_yaw(self.pose[:, :3] - self.pose[:, :3].mean(0))
+        return Joint(self.drones, self.pose, self.covariance + (modes * variances) @ modes.T, self.at, self.far)
+
 
 @dataclass(frozen=True, slots=True)
 class Corrected:

@@ -8,11 +8,15 @@ import numpy as np
 
 from agent.frames.consistency import Verdict, agreeing, without
 from agent.frames.finding import aligned_better, insert
+from agent.frames.joint import corrected
 from agent.frames.keyframe import Keyframe
+from agent.frames.residuals import Sightings
 
 _FIRM = 2  # consecutive keyframes of contradiction before anything is done
 _PATIENCE = 5  # keyframes for which a contradicted frame is kept while there is no better pose; consecutive rejected fixes
 _MISSED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.0])
+_DISPLACED_VAR = np.array([25.0**2, 25.0**2, 25.0**2, 0.2**2])  # of the swarm as a whole
+_RECEIVERS = 3  # so many that agree are right: faults of each put it somewhere else, a spoofer puts all of them in one place
 
 
 def judge(keyframe: Keyframe, judged: Verdict) -> None:
@@ -28,6 +32,7 @@ def judge(keyframe: Keyframe, judged: Verdict) -> None:
             sound_ns = keyframe.stamp_ns if sound else member.sound_ns
             keyframe.members[drone] = replace(member, contradicted=0, sound_ns=sound_ns)
         _check_fixes(keyframe, drone, judged)
+    _check_all_fixes(keyframe)
     if faulty_drone is None:
         _report_conflicts(keyframe, judged)
     elif keyframe.members[faulty_drone].contradicted >= _FIRM and not keyframe.setting.exact[faulty_drone]:
@@ -50,11 +55,35 @@ def _check_fixes(keyframe: Keyframe, drone: int, judged: Verdict) -> None:
     member = keyframe.members[drone]
     if member.missed < _PATIENCE:
         return
-    if judged.agree[drone].any():
+    confirming, contradicting = int(judged.agree[drone].sum()), int(judged.disagree[drone].sum())
+    if confirming > 0 and confirming >= contradicting:
         keyframe.suspect(drone, "its fixes contradict the sightings between it and the others")
-    else:  # no sighting confirms its estimated pose
+    else:  # sightings do not confirm its estimated pose, either
         keyframe.joint = keyframe.joint.widened(drone, _MISSED_VAR)
         keyframe.suspect(drone, "its fixes contradicted its estimated position; the position now follows the fixes")
+
+
+def _check_all_fixes(keyframe: Keyframe) -> None:
+    """Put the swarm where its fixes are if none is believed any more, and all are in one other place of it.
+
+    Sightings tell how drones lie to each other, and nothing of where all of them are: after most receivers had been wrong for a
+    while, and were right again, sightings that agreed kept all where the wrong ones had been.
+    """
+    joint, members = keyframe.joint, keyframe.members
+    fixes = keyframe.intake.fixes(keyframe.index - _PATIENCE + 1, keyframe.index)
+    fixes = fixes.take(joint.slots()[fixes.drone] >= 0)
+    receivers = np.unique(fixes.drone).tolist()
+    if len(receivers) < _RECEIVERS or any(keyframe.setting.exact[drone] for drone in joint.drones):
+        return
+    if any(members[drone].missed < _PATIENCE for drone in receivers):
+        return
+    displaced = corrected(joint.displaceable(_DISPLACED_VAR), Sightings.empty(), np.zeros(0), fixes)
+    if (displaced.fixes < 0.5).any():
+        return
+    keyframe.joint = displaced.joint
+    for drone in receivers:
+        members[drone] = replace(members[drone], missed=0)
+        keyframe.suspect(drone, "all fixes contradicted the estimated positions; the positions now follow the fixes")
 
 
 def _report_conflicts(keyframe: Keyframe, judged: Verdict) -> None:

@@ -75,7 +75,7 @@ class Reckoning(Struct, frozen=True):
         return min((_distance_m(self.position_m, one, self.stamp_ns, sigmas) for one in expected), default=inf)
 
     def keeps_from_circle(self, place_m: Vector3, before_m: float) -> bool:
-        """Whether a place, mission frame, lies beyond a circle that is kept from for the sake of anyone, or so little before it."""
+        """Whether a place, mission frame, lies beyond a circle that is kept from, for whomever, or so little before it."""
         if self.mission_from_local is None:
             return False
         place = self.mission_from_local.inverse().apply_point(place_m)

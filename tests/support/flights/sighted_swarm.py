@@ -43,6 +43,7 @@ class Drone:
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # by which its positions and fixes lie, from shift_s on
     shift_s: float = -1.0
     shift_lasts_s: float = 0.0  # for so long it grows
+    shift_back_s: float = math.inf  # from then on it goes back alike
     shift_announced: bool = False  # the epoch grows with it
     shift_yaw_deg: float = 0.0  # and its frame's heading turns by
     fixes: bool = False
@@ -214,7 +215,8 @@ def _localised(drone: Drone, path: np.ndarray, rng: np.random.Generator) -> tupl
             wander = keep * wander + drone.wander_m * math.sqrt(1.0 - keep**2) * rng.standard_normal(3)
     epoch = np.zeros(count, dtype=int)
     shifted = np.arange(count) * _STEP_S >= drone.shift_s
-    grown = np.clip((np.arange(count) * _STEP_S - drone.shift_s) / max(drone.shift_lasts_s, 1e-3), 0.0, 1.0)[:, None]
+    grown_s, back_s = (np.arange(count) * _STEP_S - at_s for at_s in (drone.shift_s, drone.shift_back_s))
+    grown = np.diff([np.clip(one_s / max(drone.shift_lasts_s, 1e-3), 0.0, 1.0) for one_s in (back_s, grown_s)], axis=0).T
     turn = math.radians(drone.shift_yaw_deg)
     local[shifted] = local[shifted] @ _turn(-turn).T + grown[shifted] * np.array(drone.shift_m) @ _turn(yaw[0]) @ _turn(-turn).T
     yaw = yaw + turn * shifted
