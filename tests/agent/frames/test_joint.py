@@ -55,3 +55,19 @@ def test_iterations_go_on_until_the_place_along_a_row_has_settled(seed, monkeypa
     assert (np.abs((found.pose - best.pose).ravel()) < 0.05 * sigma).all()
     assert np.sqrt(found.covariance.diagonal()) == pytest.approx(sigma, rel=0.02)
     assert abs(found.pose[2, 0] - true[2, 0]) < 4.0 * sigma[8]  # x of the drone without fixes
+
+
+def test_a_swarm_that_may_lie_elsewhere_as_a_whole_is_as_sure_of_itself_as_before():
+    """Of all distances between two drones, and of all headings less another one's, but of no place or heading alone."""
+    prior = in_a_row(np.random.default_rng(0))[0]
+    moved = prior.displaceable(np.array([400.0, 400.0, 100.0, 0.04]))
+    added = (moved.covariance - prior.covariance).reshape(COUNT, 4, COUNT, 4)
+    for one in range(COUNT):
+        for other in range(one):
+            apart = np.append(prior.pose[one, :3] - prior.pose[other, :3], 0.0)
+            slopes = np.zeros((2, COUNT, 4))
+            slopes[0, one], slopes[0, other] = apart, -apart
+            slopes[1, one, 3], slopes[1, other, 3] = 1.0, -1.0
+            assert np.abs(np.einsum("aij,ijkl,bkl->ab", slopes, added, slopes)).max() < 1e-6
+    assert min(added[one, axis, one, axis] for one in range(COUNT) for axis in range(2)) >= 400.0
+    assert added[0, 3, 0, 3] == pytest.approx(0.04)
