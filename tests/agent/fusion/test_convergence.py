@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from fusions import fusion_of
 
-from agent.frames.graph import FrameGraph
-from agent.fusion.engine import Fusion
 from agent.fusion.registry import estimator_named
 
 
@@ -17,7 +16,7 @@ def errors(kit):
         mission = kit.mission_of()
         found, behind = [], []
         for seed in seeds:
-            fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named(estimator, mission))
+            fusion = fusion_of(mission, estimator_named(estimator, mission))
             for entry in kit.flight(mission, np.random.default_rng(seed), seconds, source_at, **conditions):
                 kit.feed(fusion, [entry])
                 fusion.advance(entry.stamp_ns)

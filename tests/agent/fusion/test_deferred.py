@@ -5,18 +5,13 @@ import random
 
 import numpy as np
 import pytest
+from fusions import fusion_of
 
-from agent.frames.graph import FrameGraph
 from agent.fusion import observations
 from agent.fusion.deferred import MOST_OBSERVATIONS, Deferred, Folder
-from agent.fusion.engine import Fusion
 from agent.fusion.registry import deferred_named, estimator_named
 
 MOST_IN_A_STEP = 20  # cones of the flight in one step of the grid
-
-
-def fusion_of(mission, estimator):
-    return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator)
 
 
 def sent(thing):

@@ -5,6 +5,7 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 import pytest
+from fusions import fusion_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -46,10 +47,6 @@ def in_order(kit, mission, entries):
     kit.settle(fusion, kit.T0_NS + END_NS)
     assert fusion.hypothesis.cones > 40
     return fusion
-
-
-def fusion_of(mission, estimator="paper"):
-    return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named(estimator, mission))
 
 
 def agrees(kit, fusion, other):
@@ -190,7 +187,7 @@ def test_a_late_entry_costs_what_is_behind_it_and_nothing_new_costs_nothing(kit,
 def counting_fusion(mission):
     plain = estimator_named("paper", mission)
     counting = Counting(plain._config, plain._search, plain._rule)
-    return counting, Fusion(mission, FrameGraph.from_launch_layout(mission), counting)
+    return counting, fusion_of(mission, counting)
 
 
 def test_old_entries_again_and_again_delay_nothing_and_are_all_in_it_in_the_end(kit, mission, entries):
@@ -318,7 +315,7 @@ def test_with_a_hold_entries_gather_and_are_folded_once(kit, mission, entries):
     plain = estimator_named("paper", mission)
     counting, held = (Counting(plain._config, plain._search, plain._rule) for _ in range(2))
     held.hold_s = 1.0
-    prompt, fusion = (Fusion(mission, FrameGraph.from_launch_layout(mission), one) for one in (counting, held))
+    prompt, fusion = (fusion_of(mission, one) for one in (counting, held))
     rng = random.Random(5)
     cones = [entry for entry in entries if isinstance(entry, Cone)]
     arrivals = sorted(((cone.stamp_ns + round(rng.uniform(0.0, 5e8)), cone) for cone in cones), key=lambda a: a[0])
@@ -331,7 +328,7 @@ def test_with_a_hold_entries_gather_and_are_folded_once(kit, mission, entries):
         fusion.advance(now_ns)
     assert held.folded == len(cones) < counting.folded
     newest_ns = cones[-1].stamp_ns // 500_000_000 * 500_000_000
-    early, late = (Fusion(mission, FrameGraph.from_launch_layout(mission), held) for _ in range(2))
+    early, late = (fusion_of(mission, held) for _ in range(2))
     for one, now_ns in ((early, newest_ns + 999_999_999), (late, newest_ns + 1_000_000_000)):
         kit.feed(one, cones)
         kit.settle(one, now_ns)

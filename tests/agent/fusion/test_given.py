@@ -1,16 +1,15 @@
 import pytest
+from fusions import fusion_of
 
 from agent.config.estimators import GivenHypothesisConfig
 from agent.errors import ConfigError
-from agent.frames.graph import FrameGraph
-from agent.fusion.engine import Fusion
 from agent.fusion.given import GivenEstimator
 
 
 @pytest.fixture
 def fusion(kit):
     mission = kit.mission_of(estimator="given", schedule=((2.0, 10.0, 20.0), (60.0, 20.0, 20.0)))
-    return Fusion(mission, FrameGraph.from_launch_layout(mission))
+    return fusion_of(mission)
 
 
 def place_at(kit, fusion, time_s):

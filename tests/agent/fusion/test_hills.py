@@ -5,13 +5,12 @@ import math
 import msgspec
 import numpy as np
 import pytest
+from fusions import fusion_of
 from msgspec.structs import replace
 from shapely import Polygon
 
 from agent.config.mission import GroundConfig
-from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
-from agent.fusion.engine import Fusion
 from agent.fusion.initial import InitialSearch
 from agent.fusion.observation import observe
 from agent.fusion.registry import estimator_named
@@ -29,7 +28,7 @@ def above(x, y, height_m=3.0):
 
 
 def believed(kit, mission, entries, seconds):
-    fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named(mission.fusion.estimator, mission))
+    fusion = fusion_of(mission, estimator_named(mission.fusion.estimator, mission))
     kit.feed(fusion, entries)
     kit.settle(fusion, kit.T0_NS + round(seconds * 1e9), 10**6)
     return fusion.hypothesis
@@ -102,7 +101,7 @@ def test_the_papers_filter_keeps_to_the_slope(kit, estimator):
 
 def test_a_given_hypothesis_lies_on_the_ground(kit):
     mission = replace(kit.mission_of(estimator="given", schedule=((0.0, 64.0, 58.0),)), ground=SLOPE)
-    fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("given", mission))
+    fusion = fusion_of(mission, estimator_named("given", mission))
     fusion.start(kit.T0_NS)
     kit.settle(fusion, kit.T0_NS + 2_000_000_000)
     assert fusion.hypothesis.position.tolist() == pytest.approx(SOURCE)

@@ -6,13 +6,11 @@ from functools import partial
 import msgspec
 import numpy as np
 import pytest
+from fusions import fusion_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.frames.graph import FrameGraph
-from agent.fusion.engine import Fusion
 from agent.fusion.log import ObservationLog, Outcome
-from agent.fusion.registry import estimator_named
 from protocol.codec import encode
 from protocol.entries import Retraction
 
@@ -33,10 +31,6 @@ def entries(kit, mission):
 def retraction(kit, mission, first, last, sequence=900, drone="a", **changes):
     at = {"mission": mission.mission_id, "stamp_ns": kit.T0_NS, "boot": kit.BOOT, **changes}
     return Retraction(drone=drone, sequence=sequence, first=first, last=last, **at)
-
-
-def fusion_of(mission):
-    return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("paper", mission))
 
 
 def log_of(mission, entries):

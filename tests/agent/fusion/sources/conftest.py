@@ -6,16 +6,14 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 import pytest
+from fusions import fusion_of
 from shapely import Polygon
 
 from agent.config.estimators import FusionConfig, SourcesEstimatorConfig
 from agent.config.mission import AreaConfig, DetectionConfig
 from agent.detector.windows import Windows
-from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
-from agent.fusion.engine import Fusion
 from agent.fusion.observation import ConeObservation, observe
-from agent.fusion.registry import estimator_named
 from agent.fusion.sources.counts import CountModel
 from agent.fusion.sources.data import Cones, Rows
 from agent.fusion.sources.directions import ConeModel
@@ -141,7 +139,7 @@ def estimated(kit):
     """The hypothesis after so many seconds of a mission with these entries."""
 
     def hypothesis(mission, entries, seconds):
-        fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("sources", mission))
+        fusion = fusion_of(mission)
         assert all(kit.feed(fusion, entries))
         return kit.settle(fusion, kit.T0_NS + round(seconds * 1e9))
 

@@ -4,14 +4,13 @@ import random
 
 import numpy as np
 import pytest
+from fusions import fusion_of
 from msgspec.structs import replace
 
-from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.fusion.bayes.exposed import Exposed
 from agent.fusion.bayes.state import BayesState
 from agent.fusion.deferred import Deferred, Folder
-from agent.fusion.engine import Fusion
 from agent.fusion.observation import observe
 from agent.fusion.registry import estimator_named
 from agent.fusion.sources.looking import led
@@ -41,10 +40,6 @@ def beside_another(time_s):
 
 def carried_off(time_s):
     return [walker(time_s)] if time_s < 30.0 else []
-
-
-def fusion_of(mission):
-    return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("sources", mission))
 
 
 def after(kit, mission, entries, seconds):
@@ -249,7 +244,7 @@ def test_the_order_of_arrival_does_not_matter(kit, walk):
 def test_computed_elsewhere_it_tells_the_same(kit, walk):
     mission, entries = walk
     deferred = Deferred(estimator_named("sources", mission))
-    fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), deferred)
+    fusion = fusion_of(mission, deferred)
     kit.feed(fusion, until(kit, entries, 25.0))
     fusion.advance(kit.T0_NS + 25_000_000_000, 10**9)
     folder = Folder(estimator_named("sources", mission))

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
+from fusions import fusion_of
 
-from agent.frames.graph import FrameGraph
-from agent.fusion.engine import Fusion
-from agent.fusion.registry import estimator_named
 from agent.fusion.sources.data import Rows
 from agent.fusion.sources.hidden import Cells, Expected
 from agent.fusion.sources.solution import Solution
@@ -136,7 +134,7 @@ def test_a_strong_source_is_not_found_far_too_strong_and_hidden_everywhere(kit, 
     """From none, in one fit of 30 s: steps towards it went too far, 6 to 60 times, and nothing made it weaker again."""
     mission, rng = among.mission_of(moved_s=30.0), np.random.default_rng(seed)
     place = rng.uniform(5.0, 35.0, 2).tolist()
-    fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("sources", mission))
+    fusion = fusion_of(mission)
     kit.feed(fusion, among.entries_of(mission, rng, 32.0, [("Cs-137", *place, bq)]))
     told = kit.settle(fusion, kit.T0_NS + 32_000_000_000)
     assert told.activity_bq == pytest.approx(bq, rel=0.1)

@@ -4,13 +4,11 @@ import random
 
 import numpy as np
 import pytest
+from fusions import fusion_of
 from msgspec.structs import replace
 
 from agent.config.buildings import BuildingConfig, BuildingsConfig
 from agent.config.mission import SurveyConfig
-from agent.frames.graph import FrameGraph
-from agent.fusion.engine import Fusion
-from agent.fusion.registry import estimator_named
 
 LEAST_BQ = 5e7
 STRONG = ("Cs-137", 8.0, 20.0, 5e9)
@@ -19,7 +17,7 @@ STRONG = ("Cs-137", 8.0, 20.0, 5e9)
 def outlook_of(kit, among, entries_of, seconds, least_bq=LEAST_BQ, shuffled=False, mission=None):
     """``mission``: more of its keys."""
     mission = replace(among.mission_of(), survey=SurveyConfig(least_activity_bq=least_bq), **(mission or {}))
-    fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("sources", mission))
+    fusion = fusion_of(mission)
     entries = entries_of(mission)
     kit.feed(fusion, random.Random(1).sample(entries, len(entries)) if shuffled else entries)
     kit.settle(fusion, kit.T0_NS + round(seconds * 1e9))

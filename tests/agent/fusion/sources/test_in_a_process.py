@@ -15,10 +15,9 @@ from contextlib import suppress
 import numpy as np
 import psutil
 import pytest
+from fusions import fusion_of
 
-from agent.frames.graph import FrameGraph
-from agent.fusion.engine import Fusion
-from agent.fusion.registry import deferred_named, estimator_named
+from agent.fusion.registry import deferred_named
 from agent.shell.folding import Folding
 
 DEADLINE_S = 120.0  # the machine is shared
@@ -57,7 +56,7 @@ class Aboard:
     """A fusion and the process that computes for it."""
 
     def __init__(self, mission):
-        self.fusion = Fusion(mission, FrameGraph.from_launch_layout(mission), deferred_named("sources", mission))
+        self.fusion = fusion_of(mission, deferred_named("sources", mission))
         self.log = Told()
         self.folding = Folding(self.fusion.estimator, mission, self.fusion.answered, self.log, pause_s=0.05)
 
@@ -102,7 +101,7 @@ def flown(mission, flight):
 def test_the_same_bits_and_a_loop_that_is_free_although_the_process_is_killed(kit, among):
     mission = among.mission_of()
     entries = among.entries_of(mission, np.random.default_rng(2), 30.0, TWO)
-    in_place = Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("sources", mission))
+    in_place = fusion_of(mission)
     kit.feed(in_place, entries)
 
     async def flight(aboard):

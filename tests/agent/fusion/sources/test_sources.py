@@ -4,11 +4,10 @@ import random
 
 import numpy as np
 import pytest
+from fusions import fusion_of
 from msgspec.structs import replace
 
 from agent.errors import ConfigError
-from agent.frames.graph import FrameGraph
-from agent.fusion.engine import Fusion
 from agent.fusion.estimator import GridStep
 from agent.fusion.registry import estimator_named
 from agent.fusion.sources.data import Rows
@@ -19,10 +18,6 @@ from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.state import SourcesState
 
 TWO = [("Cs-137", 12.0, 20.0, 6e8), ("Ir-192", 30.0, 15.0, 1e9)]
-
-
-def fusion_of(mission):
-    return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("sources", mission))
 
 
 def after(kit, mission, entries, seconds):
@@ -150,7 +145,7 @@ def test_an_agent_that_catches_up_refines_once_and_tells_the_same(kit, flight):
     """One is asked at every step, the other only at the end."""
     mission, entries = flight
     asked, late = Asked(estimator_named("sources", mission)), Asked(estimator_named("sources", mission))
-    always, once = (Fusion(mission, FrameGraph.from_launch_layout(mission), one.estimator) for one in (asked, late))
+    always, once = (fusion_of(mission, one.estimator) for one in (asked, late))
     in_time = sorted(entries, key=lambda entry: entry.stamp_ns)
     for half_s in range(58):  # the last moves at 25 s, refinements at 26 and 28
         now_ns = kit.T0_NS + half_s * 500_000_000
