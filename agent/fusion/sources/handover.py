@@ -9,11 +9,11 @@ factors, against background alone,
     R  given the sources at rest, as the last moves have fitted them.
 
 The track is ahead where it excludes that its source is at rest, P(at rest) <= ``_MOVES``, does without anything unknown in its
-cameras' views, with which it could explain a lot away, and M > R. Once it is ahead by ``_GAIN``, or is the first to find a
-source, moves are made at once, at the next time of a refinement, and count what was measured; the first time that it is ahead
-also from none: a fit that has gone astray must not look like motion. Once the track has been ahead at ``_AHEAD`` moves in a row,
-by ``_LEAST_GAIN`` in all, the source is handed over. For sources at rest a fit that has been wrong is right after its next moves;
-one that moves has gone on. R must not be of sources fitted to the same measurements that they have to explain: where one is fast,
+cameras' views, with which it could explain a lot away, and M - R is at least ``_GAIN``. Then, or where it is the first to find a
+source, moves are made at once, at the next time of a refinement, and count what was measured; if it is ahead also from none: a
+fit that has gone astray must not look like motion. Once the track has been ahead ``_AHEAD`` times, and not behind the fit (M < R)
+at moves in between, the source is handed over. For sources at rest a fit that has been wrong is right after its next moves; one
+that moves has gone on. R must not be of sources fitted to the same measurements that they have to explain: where one is fast,
 several at rest explain each part of its way well, afterwards. Where the swarm looks until then: ``looking``.
 
 Once it is handed over the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its
@@ -50,7 +50,7 @@ _HOLD_S = 0.25  # as of ``bayes``
 _RECENT = 2  # moves that are remembered: agents that share an estimator, as in simulations, may differ by an observation
 
 _MOVES, _MAY_MOVE, _RESTS = 0.01, 0.2, 0.99  # of P(at rest)
-_GAIN, _LEAST_GAIN, _AHEAD = 15.0, 30.0, 2  # of log evidence between moves and in all, and so often in a row
+_GAIN, _AHEAD = 15.0, 2  # of log evidence since the last moves, and how often
 _KEPT_NS = 30_000_000_000
 _SAME_M = 1.5  # between a track at rest and the fit that takes its place
 _BEFORE_NS = 60_000_000_000  # by which what was measured may precede a track that begins with it
@@ -158,19 +158,19 @@ class FollowingEstimator:
         """Moves of the fit, and what follows for the track; while a source moves, whether it is taken back."""
         if (track := _moving(state)) is not None:
             return self._taken_back(state, track, step)
-        gain = self._gain(state)
-        ahead, gained = (0, 0.0) if gain <= 0.0 or state.track is None else (state.track.ahead + 1, state.track.gained + gain)
-        if ahead >= _AHEAD and gained >= _LEAST_GAIN:
+        gain, before = self._gain(state), 0 if state.track is None else state.track.ahead
+        ahead = before + 1 if gain >= _GAIN else before if gain > 0.0 else 0
+        if ahead == _AHEAD:
             return self._handed_over(state, step)
         after = self._with_track(state, self._at_rest.moved(state.rest, step), step)
-        if ahead == 1:  # a fit that has gone astray must not look like motion
+        if ahead > before:  # a fit that has gone astray must not look like motion
             from_none = replace(state.rest, fitted=None, unknown=())
             after = max(after, self._with_track(state, self._at_rest.moved(from_none, step), step), key=_evidence)
         track = after.track
         if track is None:
             return after
         if state.track is not None and track.begun_ns == state.track.begun_ns:
-            track = replace(track, ahead=ahead, gained=gained)
+            track = replace(track, ahead=ahead)
         return replace(after, track=track.marked(step.start_ns))
 
     def _with_track(self, before: FollowingState, rest: SourcesState, step: GridStep) -> FollowingState:
@@ -265,7 +265,7 @@ class FollowingEstimator:
             return FollowingState(rest)
         if rest.fitted is None or not self._is_same(rest.fitted, track):
             return FollowingState(replace(state.rest, pending=()), replace(track, kept_ns=step.start_ns))
-        return FollowingState(rest, replace(track, moves=False, kept_ns=0, ahead=0, gained=0.0).marked(step.start_ns))
+        return FollowingState(rest, replace(track, moves=False, kept_ns=0, ahead=0).marked(step.start_ns))
 
     def _is_same(self, fitted: Fitted, track: Track) -> bool:
         """Whether what was fitted is what the track tells, and known as well as it has to be."""

@@ -61,9 +61,9 @@ class Track(Struct, frozen=True, eq=False):
     nuclide: its index. state: of its tracker. begun_ns: when it began. others: fitted sources of other nuclides, and unknown:
     spectra of those that nobody knows. moves: whether it has been handed over; beside: what was told of the others then. kept_ns:
     from when on what is measured is kept, as the source is at rest or lost; 0: it is not kept. mark: None while nothing is
-    tracked; newest: what enters the evidence after it, and as the tracker saw it. ahead: at how many moves in a row the track
-    had explained what was measured since the last ones better than the fit; gained: by so much log evidence. doubted_ns: since
-    when something is told of which it was not clear at first whether it is at rest; 0: there was no doubt.
+    tracked; newest: what enters the evidence after it, and as the tracker saw it. ahead: how many times the track has explained
+    what was measured since the last moves better than the fit, without being behind in between. doubted_ns: since when something
+    is told of which it was not clear at first whether it is at rest; 0: there was no doubt.
     """
 
     nuclide: int
@@ -77,7 +77,6 @@ class Track(Struct, frozen=True, eq=False):
     mark: Mark | None = None
     newest: tuple[tuple[Observation, Observation], ...] = ()
     ahead: int = 0
-    gained: float = 0.0
     doubted_ns: int = 0
 
     @property
@@ -106,7 +105,7 @@ class Track(Struct, frozen=True, eq=False):
     def marked(self, now_ns: int, *, found: bool = False) -> Track:
         """With a mark here, if anything is tracked."""
         if self.is_lost:
-            return replace(self, mark=None, newest=(), ahead=0, gained=0.0)
+            return replace(self, mark=None, newest=(), ahead=0)
         waiting = self._waiting
         newest = tuple(one for one in self.newest if _is_of(waiting, one[0]))
         return replace(self, mark=Mark(now_ns, self.state.evidence, waiting, found), newest=newest)
