@@ -6,14 +6,14 @@ at rest or moving; sources of other nuclides count as known. Of what was measure
 factors, against background alone,
 
     M  given the track, each measurement predicted from those before it,
-    R  given the sources at rest, as the last moves have fitted them.
+    R  given the sources at rest of the last moves, as fitted then, and refined by what was measured; whichever is more.
 
 The track is ahead where it excludes that its source is at rest, P(at rest) <= ``_MOVES``, does without anything unknown in its
 cameras' views, with which it could explain a lot away, and M - R is at least ``_GAIN``. Then, or where it is the first to find a
 source, moves are made at once, at the next time of a refinement, and count what was measured; if it is ahead also from none: a
 fit that has gone astray must not look like motion. Once the track has been ahead ``_AHEAD`` times, and not behind the fit (M < R)
 at moves in between, the source is handed over. For sources at rest a fit that has been wrong is right after its next moves; one
-that moves has gone on. R must not be of sources fitted to the same measurements that they have to explain: where one is fast,
+that moves has gone on. R must not be of sources that came by the same measurements that they have to explain: where one is fast,
 several at rest explain each part of its way well, afterwards. Where the swarm looks until then: ``looking``.
 
 Once it is handed over the track is told first, and nothing of its nuclide besides: what was fitted of it were places along its
@@ -95,8 +95,9 @@ class FollowingEstimator:
         """
         rest = state.rest
         refined, moved = self._at_rest.due(step)
-        if moved > rest.moved or (refined > rest.refined and (_is_first(state) or self._gain(state) >= _GAIN)):
-            state = self._moved_once(state, step)
+        gain = self._gain(state) if refined > rest.refined or moved > rest.moved else -math.inf
+        if moved > rest.moved or gain >= _GAIN or (refined > rest.refined and _is_first(state)):
+            state = self._moved_once(state, step, gain)
             rest = replace(state.rest, refined=refined, moved=moved)
         elif refined > rest.refined:
             rest = replace(self._at_rest.to_refine(rest), refined=refined)
@@ -143,22 +144,22 @@ class FollowingEstimator:
         told = [] if first is None else [one.nuclide or "" for one in (first, *first.others)]
         return led(rest.outlook, told, track, bayes, nuclide, step)
 
-    def _moved_once(self, state: FollowingState, step: GridStep) -> FollowingState:
+    def _moved_once(self, state: FollowingState, step: GridStep, gain: float) -> FollowingState:
         """As ``_moved``, remembered: when an observation of this very step comes late, the step is computed again from the same
         state.
         """
         for before, index, after in self._recent:
             if before is state and index == step.index:
                 return after
-        moved = self._moved(state, step)
+        moved = self._moved(state, step, gain)
         self._recent.append((state, step.index, moved))
         return moved
 
-    def _moved(self, state: FollowingState, step: GridStep) -> FollowingState:
-        """Moves of the fit, and what follows for the track; while a source moves, whether it is taken back."""
+    def _moved(self, state: FollowingState, step: GridStep, gain: float) -> FollowingState:
+        """Moves of the fit, and what follows for the track by its ``gain``; while a source moves, whether it is taken back."""
         if (track := _moving(state)) is not None:
             return self._taken_back(state, track, step)
-        gain, before = self._gain(state), 0 if state.track is None else state.track.ahead
+        before = 0 if state.track is None else state.track.ahead
         ahead = before + 1 if gain >= _GAIN else before if gain > 0.0 else 0
         if ahead == _AHEAD:
             return self._handed_over(state, step)
@@ -232,7 +233,9 @@ class FollowingEstimator:
         return replace(track, newest=(*track.newest, *pairs))
 
     def _gain(self, state: FollowingState) -> float:
-        """M - R of what was measured since the last moves (this module's docstring); below 0 where the track cannot be ahead."""
+        """M - R of what was measured since the last moves (this module's docstring), with the fit of then alone where that is not
+        enough to be ahead; below 0 where the track cannot be.
+        """
         rest, track = state.rest, state.track
         if track is None or track.moves or track.mark is None or rest.fitted is None:
             return -math.inf
@@ -245,7 +248,13 @@ class FollowingEstimator:
         tracker, background = self._tracker(track.nuclide), track.state.background
         moving = track.state.evidence - track.mark.evidence
         moving += tracker.evidence_beside((seen for _, seen in counted), background)
-        return moving - tracker.evidence_at_rest(newest, rest.fitted.solution, background)
+        gain = moving - tracker.evidence_at_rest(newest, rest.fitted.solution, background)
+        if gain < _GAIN:
+            return gain
+        refined = self._at_rest.to_refine(rest).refinement
+        assert refined is not None
+        assert refined.state.fitted is not None
+        return min(gain, moving - tracker.evidence_at_rest(newest, refined.state.fitted.solution, background))
 
     def _handed_over(self, state: FollowingState, step: GridStep) -> FollowingState:
         rest, track = state.rest, state.track
