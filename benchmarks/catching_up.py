@@ -1,8 +1,9 @@
-"""What the estimator ``sources`` costs an agent that joins late: ``python -m benchmarks.catching_up [--unknown Co-60]``.
+"""What the estimator ``sources`` costs an agent that joins late: ``python -m benchmarks.catching_up [--auto] [--unknown Co-60]``.
 
 Six sources of five nuclides, measured as in ``several_sources --real`` for ten minutes, are folded as by an agent that gets the
-whole log at once: all moves, and one refinement at the end. ``--unknown``: nuclides that are not among the candidates. Processor
-time, and that of the moves with which a source of a nuclide that nobody knows is told first.
+whole log at once: all moves, and one refinement at the end. ``--auto``: cones are made for the lines of all nuclides, not only
+of Cs-137; ``--unknown``: the same, but for nuclides that are not among the candidates. Processor time, and that of the moves with
+which a source of a nuclide that nobody knows is told first.
 """
 
 from __future__ import annotations
@@ -70,13 +71,14 @@ def fold(estimator: FollowingEstimator, grid_ns: int, seen: Sequence[Observation
 def main(
     seconds: Annotated[float, typer.Option(help="Length of the flight.")] = 600.0,
     seed: Annotated[int, typer.Option(help="Of places and activities.")] = 911001,
+    auto: Annotated[bool, typer.Option("--auto", help="All nuclides of the library are candidates.")] = False,
     unknown: Annotated[str, typer.Option(help="Nuclides that are no candidates, comma-separated.")] = "",
 ) -> None:
     square = ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M))
     drones = tuple(DroneInMission(id=f"d{k + 1}") for k in range(DRONES))
     area = AreaConfig(polygon_m=square)
     candidates = tuple(name for name in KNOWN if name not in unknown.split(","))
-    mission = MissionConfig(name="several", drones=drones, area=area, nuclide=candidates if unknown else "")
+    mission = MissionConfig(name="several", drones=drones, area=area, nuclide=candidates if auto or unknown else "")
     sources, tally = placed(seed), Tally()
     seen = observed(seed, sources, Truth.real(), (seconds - LANES_S) / len(sources), mission.nuclide)
     start = time.process_time()
