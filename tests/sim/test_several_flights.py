@@ -34,7 +34,7 @@ def test_a_weak_source_beside_a_strong_one_is_found_and_the_named_one_circled_un
 
     Each is circled, what more may hide is searched for, and then the policy decides.
     """
-    seconds = 210.0  # with looks whether one of them moves; the last of the search ends about 170 to 180 s after the start
+    seconds = 240.0  # with looks whether one of them moves; the last of the search ends about 220 s after the start
     flight = flown((STRONG, replace(WEAK, nuclide="Co-60"), OUTSIDE), seconds, **{"mission.track.policy": "Co-60"})
     trace, result = flight.trace, flight.result
     found_s = min(estimate.time_s for estimate in trace.estimates if len(estimate.sources) == 2)
