@@ -239,8 +239,9 @@ class Executive:
 
     def _searches_on(self, hypothesis: Hypothesis | None, now_ns: int) -> bool:
         """Whether to search for more beside several sources: until all of the area is covered, and again once each source has had
-        its turn, while anything may hide; neither when the time for it is over, nor while it is not clear whether one moves, nor
-        while drones may circle that are not heard: who leaves the circle could meet them.
+        its turn, while anything may hide, or at once where a search leads to what was measured; neither when the time for it is
+        over, nor while it is not clear whether one moves, nor while drones may circle that are not heard: who leaves the circle
+        could meet them.
         """
         absence = self._navigator.absence
         if absence is not None and absence.may_circle:
@@ -255,8 +256,10 @@ class Executive:
         if not began:
             return not self._search.is_complete
         outlook = self._prospect.at(now_ns)
-        if outlook is None or outlook.lead is not None:
-            return outlook is not None
+        if outlook is None:
+            return False
+        if outlook.lead is not None:
+            return True
         hides = outlook.exclusion is not None and bool(outlook.exclusion.left.any())
         return hides and have_had_turns(hypothesis, self._config)
 

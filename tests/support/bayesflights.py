@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
+import fusions
 import msgspec
 import numpy as np
 
-from agent.frames.graph import FrameGraph
-from agent.fusion.engine import Fusion
 from agent.fusion.registry import estimator_named
 from protocol.entries import ConeOrder, Counts
 
@@ -18,7 +17,7 @@ AREAS_MM2 = np.array([14.0, 2.0, 1.1, 0.9])
 
 
 def fusion_of(mission):
-    return Fusion(mission, FrameGraph.from_launch_layout(mission), estimator_named("bayes", mission))
+    return fusions.fusion_of(mission, estimator_named("bayes", mission))
 
 
 def entries_of(kit, mission, rng, seconds, source_at, activity_bq, background=1.0):

@@ -175,7 +175,7 @@ class FollowingEstimator:
         return replace(after, track=track.marked(step.start_ns))
 
     def _with_track(self, before: FollowingState, rest: SourcesState, step: GridStep) -> FollowingState:
-        """The state after moves with the track beside its fit: the one before them, or a new one, with what was pending, if that
+        """The state after moves with the track beside its fit: the one before them, or a new one, with what was measured, if that
         was of another nuclide or did not know others.
         """
         observed = (*before.untracked, *before.rest.pending)

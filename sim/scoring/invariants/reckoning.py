@@ -59,7 +59,8 @@ class Reckoned(Invariant[Moment]):
             for other in range(len(moment.pilots)):
                 if other != drone:
                     is_judged = flies and not new[drone] and not new[other] and self._is_near(moment.time_s, places, drone, other)
-                    self._note(moment.time_s, places, drone, other, moment.pilots if is_judged else None)
+                    farther_m = self._farther_m(places, drone, other, moment.pilots) if is_judged else 0.0
+                    self._note(moment.time_s, places, drone, other, farther_m)
         for pair, since_s in self._since_s.items():
             if moment.time_s - since_s > UNRECKONED_S:
                 yield Breach(pair, self._found[pair])
@@ -71,11 +72,8 @@ class Reckoned(Invariant[Moment]):
             return False
         return not any(self.setting.struck(_ELSEWHERE, one, time_s, 15.0) for one in (drone, other))
 
-    def _note(
-        self, time_s: float, places: Sequence[Vector3], drone: int, other: int, pilots: Sequence[Pilot | None] | None
-    ) -> None:
-        """``pilots``: None where nothing is to be judged."""
-        farther_m = 0.0 if pilots is None else self._farther_m(places, drone, other, pilots)
+    def _note(self, time_s: float, places: Sequence[Vector3], drone: int, other: int, farther_m: float) -> None:
+        """``farther_m``: as ``_farther_m`` says; 0 where nothing is to be judged."""
         if farther_m <= 0.0:
             self._since_s.pop((drone, other), None)
             return

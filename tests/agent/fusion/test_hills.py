@@ -28,7 +28,7 @@ def above(x, y, height_m=3.0):
 
 
 def believed(kit, mission, entries, seconds):
-    fusion = fusion_of(mission, estimator_named(mission.fusion.estimator, mission))
+    fusion = fusion_of(mission)
     kit.feed(fusion, entries)
     kit.settle(fusion, kit.T0_NS + round(seconds * 1e9), 10**6)
     return fusion.hypothesis

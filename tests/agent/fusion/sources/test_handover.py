@@ -13,6 +13,7 @@ from agent.fusion.bayes.state import BayesState
 from agent.fusion.deferred import Deferred, Folder
 from agent.fusion.observation import observe
 from agent.fusion.registry import estimator_named
+from agent.fusion.sources.handover import FollowingEstimator
 from agent.fusion.sources.looking import led
 from agent.fusion.sources.solution import Solution
 from agent.fusion.sources.tracker import Track
@@ -133,14 +134,19 @@ def test_what_the_track_finds_first_is_told_at_the_next_refinement(kit, weak):
     assert fusion.outlook.lead is None
 
 
-def test_a_track_begins_with_what_was_measured_before_there_was_one(kit, weak):
+def test_a_track_begins_with_what_was_measured_before_there_was_one(kit, weak, monkeypatch):
     """Until the moves at 5 s nothing was fitted, and the track began with those at 10 s."""
+    begin, given = FollowingEstimator._begun, []
+    monkeypatch.setattr(FollowingEstimator, "_begun", lambda *every: given.append(every[2]) or begin(*every))
     fusion = after(kit, weak[0], until(kit, weak[1], 4.9), 4.9)
     assert (fusion.state.track, fusion.state.untracked) == (None, ())
     fusion = after(kit, weak[0], until(kit, weak[1], 9.9), 9.9)
     assert fusion.state.track is None
-    before = fusion.state.untracked
-    assert {one.identity for one in before} >= {entry.entry_id for entry in until(kit, weak[1], 4.5)}
+    early = {entry.entry_id for entry in until(kit, weak[1], 4.5)}
+    assert {one.identity for one in fusion.state.untracked} >= early
+    fusion = after(kit, weak[0], until(kit, weak[1], 11.0), 11.0)
+    assert {one.identity for one in given[0]} >= early
+    assert (fusion.state.track.begun_ns - kit.T0_NS, fusion.state.untracked) == (10_000_000_000, ())
 
 
 def test_another_nuclide_at_rest_is_told_beside_it(kit, among):
