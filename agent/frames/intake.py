@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from agent.config.mission import MissionConfig
-from agent.frames.clockerrors import ClockErrors, clock_error_s
+from agent.frames.clockerrors import ClockErrors
 from agent.frames.geodesy import mission_from_geodetic
 from agent.frames.residuals import Fixes, Sightings
 from agent.frames.tracks import Sample, Track
@@ -291,9 +291,8 @@ def _decoded(kind: type[E], payload: bytes) -> E:
 
 
 def _samples(exposure: Exposure) -> Iterator[Sample]:
-    clock_s = clock_error_s(exposure)
     for pose in exposure.poses:
-        yield Sample(exposure.stamp_ns + pose.offset_ns, exposure.epoch, pose.position_m, yaw_of(pose.quaternion), clock_s)
+        yield Sample(exposure.stamp_ns + pose.offset_ns, exposure.epoch, pose.position_m, yaw_of(pose.quaternion))
 
 
 def _ints(column: object) -> Any:

@@ -1,8 +1,10 @@
-"""A drone's own track: its localisation's positions as one continuous path across epochs and jumps.
+"""A drone's own track: its localisation's positions as one continuous path across epochs.
 
-Where the localisation jumps (a new epoch, or a step that no vehicle can fly), the vehicle itself does not: it continues at its
-velocity. So the stretches between jumps, here *segments*, are joined to one *continuous* track in the frame of the first segment.
-Everything is a function of the samples alone, whatever order they arrived in.
+Where the localisation jumps, a new epoch begins, and the vehicle itself does not jump: it continues at its velocity. So the
+stretches between jumps, here *segments*, are joined to one *continuous* track in the frame of the first segment. Within an epoch
+the frame stays what it is, even where the samples jump: a drone begins a new epoch wherever it sees itself jump
+(``agent.localization.jumps``), so that samples that jump nevertheless are false ones, as a liar's, or the correction of a
+position that had drifted. Everything is a function of the samples alone, whatever order they arrived in.
 """
 
 from __future__ import annotations
@@ -15,8 +17,7 @@ from dataclasses import dataclass
 from agent.frames.transform import Transform
 from agent.geometry import Vector3
 
-_FASTEST_MPS = 25.0  # faster than any vehicle of the swarm: a step that needs more is a jump of the localisation
-_STEP_M = 1.0  # added to that, for the autopilot's corrections in one step
+_FASTEST_MPS = 25.0  # faster than any vehicle of the swarm
 _LONGEST_GAP_NS = 1_000_000_000  # longest gap between samples across which positions are interpolated
 ALWAYS = 2**63  # later than any stamp
 LONGEST_SLOPE_S = 0.5  # samples further apart give no velocity
@@ -25,20 +26,17 @@ _SLOPE_NS = round(LONGEST_SLOPE_S * 1e9)
 
 @dataclass(frozen=True, slots=True, order=True)
 class Sample:
-    """A drone's position at ``stamp_ns`` by its own localisation of that epoch; ``yaw_rad``: heading of its body; ``clock_s``: by
-    how much its clock was wrong, as far as it knew.
-    """
+    """A drone's position at ``stamp_ns`` by its own localisation of that epoch; ``yaw_rad``: heading of its body."""
 
     stamp_ns: int
     epoch: int
     position_m: Vector3
     yaw_rad: float
-    clock_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A stretch without jumps, from the index of its first sample; ``gap_s``: time since the segment before."""
+    """A stretch in one epoch, from the index of its first sample; ``gap_s``: time since the segment before."""
 
     first: int
     stamp_ns: int
@@ -57,7 +55,6 @@ class Track:
         self._stamps = array("Q")
         self._epochs = array("Q")
         self._local = _Rows()  # position and heading, in the sample's own frame
-        self._clocks = array("d")
         self._places = _Rows()  # in the continuous frame, and metres along the track; as far as computed
         self._segments: list[Segment] = []
         self._changed_ns = ALWAYS
@@ -76,7 +73,6 @@ class Track:
         self._stamps.insert(index, sample.stamp_ns)
         self._epochs.insert(index, sample.epoch)
         self._local.insert(index, (*sample.position_m, sample.yaw_rad))
-        self._clocks.insert(index, sample.clock_s)
         self._forget(index)
         return self._stamps[index - 1] if index else sample.stamp_ns - 1
 
@@ -176,11 +172,11 @@ class Track:
 
     def _sample(self, index: int) -> Sample:
         position_m, yaw_rad = self._local.vector(index), self._local.last(index)
-        return Sample(self._stamps[index], self._epochs[index], position_m, yaw_rad, self._clocks[index])
+        return Sample(self._stamps[index], self._epochs[index], position_m, yaw_rad)
 
     def _delete(self, index: int, count: int = 1) -> None:
         """Delete samples from ``index`` on, but nothing that is derived from them."""
-        del self._stamps[index : index + count], self._epochs[index : index + count], self._clocks[index : index + count]
+        del self._stamps[index : index + count], self._epochs[index : index + count]
         self._local.delete(index, index + count)
 
     def _forget(self, index: int) -> None:
@@ -195,21 +191,13 @@ class Track:
     def _join(self) -> None:
         for index in range(len(self._places), len(self._stamps)):
             sample = self._sample(index)
-            if index == 0 or self._jumps(index):
+            if index == 0 or sample.epoch != self._epochs[index - 1]:
                 joined, gap_s = (Transform(), 0.0) if index == 0 else self._onward(index)
                 self._segments.append(Segment(index, sample.stamp_ns, sample.epoch, joined, gap_s))
                 self._note(sample.stamp_ns)
             place = self._segments[-1].joined.apply_point(sample.position_m)
             flown = self._places.last(index - 1) + math.dist(place, self._places.vector(index - 1)) if index else 0.0
             self._places.insert(index, (*place, flown))
-
-    def _jumps(self, index: int) -> bool:
-        """Where a wrong clock was set, the step took longer than its stamps tell, and what was flown in it is no jump."""
-        before, after = self._sample(index - 1), self._sample(index)
-        if before.epoch != after.epoch:
-            return True
-        gap_s = 1e-9 * (after.stamp_ns - before.stamp_ns) + max(before.clock_s, after.clock_s)
-        return math.dist(before.position_m, after.position_m) > _STEP_M + _FASTEST_MPS * gap_s
 
     def _onward(self, index: int) -> tuple[Transform, float]:
         """Join of the segment that begins at ``index``, by assuming that the vehicle kept its velocity and turn rate, and its gap

@@ -216,13 +216,18 @@ def _localised(drone: Drone, path: np.ndarray, rng: np.random.Generator) -> tupl
     epoch = np.zeros(count, dtype=int)
     shifted = np.arange(count) * _STEP_S >= drone.shift_s
     grown_s, back_s = (np.arange(count) * _STEP_S - at_s for at_s in (drone.shift_s, drone.shift_back_s))
-    grown = np.diff([np.clip(one_s / max(drone.shift_lasts_s, 1e-3), 0.0, 1.0) for one_s in (back_s, grown_s)], axis=0).T
+    grown = np.diff([_share(one_s, drone.shift_lasts_s) for one_s in (back_s, grown_s)], axis=0).T
     turn = math.radians(drone.shift_yaw_deg)
     local[shifted] = local[shifted] @ _turn(-turn).T + grown[shifted] * np.array(drone.shift_m) @ _turn(yaw[0]) @ _turn(-turn).T
     yaw = yaw + turn * shifted
     if drone.shift_announced:
         epoch[shifted] = 1
     return local, yaw, epoch
+
+
+def _share(since_s: np.ndarray, lasts_s: float) -> np.ndarray:
+    """How much of a shift has come, seconds after its beginning: all at once, or evenly for as long as it lasts."""
+    return np.clip(since_s / lasts_s, 0.0, 1.0) if lasts_s else (since_s >= 0.0).astype(float)
 
 
 def _exposures(drone, identity, stamps, local, heading, epoch):
