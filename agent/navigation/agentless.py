@@ -52,7 +52,8 @@ class Stretch(Struct, frozen=True):
 
 class Course(Struct, frozen=True):
     """What one vehicle does: it stops somewhere on ``stop``, and stays there until ``leaves_s``; infinity: it does not leave.
-    ``way``: from there home, at the height ``cruise_m``; there it is down at ``down_s``. None: it does not return.
+    ``way``: from there home, at the height ``cruise_m``; there it must be at ``arrives_s``, and down at ``down_s``. None: it does
+    not return.
     ``goes_on_m``: how far along ``stop`` it gets at least before it stops.
     """
 
@@ -60,6 +61,7 @@ class Course(Struct, frozen=True):
     leaves_s: float
     way: tuple[Point2, Point2] | None = None
     cruise_m: float = 0.0
+    arrives_s: float = inf
     down_s: float = 0.0
     goes_on_m: float = 0.0
 
@@ -115,8 +117,9 @@ class Agentless:
         cruise_m = max(z, home_z + self._return_m[name])
         leaves_s = _STOPPED_S + (cruise_m - z) / _CLIMB_MPS
         way = (x + _STOPS_S * u, y + _STOPS_S * v), (home_x, home_y)
-        down_s = leaves_s + dist(*way) / _SLOWEST_MPS + (cruise_m - home_z) / _DESCENT_MPS + _DOWN_S
-        return Course(stop, leaves_s, way, cruise_m, down_s, goes_on_m)
+        arrives_s = leaves_s + dist(*way) / _SLOWEST_MPS
+        down_s = arrives_s + (cruise_m - home_z) / _DESCENT_MPS + _DOWN_S
+        return Course(stop, leaves_s, way, cruise_m, arrives_s, down_s, goes_on_m)
 
     def returns_above(self, name: str, other: str) -> bool:
         """Whether one returns higher than the other, and so comes down through the height of the other's return."""

@@ -228,7 +228,9 @@ class Silent:
         walls = [] if wall is None or crosses else [_beyond(name, wall, ahead, sigma_m, me)]
         places = [stretch.nearest(ahead) for stretch in course.stretches(times, below_m)]
         walls += self._coming_down(name, self._agentless.home(name, peer, mission_from_theirs), me)
-        sigma_m = hypot(sigma_m, _SIGMA_M)
+        # Homes are apart. Pushed from its own by the doubt about the others' until all had to be down, one that is revoked came
+        # down when the others took it to have landed.
+        sigma_m = 0.0 if me.revoked and silent_s >= course.arrives_s else hypot(sigma_m, _SIGMA_M)
         if course.way is not None and silent_s < course.down_s:
             self._homes[name] = KeptPlace(course.way[1], sigma_m)
         return walls + [blind_plan(name, me.now_ns, me.step_s, _local(one, me), sigma_m) for one in places]

@@ -15,6 +15,9 @@ HOME = (0.0, 0.0, 0.0)
 NOW = np.array([3.0, 5.0, 7.0])
 
 
+COMES_DOWN_S = 10.0  # a drone that comes down over its home by setpoints settles there, and lands from a few metres, in this time
+
+
 def course(stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), steered=True, **safety):
     """Of the drone b, whose home is the origin, and which returns at 13 m."""
     mission = MissionConfig(
@@ -23,9 +26,13 @@ def course(stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), 
         drones=(DroneInMission(id="a"), DroneInMission(id="b", origin_m=HOME)),
         safety=SafetyConfig(**safety),
     )
+    return flown_by(Agentless(mission), "b", stage, place, velocity, steered=steered)
+
+
+def flown_by(agentless, name, stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), *, steered=True):
     pose = Pose(
         stamp_ns=0,
-        drone="b",
+        drone=name,
         epoch=0,
         position_m=place,
         velocity_mps=velocity,
@@ -34,8 +41,8 @@ def course(stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), 
         yaw_sigma_rad=0.01,
         steered=steered,
     )
-    peer = Peer(pose=pose, status=Status(stamp_ns=0, drone="b", mission="0" * 16, boot="1" * 16, stage=stage))
-    return Agentless(mission).course("b", peer, pose, Transform())
+    peer = Peer(pose=pose, status=Status(stamp_ns=0, drone=name, mission="0" * 16, boot="1" * 16, stage=stage))
+    return agentless.course(name, peer, pose, Transform())
 
 
 def test_it_stops_climbs_and_goes_home():
@@ -51,6 +58,18 @@ def test_it_stops_climbs_and_goes_home():
     assert len(left) == 1
     assert left[0].back == pytest.approx((9.0, 15.0, 21.0))
     assert flown.stretches(NOW + flown.down_s, below_m=20.0) == []
+
+
+def test_a_revoked_drone_can_wait_for_the_others_to_be_home_and_still_be_down_when_they_count_with_it():
+    """It waits for vehicles without their agents, and comes down at 2 m/s: from the lowest of six layers for the highest, too."""
+    names = "abcdef"
+    drones = tuple(DroneInMission(id=name, origin_m=(6.0 * k, 0.0, 0.0)) for k, name in enumerate(names))
+    area = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0)), ceiling_m=40.0)
+    agentless = Agentless(mission := MissionConfig(name="test", area=area, drones=drones))
+    flown = {name: flown_by(agentless, name, place=(15.0, 40.0, 2.0)) for name in names}
+    for mine, height_m in zip(names, mission.return_heights_m, strict=True):
+        descent_s = height_m / mission.limits.climb_mps + COMES_DOWN_S
+        assert max(flown[other].arrives_s for other in names if other != mine) + descent_s < flown[mine].down_s
 
 
 @pytest.mark.parametrize(

@@ -352,6 +352,21 @@ def test_a_revoked_drone_comes_down_around_the_homes_of_those_that_return_later(
         assert [one.plan.positions[0][:2] for one in hood.around(peers, myself)] == places
 
 
+@pytest.mark.parametrize(("revoked", "second", "sigma_m"), [(True, 11, 2.0), (True, 12, 0.0), (False, 12, 2.0)])
+def test_a_revoked_drone_does_not_wait_over_its_home_because_the_home_of_another_is_doubtful(revoked, second, sigma_m):
+    """b, without its agent, is home after 11.5 s at the latest. Pushed aside by the doubt until b had to be down as well, a drone
+    waited for a minute, and came down through the layers of others that took it to have landed.
+    """
+    hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    for message in (pose(), status(Stage.TRACK)):
+        assert peers.receive(message, 0) is None
+    me = Self(second * SECOND, 0, 2.0, Transform(), height_m=20.0, returning_s=float(second), revoked=revoked)
+    doubts_m = [one.plan.sigma_m for one in hood.around(peers, me) if one.plan.away is None]
+    (home,) = hood.absence.homes
+    assert home.place == pytest.approx((10.0, 0.0))
+    assert (doubts_m[-1], home.sigma_m) == pytest.approx((sigma_m, sigma_m), abs=0.05)
+
+
 def test_an_agent_started_in_flight_comes_home_around_the_homes_of_those_that_it_never_heard():
     """One that was revoked before came down over its home, 1.5 m from it."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
