@@ -339,8 +339,9 @@ class Pilot:
             self._executive.take_coverage(entry, anew=entry.drone == self._id and entry.boot != self._boot)  # before a restart
 
     def _report(self, now_ns: int) -> None:
-        frame, condition = self._own.frame, partial(self._condition, now_ns)
-        known = self._own.vehicle, frame.mission_from_local if frame is not None else None, Believed.of(self.fusion)
+        frame, condition, hypothesis = self._own.frame, partial(self._condition, now_ns), self.fusion.hypothesis
+        believed = partial(Believed.of, self.fusion, hypothesis) if hypothesis is not None else None
+        known = self._own.vehicle, frame.mission_from_local if frame is not None else None, believed
         for message in (*self._revoking.due(now_ns), *self._reporter.due(now_ns, *known, condition)):
             if not isinstance(message, Status):
                 self._outbox.put(message)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import OrderedDict
 from hashlib import blake2b
 
-import numpy as np
 from msgspec.structs import replace
 
 from agent.detector.readout import PixelHits, Readout
@@ -39,7 +38,7 @@ class Repeats:
     def without(self, readout: Readout) -> Readout:
         """The readout or, where its hits have come before, its time without any and without live time: nothing was seen in it."""
         hits = readout.hits
-        if len(hits) >= LEAST_PIXELS and len(np.unique(hits.index[:MOST_HITS])) >= LEAST_PIXELS:
+        if len(hits) >= LEAST_PIXELS and len(set(hits.index[:MOST_HITS].tolist())) >= LEAST_PIXELS:
             digest = _digest(hits)
             self._hangs = digest in self._kept
             self._kept[digest] = None

@@ -101,8 +101,13 @@ class Transform:
         turned = np.zeros((2, 4))
         turned[0, 0] = turned[1, 1] = 1.0
         turned[:, 3] = self._turned_per_yaw(point)[:2]
-        variance = float(np.trace(turned @ self.covariance @ turned.T))
-        return math.sqrt(max(variance, 0.0)), math.sqrt(max(float(self.covariance[3, 3]), 0.0))
+        (xx, _), (_, yy) = (turned @ self.covariance @ turned.T).tolist()
+        return math.sqrt(max(xx + yy, 0.0)), self.yaw_sigma_rad
+
+    @property
+    def yaw_sigma_rad(self) -> float:
+        """1 sigma of the yaw; 0 if exact."""
+        return 0.0 if self.covariance is None else math.sqrt(max(float(self.covariance[3, 3]), 0.0))
 
     def rotation_matrix(self) -> Array:
         """Matrix (3, 3) that rotates directions of frame b into frame a."""

@@ -209,7 +209,10 @@ class ObservationLog:
         self._recounted += [(numbered[number], counts) for first, last in changed for number in held.within(first, last)]
 
     def _kind_of(self, identity: EntryId) -> type[Entry] | None:
-        return next((kind for kind, held in self._payloads.items() if identity in held), None)
+        for kind, held in self._payloads.items():
+            if identity in held:
+                return kind
+        return None
 
     def record(self, identity: EntryId) -> Record:
         """The record held of this identity. Raises KeyError without one."""

@@ -183,7 +183,7 @@ class OwnPose:
             return None
         transform = frame.mission_from_local
         place_m = transform.apply_point(vehicle.position_m)
-        yaw_sigma_rad = max(transform.sigmas_at(vehicle.position_m)[1], vehicle.yaw_sigma_rad)
+        yaw_sigma_rad = max(transform.yaw_sigma_rad, vehicle.yaw_sigma_rad)
         return Whereabouts(place_m, self.sigma_m, yaw_of(vehicle.quaternion) + transform.yaw_rad, yaw_sigma_rad)
 
     @property

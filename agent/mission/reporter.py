@@ -68,12 +68,10 @@ class Believed(Struct, frozen=True, eq=False):
     exclusion: Exclusion | None = None
 
     @classmethod
-    def of(cls, fusion: Fusion) -> Believed | None:
-        """What a fusion tells now; None without a hypothesis."""
-        if fusion.hypothesis is None:
-            return None
+    def of(cls, fusion: Fusion, hypothesis: Hypothesis) -> Believed:
+        """What a fusion tells now with its hypothesis."""
         outlook = fusion.outlook
-        return cls(fusion.hypothesis, fusion.hypothesis_digest, outlook.exclusion if outlook is not None else None)
+        return cls(hypothesis, fusion.hypothesis_digest, outlook.exclusion if outlook is not None else None)
 
 
 class Outbox:
@@ -129,7 +127,7 @@ class Reporter:
         now_ns: int,
         vehicle: VehicleState | None,
         frame: Transform | None,
-        believed: Believed | None,
+        believed: Callable[[], Believed] | None,
         condition: Callable[[], Condition],
     ) -> Iterator[Message]:
         """The messages that are due now.
@@ -138,7 +136,7 @@ class Reporter:
             now_ns: UTC.
             vehicle: newest telemetry.
             frame: mission <- local of its epoch; published where it is estimated, for operators (agents have it from their logs).
-            believed: what the source estimate is.
+            believed: what the source estimate is, called only when it is due; None without one.
             condition: called only when a status is due.
         """
         if vehicle is not None and self._is_due(Pose, now_ns):
@@ -153,7 +151,7 @@ class Reporter:
                 covariance=tuple(frame.covariance.ravel().tolist()),
             )
         if believed is not None and self._is_due(Estimate, now_ns):
-            yield self._estimate(now_ns, believed)
+            yield self._estimate(now_ns, believed())
         if self._is_due(Status, now_ns):
             now = condition()
             yield Status(

@@ -76,15 +76,22 @@ class PeerPlan(Struct, frozen=True):
         """Whether it has the right of way."""
         return self.blind or self.id < me
 
-    def at(self, now_ns: int, times: Array) -> Array:
-        """Horizontal positions (T, 2) at these times (s) from now; extrapolated beyond the plan."""
-        return sampled(np.array(self.positions), (now_ns - self.stamp_ns) * 1e-9, self.step_s, times)
+    def at(self, now_ns: int, after_s: float = 0.0) -> tuple[float, float]:
+        """Horizontal position after_s from now; extrapolated beyond the plan."""
+        if len(self.positions) == 1:
+            x, y, _ = self.positions[0]
+            return x, y
+        place = ((now_ns - self.stamp_ns) * 1e-9 + after_s) * (1.0 / self.step_s)
+        first = min(max(int(place), 0), len(self.positions) - 2)
+        share = place - first
+        (x, y, _), (u, v, _) = self.positions[first], self.positions[first + 1]
+        return x + share * (u - x), y + share * (v - y)
 
     def steps(self, now_ns: int, step_s: float, count: int) -> list[tuple[float, float]]:
         """Horizontal positions at 0, step_s, ..., count step_s from now, as ``at`` gives them."""
         age_s = (now_ns - self.stamp_ns) * 1e-9
         if self.step_s != step_s or age_s < 0.0 or len(self.positions) == 1:
-            return [(x, y) for x, y in self.at(now_ns, step_s * np.arange(count + 1.0)).tolist()]
+            return [self.at(now_ns, k * step_s) for k in range(count + 1)]
         # Equal steps: all positions lie at the same fraction between two points of the plan.
         place = age_s / step_s
         first = min(int(place), len(self.positions) - 2)

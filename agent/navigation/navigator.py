@@ -89,7 +89,7 @@ class Reckoning(Struct, frozen=True):
         found = []
         for one in self.others:
             if one.away is None:
-                u, v = one.at(self.stamp_ns, np.array([end_s]))[0].tolist()
+                u, v = one.at(self.stamp_ns, end_s)
                 clearance_m = hypot(u - x, v - y) - sigmas * one.sigma_m
                 found.append(End(one.id, clearance_m, atan2(v - y, u - x), one.blind))
         return found
@@ -280,7 +280,7 @@ def _distance_m(place: Vector3, plan: PeerPlan, now_ns: int, sigmas: float) -> f
     """Distance from a place to where a plan expects another drone, or to the line or circle that it is beyond, less its doubt."""
     if plan.away is not None:
         return max(0.0, _in_front_m(place, plan, plan.away, now_ns)) - sigmas * plan.sigma_m
-    x, y = plan.at(now_ns, np.zeros(1))[0].tolist()
+    x, y = plan.at(now_ns)
     return hypot(place[0] - x, place[1] - y) - sigmas * plan.sigma_m
 
 
@@ -293,7 +293,7 @@ def _in_front_m(place: Vector3, plan: PeerPlan, away: Array, now_ns: int) -> flo
     """How far a place lies in front of the line of a plan, or of the circle that it touches: seen from elsewhere, the tangent
     would leave out a part of the circle, or hold what is inside.
     """
-    x, y = plan.at(now_ns, np.zeros(1))[0].tolist()
+    x, y = plan.at(now_ns)
     away_x, away_y = away[0].tolist()
     if isinf(plan.radius_m):
         return float((place[0] - x) * away_x + (place[1] - y) * away_y)

@@ -228,16 +228,15 @@ class Multirotors:
         if len(headings) > self._late + 2:
             del headings[0]
         newest = len(headings) - 1 - self._late
-        wanted, fed_forward = np.zeros_like(yaw_sp), np.zeros_like(yaw_sp)
+        (old_yaw, old_rate), (new_yaw, new_rate) = headings[max(0, newest - 1)], headings[max(0, newest)]
         before = self._yaw_rate
         halfway = self.yaw_rad + 0.5 * self._step_s * before
-        for which, part in ((newest - 1, self._late_s / self._step_s), (newest, 1.0 - self._late_s / self._step_s)):
-            yaw, rate = headings[max(0, which)]
-            error = np.remainder(yaw - halfway + np.pi, 2.0 * np.pi) - np.pi
-            wanted += part * np.where(np.isnan(error), 0.0, error)
-            fed_forward += part * rate
+        old = self._late_s / self._step_s
+        new = 1.0 - old
+        error = old * _shorter_way(old_yaw - halfway) + new * _shorter_way(new_yaw - halfway)
+        fed_forward = old * old_rate + new * new_rate
         gain, share, most, most_change = self._yaw_gains
-        wanted = np.maximum(-most, np.minimum(gain * wanted + fed_forward, most))
+        wanted = np.maximum(-most, np.minimum(gain * error + fed_forward, most))
         change = np.maximum(-most_change, np.minimum(share * (wanted - before), most_change))
         self._yaw_rate = (before + change) * free
         self.yaw_rad += 0.5 * (before + self._yaw_rate) * self._step_s * free
@@ -265,6 +264,12 @@ class Multirotors:
         """World-from-body attitude (w, x, y, z): heading, and the tilt that points the thrust."""
         ax, ay, az = self.thrust_mps2[drone].tolist()
         return attitude(float(self.yaw_rad[drone]), ax, ay, az)
+
+
+def _shorter_way(angle: Array) -> Array:
+    """Angles (N,) within half a turn; 0 instead of NaN, where no heading is wanted."""
+    turned: Array = np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi
+    return np.where(np.isnan(turned), 0.0, turned)
 
 
 def attitude(yaw: float, ax: float, ay: float, az: float) -> tuple[float, float, float, float]:

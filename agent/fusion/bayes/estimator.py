@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 from msgspec.structs import replace
@@ -233,6 +234,7 @@ class BayesEstimator:
         ).reduced()
 
 
+@cache  # one object for all estimators of a process: what follows from it is cached by it
 def _motion(config: BayesEstimatorConfig) -> Motion:
     """The three modes: at rest, slow (``velocity_mps``, long correlation) and fast. They switch at the rate ``hurry_ps`` between
     slow and fast, else at ``switch_ps``.

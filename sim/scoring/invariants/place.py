@@ -167,15 +167,16 @@ class KnowsHome(Invariant[Moment]):
 
     def _wrong(self, moment: Moment, drone: int, launch_m: Array) -> str:
         pilot = moment.pilots[drone]
-        if pilot is None or pilot.memory is None or pilot.whereabouts is None or not moment.airborne(drone):
+        if pilot is None or pilot.memory is None or not moment.airborne(drone):
             return ""
         home_m = pilot.memory.home_m
+        off_m = inf if home_m is None else hypot(home_m[0] - float(launch_m[0]), home_m[1] - float(launch_m[1]))
+        if off_m <= AT_HOME_M or pilot.whereabouts is None:
+            return ""
         if home_m is None:
             return "it knows no home"
-        off_m = hypot(home_m[0] - float(launch_m[0]), home_m[1] - float(launch_m[1]))
-        if off_m <= AT_HOME_M or self.setting.may_land_elsewhere(drone, moment.time_s):
-            return ""
-        return f"it takes a place {off_m:.1f} m away for its home"
+        elsewhere = self.setting.may_land_elsewhere(drone, moment.time_s)
+        return "" if elsewhere else f"it takes a place {off_m:.1f} m away for its home"
 
 
 def excluded(moment: Moment, drone: int) -> str:

@@ -55,7 +55,7 @@ class Reckoned(Invariant[Moment]):
         places = [(x, y, z) for x, y, z in moment.position_m.tolist()]
         new = [self._is_new(drone, pilot) for drone, pilot in enumerate(moment.pilots)]
         for drone, pilot in enumerate(moment.pilots):
-            flies = pilot is not None and pilot.whereabouts is not None and moment.autopilots[drone].setpoint_age_s is not None
+            flies = pilot is not None and moment.autopilots[drone].setpoint_age_s is not None
             for other in range(len(moment.pilots)):
                 if other != drone:
                     is_judged = flies and not new[drone] and not new[other] and self._is_near(moment.time_s, places, drone, other)
@@ -84,7 +84,7 @@ class Reckoned(Invariant[Moment]):
     def _farther_m(self, places: Sequence[Vector3], drone: int, other: int, pilots: Sequence[Pilot | None]) -> float:
         """How much farther away a drone takes another to be than allowed."""
         pilot = pilots[drone]
-        if pilot is None or (reckoning := pilot.reckoning) is None:
+        if pilot is None or (reckoning := pilot.reckoning) is None or pilot.whereabouts is None:
             return 0.0
         judged, believed_m = self._believed.get((drone, other), (None, inf))
         if judged is not reckoning:  # worked out once for each of its plans
@@ -109,7 +109,7 @@ class Confined(Invariant[Moment]):
         self._fence = Polygon(area.polygon_m).buffer(area.fence_margin_m + ROOM_M)
         shapely.prepare(self._fence)
         self._since_s: dict[int, float] = {}
-        self._over: dict[int, tuple[object, float]] = {}
+        self._over: dict[int, tuple[object, object, float]] = {}
 
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Drones whose room is too wide."""
@@ -124,13 +124,13 @@ class Confined(Invariant[Moment]):
                 yield Breach((drone,), f"it may fly {outside[drone] + ROOM_M:.1f} m beyond the fence")
 
     def _over_m(self, drone: int, pilot: Pilot) -> float:
-        """How far the room reaches beyond what is allowed; worked out once for each plan."""
-        if pilot.reckoning is None:
+        """How far the room reaches beyond what is allowed; worked out once for each room and frame, which many plans share."""
+        if (reckoning := pilot.reckoning) is None:
             return 0.0
-        judged, over_m = self._over.get(drone, (None, 0.0))
-        if judged is not pilot.reckoning:
-            over_m = self._beyond_m(pilot.reckoning.corners_m)
-            self._over[drone] = pilot.reckoning, over_m
+        room, frame, over_m = self._over.get(drone, (None, None, 0.0))
+        if room is not reckoning.room or frame is not reckoning.mission_from_local:
+            over_m = self._beyond_m(reckoning.corners_m)
+            self._over[drone] = reckoning.room, reckoning.mission_from_local, over_m
         return over_m
 
     def _beyond_m(self, corners: Array | None) -> float:

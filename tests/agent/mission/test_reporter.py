@@ -37,7 +37,8 @@ def test_all_sources_of_an_estimate_are_published_with_their_nuclides() -> None:
     first = source(1.0, "Cs-137", source(5.0, "Co-60"))
     cells = np.zeros(3, np.bool_)
     believed = Believed(first, "0" * 32, Exclusion({"Cs-137": 2e8, "Co-60": None}, cells, cells))
-    (estimate,) = [one for one in reporter.due(NOW_NS, None, None, believed, lambda: condition) if isinstance(one, Estimate)]
+    due = reporter.due(NOW_NS, None, None, lambda: believed, lambda: condition)
+    (estimate,) = [one for one in due if isinstance(one, Estimate)]
     assert estimate.excluded_bq == {"Cs-137": 2e8}
     assert [(one.position_m[0], one.nuclide) for one in estimate.sources] == [(1.0, "Cs-137"), (5.0, "Co-60")]
     assert estimate.sources[1].covariance_m2 == (0.04, 0.0, 0.0, 0.09, 0.0, 0.0)

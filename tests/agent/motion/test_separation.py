@@ -22,9 +22,9 @@ def straight(name: str, start: tuple[float, float], velocity: tuple[float, float
 
 def test_a_plan_is_read_between_its_steps_and_beyond_its_end() -> None:
     plan = straight("b", (1.0, 2.0), (3.0, -1.0))
-    times = np.array([0.0, 0.13, 3.95, 6.0])
-    assert plan.at(SECOND, times) == pytest.approx(np.array([1.0, 2.0]) + times[:, None] * (3.0, -1.0))
-    assert plan.at(SECOND + SECOND // 2, times) == pytest.approx(np.array([1.0, 2.0]) + (times[:, None] + 0.5) * (3.0, -1.0))
+    for after_s in (-0.3, 0.0, 0.13, 3.95, 6.0):
+        assert plan.at(SECOND, after_s) == pytest.approx((1.0 + 3.0 * after_s, 2.0 - after_s))
+        assert plan.at(SECOND + SECOND // 2, after_s) == pytest.approx((2.5 + 3.0 * after_s, 1.5 - after_s))
     state = plan.state(SECOND + 300_000_000)
     assert state.position == pytest.approx((1.9, 1.7, 3.0))
     assert state.velocity == pytest.approx((3.0, -1.0, 0.0))
@@ -32,12 +32,13 @@ def test_a_plan_is_read_between_its_steps_and_beyond_its_end() -> None:
 
 def test_without_a_plan_a_drone_is_taken_to_fly_straight_on() -> None:
     plan = PeerPlan.from_pose("b", SECOND, PeerState((0.0, 0.0, 3.0), (2.0, 0.0, 0.0), age_s=0.1))
-    assert plan.at(SECOND, np.array([0.0, 1.0])) == pytest.approx(np.array([[0.2, 0.0], [2.2, 0.0]]))
+    assert plan.at(SECOND) == pytest.approx((0.2, 0.0))
+    assert plan.at(SECOND, 1.0) == pytest.approx((2.2, 0.0))
 
 
 def test_a_plan_of_one_point_stays_there() -> None:
     plan = PeerPlan("b", SECOND, 0.2, [(1.0, 2.0, 3.0)])
-    assert plan.at(SECOND, np.arange(3.0)) == pytest.approx(np.array([[1.0, 2.0]] * 3))
+    assert plan.at(SECOND) == plan.at(SECOND, 2.0) == (1.0, 2.0)
     assert plan.state(SECOND).position == (1.0, 2.0, 3.0)
 
 
@@ -54,7 +55,7 @@ def test_who_deviates_from_its_plans_keeps_more_and_is_kept_away_from_further() 
 
 
 def test_half_planes_keep_the_distance() -> None:
-    other = straight("a", (0.0, 0.0), (1.0, 0.0)).at(SECOND, 0.2 * np.arange(21.0))
+    other = np.array(straight("a", (0.0, 0.0), (1.0, 0.0)).steps(SECOND, 0.2, 20))
     nominal = np.column_stack((0.2 * np.arange(1.0, 21.0), np.full(20, 6.0)))
     normals, offsets = half_planes(nominal, (0.0, 6.0), other, 5.0, yields=False)
     assert np.linalg.norm(normals, axis=1) == pytest.approx(np.ones(20))
