@@ -32,7 +32,6 @@ _FACING = -0.9  # cosine between the normals of two lines that face each other
 _UNHEARD_YIELDS = 2.0
 _DEVIATION_S = 1.0  # time constant of a vehicle's return to its plan
 
-_Placed = tuple[PeerPlan, list[tuple[float, float]], float]  # a peer, its positions (H + 1, 2), and the distance to keep
 Peaks = list[list[float]]  # (4, 3): largest jerk, displacement, speed and acceleration of a plan along each axis
 
 
@@ -97,8 +96,7 @@ class Steering:
         """Jerks (H, 2) from the unconstrained optimum (4, H, 3): the optimum itself, the constrained solution, or the last
         resort.
         """
-        placed = self._placed(situation, peers)
-        neighbours, clear = self._neighbours(situation, optimum[1:2, :, :2], placed)
+        neighbours, clear = self._neighbours(situation, optimum[1:2, :, :2], peers)
         clear = clear and self._within_limits(optimum[:, :, :2], peaks)
         if clear and situation.surely_inside:
             return Status.FREE, optimum[0, :, :2]
@@ -108,7 +106,7 @@ class Steering:
             return Status.FREE, optimum[0, :, :2]
         # Where a line, the fence or others push it, the optimum may be far from there: so is who or what is in the way there.
         previous = situation.previous()
-        neighbours, _ = self._neighbours(situation, np.array((optimum[1, :, :2], previous)), placed)
+        neighbours, _ = self._neighbours(situation, np.array((optimum[1, :, :2], previous)), peers)
         near = np.minimum(clearances, (previous @ normals.T - offsets).min(axis=0)) < _NEAR_M
         planes = self._half_planes(situation, optimum[1, :, :2], previous, neighbours, (normals[near], offsets[near]))
         found = self._problem.solve(situation.start[:, :2], optimum[:, :, :2], planes, situation.guess[:, :2])
@@ -131,28 +129,18 @@ class Steering:
         within: bool = speed <= self._speed_squared and acceleration <= self._acceleration_squared
         return within
 
-    def _placed(self, situation: Situation, peers: Sequence[PeerPlan]) -> list[_Placed]:
-        """The peers' planned positions as they are to be kept from, and the distances to keep."""
-        (x, y, _), (virtual_x, virtual_y, _) = situation.measured.position, situation.start[0].tolist()
-        own_m = situation.response.tracking_error_m
-        return [
-            (
-                peer,
-                self._corrected(peer, situation.now_ns, x - virtual_x, y - virtual_y),
-                keep_away(self._id, peer, self._limits.separation_m, own_m),
-            )
-            for peer in peers
-        ]
-
-    def _neighbours(self, situation: Situation, plans: Array, placed: Sequence[_Placed]) -> tuple[list[_Neighbour], bool]:
+    def _neighbours(self, situation: Situation, plans: Array, peers: Sequence[PeerPlan]) -> tuple[list[_Neighbour], bool]:
         """The peers close to one of these plans (P, H, 2), and whether all of these keep their distance from all peers."""
         neighbours: list[_Neighbour] = []
         clear = True
-        if not placed:
+        if not peers:
             return neighbours, clear
-        (virtual_x, virtual_y, _), mine = situation.start[0].tolist(), plans.tolist()
+        (x, y, _), (virtual_x, virtual_y, _), mine = situation.measured.position, situation.start[0].tolist(), plans.tolist()
+        own_m = situation.response.tracking_error_m
         lines = []
-        for peer, theirs, distance in placed:
+        for peer in peers:
+            theirs = self._corrected(peer, situation.now_ns, x - virtual_x, y - virtual_y)
+            distance = keep_away(self._id, peer, self._limits.separation_m, own_m)
             if peer.away is not None:
                 lines.append(_Neighbour(np.array(theirs), distance, 0.0, has_right_of_way=True, away=peer.away[1:]))
                 continue
