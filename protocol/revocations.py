@@ -40,6 +40,10 @@ class Revocation(StationMessage, frozen=True, kw_only=True):
 
 
 class Revoked(DroneMessage, frozen=True, kw_only=True):
-    """All revocations that a drone knows, passed on as they were signed."""
+    """All revocations that a drone knows, passed on as they were signed.
+
+    ``obeying``: the revoked drones of which it knows that they obey, and go home. A revoked one tells that of itself alone.
+    """
 
     held: Annotated[tuple[Revocation, ...], Meta(max_length=MOST_HELD)]
+    obeying: Annotated[tuple[Identifier, ...], Meta(max_length=MOST_HELD)] = ()

@@ -22,6 +22,7 @@ from agent.localization.continuity import carried_on
 from agent.localization.history import PoseHistory
 from agent.localization.jumps import JumpDetector
 from agent.localization.knownframe import KnownFrame
+from agent.localization.resting import Resting
 from agent.motion.reference import PeerState
 from agent.vehicle.grounded import Grounded
 from agent.vehicle.interface import VehicleState
@@ -90,7 +91,7 @@ class OwnPose:
         self.is_estimated = not member.is_exact
         self.is_unplaced = self.is_estimated and member.yaw_sigma_deg > _UNKNOWN_HEADING_DEG
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
-        self._grounded = Grounded()
+        self._grounded, self._resting = Grounded(), Resting()
         self._continued: tuple[int, Transform] | None = None  # an epoch, and its frame by continuity
         self._exact = KnownFrame()
         self._carried: dict[int, CarriedFrame] = {}  # of the last epochs
@@ -112,7 +113,8 @@ class OwnPose:
             return None
         self._older, self._older_ns = 0, 0
         jumps = self._jumps.jumps
-        vehicle = self._with_clock_error(self._grounded.take(self._jumps.take(state)))
+        vehicle = self._grounded.take(self._jumps.take(state))
+        vehicle = self._with_clock_error(self._resting.take(vehicle, reports_down=not (state.armed or state.in_air)))
         if last is not None and last.epoch != vehicle.epoch:
             self._continue(last, vehicle, announced=self._jumps.jumps == jumps)
         vehicle = self._exact.stated(self._mission_from_local(vehicle.epoch), vehicle)
@@ -219,10 +221,10 @@ class OwnPose:
         return PeerState(frame.apply_point(state.position_m), frame.rotate_direction(state.velocity_mps))
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
-        """What is not believed of the vehicle's telemetry: a recent jump that it did not announce, a landing that it is not."""
+        """What is not believed of its telemetry: jumps that it did not announce, landings that are none, motion on the ground."""
         doubt_m = self.doubt_m
         doubted = f"it may be {doubt_m:.0f} m from where it believes to be: its localisation has jumped" if doubt_m else None
-        told = (self._jumps.problem(now_ns), doubted, self._grounded.problem(now_ns))
+        told = (self._jumps.problem(now_ns), doubted, self._grounded.problem(now_ns), self._resting.problem())
         return tuple(text for text in told if text is not None)
 
     def _mission_from_local(self, epoch: int, stamp_ns: int | None = None) -> Transform | None:

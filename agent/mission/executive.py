@@ -18,6 +18,7 @@ from agent.mission.problems import TELEMETRY_AGE_NS
 from agent.mission.reserve import Reserve
 from agent.mission.situation import Situation
 from agent.mission.stages import Mission
+from agent.mission.takeover import MODES
 from agent.mission.worldmodel import WorldModel
 from agent.navigation.focus import focus, have_had_turns, looks
 from agent.navigation.guidance import Moment
@@ -81,6 +82,13 @@ class Executive:
         return self._mission.stage
 
     @property
+    def goes_home(self) -> bool:
+        """Whether this agent flies its vehicle home, or has; not while a human pilot or a failsafe flies it."""
+        vehicle, stage = self._own.vehicle, self.stage
+        flies = vehicle is not None and not self._mission.released and vehicle.mode in MODES.get(stage, ())
+        return stage is Stage.LANDED or (stage in (Stage.RETURN, Stage.LANDING) and flies)
+
+    @property
     def reckoning(self) -> Reckoning | None:
         """What the last plan was made with; None where somebody else flies."""
         return self._navigator.reckoning
@@ -128,6 +136,10 @@ class Executive:
     def exclude(self, drone: str) -> None:
         """Another drone has been revoked: it returns, and hears nobody any more."""
         self._navigator.excluded.add(drone)
+
+    def obeys(self, drone: str, now_ns: int) -> None:
+        """Another drone that has been revoked is on its way home."""
+        self._navigator.obeys(drone, now_ns)
 
     def passing(self, now_ns: int, peers: Peers) -> tuple[str, ...]:
         """Ids of drones that fly past this one, on the ground, so near that it must not take off."""

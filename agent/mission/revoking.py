@@ -39,6 +39,7 @@ class Revoking:
         self._drone, self._revocations = drone, Revocations(verifier, counters)
         self._world, self._executive, self._problems = world, executive, problems
         self._contradictions: dict[Publisher, Contradiction] = {}
+        self._obeying: set[str] = set()  # the others that are revoked, and have told that they go home
         self._due_ns = 0
 
     @property
@@ -61,7 +62,16 @@ class Revoking:
                 self._carry_out(one, now_ns)
             if refused not in ("known", "flood"):
                 verdict = Verdict(refused or "")
+        if isinstance(message, Revoked):
+            self._note_obeying(message, now_ns)
         return verdict
+
+    def _note_obeying(self, message: Revoked, now_ns: int) -> None:
+        """A revoked drone is believed this one thing, which its own agent tells at once or never: else it may circle on."""
+        told = self.names.intersection(message.obeying) - self._obeying - {self._drone}
+        for name in told.intersection({message.drone}) if message.drone in self.names else told:
+            self._obeying.add(name)
+            self._executive.obeys(name, now_ns)
 
     def leaves_out(self, entry: Entry) -> bool:
         """Whether a revocation leaves an entry out."""
@@ -80,7 +90,9 @@ class Revoking:
         if not self.held or now_ns < self._due_ns:
             return ()
         self._due_ns = now_ns + PERIOD_NS
-        return (Revoked(stamp_ns=now_ns, drone=self._drone, held=self.held),)
+        obeys = self._drone in self.names and self._executive.goes_home
+        obeying = self._obeying | {self._drone} if obeys else self._obeying
+        return (Revoked(stamp_ns=now_ns, drone=self._drone, held=self.held, obeying=tuple(sorted(obeying))),)
 
     @property
     def notices(self) -> tuple[str, ...]:

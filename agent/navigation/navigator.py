@@ -162,6 +162,10 @@ class Navigator:
         """Whether the circle that is this drone's while others are not heard lies inside the fence."""
         return self._guidance.has_room
 
+    def obeys(self, name: str, now_ns: int) -> None:
+        """Another drone is revoked, and on its way home."""
+        self._neighbourhood.obeys(name, now_ns)
+
     def follow(self, vehicle: VehicleState) -> None:
         """Take telemetry, each once, also while somebody else flies."""
         self.response.follow(vehicle)

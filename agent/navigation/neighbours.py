@@ -197,6 +197,10 @@ class Neighbourhood:
         viewer = _viewer(me, me.local_from_mission) if me.local_from_mission is not None else None
         return self._silent.unhearing(name, contact, sigma_m, viewer)
 
+    def obeys(self, name: str, now_ns: int) -> None:
+        """It is revoked, and on its way home."""
+        self._silent.obeys(name, now_ns)
+
     def _is_unheard(self, name: str, now_ns: int) -> bool:
         """Whether one that may fly was not heard for long enough; its measurements may come before its first pose does."""
         return not 0 <= now_ns - self._unheard_ns.setdefault(name, now_ns) < SILENT_NS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from math import hypot
+from math import hypot, inf
 
 import numpy as np
 
@@ -103,3 +103,19 @@ def _stamp(pose: Pose) -> int:
 
 def _nowhere(_: int) -> None:
     """No expected position."""
+
+
+def blind_plan(
+    name: str,
+    now_ns: int,
+    step_s: float,
+    places: Array,
+    sigma_m: float = 0.0,
+    away: Array | None = None,
+    radius_m: float = inf,
+) -> PeerPlan:
+    """Places (K, 3) where a drone may be that does not know of this one; ``away``: (K, 2), it may be anywhere beyond these, or
+    beyond the circle of that radius that they touch (``PeerPlan``).
+    """
+    flat = list(map(tuple, places.tolist()))
+    return PeerPlan(name, now_ns, step_s, flat, sigma_m, blind=True, away=away, radius_m=radius_m)

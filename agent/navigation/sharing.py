@@ -16,7 +16,8 @@ from agent.motion.orbit import ring_lift_m, ring_radius_m
 from agent.motion.reference import PeerState
 from agent.motion.separation import LEAST_MARGIN_M, PeerPlan
 from agent.navigation.crossing import CLEAR_M, Crossing
-from agent.navigation.silent import Absence, blind_plan
+from agent.navigation.placing import blind_plan
+from agent.navigation.silent import Absence
 
 _ROOM_M = 3.0  # between a circle and the fence
 # One that is not heard has flown by its plan until it noticed that it hears nobody, when it ceased to count here, too; then it
@@ -97,7 +98,7 @@ class SharedCircle:
 
     def _circles(self, absence: Absence, fits_hypothesis: bool, *, kept: bool = True) -> list[_Circle]:
         """Those that missing drones may fly on, from the inner to the outer; ``kept``: of those too whose place is kept."""
-        circling = set(absence.missing) - set(absence.walls)  # the others are kept apart from by lines
+        circling = set(absence.missing) - set(absence.left) - set(absence.walls)  # the last are kept apart from by lines
         circling -= set() if kept else set(absence.kept)
         rings = [(index, name) for index, name in enumerate(self._names) if name in circling]
         return [_Circle(name, index, ring_radius_m(self._mission, index, fits_hypothesis)) for index, name in rings]

@@ -7,6 +7,9 @@ Nobody can tell which of two things has happened:
   different radius and height (``agent.motion.orbit``). Where one of them searched, or was on its way to the circle (even if
   it was just crossing it), both keep to their own side of the line half-way between the places where they get until they notice.
 
+One that is revoked, and has told that it obeys, climbs where it is and goes home: its circle is free. Without that it may
+circle as before.
+
 One that is heard, but does not hear this drone, reckons with the same of it: this drone does what it would do if neither heard
 the other. It keeps to its side of the same line, or stands on the circle for as long as that one does, and leaves for its own
 circle; and it gives way to the plans that it hears.
@@ -17,7 +20,7 @@ Positions are horizontal, mission frame.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import hypot, inf
+from math import hypot
 
 import numpy as np
 from msgspec import Struct
@@ -32,6 +35,7 @@ from agent.navigation.agentless import CIRCLING, Agentless, Course, Stretch
 from agent.navigation.contact import Circle, Contact, Wall, wall_between
 from agent.navigation.crossing import is_over_m
 from agent.navigation.peers import Peer, Peers
+from agent.navigation.placing import blind_plan
 from agent.navigation.wayaround import KeptPlace
 from protocol.messages import Pose, Stage
 
@@ -62,11 +66,13 @@ class Absence(Struct, frozen=True):
     """Drones of the mission that took part, or may do so, and are not heard or do not hear this one, and what follows for it.
 
     ``missing``: all of these; ``unhearing``: those that are heard, but do not hear this one; ``ring``: which of the circles apart
-    from each other this drone flies on, and those that it hears and that hear it; ``kept``: whose place on the circle is kept;
+    from each other this drone flies on, and those that it hears and that hear it: the shared one once all that are missing have
+    left it; ``kept``: whose place on the circle is kept;
     ``walls``: what this drone keeps behind, by the drone beyond; ``alone``: it shares the mission with no other drone;
     ``stops``: (M, 2), where the vehicles hover that are about to leave for home, if their agents are gone: both ends of each
     stretch; of those that do not hear this one, too, as they reckon with the same of it. ``coming_home``: those that may be on
-    their way home then, and not down yet. ``homes``: those that are kept clear of, as others may come down there.
+    their way home then, and not down yet. ``homes``: those that are kept clear of, as others may come down there. ``left``: those
+    of the missing that are revoked, obey, and have climbed from the circle.
     """
 
     missing: tuple[str, ...]
@@ -78,6 +84,7 @@ class Absence(Struct, frozen=True):
     stops: Array
     coming_home: tuple[str, ...]
     homes: tuple[KeptPlace, ...] = ()
+    left: tuple[str, ...] = ()
 
     @property
     def unheard(self) -> tuple[str, ...]:
@@ -126,6 +133,7 @@ class Silent:
         self._unhearing: set[str] = set()  # of these, who is heard
         self._homes: dict[str, KeptPlace] = {}  # that are kept clear of at present
         self._excluded_ns: dict[str, int] = {}  # who was never heard and is revoked: since when that is known
+        self._obeys_ns: dict[str, int] = {}  # who is revoked and obeys: since when that is known
         self._set_ns = 0
 
     def keep_time(self, set_ns: int) -> None:
@@ -136,6 +144,7 @@ class Silent:
             self._courses = {name: (stamp_ns + by_ns, course) for name, (stamp_ns, course) in self._courses.items()}
             self._contacts = {name: replace(one, stamp_ns=one.stamp_ns + by_ns) for name, one in self._contacts.items()}
             self._excluded_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._excluded_ns.items()}
+            self._obeys_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._obeys_ns.items()}
 
     def heard(self, name: str) -> None:
         """It is heard again and hears this drone, or is on the ground."""
@@ -144,6 +153,10 @@ class Silent:
         self._contacts.pop(name, None)
         self._homes.pop(name, None)
         self._unhearing.discard(name)
+
+    def obeys(self, name: str, now_ns: int) -> None:
+        """It is revoked, and on its way home."""
+        self._obeys_ns.setdefault(name, now_ns)
 
     def is_unhearing(self, name: str) -> bool:
         """Whether it is heard, but was last known not to hear this drone."""
@@ -170,7 +183,8 @@ class Silent:
         unhearing = tuple(name for name in missing if name in self._unhearing)
         statuses = {name: peers[name].status for name in partners}
         hear_me = [name for name, status in statuses.items() if status is not None and self._id in status.delays_ns]
-        ring = min(self._order.index(name) for name in (self._id, *hear_me))
+        left = tuple(name for name in missing if self._has_left(name, now_ns))
+        ring = min(self._order.index(name) for name in (self._id, *hear_me)) if len(left) < len(missing) else 0
         kept = tuple(name for name in missing if self._is_kept(name, partners, peers, now_ns))
         walls = {name: wall for name, (stamp_ns, wall) in sorted(self._walls.items()) if 0 <= now_ns - stamp_ns < APART_NS}
         stops: list[Point2] = []
@@ -190,7 +204,13 @@ class Silent:
             np.array(stops).reshape(-1, 2),
             tuple(coming_home),
             tuple(home for _, home in sorted(self._homes.items())),
+            left,
         )
+
+    def _has_left(self, name: str, now_ns: int) -> bool:
+        """Whether one that is revoked, and obeys, has climbed from the circle."""
+        since_ns = self._obeys_ns.get(name)
+        return since_ns is not None and now_ns - since_ns >= LEFT_S * 1e9
 
     def _is_kept(self, name: str, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
         """Whether a missing drone may still be on the same circle: at first, and as long as one that is heard hears it."""
@@ -317,22 +337,6 @@ class Silent:
         wall = wall_between(mine, contact.theirs)
         self._walls[name] = contact.stamp_ns, wall
         return wall
-
-
-def blind_plan(
-    name: str,
-    now_ns: int,
-    step_s: float,
-    places: Array,
-    sigma_m: float = 0.0,
-    away: Array | None = None,
-    radius_m: float = inf,
-) -> PeerPlan:
-    """Places (K, 3) where a drone may be that does not know of this one; ``away``: (K, 2), it may be anywhere beyond these, or
-    beyond the circle of that radius that they touch (``PeerPlan``).
-    """
-    flat = list(map(tuple, places.tolist()))
-    return PeerPlan(name, now_ns, step_s, flat, sigma_m, blind=True, away=away, radius_m=radius_m)
 
 
 def _local(places: Array, me: Viewer) -> Array:

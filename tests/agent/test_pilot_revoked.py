@@ -14,6 +14,7 @@ from agent.config.drone import DroneConfig
 from agent.fusion.revocations import MOST_REFUSED
 from agent.mission.commanding import Verdict
 from agent.pilot import Pilot
+from agent.vehicle.interface import FlightMode
 from protocol.codec import decode, encode
 from protocol.entries import Coverage
 from protocol.identity import Role
@@ -316,6 +317,53 @@ def test_the_revoked_drone_itself_says_so_and_does_not_start():
     assert one.receive(*revocation(member="d1"), START_NS) == OBEYED
     assert "d1 has been revoked by lockstep: no other drone hears it any more" in status_of(one).problems
     assert "revoked" in one.receive(*order(Action.START, START_NS), START_NS).because
+
+
+def obeying(one, now_ns):
+    """Those that a pilot passes on as obeying."""
+    ((_, payload),) = passed_on(one, now_ns)
+    return decode(payload).obeying
+
+
+@pytest.mark.parametrize(
+    ("mode", "tells"), [(FlightMode.OFFBOARD, ("d1",)), (FlightMode.MANUAL, ()), (FlightMode.RETURN, ())], ids=str
+)
+def test_a_revoked_drone_tells_that_it_obeys_while_its_agent_flies_it_home(mode, tells):
+    one = full()
+    one.observe_vehicle(state(START_NS))
+    one.receive(*order(Action.START, START_NS), START_NS)
+    one.step(START_NS)
+    assert one.stage is Stage.SURVEY
+    one.observe_vehicle(state(START_NS + SECOND, mode=mode))
+    one.receive(*revocation(member="d1"), START_NS + SECOND)
+    assert obeying(one, START_NS + SECOND) == tells
+    assert one.stage is Stage.RETURN
+
+
+def test_a_revoked_drone_that_does_not_fly_tells_nothing():
+    one = full()
+    one.observe_vehicle(state(START_NS))
+    one.receive(*revocation(member="d1"), START_NS)
+    assert obeying(one, START_NS) == ()
+
+
+@pytest.mark.parametrize(
+    ("teller", "told", "believed"),
+    [
+        ("d2", ("d2",), ("d2",)),  # of itself
+        ("d3", ("d2",), ("d2",)),  # passed on by one that counts
+        ("d2", ("d2", "d3"), ("d2",)),  # of another one it tells nothing, being revoked
+        ("d3", ("d3",), ()),  # nobody has revoked it
+    ],
+)
+def test_that_a_revoked_drone_obeys_is_believed_of_itself_or_of_those_that_count(teller, told, believed):
+    one = full()
+    one.receive(*revocation(), START_NS)
+    if "d3" in told and teller == "d2":
+        one.receive(*revocation(member="d3"), START_NS)
+    one.receive(*_told(Revoked(stamp_ns=START_NS, drone=teller, held=one.revocations, obeying=told)), START_NS)
+    assert obeying(one, START_NS) == believed  # and passed on
+    assert tuple(one._executive._navigator._neighbourhood._silent._obeys_ns) == believed
 
 
 def test_revocations_are_bounded():

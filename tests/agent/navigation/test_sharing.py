@@ -16,22 +16,29 @@ FOUR = replace(MISSION, drones=tuple(DroneInMission(id=name) for name in ("d1", 
 RADII_M = [ring_radius_m(FOUR, ring, fits_hypothesis=False) for ring in range(4)]
 
 
-def kept_from(missing, ring, far_m):
+def kept_from(missing, ring, far_m, left=(), climbs=False):
     """What a drone on that circle, or so far from the centre, keeps between."""
-    absence = Absence(missing, (), ring, (), {}, alone=False, stops=np.zeros((0, 2)), coming_home=())
+    absence = Absence(missing, (), ring, (), {}, alone=False, stops=np.zeros((0, 2)), coming_home=(), left=left)
     ahead = np.array([[far_m, 0.0, 3.0]])
-    return SharedCircle(FOUR, "d2").others(absence, 0, (0.0, 0.0, 0.0), ahead, 0.2, fits_hypothesis=False)
+    return SharedCircle(FOUR, "d2").others(absence, 0, (0.0, 0.0, 0.0), ahead, 0.2, fits_hypothesis=False, climbs=climbs)
 
 
-def lines(missing, ring, far_m):
+def lines(missing, ring, far_m, left=(), climbs=False):
     """Distances from the centre of the lines that it keeps between."""
-    found = kept_from(missing, ring, far_m)
+    found = kept_from(missing, ring, far_m, left, climbs)
     return [(one.positions[0][0], float(one.away[0, 0])) for one in found]
 
 
 def test_it_keeps_between_the_circles_of_those_that_it_does_not_hear():
     assert lines(("d4",), 1, RADII_M[1]) == [(pytest.approx(RADII_M[3]), -1.0)]
     assert lines(("d2", "d4"), 0, RADII_M[0]) == [(pytest.approx(RADII_M[1]), -1.0)]
+
+
+def test_nobody_keeps_from_a_circle_that_a_revoked_drone_has_left():
+    """They fly on it themselves: two that climbed for home were pushed together inside it, to 2.7 m."""
+    assert lines(("d1",), 0, RADII_M[0] - 1.0, climbs=True) == [(pytest.approx(RADII_M[0]), -1.0)]
+    assert lines(("d1",), 0, RADII_M[0] - 1.0, left=("d1",), climbs=True) == []
+    assert lines(("d1", "d4"), 1, RADII_M[1], left=("d1",)) == [(pytest.approx(RADII_M[3]), -1.0)]
 
 
 @pytest.mark.parametrize("missing", [("d1",), ("d1", "d3"), ("d1", "d4")])

@@ -1,0 +1,56 @@
+"""Whether a vehicle that has landed stays where it is: one that seems to move is carried away, or its localisation is wrong."""
+
+from __future__ import annotations
+
+from math import dist
+
+from msgspec.structs import replace
+
+from agent.geometry import Vector3
+from agent.vehicle.interface import VehicleState
+
+# A standing receiver's position wanders by a metre or two (multipath, the constellation); one that is spoofed, or whose filter
+# diverges, goes on. With this and the stated errors nothing that is right is taken for wrong.
+MOVED_M = 3.0
+_SIGMAS = 3.0
+
+
+class Resting:
+    """Takes the telemetry of one vehicle; on the ground after a flight its position is trusted as long as it stays the same.
+
+    The camera goes on measuring there, and in flight nothing on board could tell a slow slide of the position from the motion.
+    """
+
+    def __init__(self) -> None:
+        self._has_flown = False
+        self._place: tuple[int, Vector3, float] | None = None  # where it came down: epoch, position, 1 sigma
+        self.moved_m = 0.0  # since then, if more than errors explain
+
+    def take(self, state: VehicleState, *, reports_down: bool) -> VehicleState:
+        """The telemetry with what is believed of its position.
+
+        ``reports_down``: the autopilot says so, which ``state`` may not follow yet: what it does must be confirmed first.
+        """
+        if not reports_down:
+            self._has_flown = self._has_flown or state.in_air
+            self._place, self.moved_m = None, 0.0
+        elif self._has_flown and state.position_trusted:
+            self._compare(state)
+        if not self.moved_m or state.armed or state.in_air:
+            return state
+        return replace(state, position_trusted=False, position_sigma_m=max(state.position_sigma_m, self.moved_m))
+
+    def problem(self) -> str | None:
+        """What the operator is told of a vehicle that seems to have moved."""
+        if not self.moved_m:
+            return None
+        return f"has moved by {self.moved_m:.0f} m since it landed, if its localisation is right: what it measures is not used"
+
+    def _compare(self, state: VehicleState) -> None:
+        if self._place is None or (self._place[0] != state.epoch and not self.moved_m):
+            self._place = state.epoch, state.position_m, state.position_sigma_m
+        epoch, place, sigma_m = self._place
+        if epoch != state.epoch:  # it has jumped, too
+            return
+        moved_m = dist(place[:2], state.position_m[:2])
+        self.moved_m = moved_m if moved_m > MOVED_M + _SIGMAS * max(sigma_m, state.position_sigma_m) else 0.0
