@@ -44,11 +44,22 @@ class Following:
 
     def plan(self, name: str, peer: Peer, pose: Pose, now_ns: int, oldest_ns: int = _PLAN_AGE_NS) -> Plan | None:
         """The plan that a drone follows; None where it follows none that is recent enough."""
-        plan, followed = peer.plan, pose.steered and name not in self._departed and not peer.sources.are_two(now_ns)
-        if not followed or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > oldest_ns:
-            return None
-        return plan
+        return None if self._contradicts(name, peer, now_ns) else _recent(peer, pose, now_ns, oldest_ns)
+
+    def contradicted(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> Plan | None:
+        """The recent plan of a drone whose agent steers it, as it says, but whose poses are elsewhere; None without one."""
+        return _recent(peer, pose, now_ns, _PLAN_AGE_NS) if self._contradicts(name, peer, now_ns) else None
 
     def is_blind(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> bool:
         """Whether a drone has published plans, and follows none now: it is not steered by its agent."""
         return peer.plan is not None and self.plan(name, peer, pose, now_ns) is None
+
+    def _contradicts(self, name: str, peer: Peer, now_ns: int) -> bool:
+        return name in self._departed or peer.sources.are_two(now_ns)
+
+
+def _recent(peer: Peer, pose: Pose, now_ns: int, oldest_ns: int) -> Plan | None:
+    plan = peer.plan
+    if not pose.steered or plan is None or plan.epoch != pose.epoch or now_ns - plan.stamp_ns > oldest_ns:
+        return None
+    return plan

@@ -16,7 +16,8 @@ publishes plans no more, and never gives way.
 One that was never heard may fly, too, where this agent was started in flight, or after that one had measured something: it was
 revoked before, or is out of reach. It counts as missing, like one that is not heard any more.
 
-One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both.
+One whose exactly known localisation has jumped unannounced may be in either of two places, and separation is kept from both; so
+it is from one whose poses and plans contradict each other, although its agent steers it: one of them is false.
 
 From a flying drone that is not heard any more separation is kept where it is seen, or else wherever it may be (``silent``), and
 where a plan of up to two seconds ago leads: messages may only be lost, or take as long; one that circled stands there then, until
@@ -169,7 +170,8 @@ class Neighbourhood:
                 followed = replace(plan, deviation_m=self._following.deviation_m(name), blind=plan.blind or apart is not None)
                 found.append(Neighbour(name, followed, takes_part))
             stop = self._stop(name, peer, peer.pose, mission_from_theirs, me)
-            elsewhere = (self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me), stop)
+            as_planned = self._as_planned(name, peer, peer.pose, mission_from_theirs, me)
+            elsewhere = (self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me), as_planned, stop)
             found += [Neighbour(name, place, False) for place in elsewhere if place is not None]
         partners = [one.id for one in found if one.takes_part]
         self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing else None
@@ -275,6 +277,14 @@ class Neighbourhood:
             return None
         frame = self._frames.mission_from_local(name, pose.epoch) or self._frames.mission_from_local(name, LAUNCH_EPOCH)
         return None if frame is None else blind(name, pose, bare(me.local_from_mission) @ bare(frame), me.now_ns)
+
+    def _as_planned(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
+        """Where it is by its plan if that is right, and not its poses, which contradict it."""
+        plan = self._following.contradicted(name, peer, pose, me.now_ns)
+        if plan is None or mission_from_theirs is None or me.local_from_mission is None:
+            return None
+        local_from_theirs = bare(me.local_from_mission) @ bare(mission_from_theirs)
+        return planned(name, plan, local_from_theirs, sigma_of_m(pose, mission_from_theirs), me.now_ns)
 
     def _placed_by_frames(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, local_from_mission: Transform, me: Self

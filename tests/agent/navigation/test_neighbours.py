@@ -665,20 +665,36 @@ def test_a_jump_of_its_frame_is_no_deviation():
 
 
 def test_a_drone_that_does_not_follow_its_plan_is_where_its_pose_says_and_gives_no_way():
-    """Its plan leads it past at 4 m/s, but somebody has stopped it: after 0.6 s it is 2.4 m behind its plan."""
+    """Its plan leads it past at 4 m/s, but somebody has stopped it: after 0.6 s it is 2.4 m behind its plan. For as long as that
+    is recent the pose may be what is false.
+    """
     peers, now_ns = Peers(["b"]), 6 * SECOND // 10
     stopped = replace(pose(now_ns), velocity_mps=(0.0, 0.0, 0.0))
     hood = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
     for at_ns, message in ((0, pose()), (0, plan()), (0, status(Stage.TRACK)), (now_ns, stopped)):
         assert peers.receive(message, now_ns) is None
-        (other,) = hood.around(peers, Self(at_ns, 0, 0.0, Transform()))
+        other, *as_planned = hood.around(peers, Self(at_ns, 0, 0.0, Transform()))
     assert other.plan.positions[-1] == pytest.approx((10.0, 1.0, 3.0))
     assert other.plan.blind
+    (planned,) = as_planned
+    assert planned.plan.state(now_ns).position == pytest.approx((7.6, 1.0, 3.0))
+    assert planned.plan.blind
+    assert not planned.takes_part
+    later = Self(12 * SECOND // 10, 0, 0.0, Transform())
+    assert peers.receive(replace(stopped, stamp_ns=later.now_ns), later.now_ns) is None
+    assert len(hood.around(peers, later)) == 1
     assert other.plan.goes_before("a")
+
+
+def test_a_drone_that_follows_its_plan_again_is_where_that_leads():
+    peers, now_ns = Peers(["b"]), 6 * SECOND // 10
+    stopped = replace(pose(now_ns), velocity_mps=(0.0, 0.0, 0.0))
     follows = replace(pose(now_ns), position_m=(1.0, 2.8, 3.0), stamp_ns=now_ns + SECOND // 10)
-    assert peers.receive(follows, now_ns) is None
-    (other,) = hood.around(peers, Self(now_ns, 0, 0.0, Transform()))
-    assert not other.plan.blind
+    hood = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    for message in (pose(), plan(), status(Stage.TRACK), stopped, follows):
+        assert peers.receive(message, now_ns) is None
+        found = hood.around(peers, Self(now_ns, 0, 0.0, Transform()))
+    assert [one.plan.blind for one in found] == [False]
 
 
 def test_a_drone_that_publishes_plans_no_more_gives_no_way():
