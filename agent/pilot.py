@@ -239,7 +239,6 @@ class Pilot:
     def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
         """Take a readout of the camera. Returns the resulting log entries, to be published at once."""
         self._record(self._camera.observe(readout), readout.end_ns)
-        self._problems.noticed = self._camera.problems
         return self._outbox.take()
 
     def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
@@ -351,6 +350,7 @@ class Pilot:
     def _condition(self, now_ns: int) -> Condition:
         posed = pose_problems(self._id, self._own, self._clocks, self.frames, now_ns, self.stage in FLYING)
         self._problems.seen = (*self._peers.problems(now_ns), *self._proofs.problems(now_ns), *posed)
+        self._problems.noticed = self._camera.problems(now_ns)
         self._problems.flown = self._executive.problems(now_ns)
         self._commanding.look(now_ns)
         problems = self._told = self._problems.all(now_ns, self._own.vehicle, self._peers.statuses(now_ns))

@@ -16,6 +16,8 @@ from agent.sensing.observer import Observer
 from protocol.entries import Entry
 from protocol.messages import Recognised
 
+_SILENT_NS = 10_000_000_000  # readouts come five times a second
+
 
 class Camera:
     """Its readouts without repeated ones, the detector chain, the nuclide in its spectrum, and the observer that makes entries
@@ -33,11 +35,13 @@ class Camera:
         self._repeats = Repeats()
         self._chain = DetectorChain(mission.detection, mission.nuclide, constants, self._watch.add)
         self._observer, self._counters = observer, counters
+        self._newest_ns: int | None = None  # end of its last readout
 
-    @property
-    def problems(self) -> tuple[str, ...]:
-        """What is wrong with the camera, or with what it sees."""
-        return (*self._repeats.problems, *self._chain.noise.problems, *self._observer.problems, *self._watch.problems)
+    def problems(self, now_ns: int) -> tuple[str, ...]:
+        """What is wrong with the camera, or with what it sees. Whether it is there before a flight is for its driver to say."""
+        silent = self._newest_ns is not None and now_ns - self._newest_ns > _SILENT_NS
+        told = ("camera: it delivers nothing any more",) if silent else ()
+        return (*told, *self._repeats.problems, *self._chain.noise.problems, *self._observer.problems, *self._watch.problems)
 
     @property
     def recognised(self) -> Recognised | None:
@@ -46,6 +50,7 @@ class Camera:
 
     def observe(self, readout: Readout) -> Sequence[Entry]:
         """The log entries of a readout."""
+        self._newest_ns = readout.end_ns
         entries = self._observer.observe(self._chain.process(self._repeats.without(readout)))
         self._watch.look(readout.end_ns)
         self._counters["pixel_hits_lost"] = self._chain.lost_hits

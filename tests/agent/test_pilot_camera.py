@@ -42,6 +42,19 @@ def test_a_camera_without_any_hit_is_told_to_the_operator():
     assert any(problem.startswith("camera: no hit for 20 s") for problem in status.problems)
 
 
+def test_a_camera_that_delivers_nothing_any_more_is_told_to_the_operator():
+    one, now_ns = pilot(), START_NS
+    told = []
+    for k in range(100):
+        now_ns += SECOND // 5
+        one.observe_vehicle(state(now_ns - TICK_NS, armed=False, in_air=False))
+        if k < 25:
+            one.observe_detector(Readout(now_ns - SECOND // 5, now_ns, START_NS, 0.2, hits([(7919 * k) % 65536])))
+        told += [("camera: it delivers nothing any more" in one.problems, k / 5) for _ in messages(one.step(now_ns), Status)]
+    assert 14.8 <= min(at_s for is_told, at_s in told if is_told) <= 16.2
+    assert told[-1][0]
+
+
 def test_a_healthy_camera_is_no_problem():
     status, _ = after_30_s(lambda k: hits([(7919 * k) % 65536]))
     assert not any("camera" in problem for problem in status.problems)

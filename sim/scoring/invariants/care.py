@@ -141,15 +141,16 @@ def _misplaced_s(fault: Fault) -> tuple[float, float] | None:
 
 
 class Told(Invariant[Moment]):
-    """A drone whose camera sees nothing any more, not even background, or repeats what it saw, reports a problem within 25 s:
-    nobody searches with it.
+    """A drone whose camera delivers nothing any more, sees nothing, not even background, or repeats what it saw, reports that
+    within 25 s: nobody searches with it. Of a camera that delivers nothing from the agent's start on its driver tells, which
+    lockstep has none of.
     """
 
     name = "told"
 
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
-        useless = [fault for fault in setting.scenario.fault if _is_useless(fault)]
+        useless = [fault for fault in setting.scenario.fault if isinstance(fault, CameraDead | CameraStuck)]
         self._spans = [(setting.names.index(name), fault) for fault in useless for name in fault.strikes(setting.names)]
         self._born: dict[int, tuple[Pilot, float]] = {}
 
@@ -162,12 +163,10 @@ class Told(Invariant[Moment]):
             if drone not in self._born or self._born[drone][0] is not pilot:
                 self._born[drone] = pilot, moment.time_s
             since_s = max(fault.at_s, self._born[drone][1])
+            if since_s > fault.at_s and isinstance(fault, CameraDead) and not fault.blind:
+                continue
             if fault.end_s > moment.time_s > since_s + TOLD_S and not any("camera" in text for text in pilot.problems):
                 yield Breach((drone,), f"its camera sees nothing new since {fault.at_s:.1f} s, and it does not say so")
-
-
-def _is_useless(fault: Fault) -> bool:
-    return (isinstance(fault, CameraDead) and fault.blind) or isinstance(fault, CameraStuck)
 
 
 class Memory(Invariant[Moment]):

@@ -245,7 +245,11 @@ def test_a_log_that_tells_others_that_it_holds_what_it_lacks() -> None:
     assert seen((1, 2), (4, 4)) == []
 
 
-@pytest.mark.parametrize("kind", [{"kind": "camera-dead", "blind": True}, {"kind": "camera-stuck"}], ids=["blind", "stuck"])
+@pytest.mark.parametrize(
+    "kind",
+    [{"kind": "camera-dead"}, {"kind": "camera-dead", "blind": True}, {"kind": "camera-stuck"}],
+    ids=["dead", "blind", "stuck"],
+)
 def test_a_camera_that_sees_nothing_new_of_which_nobody_is_told(kind) -> None:
     blind = {"at_s": 5.0, "target": "d2", **kind}
     silent, telling = moments.pilot(), moments.pilot(problems=("camera: no hit",))
