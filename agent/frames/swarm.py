@@ -71,6 +71,11 @@ class SwarmFrames:
         behind = self._estimating or self._due != self._wanted or bool(self._forgotten) or bool(self._retracted)
         return behind or self._intake.dirty is not None or bool(self._waiting) or bool(self._late)
 
+    @property
+    def has_batch(self) -> bool:
+        """Whether late entries are being taken, or wait for nothing but the next border; then much of the graph may change."""
+        return self._is_batch or (not self._batches.is_resting and bool(self._late or self._retracted))
+
     def start(self, stamp_ns: int) -> None:
         """Set the start of the mission: much older measurements are ignored. Only the first call counts."""
         if self._started or self._idle:

@@ -207,25 +207,24 @@ class Fusion:
             self.estimator.take(question, told)
             self._current, self._stale = (None, _NEVER), True
 
-    def advance(self, now_ns: int, budget: int = SLICE_UNITS) -> None:
+    def advance(self, now_ns: int, budget: int = SLICE_UNITS, *, takes_late: bool = True) -> None:
         """Bring the hypothesis up to the grid step of ``now_ns``, or back to it.
 
         ``budget``: at most so many units of the estimator's work; a step is never split and at least one is computed. ``pending``
-        tells whether work is left for the next call.
+        tells whether work is left for the next call. ``takes_late``: whether the replay of much may begin.
         """
         before, self._due_step = self._due_step, (now_ns - self._hold_ns) // self._grid_ns
         if self._due_step < before:
             self._rewind(self._due_step + 1)
-        if self._due_step != before:
-            self._stale = True
+        self._stale = self._stale or self._due_step != before
         self._recount()
         was_replaying = self._replay is not None
-        are_due = self._batches.are_due(self._due_step * self._grid_ns + self._hold_ns, free=not was_replaying)
+        are_due = self._batches.are_due(self._due_step * self._grid_ns + self._hold_ns, free=takes_late and not was_replaying)
         if self._revision != self._frames.revision:
-            self._apply_frame_changes()
+            self._apply_frame_changes(begins=takes_late or was_replaying)
         begins = self._replay is not None and not was_replaying
         self._take_waiting(before, are_due or begins)
-        if self._put_ns is None and not self._waits:
+        if self._put_ns is None and not self._waits and self._revision == self._frames.revision:
             self._put_ns = now_ns
         if self._stale:
             self._fold(budget)
@@ -295,8 +294,7 @@ class Fusion:
         complete, left = self._extend(self._states, budget)
         if complete and left > 0 and self._replay is not None:
             self._replayed += 1
-            complete_too, _ = self._extend(self._replay, left)
-            if complete_too:
+            if self._extend(self._replay, left)[0]:
                 self._states, self._replay = self._replay, None
                 self._batches.took(self._replayed)
         self._stale = not complete or self._replay is not None
@@ -321,18 +319,20 @@ class Fusion:
             thin(states)
         return True, budget
 
-    def _apply_frame_changes(self) -> None:
-        """Convert the entries again that were measured in frames whose estimate has changed."""
+    def _apply_frame_changes(self, *, begins: bool) -> None:
+        """Convert the entries again that were measured in frames whose estimate has changed. ``begins``: even if much follows."""
         changes = self._frames.changes(self._revision)
+        first = min(changes.values(), default=0) // self._grid_ns
+        if not begins and self._states and first < self._oldest_step:
+            return
         self._revision = self._frames.revision
         again = [identity for key in changes for identity in self._waiting.get(key, ())]
-        for seen in self._timeline.since(min(changes.values(), default=0) // self._grid_ns):
+        for seen in self._timeline.since(first):
             changed_ns = changes.get((seen.identity.drone, seen.epoch))
             if changed_ns is not None and seen.identity.stamp_ns >= changed_ns:
                 again.append(seen.identity)
-        self._change_from(
-            min((self._put(identity, cast(AnyEntry, self.log.entry(identity))) for identity in again), default=_AFTER)
-        )
+        steps = [self._put(identity, cast(AnyEntry, self.log.entry(identity))) for identity in again]
+        self._change_from(min(steps, default=_AFTER))
 
     def _change_from(self, step: int) -> None:
         """Compute the states from the step on again."""

@@ -114,6 +114,7 @@ class WorldModel:
         if self._recounted < len(self.fusion.log.recounted):
             self._recount(now_ns)
         self.frames.advance(self.fusion.begin_ns(now_ns), takes_late=not self.fusion.is_busy)
+        takes_late = not self.frames.has_batch  # what follows from them would be computed twice, and they would wait meanwhile
         for fusion in (self.fusion, *self.listeners.values()):
-            fusion.advance(now_ns)
+            fusion.advance(now_ns, takes_late=takes_late)
         self.backlog_s = 1e-9 * max(0, now_ns - min(self.frames.complete_ns, self.fusion.complete_ns))

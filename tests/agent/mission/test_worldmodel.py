@@ -205,18 +205,24 @@ class Costly(PaperEstimator):
         return self.units
 
 
+def costly_world(flown, entries, units):
+    """The world model of an agent whose steps cost that much, 0.1 s each, and the flight's entries in its mission."""
+    mission = structs.replace(flown.mission, fusion=structs.replace(flown.mission.fusion, estimator="paper", grid_s=0.1))
+    plain = estimator_named("paper", mission)
+    estimator = Costly(plain._config, plain._search, plain._rule)
+    estimator.units = units
+    world = WorldModel(mission, (), lambda *_: estimator)
+    return world, [structs.replace(entry, mission=mission.mission_id) for entry in entries]
+
+
 @pytest.mark.parametrize(("late_s", "units", "most_s"), [(6.6, 200, 4.0), (9.0, 400, 8.0)])
 def test_what_comes_late_all_the_time_waits_for_some_seconds_at_most(late_s, units, most_s):
     """All of d2's entries come late, cones as well as what frames follow from. A call computes two steps, or one: then the flight
     itself takes half of the calls, and a replay longer than it is from border to border.
     """
     flown, entries = recorded(2)
-    mission = structs.replace(flown.mission, fusion=structs.replace(flown.mission.fusion, estimator="paper", grid_s=0.1))
-    entries = [structs.replace(entry, mission=mission.mission_id) for entry in entries]
-    plain = estimator_named("paper", mission)
-    estimator = Costly(plain._config, plain._search, plain._rule)
-    estimator.units = units
-    world, now_ns, waited_s = WorldModel(mission, (), lambda *_: estimator), START_NS, []
+    world, entries = costly_world(flown, entries, units)
+    now_ns, waited_s = START_NS, []
     arrivals = [(arrival_ns(entry) + (round(late_s * SECOND) if entry.drone == "d2" else 0), entry) for entry in entries]
     arrivals.sort(key=lambda arrival: arrival[0], reverse=True)
     while arrivals:
@@ -227,3 +233,24 @@ def test_what_comes_late_all_the_time_waits_for_some_seconds_at_most(late_s, uni
         if now_ns > START_NS + 2 * SECOND:
             waited_s.append(world.backlog_s)
     assert max(waited_s) <= most_s
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_what_follows_from_late_entries_is_computed_once_the_frames_have_them(seed):
+    """A slow agent starts again and gets the log in two parts, of which the second one comes while it works off the first. A
+    replay by what frames follow from the first would keep the frames from the second for as long as it takes: 4.6 s and 5.0 s.
+    """
+    flown, entries = recorded(seed)
+    world, entries = costly_world(flown, entries, 100)
+    now_ns, waited_s = START_NS + 12 * SECOND, []
+    again_ns = now_ns + 3 * SECOND // 10
+    arrivals = [(max(arrival_ns(entry), again_ns if entry.drone == "d2" else now_ns), entry) for entry in entries]
+    arrivals.sort(key=lambda arrival: arrival[0], reverse=True)
+    while arrivals:
+        while arrivals and arrivals[-1][0] <= now_ns:
+            take(world, arrivals.pop()[1], now_ns)
+        world.advance(now_ns)
+        if now_ns > again_ns:
+            waited_s.append(world.backlog_s)
+        now_ns += 145_000_000
+    assert max(waited_s) < 4.0
