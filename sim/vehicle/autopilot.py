@@ -201,7 +201,7 @@ class Autopilot:
         if mode is FlightMode.RETURN and not self._has_home:
             mode = FlightMode.LAND
         self.mode = mode
-        rests = mode in (FlightMode.HOLD, FlightMode.MANUAL)
+        rests = mode is not FlightMode.RETURN
         self._guidance.stay(rest_place(self._position, self._velocity) if rests else self._position)
 
     def _take_off(self, height: float) -> None:

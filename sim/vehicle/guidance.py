@@ -47,7 +47,7 @@ class Target:
 
 
 def rest_place(position: Vector3, velocity: Vector3) -> Vector3:
-    """Position at which a vehicle that begins to hold comes to rest: a PX4 brakes, and does not fly back."""
+    """Position at which a vehicle that begins to hold or to land comes to rest: a PX4 brakes, and does not fly back."""
     (x, y, z), (vx, vy, _) = position, velocity
     time_s = min(BRAKING_S + BRAKING_S2PM * hypot(vx, vy), BRAKING_MOST_S)
     return x + vx * time_s, y + vy * time_s, z

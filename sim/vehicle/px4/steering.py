@@ -52,7 +52,7 @@ class Steering:
         """Fly another mode from now on; autonomous ones begin from the vehicle's position."""
         self.landing = mode is Mode.LAND
         self._flown_s = 0.0
-        self.guidance.stay(rest_place(position, velocity) if mode is Mode.HOLD else position)
+        self.guidance.stay(rest_place(position, velocity) if mode in (Mode.HOLD, Mode.LAND) else position)
         if mode is Mode.TAKEOFF:
             self._climb_from_m = 0.0 if standing else position[2] - self.guidance.home[2]
         if mode is Mode.RETURN:

@@ -107,9 +107,11 @@ def test_a_frame_that_jumps_leaves_target_and_home_where_they_are_in_the_world()
     assert autopilot.target.position[:2] == pytest.approx((0.0, -10.0), abs=0.3)
 
 
-@pytest.mark.parametrize("mode", [FlightMode.HOLD, FlightMode.MANUAL])
+@pytest.mark.parametrize("mode", [FlightMode.HOLD, FlightMode.MANUAL, FlightMode.LAND])
 def test_a_vehicle_that_is_stopped_comes_to_rest_ahead_and_does_not_fly_back(mode):
-    """10 m ahead from 5 m/s, as recorded of a real PX4 (``tests/contract``)."""
+    """10 m ahead from 5 m/s, as recorded of a real PX4 (``tests/contract``); when it landed out of a circle: 4.6 m from 3.1 m/s
+    and 11.4 m from 6.8 m/s, where the same rule says 4.3 and 13.6 m.
+    """
     autopilot = airborne()
     autopilot.step((3.0, 1.0, 3.0), velocity=(0.0, 5.0, 0.0))
     autopilot.take_over(mode)
@@ -117,8 +119,8 @@ def test_a_vehicle_that_is_stopped_comes_to_rest_ahead_and_does_not_fly_back(mod
     assert autopilot.target.velocity == (0.0, 0.0, 0.0)
 
 
-def test_a_landing_begins_where_the_vehicle_is():
+def test_a_return_begins_where_the_vehicle_is():
     autopilot = airborne()
     autopilot.step((3.0, 1.0, 3.0), velocity=(0.0, 5.0, 0.0))
-    autopilot.take_over(FlightMode.LAND)
+    autopilot.take_over(FlightMode.RETURN)
     assert autopilot.target.position == pytest.approx((3.0, 1.0, 3.0))
