@@ -195,7 +195,7 @@ class Neighbourhood:
         stage, circle = self._while_heard.get(name, (status.stage, me.circle))
         mine = me.motion_at(last.stamp_ns)
         contact = self._silent.contact(name, peer, last, bare(mission_from_theirs), stage, circle, mine)
-        sigma_m = min(hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
+        sigma_m = _between_sigma_m(pose, mission_from_theirs, me)
         viewer = _viewer(me, me.local_from_mission) if me.local_from_mission is not None else None
         return self._silent.unhearing(name, contact, sigma_m, viewer)
 
@@ -224,7 +224,7 @@ class Neighbourhood:
             if viewer is None or self._silent.seen(name, pose, seen.positions[0], viewer):
                 yield Neighbour(name, replace(seen, blind=True), False)
         elif peer.status is not None and mission_from_theirs is not None and me.local_from_mission is not None:
-            sigma_m = min(hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
+            sigma_m = _between_sigma_m(pose, mission_from_theirs, me)
             viewer = _viewer(me, me.local_from_mission)
             plans = self._silent.plans(name, peer, pose, bare(mission_from_theirs), sigma_m, viewer)
             yield from (Neighbour(name, plan, False) for plan in plans)
@@ -284,7 +284,7 @@ class Neighbourhood:
         if plan is None or mission_from_theirs is None or me.local_from_mission is None:
             return None
         local_from_theirs = bare(me.local_from_mission) @ bare(mission_from_theirs)
-        return planned(name, plan, local_from_theirs, sigma_of_m(pose, mission_from_theirs), me.now_ns)
+        return planned(name, plan, local_from_theirs, _between_sigma_m(pose, mission_from_theirs, me), me.now_ns)
 
     def _placed_by_frames(
         self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, local_from_mission: Transform, me: Self
@@ -338,6 +338,11 @@ class Neighbourhood:
             return None
         state = PeerState(me.local_from_mission.apply_point(member.origin_m), age_s=(me.now_ns - pose.stamp_ns) * 1e-9)
         return held(name, me.now_ns, state, hypot(me.sigma_m, member.origin_sigma_m, gone_m))
+
+
+def _between_sigma_m(pose: Pose, mission_from_theirs: Transform, me: Self) -> float:
+    """1 sigma of the distance between a drone and this one, as far as separation grows with it."""
+    return min(hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
 
 
 def _viewer(me: Self, local_from_mission: Transform) -> Viewer:

@@ -142,8 +142,8 @@ def _misplaced_s(fault: Fault) -> tuple[float, float] | None:
 
 class Told(Invariant[Moment]):
     """A drone whose camera delivers nothing any more, sees nothing, not even background, or repeats what it saw, reports that
-    within 25 s: nobody searches with it. Of a camera that delivers nothing from the agent's start on its driver tells, which
-    lockstep has none of.
+    within 25 s: nobody searches with it. A camera that has delivered nothing since the agent's start is for its driver to report,
+    and lockstep has no drivers.
     """
 
     name = "told"

@@ -686,6 +686,17 @@ def test_a_drone_that_does_not_follow_its_plan_is_where_its_pose_says_and_gives_
     assert other.plan.goes_before("a")
 
 
+def test_the_doubt_about_a_planned_place_is_that_of_both_drones_and_bounded():
+    """As for any other place: a lost drone must not drive the swarm off its circle."""
+    peers, now_ns = Peers(["b"]), 6 * SECOND // 10
+    hood = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    for message in (pose(), plan(), status(Stage.TRACK), replace(pose(now_ns), velocity_mps=(0.0, 0.0, 0.0))):
+        assert peers.receive(message, now_ns) is None
+    for own_sigma_m, expected_m in ((2.0, 2.0), (50.0, WORST_SIGMA_M)):
+        _, planned = hood.around(peers, Self(now_ns, 0, own_sigma_m, Transform()))
+        assert planned.plan.sigma_m == pytest.approx(expected_m, abs=0.1)
+
+
 def test_a_drone_that_follows_its_plan_again_is_where_that_leads():
     peers, now_ns = Peers(["b"]), 6 * SECOND // 10
     stopped = replace(pose(now_ns), velocity_mps=(0.0, 0.0, 0.0))

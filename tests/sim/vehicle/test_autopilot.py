@@ -109,8 +109,8 @@ def test_a_frame_that_jumps_leaves_target_and_home_where_they_are_in_the_world()
 
 @pytest.mark.parametrize("mode", [FlightMode.HOLD, FlightMode.MANUAL, FlightMode.LAND])
 def test_a_vehicle_that_is_stopped_comes_to_rest_ahead_and_does_not_fly_back(mode):
-    """10 m ahead from 5 m/s, as recorded of a real PX4 (``tests/contract``); when it landed out of a circle: 4.6 m from 3.1 m/s
-    and 11.4 m from 6.8 m/s, where the same rule says 4.3 and 13.6 m.
+    """10 m ahead from 5 m/s, as recorded of a real PX4 (``tests/contract``). Told to land, it went on for 4 to 5 m from 3.1 m/s
+    and for more than 11 m from 6.8 m/s; by the same rule that is 4.3 and 13.6 m.
     """
     autopilot = airborne()
     autopilot.step((3.0, 1.0, 3.0), velocity=(0.0, 5.0, 0.0))
