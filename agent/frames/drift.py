@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from agent.config.mission import DroneInMission, FramesConfig, MissionConfig
+from agent.config.frames import FramesConfig
+from agent.config.mission import DroneInMission, MissionConfig
 from agent.frames.residuals import Ints
 from agent.frames.tracks import LONGEST_SLOPE_S, Track
 from agent.geometry import Array

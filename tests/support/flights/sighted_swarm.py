@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pymap3d
 
-from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, FramesConfig, MissionConfig
+from agent.config.frames import FramesConfig
+from agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
 from agent.frames.swarm import SwarmFrames
 from protocol.codec import encode
 from protocol.entries import Counts, Entry, Exposure, Fix, PoseSample, Sighting
