@@ -70,7 +70,8 @@ class Course(Struct, frozen=True):
 
         ``below_m``: what crosses above this height is not in the way.
         """
-        found = [self.stops(times)] if times[0] < self.leaves_s else []
+        leaves_s = self._leaves_s(below_m)
+        found = [self.stops(times)] if times[0] < leaves_s else []
         if self.way is None or times[0] >= self.down_s:
             return found
         start, home = self.way
@@ -79,8 +80,16 @@ class Course(Struct, frozen=True):
             comes_down = times[-1] >= _GOES_ON_S + way_m / _FASTEST_MPS
             return [*found, Stretch(home, home)] if comes_down else found
         front = np.clip(_FASTEST_MPS * (times - _GOES_ON_S), 0.0, way_m)
-        back = np.clip(_SLOWEST_MPS * (times - self.leaves_s), 0.0, way_m)
+        back = np.clip(_SLOWEST_MPS * (times - leaves_s), 0.0, way_m)
         return [*found, Stretch(start, home, back, front)]
+
+    def _leaves_s(self, below_m: float) -> float:
+        """When it leaves for home at the latest if it returns no higher than this; higher, it has climbed out of the way by then.
+
+        Waiting for it to leave at its full height, one that came down below it stayed 3 m beside its own home for 5 s, as low as
+        those that circled there and kept clear of that home only.
+        """
+        return max(_STOPPED_S, self.leaves_s - max(0.0, self.cruise_m - below_m) / _CLIMB_MPS) if self.way else self.leaves_s
 
     def stops(self, times: Array) -> Stretch:
         """Where it stops, at times as in ``stretches``. It goes on at first, and is not any more where it was: who follows it has

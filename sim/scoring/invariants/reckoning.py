@@ -9,7 +9,7 @@ import shapely
 from shapely import Polygon
 
 from agent.pilot import Pilot
-from sim.faults.agents import Late
+from sim.faults.agents import Late, Revoked
 from sim.faults.base import Family
 from sim.geometry import Array, Vector3
 from sim.scoring.invariants.base import Breach, Invariant, Setting
@@ -23,6 +23,7 @@ ROOM_M, WIDE_S = 1.0, 1.0  # the room follows the estimated frame in steps of 0.
 UNTOLD_S = 1.5  # agents fly by telemetry that is up to a second old
 _ELSEWHERE: tuple[Family, ...] = ("liar", "pose", "thrust")  # who tells that it is where it is not
 _LOW_M = 1.5  # one that is lower may take itself to have landed
+_LINKED_S = 1.0  # after a revocation nothing passes any more
 
 
 class Reckoned(Invariant[Moment]):
@@ -33,7 +34,8 @@ class Reckoned(Invariant[Moment]):
     not hear: where theirs is the centre, the other one has to be beyond that circle, or less than 4 m before it.
     Exempt is whose own position or thrust is faulted or who lies; an agent that was started late, or again: it may never have
     heard others, nor they it; and a drone that does not know where it is: what the others tell of themselves means nothing to it
-    until it has seen them.
+    until it has seen them. Exempt is also a pair of which one is revoked, if the other one's agent was lost after they had heard
+    each other last: when its vehicle leaves a circle, and climbs to where the first one flies over that, nobody can know.
     """
 
     name = "reckoned"
@@ -42,6 +44,9 @@ class Reckoned(Invariant[Moment]):
         super().__init__(setting)
         late = [fault for fault in setting.scenario.fault if isinstance(fault, Late)]
         self._late = {setting.names.index(name) for fault in late for name in fault.strikes(setting.names)}
+        revoked = (fault for fault in setting.scenario.fault if isinstance(fault, Revoked))
+        self._revoked_s = {setting.names.index(name): fault.at_s for fault in revoked for name in fault.strikes(setting.names)}
+        self._lost_s: dict[int, float] = {}  # since when agents are gone
         self._first: list[Pilot | None] = [None] * len(setting.names)
         self._since_s: dict[tuple[int, int], float] = {}
         self._found: dict[tuple[int, int], str] = {}
@@ -52,13 +57,18 @@ class Reckoned(Invariant[Moment]):
         for drone, pilot in enumerate(moment.pilots):
             if self._first[drone] is None:
                 self._first[drone] = pilot
+            if pilot is None:
+                self._lost_s.setdefault(drone, moment.time_s)
+            else:
+                self._lost_s.pop(drone, None)
         places = [(x, y, z) for x, y, z in moment.position_m.tolist()]
         new = [self._is_new(drone, pilot) for drone, pilot in enumerate(moment.pilots)]
         for drone, pilot in enumerate(moment.pilots):
             flies = pilot is not None and moment.autopilots[drone].setpoint_age_s is not None
             for other in range(len(moment.pilots)):
                 if other != drone:
-                    is_judged = flies and not new[drone] and not new[other] and self._is_near(moment.time_s, places, drone, other)
+                    is_judged = flies and not new[drone] and not new[other] and not self._was_lost_unheard(drone, other)
+                    is_judged = is_judged and self._is_near(moment.time_s, places, drone, other)
                     farther_m = self._farther_m(places, drone, other, moment.pilots) if is_judged else 0.0
                     self._note(moment.time_s, places, drone, other, farther_m)
         for pair, since_s in self._since_s.items():
@@ -93,6 +103,11 @@ class Reckoned(Invariant[Moment]):
                 believed_m = 0.0 if reckoning.keeps_from_circle(theirs, FARTHER_M) else believed_m
             self._believed[drone, other] = reckoning, believed_m
         return believed_m - _apart_m(places, drone, other) - FARTHER_M
+
+    def _was_lost_unheard(self, drone: int, other: int) -> bool:
+        """Whether the other one's agent was lost after they had heard each other last, as one of the two is revoked."""
+        revoked_s = min(self._revoked_s.get(one, inf) for one in (drone, other))
+        return self._lost_s.get(other, -inf) > revoked_s + _LINKED_S
 
     def _is_new(self, drone: int, pilot: Pilot | None) -> bool:
         return drone in self._late or (pilot is not None and pilot is not self._first[drone])

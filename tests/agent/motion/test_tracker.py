@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import exp, hypot
 
 import numpy as np
 import pytest
@@ -230,6 +230,23 @@ def test_between_a_drone_that_is_heard_and_one_that_is_not_it_keeps_clear_of_the
     made = tracker.plan(0, PeerState((0.0, 0.0, 3.0)), stay(0.0, 0.0), [heard, unheard])
     x, y, _ = made.positions[-1].tolist()
     assert hypot(x + 4.0, y) > hypot(x - 4.5, y) + 0.3
+
+
+def test_a_vehicle_that_returns_to_its_plan_as_slowly_as_vehicles_do_passes_at_the_whole_distance() -> None:
+    """It flies 1.6 m beside its plan, on the side of one that hovers there, of which plans keep 5 m."""
+    tracker, apart_m = Tracker(LIMITS, WIDE, drone_id="m"), []
+    tracker.reset((0.0, 0.0, 3.0), (6.0, 0.0, 0.0))
+    state, ahead = PeerState((0.0, 0.0, 3.0), (6.0, 0.0, 0.0)), np.outer(6.0 * 0.2 * np.arange(31.0), (1.0, 0.0, 0.0))
+    for step in range(25):
+        now_s = 0.2 * step
+        (x, y, z), velocity = state.position, state.velocity
+        vehicle = PeerState((x, y - 1.6 * exp(-((now_s / 3.4) ** 2)), z), velocity)
+        straight = Reference(ahead + np.array((6.0 * now_s, 0.0, 3.0)), np.tile([6.0, 0.0, 0.0], (31, 1)), 0.2)
+        hovers = PeerPlan.from_pose("a", step * STEP_NS, PeerState((12.0, -5.0, 3.0)))
+        tracker.plan(step * STEP_NS, vehicle, straight, [hovers])
+        state = tracker.state((step + 1) * STEP_NS)
+        apart_m.append(hypot(vehicle.position[0] - 12.0, vehicle.position[1] + 5.0))
+    assert 5.0 < min(apart_m) < 5.5
 
 
 def test_a_drone_whose_place_is_doubtful_does_not_push_it_into_one_whose_place_is_sure() -> None:

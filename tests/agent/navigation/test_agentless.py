@@ -91,6 +91,24 @@ def test_what_crosses_high_above_is_not_in_the_way_until_it_comes_down():
     assert [one.start for one in flown.stretches(NOW + flown.leaves_s, below_m=8.0)] == [(0.0, 0.0)]
 
 
+@pytest.mark.parametrize("x_m", [30.0, 8.0])
+def test_it_has_left_where_it_stops_once_it_must_have_climbed_above_those_below(x_m):
+    """It stops for 3.5 s at most and climbs at 1.5 m/s or more, from 2 m; near its home it may leave lower, but no later than it
+    is that high.
+    """
+    flown, climbed_s = course(place=(x_m, 0.0, 2.0)), 3.5 + (8.0 - 2.0) / 1.5
+
+    def stops(now_s, below_m):
+        return (x_m, 4.0) in [one.end for one in flown.stretches(NOW - NOW[0] + now_s, below_m)]
+
+    assert stops(climbed_s - 0.1, 8.0)
+    assert not stops(climbed_s + 0.1, 8.0)
+    assert stops(climbed_s + 0.1, 20.0)
+    assert stops(flown.leaves_s - 0.1, 20.0)
+    assert not stops(flown.leaves_s + 0.1, 20.0)
+    assert stops(3.4, 1.0)  # it climbs no earlier than it may have stopped
+
+
 def test_near_its_home_it_may_return_low():
     (_, way) = course(place=(8.0, 0.0, 2.0)).stretches(NOW, below_m=8.0)
     assert way.start != way.end

@@ -1,5 +1,7 @@
 """Where drones take themselves and others to be: each invariant is shown what it must not accept, and beside it what it must."""
 
+from math import inf
+
 import moments
 import numpy as np
 import pytest
@@ -191,6 +193,27 @@ def test_an_agent_that_was_started_again_may_not_know_of_others() -> None:
     assert invariant.look(moments.moment(10.0, pilots=pilots[0])) == []
     later = [invariant.look(moments.moment(10.0 + 0.5 * k, pilots=pilots[1])) for k in range(1, 12)]
     assert not any("d2" in violation.drones for found in later for violation in found)
+
+
+@pytest.mark.parametrize(
+    ("faults", "lost_s", "expected"),
+    [
+        ((), 11.0, [("d1", "d2")]),
+        (({"kind": "revoked", "at_s": 8.0, "target": "d1"},), 11.0, []),
+        (({"kind": "revoked", "at_s": 8.0, "target": "d2"},), 11.0, []),
+        (({"kind": "revoked", "at_s": 8.0, "target": "d3"},), 11.0, [("d1", "d2")]),
+        (({"kind": "revoked", "at_s": 10.5, "target": "d1"},), 11.0, [("d1", "d2")]),  # until then it hears of it
+        (({"kind": "revoked", "at_s": 8.0, "target": "d1"},), inf, [("d1", "d2")]),
+    ],
+)
+def test_nobody_knows_of_an_agent_that_was_lost_after_a_revocation(faults, lost_s, expected) -> None:
+    invariant = Reckoned(moments.setting(*faults))
+    first, second = reckons(other=(25.0, 10.0, 3.0)), moments.pilot()
+    found = []
+    for time_s in np.arange(10.0, 16.0, 0.05):
+        pilots = [first, None if time_s >= lost_s else second, moments.pilot()]
+        found += invariant.look(moments.moment(float(time_s), pilots=pilots))
+    assert [one.drones for one in found if one.drones == ("d1", "d2")] == expected
 
 
 def test_room_beyond_the_fence() -> None:
