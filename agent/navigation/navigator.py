@@ -22,7 +22,8 @@ from agent.motion.tracker import Tracker
 from agent.navigation.guidance import HORIZON, STEP_S, Centre, Guidance, Moment
 from agent.navigation.home import Home
 from agent.navigation.identification import ResponseEstimator
-from agent.navigation.neighbours import Neighbourhood, Self
+from agent.navigation.myself import Self
+from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.ownfence import OwnFence
 from agent.navigation.ownground import OwnGround
 from agent.navigation.passing import passing
@@ -255,6 +256,7 @@ class Navigator:
             measured=self._measured(moment.now_ns),
             revoked=self.revoked,
             excluded=self.excluded,
+            otherwise=self._own.otherwise,
         )
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]
