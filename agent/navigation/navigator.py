@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from math import atan2, copysign, hypot, inf, isinf
 
@@ -13,6 +13,7 @@ from shapely import Polygon
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.frames.graph import FrameGraph
+from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
 from agent.geometry import Array, Vector3
 from agent.localization.ownpose import OwnPose
@@ -162,6 +163,18 @@ class Navigator:
     def has_room(self) -> bool:
         """Whether the circle that is this drone's while others are not heard lies inside the fence."""
         return self._guidance.has_room
+
+    @property
+    def frames(self) -> dict[str, KeptFrame]:
+        """The frames of all drones, for an agent that is restarted in flight."""
+        own = self._own.kept_frame
+        return self._neighbourhood.kept_frames if own is None else {self._id: own, **self._neighbourhood.kept_frames}
+
+    def remember(self, frames: Mapping[str, KeptFrame]) -> None:
+        """Take the frames stored before the agent was restarted."""
+        if self._id in frames:
+            self._own.remember(frames[self._id])
+        self._neighbourhood.remember(frames)
 
     def obeys(self, name: str, now_ns: int) -> None:
         """Another drone is revoked, and on its way home."""

@@ -5,7 +5,8 @@ A drone that is heard is never left out because its frame is not known. Its posi
 1. its frame is known exactly: its poses and plans;
 2. its frame is estimated: the same, corrected by this drone's sightings of it, which determine the distance between the two
    better than two estimates in the mission frame do; where a wrong heading leaves nothing to correct, by sightings alone;
-3. its localisation has jumped: a frame that continues its motion (``carried_on``), until the log yields a better one;
+3. its localisation has jumped: a frame that continues its motion (``carried_on``), until the log yields a better one; after a
+   restart of this agent: the frame of before, likewise;
 4. its frame, or the own one, is not known: this drone's sightings alone;
 5. it is not seen either, but still near its launch place: the mission's launch layout.
 
@@ -26,7 +27,7 @@ it leaves. One that is heard, but whose plans tell that it does not hear this dr
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from math import hypot
 
@@ -36,6 +37,7 @@ from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
 from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
+from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
 from agent.localization.continuity import carried_on
 from agent.motion.reference import PeerState
@@ -87,7 +89,8 @@ class Neighbourhood:
         self._frames = frames
         self._members = {member.id: member for member in mission.drones}
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
-        self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity
+        self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity, or from before a restart
+        self._remembered: Mapping[str, KeptFrame] = {}
         self._following = Following()
         self._silent = Silent(mission, drone)
         self._id = drone
@@ -95,6 +98,16 @@ class Neighbourhood:
         self._while_heard: dict[str, tuple[Stage, Circle | None]] = {}
         self._unheard_ns: dict[str, int] = {}  # who was never heard: since when it may fly
         self.absence: Absence | None = None
+
+    @property
+    def kept_frames(self) -> dict[str, KeptFrame]:
+        """The frames of the others, for an agent that is restarted in flight."""
+        found = {name: KeptFrame.of(pose.epoch, self._frame_of(name, pose)) for name, (pose, _) in list(self._placed.items())}
+        return {name: kept for name, kept in found.items() if kept is not None}
+
+    def remember(self, frames: Mapping[str, KeptFrame]) -> None:
+        """Take the frames stored before the agent was restarted: each holds for its epoch until the log tells it."""
+        self._remembered = frames
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
         """All drones that are not on the ground and can be located, by id."""
@@ -202,12 +215,17 @@ class Neighbourhood:
                 yield Neighbour(name, planned(name, last, theirs, sigma_m, me.now_ns), False)
 
     def _frame_of(self, name: str, pose: Pose) -> Transform | None:
-        """Its frame; after a jump one by the continuity of its motion; one that has become unknown with a large covariance."""
+        """Its frame; after a jump one by the continuity of its motion, after a restart the one of before, until the log tells
+        it; one that has become unknown with a large covariance.
+        """
         known = self._frames.mission_from_local(name, pose.epoch)
         if known is not None:
             self._placed[name] = pose, known
+            self._carried.pop(name, None)
             return known
-        last = self._placed.get(name)
+        last, kept = self._placed.get(name), self._remembered.get(name)
+        if last is None and kept is not None and kept.epoch == pose.epoch:
+            last, self._carried[name] = (pose, kept.mission_from_local), pose.epoch
         if last is None:
             return None
         before, transform = last

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
+from agent.frames.transform import Transform, same
 from agent.motion.reference import PeerState
 from agent.navigation.contact import Circle
 from agent.navigation.myself import Self
@@ -634,6 +634,44 @@ def test_a_drone_whose_frame_is_not_believed_any_more_stays_where_it_was_held_to
     assert other.plan.sigma_m == WORST_SIGMA_M
     (seen,) = around_a(flying_b(), sights_of_b(Transform(math.pi / 2, (30.0, 0.0, 0.0))), neighbourhood=one)
     assert seen.plan.measured.position == pytest.approx((30.0, 6.0, 3.0), abs=0.5)  # its frame was 20 m wrong
+
+
+@pytest.mark.parametrize(("epoch", "found"), [(0, True), (1, False)])
+def test_after_a_restart_a_drone_is_placed_by_the_frame_of_before_until_the_log_tells_it(epoch, found):
+    """All that held the log were restarted: nobody sees b, which is 6 m from its launch and has gone on in the same epoch."""
+    before, graph = FrameGraph(), FrameGraph()
+    before.place("b", 0, WRONG)
+    former = Neighbourhood(ESTIMATED, before, "a")
+    around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=former)
+    one = Neighbourhood(ESTIMATED, graph, "a")
+    assert around_a(flying_b(epoch, shift=(12.0, 0.0)), neighbourhood=one) == []
+    one.remember(former.kept_frames)
+    for _ in range(2):
+        others = around_a(flying_b(epoch, shift=(12.0, 0.0)), neighbourhood=one)
+        assert [other.takes_part for other in others] == ([True] if found else [])
+    if found:
+        assert others[0].plan.measured.position == pytest.approx((10.5, 18.7, 3.0))
+        assert others[0].plan.sigma_m == pytest.approx(math.hypot(WRONG.sigmas_at((18.0, 0.0, 3.0))[0], 1.0), abs=1e-3)
+        graph.place("b", 0, TRUE)
+        (other,) = around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=one)
+        assert other.plan.measured.position == pytest.approx((10.0, 18.0, 3.0))
+        graph.replace_from("b", 0, 0, [(0, None)])
+        (other,) = around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=one)
+        assert other.plan.sigma_m == WORST_SIGMA_M  # what the log has told and tells no more is in doubt
+
+
+def test_of_a_frame_that_is_not_believed_any_more_the_doubt_is_kept_and_what_the_mission_tells_is_not():
+    graph = FrameGraph()
+    graph.place("b", 0, WRONG)
+    one = Neighbourhood(ESTIMATED, graph, "a")
+    around_a(flying_b(), neighbourhood=one)
+    assert same(one.kept_frames["b"].mission_from_local, WRONG)
+    graph.replace_from("b", 0, 0, [(0, None)])
+    assert one.kept_frames["b"].mission_from_local.sigmas_at((0.0, 0.0, 0.0))[0] == pytest.approx(WORST_SIGMA_M)
+    exact, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    peers.receive(pose(), 0)
+    assert exact.around(peers, Self(0, 0, 0.1, Transform()))
+    assert exact.kept_frames == {}
 
 
 def flown(apart_m, seconds, hood, peers, since_s=0.0):
