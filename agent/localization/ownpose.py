@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from agent.config.mission import DroneInMission
 from agent.frames.carried import told
 from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
+from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
 from agent.geometry import Vector3, yaw_of
 from agent.localization.clocks import Clocks
@@ -61,9 +62,9 @@ class OwnPose:
     local frame to the mission frame yet: this drone has neither seen another one nor been seen.
 
     After a jump of the localisation the drone is still where it was: until the log yields an estimate of the new epoch's frame,
-    the one that continues its motion is used (``agent.localization.continuity``). A frame that the mission knows exactly is known
-    so for its first epoch only (``agent.localization.knownframe``); how the later ones lie is told with what is measured in them
-    (``carried``), so that everybody places that alike.
+    the one that continues its motion is used (``agent.localization.continuity``), as after a restart of the agent the one known
+    before. A frame that the mission knows exactly is known so for its first epoch only (``agent.localization.knownframe``); how
+    the later ones lie is told with what is measured in them (``carried``), so that everybody places that alike.
     """
 
     def __init__(
@@ -93,6 +94,7 @@ class OwnPose:
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
         self._grounded, self._resting = Grounded(), Resting()
         self._continued: tuple[int, Transform] | None = None  # an epoch, and its frame by continuity
+        self._kept: tuple[int, Transform] | None = None  # the same from before a restart, until the log tells it
         self._exact = KnownFrame()
         self._carried: dict[int, CarriedFrame] = {}  # of the last epochs
         self._older, self._older_ns = 0, 0  # messages older than known in a row, and the stamp of the last one
@@ -117,6 +119,8 @@ class OwnPose:
         vehicle = self._with_clock_error(self._resting.take(vehicle, reports_down=not (state.armed or state.in_air)))
         if last is not None and last.epoch != vehicle.epoch:
             self._continue(last, vehicle, announced=self._jumps.jumps == jumps)
+        if self._kept is not None and self._frames.mission_from_local(self._drone, self._kept[0]) is not None:
+            self._kept = None
         vehicle = self._exact.stated(self._mission_from_local(vehicle.epoch), vehicle)
         self.history.add(vehicle)
         return vehicle
@@ -135,6 +139,16 @@ class OwnPose:
         """Take a new log entry: a relative observation from or of this drone relates its frame to the others'."""
         if isinstance(entry, Sighting) and self._drone in (entry.drone, entry.target):
             self.is_unplaced = False
+
+    @property
+    def kept_frame(self) -> KeptFrame | None:
+        """The present frame, for an agent that is restarted in flight; None where it is not known, or exact."""
+        vehicle = self.vehicle
+        return None if vehicle is None else KeptFrame.of(vehicle.epoch, self._mission_from_local(vehicle.epoch))
+
+    def remember(self, kept: KeptFrame) -> None:
+        """Take the frame stored before the agent was restarted: it holds for its epoch until the log tells that frame."""
+        self._kept, self.is_unplaced = (kept.epoch, kept.mission_from_local), False
 
     @property
     def vehicle(self) -> VehicleState | None:
@@ -229,8 +243,9 @@ class OwnPose:
 
     def _mission_from_local(self, epoch: int, stamp_ns: int | None = None) -> Transform | None:
         known = self._frames.mission_from_local(self._drone, epoch, stamp_ns)
-        if known is None and self._continued is not None and self._continued[0] == epoch:
-            return self._continued[1]
+        for other in (self._continued, self._kept):
+            if known is None and other is not None and other[0] == epoch:
+                return other[1]
         return known
 
     def _continue(self, last: VehicleState, vehicle: VehicleState, *, announced: bool) -> None:

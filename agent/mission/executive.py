@@ -195,6 +195,7 @@ class Executive:
         self._counters["rejoined"] += 1
         self._mission.rejoin(memory, vehicle, vehicle.stamp_ns)
         self._navigator.home.remember(memory.home_m)
+        self._navigator.remember(memory.frames)
         if memory.response is not None:
             self._navigator.response.remember(memory.response)
         if memory.started_ns != 0:
@@ -224,9 +225,9 @@ class Executive:
         if self._remembered is None:
             home = self._navigator.home.in_mission
             memory = self._mission.memory(self._mission_id, home, now_ns, self._own.epoch_offset)
-            known = self.memory and replace(self.memory, response=None)
-            if memory != known:  # the response changes all the time: it is only stored along with the rest
-                self.memory = memory and replace(memory, response=self._navigator.response.found)
+            known = self.memory and replace(self.memory, response=None, frames={})
+            if memory != known:  # response and frames change all the time: they are only stored along with the rest
+                self.memory = memory and replace(memory, response=self._navigator.response.found, frames=self._navigator.frames)
 
     def _situation(self, now_ns: int, problems: tuple[str, ...] = ()) -> Situation:
         vehicle, hypothesis = self._own.vehicle, self._world.fusion.hypothesis

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
+from agent.frames.kept import KeptFrame
 from agent.geometry import Vector3
 from agent.navigation.identification import FoundResponse
 from agent.vehicle.interface import VehicleState
@@ -19,7 +20,8 @@ class Memory(Struct, frozen=True, kw_only=True):
 
     ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if it is not known.
     ``resume``: the stage after a hold. ``released``: somebody else has taken over the vehicle. ``epoch_offset``: the number of
-    epochs added to the vehicle's own. ``response``: the identified response of the vehicle.
+    epochs added to the vehicle's own. ``response``: the identified response of the vehicle. ``frames``: those of all drones that
+    the mission does not tell, by id.
     """
 
     mission: str
@@ -32,6 +34,7 @@ class Memory(Struct, frozen=True, kw_only=True):
     home_m: Vector3 | None = None
     epoch_offset: int = 0
     response: FoundResponse | None = None
+    frames: dict[str, KeptFrame] = {}
 
     def fits(self, mission: str, vehicle: VehicleState) -> bool | None:
         """Whether the telemetry shows that this flight goes on; None: undecided yet (armed, but not in the air)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from math import atan2, copysign, hypot, inf, isinf
 
@@ -13,6 +13,7 @@ from shapely import Polygon
 from agent.config.drone import DroneConfig
 from agent.config.mission import MissionConfig
 from agent.frames.graph import FrameGraph
+from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
 from agent.geometry import Array, Vector3
 from agent.localization.ownpose import OwnPose
@@ -22,7 +23,8 @@ from agent.motion.tracker import Tracker
 from agent.navigation.guidance import HORIZON, STEP_S, Centre, Guidance, Moment
 from agent.navigation.home import Home
 from agent.navigation.identification import ResponseEstimator
-from agent.navigation.neighbours import Neighbourhood, Self
+from agent.navigation.myself import Self
+from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.ownfence import OwnFence
 from agent.navigation.ownground import OwnGround
 from agent.navigation.passing import passing
@@ -162,6 +164,18 @@ class Navigator:
         """Whether the circle that is this drone's while others are not heard lies inside the fence."""
         return self._guidance.has_room
 
+    @property
+    def frames(self) -> dict[str, KeptFrame]:
+        """The frames of all drones, for an agent that is restarted in flight."""
+        own = self._own.kept_frame
+        return self._neighbourhood.kept_frames if own is None else {self._id: own, **self._neighbourhood.kept_frames}
+
+    def remember(self, frames: Mapping[str, KeptFrame]) -> None:
+        """Take the frames stored before the agent was restarted."""
+        if self._id in frames:
+            self._own.remember(frames[self._id])
+        self._neighbourhood.remember(frames)
+
     def obeys(self, name: str, now_ns: int) -> None:
         """Another drone is revoked, and on its way home."""
         self._neighbourhood.obeys(name, now_ns)
@@ -255,6 +269,7 @@ class Navigator:
             measured=self._measured(moment.now_ns),
             revoked=self.revoked,
             excluded=self.excluded,
+            otherwise=self._own.otherwise,
         )
         others = self._neighbourhood.around(peers, me)
         partners = [other for other in others if other.takes_part]

@@ -5,7 +5,8 @@ A drone that is heard is never left out because its frame is not known. Its posi
 1. its frame is known exactly: its poses and plans;
 2. its frame is estimated: the same, corrected by this drone's sightings of it, which determine the distance between the two
    better than two estimates in the mission frame do; where a wrong heading leaves nothing to correct, by sightings alone;
-3. its localisation has jumped: a frame that continues its motion (``carried_on``), until the log yields a better one;
+3. its localisation has jumped: a frame that continues its motion (``carried_on``), until the log yields a better one; after a
+   restart of this agent: the frame of before, likewise;
 4. its frame, or the own one, is not known: this drone's sightings alone;
 5. it is not seen either, but still near its launch place: the mission's launch layout.
 
@@ -26,7 +27,7 @@ it leaves. One that is heard, but whose plans tell that it does not hear this dr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from math import hypot
 
@@ -36,14 +37,16 @@ from msgspec.structs import replace
 
 from agent.config.mission import MissionConfig
 from agent.frames.graph import LAUNCH_EPOCH, FrameGraph
+from agent.frames.kept import KeptFrame
 from agent.frames.transform import Transform
-from agent.geometry import Array
 from agent.localization.continuity import carried_on
 from agent.motion.reference import PeerState
 from agent.motion.separation import PeerPlan
 from agent.navigation.agentless import CIRCLING
 from agent.navigation.contact import SILENT_NS, Circle
+from agent.navigation.doubted import doubted
 from agent.navigation.following import Following
+from agent.navigation.myself import Self
 from agent.navigation.peers import OLDEST_NS, RECENT_NS, Peer, Peers
 from agent.navigation.placing import (
     SIGMAS,
@@ -59,7 +62,7 @@ from agent.navigation.placing import (
     sigma_of_m,
 )
 from agent.navigation.relative import offset, places
-from agent.navigation.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Absence, Silent, Viewer
+from agent.navigation.silent import LEAVING_NS, QUIET_NS, TAKING_PART, Absence, Silent
 from protocol.messages import Pose, Stage
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
@@ -75,40 +78,6 @@ class Neighbour(Struct, frozen=True):
     takes_part: bool
 
 
-def _nowhere_ahead() -> Array:
-    return np.zeros((1, 3))
-
-
-def _no_motion(_: int) -> None:
-    """Not known."""
-
-
-class Self(Struct, frozen=True):
-    """The own drone: epoch of its frame, and that frame; None while it is not known.
-
-    ``sigma_m``: 1 sigma of the own position in the mission frame (horizontal distance). ``ahead``: gives its planned positions
-    (K, 3) from now on, ``step_s`` apart, local frame; ``motion_at``: where it was at a stamp, and how fast, mission frame;
-    ``circle``: None where it does not track; ``height_m``: above ground; ``returning_s``: since it began to return, None where it
-    does not; ``resumed``: its agent was started in flight; ``measured``: the drones that may fly, by the measurements in its log;
-    ``revoked``: nobody hears it; ``excluded``: the others that are revoked.
-    """
-
-    now_ns: int
-    epoch: int
-    sigma_m: float
-    local_from_mission: Transform | None
-    ahead: Callable[[], Array] = _nowhere_ahead
-    step_s: float = 0.2
-    motion_at: Callable[[int], PeerState | None] = _no_motion
-    circle: Circle | None = None
-    height_m: float = 0.0
-    returning_s: float | None = None
-    resumed: bool = False
-    measured: Collection[str] = ()
-    revoked: bool = False
-    excluded: Collection[str] = ()
-
-
 class Neighbourhood:
     """The drones that fly around one drone.
 
@@ -120,7 +89,8 @@ class Neighbourhood:
         self._frames = frames
         self._members = {member.id: member for member in mission.drones}
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
-        self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity
+        self._carried: dict[str, int] = {}  # the epoch whose frame is one by continuity, or from before a restart
+        self._remembered: Mapping[str, KeptFrame] = {}
         self._following = Following()
         self._silent = Silent(mission, drone)
         self._id = drone
@@ -128,6 +98,16 @@ class Neighbourhood:
         self._while_heard: dict[str, tuple[Stage, Circle | None]] = {}
         self._unheard_ns: dict[str, int] = {}  # who was never heard: since when it may fly
         self.absence: Absence | None = None
+
+    @property
+    def kept_frames(self) -> dict[str, KeptFrame]:
+        """The frames of the others, for an agent that is restarted in flight."""
+        found = {name: KeptFrame.of(pose.epoch, self._frame_of(name, pose)) for name, (pose, _) in list(self._placed.items())}
+        return {name: kept for name, kept in found.items() if kept is not None}
+
+    def remember(self, frames: Mapping[str, KeptFrame]) -> None:
+        """Take the frames stored before the agent was restarted: each holds for its epoch until the log tells it."""
+        self._remembered = frames
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
         """All drones that are not on the ground and can be located, by id."""
@@ -142,7 +122,7 @@ class Neighbourhood:
                 if not on_ground and (me.resumed or name in me.measured):
                     missing += [name] if self._is_unheard(name, me.now_ns) else []
                     if me.local_from_mission is not None:
-                        viewer = _viewer(me, me.local_from_mission)
+                        viewer = me.viewer(me.local_from_mission)
                         unknown = self._silent.unknown(name, viewer, excluded=name in me.excluded)
                         found += [Neighbour(name, plan, False) for plan in unknown]
                 continue
@@ -171,7 +151,7 @@ class Neighbourhood:
                 found.append(Neighbour(name, followed, takes_part))
             stop = self._stop(name, peer, peer.pose, mission_from_theirs, me)
             as_planned = self._as_planned(name, peer, peer.pose, mission_from_theirs, me)
-            elsewhere = (self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me), as_planned, stop)
+            elsewhere = (*self._elsewhere(name, peer.pose, me), self._second_place(name, peer, me), as_planned, stop)
             found += [Neighbour(name, place, False) for place in elsewhere if place is not None]
         partners = [one.id for one in found if one.takes_part]
         self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if missing else None
@@ -196,7 +176,7 @@ class Neighbourhood:
         mine = me.motion_at(last.stamp_ns)
         contact = self._silent.contact(name, peer, last, bare(mission_from_theirs), stage, circle, mine)
         sigma_m = _between_sigma_m(pose, mission_from_theirs, me)
-        viewer = _viewer(me, me.local_from_mission) if me.local_from_mission is not None else None
+        viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
         return self._silent.unhearing(name, contact, sigma_m, viewer)
 
     def obeys(self, name: str, now_ns: int) -> None:
@@ -220,12 +200,12 @@ class Neighbourhood:
         """A drone not heard any more: by sightings since then, or wherever it may be, at first also where its last plan leads."""
         recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
         if (seen := placed_by_sightings(name, recent, pose, me.epoch, me.now_ns)) is not None:
-            viewer = _viewer(me, me.local_from_mission) if me.local_from_mission is not None else None
+            viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
             if viewer is None or self._silent.seen(name, pose, seen.positions[0], viewer):
                 yield Neighbour(name, replace(seen, blind=True), False)
         elif peer.status is not None and mission_from_theirs is not None and me.local_from_mission is not None:
             sigma_m = _between_sigma_m(pose, mission_from_theirs, me)
-            viewer = _viewer(me, me.local_from_mission)
+            viewer = me.viewer(me.local_from_mission)
             plans = self._silent.plans(name, peer, pose, bare(mission_from_theirs), sigma_m, viewer)
             yield from (Neighbour(name, plan, False) for plan in plans)
             oldest_ns = LEAVING_NS if peer.status.stage in CIRCLING else OLDEST_NS
@@ -235,12 +215,17 @@ class Neighbourhood:
                 yield Neighbour(name, planned(name, last, theirs, sigma_m, me.now_ns), False)
 
     def _frame_of(self, name: str, pose: Pose) -> Transform | None:
-        """Its frame; after a jump one by the continuity of its motion; one that has become unknown with a large covariance."""
+        """Its frame; after a jump one by the continuity of its motion, after a restart the one of before, until the log tells
+        it; one that has become unknown with a large covariance.
+        """
         known = self._frames.mission_from_local(name, pose.epoch)
         if known is not None:
             self._placed[name] = pose, known
+            self._carried.pop(name, None)
             return known
-        last = self._placed.get(name)
+        last, kept = self._placed.get(name), self._remembered.get(name)
+        if last is None and kept is not None and kept.epoch == pose.epoch:
+            last, self._carried[name] = (pose, kept.mission_from_local), pose.epoch
         if last is None:
             return None
         before, transform = last
@@ -252,15 +237,10 @@ class Neighbourhood:
         self._placed[name] = pose, transform
         return transform
 
-    def _elsewhere(self, name: str, pose: Pose, me: Self) -> PeerPlan | None:
-        """Where a drone of an exactly known frame is if its localisation that has jumped is right (``localization.ownpose``).
-
-        None where it states no doubt, or one that separation allows for anyway.
-        """
+    def _elsewhere(self, name: str, pose: Pose, me: Self) -> list[PeerPlan]:
+        """Where a drone of an exactly known frame is if its localisation that has jumped is right."""
         launch = self._frames.mission_from_local(name, LAUNCH_EPOCH) if self._members[name].is_exact else None
-        if launch is None or pose.epoch == LAUNCH_EPOCH or pose.position_sigma_m < WORST_SIGMA_M or me.local_from_mission is None:
-            return None
-        return blind(name, pose, bare(me.local_from_mission) @ launch, me.now_ns)
+        return [] if launch is None or pose.epoch == LAUNCH_EPOCH else doubted(name, pose, launch, me)
 
     def _stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform | None, me: Self) -> PeerPlan | None:
         """Where one comes to rest if its agent is gone; None as long as its poses come."""
@@ -268,7 +248,7 @@ class Neighbourhood:
             return None
         if me.now_ns - pose.stamp_ns < QUIET_NS + peer.usual_delay_ns:
             return None
-        return self._silent.stop(name, peer, pose, bare(mission_from_theirs), _viewer(me, me.local_from_mission))
+        return self._silent.stop(name, peer, pose, bare(mission_from_theirs), me.viewer(me.local_from_mission))
 
     def _second_place(self, name: str, peer: Peer, me: Self) -> PeerPlan | None:
         """Where it is by the news of a second source (``sources``)."""
@@ -343,8 +323,3 @@ class Neighbourhood:
 def _between_sigma_m(pose: Pose, mission_from_theirs: Transform, me: Self) -> float:
     """1 sigma of the distance between a drone and this one, as far as separation grows with it."""
     return min(hypot(me.sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
-
-
-def _viewer(me: Self, local_from_mission: Transform) -> Viewer:
-    seen_from = bare(local_from_mission), me.ahead, me.motion_at, me.circle, me.height_m, me.returning_s, me.revoked
-    return Viewer(me.now_ns, me.step_s, *seen_from)

@@ -10,6 +10,7 @@ import structlog
 from one_pilot import MISSION, SECOND, START_NS, state
 
 from agent.config.drone import DroneConfig, VehicleConfig
+from agent.frames.kept import KeptFrame
 from agent.mission.memory import Memory
 from agent.navigation.identification import FoundResponse
 from agent.pilot import Pilot
@@ -113,6 +114,7 @@ def _states() -> tuple[State, ...]:
         home_m=(5.0, 5.0, 0.0),
         epoch_offset=1,
         response=FoundResponse(**{field.name: 0.3 for field in msgspec.structs.fields(FoundResponse)}),
+        frames={"d1": KeptFrame(1, 0.3, (1.0, 2.0, 0.0), (0.1,) * 16)},
     )
     launch = LaunchPlace(
         north_m=1.0,

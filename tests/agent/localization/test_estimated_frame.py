@@ -1,5 +1,6 @@
 """A pilot whose frame is estimated: what it reports of the frame, and when it may start."""
 
+import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -9,6 +10,7 @@ from agent.config.mission import DroneInMission
 from agent.detector.readout import PixelHits, Readout
 from agent.frames.transform import Transform
 from agent.localization.poseproblems import UNSURE_M
+from agent.mission.memory import Memory
 from agent.vehicle.interface import FlightMode, SeenDrone
 from protocol.codec import encode
 from protocol.entries import Exposure
@@ -106,3 +108,30 @@ def test_a_jump_begins_an_epoch_in_everything_that_is_said_and_the_flight_goes_o
     again = pilot(mission=mission_of(), memory=one.memory)
     last = flown(again, began_ns=START_NS + 5 * SECOND)
     assert last[Exposure].epoch == 1
+
+
+def test_an_agent_restarted_in_flight_goes_on_by_the_frames_of_before_until_its_log_tells_them():
+    """All that held the log were restarted: with a heading that only sightings tell it would wait, and others not know where."""
+    mission = mission_of(replace(LAYOUT, localization="slam", yaw_sigma_deg=180.0))
+    one = pilot(mission=mission)
+    flown(one, mission=mission)
+    assert one.whereabouts is None
+    covariance = np.diag([0.1, 0.1, 0.1, 0.01])
+    one.frames.graph.place("d1", 0, Transform(0.5, (4.0, 5.0, 0.0), covariance))
+    flown(one, 6.0, began_ns=START_NS + 4 * SECOND)
+    kept = msgspec.json.decode(msgspec.json.encode(one.memory), type=Memory)
+    assert kept.frames["d1"].epoch == 0
+
+    back_ns = START_NS + 12 * SECOND
+    other = pilot(mission=mission, memory=kept, boot="f" * 16)
+    flown(other, 1.0, began_ns=back_ns)
+    assert other.counters["rejoined"] == 1
+    assert other.whereabouts.place_m == pytest.approx((4.0, 5.0, 3.0), abs=1e-6)
+    assert other.whereabouts.sigma_m == pytest.approx(one.whereabouts.sigma_m)
+    graph = other.frames.graph
+    graph.place("d1", 0, Transform(0.5, (6.0, 5.0, 0.0), covariance))
+    flown(other, 1.0, began_ns=back_ns + SECOND)
+    assert other.whereabouts.place_m == pytest.approx((6.0, 5.0, 3.0), abs=1e-6)
+    graph.replace_from("d1", 0, 0, [(0, None)])
+    flown(other, 1.0, began_ns=back_ns + 2 * SECOND)
+    assert other.whereabouts is None  # what the log has told and tells no more is not believed

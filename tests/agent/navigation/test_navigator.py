@@ -13,8 +13,8 @@ from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
 from agent.fusion.estimator import Sight
 from agent.navigation.guidance import Moment
+from agent.navigation.myself import Self
 from agent.navigation.navigator import Navigator
-from agent.navigation.neighbours import Self
 from agent.navigation.peers import Peers
 from agent.navigation.surveying import InformedSearch, Prospect, Search
 from agent.vehicle.interface import FlightMode

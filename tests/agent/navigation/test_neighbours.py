@@ -6,10 +6,11 @@ from msgspec.structs import replace
 
 from agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from agent.frames.graph import FrameGraph
-from agent.frames.transform import Transform
+from agent.frames.transform import Transform, same
 from agent.motion.reference import PeerState
 from agent.navigation.contact import Circle
-from agent.navigation.neighbours import Neighbourhood, Self
+from agent.navigation.myself import Self
+from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.peers import Peers
 from agent.navigation.placing import WORST_SIGMA_M, blind, contradicts, held
 from protocol.entries import Sighting
@@ -635,6 +636,44 @@ def test_a_drone_whose_frame_is_not_believed_any_more_stays_where_it_was_held_to
     assert seen.plan.measured.position == pytest.approx((30.0, 6.0, 3.0), abs=0.5)  # its frame was 20 m wrong
 
 
+@pytest.mark.parametrize(("epoch", "found"), [(0, True), (1, False)])
+def test_after_a_restart_a_drone_is_placed_by_the_frame_of_before_until_the_log_tells_it(epoch, found):
+    """All that held the log were restarted: nobody sees b, which is 6 m from its launch and has gone on in the same epoch."""
+    before, graph = FrameGraph(), FrameGraph()
+    before.place("b", 0, WRONG)
+    former = Neighbourhood(ESTIMATED, before, "a")
+    around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=former)
+    one = Neighbourhood(ESTIMATED, graph, "a")
+    assert around_a(flying_b(epoch, shift=(12.0, 0.0)), neighbourhood=one) == []
+    one.remember(former.kept_frames)
+    for _ in range(2):
+        others = around_a(flying_b(epoch, shift=(12.0, 0.0)), neighbourhood=one)
+        assert [other.takes_part for other in others] == ([True] if found else [])
+    if found:
+        assert others[0].plan.measured.position == pytest.approx((10.5, 18.7, 3.0))
+        assert others[0].plan.sigma_m == pytest.approx(math.hypot(WRONG.sigmas_at((18.0, 0.0, 3.0))[0], 1.0), abs=1e-3)
+        graph.place("b", 0, TRUE)
+        (other,) = around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=one)
+        assert other.plan.measured.position == pytest.approx((10.0, 18.0, 3.0))
+        graph.replace_from("b", 0, 0, [(0, None)])
+        (other,) = around_a(flying_b(shift=(12.0, 0.0)), neighbourhood=one)
+        assert other.plan.sigma_m == WORST_SIGMA_M  # what the log has told and tells no more is in doubt
+
+
+def test_of_a_frame_that_is_not_believed_any_more_the_doubt_is_kept_and_what_the_mission_tells_is_not():
+    graph = FrameGraph()
+    graph.place("b", 0, WRONG)
+    one = Neighbourhood(ESTIMATED, graph, "a")
+    around_a(flying_b(), neighbourhood=one)
+    assert same(one.kept_frames["b"].mission_from_local, WRONG)
+    graph.replace_from("b", 0, 0, [(0, None)])
+    assert one.kept_frames["b"].mission_from_local.sigmas_at((0.0, 0.0, 0.0))[0] == pytest.approx(WORST_SIGMA_M)
+    exact, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
+    peers.receive(pose(), 0)
+    assert exact.around(peers, Self(0, 0, 0.1, Transform()))
+    assert exact.kept_frames == {}
+
+
 def flown(apart_m, seconds, hood, peers, since_s=0.0):
     """b flies along its plans, apart from them to its side; what is believed of it in the end."""
     found = []
@@ -728,6 +767,26 @@ def test_a_drone_in_doubt_after_a_jump_is_given_way_in_both_places(sigma_m, plac
         assert found[1].plan.state(now_ns).position == pytest.approx((10.0, 21.0, 3.0))
         assert found[1].plan.blind
         assert not found[1].takes_part
+
+
+@pytest.mark.parametrize(("sigma_m", "own_sigma_m", "places"), [(4.0, 7.0, 2), (2.0, 4.0, 1), (0.1, 7.0, 1), (16.0, 7.0, 3)])
+def test_two_drones_in_doubt_keep_clear_of_each_other_as_they_lie_if_both_localisations_are_right(sigma_m, own_sigma_m, places):
+    """b's pose jumps by 8 m along the mission's y axis, that of this drone by -10 m along x: it takes itself to be 10 m further
+    along x than its localisation says. Separation allows for up to 5 m (1 sigma) between them anyway.
+    """
+    peers, around = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
+    peers.receive(pose(), 0)
+    around.around(peers, Self(0, 0, 0.0, Transform()))
+    now_ns = SECOND // 10
+    peers.receive(replace(pose(now_ns, sigma_m, epoch=1), position_m=(9.0, 0.0, 3.0)), now_ns)
+    own = Transform(translation=(10.0, 0.0, 0.0))
+    found = around.around(peers, Self(now_ns, 1, own_sigma_m, own.inverse(), otherwise=Transform()))
+    assert len(found) == places
+    if places > 1:
+        both = found[-1]
+        assert both.plan.state(now_ns).position == pytest.approx((10.0, 9.0, 3.0))
+        assert both.plan.blind
+        assert not both.takes_part
 
 
 def test_a_drone_whose_poses_say_that_it_is_not_steered_is_placed_by_them_at_once():

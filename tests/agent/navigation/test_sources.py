@@ -8,7 +8,8 @@ from one_pilot import MISSION, SECOND, START_NS, messages, partner, pilot, state
 
 from agent.frames.graph import FrameGraph
 from agent.frames.transform import Transform
-from agent.navigation.neighbours import Neighbourhood, Self
+from agent.navigation.myself import Self
+from agent.navigation.neighbours import Neighbourhood
 from agent.navigation.peers import Peers
 from agent.navigation.sources import RIVAL_NS, SHOWN_NS
 from protocol.codec import encode
