@@ -15,7 +15,7 @@ from agent.vehicle.interface import FlightMode, SeenDrone
 from protocol.codec import encode
 from protocol.entries import Exposure
 from protocol.keys import key_of
-from protocol.messages import Frame, Stage, Status
+from protocol.messages import Frame, Pose, Stage, Status
 
 NONE = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
 LAYOUT = DroneInMission(
@@ -110,28 +110,49 @@ def test_a_jump_begins_an_epoch_in_everything_that_is_said_and_the_flight_goes_o
     assert last[Exposure].epoch == 1
 
 
+def reckoned(one, now_ns):
+    """Where it reckons with d2, own local frame, which hovers 20 m from its launch."""
+    told = Pose(
+        stamp_ns=now_ns,
+        drone="d2",
+        epoch=0,
+        position_m=(20.0, 0.0, 3.0),
+        velocity_mps=(0.0, 0.0, 0.0),
+        quaternion=(1.0, 0.0, 0.0, 0.0),
+        position_sigma_m=0.1,
+        yaw_sigma_rad=0.01,
+    )
+    one.receive(key_of("radron", told), encode(told), now_ns)
+    flown(one, 0.5, began_ns=now_ns)
+    return [other.measured.position for other in one.reckoning.others if other.measured is not None]
+
+
 def test_an_agent_restarted_in_flight_goes_on_by_the_frames_of_before_until_its_log_tells_them():
     """All that held the log were restarted: with a heading that only sightings tell it would wait, and others not know where."""
-    mission = mission_of(replace(LAYOUT, localization="slam", yaw_sigma_deg=180.0))
+    mission, covariance = mission_of(replace(LAYOUT, localization="slam", yaw_sigma_deg=180.0)), np.diag([0.1, 0.1, 0.1, 0.01])
     one = pilot(mission=mission)
+    flown(one, 1.0, began_ns=START_NS - SECOND, armed=False)
+    one.observe_sightings([SeenDrone(stamp_ns=START_NS - SECOND // 2, target="d2", range_m=6.0, range_sigma_m=0.1)])
     flown(one, mission=mission)
+    assert one.stage is Stage.SURVEY
     assert one.whereabouts is None
-    covariance = np.diag([0.1, 0.1, 0.1, 0.01])
     one.frames.graph.place("d1", 0, Transform(0.5, (4.0, 5.0, 0.0), covariance))
-    flown(one, 6.0, began_ns=START_NS + 4 * SECOND)
+    one.frames.graph.place("d2", 0, Transform(0.0, (1.0, 0.0, 0.0), covariance))
+    (place,) = reckoned(one, START_NS + 5 * SECOND)
+    flown(one, 6.0, began_ns=START_NS + 6 * SECOND)
     kept = msgspec.json.decode(msgspec.json.encode(one.memory), type=Memory)
-    assert kept.frames["d1"].epoch == 0
 
-    back_ns = START_NS + 12 * SECOND
+    back_ns = START_NS + 14 * SECOND
     other = pilot(mission=mission, memory=kept, boot="f" * 16)
-    flown(other, 1.0, began_ns=back_ns)
-    assert other.counters["rejoined"] == 1
+    other.observe_vehicle(state(back_ns, FlightMode.RETURN, healthy=False))
+    other.step(back_ns)
     assert other.whereabouts.place_m == pytest.approx((4.0, 5.0, 3.0), abs=1e-6)
     assert other.whereabouts.sigma_m == pytest.approx(one.whereabouts.sigma_m)
+    assert reckoned(other, back_ns + SECOND) == [pytest.approx(place)]
     graph = other.frames.graph
     graph.place("d1", 0, Transform(0.5, (6.0, 5.0, 0.0), covariance))
-    flown(other, 1.0, began_ns=back_ns + SECOND)
+    other.observe_vehicle(state(back_ns + 2 * SECOND, FlightMode.OFFBOARD))
     assert other.whereabouts.place_m == pytest.approx((6.0, 5.0, 3.0), abs=1e-6)
     graph.replace_from("d1", 0, 0, [(0, None)])
-    flown(other, 1.0, began_ns=back_ns + 2 * SECOND)
+    other.observe_vehicle(state(back_ns + 3 * SECOND, FlightMode.OFFBOARD))
     assert other.whereabouts is None  # what the log has told and tells no more is not believed
